@@ -11,19 +11,12 @@ from pydrake.multibody.tree import (
     Frame,
     LinearBushingRollPitchYaw,
     RpyFloatingJoint,
-    SpatialInertia,
 )
-from scipy.linalg import eigh
 
 from cpid_drake.errors import InputError
 from cpid_drake.input_files.validation import Numbers
 
-HIGHEST_FREQUENCY = 200.0
-"""Largest natural frequency of a wrist [Hz]; stiffer ones are too slow to simulate."""
-
 Vector = Annotated[NDArray[np.float64], Numbers(3)]
-
-_SINGULAR = 1e-9  # smallest eigenvalue of an inertia, as a share of its trace
 
 
 @dataclass
@@ -62,29 +55,6 @@ class CompliantWrist:
                     f" 0, not {np.asarray(value).tolist()}"
                 )
 
-    def frequencies(self, M_TCo_C: SpatialInertia) -> NDArray[np.float64]:
-        """Return the natural frequencies (3,) or (6,) with C held fixed [Hz], in rising order.
-
-        Args:
-            M_TCo_C: spatial inertia of the target about C's origin, in C.
-
-        Raises:
-            InputError: the target has no inertia in one of the directions in which it can move.
-
-        """
-        if self.translational_stiffness is None:
-            inertia, stiffness = M_TCo_C.CalcRotationalInertia().CopyToFullMatrix3(), self.stiffness
-        else:
-            inertia = M_TCo_C.CopyToFullMatrix6()
-            stiffness = np.concatenate([self.stiffness, self.translational_stiffness])
-        if np.linalg.eigvalsh(inertia)[0] <= _SINGULAR * np.trace(inertia):
-            raise InputError(
-                "simulation.wrist: the target must have inertia in all directions in which the "
-                "wrist lets it move; this one is a point or a thin rod"
-            )
-        squares = eigh(np.diag(stiffness), inertia, eigvals_only=True)
-        return np.asarray(np.sqrt(squares) / (2 * np.pi))
-
     def connect(self, plant: MultibodyPlant, frame_C: Frame, frame_T: Frame) -> None:
         """Add the joint, the springs and the dampers to a plant that is not finalized.
 
@@ -93,18 +63,7 @@ class CompliantWrist:
             frame_C: the capture frame.
             frame_T: the frame of the target's body.
 
-        Raises:
-            InputError: the target has no inertia in one of the directions in which it can move, or
-                is so light that its frequency is above `HIGHEST_FREQUENCY`.
-
         """
-        highest = self.frequencies(frame_T.body().default_spatial_inertia())[-1]
-        if highest > HIGHEST_FREQUENCY:
-            raise InputError(
-                f"simulation.wrist: with this target its highest natural frequency is "
-                f"{highest:.4g} Hz, the limit is {HIGHEST_FREQUENCY:g} Hz; reduce the stiffness, "
-                "or leave the wrist out for a rigid grasp"
-            )
         moves = self.translational_stiffness is not None
         joint = RpyFloatingJoint if moves else BallRpyJoint
         plant.AddJoint(joint("wrist", frame_C, frame_T))

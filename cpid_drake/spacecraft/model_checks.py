@@ -17,28 +17,19 @@ from pydrake.multibody.tree import RotationalInertia
 
 from cpid_drake.errors import InputError
 
-LARGEST_FILE = 64 * 2**20
-"""Largest file that is read [bytes]; models that contain their geometry have a few million."""
-
 MOST_FILES = 1000
 """Most included files: models have tens, and files that include each other twice have billions."""
 
 _MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 _LIMITS = ("lower", "upper", "velocity", "effort")
-# The attributes (URDF: by element; MJCF) or elements (SDF) that contain numbers.
-_URDF_NUMBERS: dict[str, tuple[str, ...]] = {
-    "mass": ("value",),
-    "inertia": _MOMENTS,
-    "origin": ("xyz", "rpy"),
-    "axis": ("xyz",),
-    "limit": _LIMITS,
-}
-_SDF_NUMBERS = ("mass", *_MOMENTS, "pose", "xyz", *_LIMITS)
-_MJCF_NUMBERS = (
-    *("mass", "density", "diaginertia", "fullinertia", "pos", "quat", "euler", "axisangle"),
-    *("xyaxes", "zaxis", "axis", "fromto", "size"),
+# What contains numbers: elements (SDF), or attributes of any element (URDF, MJCF).
+_NUMBERS = frozenset(
+    (
+        *("mass", *_MOMENTS, *_LIMITS, "xyz", "rpy", "pose", "pos", "quat", "euler", "axisangle"),
+        *("xyaxes", "zaxis", "axis", "fromto", "size", "density", "diaginertia", "fullinertia"),
+    )
 )
-_MJCF_MASSES = ("settotalmass", "boundmass", "boundinertia", "balanceinertia", "inertiagrouprange")
+_MJCF_MASSES = {"settotalmass", "boundmass", "boundinertia", "balanceinertia", "inertiagrouprange"}
 
 
 @dataclass
@@ -84,9 +75,9 @@ def check_model(path: Path, where: str, folders: Mapping[str, Path]) -> FileCont
         folders: folders of the packages that its URIs refer to, by name.
 
     Raises:
-        InputError: the file, or one that it includes, is not XML or YAML, is too large, includes
-            itself, or contains entities, text in place of a number, an inertia that no body has, or
-            what Drake would ignore. The message names the file and the link or joint.
+        InputError: the file, or one that it includes, is not XML or YAML, includes itself, or
+            contains entities, text in place of a number, an inertia that no body has, or what Drake
+            would ignore. The message names the file and the line.
 
     """
     contents, packages, count = FileContents(), package_map(folders), 0
@@ -99,21 +90,20 @@ def check_model(path: Path, where: str, folders: Mapping[str, Path]) -> FileCont
             raise InputError(f"{place}: the file includes itself")
         if count > MOST_FILES:
             raise InputError(f"{place}: more than {MOST_FILES} includes")
+        ending = file.suffix.lower()
         if file.is_dir():
             included: Iterator[Path] = iter(sorted(file.glob("*.sdf")))
-        elif file.suffix.lower() not in (".urdf", ".sdf", ".xml", ".yaml", ".yml"):
-            return
-        elif not file.exists():
-            return  # Drake's own error names the file that includes it
-        elif not file.is_file() or file.stat().st_size > LARGEST_FILE:
-            raise InputError(f"{place}: not a file, or larger than {LARGEST_FILE >> 20} MiB")
-        elif file.suffix.lower() in (".yaml", ".yml"):
+        elif ending not in (".urdf", ".sdf", ".xml", ".yaml", ".yml") or not file.exists():
+            return  # of a missing one, Drake's own error names the file that includes it
+        elif not file.is_file():
+            raise InputError(f"{place}: not a file")
+        elif ending in (".yaml", ".yml"):
             included = _included_by_directives(file, packages)
         else:
-            root = _read_xml(file, place)
-            _check_elements(root, file.suffix.lower(), place, contents)
             # MJCF paths start at the folder of the first MJCF file.
             main = next((each for each in around if each.suffix.lower() == ".xml"), file)
+            root, lines = _read_xml(file, place)
+            _check_elements(root, lines, ending, place, contents)
             included = _included_by_xml(root, main.parent, packages)
         for other in included:
             visit(other.resolve(), (*around, file))
@@ -151,7 +141,8 @@ def _behind(uri: str, packages: PackageMap) -> Iterator[Path]:
         yield Path(rest) if scheme == "file" else Path(packages.ResolveUrl(f"package://{rest}"))
 
 
-def _read_xml(file: Path, place: str) -> ElementTree.Element:
+def _read_xml(file: Path, place: str) -> tuple[ElementTree.Element, dict[ElementTree.Element, int]]:
+    """Return the root of an XML file, and the line in which each element's first tag ends."""
     # Drake's reader accepts "--" and any bytes in comments, and a declaration that follows blanks
     # or names another encoding; they are left out here.
     data = re.sub(
@@ -165,29 +156,35 @@ def _read_xml(file: Path, place: str) -> ElementTree.Element:
     if entity := re.search(rb"<!ENTITY\s+(\S+)", data):
         name = entity[1].decode(errors="replace")
         raise InputError(f"{place}: the entity &{name}; would not be read; write its text")
+    parser, lines = ElementTree.XMLPullParser(["start"]), dict[ElementTree.Element, int]()
     try:
-        return ElementTree.fromstring(data)
+        for number, line in enumerate(data.splitlines(keepends=True), start=1):
+            parser.feed(line)
+            lines |= {element: number for _, element in parser.read_events()}
+        parser.close()
     except ElementTree.ParseError as error:
-        line, column = error.position
+        line_number, column = error.position
         text = str(error).partition(":")[0]
-        raise InputError(f"{place}: line {line}, column {column + 1}: not XML: {text}") from error
+        raise InputError(
+            f"{place}: line {line_number}, column {column + 1}: not XML: {text}"
+        ) from error
+    return next(iter(lines)), lines
 
 
 def _check_elements(
-    root: ElementTree.Element, ending: str, place: str, contents: FileContents
+    root: ElementTree.Element,
+    lines: dict[ElementTree.Element, int],
+    ending: str,
+    place: str,
+    contents: FileContents,
 ) -> None:
     """Check the numbers, the inertias and what Drake ignores in one file."""
-    owner = {root: ""}  # by element, the innermost element around it that has a name
-    for element in root.iter():
-        name = element.get("name")
-        owner[element] = f"{element.tag} '{name:.100}': " if name else owner[element]
-        owner |= dict.fromkeys(element, owner[element])
-        where = f"{place}: {owner[element]}"
-        if ending == ".sdf":
-            texts = {"": element.text or ""} if element.tag in _SDF_NUMBERS else {}
-        else:
-            names = _MJCF_NUMBERS if ending == ".xml" else _URDF_NUMBERS.get(element.tag, ())
-            texts = {key: element.attrib[key] for key in names if key in element.attrib}
+    for element, line in lines.items():
+        where = f"{place}: line {line}: "
+        texts = {"": element.text or ""} if ending == ".sdf" and element.tag in _NUMBERS else {}
+        if ending != ".sdf":
+            texts = {key: text for key, text in element.items() if key in _NUMBERS}
+            texts |= {"value": element.get("value", "")} if element.tag == "mass" else {}
         for key, text in texts.items():
             may_be_infinite = (key or element.tag) in _LIMITS
             for word in text.split():
@@ -200,13 +197,13 @@ def _check_elements(
             raise InputError(f"{where}a mimic joint couples joints; Drake would ignore it")
         elif element.tag == "equality" and ending == ".xml" and len(element):
             raise InputError(f"{where}an equality constraint closes a loop or couples joints")
-        elif element.tag == "compiler" and (changes := set(_MJCF_MASSES) & set(element.attrib)):
+        elif element.tag == "compiler" and (changes := _MJCF_MASSES & set(element.attrib)):
             raise InputError(
                 f"{where}{min(changes)}: masses or inertias other than the bodies' own; Drake "
                 "would ignore it"
             )
     for inertial in root.iter("inertial"):
-        _check_inertia(inertial, ending, f"{place}: {owner[inertial]}")
+        _check_inertia(inertial, ending, f"{place}: line {lines[inertial]}: ")
     for link in root.iter("link"):
         parts = {part.tag for part in link}
         if parts & {"visual", "collision"} and "inertial" not in parts:
@@ -227,23 +224,20 @@ def _is_number(word: str, may_be_infinite: bool) -> bool:
 
 def _check_inertia(inertial: ElementTree.Element, ending: str, where: str) -> None:
     """Refuse an inertia that Drake would replace by another one."""
-    none = ElementTree.Element("none")
-    mass_element, tensor = (inertial.find(tag) for tag in ("mass", "inertia"))
     if ending == ".xml":
-        mass = inertial.get("mass", "0")
         words = inertial.get("fullinertia") or inertial.get("diaginertia") or "0 0 0"
-        moments = [*words.split(), "0", "0", "0"][:6]
+        mass, moments = inertial.get("mass", "0"), [*words.split(), "0", "0", "0"][:6]
     elif ending == ".sdf":
         mass = inertial.findtext("mass") or "1"
-        given_by = none if tensor is None else tensor
-        moments = [given_by.findtext(key) or one for key, one in zip(_MOMENTS, "111000")]
+        given = [inertial.findtext(f"inertia/{key}") for key in _MOMENTS]
+        moments = [text or default for text, default in zip(given, "111000", strict=True)]
     else:
-        mass = (none if mass_element is None else mass_element).get("value", "0")
-        given = none.attrib if tensor is None else tensor.attrib
-        missing = [key for key in _MOMENTS if key not in given and tensor is not None]
+        parts = {part.tag: part.attrib for part in inertial}
+        mass, tensor = parts.get("mass", {}).get("value", "0"), parts.get("inertia", {})
+        missing = [key for key in _MOMENTS if key not in tensor and "inertia" in parts]
         if missing:
             raise InputError(f"{where}<inertia> has no attribute '{missing[0]}'")
-        moments = [given.get(key, "0") for key in _MOMENTS]
+        moments = [tensor.get(key, "0") for key in _MOMENTS]
     size, values = float(mass), [float(moment) for moment in moments]
     is_valid = RotationalInertia(*values).CouldBePhysicallyValid()
     if size < 0 or (size == 0 and any(values)) or not is_valid:

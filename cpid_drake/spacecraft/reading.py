@@ -1,9 +1,9 @@
 """What a parsed plant says of a spacecraft: its names, its tree of joints, and their limits."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,6 @@ from pydrake.multibody.tree import (
     BodyIndex,
     Frame,
     Joint,
-    ModelInstanceIndex,
     PrismaticJoint,
     RevoluteJoint,
     RigidBody,
@@ -21,23 +20,24 @@ from pydrake.multibody.tree import (
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.tree import KinematicTree, TreeBody
+from cpid_drake.errors import InputError
 from cpid_drake.spacecraft.parsing import ModelFile
 
-_Element = TypeVar("_Element", bound=Any)  # RigidBody or Frame
 
+def find_element(plant: MultibodyPlant, kind: str, name: str, where: str) -> Any:
+    """Return the "Body" or "Frame" of this name, bare or scoped as `instance::name`.
 
-# -- names, bare or scoped as `instance::name` ----------------------------------------------------
+    Raises:
+        InputError: there is none, or more than one; the message begins with `where`.
 
-
-def find_body(model: ModelFile, plant: MultibodyPlant, name: str) -> RigidBody:
-    """Return the body of this name; raises InputError if there is none, or more than one."""
-    return _find(model, plant, "body", _elements(plant, plant.GetBodyIndices, plant.get_body), name)
-
-
-def find_frame(model: ModelFile, plant: MultibodyPlant, name: str) -> Frame:
-    """Return the frame of this name; a body's name means its body frame; raises as `find_body`."""
-    frames = _elements(plant, plant.GetFrameIndices, plant.get_frame)
-    return _find(model, plant, "frame", [frame for frame in frames if frame.name()], name)
+    """
+    scope, _, bare = name.rpartition("::")
+    find = getattr(plant, f"Get{kind}ByName")
+    try:
+        return find(bare, plant.GetModelInstanceByName(scope)) if scope else find(name)
+    except RuntimeError as error:
+        text = str(error).partition("(): ")[2]
+        raise InputError(f"{where}: {text:.400}; scope a name as INSTANCE::NAME") from error
 
 
 def unique_names(
@@ -52,44 +52,6 @@ def unique_names(
     )
 
 
-def _elements(
-    plant: MultibodyPlant, indices: Callable, element: Callable[..., _Element]
-) -> list[_Element]:
-    """Return the elements of all model instances except those of the world."""
-    instances = map(ModelInstanceIndex, range(1, plant.num_model_instances()))
-    return [element(k) for instance in instances for k in indices(instance)]
-
-
-def _find(
-    model: ModelFile, plant: MultibodyPlant, kind: str, candidates: list[_Element], name: str
-) -> _Element:
-    scope, _, bare = str(name).rpartition("::")
-    matches = [
-        each
-        for each in candidates
-        if each.name() == name
-        or (each.name() == bare and scope == plant.GetModelInstanceName(each.model_instance()))
-    ]
-    if not matches:
-        names = _listed(candidate.name() for candidate in candidates)
-        raise model.error(f"no {kind} '{name}'; choose from: {names}")
-    if len(matches) > 1:
-        raise model.error(
-            f"{len(matches)} of its {kind} names are '{name}'; give it as instance::name"
-        )
-    return matches[0]
-
-
-def _listed(names: Iterable[str]) -> str:
-    """Return names in alphabetical order for an error message, at most 40 of them."""
-    ordered = sorted(names)
-    more = f" and {len(ordered) - 40} more" if len(ordered) > 40 else ""
-    return ", ".join(ordered[:40]) + more
-
-
-# -- a tree of supported joints on a free base -----------------------------------------------------
-
-
 def movable_joints(
     model: ModelFile, plant: MultibodyPlant, base: RigidBody, capture_frame: Frame
 ) -> list[Joint]:
@@ -101,30 +63,26 @@ def movable_joints(
             or a body that joints move has a geometry and no inertia.
 
     """
+
+    def listed(bodies: Iterable[RigidBody]) -> str:
+        return ", ".join(sorted(body.name() for body in bodies)) or "none"
+
     joints = [plant.get_joint(k) for k in plant.GetJointIndices()]
     floating = [plant.get_body(k) for k in plant.GetFloatingBaseBodies()]
+    loose = [body for body in floating if body.index() != base.index()]
     if plant.IsAnchored(base):
-        welds = _listed(
-            f"{joint.name()} (on {joint.child_body().name()})"
-            for joint in joints
-            if isinstance(joint, WeldJoint)
-            and joint.parent_body().index() == plant.world_body().index()
-        )
         raise model.error(
-            f"base '{base.name()}' is welded to the world{welds and ' by '}{welds}; a "
-            "spacecraft's base must be free. Take that weld out of a copy of the file (MJCF: "
-            "add a freejoint); to put an arm on a base, write model directives (.dmd.yaml): "
-            "add_model the base, add_model the arm, add_weld with parent BASE::LINK and child "
-            "ARM::FIRST_LINK"
+            f"base '{base.name()}' is welded to the world; a spacecraft's base must be free. Take "
+            "that weld out of a copy of the file (MJCF: add a freejoint); to put an arm on a base, "
+            "write model directives (.dmd.yaml): add_model the base, add_model the arm, add_weld "
+            "with parent BASE::LINK and child ARM::FIRST_LINK"
         )
-    if base.index() not in [body.index() for body in floating]:
-        names = _listed(body.name() for body in floating)
+    if len(loose) == len(floating):
         raise model.error(
-            f"'{base.name()}' is not the floating base; free bodies are: {names or 'none'}"
+            f"'{base.name()}' is not the floating base; free bodies are: {listed(floating)}"
         )
-    if len(floating) > 1:
-        loose = _listed(body.name() for body in floating if body.index() != base.index())
-        raise model.error(f"bodies not connected to the base '{base.name()}': {loose}")
+    if loose:
+        raise model.error(f"bodies not connected to the base '{base.name()}': {listed(loose)}")
     if plant.IsAnchored(capture_frame.body()):
         raise model.error(f"capture frame '{capture_frame.name()}' is fixed in the world")
 
@@ -136,24 +94,15 @@ def movable_joints(
                 f"joint '{joint.name()}' is of type {joint.type_name()}; only revolute, "
                 "prismatic and fixed joints are supported"
             )
-    for joint in movable:
-        for body in (joint.parent_body(), joint.child_body()):
-            _require_inertia(model, plant, body)
+    for body in (body for joint in movable for body in (joint.parent_body(), joint.child_body())):
+        welded, hollow = plant.GetBodiesWeldedTo(body), model.contents.hollow
+        named = [each.name() for each in welded if each.name() in hollow]
+        if named and not any(b.default_mass() > 0 and b.name() not in hollow for b in welded):
+            raise model.error(
+                f"link '{named[0]}' moves and has a geometry but no <inertial>: give it a mass and "
+                "an inertia"
+            )
     return sorted(movable, key=lambda joint: joint.position_start())
-
-
-def _require_inertia(model: ModelFile, plant: MultibodyPlant, body: RigidBody) -> None:
-    """Refuse bodies that are welded together and have a geometry, but no inertia in their file."""
-    welded = plant.GetBodiesWeldedTo(body)
-    hollow = [each.name() for each in welded if each.name() in model.contents.hollow]
-    if hollow and not any(b.default_mass() > 0 and b.name() not in hollow for b in welded):
-        raise model.error(
-            f"link '{hollow[0]}' moves and has a geometry but no <inertial>: give it a mass and an "
-            "inertia"
-        )
-
-
-# -- the tree as arrays ----------------------------------------------------------------------------
 
 
 def extract_tree(
@@ -222,9 +171,6 @@ def _tree_body(body: RigidBody, **members: Any) -> TreeBody:
         parameters = InertialParameters.from_spatial_inertia(body.default_spatial_inertia())
         com, inertia = parameters.p_CTcm_C, parameters.I_TTcm_C
     return TreeBody(name=body.name(), mass=mass, p_BBcm=com, I_BBcm=inertia, **members)
-
-
-# -- limits ----------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)

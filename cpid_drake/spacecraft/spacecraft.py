@@ -24,8 +24,7 @@ from cpid_drake.spacecraft.appearance import add_target_appearance
 from cpid_drake.spacecraft.parsing import ModelFile
 from cpid_drake.spacecraft.reading import (
     extract_tree,
-    find_body,
-    find_frame,
+    find_element,
     joint_limits,
     movable_joints,
     unique_names,
@@ -87,8 +86,8 @@ class Spacecraft:
         self.plant = MultibodyPlant(time_step=0.0)
         self._file.parse_into(self.plant)
         self._file.finalize(self.plant)
-        self.base = find_body(self._file, self.plant, base)
-        self.capture_frame = find_frame(self._file, self.plant, capture_frame)
+        self.base = find_element(self.plant, "Body", base, self.model)
+        self.capture_frame = find_element(self.plant, "Frame", capture_frame, self.model)
         self._joints = movable_joints(self._file, self.plant, self.base, self.capture_frame)
         self.joint_names = unique_names(self.plant, self._joints)
         self.limits = joint_limits(self._file, self.plant, self._joints)
@@ -175,7 +174,8 @@ class Spacecraft:
         while plant.HasModelInstanceNamed(name):
             name += "_"
         body = plant.AddRigidBody(name, plant.AddModelInstance(name), M_TCo_C)
-        connect(plant, find_frame(self._file, plant, self._capture_name), body.body_frame())
+        frame_C = find_element(plant, "Frame", self._capture_name, self.model)
+        connect(plant, frame_C, body.body_frame())
         if scene_graph is not None:
             look = target_visual_model and resolve_model(target_visual_model, self._file.folders)
             add_target_appearance(plant, body, M_TCo_C, look or None, self._file.folders)

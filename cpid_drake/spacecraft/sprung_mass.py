@@ -9,18 +9,17 @@ from numpy.typing import NDArray
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
-    BodyIndex,
     FixedOffsetFrame,
     PrismaticJoint,
     PrismaticSpring,
-    RigidBody,
     SpatialInertia,
     UnitInertia,
 )
 
 from cpid_drake.dynamics.inertia import InertialParameters
-from cpid_drake.errors import InputError, choose_from
+from cpid_drake.errors import InputError
 from cpid_drake.input_files.validation import Numbers
+from cpid_drake.spacecraft.reading import find_element
 
 
 @dataclass
@@ -53,7 +52,7 @@ class SprungMass:
             InputError: no such body, or what remains of the body is not a rigid body.
 
         """
-        body = self._body(plant)
+        body = find_element(plant, "Body", self.body, "simulation.sprung_masses")
         whole = InertialParameters.from_spatial_inertia(body.default_spatial_inertia())
         part = InertialParameters(self.mass, self.p_BS, np.zeros((3, 3)))
         remainder = whole.to_standard_vector() - part.to_standard_vector()
@@ -79,15 +78,6 @@ class SprungMass:
             )
             plant.AddForceElement(PrismaticSpring(joint, 0.0, self.mass * w**2))
             parent = child
-
-    def _body(self, plant: MultibodyPlant) -> RigidBody:
-        """Return the only body of this name."""
-        bodies = [plant.get_body(BodyIndex(k)) for k in range(1, plant.num_bodies())]
-        found = [b for b in bodies if self.body in (b.name(), b.scoped_name().get_full())]
-        if len(found) != 1:
-            choices = choose_from(self.body, [body.name() for body in bodies])
-            raise InputError(f"simulation.sprung_masses: no body '{self.body}'; {choices}")
-        return found[0]
 
 
 def _point(mass: float) -> SpatialInertia:

@@ -198,7 +198,7 @@ def test_a_targets_looks_are_looked_into_as_well(folder, craft):
     plant.RegisterAsSourceForSceneGraph(scene_graph)
     path = folder / "looks.urdf"
     path.write_text(urdf(link("hand", "1,5")))
-    with pytest.raises(InputError, match=r"looks\.urdf: link 'hand'"):
+    with pytest.raises(InputError, match=r"looks\.urdf: line 5: "):
         craft.add_to(plant, TARGET, scene_graph=scene_graph, target_visual_model=path)
 
 

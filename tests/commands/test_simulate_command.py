@@ -192,7 +192,7 @@ class TestCheck:
         ("old", "new", "cause"),
         [
             ("mass: 60.0", "mas: 60.0", "unknown key 'target.mas'; did you mean 'mass'?"),
-            ("base: bus", "base: hull", "no body 'hull'"),
+            ("base: bus", "base: hull", "no RigidBody named 'hull'"),
         ],
     )
     def test_what_is_wrong_is_said_with_file_and_key(self, refusal, old, new, cause):

@@ -7,7 +7,6 @@ import pytest
 from scipy.linalg import eigvalsh
 
 from cpid_drake import (
-    InertialParameters,
     InputError,
     load_scenario,
     make_simulation,
@@ -133,8 +132,6 @@ def test_modes_are_those_of_two_free_bodies(moves):
     damping = np.diag(np.concatenate([wrist.damping, wrist.translational_damping])[:size])
     expected_by_rate = -np.linalg.solve(reduced, damping)
     np.testing.assert_allclose(by_rate, expected_by_rate, atol=1e-6 * np.abs(by_rate).max())
-    held = wrist.frequencies(simulation.truth.to_spatial_inertia())
-    assert (held < expected).all(), "a body that is free moves faster than one on a wall"
 
 
 def test_the_spacecraft_alone_has_its_own_coordinates(servicer, skewed_target):
@@ -163,7 +160,6 @@ def test_the_spacecraft_alone_has_its_own_coordinates(servicer, skewed_target):
         ({"stiffness": np.array([3.0, 0.0, 5.0])}, "wrist.stiffness must be three numbers > 0"),
         ({"damping": np.array([0.1, -0.1, 0.1])}, "wrist.damping must be three numbers >= 0"),
         ({"translational_stiffness": np.zeros(3)}, "wrist.translational_stiffness must be three"),
-        ({"stiffness": 1e7 * STIFFNESS}, "highest natural frequency is .* Hz, the limit is 200 Hz"),
     ],
 )
 def test_a_wrist_that_cannot_be_simulated_is_refused(change, message):
@@ -174,12 +170,6 @@ def test_a_wrist_that_cannot_be_simulated_is_refused(change, message):
 
     with pytest.raises(InputError, match=message):
         simulate()
-
-
-def test_a_point_mass_cannot_turn_on_a_wrist():
-    point = InertialParameters(2.0, np.array([0.1, 0.0, 0.0]), np.zeros((3, 3)))
-    with pytest.raises(InputError, match="must have inertia in all directions"):
-        make_simulation(with_wrist(), target=point)
 
 
 def test_the_controller_must_know_the_target_on_a_wrist():

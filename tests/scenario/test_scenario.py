@@ -121,7 +121,7 @@ def test_degrees_are_called_so_where_radians_are_possible(write, edited):
         ("target.p_CTcm_C", [433.0, 0.0, 0.0], "target: p_CTcm_C: a centre of mass of 433 m; are"),
         ("simulation.simulator.step", 0.1, "step"),
         ("simulation.log_period", 1e-7, "log_period of 1e-07 s is more than 1000000 times"),
-        ("spacecraft.capture_frame", "claw", "no frame 'claw'; choose from: "),
+        ("spacecraft.capture_frame", "claw", "no Frame named 'claw'"),
         ("simulation.simulator.integration_scheme", "leapfrog", "must be one of runge_kutta3"),
     ],
 )
@@ -306,7 +306,7 @@ FIRING = {"time": 5.0, "momentum_W": 6 * [1.0]}
         (
             "sensors",
             {"explicit": {"encoders": {"rate": -1.0}}},
-            "scenario.yaml: sensors.explicit.encoders.rate must be a number >= 0.001, not -1.0",
+            "sensors.explicit.encoders.rate must be greater than or equal to 0.001, not -1.0",
         ),
         (
             "identification",

@@ -303,7 +303,7 @@ def test_a_weld_with_an_offset_may_be_written_from_either_end(two_arms, load, tm
 
 
 def test_a_name_that_is_not_unique_must_be_scoped(two_arms):
-    with pytest.raises(InputError, match="give it as instance::name"):
+    with pytest.raises(InputError, match="scope a name as INSTANCE::NAME"):
         two_arms(capture_frame="tip")
 
 
