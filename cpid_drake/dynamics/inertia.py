@@ -14,12 +14,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from cpid_drake.dynamics.parameterizations import (
     REPORT_ORDER,
+    STANDARD,
     TENSOR_ORDER,
     inertia_of_second_moment,
     parameters_to_standard,
     point_mass_inertia,
     second_moment,
-    standard_jacobian,
     standard_to_parameters,
     standard_to_pseudo_inertia,
     tensor_to_vector,
@@ -239,7 +239,7 @@ def nearest_consistent(phi: NDArray[np.float64], information: ArrayLike | None) 
     scale = mass_scale * np.concatenate([[1.0], 3 * [length], 6 * [length**2]])
     root = np.eye(10)
     if information is not None:
-        root = _information_root(information, standard_jacobian(phi) * scale)
+        root = _information_root(information, STANDARD.jacobian(phi) * scale)
 
     # A violation of 1e-10 must be removed by a change of about 1e-10, not by a change as large as
     # the solver's tolerance. Therefore the change is measured in units of the violation, and the

@@ -21,13 +21,13 @@ from numpy.typing import ArrayLike, NDArray
 PARAMETER_NAMES = ("m", "cx", "cy", "cz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 """Names of the entries of the parameter vector π, in its order."""
 
-PARAMETER_UNITS = ("kg", "m", "m", "m") + 6 * ("kg·m²",)
+PARAMETER_UNITS = tuple("kg m m m kg·m² kg·m² kg·m² kg·m² kg·m² kg·m²".split())
 """Units of the entries of the parameter vector π, in its order."""
 
 SCALE_LENGTH = 0.5
 """Length to which errors of the centre of mass are compared in studies and plans [m]."""
 
-_ROW, _COLUMN = np.array([0, 0, 0, 1, 1, 2]), np.array([0, 1, 2, 1, 2, 2])
+_ROW, _COLUMN = np.triu_indices(3)
 REPORT_ORDER = np.array([0, 3, 5, 1, 2, 4])  # (11, 12, 13, 22, 23, 33) -> (xx, yy, zz, xy, xz, yz)
 TENSOR_ORDER = np.argsort(REPORT_ORDER)
 
@@ -52,20 +52,21 @@ def vector_to_tensor(vector: ArrayLike) -> NDArray[np.float64]:
     return tensor
 
 
-def point_mass_inertia(mass: float, p: ArrayLike) -> NDArray[np.float64]:
-    """Return m (|p|² 1 − p pᵀ): the (3, 3) inertia about the origin of a mass [kg] at p (3,) [m].
+def point_mass_moments(mass: ArrayLike, p: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return [#] of m (|p|² 1 − p pᵀ) (..., 6): inertias about the origin of masses at p (..., 3).
 
     By the parallel-axis theorem it is also the change of a body's inertia from its centre of mass
     to a point that is p away. Entries that do not depend on an unknown coordinate (NaN) are known.
     """
-    x, y, z = np.asarray(p, dtype=float).tolist()
-    return mass * np.array(
-        [
-            [y * y + z * z, -x * y, -x * z],
-            [-x * y, x * x + z * z, -y * z],
-            [-x * z, -y * z, x * x + y * y],
-        ]
-    )
+    x, y, z = np.moveaxis(p, -1, 0)
+    xx, yy, zz = x * x, y * y, z * z
+    moments = np.stack([yy + zz, -x * y, -x * z, xx + zz, -y * z, xx + yy], axis=-1)
+    return np.asarray(np.asarray(mass)[..., None] * moments)
+
+
+def point_mass_inertia(mass: ArrayLike, p: ArrayLike) -> NDArray[np.float64]:
+    """Return the same as tensors (..., 3, 3)."""
+    return vector_to_tensor(point_mass_moments(mass, np.asarray(p, dtype=float)))
 
 
 def second_moment(inertia: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -84,9 +85,7 @@ def inertia_of_second_moment(sigma: NDArray[np.float64]) -> NDArray[np.float64]:
 def moved_moments(
     mass: ArrayLike, I_cm: NDArray[np.float64], R: NDArray[np.float64], p: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return first moments (..., 3) and inertias (..., 3, 3) about another frame's origin.
-
-    Both are in that frame.
+    """Return first moments (..., 3) and inertias (..., 3, 3) about another frame's origin, in it.
 
     Args:
         mass: (...) [kg].
@@ -95,14 +94,8 @@ def moved_moments(
         p: (..., 3) centre of mass from the other frame's origin [m].
 
     """
-    moment = np.asarray(mass)[..., None] * p
-    inertia = R @ I_cm @ np.swapaxes(R, -1, -2)
-    # The parallel-axis theorem, as in `point_mass_inertia`, for many masses.
-    inertia -= moment[..., :, None] * p[..., None, :]
-    square = np.einsum("...i,...i->...", moment, p)
-    for k in range(3):
-        inertia[..., k, k] += square
-    return moment, inertia
+    turned = R @ I_cm @ np.swapaxes(R, -1, -2)
+    return np.asarray(mass)[..., None] * p, turned + point_mass_inertia(mass, p)
 
 
 # -- the vectors ---------------------------------------------------------------------------------
@@ -124,10 +117,11 @@ def parameter_scale(
 
 
 def eq18_to_parameters(theta: ArrayLike) -> NDArray[np.float64]:
-    """Return π (10,) of an Eq. 18 vector θ (10,). An entry that is NaN remains NaN."""
-    theta = np.asarray(theta, dtype=float)
+    """Return π (..., 10) of Eq. 18 vectors θ (..., 10). An entry that is NaN remains NaN."""
+    theta = np.asarray(theta)
     with np.errstate(divide="ignore"):
-        return np.concatenate([1.0 / theta[:1], theta[1:4], theta[4:][REPORT_ORDER]])
+        parts = [1 / theta[..., :1], theta[..., 1:4], theta[..., 4:][..., REPORT_ORDER]]
+    return np.concatenate(parts, axis=-1)
 
 
 def parameters_to_eq18(parameters: ArrayLike) -> NDArray[np.float64]:
@@ -138,30 +132,28 @@ def parameters_to_eq18(parameters: ArrayLike) -> NDArray[np.float64]:
 
 
 def standard_to_parameters(phi: ArrayLike) -> NDArray[np.float64]:
-    """Return π (10,) of a standard vector φ (10,). An entry of π that depends on a NaN is NaN."""
-    phi = np.asarray(phi, dtype=float)
+    """Return π (..., 10) of standard vectors φ. An entry of π that depends on a NaN is NaN."""
+    phi = np.asarray(phi)
+    mass = phi[..., :1]
     with np.errstate(divide="ignore", invalid="ignore"):
-        com = phi[1:4] / phi[0]
-        moments = tensor_to_vector(vector_to_tensor(phi[4:]) - point_mass_inertia(phi[0], com))
-    return np.concatenate([phi[:1], com, moments[REPORT_ORDER]])
+        com = phi[..., 1:4] / mass
+        moments = phi[..., 4:] - point_mass_moments(mass[..., 0], com)
+    return np.concatenate([mass, com, moments[..., REPORT_ORDER]], axis=-1)
 
 
 def parameters_to_standard(parameters: ArrayLike) -> NDArray[np.float64]:
     """Return the standard vector φ (10,) of π (10,); the inverse of `standard_to_parameters`."""
     parameters = np.asarray(parameters, dtype=float)
     mass, com = parameters[0], parameters[1:4]
-    shift = tensor_to_vector(point_mass_inertia(mass, com))
-    return np.concatenate([[mass], mass * com, parameters[4:][TENSOR_ORDER] + shift])
+    moments = parameters[4:][TENSOR_ORDER] + point_mass_moments(mass, com)
+    return np.concatenate([[mass], mass * com, moments])
 
 
 def standard_to_relative(phi: NDArray[np.float64], known_mass: float) -> NDArray[np.float64]:
     """Return ψ = (μ, μc, I_*) (..., 10) of φ (..., 10); see `relative_parameterization`."""
-    mass, first = phi[..., :1], phi[..., 1:4]
-    share = known_mass / (known_mass + mass)
-    shift = np.sum(first**2, axis=-1)[..., None, None] * np.eye(3)
-    shift = (shift - first[..., :, None] * first[..., None, :]) / (known_mass + mass)[..., None]
-    moments = phi[..., 4:] - tensor_to_vector(shift)
-    return np.concatenate([share * mass, share * first, moments], axis=-1)
+    total = known_mass + phi[..., :1]
+    moments = phi[..., 4:] - point_mass_moments(1 / total[..., 0], phi[..., 1:4])
+    return np.concatenate([known_mass / total * phi[..., :4], moments], axis=-1)
 
 
 def standard_to_pseudo_inertia(phi: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -173,44 +165,23 @@ def standard_to_pseudo_inertia(phi: NDArray[np.float64]) -> NDArray[np.float64]:
     return pseudo
 
 
-def eq18_jacobian(theta: ArrayLike) -> NDArray[np.float64]:
-    """Return ∂π/∂θ (10, 10) at an Eq. 18 vector θ (10,)."""
-    theta = np.asarray(theta, dtype=float)
-    jacobian = np.zeros((10, 10))
-    jacobian[0, 0] = -1.0 / theta[0] ** 2
-    jacobian[1:4, 1:4] = np.eye(3)
-    jacobian[4 + np.arange(6), 4 + REPORT_ORDER] = 1.0
-    return jacobian
-
-
-def standard_jacobian(phi: ArrayLike) -> NDArray[np.float64]:
-    """Return ∂π/∂φ (10, 10) at a standard vector φ (10,)."""
-    phi = np.asarray(phi, dtype=float)
-    mass, h = phi[0], phi[1:4]
-    jacobian = np.zeros((10, 10))
-    jacobian[0, 0] = 1.0
-    jacobian[1:4, 0] = -h / mass**2
-    jacobian[1:4, 1:4] = np.eye(3) / mass
-    # I = J − (|h|² 1 − h hᵀ)/m
-    jacobian[4:, 0] = tensor_to_vector(point_mass_inertia(1.0, h) / mass**2)[REPORT_ORDER]
-    for k in range(3):  # entries that do not depend on an unknown coordinate (NaN) are known
-        derivative = np.diag(np.where(np.arange(3) == k, 0.0, 2 * h[k]))
-        for j in {0, 1, 2} - {k}:
-            derivative[k, j] = derivative[j, k] = -h[j]
-        jacobian[4:, 1 + k] = tensor_to_vector(-derivative / mass)[REPORT_ORDER]
-    jacobian[4 + np.arange(6), 4 + REPORT_ORDER] = 1.0
-    return jacobian
-
-
 @dataclass(frozen=True)
 class Parameterization:
-    """A vector of ten unknowns in which a row family is linear, and its conversion to π."""
+    """A vector of ten unknowns in which a row family is linear, and its conversion to π.
+
+    `to_parameters` takes vectors (..., 10), also complex ones; `from_parameters` one π (10,).
+    """
 
     name: str
     entries: tuple[str, ...]
     to_parameters: Callable[[ArrayLike], NDArray[np.float64]]
     from_parameters: Callable[[ArrayLike], NDArray[np.float64]]
-    jacobian: Callable[[ArrayLike], NDArray[np.float64]]
+
+    def jacobian(self, vector: ArrayLike) -> NDArray[np.float64]:
+        """Return ∂π/∂vector (10, 10), by complex steps: exact up to rounding."""
+        step = 1e-30
+        steps = np.asarray(vector) + 1j * step * np.eye(10)
+        return np.imag(self.to_parameters(steps)).T / step
 
 
 _TENSOR_ENTRIES = ("11", "12", "13", "22", "23", "33")
@@ -219,14 +190,12 @@ EQ18 = Parameterization(
     ("1/m", "cx", "cy", "cz", *("I" + ij for ij in _TENSOR_ENTRIES)),
     eq18_to_parameters,
     parameters_to_eq18,
-    eq18_jacobian,
 )
 STANDARD = Parameterization(
     "standard",
     ("m", "m·cx", "m·cy", "m·cz", *("J" + ij for ij in _TENSOR_ENTRIES)),
     standard_to_parameters,
     parameters_to_standard,
-    standard_jacobian,
 )
 
 
@@ -240,18 +209,11 @@ def relative_parameterization(known_mass: float) -> Parameterization:
     def to_parameters(psi: ArrayLike) -> NDArray[np.float64]:
         parameters = standard_to_parameters(psi)
         with np.errstate(divide="ignore"):
-            parameters[0] *= known_mass / (known_mass - parameters[0])
+            parameters[..., 0] *= known_mass / (known_mass - parameters[..., 0])
         return parameters
 
     def from_parameters(parameters: ArrayLike) -> NDArray[np.float64]:
-        parameters = np.array(parameters, dtype=float)
-        parameters[0] *= known_mass / (known_mass + parameters[0])
-        return parameters_to_standard(parameters)
-
-    def jacobian(psi: ArrayLike) -> NDArray[np.float64]:
-        result = standard_jacobian(psi)
-        result[0] *= (known_mass / (known_mass - np.asarray(psi)[0])) ** 2
-        return result
+        return standard_to_relative(parameters_to_standard(parameters), known_mass)
 
     entries = ("μ", "μ·cx", "μ·cy", "μ·cz", *("I*" + ij for ij in _TENSOR_ENTRIES))
-    return Parameterization("relative", entries, to_parameters, from_parameters, jacobian)
+    return Parameterization("relative", entries, to_parameters, from_parameters)

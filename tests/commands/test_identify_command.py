@@ -192,7 +192,7 @@ class TestOneLog:
             (["--package", "robot=nowhere"], "no such folder"),
             (["--topic", "imu=/imu"], "topics are for ROS 2 bags"),
             (["--base", "nothing"], "no RigidBody named 'nothing'"),
-            (["--known-bodies", "mass=-1"], "mass must be a number >= 0"),
+            (["--known-bodies", "mass=-1"], "mass must be greater than or equal to 0"),
             (["--known-bodies", "mass=a lot"], "is not KEY=NUMBER; the keys are mass, com, "),
             (["--scenario", "free_flyer_payload"], "exact.csv: there is no column 'q:arm_joint1'"),
         ],
