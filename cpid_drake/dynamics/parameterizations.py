@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 PARAMETER_NAMES = ("m", "cx", "cy", "cz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 """Names of the entries of the parameter vector π, in its order."""
 
-PARAMETER_UNITS = tuple("kg m m m kg·m² kg·m² kg·m² kg·m² kg·m² kg·m²".split())
+PARAMETER_UNITS = ("kg", "m", "m", "m", *("kg·m²" for name in PARAMETER_NAMES if "I" in name))
 """Units of the entries of the parameter vector π, in its order."""
 
 SCALE_LENGTH = 0.5
@@ -119,7 +119,7 @@ def parameter_scale(
 def eq18_to_parameters(theta: ArrayLike) -> NDArray[np.float64]:
     """Return π (..., 10) of Eq. 18 vectors θ (..., 10). An entry that is NaN remains NaN."""
     theta = np.asarray(theta)
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):
         parts = [1 / theta[..., :1], theta[..., 1:4], theta[..., 4:][..., REPORT_ORDER]]
     return np.concatenate(parts, axis=-1)
 
@@ -208,7 +208,7 @@ def relative_parameterization(known_mass: float) -> Parameterization:
 
     def to_parameters(psi: ArrayLike) -> NDArray[np.float64]:
         parameters = standard_to_parameters(psi)
-        with np.errstate(divide="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore"):
             parameters[..., 0] *= known_mass / (known_mass - parameters[..., 0])
         return parameters
 

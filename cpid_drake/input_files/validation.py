@@ -185,7 +185,7 @@ class _StrictLoader(yaml.SafeLoader):
         return {tag: self.construct_mapping(node, deep=True)}
 
 
-def _at(place: yaml.Node | yaml.Event, problem: str) -> yaml.MarkedYAMLError:
+def _at(place: Any, problem: str) -> yaml.MarkedYAMLError:
     return yaml.MarkedYAMLError(problem=problem, problem_mark=place.start_mark)
 
 
@@ -295,7 +295,7 @@ def dump_yaml(value: Any, tags: tuple[str, ...] = ()) -> str:
             tag = tag if tag in tags else "tag:yaml.org,2002:map"
             return self.represent_mapping(tag, {name: getattr(data, name) for name in names})
 
-    Dumper.add_representer(None, Dumper.represent_other)
+    Dumper.add_multi_representer(object, Dumper.represent_other)
     return yaml.dump(value, Dumper=Dumper, sort_keys=False, allow_unicode=True)
 
 

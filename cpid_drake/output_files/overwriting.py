@@ -45,9 +45,10 @@ def check_outputs(
             if path.exists() and not path.is_file():
                 what = "a folder" if path.is_dir() else "a device or a pipe"
                 raise InputError(f"{where}: is {what}; name a file")
-            if source := next((each for each in known if _is_same(path, each)), None):
+            lost = [source for source in known if _is_same(path, source)]
+            if lost:
                 raise InputError(
-                    f"{where}: is the input {source}, which would be lost; give another name"
+                    f"{where}: is the input {lost[0]}, which would be lost; give another name"
                 )
             if any(_is_same(path, other) for other in before):
                 raise InputError(f"{where}: two outputs cannot be the same file")

@@ -9,6 +9,7 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -156,7 +157,8 @@ def _read_xml(file: Path, place: str) -> tuple[ElementTree.Element, dict[Element
     if entity := re.search(rb"<!ENTITY\s+(\S+)", data):
         name = entity[1].decode(errors="replace")
         raise InputError(f"{place}: the entity &{name}; would not be read; write its text")
-    parser, lines = ElementTree.XMLPullParser(["start"]), dict[ElementTree.Element, int]()
+    lines = dict[ElementTree.Element, int]()
+    parser: Any = ElementTree.XMLPullParser(["start"])
     try:
         for number, line in enumerate(data.splitlines(keepends=True), start=1):
             parser.feed(line)
