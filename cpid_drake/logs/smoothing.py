@@ -262,8 +262,9 @@ def _smooth_attitude(
 ) -> tuple[Rotation, Array, Array, Array]:
     """Return attitude, angular velocity in B, their covariance (N, 6, 6) and the gyro bias.
 
-    R_WB is a reference, the spline of the attitude's quaternions, times exp(r) with the spline r.
-    It follows the gyro, too: w = exp(−r) w_ref + Jr(r) ṙ, linearized in the small r.
+    R_WB is the spline of the attitude's quaternions, times exp(r) with the spline r, which follows
+    the gyro, too: w = exp(−r) w_path + Jr(r) ṙ. Gauss and Newton's steps keep the derivatives at
+    r = 0.
     """
     attitude, gyro = log.attitude, log.gyro
     gyro = gyro.where((gyro.time >= attitude.time[0]) & (gyro.time <= attitude.time[-1]))
@@ -274,22 +275,35 @@ def _smooth_attitude(
     signs = np.cumprod(np.append(1.0, 1.0 - 2.0 * flips))[:, None]
     path = regression_spline(Samples(attitude.time, attitude.value * signs))
 
-    def reference(at: Array) -> tuple[Rotation, Array]:
-        """Return attitude and angular velocity in B (N, 3)."""
-        q, rate = path(at), path(at, 1)
-        w, x, dw, dx = q[:, :1], q[:, 1:], rate[:, :1], rate[:, 1:]
-        w_B = 2 * (w * dx - dw * x - np.cross(x, dx)) / np.sum(q**2, axis=1, keepdims=True)
-        return Rotation.from_quat(q, scalar_first=True), w_B
-
     whiten = suite.attitude.R_BS.T / suite.sigmas("attitude")[:, None]
     has_gyro = suite.gyro is not None and len(gyro) > 0
     sigma = float(suite.sigmas("gyro")[0]) if has_gyro else 1.0
     bias_row = 1 / max(suite.gyro.bias_sigma, 1e-8) if suite.gyro is not None and has_gyro else 1.0
-    R_ref, _ = reference(attitude.time)
-    _, w_ref = reference(gyro.time)
     measured = Rotation.from_quat(attitude.value, scalar_first=True)
-    residual = (R_ref.inv() * measured).as_rotvec() @ whiten.T
-    b = np.concatenate([residual.ravel(), ((gyro.value - w_ref) / sigma).ravel(), np.zeros(3)])
+    # A gyro that integrates measures the mean since its sample before.
+    since, weights = np.zeros(1), np.full(1, 2.0)
+    if suite.gyro is not None and suite.gyro.integrates:
+        points, weights = np.polynomial.legendre.leggauss(3)
+        since = (points - 1) / (2 * suite.gyro.rate)
+    middle = gyro.time + np.median(since)
+
+    def moved(r: BSpline, at: Array) -> tuple[Rotation, Array]:
+        """Return attitude and angular velocity in B (N, 3) of the path turned by r."""
+        q, rate = path(at), path(at, 1)
+        w, x, dw, dx = q[:, :1], q[:, 1:], rate[:, :1], rate[:, 1:]
+        w_B = 2 * (w * dx - dw * x - np.cross(x, dx)) / np.sum(q**2, axis=1, keepdims=True)
+        turn, jacobian = Rotation.from_rotvec(r(at)), right_jacobian(r(at))
+        R = Rotation.from_quat(q, scalar_first=True) * turn
+        return R, turn.inv().apply(w_B) + rotate(jacobian, r(at, 1))
+
+    def residuals(r: BSpline, bias: Array) -> Array:
+        w_B = sum(w / 2 * moved(r, gyro.time + t)[1] for t, w in zip(since, weights))
+        turned = (moved(r, attitude.time)[0].inv() * measured).as_rotvec() @ whiten.T
+        rates = (gyro.value - bias - w_B) / sigma
+        return np.concatenate([turned.ravel(), rates.ravel(), -bias_row * bias])
+
+    still = BSpline(path.t, np.zeros((len(path.c), 3)), DEGREE)
+    b, w_ref = residuals(still, np.zeros(3)), moved(still, middle)[1]
 
     def turned(knots: Array, at: Array, w: Array) -> tuple[NDArray[np.intp], Array, Array]:
         """Return numbers (N, 3 m) and derivatives (N, 3, 3 m) of r and of w by its coefficients."""
@@ -307,7 +321,7 @@ def _smooth_attitude(
         size = 3 * (len(knots) - DEGREE - 1)
         k, of_r, _ = turned(knots, attitude.time, np.zeros((len(attitude), 3)))
         of_attitude = rows(k, whiten @ of_r, size)
-        k, _, of_w = turned(knots, gyro.time, w_ref)
+        k, _, of_w = turned(knots, middle, w_ref)
         of_gyro = rows(k, of_w / sigma, size)
         biases = csr_array(np.tile(np.eye(3), (len(gyro), 1)) / sigma)
         blocks = [
@@ -327,13 +341,15 @@ def _smooth_attitude(
     samples = len(attitude) + len(gyro)
     pieces, x = best(fit, samples, width, first=first, finer=normal_B is not None)
     knots, A = design(pieces)
-    numbers = (len(attitude) + len(gyro)) * width - (A.shape[1] - 3) * width / 3
-    C = covariance(A, float(np.sum((A @ x - b) ** 2)), numbers)
+    for _ in range(2):  # r is small, but its square is not smaller than the noise
+        left = residuals(BSpline(knots, x[:-3].reshape(-1, 3), DEGREE), x[-3:])
+        x = x + solve(A, left[:, None])[0][:, 0]
     spline = BSpline(knots, x[:-3].reshape(-1, 3), DEGREE)
-    R, w_B = reference(times)
-    r, rate = spline(times), spline(times, 1)
-    w_B = Rotation.from_rotvec(r).inv().apply(w_B) + rotate(right_jacobian(r), rate)
+    chi = float(np.sum(residuals(spline, x[-3:]) ** 2))
+    numbers = (len(attitude) + len(gyro)) * width - (A.shape[1] - 3) * width / 3
+    C = covariance(A, chi, numbers)
+    R, w_B = moved(spline, times)
     k, of_r, of_w = turned(knots, times, w_B)
     both = np.concatenate([of_r, of_w], axis=1)
     errors = both @ C[k[:, :, None], k[:, None]] @ np.swapaxes(both, 1, 2)
-    return R * Rotation.from_rotvec(r), w_B, errors, x[-3:]
+    return R, w_B, errors, x[-3:]

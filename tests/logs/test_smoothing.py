@@ -138,9 +138,15 @@ def test_the_gyros_bias_is_found(scene):
 # -- on SO(3) -------------------------------------------------------------------------------------
 
 
-def test_noise_free_motion_comes_back_through_whole_turns(scene):
-    """A base that tumbles through more than a turn: attitude and rate are right throughout."""
-    suite = coarse_suite(gyro=Gyro(50.0), attitude=AttitudeSensor(10.0))
+@pytest.mark.parametrize(
+    ("rate", "integrates"), [(10.0, False), (10.0, True), (2.0, False)], ids=str
+)
+def test_noise_free_motion_comes_back_through_whole_turns(scene, rate, integrates):
+    """A base that tumbles through more than a turn: attitude and rate are right throughout.
+
+    Between few attitudes, the path of the attitude is wrong by what the gyro must mend.
+    """
+    suite = coarse_suite(gyro=Gyro(50.0, integrates=integrates), attitude=AttitudeSensor(rate))
     perfect, truth = scene(suite, TUMBLE)
     smoothed = smooth(perfect, suite)
     true = truth(smoothed.telemetry.time)
