@@ -185,6 +185,11 @@ def sigmas(found: Identification) -> NDArray[np.float64]:
     return np.sqrt(np.diag(found.covariance))
 
 
+def acting(found: Identification) -> list:
+    """Return the errors that act although nobody has declared them."""
+    return [effect for effect in found.effects if effect.declaration]
+
+
 def nees(found: Identification, target: InertialParameters) -> float:
     """Return the squared error of what is known, in units of its covariance."""
     error = found.parameters - target.to_vector()

@@ -33,14 +33,6 @@ def identify(
     report: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write a report, one HTML page.")
     ] = None,
-    diagnose: Annotated[
-        bool,
-        typer.Option(
-            "--diagnose",
-            help="Compare errors of sensors and external forces that --sensors does not declare, "
-            "and propose the fewest that explain the log and predict its last third better.",
-        ),
-    ] = False,
     force: options.ForceOption = False,
     quiet: options.QuietOption = False,
 ) -> int:
@@ -66,13 +58,6 @@ def identify(
     options.print_warnings(result.warnings)
     if not quiet:
         print("\n".join(cpid.describe(result)))
-    if diagnose and result.undeclared is None:
-        print(
-            "  --diagnose needs --sensors without --known-bodies, a fit, and logs that determine "
-            "all that can act on the motion"
-        )
-    elif diagnose and result.undeclared is not None:
-        print("\n".join(result.undeclared.lines()))
     if result.failures:
         return CHECK_FAILED
     return 0 if result.is_complete else NOT_ALL_KNOWN

@@ -20,7 +20,7 @@ IMPROBABLE = 1e-4
 AGREEMENT, CONVERGENCE, NEAREST = "agreement", "convergence", "distance of the nearest rigid body"
 """Names of the checks that sources have one target, a fit is the best, and a rigid body has it."""
 
-SUSPECTED = 0.1
+SUSPECTED = 1 - NAMED
 """Probability from which an error, or a momentum, that may act is mentioned."""
 
 MOST_NOISE = 4.0

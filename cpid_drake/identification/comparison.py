@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from cpid_drake.estimation.evidence import NAMED, Comparison, Question
+from cpid_drake.estimation.evidence import NAMED, SIZES, Comparison, Question
 from cpid_drake.estimation.fit import Fit, prior_of
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.likelihood.constants import ConstantError
@@ -23,8 +23,8 @@ from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Rolled, Values
 from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import MOMENTUM, Model
-from cpid_drake.identification.checks import SUSPECTED, Check
-from cpid_drake.identification.effects import LEARNED, EffectEstimate, UndeclaredErrors
+from cpid_drake.identification.checks import IMPROBABLE, SUSPECTED, Check
+from cpid_drake.identification.effects import LEARNED, EffectEstimate
 from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite
@@ -42,8 +42,8 @@ PLAUSIBLE = {
 FORCES = {"acceleration": 1e-3, "torque": 1e-2, "thrust_scale": 0.1}
 """The same of an acceleration [m/s²], a torque [N·m] and the scale of logged thrust."""
 
-FAR_TOO_LARGE = 1e-6
-"""Probability of so large errors below which a check fails: a declared σ is a rough number."""
+UNDECLARED = "undeclared errors"
+"""Name of the check that errors which nobody declares predict the end of the logs."""
 
 FITTED = 2 / 3
 """Share of a log that proposes errors; the rest judges them."""
@@ -101,8 +101,8 @@ def with_plausible(
 
 def undeclared_errors(
     found: Fit, question: Question, compared: Comparison, rows: Sequence[Gaussian]
-) -> UndeclaredErrors:
-    """Return the errors that act although nobody has declared them.
+) -> tuple[tuple[EffectEstimate, ...], tuple[str, ...], tuple[Check, ...]]:
+    """Return the errors that act although nobody has declared them, warnings and checks.
 
     Args:
         found: a fit with all candidates free.
@@ -111,91 +111,60 @@ def undeclared_errors(
         rows: what is known besides the samples.
 
     """
-    errors = {n: e for n, e in _errors(found).items() if n in question.candidates}
-    named, is_one = [name for name in compared.named if name in errors], len(found.logs) == 1
+    errors = {
+        unknown.key(log.name): found.model.constants.errors[unknown.name]
+        for unknown in found.model.table
+        if unknown.name in found.model.constants.errors
+        for log in found.logs
+        if unknown.key(log.name) in question.candidates
+    }
+    is_one = len(found.logs) == 1
+    named = [name for name in compared.named if name in errors]
     effects = tuple(
-        EffectEstimate.of(
-            errors[name],
-            compared.values[name],
-            compared.sigma[name],
-            "" if is_one else name.partition("|")[2],
-        )
+        _effect(found.model.suite, errors[name], compared, name, is_one)
         for name in named
         if name in compared.values
     )
-    alone = ((_shown(name, is_one), compared.alone[name]) for name in errors)
-    others = {n: p for n, p in compared.probability.items() if p and n in errors and n not in named}
-    return UndeclaredErrors(
-        effects,
-        {_shown(name, is_one): p for name, p in others.items()},
-        _declarations(found.model.suite, effects),
-        tuple(sorted(alone, key=lambda each: -each[1])),
-        _held_out(found, question, named, rows) if named else None,
-    )
-
-
-def words(undeclared: UndeclaredErrors) -> tuple[tuple[str, ...], tuple[Check, ...]]:
-    """Return the warnings and failed checks that follow from errors nobody has declared."""
-    warnings, checks = [], []
-    acting = "; ".join(effect.describe() for effect in undeclared.effects)
-    text = f"the samples show what the sensors do not declare: {acting}"
-    if undeclared.is_proposed:
-        declared = "; ".join(undeclared.declaration)
+    warnings, checks = [], list[Check]()
+    gain = _held_out(found, question, named, rows) if effects else None
+    text = "the samples show what the sensors do not declare: "
+    text += "; ".join(effect.describe() for effect in effects)
+    if effects and (gain is None or gain > 0):
+        declared = "; ".join(dict.fromkeys(effect.declaration for effect in effects))
         warnings.append(f"{text}; the result includes it; add to the sensors' file: {declared}")
-    elif undeclared.effects:
+    if gain is not None:
         text += "; the cause is not known, because this does not predict the end of the log better"
-        checks.append(Check("undeclared errors", text, undeclared.held_out))
-    likely = {name: p for name, p in undeclared.suspected.items() if p > SUSPECTED}
+        checks.append(Check.of(UNDECLARED, text, gain, 0.0, gain > 0))
+    likely = [
+        f"{_shown(name, is_one)} (probability {compared.probability[name]:.2g})"
+        for name in errors
+        if name not in named and compared.probability[name] > SUSPECTED
+    ]
     if likely:
-        named = [f"{name} (probability {p:.2g})" for name, p in likely.items()]
         warnings.append(
             "the samples may show an error that the sensors do not declare: "
-            f"{' or '.join(named)}; the intervals include it"
+            f"{' or '.join(likely)}; the intervals include it"
         )
-    return tuple(warnings), tuple(checks)
+    return effects, tuple(warnings), tuple(checks)
 
 
-def larger_than_declared(
-    model: Model,
-    values: Values,
-    gaussian: Gaussian,
-    effects: Sequence[EffectEstimate],
-    compared: Comparison | None = None,
-) -> tuple[Check, ...]:
+def size_checks(model: Model, effects: Sequence[EffectEstimate]) -> tuple[Check, ...]:
     """Return the check of errors that are too large for their declared or plausible σ.
 
-    Before the first sample the errors m, in units of their σ, have the covariance 1, after the last
-    one V. The estimate of m therefore has the covariance 1 − V. Combinations that the samples do
-    not determine well, errors that walk, and what may fail are left out.
-
-    Args:
-        model: the unknowns.
-        values: of all unknowns.
-        gaussian: of the declared errors, about the values.
-        effects: the estimates of declared errors and of those that act.
-        compared: the comparison of candidates; None without any.
-
+    An estimate with σ after and σ₀ before the samples has the variance σ₀² − σ² if σ₀ is right.
+    What the samples do not determine well, errors that walk, and what may fail are left out. An
+    error that nobody declares may have the largest of the compared sizes.
     """
-    errors = model.constants.errors
-    table = {unknown.name: unknown for unknown in model.table}
-    steady = {name for name in errors if not (table[name].walk or table[name].may_fail)}
-    names = [name for name in gaussian.places if name.partition("|")[0] in steady]
-    both = gaussian.marginal(names)
-    m = np.concatenate([np.empty(0), *(values[name] for name in names)]) + both.solve()
-    sizes, axes = np.linalg.eigh(np.eye(both.size) - both.covariance())
-    seen = sizes > 1 - LEARNED**2
-    chi_squared, freedom = float(np.sum((axes[:, seen].T @ m) ** 2 / sizes[seen])), int(seen.sum())
-    for name, value in ({} if compared is None else compared.values).items():
-        if compared is not None and name.partition("|")[0] in errors:
-            m, size = value / compared.sizes[name], (compared.sigma[name] / compared.sizes[name])
-            seen = size < LEARNED
-            chi_squared += float(np.sum(m[seen] ** 2 / (1 - size[seen] ** 2)))
-            freedom += int(seen.sum())
+    steady = {each.name for each in model.table if not (each.walk or each.may_fail)}
+    chi_squared, freedom = 0.0, 0
+    for effect in effects:
+        unit = effect.prior_sigma * (SIZES.max() if effect.declaration else 1.0)
+        value, left = effect.value / unit, effect.sigma / effect.prior_sigma
+        seen = (left < LEARNED) & (effect.name in steady)
+        chi_squared += float(np.sum(value[seen] ** 2 / (1 - left[seen] ** 2)))
+        freedom += int(seen.sum())
     if not freedom:
         return ()
-    limit, name = float(chdtri(freedom, FAR_TOO_LARGE)), "declared sizes"
-    if chi_squared <= limit:
-        return (Check(name, "", chi_squared, limit, passed=True),)
     largest = max(effects, key=lambda each: float(np.abs(each.value).max()) / each.prior_sigma)
     sentence = (
         "the errors of the sensors, or the forces, are about "
@@ -203,18 +172,22 @@ def larger_than_declared(
         f"{largest.describe()}, with a sigma of {largest.prior_sigma:.3g} {largest.unit}; declare "
         "what the hardware can have, or look for another cause"
     )
-    return (Check(name, sentence, chi_squared, limit),)
+    return (Check.of("declared sizes", sentence, chi_squared, float(chdtri(freedom, IMPROBABLE))),)
 
 
-def _errors(found: Fit) -> dict[str, ConstantError]:
-    """Return all constant errors of all logs, by the names of the unknowns."""
-    errors = found.model.constants.errors
-    return {
-        unknown.key(log.name): errors[unknown.name]
-        for unknown in found.model.table
-        if unknown.name in errors
-        for log in found.logs
-    }
+def _effect(
+    suite: SensorSuite, error: ConstantError, compared: Comparison, name: str, is_one: bool
+) -> EffectEstimate:
+    """Return an error that acts; its declaration is plausible, and as large as the estimate."""
+    value, sigma, log = compared.values[name], compared.sigma[name], name.partition("|")[2]
+    found = EffectEstimate.of(error, value, sigma, log="" if is_one else log)
+    source = suite[error.sensor] if error.sensor in SENSORS else suite.disturbances
+    assert source is not None
+    field = next(each.name for each in fields(source) if each.name.startswith(error.kind))
+    size = max(found.prior_sigma, float(np.abs(found.value).max()))
+    size = size / 100 if found.unit == "%" else size  # the file has the share itself
+    text = f"{error.sensor or 'disturbances'}: {{{field}: {float(f'{size:.1e}'):g}}}"
+    return replace(found, declaration=text)
 
 
 def _shown(name: str, is_one: bool) -> str:
@@ -262,23 +235,4 @@ def _evidence(gaussian: Gaussian, found: Fit, question: Question, free: Sequence
     with_free = whole.condition(others)
     return (
         with_free.log_evidence - whole.condition(others | {name: 0.0 for name in free}).log_evidence
-    )
-
-
-def _declarations(everything: SensorSuite, effects: tuple[EffectEstimate, ...]) -> tuple[str, ...]:
-    """Return what to add to the sensors' file; σ is plausible, and as large as each estimate."""
-    sections: dict[str, dict[str, float]] = {}
-    for effect in effects:
-        section, _, kind = effect.name.rpartition(".")
-        source = everything[section] if section in SENSORS else everything.disturbances
-        assert source is not None
-        field = next(each.name for each in fields(source) if each.name.startswith(kind))
-        size = max(effect.prior_sigma, float(np.abs(effect.value).max()))
-        if effect.unit == "%":  # the file has the share itself
-            size /= 100
-        sizes = sections.setdefault(section or "disturbances", {})
-        sizes[field] = max(float(f"{size:.1e}"), sizes.get(field, 0.0))
-    return tuple(
-        f"{section}: {{{', '.join(f'{field}: {size:g}' for field, size in sizes.items())}}}"
-        for section, sizes in sections.items()
     )

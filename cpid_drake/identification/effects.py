@@ -44,6 +44,7 @@ class EffectEstimate:
         prior_sigma: σ of each entry before the first sample.
         log: name of the log to which an external force belongs; empty for errors that all logs have
             in common, and if there is only one log.
+        declaration: the line of a sensors' file that declares this error; empty if the file did.
 
     """
 
@@ -53,6 +54,7 @@ class EffectEstimate:
     sigma: Annotated[NDArray[np.float64], Numbers()]
     prior_sigma: float
     log: str = ""
+    declaration: str = ""
 
     @classmethod
     def of(
@@ -60,11 +62,18 @@ class EffectEstimate:
         error: ConstantError,
         value: NDArray[np.float64],
         sigma: NDArray[np.float64],
-        log: str = "",
+        **others: str,
     ) -> "EffectEstimate":
-        """Return the estimate of an error from its value and σ (k,) in units of its own σ."""
+        """Return the estimate of an error from its value and σ (k,) in units of its own σ.
+
+        Args:
+            error: with its σ and its unit.
+            value, sigma: (k,) as shares of this σ.
+            others: `log` and `declaration`.
+
+        """
         unit = error.sigma / error.scale
-        return cls(error.name, error.unit, unit * value, unit * sigma, unit, log)
+        return cls(error.name, error.unit, unit * value, unit * sigma, unit, **others)
 
     @property
     def is_learned(self) -> bool:
@@ -86,53 +95,3 @@ class EffectEstimate:
         sensor, _, kind = self.name.rpartition(".")
         where = f" during {self.log}" if self.log else ""
         return _WORDS.get(kind, f"{self.name}: {{}}").format(text, sensor=sensor) + where
-
-
-@dataclass(frozen=True, eq=False)
-class UndeclaredErrors:
-    """The errors that act although the sensors do not declare them.
-
-    Attributes:
-        effects: their estimates; empty if the declared errors explain the log.
-        suspected: probability of every other candidate to act.
-        declaration: what to add to the sensors' file: one line of YAML for each section.
-        alone: gain of the log evidence by each candidate alone, the largest first.
-        held_out: gain of the log evidence of the last third of the logs by the errors that the
-            first two thirds propose; 0 if they propose none, or if the momentum changes in the last
-            third. None without effects, and for a log that is too short.
-
-    """
-
-    effects: tuple[EffectEstimate, ...]
-    suspected: dict[str, float]
-    declaration: tuple[str, ...]
-    alone: tuple[tuple[str, float], ...]
-    held_out: float | None = None
-
-    @property
-    def is_proposed(self) -> bool:
-        """Whether these errors are proposed: samples that did not choose them confirm them."""
-        return bool(self.effects) and (self.held_out is None or self.held_out > 0)
-
-    def verdict(self) -> list[str]:
-        """Return sentences on what follows from the errors that act."""
-        if self.held_out is None:
-            tested = "The log is too short to predict a part of it from the rest."
-        else:
-            tested = (
-                "The errors that the first two thirds of the log show change the log evidence of "
-                f"the last third by {self.held_out:.3g}."
-            )
-        if not self.is_proposed:
-            return [tested, "They are not proposed, because they do not predict the rest better."]
-        declared = "; ".join(self.declaration)
-        return [tested, f"The result includes them; the sensors' file declares them by: {declared}"]
-
-    def lines(self) -> list[str]:
-        """Return the comparison of all candidates, and the proposal, as lines of text."""
-        result = ["  errors that the sensors do not declare, each alone: gain of log evidence"]
-        result += [f"    {name:24}{gain:10.1f}" for name, gain in self.alone]
-        if not self.effects:
-            return [*result, "  none explains the samples better: nothing to declare"]
-        result += ["  these act:", *(f"    {effect.describe()}" for effect in self.effects)]
-        return [*result, *(f"  {sentence}" for sentence in self.verdict())]

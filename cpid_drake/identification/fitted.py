@@ -29,10 +29,9 @@ from cpid_drake.identification.checked_log import CheckedLog, Known, suite_of
 from cpid_drake.identification.checks import Check, fit_checks, momentum_words, noise_warnings
 from cpid_drake.identification.comparison import (
     contradicted,
-    larger_than_declared,
+    size_checks,
     undeclared_errors,
     with_plausible,
-    words,
 )
 from cpid_drake.identification.effects import EffectEstimate
 from cpid_drake.identification.prior import TargetPrior
@@ -97,14 +96,9 @@ def estimate(
         is_given = known.momentum is not None
         said, failed = momentum_words(likely, is_given=is_given, where=where[name])
         warnings, checks = (*warnings, *said), [*checks, *failed]
-    undeclared = undeclared_errors(found, question, compared, rows)
-    effects = tuple(
-        effect for name in logs for effect in effects_of(model, found.values, gaussian, name)
-    )
-    said, failed = words(undeclared)
+    acting, said, failed = undeclared_errors(found, question, compared, rows)
+    effects = (*effects_of(model, found.values, gaussian, *logs), *acting)
     said = (*said, *(f"{e.describe()}: it failed" for e in effects if e.failed_valve))
-    both = (*effects, *undeclared.effects)
-    sizes = larger_than_declared(model, found.values, gaussian, both, compared)
     series, counts, rejected = _residuals(found), _counts(found), Counter[str]()
     for (name, _), (far, _) in counts.items():
         rejected[name] += far
@@ -123,11 +117,10 @@ def estimate(
         rejected={name: count for name, count in rejected.items() if count},
         momentum_changes=tuple(sorted(event.time for event in events)),
         warnings=(*warnings, *said),
-        checks=(*checks, *failed, *sizes, *fails),
+        checks=(*checks, *failed, *size_checks(model, effects), *fails),
         momentum="unknown" if is_free else (known.momentum or TotalMomentum.zero()).name,
         noise=noise,
         effects=effects,
-        undeclared=undeclared,
         **(_momentum(found, compared, gaussian) if len(logs) == 1 else {}),
     )
     if len(logs) == 1 and known.prior is None:
@@ -316,23 +309,18 @@ def solution_of(
 
 
 def effects_of(
-    model: Model, values: Values, gaussian: Gaussian, log: str
+    model: Model, values: Values, gaussian: Gaussian, *logs: str
 ) -> tuple[EffectEstimate, ...]:
-    """Return the estimates of constant errors of a log; of those that walk, the last value."""
-    errors = model.constants.errors
-    unknowns = [u for u in model.table if u.name in errors and u.key(log) in gaussian.places]
-    if not unknowns:
-        return ()
-    both = gaussian.marginal([each.key(log) for each in unknowns])
-    step, sigma = both.solve(), np.sqrt(np.diag(both.covariance()))
-    has_others = sum(name.startswith(f"{MOMENTUM}|") for name in values) > 1
-    found = []
-    for unknown in unknowns:
-        place = both.places[unknown.key(log)]
-        value, name = values[unknown.key(log)] + step[place], log if unknown.scope == "log" else ""
-        found.append(
-            EffectEstimate.of(errors[unknown.name], value, sigma[place], name if has_others else "")
-        )
+    """Return the estimates of constant errors of some logs; of those that walk, the last value."""
+    errors, found = model.constants.errors, []
+    for unknown in model.table:
+        for log in logs if unknown.scope == "log" else logs[:1]:
+            key = unknown.key(log)
+            if unknown.name in errors and key in gaussian.places:
+                own = gaussian.marginal([key])
+                value, sigma = values[key] + own.solve(), np.sqrt(np.diag(own.covariance()))
+                where = log if unknown.scope == "log" and len(logs) > 1 else ""
+                found.append(EffectEstimate.of(errors[unknown.name], value, sigma, log=where))
     return tuple(found)
 
 

@@ -25,7 +25,7 @@ from cpid_drake.identification.checks import (
     noise_warnings,
     rejection_checks,
 )
-from cpid_drake.identification.comparison import contradicted, larger_than_declared
+from cpid_drake.identification.comparison import contradicted, size_checks
 from cpid_drake.identification.fitted import (
     at_momentum,
     change_warnings,
@@ -148,7 +148,7 @@ def identification_of_state(
         checks=(
             *failed,
             *((Check("linearity", NOT_LINEAR.format(100 * change)),) if change else ()),
-            *larger_than_declared(model, values, gaussian, effects),
+            *size_checks(model, effects),
             *fit_checks(state.converged, unexplained, noise, tests),
             *rejection_checks(state.rejected, used),
         ),

@@ -25,7 +25,7 @@ from cpid_drake.estimation.least_squares import (
 )
 from cpid_drake.estimation.whiteness import Whiteness
 from cpid_drake.identification.checks import CONVERGENCE, NEAREST, Check
-from cpid_drake.identification.effects import EffectEstimate, UndeclaredErrors
+from cpid_drake.identification.effects import EffectEstimate
 from cpid_drake.identification.request import Source, SpacecraftReference
 from cpid_drake.input_files.validation import InMemory, Numbers
 from cpid_drake.sensors.suite import SensorSuite
@@ -33,7 +33,7 @@ from cpid_drake.sensors.suite import SensorSuite
 if TYPE_CHECKING:  # Drake takes half a second to import
     from pydrake.multibody.tree import SpatialInertia
 
-FORMAT = 4
+FORMAT = 5
 """Version of the keys of a result file."""
 
 Array = NDArray[np.float64]
@@ -135,8 +135,8 @@ class Identification:
             "sensor of log".
         whiteness: of the residuals, of the least white sensor if there are several; None if there
             are no residuals.
-        effects: estimates of the constant errors that the sensors declare, and of forces.
-        undeclared: errors beyond these that the samples show; None if they were not looked for.
+        effects: estimates of the constant errors that the sensors declare, of forces, and of errors
+            that act although nobody declares them.
         logs: the estimates from each log alone and, last, from the prior alone, by their names; if
             several logs or a prior were used.
         dominated: names of the parameters that the prior determines more than the logs do.
@@ -177,7 +177,6 @@ class Identification:
     noise: Mapping[str, float] = field(default_factory=dict)
     whiteness: Whiteness | None = None
     effects: tuple[EffectEstimate, ...] = ()
-    undeclared: UndeclaredErrors | None = None
     logs: Mapping[str, "Identification"] = field(default_factory=dict)
     dominated: tuple[str, ...] = ()
     checks: tuple[Check, ...] = ()

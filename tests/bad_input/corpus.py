@@ -20,6 +20,7 @@ import numpy as np
 from cpid_drake import InertialParameters, Motion, Spacecraft, shipped_scenario
 from cpid_drake.dynamics.joint_motion import HalfCosine
 from cpid_drake.dynamics.propagation import propagate
+from cpid_drake.identification.result import FORMAT
 from cpid_drake.logs.files import table_of
 
 JOINTS = ("shoulder", "elbow", "wrist")
@@ -572,7 +573,7 @@ SENSORS = {
 def result(**changes: object) -> str:
     ten = TARGET.to_vector().tolist()
     document = {
-        "format": 4,
+        "format": FORMAT,
         "parameters": ten,
         "covariance": np.eye(10).tolist(),
         "intervals": [[value - 2, value + 2] for value in ten],

@@ -9,6 +9,7 @@ from planar_cases import SUITE, planar_craft
 from planar_cases import TARGET as PLANAR_TARGET
 from planar_cases import errors as planar_errors
 from planar_cases import motion as planar_motion
+from sensing_cases import acting
 
 from cpid_drake import TargetPrior, identify, load_scenario, shipped_scenario
 from cpid_drake.dynamics.propagation import BaseTrajectory, Wrench, propagate
@@ -99,7 +100,7 @@ def test_a_scale_that_is_not_declared_is_proposed(flight):
     [said] = found.warnings
     assert "the true thrust differs from the logged one by" in said
     assert "disturbances: {thrust_scale: 0.1}" in said
-    [scale] = found.undeclared.effects
+    [scale] = acting(found)
     true = BURNS[0].force_B[0] / flight.log.thrust.value[0, 3] - 1
     assert abs(scale.value[0] - 100 * true) < 3.5 * scale.sigma[0]
     assert np.abs(flight.errors(found)).max() < 3.5

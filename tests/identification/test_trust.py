@@ -8,6 +8,7 @@ from scipy.stats import chi2
 from sensing_cases import (
     MOMENTUM,
     Sines,
+    acting,
     log_of,
     measured,
     nees,
@@ -192,7 +193,7 @@ class TestNoiseInRegressors:
         spoiled = samples.updated({"encoders": Samples(encoders.time, value)})
         found = identify(craft, spoiled, sensors=suite, estimator=estimator)
         if found.passed and np.isfinite(found.parameters).any():
-            assert "encoders.zero" in [effect.name for effect in found.undeclared.effects]
+            assert "encoders.zero" in [effect.name for effect in acting(found)]
             assert np.abs(errors_in_sigma(found, skewed_target)).max() < 4
 
     @pytest.mark.parametrize("rate", [12.0, 50.0])

@@ -22,7 +22,6 @@ from cpid_drake.report.sections.estimate import (
     logs_section,
     observability_section,
     result_section,
-    undeclared_section,
 )
 from cpid_drake.report.sections.replay import replay_section
 
@@ -59,7 +58,6 @@ def identification_report(
 
     """
     result, evidence = findings.result, findings.evidence
-    undeclared = result.undeclared
     sections = [
         *before,
         request_section(result),
@@ -67,7 +65,6 @@ def identification_report(
         *([logs_section(result)] if result.logs else []),
         checks_section(result, None if evidence is None else evidence.found),
         *([effects_section(result)] if result.effects else []),
-        *([undeclared_section(undeclared)] if undeclared and undeclared.effects else []),
         observability_section(result),
     ]
     missing = findings.missing and f"the log cannot be read: {findings.missing}"

@@ -1,6 +1,5 @@
 """The sections with what was estimated: parameters, effects, separate logs, observability."""
 
-from collections.abc import Sequence
 from itertools import zip_longest
 
 import numpy as np
@@ -14,7 +13,6 @@ from cpid_drake.dynamics.parameterizations import (
 )
 from cpid_drake.estimation.least_squares import quantile_95
 from cpid_drake.identification.description import agreement_words, decimals, principal_axes
-from cpid_drake.identification.effects import EffectEstimate, UndeclaredErrors
 from cpid_drake.identification.result import Identification
 from cpid_drake.report.figures import ellipsoid_pictures, singular_value_picture
 from cpid_drake.report.page import Section, Table
@@ -135,23 +133,6 @@ def logs_section(result: Identification) -> Section:
 
 def effects_section(result: Identification) -> Section:
     """Return the section with a row for every entry of every estimated effect."""
-    text = "The sensors' file declares these unknown constants; they were estimated as well."
-    return Section("Estimated errors and forces", texts=[text], tables=[_effects(result.effects)])
-
-
-def undeclared_section(undeclared: UndeclaredErrors) -> Section:
-    """Return the section about errors that the samples show and the sensors do not declare."""
-    text = "The sensors' file does not declare these constants, but the samples show them."
-    gains = [[name, f"{gain:.1f}"] for name, gain in undeclared.alone]
-    tables = [
-        _effects(undeclared.effects),
-        Table(["", "gain"], gains, note="Gain of the log evidence by each of them alone."),
-    ]
-    title = "Errors that are not declared"
-    return Section(title, texts=[text, *undeclared.verdict()], tables=tables)
-
-
-def _effects(effects: Sequence[EffectEstimate]) -> Table:
     factor = quantile_95()
     rows = [
         [
@@ -160,13 +141,21 @@ def _effects(effects: Sequence[EffectEstimate]) -> Table:
             f"{factor * sigma:.2g}",
             f"{factor * effect.prior_sigma:.2g}",
             effect.unit,
+            effect.declaration if i == 0 else "",
         ]
-        for effect in effects
+        for effect in result.effects
         for i, (value, sigma) in enumerate(zip(effect.value, effect.sigma))
     ]
-    texts = [effect.describe() for effect in effects]
+    texts = [effect.describe() for effect in result.effects]
     note = " ".join(f"{text[0].upper()}{text[1:]}." for text in texts)
-    return Table(["", "estimate", "± 95 %", "± 95 % before", "unit"], rows, note=note)
+    text = (
+        "These unknown constants were estimated as well. The sensors' file declares them, but for "
+        "those with a line to add to it, which the samples show."
+    )
+    heads = ["", "estimate", "± 95 %", "± 95 % before", "unit", "not declared: add"]
+    return Section(
+        "Estimated errors and forces", texts=[text], tables=[Table(heads, rows, note=note)]
+    )
 
 
 def observability_section(result: Identification) -> Section:
