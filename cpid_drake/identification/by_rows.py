@@ -130,7 +130,7 @@ def _combined(known: Known, logs: Mapping[str, tuple[Identification, Gaussian]])
         sources,
         TARGET,
         lambda gaussian: solution_of(gaussian.marginal([TARGET]), x, scale),
-        {name: (own.sample_count, own.failures) for name, own in found.items()},
+        {name: own.sample_count for name, own in found.items()},
         prior,
     )
 

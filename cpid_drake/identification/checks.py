@@ -96,34 +96,29 @@ def fit_checks(
     yield Check.of(CONVERGENCE, sentence, passed=converged)
     sentence = f"nothing explains {100 * unexplained:.0f} % of the log"
     yield Check.of("unexplained share", sentence, unexplained, MOST_UNEXPLAINED)
+    largest = max(noise.values(), default=1.0)
     if changes:
         sentence = (
             f"with {changes} changes of the momentum the residuals are still larger than noise: "
             "another cause, such as a flexible grasp or correlated noise, may look like changes"
         )
-        yield Check.of("changes of the momentum", sentence, max(noise.values()), SEEN)
-    # A negative correlation shows no cause: unknowns of blocks take what is slow.
-    coloured = {n for n, t in tests.items() if t.fails or t.lag_one > max(t.band, 0.1)}
-    larger = {name: factor for name, factor in noise.items() if factor > MOST_NOISE}
-    noisier: dict[str, list[str]] = {}
-    for name, factor in larger.items():
-        if name not in coloured:
-            sensor, _, log = name.partition(" of ")
-            part = f"that of the {label_of(sensor)} {factor:.2g} times"
-            noisier.setdefault(f"{log}: " if log else "", []).append(part)
-    for where, parts in noisier.items():
-        sentence = f"{where}the noise is larger than the sensors' file declares: "
-        sentence += f"{', '.join(parts)} the given one"
-        yield Check.of(NOISE, sentence, max(larger.values()), MOST_NOISE)
+        yield Check.of("changes of the momentum", sentence, largest, SEEN)
+    white = []
     for name, test in tests.items():
+        factor = noise.get(name, 1.0)
+        # A negative correlation shows no cause: unknowns of blocks take what is slow.
+        fails = test.fails or (factor > MOST_NOISE and test.lag_one > 0 and not test.is_white)
         sentence = (
             f"the residuals of the {label_of(name)} are correlated from sample to sample "
-            f"({test.lag_one:+.2f}) and weigh as much as {noise.get(name, 1.0):.2g} times "
+            f"({test.lag_one:+.2f}) and weigh as much as {factor:.2g} times "
             "the given noise: their cause is not in the intervals"
         )
-        limit = max(test.band, 0.1) if name in larger else MOST_CORRELATED
-        fails = test.fails or (name in coloured and name in larger)
-        yield Check.of(f"correlation of {name}", sentence, test.lag_one, limit, not fails)
+        yield Check.of(f"correlation of {name}", sentence, test.lag_one, MOST_CORRELATED, not fails)
+        if factor > MOST_NOISE and not fails:
+            white.append(f"that of the {label_of(name)} {factor:.2g} times")
+    sentence = "the noise is larger than the sensors' file declares: "
+    sentence += f"{', '.join(white)} the given one"
+    yield Check.of(NOISE, sentence, largest, MOST_NOISE, not white)
 
 
 def rejection_checks(

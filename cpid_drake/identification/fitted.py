@@ -166,17 +166,15 @@ def _separated(
     def conditioned(gaussian: Gaussian) -> Gaussian:
         return gaussian.condition({n: v for n, v in held.items() if n in gaussian.places})
 
-    sources, facts = {}, {}
+    sources, counts = {}, {}
     for log, rolled in zip(found.logs, found.rolled, strict=True):
         alone = log
         if len(found.logs) > 1:  # a difference between logs must not look like noise
             by_itself = fit(found.model, [log], values=found.values).logs[0]
             alone = replace(log, noise=by_itself.noise, weights=by_itself.weights)
         sources[log.name] = conditioned(sweep(found.model, alone, rolled, found.values).gaussian)
-        where = f"{log.name}: "
-        own = (text.removeprefix(where) for text in result.failures if text.startswith(where))
-        count = sum(n - far for far, n in _counts(replace(found, logs=[alone])).values())
-        facts[log.name] = count, tuple(own)
+        counted = _counts(replace(found, logs=[alone])).values()
+        counts[log.name] = sum(n - far for far, n in counted)
     if prior is not None:
         sources[prior.name] = rows[0].moved(found.values[PSI])
     return with_sources(
@@ -185,7 +183,7 @@ def _separated(
         sources,
         PSI,
         lambda gaussian: solution_of(found.model, found.values, gaussian),
-        facts,
+        counts,
         prior,
     )
 

@@ -12,7 +12,6 @@ from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import Parameterization, parameter_scale
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.least_squares import quantile_95
 from cpid_drake.identification.result import Combinations, Identification
 from cpid_drake.identification.result_files import read_result
 from cpid_drake.input_files.validation import Numbers, load_yaml
@@ -44,19 +43,6 @@ class TargetPrior:
     covariance: NDArray[np.float64]
     combinations: Combinations | None = None
     failures: tuple[str, ...] = ()
-
-    def identification(self, rank: int) -> Identification:
-        """Return the prior as a result that determines `rank` combinations."""
-        half = quantile_95() * np.sqrt(np.diag(self.covariance))
-        return Identification(
-            parameters=self.parameters,
-            covariance=self.covariance,
-            intervals=self.parameters[:, None] + half[:, None] * np.array([-1.0, 1.0]),
-            rank=rank,
-            singular_values=np.full(10, np.nan),
-            sample_count=0,
-            estimator="prior",
-        )
 
     def moved(self, form: Parameterization, at: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the unknowns `at` (10,) with the prior's values where the prior has any."""

@@ -139,7 +139,6 @@ class Identification:
             that act although nobody declares them.
         logs: the estimates from each log alone and, last, from the prior alone, by their names; if
             several logs or a prior were used.
-        dominated: names of the parameters that the prior determines more than the logs do.
         checks: see `cpid_drake.identification.checks`; those that failed come first.
         warnings: sentences for the reader.
         sources: the logs and their requests; empty if they were no files.
@@ -178,7 +177,6 @@ class Identification:
     whiteness: Whiteness | None = None
     effects: tuple[EffectEstimate, ...] = ()
     logs: Mapping[str, "Identification"] = field(default_factory=dict)
-    dominated: tuple[str, ...] = ()
     checks: tuple[Check, ...] = ()
     warnings: tuple[str, ...] = ()
     sources: tuple[Source, ...] = ()

@@ -19,9 +19,6 @@ from cpid_drake.identification.checks import AGREEMENT, IMPROBABLE, Check
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import Identification
 
-DOMINATED = 0.5
-"""Share of the variance of a parameter that the prior removes from which it dominates."""
-
 
 def with_sources(
     result: Identification,
@@ -29,7 +26,7 @@ def with_sources(
     sources: Mapping[str, Gaussian],
     target: str,
     solution: Callable[[Gaussian], LeastSquaresSolution],
-    facts: Mapping[str, tuple[int, tuple[str, ...]]],
+    counts: Mapping[str, int],
     prior: TargetPrior | None = None,
 ) -> Identification:
     """Return an identification with the estimate of each source, and whether they agree.
@@ -40,7 +37,7 @@ def with_sources(
         sources: what each log, and last the prior, tells about them, by its name; at least two.
         target: name of the target among the unknowns.
         solution: returns the target of a distribution of all unknowns.
-        facts: number of samples of each log, and the failed checks of its own estimate.
+        counts: number of samples of each log.
         prior: what is known of the target besides.
 
     """
@@ -50,7 +47,7 @@ def with_sources(
     def told(*groups: Sequence[str]) -> Gaussian:
         return _with(vague, sources, target, groups)
 
-    def part(found: LeastSquaresSolution, count: int = 0) -> Identification:
+    def part(found: LeastSquaresSolution, count: int = 0, *checks: Check) -> Identification:
         return Identification.of_solution(
             form,
             found,
@@ -59,53 +56,47 @@ def with_sources(
             estimator=result.estimator,
             rows=result.rows,
             momentum=result.momentum,
+            checks=checks,
         )
 
     one, apart = told(names), told(*([name] for name in names))
-    joint, alone = solution(one), {name: solution(told([name])) for name in names}
-    rests = {name: solution(told([other for other in names if other != name])) for name in names}
+    others = {name: [other for other in names if other != name] for name in names}
+    alone = {name: solution(told([name])) for name in names}
+    rests, joint = {name: solution(told(others[name])) for name in names}, solution(one)
     rank = {name: found.rank for name, found in alone.items()}
     warnings = [
         f"{name} determines nothing about the target, and was not used"
-        for name in facts
+        for name in counts
         if not rank[name]
     ]
-    parts = {name: part(alone[name], count) for name, (count, _) in facts.items()}
-    failures, dominated = {name: failed for name, (_, failed) in facts.items()}, tuple[str, ...]()
+    tests = []
     if prior is not None:  # what it tells is known, however vague it is
         R = sources[prior.name].R
         rank[prior.name] = int(np.linalg.matrix_rank(R / np.linalg.norm(R, axis=0).clip(1e-300)))
-        parts[prior.name] = prior.identification(rank[prior.name])
-        failures[prior.name] = prior.failures
         without, variance = (np.diag(part(each).covariance) for each in (rests[prior.name], joint))
-        is_less = ~np.isfinite(without) | (variance < DOMINATED * without)
-        is_named = is_less & np.isfinite(variance)
-        dominated = tuple(np.array(PARAMETER_NAMES)[is_named].tolist())
+        is_half = ~np.isfinite(without) | (variance < without / 2)
+        dominated = np.array(PARAMETER_NAMES)[is_half & np.isfinite(variance)]
         shown = ", ".join(dominated) or "no parameter"
         warnings.append(f"{prior.name} was used; it determines {shown} more than the samples do")
-    sizes = {}
+        tests = [Check("prior", f"{prior.name}: {text}") for text in prior.failures]
+    parts, sizes = {}, {}
     for name in names:
-        others = [other for other in names if other != name]
-        chi_squared = one.least_cost - told([name], others).least_cost
+        chi_squared = one.least_cost - told([name], others[name]).least_cost
         freedom = rests[name].rank + rank[name] - joint.rank
         check = _agreement("it differs from the others", chi_squared, freedom)
         sizes[name] = (check.statistic or 0.0) / (check.limit or 1.0)
-        checks = (check, *(Check("source", text) for text in failures[name]))
-        parts[name] = replace(parts[name], checks=checks)
+        parts[name] = part(alone[name], counts.get(name, 0), check)
     worst = max(names, key=lambda name: sizes[name])
     sentence = "the logs" + (" and the prior" if prior is not None else "")
     sentence += f" do not have the same target: {worst} differs from the rest"
-    sentence += _difference(part(alone[worst]), part(rests[worst]))
+    sentence += _difference(parts[worst], part(rests[worst]))
     freedom = sum(rank.values()) - joint.rank
-    tests = [_agreement(sentence, one.least_cost - apart.least_cost, freedom)]
-    if prior is not None:
-        tests += [Check("prior", f"{prior.name}: {text}") for text in prior.failures]
+    agreement = _agreement(sentence, one.least_cost - apart.least_cost, freedom)
     return replace(
         result,
         logs=parts,
-        dominated=dominated,
         warnings=(*warnings, *result.warnings),
-        checks=(*tests, *result.checks),
+        checks=(agreement, *tests, *result.checks),
     )
 
 

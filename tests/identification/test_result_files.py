@@ -83,7 +83,6 @@ def result(skewed_target) -> Identification:
         is_planar=True,
         normal_C=np.array([0.0, 0.0, 1.0]),
         logs={"log.csv": alone, "the prior": alone},
-        dominated=("m",),
         checks=(
             Check("misfit", "the fit misses the samples", 4.0, 3.0),
             Check.of("noise", "the noise is larger", 1.0, 3.0),

@@ -107,7 +107,6 @@ def logs_section(result: Identification) -> Section:
             str(part.sample_count),
             str(part.rank),
             agreement_words(part),
-            "; ".join(part.failures) or "none",
         ]
         for (name, part), source in zip_longest(result.logs.items(), result.sources)
     ]
@@ -121,7 +120,7 @@ def logs_section(result: Identification) -> Section:
             value, spread = _number(part.parameters[i], places), _number(half, places)
             cells.append(f"{value} ± {spread}" if value else "not known")
         estimates.append([name, *cells, unit])
-    heads = ["", "time window", "samples", "rank", "agreement", "failed checks"]
+    heads = ["", "time window", "samples", "rank", "agreement"]
     note = "Agreement: χ² of the difference from all others, for the same target."
     caption = "Estimates with 95 % intervals, together and each on its own"
     tables = [
