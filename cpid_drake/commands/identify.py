@@ -53,8 +53,9 @@ def identify(
             cpid.write_result(json_file, result)
         if report is not None:
             cpid.write_report(evidence, report, status.update)
-    if evidence.ignored:
-        console.print(f"note: ignored columns: {', '.join(evidence.ignored[:20])}")
+    ignored = list(dict.fromkeys(name for log in evidence.logs for name in log.ignored))
+    if ignored:
+        console.print(f"note: ignored columns: {', '.join(ignored[:20])}")
     options.print_warnings(result.warnings)
     if not quiet:
         print("\n".join(cpid.describe(result)))

@@ -23,6 +23,9 @@ from cpid_drake.resources import find_scenario, package_folders, resolve_model
 
 T = TypeVar("T")
 
+_AS_THEY_ARE = ("estimator", "rows", "start", "end", "leave_out_bad", "columns", "prior")
+"""Options that are fields of a request of the same name and value."""
+
 LOG_KINDS = "CSV, NPZ, Parquet or ROS 2 bag."
 
 
@@ -286,18 +289,12 @@ class LogOptions(PartOptions, SpacecraftOptions):
         return cpid.Request(
             log,
             cpid.SpacecraftReference(known.model, known.base, known.capture_frame, known.packages),
-            estimator=self.estimator,
-            rows=self.rows,
             sensors=sensors,
             momentum=momentum,
-            start=self.start,
-            end=self.end,
             topics=self.topics(),
-            leave_out_bad=self.leave_out_bad,
-            columns=self.columns,
             planar=known.planar if self.planar is None else self.planar,
             known_bodies=self.known_bodies or (None if known.known_bodies.is_zero else bodies),
-            prior=self.prior,
+            **{name: getattr(self, name) for name in _AS_THEY_ARE},
         )
 
     def of_run(self, folder: Path) -> "LogOptions":

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
 from cpid_drake.dynamics.motion import Motion
-from cpid_drake.dynamics.rows import RowFamily
+from cpid_drake.dynamics.rows import RowFamily, row_family
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError
@@ -32,24 +32,22 @@ SLOWER = 100.0
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """What is known besides the logs, and holds for all of them.
-
-    Attributes:
-        spacecraft: the known spacecraft.
-        sensors: the sensors' errors; None if they are unknown.
-        momentum: the total momentum; None to test whether it is zero, and to estimate it if not.
-        known_bodies: uncertainty of the spacecraft; None if it is exact.
-        prior: what is known about the target; None for nothing.
-        family: the row family, for an estimator that uses rows.
-
-    """
+    """What is known besides the logs: the arguments of `identify.identify`, by their names."""
 
     spacecraft: Spacecraft
+    estimator: str | None = None
+    rows: str | None = None
     sensors: SensorSuite | None = None
     momentum: TotalMomentum | None = None
     known_bodies: BodyUncertainty | None = None
     prior: TargetPrior | None = None
-    family: RowFamily | None = None
+    planar: bool | None = None
+
+    @property
+    def family(self) -> RowFamily | None:
+        """The row family; None for an estimator that uses none."""
+        is_unknown = self.momentum is not None and self.momentum.is_unknown
+        return None if self.rows is None else row_family(self.rows, is_unknown)
 
 
 @dataclass(frozen=True, eq=False)

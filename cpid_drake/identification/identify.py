@@ -114,7 +114,10 @@ def identify(
         with prefix_errors(where[name]):
             require_sensors(log.counts, sensors, method, family, assumed)
     progress("identifying")
-    known = Known(spacecraft, sensors, momentum, known_bodies, prior, family)
+    used = None if family is None else family.name
+    known = Known(
+        spacecraft, method.name, used, sensors, momentum, known_bodies, prior, bool(normals)
+    )
     try:
         found = method.estimate(known, logs, progress)
     except (np.linalg.LinAlgError, InputError) as error:

@@ -4,7 +4,7 @@ import hashlib
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +19,7 @@ from cpid_drake.identification.identify import identify
 from cpid_drake.identification.prior import load_prior
 from cpid_drake.identification.request import Request, Source
 from cpid_drake.identification.result import Identification
-from cpid_drake.input_files.validation import from_tree, load_yaml
-from cpid_drake.logs.conversion import LogFile
+from cpid_drake.input_files.validation import from_tree, load_yaml, parse_yaml
 from cpid_drake.logs.files import inspect_telemetry, refuse_problems
 from cpid_drake.logs.log import Log
 from cpid_drake.resources import resolve_model, version_of
@@ -36,36 +35,19 @@ class OpenLog:
     """A log that has been read.
 
     Attributes:
-        request: the request.
-        file: the telemetry file.
+        source: its record for a result file.
         data: the samples in the window. Their time starts at the first.
-        interval: first and last time in the file's own time [s].
+        rejected: number of samples that were not used because of the file, by sensor.
+        warnings: joints of the file that the spacecraft does not have.
+        ignored: columns of the file with unknown names.
 
     """
 
-    request: Request
-    file: LogFile
+    source: Source
     data: Log
-    interval: tuple[float, float]
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Warnings about the file."""
-        left_out = self.file.left_out_joints
-        return (left_out_warning(left_out),) if left_out else ()
-
-    @property
-    def rejected(self) -> Counter[str]:
-        """Number of samples that were not used because of the file, by sensor."""
-        rejected = Counter(self.file.partial)
-        if self.file.problems:
-            rejected["rows"] = len(self.file.problems)
-        return rejected
-
-    def source(self) -> Source:
-        """Return the record of the log for a result file."""
-        hashes = {option: file_hash(name) for option, name in self.request.files().items()}
-        return Source(self.request, hashes, *self.interval, version_of("cpid-drake") or "")
+    rejected: Counter[str]
+    warnings: tuple[str, ...]
+    ignored: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,11 +63,6 @@ class Evidence:
         """The log, if there is one only."""
         [log] = self.logs
         return log
-
-    @property
-    def ignored(self) -> tuple[str, ...]:
-        """Columns of the files with unknown names."""
-        return tuple(dict.fromkeys(name for log in self.logs for name in log.file.ignored))
 
 
 def identify_files(
@@ -114,18 +91,8 @@ def identify_files(
     short = [Path(path).name for path in paths]
     names = short if len(set(short)) == len(short) else paths
     with prefix_errors(paths[0] if len(paths) == 1 else ""):
-        found = identify(
-            inputs.spacecraft,
-            {name: log.data for name, log in zip(names, logs, strict=True)},
-            estimator=request.estimator,
-            rows=request.rows,
-            sensors=inputs.sensors,
-            momentum=inputs.momentum,
-            known_bodies=inputs.known_bodies,
-            prior=inputs.prior,
-            planar=request.planar,
-            progress=progress,
-        )
+        data = {name: log.data for name, log in zip(names, logs, strict=True)}
+        found = identify(data=data, **vars(inputs), progress=progress)
     warnings = [
         f"{name}: {text}" if len(logs) > 1 else text
         for name, log in zip(names, logs, strict=True)
@@ -135,7 +102,7 @@ def identify_files(
         found,
         rejected=dict(sum((log.rejected for log in logs), Counter(found.rejected))),
         warnings=(*warnings, *found.warnings),
-        sources=tuple(log.source() for log in logs),
+        sources=tuple(log.source for log in logs),
     )
     return Evidence(inputs, logs, found)
 
@@ -150,22 +117,13 @@ def converge(evidence: Evidence, progress: Callable[[str], None] = lambda step: 
     """
     result, inputs, data = evidence.found, evidence.inputs, evidence.log.data
     _, end = data.interval
+    same = replace(inputs, estimator=result.estimator, rows=result.rows, planar=result.is_planar)
     count = ESTIMATORS[result.estimator].reports
     estimates = []
     for time in (end * np.arange(1, count) / count).tolist():
         progress(f"identifying from the first {time:.4g} of {end:.4g} s")
         with suppress(InputError):  # too few samples, or nothing moves yet
-            found = identify(
-                inputs.spacecraft,
-                data.between(0.0, time),
-                estimator=result.estimator,
-                rows=result.rows,
-                sensors=inputs.sensors,
-                momentum=inputs.momentum,
-                known_bodies=inputs.known_bodies,
-                prior=inputs.prior,
-                planar=result.is_planar,
-            )
+            found = identify(data=data.between(0.0, time), **vars(same))
             estimates.append((time, found))
     return [*estimates, (end, result)]
 
@@ -193,7 +151,8 @@ def opened_inputs(request: Request, progress: Callable[[str], None]) -> Known:
     if request.prior is not None:
         prior = load_prior(request.prior, spacecraft, craft.capture_frame)
     progress("reading the telemetry")
-    return Known(spacecraft, sensors, momentum, bodies, prior)
+    options = request.estimator, request.rows, sensors, momentum, bodies, prior, request.planar
+    return Known(spacecraft, *options)
 
 
 def read_uncertainty(text: str) -> BodyUncertainty:
@@ -210,18 +169,7 @@ def read_uncertainty(text: str) -> BodyUncertainty:
     whole = "the uncertainty of known bodies"
     if "=" not in text:
         return load_yaml(BodyUncertainty, resolve_model(Path(text)), text, whole)
-    tree: dict[str, object] = {}
-    for pair in text.split(","):
-        key, _, value = (part.strip() for part in pair.partition("="))
-        if key in tree:
-            raise InputError(f"{text}: the key '{key}' is given twice")
-        try:
-            tree[key] = float(value)
-        except ValueError:
-            names = ", ".join(entry.name for entry in fields(BodyUncertainty))
-            raise InputError(
-                f"{text}: '{pair.strip()}' is not KEY=NUMBER; the keys are {names}"
-            ) from None
+    tree = parse_yaml(f"{{{text.replace('=', ': ')}}}".encode(), text)
     return from_tree(BodyUncertainty, tree, text, whole)
 
 
@@ -254,7 +202,17 @@ def open_log(request: Request, joints: tuple[str, ...]) -> OpenLog:
             f"{request.telemetry}: there are no samples"
             + (" between --from and --to" if limited else "")
         )
-    return OpenLog(request, file, data.after(start), (start, end))
+    rejected, left_out = Counter(file.partial), file.left_out_joints
+    if file.problems:
+        rejected["rows"] = len(file.problems)
+    hashes = {option: file_hash(name) for option, name in request.files().items()}
+    return OpenLog(
+        Source(request, hashes, start, end, version_of("cpid-drake") or ""),
+        data.after(start),
+        rejected,
+        (left_out_warning(left_out),) if left_out else (),
+        tuple(file.ignored),
+    )
 
 
 def request_of_result(result: Identification, where: str) -> Request:

@@ -9,6 +9,15 @@ from pathlib import Path
 from cpid_drake.errors import InputError
 from cpid_drake.resources import package_folders, resolve_model
 
+_OPTIONS = {
+    "model": "spacecraft",
+    "packages": "package",
+    "start": "from",
+    "end": "to",
+    "topics": "topic",
+}
+"""Options of `cpid identify` that have another name than their fields."""
+
 
 @dataclass(frozen=True)
 class SpacecraftReference:
@@ -81,28 +90,17 @@ class Request:
 
     def command(self, others: Sequence[str] = ()) -> str:
         """Return the command line of this request, with other logs of the same target."""
-        craft = self.spacecraft
-        words = ["cpid", "identify", self.telemetry, *others, "--spacecraft", craft.model]
-        words += ["--base", craft.base, "--capture-frame", craft.capture_frame]
-        options = {
-            "--columns": self.columns,
-            "--estimator": self.estimator,
-            "--rows": self.rows,
-            "--sensors": self.sensors,
-            "--from": self.start,
-            "--to": self.end,
-            "--momentum": self.momentum,
-            "--known-bodies": self.known_bodies,
-            "--prior": self.prior,
-        }
-        for option, value in options.items():
-            words += [] if value is None else [option, str(value)]
-        for name, folder in craft.packages.items():
-            words += ["--package", f"{name}={folder}"]
-        for kind, name in self.topics.items():
-            words += ["--topic", f"{kind}={name}"]
-        words += ["--leave-out-bad"] if self.leave_out_bad else []
-        words += [] if self.planar is None else ["--planar" if self.planar else "--no-planar"]
+        words = ["cpid", "identify", self.telemetry, *others]
+        options = {**vars(self.spacecraft), **vars(self)}
+        del options["telemetry"], options["spacecraft"]
+        for name, value in options.items():
+            option = f"--{_OPTIONS.get(name, name).replace('_', '-')}"
+            if isinstance(value, Mapping):
+                words += [each for pair in value.items() for each in (option, "=".join(pair))]
+            elif isinstance(value, bool):
+                words += [option] if value else [f"--no-{name}"] if name == "planar" else []
+            elif value is not None:
+                words += [option, str(value)]
         return shlex.join(words)
 
 

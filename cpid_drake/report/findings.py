@@ -51,13 +51,13 @@ class Findings:
         """Return the files that the report was made from, as far as they exist."""
         found = self.result.files()
         if self.evidence is not None:
-            found.append(Path(self.evidence.log.request.telemetry))
+            found.append(Path(self.evidence.log.source.request.telemetry))
         return found if self.visual_model is None else [*found, Path(self.visual_model)]
 
 
 def findings_of(evidence: Evidence, progress: Progress = no_progress) -> Findings:
     """Return the contents of a report on logs that have just been identified."""
-    text = result_text(evidence.found, evidence.logs[0].request.telemetry)
+    text = result_text(evidence.found, evidence.logs[0].source.request.telemetry)
     if len(evidence.logs) > 1:
         return Findings(evidence.found, text)
     return Findings(evidence.found, text, evidence, converge(evidence, progress))

@@ -36,7 +36,7 @@ def replay_section(findings: Findings, evidence: Evidence) -> Section:
         findings.estimates,
         truth=findings.truth,
         visual_model=findings.visual_model,
-        title=Path(evidence.log.request.telemetry).name,
+        title=Path(evidence.log.source.request.telemetry).name,
     )
     text = "The motion in three dimensions, with the estimate over time."
     if evidence.log.data.interval[1] > motion.time[-1] + _LONGEST / 2:
