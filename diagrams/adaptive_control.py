@@ -53,7 +53,7 @@ def simulate(scenario, source, seed):
             builder, spacecraft, state=state, suite=suite, seed=seed
         )
         identifier = cpid.SensorIdentifier.AddToBuilder(
-            builder, spacecraft, samples=sensors.sample_ports(), suite=suite
+            builder, spacecraft, **sensors.sample_ports(), suite=suite
         )
     used = () if source == NONE else ("covariance", "spatial_inertia")
     controller = cpid.JointController.AddToBuilder(

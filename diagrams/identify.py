@@ -31,7 +31,7 @@ cpid.JointController.AddToBuilder(
 )
 sensors = cpid.SpacecraftSensors.AddToBuilder(builder, spacecraft, state=state, suite=suite)
 samples = sensors.sample_ports()
-identifier = cpid.SensorIdentifier.AddToBuilder(builder, spacecraft, samples=samples, suite=suite)
+identifier = cpid.SensorIdentifier.AddToBuilder(builder, spacecraft, **samples, suite=suite)
 state_log = LogVectorOutput(state, builder, publish_period=0.1)
 meshcat = StartMeshcat()
 AddDefaultVisualization(builder, meshcat)

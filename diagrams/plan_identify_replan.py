@@ -86,7 +86,7 @@ class Craft:
             builder, spacecraft, state=state, suite=suite, seed=seed
         )
         self.identifier = SensorIdentifier.AddToBuilder(
-            builder, spacecraft, samples=sensors.sample_ports(), suite=suite
+            builder, spacecraft, **sensors.sample_ports(), suite=suite
         )
         self.controller = JointController.AddToBuilder(
             builder,

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields, is_dataclass, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, get_type_hints
+from typing import Annotated, Any, TypeVar, get_args, get_type_hints
 
 import typer
 from rich.console import Console
@@ -19,6 +19,7 @@ import cpid_drake as cpid
 from cpid_drake.commands.spacecraft_file import EXPLICIT, SpacecraftFile, load_spacecraft_file
 from cpid_drake.errors import InputError
 from cpid_drake.output_files.drafts import refuse_unfinished
+from cpid_drake.output_files.overwriting import check_folder
 from cpid_drake.resources import find_scenario, package_folders, resolve_model
 
 T = TypeVar("T")
@@ -317,7 +318,7 @@ def with_options(command: Callable[..., T]) -> Callable[..., T]:
                     each.name,
                     inspect.Parameter.KEYWORD_ONLY,
                     default=each.default,
-                    annotation=own[each.name],
+                    annotation=_option(own[each.name]),
                 )
                 for each in fields(groups[name])
             ]
@@ -332,6 +333,25 @@ def with_options(command: Callable[..., T]) -> Callable[..., T]:
     run.__name__, run.__doc__ = command.__name__, command.__doc__
     run.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
     return run
+
+
+def _option(annotation: Any) -> Any:
+    """Return an annotation whose group and help are texts as that of an option."""
+    kind, *texts = get_args(annotation)
+    if not isinstance(texts[0], str):
+        return annotation
+    group, text = texts
+    shown = text.replace("[", "\\[")
+    default = "Default: " not in text
+    return Annotated[kind, typer.Option(help=shown, rich_help_panel=group, show_default=default)]
+
+
+def check_whole_folder(
+    option: str, folder: Path, inputs: Iterable[str | Path], force: bool
+) -> None:
+    """Refuse a folder in which any file would be lost; without --force, one that has files."""
+    names = [each.name for each in folder.glob("*") if each.is_file()]
+    check_folder(option, folder, names, inputs, force=force)
 
 
 def log_console(quiet: bool = False) -> Console:

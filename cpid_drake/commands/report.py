@@ -9,8 +9,7 @@ from cpid_drake.commands import options
 from cpid_drake.errors import InputError
 from cpid_drake.identification.identify_files import identify_files
 from cpid_drake.output_files.drafts import draft_folder
-from cpid_drake.output_files.overwriting import check_folder, check_outputs
-from cpid_drake.report.figures import FIGURE_FILES, write_figures
+from cpid_drake.output_files.overwriting import check_outputs
 from cpid_drake.report.findings import findings_of, findings_of_file
 from cpid_drake.report.pages.identification import identification_report
 from cpid_drake.report.pages.run import run_report
@@ -53,7 +52,7 @@ def report(
     def check(inputs: list[str | Path]) -> None:
         check_outputs([("--out", out)], inputs, force=force)
         if figures is not None:
-            check_folder("--figures", figures, FIGURE_FILES, inputs, force=force)
+            options.check_whole_folder("--figures", figures, inputs, force)
 
     check([*sources, *chosen.files()])
     console = options.log_console(quiet)
@@ -72,11 +71,9 @@ def report(
         check([*sources, *findings.files()])
         status.update("drawing")
         page.write(out)
-        count = 0
-        if figures is not None and findings.evidence is not None:
+        if figures is not None:
             with draft_folder(figures) as draft:
-                write_figures(draft, findings)
-                count = len(list(draft.iterdir()))
+                page.save_figures(draft)
     if findings.missing:
         console.print(f"note: the report has no sections that need the log: {findings.missing}")
-    console.print(f"{out}" + (f", {count} figures in {figures}" if figures else ""))
+    console.print(f"{out}" + (f", figures in {figures}" if figures else ""))

@@ -4,10 +4,10 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import cpid_drake as cpid
+from cpid_drake import scenario as scenarios
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.input_files.validation import from_tree, parse_yaml
 from cpid_drake.resources import find_scenario, resolve_model
-from cpid_drake.scenario.joint_motions import MOTION_TAGS
 
 EXPLICIT = "sensors.explicit"
 """The sensors of a scenario that lists them itself: no file that a request could name."""
@@ -41,7 +41,7 @@ def load_spacecraft_file(name: str) -> SpacecraftFile:
     """
     place = find_scenario(name)
     file = resolve_model(place)
-    tree = parse_yaml(file.read_bytes(), name, MOTION_TAGS)
+    tree = parse_yaml(file.read_bytes(), name, scenarios.MOTION_TAGS)
     if not (isinstance(tree, dict) and "spacecraft" in tree):
         found = from_tree(SpacecraftFile, tree, name, "the file of a spacecraft")
         folder = file.parent

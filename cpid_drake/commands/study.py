@@ -2,7 +2,6 @@
 
 import os
 import time
-from itertools import chain
 from typing import Annotated
 
 import typer
@@ -12,14 +11,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from cpid_drake.commands import options
 from cpid_drake.errors import prefix_errors
 from cpid_drake.output_files.drafts import draft_folder
-from cpid_drake.output_files.overwriting import check_folder
-from cpid_drake.report import accuracy_tables, paper_figures, paper_tables
-from cpid_drake.report.pages.study import (
-    STUDY_FILES,
-    accuracy_report,
-    paper_report,
-    write_study,
-)
+from cpid_drake.report.page import Report
+from cpid_drake.report.pages.study import accuracy_report, paper_report, write_study
 from cpid_drake.report.terminal import print_table
 from cpid_drake.resources import find_scenario
 from cpid_drake.scenario.files import files_of, load_scenario
@@ -52,8 +45,7 @@ def paper(
     start = time.perf_counter()
     path = find_scenario(scenario)
     loaded, exciting = load_scenario(path), load_scenario(find_scenario(EXCITING))
-    outputs = [*(f"{name}.png" for name in paper_figures.FIGURES), *STUDY_FILES]
-    check_folder("--out", out, outputs, [path, *files_of(loaded)], force=force)
+    options.check_whole_folder("--out", out, [path, *files_of(loaded)], force)
     log = options.log_console(quiet)
     with log.status("simulating") as status:
         with prefix_errors(scenario):
@@ -61,12 +53,11 @@ def paper(
             options.print_warnings(check_limits(found.simulation).exceeded)
         status.update("drawing the figures")
         summary = summarize(found, time.perf_counter() - start)
+        page = paper_report(found, scenario)
         with draft_folder(out) as draft:
-            drawn = paper_figures.figures(found)
-            write_study(draft, paper_report(found, drawn, scenario), drawn, summary)
-    for table in [] if quiet else chain(*paper_tables.tables(found).values()):
-        print_table(Console(markup=False), table)
-    log.print(f"\n{len(outputs)} files in {out}, {summary['wall_seconds']:.1f} s")
+            write_study(draft, page, summary)
+    _print(page, quiet)
+    log.print(f"{out}: {summary['wall_seconds']:.1f} s")
 
 
 @study.command()
@@ -103,11 +94,7 @@ def accuracy(
     path = find_scenario(scenario)
     loaded = load_scenario(path)
     suites = sensors or loaded.accuracy.presets
-    outputs = [
-        *(f"{accuracy_tables.figure_name(name)}.png" for name in suites),
-        *STUDY_FILES,
-    ]
-    check_folder("--out", out, outputs, [path, *files_of(loaded), *suites], force=force)
+    options.check_whole_folder("--out", out, [path, *files_of(loaded), *suites], force)
     with prefix_errors(scenario):
         options.print_warnings(check_limits(make_simulation(loaded)).exceeded)
     log = options.log_console(quiet)
@@ -124,9 +111,14 @@ def accuracy(
             progress=lambda name, done, total: bar.update(tasks[name], completed=done, total=total),
         )
     summary = {"scenario": scenario} | summarize_accuracy(found, time.perf_counter() - start)
+    page = accuracy_report(found, scenario)
     with draft_folder(out) as draft:
-        drawn = accuracy_tables.figures(found)
-        write_study(draft, accuracy_report(found, drawn, scenario), drawn, summary)
-    for table in [] if quiet else accuracy_tables.tables(found):
-        print_table(Console(markup=False), table)
-    log.print(f"\n{len(outputs)} files in {out}, {summary['wall_seconds']:.1f} s")
+        write_study(draft, page, summary)
+    _print(page, quiet)
+    log.print(f"{out}: {summary['wall_seconds']:.1f} s")
+
+
+def _print(page: Report, quiet: bool) -> None:
+    for table in (each for section in page.sections for each in section.tables):
+        if not quiet:
+            print_table(Console(markup=False), table)

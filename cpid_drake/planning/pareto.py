@@ -22,14 +22,9 @@ def front(
 ) -> list[Plan]:
     """Return plans none of which is better than another in both turn and criterion.
 
-    Limits of the turn are lowered step by step to a twentieth, and each motion is improved from the
-    one before. The largest turn is the first. Limits for which no motion is found are left out.
-
-    Args:
-        planner: the planner that found `best`.
-        best: the best plan without regard to the base.
-        progress: called with the present step in words.
-
+    Limits of the turn are lowered step by step to a twentieth of that of `best`, and each motion is
+    improved from the one before. The largest turn is the first. Limits for which no motion is found
+    are left out.
     """
     found = [best]
     for limit in best.turn * np.geomspace(1.0, 0.05, POINTS + 1)[1:]:
@@ -39,13 +34,8 @@ def front(
         improved = planner.improved(start, planner.options.iterations // 3, limits)
         plan = planner.consider(improved, limits)
         found += [] if plan is None else [plan]
-    return undominated(found)
-
-
-def undominated(plans: list[Plan]) -> list[Plan]:
-    """Return the plans that no other one beats in both turn and criterion, largest turn first."""
     kept: list[Plan] = []
-    for plan in sorted(plans, key=lambda one: (one.turn, one.score)):
+    for plan in sorted(found, key=lambda one: (one.turn, one.score)):
         if not kept or plan.score < kept[-1].score:
             kept.append(plan)
     return kept[::-1]

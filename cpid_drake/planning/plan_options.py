@@ -1,61 +1,69 @@
-"""What a user can choose of a plan."""
+"""What a user can choose of a plan, in Python and at the command line."""
 
 from dataclasses import dataclass
 from math import inf
+from typing import Annotated
 
 from cpid_drake.errors import InputError
+
+_MOTION, _LIMITS, _SEARCH = "The motion", "Limits", "The search"
+_MAY_BE_ZERO = ("opportunistic", "seed", "clearance")
 
 
 @dataclass(frozen=True)
 class PlanOptions:
-    """What a user can choose; see `cpid plan motion --help`.
-
-    Attributes:
-        duration: [s]; None for that of the scenario's motion.
-        opportunistic: time that the plan may take longer than the scenario's motion [s].
-        frequency: highest frequency of the motion [Hz]; arms of spacecraft are slow.
-        joints: names of the joints that move; empty for all.
-        rate_share: share of the model's rate limits that may be used.
-        acceleration: largest acceleration of all joints [rad/s² or m/s²].
-        clearance: smallest distance of bodies that are not neighbours [m].
-        base_attitude: largest turn of the base [rad].
-        base_rate: its largest angular rate [rad/s].
-        base_displacement: largest displacement of its origin [m].
-        wheel_momentum: largest angular momentum in each wheel [N·m·s]; infinite for any, also for a
-            spacecraft without wheels.
-        targets: number of plausible targets.
-        candidates: number of motions of the global search.
-        starts: number of candidates that the gradient method improves.
-        iterations: of the gradient method, for each of them.
-        seed: determines candidates and plausible targets.
+    """The choices; their annotations are the groups and the help of the options of `cpid plan`.
 
     Raises:
         InputError: a number is not positive; both a duration and more time are given.
 
     """
 
-    duration: float | None = None
-    opportunistic: float = 0.0
-    frequency: float = 0.4
-    joints: tuple[str, ...] = ()
-    rate_share: float = 0.95
-    acceleration: float = inf
-    clearance: float = 0.05
-    base_attitude: float = inf
-    base_rate: float = inf
-    base_displacement: float = inf
-    wheel_momentum: float = inf
-    targets: int = 8
-    candidates: int = 2000
-    starts: int = 2
-    iterations: int = 60
-    seed: int = 1
+    duration: Annotated[
+        float | None, _MOTION, "Duration [s]. Default: that of the scenario's motion."
+    ] = None
+    opportunistic: Annotated[
+        float,
+        _MOTION,
+        "Plan the transfer of the scenario to be as informative as possible, with at most this "
+        "many more seconds than the scenario's motion takes [s].",
+    ] = 0.0
+    frequency: Annotated[float, _MOTION, "Highest frequency; arms of spacecraft are slow [Hz]."] = (
+        0.4
+    )
+    joint: Annotated[
+        list[str] | None, _MOTION, "Joint that moves; may be repeated. Default: all but wheels."
+    ] = None
+    rate_share: Annotated[float, _LIMITS, "Share of the model's rate limits that may be used."] = (
+        0.95
+    )
+    acceleration: Annotated[
+        float, _LIMITS, "Largest acceleration of the joints [rad/s² or m/s²]. Default: any."
+    ] = inf
+    clearance: Annotated[
+        float, _LIMITS, "Smallest distance of bodies that are not neighbours [m]."
+    ] = 0.05
+    base_attitude: Annotated[float, _LIMITS, "Largest turn of the base [deg]. Default: any."] = inf
+    base_rate: Annotated[
+        float, _LIMITS, "Largest angular rate of the base [deg/s]. Default: any."
+    ] = inf
+    base_displacement: Annotated[
+        float, _LIMITS, "Largest displacement of the base's origin [m]. Default: any."
+    ] = inf
+    targets: Annotated[
+        int, _SEARCH, "Number of plausible targets; the least favourable one counts."
+    ] = 8
+    candidates: Annotated[int, _SEARCH, "Motions of the global search."] = 2000
+    starts: Annotated[int, _SEARCH, "Candidates that the gradient method improves."] = 2
+    iterations: Annotated[int, _SEARCH, "Iterations of the gradient method for each of them."] = 60
+    seed: Annotated[int, _SEARCH, "Seed; the same seed, the same motions."] = 1
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            may_be_zero = name in ("opportunistic", "seed", "clearance")
-            if name == "joints" or value is None or value > 0 or (may_be_zero and value == 0):
+            if not isinstance(value, (int, float)):
                 continue
-            raise InputError(f"{name} must be {'≥' if may_be_zero else '>'} 0, not {value}")
+            if not (value > 0 or (name in _MAY_BE_ZERO and value == 0)):
+                sign = "≥" if name in _MAY_BE_ZERO else ">"
+                raise InputError(f"{name} must be {sign} 0, not {value}")
         if self.duration is not None and self.opportunistic:
             raise InputError("give either --duration or --opportunistic")

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import islice
+from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
@@ -13,7 +14,7 @@ from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import JointMotion, Spline
 from cpid_drake.errors import InputError, choose_from
-from cpid_drake.identification.prior import TargetPrior
+from cpid_drake.identification.prior import TargetPrior, load_prior
 from cpid_drake.planning.base_motion import BASE_LIMITS
 from cpid_drake.planning.information import InformationModel
 from cpid_drake.planning.motion_family import QUANTITIES, MotionFamily
@@ -22,10 +23,11 @@ from cpid_drake.planning.plan_options import PlanOptions
 from cpid_drake.planning.prediction import MotionSetting
 from cpid_drake.planning.search import Distances, candidates, improved
 from cpid_drake.planning.targets import PlausibleTarget, plausible_targets
-from cpid_drake.planning.wheels import wheel_rates
 from cpid_drake.processes import one_thread
-from cpid_drake.scenario.joint_motions import HalfCosineMotion
+from cpid_drake.scenario.files import load_scenario
+from cpid_drake.scenario.joint_motions import HalfCosineMotion, MotionFile, dump_motion
 from cpid_drake.scenario.schema import Scenario
+from cpid_drake.sensors.presets import load_sensors
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.clearance import Clearance
 
@@ -107,7 +109,7 @@ class Planner:
     def family(self) -> MotionFamily:
         """The motions: from the start to the end of the scenario's own motion, with limits."""
         options, limits, tree = self.options, self.spacecraft.limits, self.spacecraft.tree
-        names, chosen, own = self.spacecraft.joint_names, options.joints, self.own_motion
+        names, chosen, own = self.spacecraft.joint_names, options.joint or (), self.own_motion
         for name in chosen:
             if name not in names:
                 raise InputError(f"no joint '{name}'; {choose_from(name, names)}")
@@ -116,15 +118,29 @@ class Planner:
         ]
         start, end = own.evaluate(0.0)[0], own.evaluate(own.duration)[0]
         rates = options.rate_share * limits.rates
-        if np.isfinite(options.wheel_momentum):
-            moves = start != end
-            moves[moving] = True
-            rates = np.minimum(rates, wheel_rates(tree, names, moves, options.wheel_momentum))
         largest = np.stack([rates, np.full(len(names), options.acceleration)])
         bounds = np.stack([np.vstack([limits.lowest, -largest]), [limits.highest, *largest]])
         duration = options.duration or own.duration + options.opportunistic
         return MotionFamily(
             names, start, end, np.array(moving), duration, bounds, options.frequency
+        )
+
+    def load_motion(self, file: str | Path) -> JointMotion:
+        """Return the motion in a YAML file, such as another plan's.
+
+        Raises:
+            InputError: no such file, or no motion of this spacecraft.
+
+        """
+        return MotionFile(str(file)).make(self.spacecraft, self.scenario.spacecraft.configuration)
+
+    def describe(self, plan: "Plan", scenario: str) -> str:
+        """Return a plan for this scenario's name as the YAML text of a motion."""
+        return (
+            f"# `cpid plan motion {scenario}` for {len(self.targets)} plausible targets.\n"
+            f"# The largest σ, weighted over these targets, is {plan.score:.4g} in units of "
+            "the scale. Units of this file: rad, m, s, Hz.\n\n"
+            f"{dump_motion(self.family.declare(plan.parameters))}"
         )
 
     def plausible(
@@ -166,7 +182,8 @@ class Planner:
         craft, family, options = self.spacecraft, self.family, self.options
         first = InertialParameters.from_vector(self.targets[0].parameters)
         nodes = max(int(np.ceil(NODES_PER_PERIOD * options.frequency * family.duration)), 4)
-        limits = (options.base_attitude, options.base_rate, options.base_displacement)
+        turn, rate = np.radians([options.base_attitude, options.base_rate]).tolist()
+        limits = (turn, rate, options.base_displacement)
         return Objective(
             craft.tree.lumped,
             InformationModel(craft.tree, self.suite),
@@ -335,6 +352,31 @@ class Planner:
             if self.distances is None or self.distances.excess(each)[0].max() <= 0
         )
         return list(islice(kept, count))
+
+
+def load_planner(
+    path: str | Path, sensors: str | None, options: PlanOptions, prior: str | Path | None = None
+) -> Planner:
+    """Return the planner of a scenario's file.
+
+    Args:
+        path: the file.
+        sensors: a preset or a file; None for the scenario's, else the first of its accuracy study.
+        options: the choices of the user.
+        prior: file about the target, see `identification.prior.load_prior`; default: none.
+
+    Raises:
+        InputError: a file cannot be read; see also `Planner`.
+
+    """
+    scenario = load_scenario(path)
+    own = scenario.make_suite() if sensors is None else None
+    suite = own or load_sensors(sensors or scenario.accuracy.presets[0])
+    planner = Planner(scenario, suite, options)
+    if prior is not None:
+        frame = scenario.spacecraft.capture_frame
+        planner.prior = load_prior(prior, planner.spacecraft, frame)
+    return planner
 
 
 def next_planner(

@@ -1,1 +1,6 @@
-"""HTML reports, figures, tables, replays and the live view."""
+"""Pages, figures and tables of results; views of the scene in Meshcat."""
+
+import lazy_loader
+
+# The names are those of __init__.pyi; each is imported when it is first used.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.report.page import Table
-from cpid_drake.report.pictures import COLORS, INK, WIDE, Picture, PictureGroup, legend_below
+from cpid_drake.report.pictures import COLORS, INK, WIDE, Picture, legend_below
 from cpid_drake.studies.accuracy import Accuracy, AccuracyStudy
 
 LEGEND = (
@@ -46,20 +46,17 @@ def tables(study: AccuracyStudy) -> list[Table]:
     return result
 
 
-def figures(study: AccuracyStudy) -> list[PictureGroup]:
-    """Return a figure of each suite: errors with their bound."""
-    groups = []
-    for preset, results in _by_preset(study).items():
-        name = Path(preset).stem
-        title = f"Sensors “{name}”, {study.trials} trials"
-        picture = Picture(name, title, partial(_draw_errors, results, study), WIDE)
-        groups.append(PictureGroup(figure_name(preset), title, [picture]))
-    return groups
-
-
-def figure_name(preset: str) -> str:
-    """Return the name of a suite's figure."""
-    return f"accuracy_{Path(preset).stem}"
+def pictures(study: AccuracyStudy) -> list[Picture]:
+    """Return a picture of each suite: errors with their bound."""
+    return [
+        Picture(
+            f"accuracy_{Path(preset).stem}",
+            f"Sensors “{Path(preset).stem}”, {study.trials} trials",
+            partial(_draw_errors, results, study),
+            WIDE,
+        )
+        for preset, results in _by_preset(study).items()
+    ]
 
 
 def _by_preset(study: AccuracyStudy) -> dict[str, list[Accuracy]]:

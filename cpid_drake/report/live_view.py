@@ -1,73 +1,55 @@
 """The live view of a scenario in the browser, with Meshcat's own controls."""
 
 import time
-from collections.abc import Callable
 
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, EventStatus
 
-from cpid_drake.identification.result import Identification
 from cpid_drake.report.replay import estimate_text
 from cpid_drake.scenario.simulation import Simulation
 from cpid_drake.systems.scene_visualizer import FRAME_PERIOD, LEGEND
 
-RUN, STOP = "Run", "Stop"
+STOP = "Stop"
 
-_PANEL_PERIOD = 0.5  # [s] between two updates of the numbers, which take a message for each line
-_POLL_PERIOD = 0.05  # [s] between two readings of the buttons
+_POLL_PERIOD = 0.05  # [s] between two looks at the page
 
 
-def serve(
-    simulation: Simulation,
-    meshcat: Meshcat,
-    rate: float,
-    on_estimate: Callable[[float, Identification], None],
-) -> None:
-    """Run a simulation whenever Run is clicked, until Stop is clicked.
+def serve(simulation: Simulation, meshcat: Meshcat, rate: float) -> None:
+    """Run a simulation as soon as a page is open; play its recording until Stop is clicked.
 
-    Numbers and legend are in Meshcat's control panel. After a run, the page plays the recording
-    under Meshcat's own controls. Call this in the thread that opened Meshcat.
+    Numbers and legend are in Meshcat's control panel. Call this in the thread that opened Meshcat.
 
     Args:
         simulation: a simulation that was made with this Meshcat.
         meshcat: the scene.
         rate: ratio of simulated to real time.
-        on_estimate: called with the time [s] and the estimate, twice a second.
 
     Raises:
         InputError: the simulation fails.
 
     """
-    for name, key in ((RUN, "Enter"), (STOP, "Escape")):
-        meshcat.AddButton(name, key)
-    for color, text in LEGEND.items():
-        meshcat.AddButton(f"{color}: {text}")
-    simulation.diagram.ForcedPublish(simulation.make_simulator().get_context())
+    for name in (STOP, *(f"{color}: {text}" for color, text in LEGEND.items())):
+        meshcat.AddButton(name)
     panel: list[str] = []
-    last = runs = 0.0
 
     def show(root_context: Context) -> EventStatus:
-        nonlocal last, panel
-        now, duration = root_context.get_time(), simulation.scenario.simulation.duration
-        if time.monotonic() > last + _PANEL_PERIOD or now >= duration:
-            last, found = time.monotonic(), simulation.identification(root_context)
+        lines = [f"{root_context.get_time():.1f} of {simulation.scenario.simulation.duration:g} s"]
+        if not panel or lines[0] != panel[0]:
+            text = estimate_text(simulation.identification(root_context), simulation.truth)
             for line in panel:
                 meshcat.DeleteButton(line)
-            text = estimate_text(found, simulation.truth).splitlines()
-            panel = list(dict.fromkeys([f"{now:.1f} of {duration:g} s", *map(str.strip, text)]))
+            panel[:] = dict.fromkeys([*lines, *map(str.strip, text.splitlines())])
             for line in panel:
                 meshcat.AddButton(line)
-            on_estimate(now, found)
         if meshcat.GetButtonClicks(STOP):
             return EventStatus.ReachedTermination(simulation.diagram, "stopped")
         return EventStatus.DidNothing()
 
+    while not meshcat.GetNumActiveConnections():
+        time.sleep(_POLL_PERIOD)
+    meshcat.StartRecording(1 / FRAME_PERIOD)
+    show(simulation.run(show, realtime_rate=rate))
+    meshcat.StopRecording()
+    meshcat.PublishRecording()
     while not meshcat.GetButtonClicks(STOP):
-        if meshcat.GetButtonClicks(RUN) > runs:
-            meshcat.DeleteRecording()
-            meshcat.StartRecording(1 / FRAME_PERIOD)
-            simulation.run(show, realtime_rate=rate)
-            meshcat.StopRecording()
-            meshcat.PublishRecording()
-            runs = meshcat.GetButtonClicks(RUN)
         time.sleep(_POLL_PERIOD)

@@ -11,7 +11,7 @@ from cpid_drake.logs.conversion import LogFile
 from cpid_drake.logs.log import Samples
 from cpid_drake.logs.score import Comparison
 from cpid_drake.output_files.drafts import draft_of
-from cpid_drake.report.pictures import COLORS, WIDE, Picture, PictureGroup
+from cpid_drake.report.pictures import COLORS, WIDE, Picture, save_pictures
 from cpid_drake.sensors.sensors import SENSORS
 
 
@@ -57,7 +57,7 @@ def draw_comparisons(comparisons: Sequence[Comparison], path: Path) -> None:
     ]
     if pictures:
         with draft_of(path) as draft:
-            PictureGroup(draft.stem, "", pictures, 1).save(draft.parent, "png")
+            save_pictures(draft, "png", pictures)
 
 
 def _draw(comparison: Comparison, axes: Axes) -> None:

@@ -8,7 +8,7 @@ import jinja2
 from markupsafe import Markup
 
 from cpid_drake.output_files.drafts import write_text
-from cpid_drake.report.pictures import Picture, PictureGroup
+from cpid_drake.report.pictures import Picture, save_pictures
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,6 @@ class Section:
         facts: names and values of a list.
         tables: tables with captions and notes.
         pictures: figures.
-        groups: further figures, below headings of their own.
         command: a command line.
         inner_page: an HTML page as escaped JSON, which a button opens in the page.
 
@@ -47,7 +46,6 @@ class Section:
     facts: Sequence[tuple[str, str]] = ()
     tables: Sequence[Table] = ()
     pictures: Sequence[Picture] = ()
-    groups: Sequence[PictureGroup] = ()
     command: str = ""
     inner_page: Markup | None = None
 
@@ -84,6 +82,12 @@ class Report:
         )
         data = {name: embedded_json(text) for name, text in self.data.items()}
         return environment.get_template("page.html.j2").render(report=self, data=data)
+
+    def save_figures(self, folder: Path) -> None:
+        """Write all figures into an existing folder, each as PNG and as SVG."""
+        for picture in (each for section in self.sections for each in section.pictures):
+            for ending in ("png", "svg"):
+                save_pictures(folder / f"{picture.name}.{ending}", ending, [picture])
 
     def write(self, path: str | Path) -> None:
         """Write the page to a file.

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
-from cpid_drake.report.page import Table
+from cpid_drake.report.page import Section, Table
 from cpid_drake.studies.paper import PaperStudy
 from cpid_drake.studies.paper_values import (
     EXCITING,
@@ -30,14 +30,14 @@ INTRODUCTION = (
 """What the paper does, and where its results differ from those of any rigid spacecraft."""
 
 
-def tables(study: PaperStudy) -> dict[str, list[Table]]:
-    """Return the study's tables with the paper's values, by section."""
-    return {
-        "Identified parameters": [_table_1(study), _errors_table(study)],
-        "Data of limited precision": [_table_2(study)],
-        "Samples needed": [_samples_table(study)],
-        "Checks": [_checks_table(study)],
-    }
+def sections(study: PaperStudy) -> list[Section]:
+    """Return the sections with the study's tables, beside the paper's values."""
+    return [
+        Section("Identified parameters", tables=[_table_1(study), _errors_table(study)]),
+        Section("Data of limited precision", tables=[_table_2(study)]),
+        Section("Samples needed", tables=[_samples_table(study)]),
+        Section("Checks", tables=[_checks_table(study)]),
+    ]
 
 
 def _compared(

@@ -11,6 +11,7 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 # The palette of Okabe and Ito, which colour-blind readers can distinguish.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -18,11 +19,13 @@ COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#00
 INK = COLORS[-1]
 """The colour of what belongs to no series."""
 
-SMALL = (3.7, 2.4)
+SMALL = (3.7, 2.7)
 """Width and height of a figure of which a page shows three side by side [in]."""
 
 WIDE = (8.0, 3.4)
 """Width and height of a figure that has the width of a page for itself [in]."""
+
+_MOST_POINTS = 1500  # of a line in a page; a line of more points becomes an image, which is smaller
 
 _STYLE = {
     "axes.axisbelow": True,
@@ -69,39 +72,9 @@ class Picture:
     def html(self) -> Markup:
         """Return the figure as an image element of a page."""
         file = BytesIO()
-        _draw(file, "svg", [self], 1)
+        save_pictures(file, "svg", [self])
         data = b64encode(file.getvalue()).decode()
         return Markup('<img alt="{}" src="data:image/svg+xml;base64,{}">').format(self.label, data)
-
-    def save(self, folder: Path, ending: str) -> None:
-        """Write the figure to a file whose name ends in `.png` or `.svg`."""
-        _draw(folder / f"{self.name}.{ending}", ending, [self], 1)
-
-
-@dataclass(frozen=True)
-class PictureGroup:
-    """Pictures of one size below one title: side by side in a page, and one file.
-
-    Attributes:
-        name: name of the file.
-        title: heading in the page; empty for none.
-        pictures: the pictures.
-        columns: number of pictures side by side in the file.
-
-    """
-
-    name: str
-    title: str
-    pictures: Sequence[Picture]
-    columns: int = 2
-
-    def save(self, folder: Path, ending: str) -> None:
-        """Write the pictures to a file whose name ends in `.png` or `.svg`; none if there are none.
-
-        They are in rows of `columns`.
-        """
-        if self.pictures:
-            _draw(folder / f"{self.name}.{ending}", ending, self.pictures, self.columns)
 
 
 def label_axes(axes: Axes, title: str, x: str, y: str) -> None:
@@ -116,7 +89,36 @@ def legend_below(axes: Axes, columns: int = 4) -> None:
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.18), ncols=columns)
 
 
-def _draw(file: Path | BytesIO, ending: str, pictures: Sequence[Picture], columns: int) -> None:
+def curves(
+    name: str,
+    title: str,
+    time: NDArray[np.float64],
+    values: NDArray[np.float64],
+    unit: str,
+    labels: Sequence[str] = "xyz",
+    *,
+    line: str = "-",
+    size: tuple[float, float] = SMALL,
+) -> Picture:
+    """Return a picture of values (N, K) over time (N,); "." as the line draws points only."""
+
+    def draw(axes: Axes) -> None:
+        for k, label in enumerate(labels):
+            style = "--" if line == "-" and k % 2 else line  # of two that coincide, both are seen
+            many = len(time) > _MOST_POINTS or line == "."
+            axes.plot(
+                time, values[:, k], style, color=COLORS[k % 6], label=label, ms=3, rasterized=many
+            )
+        label_axes(axes, title, "time [s]", unit)
+        legend_below(axes, 4 if max(map(len, labels)) < 8 else 2)
+
+    return Picture(name, f"{title} over time", draw, size)
+
+
+def save_pictures(
+    file: Path | BytesIO, ending: str, pictures: Sequence[Picture], columns: int = 1
+) -> None:
+    """Write pictures of one size into one file, PNG or SVG, in rows of this many columns."""
     columns = min(columns, len(pictures))
     rows = -(-len(pictures) // columns)
     width, height = pictures[0].size

@@ -1,4 +1,4 @@
-"""Planned motions: tables for the terminal, and the pictures of a plan and of a front."""
+"""Planned motions: tables for the terminal, and the pictures of a plan."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -13,7 +13,7 @@ from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNI
 from cpid_drake.planning.comparison import Compared
 from cpid_drake.planning.prediction import MotionSetting, Prediction
 from cpid_drake.report.page import Table
-from cpid_drake.report.pictures import COLORS, Picture, PictureGroup, label_axes
+from cpid_drake.report.pictures import Picture, curves, label_axes, legend_below
 
 LEGEND = (
     "σ: Cramér-Rao bound with all errors that the sensors declare and the spacecraft's "
@@ -21,7 +21,7 @@ LEGEND = (
 )
 """The explanation of the tables."""
 
-_SIZE = (4.2, 3.0)  # of each picture of a plan [in]
+_SIZE = (4.6, 4.2)  # of each picture of a plan [in]
 
 
 def prediction_table(predictions: Mapping[str, Prediction], title: str) -> Table:
@@ -69,16 +69,14 @@ def rank_correlation(compared: Mapping[str, Compared]) -> float:
 
 
 def plan_pictures(
-    name: str,
     setting: MotionSetting,
     motions: Mapping[str, JointMotion],
     predictions: Mapping[str, Prediction],
     target: NDArray[np.float64],
-) -> PictureGroup:
+) -> list[Picture]:
     """Return the pictures of a plan: σ of each parameter, the turn of the base, and the joints.
 
     Args:
-        name: of their file.
         setting: spacecraft and sensors.
         motions: the motions by name, the plan's last.
         predictions: the predictions for them.
@@ -86,64 +84,28 @@ def plan_pictures(
 
     """
     *_, plan = motions.values()
-    pictures = [
+    times = np.linspace(0.0, plan.duration, 301)
+    joints, turns = plan.evaluate(times), []
+    for motion in motions.values():
+        [moved] = setting.telemetries(motion, target[None], times)
+        cosine = np.clip(np.abs(moved.quaternion_WB @ moved.quaternion_WB[0]), 0, 1)
+        turns.append(np.degrees(2 * np.arccos(cosine)))
+    turn, names = np.transpose(turns), setting.spacecraft.joint_names
+    return [
         Picture("sigma", "predicted σ", partial(_draw_sigma, predictions), _SIZE),
-        Picture("base", "turn of the base", partial(_draw_base, setting, motions, target), _SIZE),
-        Picture("positions", "positions of the joints", partial(_draw_joints, plan, 0), _SIZE),
-        Picture("rates", "rates of the joints", partial(_draw_joints, plan, 1), _SIZE),
+        curves("base", "Turn of the base", times, turn, "deg", [*motions], size=_SIZE),
+        curves("positions", "Positions", times, joints[:, 0], "rad or m", names, size=_SIZE),
+        curves("rates", "Rates", times, joints[:, 1], "rad/s or m/s", names, size=_SIZE),
     ]
-    return PictureGroup(name, "Planned motion", pictures)
 
 
 def _draw_sigma(predictions: Mapping[str, Prediction], axes: Axes) -> None:
-    width = 0.8 / len(predictions)
     for k, (name, each) in enumerate(predictions.items()):
-        x = np.arange(10) + (k - (len(predictions) - 1) / 2) * width
-        axes.bar(x, 100 * each.sigma / each.scale, width, color=COLORS[k], label=name)
+        axes.bar(np.arange(10) + 0.4 * k, 100 * each.sigma / each.scale, 0.4, label=name)
     axes.set_yscale("log")
-    axes.set_xticks(np.arange(10), PARAMETER_NAMES)
-    axes.legend()
+    axes.set_xticks(np.arange(10) + 0.2, PARAMETER_NAMES)
     label_axes(axes, "Predicted σ", "", "% of scale")
-
-
-def _draw_base(
-    setting: MotionSetting,
-    motions: Mapping[str, JointMotion],
-    target: NDArray[np.float64],
-    axes: Axes,
-) -> None:
-    for k, (name, motion) in enumerate(motions.items()):
-        times = np.linspace(0.0, motion.duration, 301)
-        [moved] = setting.telemetries(motion, target[None], times)
-        cosine = np.clip(np.abs(moved.quaternion_WB @ moved.quaternion_WB[0]), 0, 1)
-        axes.plot(times, np.degrees(2 * np.arccos(cosine)), color=COLORS[k], label=name)
-    label_axes(axes, "Turn of the base", "time [s]", "deg")
-
-
-def _draw_joints(motion: JointMotion, derivative: int, axes: Axes) -> None:
-    times = np.linspace(0.0, motion.duration, 301)
-    for j, values in enumerate(motion.evaluate(times)[:, derivative].T):
-        axes.plot(times, values, ("-", "--", ":")[j // 6 % 3], color=COLORS[j % 6], linewidth=1.0)
-    what, unit = (("Positions", "rad or m"), ("Rates", "rad/s or m/s"))[derivative]
-    label_axes(axes, f"{what} of the plan's joints", "time [s]", unit)
-
-
-def front_picture(values: NDArray[np.float64]) -> Picture:
-    """Return the picture of a front.
-
-    Args:
-        values: (N, 2) turn of the base [deg] and worst σ [% of scale] of N motions.
-
-    """
-    draw = partial(_draw_front, values)
-    return Picture("front", "worst σ of motions over their turn of the base", draw, (4.5, 3.2))
-
-
-def _draw_front(values: NDArray[np.float64], axes: Axes) -> None:
-    axes.plot(values[:, 0], values[:, 1], "o-", color=COLORS[0])
-    axes.set_ylim(0.0, 1.1 * values[:, 1].max())
-    title = "Precision against disturbance of the base"
-    label_axes(axes, title, "largest turn of the base [deg]", "worst σ [% of scale]")
+    legend_below(axes)
 
 
 def _number(value: float) -> str:

@@ -4,34 +4,19 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.geometry import (
-    ClippingRange,
-    DepthRange,
-    DepthRenderCamera,
-    MakeRenderEngineVtk,
-    RenderCameraCore,
-    RenderEngineVtkParams,
-)
+from pydrake.geometry import MakeRenderEngineVtk, RenderEngineVtkParams
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.sensors import CameraInfo, RgbdSensor
+from pydrake.systems.sensors import CameraConfig, RgbdSensor
 
 from cpid_drake.scenario.schema import Scenario
 
-_EYE = np.array([6.6, -4.2, 3.4])  # of the camera, in W [m]: from where arms and wings are seen
-_LOOK_AT = np.array([0.8, -0.1, -0.35])  # centre of the picture, in W [m]; W's z axis is up
+_EYE, _LOOK_AT = np.array([6.6, -4.2, 3.4]), np.array([0.8, -0.1, -0.35])  # of the camera, in W [m]
 
 
 def render_scenario(scenario: Scenario, states: Sequence[ArrayLike]) -> list[NDArray[np.uint8]]:
-    """Render the scenario's spacecraft with its target in several states.
-
-    Args:
-        scenario: its spacecraft and target are drawn.
-        states: plant states x = [q; v], (nx,) each.
-
-    Returns:
-        One (height, width, 3) RGB picture for each state.
+    """Return a picture (height, width, 3) of spacecraft and target in each plant state x = [q; v].
 
     Raises:
         InputError: the scenario cannot be built.
@@ -47,22 +32,18 @@ def render_scenario(scenario: Scenario, states: Sequence[ArrayLike]) -> list[NDA
     )
     engine = RenderEngineVtkParams(default_clear_color=[0.03, 0.035, 0.06])
     scene_graph.AddRenderer("vtk", MakeRenderEngineVtk(engine))
-    lens = CameraInfo(width=1350, height=960, fov_y=0.78)
-    core = RenderCameraCore("vtk", lens, ClippingRange(0.05, 100.0), RigidTransform())
-    z = (_LOOK_AT - _EYE) / np.linalg.norm(_LOOK_AT - _EYE)
-    x = np.cross(z, [0.0, 0.0, 1.0]) / np.linalg.norm(np.cross(z, [0.0, 0.0, 1.0]))
-    X_WCamera = RigidTransform(RotationMatrix(np.column_stack([x, np.cross(z, x), z])), _EYE)
-    camera = builder.AddSystem(
-        RgbdSensor(
-            scene_graph.world_frame_id(), X_WCamera, DepthRenderCamera(core, DepthRange(0.1, 50.0))
-        )
-    )
-    builder.Connect(scene_graph.get_query_output_port(), camera.query_object_input_port())
+    z = _LOOK_AT - _EYE
+    x = np.cross(z, [0.0, 0.0, 1.0])
+    axes = [each / np.linalg.norm(each) for each in (x, np.cross(z, x), z)]
+    X_WCamera = RigidTransform(RotationMatrix(np.column_stack(axes)), _EYE)
+    lens = CameraConfig(width=1350, height=960, renderer_name="vtk", clipping_far=100.0)
+    _, camera = lens.MakeCameras()
+    sensor = builder.AddSystem(RgbdSensor(scene_graph.world_frame_id(), X_WCamera, camera))
+    builder.Connect(scene_graph.get_query_output_port(), sensor.query_object_input_port())
     diagram = builder.Build()
-    context = diagram.CreateDefaultContext()
-    pictures = []
+    context, pictures = diagram.CreateDefaultContext(), []
     for state in states:
         plant.SetPositionsAndVelocities(plant.GetMyMutableContextFromRoot(context), state)
-        image = camera.color_image_output_port().Eval(camera.GetMyContextFromRoot(context))
+        image = sensor.color_image_output_port().Eval(sensor.GetMyContextFromRoot(context))
         pictures.append(image.data[:, :, :3].copy())
     return pictures

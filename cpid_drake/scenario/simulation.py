@@ -31,7 +31,7 @@ from cpid_drake.systems.identifier import Identifier, MomentumIdentifier
 from cpid_drake.systems.joint_controller import JointController
 from cpid_drake.systems.joint_motion_source import JointMotionSource
 from cpid_drake.systems.ports import spacecraft_state
-from cpid_drake.systems.scene_visualizer import SceneVisualizer, add_bodies, can_be_drawn
+from cpid_drake.systems.scene_visualizer import SceneVisualizer, add_bodies
 from cpid_drake.systems.sensor_identifier import SensorIdentifier
 from cpid_drake.systems.spacecraft_sensors import (
     SpacecraftSensors,
@@ -225,7 +225,7 @@ def make_simulation(
     plant = MultibodyPlant(time_step=0.0)
     plant.set_name("plant")
     scene_graph = None
-    if meshcat is not None and can_be_drawn(spacecraft):
+    if meshcat is not None:
         _, scene_graph = AddMultibodyPlantSceneGraph(builder, plant)
     else:
         builder.AddSystem(plant)
@@ -280,9 +280,8 @@ def make_simulation(
     state_log = log(plant.get_state_output_port(), "state_log")
     parameter_log = log(identifier.GetOutputPort("parameters"), "parameter_log")
     impulse_log = forces and log(forces.GetOutputPort("impulse"), "impulse_log")
-    if meshcat is not None:
-        if scene_graph is not None:
-            add_bodies(builder, plant, scene_graph, meshcat)
+    if meshcat is not None and scene_graph is not None:
+        add_bodies(builder, plant, scene_graph, meshcat)
         SceneVisualizer.AddToBuilder(
             builder,
             spacecraft,
@@ -337,8 +336,10 @@ def _add_identifier(
     return SensorIdentifier.AddToBuilder(
         builder,
         spacecraft,
-        samples=sensors.sample_ports() | thrust,
+        **sensors.sample_ports(),
+        **thrust,
         suite=sensors.suite,
+        reads_thrust=bool(thrust),
         momentum=momentum,
         known_bodies=scenario.body_uncertainty(),
         guess=None if prior is None else prior.guess(),

@@ -9,12 +9,8 @@ from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import (
     Context,
     ContinuousState,
-    DiagramBuilder,
     DiscreteValues,
     EventStatus,
-    InputPort,
-    LeafSystem,
-    OutputPort,
     ValueProducer,
 )
 
@@ -24,7 +20,7 @@ from cpid_drake.dynamics.rotations import cross, rotate
 from cpid_drake.logs.log import Samples
 from cpid_drake.sensors.disturbances import WALK_PERIOD, SimulatedDisturbance
 from cpid_drake.spacecraft.spacecraft import Spacecraft
-from cpid_drake.systems.plant_scratch import PlantScratch
+from cpid_drake.systems.ports import PlantScratch, SpacecraftSystem
 
 TABLE_FREQUENCY = 10.0
 """Natural frequency of height and tilt on a simulated table [Hz]: far above that of any motion."""
@@ -37,7 +33,7 @@ Load = tuple[
 _ONCE = 1e12  # a period so long that a periodic event happens once [s]
 
 
-class ExternalForces(LeafSystem):
+class ExternalForces(SpacecraftSystem):
     """Applies all forces from outside to a plant, and integrates their momentum.
 
     - The disturbance is a torque, and a force on the base at the common centre of mass. The force
@@ -128,45 +124,6 @@ class ExternalForces(LeafSystem):
         )
         self.DeclareStateOutputPort("impulse", self.DeclareContinuousState(6))
         self.DeclareStateOutputPort("thrust", self._thrust_index)
-
-    @staticmethod
-    def AddToBuilder(
-        builder: DiagramBuilder,
-        spacecraft: Spacecraft,
-        *,
-        state: OutputPort,
-        spatial_forces: InputPort,
-        plant: MultibodyPlant,
-        disturbance: SimulatedDisturbance | None = None,
-        orbit: Orbit | None = None,
-        thrust: Samples | None = None,
-        thrust_scale: float = 1.0,
-    ) -> "ExternalForces":
-        """Add the forces, and connect their input and the output `spatial_forces`.
-
-        Args:
-            builder: the diagram's builder.
-            spacecraft: the spacecraft.
-            state: x = [q; v], usually `MultibodyPlant.get_state_output_port()`.
-            spatial_forces: the input to drive, usually
-                `MultibodyPlant.get_applied_spatial_force_input_port()`.
-
-        The other options are those of the constructor.
-
-        """
-        system = builder.AddSystem(
-            ExternalForces(
-                spacecraft,
-                plant,
-                disturbance=disturbance,
-                orbit=orbit,
-                thrust=thrust,
-                thrust_scale=thrust_scale,
-            )
-        )
-        builder.Connect(state, system.GetInputPort("state"))
-        builder.Connect(system.GetOutputPort("spatial_forces"), spatial_forces)
-        return system
 
     def DoCalcTimeDerivatives(self, context: Context, derivatives: ContinuousState) -> None:
         """Set the derivative of the impulse: the wrench of all forces about W's origin."""

@@ -11,11 +11,8 @@ from pydrake.systems.framework import (
     BasicVector,
     Context,
     DependencyTicket,
-    DiagramBuilder,
     DiscreteValues,
     EventStatus,
-    LeafSystem,
-    OutputPort,
     ValueProducer,
 )
 
@@ -33,14 +30,13 @@ from cpid_drake.estimation.momentum_rows import momentum_columns, momentum_rows
 from cpid_drake.identification.by_rows import NAME
 from cpid_drake.identification.result import Identification
 from cpid_drake.spacecraft.spacecraft import Spacecraft
-from cpid_drake.systems.plant_scratch import PlantScratch
-from cpid_drake.systems.ports import add_connected
+from cpid_drake.systems.ports import PlantScratch, SpacecraftSystem
 
 DIAGNOSTICS = ("samples", "rank", "condition", "residual")
 """Entries of the `diagnostics` output, in order."""
 
 
-class Identifier(LeafSystem):
+class Identifier(SpacecraftSystem):
     """Base class of the identifiers: it computes the outputs of `MomentumIdentifier` from `_solve`.
 
     The identification is computed on demand, once for every state.
@@ -202,42 +198,6 @@ class MomentumIdentifier(Identifier):
         )
         self.DeclareForcedDiscreteUpdateEvent(self._take_sample_if_due)
         self._declare_outputs(self.xd_ticket())
-
-    @staticmethod
-    def AddToBuilder(
-        builder: DiagramBuilder,
-        spacecraft: Spacecraft,
-        *,
-        state: OutputPort,
-        rows: str = "standard",
-        momentum: TotalMomentum | None = None,
-        period: float = 1.0,
-        offset: float = 1.0,
-        rank_tolerance: float = DEFAULT_RANK_TOLERANCE,
-    ) -> "MomentumIdentifier":
-        """Add an identifier and connect its input.
-
-        Args:
-            builder: the diagram's builder.
-            spacecraft: the known spacecraft.
-            state: x = [q; v], usually `MultibodyPlant.get_state_output_port()`.
-
-        The other options are those of the constructor.
-
-        Raises:
-            InputError: the port has the wrong size for this spacecraft; also the errors of the
-                constructor.
-
-        """
-        system = MomentumIdentifier(
-            spacecraft,
-            rows=rows,
-            momentum=momentum,
-            period=period,
-            offset=offset,
-            rank_tolerance=rank_tolerance,
-        )
-        return add_connected(builder, system, {"state": state})
 
     def update(self, root: NDArray[np.float64], state: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the square-root information (11, 11) after adding one sample x = [q; v] to `root`.

@@ -1,5 +1,7 @@
 """Computed torque for a tree of joints on a free base, with a fixed or an identified target."""
 
+from typing import Any
+
 import numpy as np
 from pydrake.common.value import Value
 from pydrake.multibody.plant import MultibodyPlant
@@ -9,9 +11,6 @@ from pydrake.systems.framework import (
     Context,
     DiagramBuilder,
     EventStatus,
-    InputPort,
-    LeafSystem,
-    OutputPort,
     State,
 )
 
@@ -20,14 +19,13 @@ from cpid_drake.dynamics.parameterizations import parameter_scale
 from cpid_drake.errors import InputError
 from cpid_drake.spacecraft.free_floating import FreeFloatingDynamics
 from cpid_drake.spacecraft.spacecraft import Connect, Spacecraft
-from cpid_drake.systems.plant_scratch import PlantScratch
-from cpid_drake.systems.ports import add_connected
+from cpid_drake.systems.ports import PlantScratch, SpacecraftSystem
 
 _NO_TARGET = SpatialInertia(0.0, np.zeros(3), UnitInertia(0.0, 0.0, 0.0), skip_validity_check=True)
 _PLACEHOLDER = InertialParameters(1.0, np.zeros(3), np.eye(3))
 
 
-class JointController(LeafSystem):
+class JointController(SpacecraftSystem):
     """Drives the joints of a spacecraft along a motion; the base floats freely.
 
     This is computed torque with a model of spacecraft and target: `FreeFloatingDynamics` gives the
@@ -144,61 +142,17 @@ class JointController(LeafSystem):
             prerequisites_of_calc={self.xa_ticket()},
         )
 
-    @staticmethod
+    @classmethod
     def AddToBuilder(
-        builder: DiagramBuilder,
-        spacecraft: Spacecraft,
-        *,
-        state: OutputPort,
-        desired_motion: OutputPort,
-        generalized_force: InputPort,
-        covariance: OutputPort | None = None,
-        spatial_inertia: OutputPort | None = None,
-        target: InertialParameters | None = None,
-        connect: Connect = MultibodyPlant.WeldFrames,
-        plant: MultibodyPlant | None = None,
-        natural_frequency: float = 10.0,
-        damping_ratio: float = 1.0,
-        tolerance: float = 0.05,
-        period: float = 0.1,
+        cls, builder: DiagramBuilder, spacecraft: Spacecraft, **given: Any
     ) -> "JointController":
-        """Add a controller and connect its inputs and the output `generalized_force`.
+        """Add a controller as `SpacecraftSystem.AddToBuilder` does.
 
-        Args:
-            builder: the diagram's builder.
-            spacecraft: the spacecraft to be controlled.
-            state: x = [q; v], usually `MultibodyPlant.get_state_output_port()`.
-            desired_motion: usually the output of a `JointMotionSource`.
-            generalized_force: the input to drive, usually
-                `MultibodyPlant.get_applied_generalized_force_input_port()`.
-            covariance: an identifier's output of this name; default: no estimate is read.
-            spatial_inertia: an identifier's output of this name; given with `covariance`.
-
-        The other options are those of the constructor.
-
-        Raises:
-            InputError: a port has the wrong size for this spacecraft, or one output of an
-                identifier is given without the other; also the errors of the constructor.
-
+        It reads an estimate if it is given an identifier's ports. The output `generalized_force`
+        drives `MultibodyPlant.get_applied_generalized_force_input_port()`.
         """
-        estimate = {"covariance": covariance, "spatial_inertia": spatial_inertia}
-        given = {name: port for name, port in estimate.items() if port is not None}
-        if len(given) == 1:
-            raise InputError("joint controller: give both covariance and spatial_inertia, or none")
-        system = JointController(
-            spacecraft,
-            target=target,
-            connect=connect,
-            plant=plant,
-            natural_frequency=natural_frequency,
-            damping_ratio=damping_ratio,
-            reads_estimate=bool(given),
-            tolerance=tolerance,
-            period=period,
-        )
-        add_connected(builder, system, {"state": state, "desired_motion": desired_motion, **given})
-        builder.Connect(system.GetOutputPort("generalized_force"), generalized_force)
-        return system
+        reads = not {"covariance", "spatial_inertia"}.isdisjoint(given)
+        return super().AddToBuilder(builder, spacecraft, reads_estimate=reads, **given)
 
     def _model_inertia(self, context: Context) -> SpatialInertia:
         return context.get_abstract_state(self._target_index).get_value()

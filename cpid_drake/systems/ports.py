@@ -1,39 +1,68 @@
-"""Connections of ports in a diagram."""
+"""What all systems of a spacecraft share: their connection in a diagram, their scratch contexts."""
 
-from collections.abc import Mapping
-from typing import TypeVar
+import threading
+from typing import Any, Self
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
+from pydrake.systems.framework import DiagramBuilder, InputPort, LeafSystem, OutputPort
 from pydrake.systems.primitives import MatrixGain
 
 from cpid_drake.errors import InputError
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
-AnySystem = TypeVar("AnySystem", bound=LeafSystem)
 
+class PlantScratch(threading.local):
+    """A context of a plant that a system overwrites at every call; it holds no state.
 
-def add_connected(
-    builder: DiagramBuilder, system: AnySystem, ports: Mapping[str, OutputPort]
-) -> AnySystem:
-    """Add a system to a builder and connect these output ports to its inputs of the same names.
-
-    Raises:
-        InputError: an output port and the input differ in size.
-
+    Every thread has its own, so that one Diagram can run in many Contexts at a time.
     """
-    for name, port in ports.items():
-        size = system.GetInputPort(name).size()
-        if port.size() != size:
-            raise InputError(
-                f"port '{port.get_name()}' has {port.size()} entries, but the input '{name}' of "
-                f"{system.get_name()} has {size}: connect a port of the same spacecraft"
-            )
-    builder.AddSystem(system)
-    for name, port in ports.items():
-        builder.Connect(port, system.GetInputPort(name))
-    return system
+
+    def __init__(self, plant: MultibodyPlant) -> None:
+        self.context = plant.CreateDefaultContext()
+
+
+class SpacecraftSystem(LeafSystem):
+    """Base class of the systems that belong to a spacecraft: it has their `AddToBuilder`."""
+
+    @classmethod
+    def AddToBuilder(cls, builder: DiagramBuilder, spacecraft: Spacecraft, **given: Any) -> Self:
+        """Add a system to a diagram and connect its ports.
+
+        Args:
+            builder: the diagram's builder.
+            spacecraft: the first argument of the constructor.
+            **given: ports by the names in the class's documentation: an `OutputPort` for each
+                input, and an `InputPort` for an output that is to drive it. All others are options
+                of the constructor, by name.
+
+        Raises:
+            InputError: an input gets no port, or a port has another size or no counterpart; also
+                the errors of the constructor.
+
+        """
+        ports = {n: p for n, p in given.items() if isinstance(p, (InputPort, OutputPort))}
+        system = cls(spacecraft, **{n: value for n, value in given.items() if n not in ports})
+        name = system.get_name()
+        for index in range(system.num_input_ports()):
+            if (wanted := system.get_input_port(index).get_name()) not in ports:
+                raise InputError(f"{name}: no output port is given for its input '{wanted}'")
+        pairs = []
+        for own, port in ports.items():
+            is_input = isinstance(port, OutputPort)
+            if not (system.HasInputPort(own) if is_input else system.HasOutputPort(own)):
+                raise InputError(f"{name} has no {'input' if is_input else 'output'} '{own}'")
+            mine = system.GetInputPort(own) if is_input else system.GetOutputPort(own)
+            if port.size() != mine.size():
+                raise InputError(
+                    f"port '{port.get_name()}' has {port.size()} entries, but '{own}' of {name} "
+                    f"has {mine.size()}: connect a port of the same spacecraft"
+                )
+            pairs.append((port, mine) if is_input else (mine, port))
+        builder.AddSystem(system)
+        for output, into in pairs:
+            builder.Connect(output, into)
+        return system
 
 
 def spacecraft_state(

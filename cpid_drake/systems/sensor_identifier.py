@@ -10,9 +10,7 @@ from pydrake.common.value import Value
 from pydrake.systems.framework import (
     BasicVector,
     Context,
-    DiagramBuilder,
     EventStatus,
-    OutputPort,
     State,
 )
 
@@ -32,7 +30,6 @@ from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite, check_sensors
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.identifier import Identifier, is_number
-from cpid_drake.systems.ports import add_connected
 
 LONGEST_DELAY = 0.5
 """A block waits at most this time for the samples of a sensor [s].
@@ -174,51 +171,6 @@ class SensorIdentifier(Identifier):
             calc=self._calc_filter_diagnostics,
             prerequisites_of_calc={self.xa_ticket()},
         )
-
-    @staticmethod
-    def AddToBuilder(
-        builder: DiagramBuilder,
-        spacecraft: Spacecraft,
-        *,
-        samples: Mapping[str, OutputPort],
-        suite: SensorSuite,
-        momentum: TotalMomentum | None = None,
-        period: float | None = None,
-        guess: InertialParameters | None = None,
-        guess_sigma: float = 0.5,
-        known_bodies: BodyUncertainty | None = None,
-    ) -> "SensorIdentifier":
-        """Add an identifier and connect its inputs.
-
-        Args:
-            builder: the diagram's builder.
-            spacecraft: the known spacecraft.
-            samples: output ports by sensor, usually `SpacecraftSensors.sample_ports()`; ports of
-                sensors that the identifier does not use are left out. A port of the name "thrust"
-                is that of the log of thrust.
-            suite: the sensors.
-
-        The other options are those of the constructor.
-
-        Raises:
-            InputError: a port is missing or has the wrong size; also the errors of the constructor.
-
-        """
-        system = SensorIdentifier(
-            spacecraft,
-            suite,
-            momentum=momentum,
-            period=period,
-            guess=guess,
-            guess_sigma=guess_sigma,
-            reads_thrust=THRUST in samples,
-            known_bodies=known_bodies,
-        )
-        missing = [name for name in system._sample_ports if name not in samples]
-        if missing:
-            raise InputError(f"no output port is given for the samples of '{missing[0]}'")
-        used = {name: samples[name] for name in system._sample_ports}
-        return add_connected(builder, system, used)
 
     def online_state(self, context: Context) -> OnlineState:
         """Return the estimator's state in this system's context."""

@@ -11,7 +11,6 @@ from pydrake.systems.framework import (
     DiscreteStateIndex,
     DiscreteValues,
     EventStatus,
-    LeafSystem,
     OutputPort,
 )
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
@@ -23,10 +22,10 @@ from cpid_drake.logs.simulated_noise import SensorNoise
 from cpid_drake.sensors.sensors import ANGULAR_VELOCITY, SENSORS, SensorErrors
 from cpid_drake.sensors.suite import SensorSuite, check_sensors
 from cpid_drake.spacecraft.spacecraft import Spacecraft
-from cpid_drake.systems.ports import add_connected
+from cpid_drake.systems.ports import SpacecraftSystem
 
 
-class SpacecraftSensors(LeafSystem):
+class SpacecraftSensors(SpacecraftSystem):
     """Measures a spacecraft's motion, every sensor at its own rate and with its own errors.
 
     Every sensor takes its sample k at time k / rate and holds it until the next sample that is not
@@ -83,32 +82,6 @@ class SpacecraftSensors(LeafSystem):
         for name, errors in suite.present().items():
             width = SENSORS[name].width(len(spacecraft.joint_names))
             self._declare_sensor(name, errors, width)
-
-    @staticmethod
-    def AddToBuilder(
-        builder: DiagramBuilder,
-        spacecraft: Spacecraft,
-        *,
-        state: OutputPort,
-        suite: SensorSuite,
-        seed: int = 0,
-    ) -> "SpacecraftSensors":
-        """Add sensors and connect their input.
-
-        Args:
-            builder: the diagram's builder.
-            spacecraft: the known spacecraft.
-            state: x = [q; v], usually `MultibodyPlant.get_state_output_port()`.
-
-        The other options are those of the constructor.
-
-        Raises:
-            InputError: the port has the wrong size for this spacecraft; also the errors of the
-                constructor.
-
-        """
-        system = SpacecraftSensors(spacecraft, suite, seed)
-        return add_connected(builder, system, {"state": state})
 
     def sample_ports(self) -> dict[str, OutputPort]:
         """Return the output ports by sensor, for `SensorIdentifier.AddToBuilder`."""

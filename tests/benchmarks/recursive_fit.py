@@ -67,7 +67,7 @@ def collector(spacecraft: Spacecraft, suite: SensorSuite) -> Simulator:
     joints = len(spacecraft.joint_names)
     clock = builder.AddSystem(Clock({n: SENSORS[n].width(joints) for n in suite.present()}))
     samples = {name: clock.GetOutputPort(name) for name in suite.present()}
-    SensorIdentifier.AddToBuilder(builder, spacecraft, samples=samples, suite=suite)
+    SensorIdentifier.AddToBuilder(builder, spacecraft, **samples, suite=suite)
     simulator = Simulator(builder.Build())
     simulator.Initialize()
     return simulator

@@ -7,7 +7,7 @@ import pytest
 
 from cpid_drake.commands.main import main
 from cpid_drake.identification.estimators import ESTIMATORS
-from cpid_drake.report.sections import replay
+from cpid_drake.report.pages import identification
 
 
 @pytest.fixture
@@ -50,4 +50,4 @@ def short_reports(monkeypatch):
     """Reports have two estimates over time and no replay: both are tested elsewhere."""
     for name, record in ESTIMATORS.items():
         monkeypatch.setitem(ESTIMATORS, name, replace(record, reports=2))
-    monkeypatch.setattr(replay, "replay_html", lambda *arguments, **options: "<p>replay</p>")
+    monkeypatch.setattr(identification, "replay_html", lambda *_, **options: "<p>replay</p>")

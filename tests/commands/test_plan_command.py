@@ -30,7 +30,6 @@ def test_a_plan_is_written_drawn_compared_exported_and_simulated(run_cpid, tmp_p
     assert "σ(Iyz), kg·m²" in text
     assert "active limits: " in text
     assert matplotlib.image.imread(picture).std() > 0.05
-    assert matplotlib.image.imread(folder / "front.png").std() > 0.05
     assert (folder / "front.csv").read_text().count("motion_") == len([*folder.glob("*.yaml")]) > 0
 
     code, ranking, _ = run_cpid("plan", "rank", "paper", file, "--trials", 2, *ARM)
@@ -101,5 +100,5 @@ def test_the_help_has_groups_and_units(run_cpid):
     text = " ".join(re.sub("[│\n]", " ", text).split())
     for group in ("What is known", "The motion", "Limits", "The search"):
         assert group in text
-    for unit in ("[s]", "[Hz]", "[m]", "[deg]", "[deg/s]", "[rad/s² or m/s²]", "[N·m·s]"):
+    for unit in ("[s]", "[Hz]", "[m]", "[deg]", "[deg/s]", "[rad/s² or m/s²]"):
         assert unit in text

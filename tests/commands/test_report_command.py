@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 
 from cpid_drake.identification.estimators import ESTIMATORS
+from cpid_drake.report.pages import identification
 from cpid_drake.report.pictures import Picture
-from cpid_drake.report.sections import replay
 from cpid_drake.resources import models_directory
 
 SAMPLE = models_directory() / "telemetry/free_flyer.csv"
@@ -24,7 +24,7 @@ def quick():
     with pytest.MonkeyPatch.context() as patch:
         for name, record in ESTIMATORS.items():
             patch.setitem(ESTIMATORS, name, replace(record, reports=3))
-        patch.setattr(replay, "replay_html", lambda *args, **options: "replay")
+        patch.setattr(identification, "replay_html", lambda *args, **options: "replay")
         patch.setattr(Picture, "html", lambda picture: "")
         yield
 
@@ -77,12 +77,12 @@ def test_a_run_s_report_has_the_truth_and_figures(cpid, folder):
         "report", "--run", "run", "--out", "run.html", "--figures", "figures"
     )
     assert (code, stdout) == (0, "")
-    assert stderr == "run.html, 10 figures in figures\n"
+    assert stderr == "run.html, figures in figures\n"
     truth = json.loads((folder / "run/truth.json").read_text())
     page = (folder / "run.html").read_text()
     assert json.loads(re.search(r'id="data-truth">(.*?)</script>', page, re.DOTALL)[1]) == truth
     assert "error / σ" in page
-    names = ("convergence", "residuals", "singular-values", "base-motion", "ellipsoid")
+    names = ("convergence-m", "residuals-gyro", "singular-values", "base-rotation", "ellipsoid-xy")
     for name in names:
         assert (folder / f"figures/{name}.png").read_bytes().startswith(b"\x89PNG")
         assert "<svg" in (folder / f"figures/{name}.svg").read_text()

@@ -25,7 +25,7 @@ def scenario(tmp_path):
 def test_a_scenario_as_a_page(cpid, scenario, tmp_path):
     code, stdout, stderr = cpid("view", "--scenario", scenario, "--out", "view.html")
     assert code == 0
-    assert re.search(r"from 6 samples\n +m 8\.500 kg .*\n +true 8\.500\n", stdout)
+    assert re.search(r"from 6 samples\nm 8\.5000 kg .*\n +true 8\.5000\n", stdout)
     assert re.fullmatch(r"view\.html, \d\.\d MB\n", stderr)
     page = (tmp_path / "view.html").read_text(encoding="utf-8")
     assert "<h1>short</h1>" in page

@@ -14,18 +14,14 @@ from cpid_drake import (
     shipped_scenario,
 )
 from cpid_drake.planning.comparison import reference_motions, trial_errors
-from cpid_drake.planning.export import motion_table
-from cpid_drake.planning.pareto import front, undominated
+from cpid_drake.planning.pareto import front
 from cpid_drake.planning.plan_options import PlanOptions
 from cpid_drake.planning.planner import Planner, next_planner
-from cpid_drake.planning.search import candidates
-from cpid_drake.planning.wheels import wheel_rates
 from cpid_drake.scenario.limits import check_limits
 from cpid_drake.scenario.simulation import make_simulation
 
-ARM = tuple(f"capture_arm_joint{k}" for k in range(1, 7))
-SMALL = PlanOptions(frequency=0.3, candidates=64, starts=1, iterations=12, targets=3, joints=ARM)
-WHEELS = tuple(f"wheel{k}_spin" for k in range(1, 5))
+ARM = [f"capture_arm_joint{k}" for k in range(1, 7)]
+SMALL = PlanOptions(frequency=0.3, candidates=64, starts=1, iterations=12, targets=3, joint=ARM)
 
 
 @pytest.fixture(scope="module")
@@ -147,14 +143,14 @@ def test_the_same_seed_gives_the_same_plan(planner, scenario):
 
 @pytest.mark.slow
 def test_little_motion_of_the_base_can_be_required(scenario):
-    limits = {"base_attitude": np.radians(60.0), "base_rate": np.radians(16.0)}
+    limits = {"base_attitude": 60.0, "base_rate": 16.0}
     options = replace(SMALL, **limits, base_displacement=0.2, targets=1)
     planner = Planner(scenario, load_sensors("flight"), options)
     best = planner.run()
     for target in planner.checked_targets:  # also the heaviest, which move the base most
         found = planner.setting.predict(best.motion, target.parameters)
-        assert found.base_angle <= limits["base_attitude"]
-        assert found.base_rate <= limits["base_rate"]
+        assert np.degrees(found.base_angle) <= limits["base_attitude"]
+        assert np.degrees(found.base_rate) <= limits["base_rate"]
         assert found.base_shift <= 0.2
 
 
@@ -173,15 +169,14 @@ def test_an_interrupt_leaves_a_motion_within_all_limits(scenario):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"joints": ("elbow",)}, "no joint 'elbow'"),
+        ({"joint": ["elbow"]}, "no joint 'elbow'"),
         ({"candidates": 0}, "candidates must be > 0"),
         ({"rate_share": 0.0}, "rate_share must be > 0"),
         ({"base_displacement": -1.0}, "base_displacement must be > 0"),
         ({"duration": 4.0}, "exceeds the limit of its rate"),
         ({"duration": 12.0, "opportunistic": 1.0}, "either --duration or --opportunistic"),
-        ({"wheel_momentum": 1.0}, "the spacecraft has no wheels"),
         pytest.param(
-            {"base_attitude": 1e-3}, "no motion keeps the constraints", marks=pytest.mark.slow
+            {"base_attitude": 0.05}, "no motion keeps the constraints", marks=pytest.mark.slow
         ),
     ],
 )
@@ -207,13 +202,6 @@ def test_the_next_motion_starts_where_the_last_one_ended(planner):
     np.testing.assert_allclose(onwards.family.end, elsewhere)
 
 
-def test_a_front_has_no_motion_that_another_one_beats(planner):
-    points = [(0.5, 3.0), (0.4, 2.0), (0.3, 4.0), (0.3, 5.0), (0.2, 4.5), (0.1, 9.0)]
-    plans = [replace(planner.best, turn=turn, score=score) for turn, score in points]
-    kept = [(plan.turn, plan.score) for plan in undominated(plans)]
-    assert kept == [(0.4, 2.0), (0.3, 4.0), (0.2, 4.5), (0.1, 9.0)]
-
-
 @pytest.mark.slow
 def test_a_front_turns_the_base_less_and_less():
     """Where the motion returns to its start, so that the base need not turn."""
@@ -225,18 +213,6 @@ def test_a_front_turns_the_base_less_and_less():
     assert (np.diff([plan.score for plan in plans]) > 0).all()
     assert plans[-1].turn < 0.3 * plans[0].turn
     assert all(max(plan.usage.values()) <= 1 + 1e-9 for plan in plans)
-
-
-def test_a_table_for_a_controller_has_the_whole_motion(planner):
-    motion, names = planner.best.motion, planner.spacecraft.joint_names
-    lines = motion_table(motion, names, 30.0).splitlines()
-    assert lines[0].startswith("time,q:capture_arm_joint1,")
-    assert len(lines[0].split(",")) == 1 + 3 * len(names)
-    values = np.array([line.split(",") for line in lines[1:]], dtype=float)
-    assert len(values) == 301
-    assert values[-1, 0] == 10.0
-    expected = motion.evaluate(values[:, 0]).reshape(len(values), -1)
-    np.testing.assert_allclose(values[:, 1:], expected, atol=1e-9)
 
 
 # -- comparison ------------------------------------------------------------------------------------
@@ -262,37 +238,3 @@ def test_the_errors_of_fits_are_as_large_as_predicted(name):
     prediction = planner.setting.predict(planner.own_motion, target)
     ratio = np.sqrt(np.mean(errors**2, axis=0)) / (prediction.sigma / prediction.scale)
     assert 0.6 < np.sqrt(np.mean(ratio**2)) < 1.5
-
-
-# -- wheels ----------------------------------------------------------------------------------------
-
-
-def test_drakes_plant_has_the_momentum_that_a_wheel_stores_and_no_motion_stores_more():
-    """The base is at rest, and one wheel turns; the wheels start and end at rest."""
-    scenario, largest = load_scenario(shipped_scenario("single_arm_wheels")), 0.15  # [N·m·s]
-    still = {name: np.zeros(3) for name in WHEELS}
-    moved = replace(scenario.joint_motion, amplitudes={**scenario.joint_motion.amplitudes, **still})
-    options = PlanOptions(
-        frequency=0.2, joints=("arm_joint1", *WHEELS), wheel_momentum=largest, targets=1
-    )
-    planner = Planner(replace(scenario, joint_motion=moved), load_sensors("servicer"), options)
-    craft, names = planner.spacecraft, planner.spacecraft.joint_names
-    rates = wheel_rates(craft.tree, names, np.ones(len(names), dtype=bool), largest)
-    assert {names[k] for k in np.flatnonzero(np.isfinite(rates))} == set(WHEELS)
-    target = InertialParameters(180.0, np.zeros(3), 20.0 * np.eye(3))
-    plant = craft.make_simulation_plant(target)
-    context = plant.CreateDefaultContext()
-    for wheel in WHEELS:
-        plant.SetVelocities(context, np.zeros(plant.num_velocities()))
-        plant.GetJointByName(wheel).set_angular_rate(context, rates[names.index(wheel)])
-        momentum = plant.CalcSpatialMomentumInWorldAboutPoint(context, np.zeros(3))
-        assert np.linalg.norm(momentum.rotational()) == pytest.approx(largest, rel=1e-9)
-        np.testing.assert_allclose(momentum.translational(), 0.0, atol=1e-9)
-    shares = [
-        (np.abs(planner.family.make(x).evaluate(planner.family.times)[:, 1]) / rates).max()
-        for x in candidates(planner.family, 16, 1)
-    ]
-    assert 0.9 < max(shares) <= 1.0
-    fixed = replace(options, joints=())
-    with pytest.raises(InputError, match=r"no wheel moves.*--joint.*wheel1_spin, wheel2_spin"):
-        _ = Planner(replace(scenario, joint_motion=moved), planner.suite, fixed).family

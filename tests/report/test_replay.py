@@ -7,7 +7,7 @@ import numpy as np
 from cpid_drake import Spacecraft, load_sensors, read_telemetry
 from cpid_drake.dynamics.kinematics import forward_kinematics
 from cpid_drake.dynamics.momentum import linear_momentum
-from cpid_drake.report.sections.replay import motion_of
+from cpid_drake.report.replay import motion_of
 from cpid_drake.resources import models_directory
 
 

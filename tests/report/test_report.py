@@ -14,9 +14,9 @@ from cpid_drake.identification.identify_files import converge, identify_files
 from cpid_drake.identification.request import Request, SpacecraftReference
 from cpid_drake.identification.result_files import result_text, write_result
 from cpid_drake.report.findings import findings_of, findings_of_file
+from cpid_drake.report.pages import identification
 from cpid_drake.report.pages.identification import identification_report
 from cpid_drake.report.pictures import Picture
-from cpid_drake.report.sections import replay
 
 SERVICER = SpacecraftReference(
     "package://cpid_drake_models/dual_arm_servicer/dual_arm_servicer.urdf", "bus", "capture_point"
@@ -58,7 +58,7 @@ def quick():
     with pytest.MonkeyPatch.context() as patch:
         for name, record in ESTIMATORS.items():
             patch.setitem(ESTIMATORS, name, replace(record, reports=4))
-        patch.setattr(replay, "replay_html", lambda *args, **options: SCRIPT)
+        patch.setattr(identification, "replay_html", lambda *args, **options: SCRIPT)
         yield
 
 

@@ -169,7 +169,7 @@ def test_a_controller_is_wired_to_the_plant_that_it_drives(servicer, paper_targe
 
 
 def test_wiring_a_motion_of_other_joints_is_refused(servicer, paper_target):
-    with pytest.raises(InputError, match="21 entries, but the input 'desired_motion' of joint"):
+    with pytest.raises(InputError, match="21 entries, but 'desired_motion' of joint"):
         wired(servicer, paper_target, joints=7)
 
 

@@ -108,7 +108,7 @@ def test_nothing_of_the_target_is_drawn_until_it_is_known(
     telemetry = random_motion(2, 1)
     spy, draw = scene(telemetry)
     draw(0)
-    parts = ("estimate/inertia", "estimate/centre", "centre_of_mass")
+    parts = ("estimate/inertia", "centre_of_mass")
     parts += ("momentum/linear_spacecraft", "momentum/angular_target")
     for part in parts:
         assert not spy.shown(part), part

@@ -340,7 +340,5 @@ def test_a_period_that_would_lose_samples_is_refused(servicer, period):
 def test_wiring_other_sensors_is_refused(servicer):
     builder, flight = DiagramBuilder(), load_sensors("flight")
     sensors = builder.AddSystem(SpacecraftSensors(servicer, SensorSuite(encoders=JointSensor())))
-    with pytest.raises(InputError, match="no output port is given for the samples of 'gyro'"):
-        SensorIdentifier.AddToBuilder(
-            builder, servicer, samples=sensors.sample_ports(), suite=flight
-        )
+    with pytest.raises(InputError, match="no output port is given for its input 'gyro'"):
+        SensorIdentifier.AddToBuilder(builder, servicer, **sensors.sample_ports(), suite=flight)

@@ -1,5 +1,6 @@
 """The report of an identification."""
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -7,7 +8,8 @@ from cpid_drake.errors import InputError
 from cpid_drake.identification.estimators import estimator_label
 from cpid_drake.identification.identify_files import Evidence
 from cpid_drake.report.findings import Findings, Progress, findings_of, no_progress
-from cpid_drake.report.page import Report, Section
+from cpid_drake.report.page import Report, Section, embedded_json
+from cpid_drake.report.replay import LONGEST, motion_of, replay_html
 from cpid_drake.report.sections.data import (
     base_motion_section,
     checks_section,
@@ -23,7 +25,6 @@ from cpid_drake.report.sections.estimate import (
     observability_section,
     result_section,
 )
-from cpid_drake.report.sections.replay import replay_section
 
 
 def write_report(evidence: Evidence, path: str | Path, progress: Progress = no_progress) -> None:
@@ -77,7 +78,17 @@ def identification_report(
         ]
         progress("making the replay")
         try:
-            sections.append(replay_section(findings, evidence))
+            page = replay_html(
+                evidence.inputs.spacecraft,
+                motion_of(evidence),
+                findings.estimates,
+                truth=findings.truth,
+                visual_model=findings.visual_model,
+                title=Path(evidence.log.request.telemetry).name,
+            )
+            text = f"The motion with the estimate over time, of at most {LONGEST:g} s."
+            replay = embedded_json(json.dumps(page))
+            sections.append(Section("Replay", texts=[text], inner_page=replay))
         except InputError as error:
             missing = f"the replay cannot be made: {error}"
     if missing:

@@ -11,8 +11,9 @@ from cpid_drake.identification.estimators import estimator_label
 from cpid_drake.identification.identify_files import Estimates, Evidence
 from cpid_drake.identification.result import Identification
 from cpid_drake.logs.log import Log
-from cpid_drake.report.figures import convergence_pictures, motion_pictures, residual_pictures
+from cpid_drake.report.figures import convergence_pictures, motion_pictures
 from cpid_drake.report.page import Section, Table
+from cpid_drake.report.pictures import curves
 from cpid_drake.scenario.run_files import versions
 from cpid_drake.sensors.sensors import SENSORS
 
@@ -106,7 +107,10 @@ def residuals_section(found: Identification) -> Section:
         "Residuals",
         texts=[f"Residuals: {residual_words(found)}."],
         tables=[Table(heads, rows, note=note)],
-        pictures=residual_pictures(found),
+        pictures=[
+            curves(f"residuals-{name}", name, each.time, each.value, each.unit, line=".")
+            for name, each in found.residuals.items()
+        ],
     )
 
 

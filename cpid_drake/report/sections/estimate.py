@@ -16,7 +16,6 @@ from cpid_drake.identification.description import agreement_words, decimals, pri
 from cpid_drake.identification.result import Identification
 from cpid_drake.report.figures import ellipsoid_pictures, singular_value_picture
 from cpid_drake.report.page import Section, Table
-from cpid_drake.report.pictures import PictureGroup
 
 
 def result_section(result: Identification, truth: InertialParameters | None) -> Section:
@@ -39,7 +38,6 @@ def result_section(result: Identification, truth: InertialParameters | None) -> 
         )
     else:
         text = "All ten parameters are known, and they are physically consistent."
-    title = "Solid ellipsoid of the same mass and inertia, seen along three axes"
     # A body of zero mass has no ellipsoid.
     pictures = ellipsoid_pictures(nearest, truth) if nearest and nearest.mass > 0 else []
     return Section(
@@ -47,7 +45,7 @@ def result_section(result: Identification, truth: InertialParameters | None) -> 
         texts=[text],
         warnings=[f"Failed check: {failure}." for failure in result.failures],
         tables=tables,
-        groups=[PictureGroup("ellipsoid", title, pictures)],
+        pictures=pictures,
     )
 
 

@@ -1,0 +1,16 @@
+from .comparison import Compared, reference_motions, trial_errors
+from .pareto import POINTS, front
+from .plan_options import PlanOptions
+from .planner import Plan, Planner, load_planner
+
+__all__ = [
+    "POINTS",
+    "Compared",
+    "Plan",
+    "PlanOptions",
+    "Planner",
+    "front",
+    "load_planner",
+    "reference_motions",
+    "trial_errors",
+]

@@ -1,0 +1,1 @@
+from .joint_motions import MOTION_TAGS as MOTION_TAGS
