@@ -166,8 +166,8 @@ def rank(
                 errors.append(error)
                 status.update(f"{name}: {len(errors)} of {trials} trials")
             usage, _ = planner.usage(each)
-            table = np.reshape(errors, (-1, 10))
-            found[name] = planning.Compared(prediction, max(usage.values()), table)
+            drawn = np.reshape(errors, (-1, 10))
+            found[name] = planning.Compared(prediction, max(usage.values()), drawn)
     for note in planner.notes:
         log.print(f"note: {note}")
     ordered = dict(sorted(found.items(), key=lambda item: item[1].prediction.worst))
