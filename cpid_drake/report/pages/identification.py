@@ -84,7 +84,7 @@ def identification_report(
                 findings.estimates,
                 truth=findings.truth,
                 visual_model=findings.visual_model,
-                title=Path(evidence.log.request.telemetry).name,
+                title=Path(evidence.log.source.request.telemetry).name,
             )
             text = f"The motion with the estimate over time, of at most {LONGEST:g} s."
             replay = embedded_json(json.dumps(page))
