@@ -262,7 +262,8 @@ def _cost(
 ) -> float:
     """Return the sum of squares of all rows at the present values."""
     prior = prior_of(model, logs, values, rows, weighed_at)
-    samples = sum(r.cost(log) for log, r in zip(logs, rolled, strict=True))
+    step = values[PSI] - weighed_at[PSI]
+    samples = sum(r.cost(log, step) for log, r in zip(logs, rolled, strict=True))
     return samples + prior.cost(np.zeros(prior.size))
 
 

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory, TrajectoryState, relate
+from cpid_drake.estimation.likelihood.white_effects import WhiteReading
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.unknowns import BODIES, PSI, Model, psi_about
 
@@ -53,18 +54,26 @@ class Rolled:
         """Number of all residuals."""
         return sum(rest.size for block in self.residuals for rest in block.values())
 
-    def cost(self, log: LogState) -> float:
-        """Return the sum of squares of all rows of a log."""
-        return self.start + self.cost_inside(log)
+    def cost(self, log: LogState, step: NDArray[np.float64] | None = None) -> float:
+        """Return the sum of squares of all rows of a log.
 
-    def cost_inside(self, log: LogState) -> float:
-        """Return the sum of squares of all rows of a log but those at its start."""
-        samples = (
-            np.sum(log.weighted(k, name, rest) ** 2)
-            for k, block in enumerate(self.residuals)
-            for name, rest in block.items()
-        )
-        return self.links + float(sum(samples))
+        Args:
+            log: the log.
+            step: (10,) by which the target has moved since white torques were linear in it.
+
+        """
+        return self.start + self.cost_inside(log, step)
+
+    def cost_inside(self, log: LogState, step: NDArray[np.float64] | None = None) -> float:
+        """Return the sum of squares of all rows of a log but those at its start; see `cost`."""
+        total = self.links
+        for k, block in enumerate(self.residuals):
+            for name, rest in block.items():
+                sensor = self.models[k].sensors[name]
+                if step is not None and isinstance(sensor, WhiteReading):
+                    rest = rest - sensor.by_target(self.trajectories[k]) @ (self.by_psi @ step)
+                total += float(np.sum(log.weighted(k, name, rest) ** 2))
+        return total
 
     def all_residuals(self) -> dict[str, NDArray[np.float64]]:
         """Return the residuals of each sensor, block after block."""

@@ -22,6 +22,7 @@ from cpid_drake.dynamics.kinematics import forward_kinematics
 from cpid_drake.dynamics.rotations import rotate, skew
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.likelihood.actuators import thrust_log
+from cpid_drake.estimation.likelihood.constants import THRUSTERS, VALVE_DELAY
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
 from cpid_drake.estimation.likelihood.thrust import Push, inverse_mass
 from cpid_drake.estimation.log_state import LogState
@@ -67,11 +68,20 @@ def balanced_with_thrust(
     x, seen = mean.copy(), [(log, m) for log, m in zip(logs, motions, strict=True) if m is not None]
     found = Gaussian.of_rows(sizes, np.zeros((0, len(x) + 1)))
     sigma = np.concatenate([unknown.sigma for unknown in table.values()])
+    columns = np.repeat(list(table), [unknown.size for unknown in table.values()])
+    has_no_scale = np.isin(columns, [PSI, f"{THRUSTERS}.{VALVE_DELAY}"])
+
+    def rows_at(x: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+        parts = [_rows(model, log, motion, x) for log, motion in seen]
+        return [np.concatenate(each) for each in zip(*parts, strict=True)]
+
     for _ in range(_PASSES):
         found = Gaussian.of_rows(sizes, np.column_stack([np.diag(1 / sigma), (mean - x) / sigma]))
-        parts = [_rows(model, log, motion, x) for log, motion in seen]
-        for rows in map(np.concatenate, zip(*parts, strict=True)):
-            found = found.add(Gaussian.of_rows(sizes, rows / _spread(rows, found)))
+        # Without forces and inertia nothing is left: the noise is that with the declared forces.
+        declared = rows_at(np.where(has_no_scale, x, mean))
+        for rows, each in zip(rows_at(x), declared, strict=True):
+            noise = _spread(each[:, [*range(10), -1]], found.marginal([PSI]))
+            found = found.add(Gaussian.of_rows(sizes, rows / noise))
         x = x + found.solve(held={PSI: undetermined(model, x[:10], found)[0]})
     momenta = [
         np.zeros(3) if motion is None else _momenta(motion)[0][0] + _momenta(motion)[1][0] @ x[:10]

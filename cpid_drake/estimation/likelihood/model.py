@@ -98,7 +98,7 @@ class BlockModel:
             samples, bias = measurements[name], biases.get(name)
             self.sensors[name] = model(name, samples, suite, self.motion, at, bias, delays[name])
             first += count
-        self.sensors |= {force.name: WhiteReading(force) for force in white}
+        self.sensors |= {force.name: WhiteReading(self.motion, force) for force in white}
         self.effects: list[Effect] = [start_effect(), momentum_effect(), *biases.values()]
         self.effects += [JointErrors(self.motion)]
         self.effects += [White(self.motion, force) for force in white]
@@ -187,6 +187,8 @@ class BlockModel:
             for effect in self.effects:
                 part = rows[:, :, self.columns[effect.name]]
                 effect.change_reading(name, sensor.samples.time, part)
+            if isinstance(sensor, WhiteReading):
+                rows[:, :, self.columns["psi"]] += sensor.by_target(trajectory)
             parts.append(sensor.whitened(rows).reshape(-1, n))
         return self._in_plane(np.vstack(parts), last)
 

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.estimation.likelihood.effects import Effect, MotionChange
 from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory
 from cpid_drake.estimation.likelihood.white_force import TORQUE_NOISE, WhiteForce
@@ -46,12 +47,18 @@ class White(Effect):
 
 
 class WhiteReading:
-    """The prior of a white force: it reads zero. It has the methods of a sensor's model."""
+    """The prior of a white force: it reads zero. It has the methods of a sensor's model.
+
+    Torques of a given size turn a lighter system more. Their prior as unknowns would therefore
+    prefer small inertia and weak thrusters, which need smaller torques for the same motion. The
+    prior is that of the angular accelerations: with the present target's inertia J, a torque τ
+    reads J J_new⁻¹ τ for another one.
+    """
 
     at_instants = False
 
-    def __init__(self, force: WhiteForce) -> None:
-        self._force = force
+    def __init__(self, motion: BaseMotion, force: WhiteForce) -> None:
+        self._force, self._motion = force, motion
         shape = force.pieces, force.size // force.pieces
         zeros = np.zeros(shape)
         self.samples = Samples(np.asarray(force.middles, dtype=np.float64), zeros)
@@ -61,6 +68,18 @@ class WhiteReading:
         forces = trajectory.state.forces[self._force.rows]
         return np.asarray(-forces.reshape(self.samples.value.shape))
 
+    def by_target(self, trajectory: Trajectory) -> NDArray[np.float64]:
+        """Return the derivative (M, d, 10) of the readings by ψ; zero for accelerations."""
+        forces = trajectory.state.forces[self._force.rows]
+        if self._force.name != TORQUE_NOISE:
+            return np.zeros((*self.samples.value.shape, 10))
+        nodes = np.searchsorted(self._motion.nodes, self.samples.time)
+        R, axes = trajectory.R[nodes], self._force.axes
+        torque = rotate(np.swapaxes(R, -1, -2), forces.reshape(self.samples.value.shape) @ axes)
+        acceleration = rotate(trajectory.inverse[nodes], torque)
+        by_psi = self._motion.grid.part(nodes).inertia_regressor(acceleration)
+        return np.asarray(-axes @ R @ by_psi)
+
     def whitened(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """See `SensorModel`."""
         return values
@@ -68,7 +87,7 @@ class WhiteReading:
     def jacobian(
         self, trajectory: Trajectory, change: MotionChange, xi: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """See `SensorModel`; only the force itself changes its reading."""
+        """See `SensorModel`; the motion changes nothing."""
         return np.zeros((*self.samples.value.shape, xi.shape[-1]))
 
     def by_constants(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:

@@ -28,6 +28,7 @@ class WhiteForce:
         size: number of entries, those of each piece together.
         rows: their places in `TrajectoryState.forces`.
         middles: of the pieces [s].
+        axes: (d, 3) of the entries of a piece.
 
     Args:
         name: `TORQUE_NOISE` or `ACCELERATION_NOISE`.
@@ -45,9 +46,9 @@ class WhiteForce:
         self.pieces = max(1, round(self._length / PIECE))
         turn, move = (NORMAL_W[None], np.eye(3)[:2]) if is_planar else (np.eye(3), np.eye(3))
         self._h = self._length / self.pieces
-        axes = turn if name == TORQUE_NOISE else move
-        self._axes = sigma / np.sqrt(self._h) * axes  # (d, 3)
-        self.size = self.pieces * len(axes)
+        self.axes = turn if name == TORQUE_NOISE else move
+        self._axes = sigma / np.sqrt(self._h) * self.axes
+        self.size = self.pieces * len(self.axes)
         self.rows = slice(first, first + self.size)
         self.middles = start + self._h * (np.arange(self.pieces) + 0.5)
 

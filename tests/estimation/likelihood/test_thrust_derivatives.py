@@ -84,5 +84,22 @@ def test_derivatives_are_those_of_differences(block, name):
     for entry in range({"attitude": 3, "momentum": 6, "psi": 10, "forces": 12}.get(name, 1)):
         up, down = (predicted(changed(state, constants, name, entry, h))[0] for h in (1e-4, -1e-4))
         expected = (down - up) / 2e-4
+        if name == "psi":  # the readings of white torques are the last but one
+            torques = expected[-12:-6] = torques_by_psi(model, trajectory, entry)
+            assert np.allclose(J[-12:-6, first + entry], torques, atol=1e-6 + 0.02 * abs(torques))
         error = np.linalg.norm(J[:, first + entry] - expected) / np.linalg.norm(expected)
         assert error < (0.15 if name == "thrusters.valve_delay" else 2e-3)
+
+
+def torques_by_psi(model, trajectory, entry):
+    """Return the derivative of R J J_new⁻¹ Rᵀ u by an entry of ψ in J_new, for white torques u."""
+    force = model.motion.white[0]
+    nodes = np.searchsorted(model.motion.nodes, force.middles)
+    grid, R = model.motion.grid.part(nodes), trajectory.R[nodes]
+    u = np.swapaxes(R, 1, 2) @ trajectory.state.forces[force.rows].reshape(-1, 3, 1)
+
+    def read(h):
+        psi = trajectory.state.psi + h * np.eye(10)[entry]
+        return (R @ grid.inertia(trajectory.state.psi) @ grid.mobility(psi) @ u).ravel()
+
+    return (read(1e-4) - read(-1e-4)) / 2e-4
