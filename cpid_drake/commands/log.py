@@ -81,7 +81,7 @@ def _comparisons(
 ) -> tuple[list[str], list[str], list[str], tuple[Comparison, ...]]:
     """Return errors, warnings, what could not be compared, and the comparisons."""
     if craft is None:
-        said = check_conventions(screen(found.measurements).measurements, None)
+        said = check_conventions(screen(found.measurements).log, None)
         return [*said.failures], [*said.warnings], [*said.unchecked], said.comparisons
     warnings = [left_out_warning(found.left_out_joints)] if found.left_out_joints else []
     try:

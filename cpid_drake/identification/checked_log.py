@@ -138,7 +138,7 @@ def check_log(
         return replace(log_of_states(data), normal_B=normal_B)
     _refuse_slow(data, sensors)
     screened = screen(in_joint_order(data, spacecraft), sensors)
-    measurements = screened.measurements
+    measurements = screened.log
     spacecraft, notes, failures = placed(spacecraft, measurements, planar)
     tree = spacecraft.tree
     found = check_conventions(measurements, tree, by_momentum=by_momentum)
@@ -209,7 +209,7 @@ def _turned(measurements: Log, k: int, times: NDArray[np.float64]) -> NDArray[np
     """Return a rotor's angle at some times, the integral of its rates."""
     all_rates, name = measurements.joint_rates, measurements.joint_names[k]
     of_rotor = Samples(all_rates.time, all_rates.value[:, [k]])
-    rates = screen(Log((name,), joint_rates=of_rotor)).measurements.joint_rates
+    rates = screen(Log((name,), joint_rates=of_rotor)).log.joint_rates
     if not len(rates):
         raise InputError(f"there is neither a column 'q:{name}' nor rates 'qd:{name}' to integrate")
     time, rate = rates.time, rates.value[:, 0]

@@ -26,7 +26,7 @@ from difflib import get_close_matches
 
 from cpid_drake.errors import InputError
 from cpid_drake.logs.column_map import ColumnMap, JointPositionColumns, JointRateColumns
-from cpid_drake.logs.log import FORCE_COLUMNS, TORQUE_COLUMNS
+from cpid_drake.logs.log import THRUST_COLUMNS
 from cpid_drake.logs.table import Table
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.thrusters import VALVE
@@ -141,8 +141,8 @@ def choose_columns(
         "gyro": group(rate.columns, gyro.label, in_B, in_W),
         "position": group(given.position.columns, "position", SENSORS["position"].columns[first]),
         "velocity": group(given.velocity.columns, "velocity", SENSORS["velocity"].columns[first]),
-        "force": group(given.thrust.force, "the force of thrusters", FORCE_COLUMNS[first]),
-        "torque": group(given.thrust.torque, "the torque of thrusters", TORQUE_COLUMNS[last]),
+        "force": group(given.thrust.force, "the force of thrusters", THRUST_COLUMNS[3:][first]),
+        "torque": group(given.thrust.torque, "the torque of thrusters", THRUST_COLUMNS[:3][last]),
     }
     groups |= {name: (name,) for name in free if name.startswith(VALVE)}
     in_world = rate.frame == "world" or (rate.frame is None and groups["gyro"] == in_W)
@@ -200,7 +200,7 @@ def _named(given: ColumnMap) -> Iterable[str]:
 
 def _is_own(name: str) -> bool:
     """Return whether the package's own columns have this name."""
-    own = {"time", YAW, *FORCE_COLUMNS, *TORQUE_COLUMNS}
+    own = {"time", YAW, *THRUST_COLUMNS}
     for sensor in SENSORS.values():
         own |= {*sensor.columns, *sensor.columns_in_W}
     return name in own or (name.startswith(("q:", "qd:", VALVE)) and not name.endswith(":"))

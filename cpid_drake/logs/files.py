@@ -13,16 +13,12 @@ from cpid_drake.logs.arrays import read_npz, read_parquet, write_npz, write_parq
 from cpid_drake.logs.column_map import ColumnMap, load_column_map
 from cpid_drake.logs.conversion import LogFile, read_columns
 from cpid_drake.logs.csv_format import read_csv, write_csv
-from cpid_drake.logs.log import FORCE_COLUMNS, THRUST, TORQUE_COLUMNS, Log
+from cpid_drake.logs.log import THRUST, THRUST_COLUMNS, Log
 from cpid_drake.logs.table import Table
 from cpid_drake.output_files.drafts import draft_of
 from cpid_drake.resources import NOT_A_FILE, resolve_model
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.thrusters import VALVE
-
-THRUST_COLUMNS = (*TORQUE_COLUMNS, *FORCE_COLUMNS)
-"""Columns of logged thrust, in the order of its samples."""
-
 
 @dataclass(frozen=True)
 class Format:

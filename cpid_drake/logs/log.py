@@ -15,18 +15,11 @@ from cpid_drake.sensors.thrusters import VALVE
 if TYPE_CHECKING:
     from cpid_drake.logs.column_map import ColumnMap
 
-LONGEST_STEP = 0.02
-"""Longest step between the instants at which the mean of an integrating gyro is computed [s]."""
-
-
 THRUST = "thrust"
 """Name of the samples of logged thrust."""
 
-TORQUE_COLUMNS = ("thrust_tx", "thrust_ty", "thrust_tz")
-"""Columns in files of the thrusters' torque about B's origin, in B [N·m]."""
-
-FORCE_COLUMNS = ("thrust_fx", "thrust_fy", "thrust_fz")
-"""Columns in files of the thrusters' force on the base, in B [N]."""
+THRUST_COLUMNS = ("thrust_tx", "thrust_ty", "thrust_tz", "thrust_fx", "thrust_fy", "thrust_fz")
+"""Columns in files of logged thrust, in the order of its samples: torque, force."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +65,7 @@ class Log:
         samples: the samples, by the sensors' names in `SENSORS`, by `THRUST`, and of each valve by
             `VALVE` and its name.
         column_map: how the samples were read from columns; None for the package's own columns.
+        motion: of a simulation, the true motion at the samples of sensors with a lever arm.
         named: samples by sensor, as keywords; they replace those in `samples`.
 
     """
@@ -79,21 +73,23 @@ class Log:
     joint_names: tuple[str, ...]
     samples: Mapping[str, Samples] = field(default_factory=dict)
     column_map: "ColumnMap | None" = None
+    motion: Mapping[str, Motion] = field(default_factory=dict)
 
     def __init__(
         self,
         joint_names: tuple[str, ...],
         samples: Mapping[str, Samples] | None = None,
         column_map: "ColumnMap | None" = None,
+        motion: Mapping[str, Motion] | None = None,
         **named: Samples,
     ) -> None:
         object.__setattr__(self, "joint_names", tuple(joint_names))
         object.__setattr__(self, "column_map", column_map)
+        object.__setattr__(self, "motion", dict(motion or {}))
         object.__setattr__(self, "samples", {**(samples or {}), **named})
-        others = (name for name in self.samples if name not in SENSORS and name != THRUST)
-        unknown = [name for name in others if not name.startswith(VALVE)]
-        if unknown:
-            raise TypeError(f"no sensor '{unknown[0]}'; the sensors are {', '.join(SENSORS)}")
+        for name in self.samples:
+            if name not in SENSORS and name != THRUST and not name.startswith(VALVE):
+                raise TypeError(f"no sensor '{name}'; the sensors are {', '.join(SENSORS)}")
 
     def __getitem__(self, name: str) -> Samples:
         if name in self.samples:
@@ -103,7 +99,7 @@ class Log:
 
     def __getattr__(self, name: str) -> Samples:
         if name not in SENSORS:
-            raise AttributeError(f"measurements have no sensor '{name}'")
+            raise AttributeError(f"a log has no sensor '{name}'")
         return self[name]
 
     def items(self) -> Iterator[tuple[str, Samples]]:
@@ -127,11 +123,8 @@ class Log:
     @property
     def valves(self) -> dict[str, Samples]:
         """The logged openings (N, 1) of each valve, by its name."""
-        return {
-            name.removeprefix(VALVE): samples
-            for name, samples in self.samples.items()
-            if name.startswith(VALVE)
-        }
+        named = ((name, s) for name, s in self.samples.items() if name.startswith(VALVE))
+        return {name.removeprefix(VALVE): samples for name, samples in named}
 
     @property
     def last_time(self) -> float:
@@ -146,7 +139,7 @@ class Log:
         return first, max((float(time[-1]) for time in times), default=-np.inf)
 
     def updated(self, samples: Mapping[str, Samples]) -> "Log":
-        """Return measurements in which `samples` replace those of the same sensors."""
+        """Return a log in which `samples` replace those of the same sensors."""
         return Log(self.joint_names, {**self.samples, **samples}, self.column_map)
 
     def between(self, start: float, end: float) -> "Log":
@@ -173,14 +166,12 @@ class Log:
 
     def after(self, zero: float) -> "Log":
         """Return the samples with a time that is counted from `zero` [s]."""
-        everything = {**dict(self.items()), **self.samples}
-        return self.updated({k: Samples(s.time - zero, s.value) for k, s in everything.items()})
+        return self.updated({k: Samples(s.time - zero, s.value) for k, s in self.samples.items()})
 
     def thinned(self, most: int = 4000) -> "Log":
         """Return every k-th sample of a sensor with more than `most` samples, for figures."""
-        steps = {name: -(-len(s) // most) or 1 for name, s in self.items()}
         return self.updated(
-            {name: s.where(slice(None, None, steps[name])) for name, s in self.items()}
+            {name: s.where(slice(None, None, -(-len(s) // most) or 1)) for name, s in self.items()}
         )
 
     @property
@@ -203,42 +194,26 @@ class Log:
         return {THRUST: Samples(np.maximum(kept.time, start), kept.value)}
 
 
+def concatenated_samples(pieces: Sequence[Samples]) -> Samples:
+    """Return a copy of consecutive samples of one sensor, at least one piece, as one."""
+    return Samples(
+        np.concatenate([piece.time for piece in pieces]),
+        np.concatenate([piece.value for piece in pieces]),
+    )
+
+
 def concatenated(pieces: Sequence[Log]) -> Log:
     """Return consecutive pieces of one log, at least one, as one."""
     names = dict.fromkeys(name for piece in pieces for name in piece.samples)
-    samples = {}
-    for name in names:
-        each = [piece[name] for piece in pieces]
-        samples[name] = Samples(
-            np.concatenate([s.time for s in each]), np.concatenate([s.value for s in each])
-        )
+    samples = {name: concatenated_samples([piece[name] for piece in pieces]) for name in names}
     return Log(pieces[0].joint_names, samples)
 
 
-@dataclass(frozen=True, eq=False, init=False)
-class IdealLog(Log):
-    """Samples of sensors without errors, with the true motion on which errors depend.
-
-    Args:
-        joint_names: the joints, in the order of columns of joint sensors.
-        samples, column_map: see `Log`.
-        motion: the true motion at the samples of every sensor with a lever arm, by name.
-        named: samples by sensor, as keywords; they replace those in `samples`.
-
-    """
-
-    motion: Mapping[str, Motion] = field(default_factory=dict)
-
-    def __init__(
-        self,
-        joint_names: tuple[str, ...],
-        samples: Mapping[str, Samples] | None = None,
-        column_map: "ColumnMap | None" = None,
-        motion: Mapping[str, Motion] | None = None,
-        **named: Samples,
-    ) -> None:
-        super().__init__(joint_names, samples, column_map, **named)
-        object.__setattr__(self, "motion", dict(motion or {}))
+def without_flips(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return quaternions (N, 4) of the same attitudes, without jumps of their sign."""
+    flips = np.sum(quaternion[1:] * quaternion[:-1], axis=1) < 0
+    signs = np.cumprod(np.append(1.0, 1 - 2.0 * flips))[: len(quaternion)]
+    return np.asarray(quaternion * signs[:, None])
 
 
 def first_sample(errors: SensorErrors) -> int:
@@ -259,23 +234,23 @@ def ideal_log(
     joint_names: tuple[str, ...],
     motion: Callable[[NDArray[np.float64]], Motion],
     duration: float,
-) -> IdealLog:
+) -> Log:
     """Return the samples of sensors without errors, at their own times in [0, duration].
 
     A sample of a gyro that integrates is the mean of the angular velocity since the sample before,
-    by Simpson's rule over steps of at most `LONGEST_STEP`.
+    by Simpson's rule over steps of at most 0.02 s.
 
     Args:
         suite: the sensors. Used are their rates, `Gyro.integrates`, and whether they have a lever
             arm.
         joint_names: the joints.
-        motion: returns the true telemetry at increasing times (N,).
+        motion: returns the true motion at increasing times (N,).
         duration: [s].
 
     """
     sensors = suite.present()
     if not sensors:
-        return IdealLog(joint_names)
+        return Log(joint_names)
     shares = {name: _shares(errors) for name, errors in sensors.items()}
     times, instants = {}, {}
     for name, errors in sensors.items():
@@ -285,25 +260,25 @@ def ideal_log(
     everything = np.concatenate([each.ravel() for each in instants.values()])
     keys = np.round(everything * 1e9).astype(np.int64)
     _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
-    telemetry = motion(everything[first])
+    at_instants = motion(everything[first])
     samples, true, start = {}, {}, 0
     for name, errors in sensors.items():
         rows = inverse[start : start + instants[name].size]
         start += rows.size
-        value, weights = SENSORS[name].quantity.ideal(telemetry)[rows], shares[name][1]
+        value, weights = SENSORS[name].quantity.ideal(at_instants)[rows], shares[name][1]
         if weights.size > 1:
             value = np.einsum("s,nsi->ni", weights, value.reshape(-1, weights.size, 3))
         samples[name] = Samples(times[name], value)
         if isinstance(errors, VectorSensor) and errors.lever_arm_mm:
-            true[name] = telemetry.select(rows)
-    return IdealLog(joint_names, samples, motion=true)
+            true[name] = at_instants.select(rows)
+    return Log(joint_names, samples, motion=true)
 
 
 def _shares(errors: SensorErrors) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return instants (S,) in units of a sensor's period, and weights (S,) of a sample's mean."""
     if not first_sample(errors):
         return np.zeros(1), np.ones(1)
-    steps = 2 * int(np.ceil(1 / (errors.rate * LONGEST_STEP)))
+    steps = 2 * int(np.ceil(1 / (errors.rate * 0.02)))
     weights = np.ones(steps + 1)
     weights[1:-1:2], weights[2:-1:2] = 4.0, 2.0
     return np.arange(steps + 1) / steps, weights / weights.sum()

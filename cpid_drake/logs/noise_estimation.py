@@ -12,35 +12,28 @@ from scipy.special import comb
 
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.errors import InputError
-from cpid_drake.logs.log import Log, Samples
+from cpid_drake.logs.log import Log, Samples, without_flips
 from cpid_drake.sensors.sensors import ATTITUDE, SENSORS
 from cpid_drake.sensors.suite import SensorSuite
 
-_ORDERS = range(2, 9)
 _FEWEST = 12
-_LEAST = 1e-13
-
-_MOST_DECIMALS = 12
-"""Numbers with more decimals are not treated as rounded."""
+"""Samples of a sensor from which its noise is estimated: differences of order 8 leave four."""
 
 _SMOOTH = 0.05
 """Largest noise of joint positions, as a share of their spread, in samples of one motion."""
 
-_QUANTITIES = ("attitude", "gyro", "position", "velocity", "encoders", "joint_rates")
-_STATES = ("quaternion_WB", "w_WB", "p_WB", "v_WB", "q", "qdot")
 
-
-def estimate_suite(measurements: Log) -> SensorSuite:
+def estimate_suite(log: Log) -> SensorSuite:
     """Return sensors with white noise, the same in all axes, as estimated from the samples.
 
     Raises:
         InputError: there are no encoders, or fewer than 12 samples of a sensor.
 
     """
-    if not len(measurements.encoders):
+    if not len(log.encoders):
         raise InputError("there are no joint positions to estimate noise from")
     suite = SensorSuite(description="noise estimated from the samples")
-    for name, samples in measurements.items():
+    for name, samples in log.items():
         if not len(samples):
             continue
         if len(samples) < _FEWEST:
@@ -49,34 +42,32 @@ def estimate_suite(measurements: Log) -> SensorSuite:
                 f"give the sensors, or at least {_FEWEST} samples"
             )
         rate = float(np.clip(1 / np.median(np.diff(samples.time)), 1e-3, 1e5))
-        sigma = sensor_noise(name, samples)
-        setattr(suite, name, SENSORS[name].errors.with_noise(rate, sigma))
+        setattr(suite, name, SENSORS[name].errors.with_noise(rate, sensor_noise(name, samples)))
     return suite
 
 
 def sensor_noise(name: str, samples: Samples) -> float:
-    """Return σ of one entry of a sensor's samples; see `noise_level`.
+    """Return σ of one entry of a sensor's samples (of attitudes: of the turn about one axis [rad]).
 
     Entries that a table holds are exactly constant. They are not measured, and do not count.
 
     Raises:
-        InputError: for the same reasons as `noise_level`.
+        InputError: the samples are too few, or too unevenly spaced.
 
     """
     quantity, value = SENSORS[name].quantity, samples.value
+    if quantity is ATTITUDE and len(value) and value[:, 1:3].any():
+        # A rotation by δ changes the four entries by δ/2 in total, along three directions.
+        return 2 * np.sqrt(4 / 3) * noise_level(Samples(samples.time, without_flips(value)))
     if quantity is ATTITUDE:
-        if value[:, 1:3].any():
-            return noise_level(samples, quaternions=True)
-        yaw = np.unwrap(2 * np.arctan2(value[:, 3], value[:, 0]))
-        return noise_level(Samples(samples.time, yaw[:, None]))
-    varies = np.ptp(value, axis=0) > 0
-    if quantity.width is None or not varies.any():
-        return noise_level(samples)
-    return noise_level(Samples(samples.time, value[:, varies]))
+        value = np.unwrap(2 * np.arctan2(value[:, 3], value[:, 0]))[:, None]
+    elif quantity.width is not None and len(value) and np.ptp(value, axis=0).any():
+        value = value[:, np.ptp(value, axis=0) > 0]
+    return noise_level(Samples(samples.time, value))
 
 
-def noise_level(samples: Samples, *, quaternions: bool = False) -> float:
-    """Return σ of one entry of a sample (of attitudes: of the rotation about one axis [rad]).
+def noise_level(samples: Samples) -> float:
+    """Return σ of one entry of a sample.
 
     The smallest estimate from differences of several orders is returned, because differences of low
     order still contain motion. A motion that is too fast for the sampling rate has the same effect
@@ -86,29 +77,19 @@ def noise_level(samples: Samples, *, quaternions: bool = False) -> float:
         InputError: the samples are too few, or too unevenly spaced.
 
     """
-    value = samples.value
-    if len(value) <= _ORDERS[0] + 2:
+    value, steps, levels = samples.value, np.diff(samples.time), []
+    if len(value) < 5:
         raise InputError(f"{len(value)} samples are too few to estimate noise; give the sensors")
-    if quaternions:
-        flips = np.sum(value[1:] * value[:-1], axis=1) < 0
-        value = value * np.cumprod(np.where(np.append(False, flips), -1.0, 1.0))[:, None]
-    steps = np.diff(samples.time)
     even = np.abs(steps / np.median(steps) - 1) < 0.1
-    least = np.inf
-    for order in _ORDERS:
-        if len(value) <= order + 2:
-            break
+    for order in range(2, min(9, len(value) - 2)):
         # Differences across a gap in the samples are left out.
         whole = np.convolve(even, np.ones(order), "valid") > order - 0.5
-        if not whole.any():
-            break
-        difference = np.diff(value, n=order, axis=0)[whole]
-        level = _root_mean_square(difference) / np.sqrt(comb(2 * order, order))
-        least = min(least, level)
-    if not np.isfinite(least):
+        if whole.any():
+            difference = np.diff(value, n=order, axis=0)[whole]
+            levels.append(_root_mean_square(difference) / np.sqrt(comb(2 * order, order)))
+    if not levels:
         raise InputError("the times of samples are too uneven to estimate noise; give the sensors")
-    # A rotation by δ changes the four entries by δ/2 in total, along three directions.
-    return max(float(least * (2 * np.sqrt(4 / 3) if quaternions else 1.0)), _LEAST)
+    return max(min(levels), 1e-13)  # a σ of zero could not be divided by
 
 
 def sample_sigmas(samples: Log | Motion) -> NDArray[np.float64]:
@@ -117,23 +98,27 @@ def sample_sigmas(samples: Log | Motion) -> NDArray[np.float64]:
     Of states, which may belong to unconnected instants, rounding is the only noise that can be
     seen. σ is zero for a sensor without samples.
     """
-    parts = []
+    names = ("attitude", "gyro", "position", "velocity", "encoders", "joint_rates")
+    if isinstance(samples, Motion):
+        states = ("quaternion_WB", "w_WB", "p_WB", "v_WB", "q", "qdot")
+        values = {name: getattr(samples, state) for name, state in zip(names, states)}
+    else:
+        values = {name: samples[name].value for name in names}
+    parts, joints = [], len(samples.joint_names)
     is_motion = isinstance(samples, Log) and _is_one_motion(samples.encoders)
-    for name, state in zip(_QUANTITIES, _STATES, strict=True):
-        own = samples[name] if isinstance(samples, Log) else None
-        value = getattr(samples, state) if own is None else own.value
+    for name, value in values.items():
         sigma = rounding(value) / np.sqrt(12) if len(value) else 0.0
-        if is_motion and own is not None and len(own):
+        if isinstance(samples, Log) and is_motion and len(value):
             with suppress(InputError):  # too few samples
-                sigma = max(sigma, sensor_noise(name, own))
-        parts.append(np.full(value.shape[1] if state in ("q", "qdot") else 3, sigma))
+                sigma = max(sigma, sensor_noise(name, samples[name]))
+        parts.append(np.full(joints if SENSORS[name].quantity.width is None else 3, sigma))
     return np.concatenate(parts)
 
 
 def rounding(values: NDArray[np.float64]) -> float:
     """Return the unit of the last decimal of rounded numbers; zero for numbers of all digits."""
     values = values[np.isfinite(values) & (values != 0)]
-    for decimals in range(_MOST_DECIMALS + 1):
+    for decimals in range(13):  # numbers with more decimals have all digits
         scaled = values * 10.0**decimals
         whole = np.round(scaled)
         if np.all(whole != 0) and np.all(np.abs(scaled - whole) < 1e-3):
@@ -156,8 +141,8 @@ def _root_mean_square(values: NDArray[np.float64]) -> float:
     count: a sensor can repeat its value at rest.
     """
     size = np.sum(values**2, axis=1)
-    most = np.quantile(size, 0.99, method="higher")
-    parts = np.array_split(np.where(size <= most, size, np.nan), max(min(8, len(size) // 12), 1))
-    means = np.array([np.nanmean(part) if np.isfinite(part).any() else 0.0 for part in parts])
-    counting = np.concatenate([p for p, mean in zip(parts, means) if 4 * mean >= means.max()])
+    kept = size <= np.quantile(size, 0.99, method="higher")
+    parts = np.array_split(np.where(kept, size, np.nan), max(min(8, len(size) // 12), 1))
+    means = [np.nanmean(part) if np.isfinite(part).any() else 0.0 for part in parts]
+    counting = np.concatenate([p for p, mean in zip(parts, means) if 4 * mean >= max(means)])
     return float(np.sqrt(np.nanmean(counting) / values.shape[1]))

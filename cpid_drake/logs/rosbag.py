@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.errors import InputError
-from cpid_drake.logs.log import FORCE_COLUMNS, THRUST, TORQUE_COLUMNS
+from cpid_drake.logs.log import THRUST, THRUST_COLUMNS
 from cpid_drake.logs.table import Table
 from cpid_drake.sensors.sensors import SENSORS
 
@@ -133,7 +133,7 @@ def _table(logs: Mapping[str, "_Log"]) -> Table:
         if log is None:
             continue
         stamps, numbers = (np.array(entries) for entries in log.sensors[quantity])
-        names: tuple[str, ...] = (*TORQUE_COLUMNS, *FORCE_COLUMNS)
+        names: tuple[str, ...] = THRUST_COLUMNS
         if quantity != THRUST:
             names = SENSORS[quantity].columns_of(joint_names)
         value = numbers.reshape(-1, len(names))

@@ -29,7 +29,7 @@ from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.rotations import rotate, skew
 from cpid_drake.dynamics.rows import RELATIVE_ROWS
 from cpid_drake.dynamics.tree import KinematicTree
-from cpid_drake.logs.log import Log, Samples
+from cpid_drake.logs.log import Log, Samples, without_flips
 from cpid_drake.logs.splines import in_gap, regression_spline
 
 MOMENTUM = "momentum"
@@ -158,7 +158,8 @@ def instants_of(log: Log) -> Instants | None:
     if "encoders" not in used or np.isnan(used["encoders"].value).any():
         return None
     for name, samples in used.items():
-        samples = _continuous(name, samples)
+        if name == "attitude":
+            samples = Samples(samples.time, without_flips(samples.value))
         splines[name] = regression_spline(samples)
         fitted = splines[name](samples.time)
         noise = np.sqrt(np.mean((samples.value - fitted) ** 2, axis=0))
@@ -383,15 +384,6 @@ def _liveliest(log: Log) -> Log:
 
 def _thinned(samples: Samples) -> Samples:
     return samples.where(slice(None, None, -(-len(samples) // _MOST)))
-
-
-def _continuous(name: str, samples: Samples) -> Samples:
-    """Return samples of the attitude without jumps of the quaternion's sign."""
-    if name != "attitude":
-        return samples
-    value = samples.value
-    flips = np.sum(value[1:] * value[:-1], axis=1) < 0
-    return Samples(samples.time, value * np.cumprod(np.append(1.0, 1 - 2.0 * flips))[:, None])
 
 
 def _rms(values: Array) -> float:

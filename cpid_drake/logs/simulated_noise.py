@@ -16,19 +16,19 @@ from cpid_drake.dynamics.motion import Motion
 from cpid_drake.errors import InputError
 from cpid_drake.logs.log import (
     THRUST,
-    IdealLog,
     Log,
     Samples,
     first_sample,
 )
-from cpid_drake.sensors.constant_errors import ConstantErrors, draw_constant_errors
+from cpid_drake.sensors.constant_errors import (
+    KINDS,
+    ConstantErrors,
+    draw_constant_errors,
+    random_stream,
+)
 from cpid_drake.sensors.disturbances import SimulatedDisturbance
-from cpid_drake.sensors.random_streams import random_stream
 from cpid_drake.sensors.sensors import JOINT_RATES, SENSORS, AttitudeSensor, Gyro
 from cpid_drake.sensors.suite import SensorSuite
-
-_DROPOUTS = 6
-"""Second number of the key of a random stream; see `constant_errors` for the others."""
 
 
 class SensorNoise:
@@ -72,10 +72,9 @@ class SensorNoise:
         """
         key = name, joint_count
         if key not in self._constants:
-            drawn = draw_constant_errors(
-                SENSORS[name], self.suite[name], self._hardware_seed, joint_count
-            )
-            if SENSORS[name].quantity is JOINT_RATES and self.suite.encoders is not None:
+            sensor, errors = SENSORS[name], self.suite[name]
+            drawn = draw_constant_errors(sensor, errors, self._hardware_seed, joint_count)
+            if sensor.quantity is JOINT_RATES and self.suite.encoders is not None:
                 drawn = replace(drawn, delay=self.constants("encoders").delay)
             self._constants[key] = drawn
         return self._constants[key]
@@ -148,7 +147,7 @@ class SensorNoise:
         if len(table) < count:
             starts = errors.dropouts / (60 * errors.rate)
             ends = 1 / (errors.dropout_length * errors.rate)
-            stream = random_stream(self.seed, SENSORS[name].stream, _DROPOUTS)
+            stream = random_stream(self.seed, SENSORS[name].stream, KINDS.index("dropouts"))
             numbers = stream.random(max(64, 2 * count))
             lost, states = False, []
             for number in numbers:
@@ -180,7 +179,7 @@ class SensorNoise:
 
 
 def add_noise(suite: SensorSuite, ideal: Log, seed: int, hardware_seed: int | None = None) -> Log:
-    """Return measurements with the errors of a suite's sensors; the seed determines them.
+    """Return a log with the errors of a suite's sensors; the seed determines them.
 
     Args:
         suite: the sensors.
@@ -194,11 +193,10 @@ def add_noise(suite: SensorSuite, ideal: Log, seed: int, hardware_seed: int | No
 
     """
     noise, joints = SensorNoise(suite, seed, hardware_seed), len(ideal.joint_names)
-    motion = ideal.motion if isinstance(ideal, IdealLog) else {}
     samples = {}
     for name, errors in suite.present().items():
         exact, first = ideal[name], first_sample(errors)
-        value = noise.apply(name, exact.value, first, motion.get(name))
+        value = noise.apply(name, exact.value, first, ideal.motion.get(name))
         stamped = Samples(exact.time + noise.constants(name, joints).delay, value)
         samples[name] = stamped.where(~noise.is_lost(name, first + len(exact))[first:])
     if THRUST in ideal.samples:  # the true thrust is the logged one, times one plus the error

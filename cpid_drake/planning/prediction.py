@@ -20,7 +20,7 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.identification.fitted import cramer_rao_bound
-from cpid_drake.logs.log import IdealLog, ideal_log
+from cpid_drake.logs.log import Log, ideal_log
 from cpid_drake.scenario.schema import Scenario
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.free_floating import FreeFloatingDynamics
@@ -103,7 +103,7 @@ class MotionSetting:
         motion: JointMotion,
         parameters: NDArray[np.float64],
         tree: KinematicTree | None = None,
-    ) -> IdealLog:
+    ) -> Log:
         """Return the samples of the sensors without errors, with a target of π (10,).
 
         Args:

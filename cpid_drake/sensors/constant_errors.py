@@ -5,7 +5,6 @@ does not change the values of the others or the noise of the samples.
 """
 
 from dataclasses import dataclass, field
-from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +12,6 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.errors import InputError
-from cpid_drake.sensors.random_streams import random_stream
 from cpid_drake.sensors.sensors import (
     ARCSECOND,
     ATTITUDE,
@@ -27,20 +25,22 @@ from cpid_drake.sensors.sensors import (
     VectorSensor,
 )
 
-
-class _Kind(IntEnum):
-    """Second number of the key of a random stream; see `random_stream`."""
-
-    DELAY = 0
-    MOUNTING = 1
-    SCALE = 2
-    MISALIGNMENT = 3
-    LEVER_ARM = 4
-    ZERO = 5
+KINDS = ("delay", "mounting", "scale", "misalignment", "lever_arm", "zero", "dropouts")
+"""What has a random stream of its own for each sensor; a place is the second number of its key."""
 
 
-def _no_error() -> NDArray[np.float64]:
-    return np.zeros(3)
+def random_stream(seed: int, *key: int) -> np.random.Generator:
+    """Return the generator of one stream; it differs from `numpy.random.default_rng(seed)`.
+
+    Args:
+        seed: a whole number >= 0.
+        key: whole numbers >= 0. Keys of different length never give the same stream:
+            (number in the table of sensors) for errors that differ from sample to sample,
+            (number in the table, place in `KINDS`) for constant errors of a sensor and its
+            dropouts, and three numbers for disturbances.
+
+    """
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,9 +58,9 @@ class ConstantErrors:
     """
 
     delay: float = 0.0
-    mounting_B: NDArray[np.float64] = field(default_factory=_no_error)
+    mounting_B: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     scale: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3, 3)))
-    lever_arm_B: NDArray[np.float64] = field(default_factory=_no_error)
+    lever_arm_B: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     zero: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
 
     def by_kind(self) -> dict[str, NDArray[np.float64]]:
@@ -102,7 +102,7 @@ class ConstantErrors:
             if motion is None:
                 raise InputError(
                     f"sensor '{sensor.name}': its lever arm needs the true motion at its samples; "
-                    "measurements from ideal_log contain it"
+                    "a log from ideal_log contains it"
                 )
             arm_W = motion.R_WB @ self.lever_arm_B
             return ideal + (arm_W if sensor.quantity is POSITION else np.cross(motion.w_WB, arm_W))
@@ -122,19 +122,19 @@ def draw_constant_errors(
 
     """
 
-    def normal(kind: _Kind, *shape: int) -> NDArray[np.float64]:
-        return random_stream(seed, sensor.stream, kind).standard_normal(shape)
+    def normal(kind: str, *shape: int) -> NDArray[np.float64]:
+        return random_stream(seed, sensor.stream, KINDS.index(kind)).standard_normal(shape)
 
     values: dict[str, NDArray[np.float64]] = {}
     if isinstance(errors, AttitudeSensor):
-        values["mounting_B"] = errors.mounting_arcsec * ARCSECOND * normal(_Kind.MOUNTING, 3)
+        values["mounting_B"] = errors.mounting_arcsec * ARCSECOND * normal("mounting", 3)
     elif isinstance(errors, Gyro):
-        scale = errors.misalignment_arcsec * ARCSECOND * normal(_Kind.MISALIGNMENT, 3, 3)
-        np.fill_diagonal(scale, errors.scale_ppm * 1e-6 * normal(_Kind.SCALE, 3))
+        scale = errors.misalignment_arcsec * ARCSECOND * normal("misalignment", 3, 3)
+        np.fill_diagonal(scale, errors.scale_ppm * 1e-6 * normal("scale", 3))
         values["scale"] = scale
     elif isinstance(errors, VectorSensor):
-        values["lever_arm_B"] = errors.lever_arm_mm * 1e-3 * normal(_Kind.LEVER_ARM, 3)
+        values["lever_arm_B"] = errors.lever_arm_mm * 1e-3 * normal("lever_arm", 3)
     elif isinstance(errors, JointSensor) and sensor.quantity is JOINT_POSITIONS:
-        values["zero"] = errors.zero_mrad * 1e-3 * normal(_Kind.ZERO, joint_count)
-    delay = errors.delay_ms * 1e-3 * float(normal(_Kind.DELAY, 1)[0])
+        values["zero"] = errors.zero_mrad * 1e-3 * normal("zero", joint_count)
+    delay = errors.delay_ms * 1e-3 * float(normal("delay", 1)[0])
     return ConstantErrors(delay, **values)

@@ -9,7 +9,7 @@ from annotated_types import Ge
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.orbit import Orbit
-from cpid_drake.sensors.random_streams import random_stream
+from cpid_drake.sensors.constant_errors import random_stream
 
 Size = Annotated[float, Ge(0)]
 

@@ -19,7 +19,6 @@ from cpid_drake.identification.fitted import cramer_rao_bound
 from cpid_drake.logs.burns import Burn, log_of_burns
 from cpid_drake.logs.log import (
     THRUST,
-    IdealLog,
     Log,
     ideal_log,
 )
@@ -148,7 +147,7 @@ def ideal_samples(
     tree: KinematicTree,
     joint_names: tuple[str, ...],
     disturbance: SimulatedDisturbance | None = None,
-) -> IdealLog:
+) -> Log:
     """Return the ideal samples of the sensors, without noise, on a spacecraft of this tree.
 
     The other arguments are those of `base_trajectory`.
@@ -162,7 +161,7 @@ def ideal_samples(
     if not (case.burns and case.logs_thrust):
         return ideal
     samples = {**ideal.samples, THRUST: log_of_burns(case.burns)}
-    return IdealLog(joint_names, samples, motion=ideal.motion)
+    return Log(joint_names, samples, motion=ideal.motion)
 
 
 def base_trajectory(

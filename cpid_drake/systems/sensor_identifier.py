@@ -227,10 +227,10 @@ class SensorIdentifier(Identifier):
             self._joint_names, {name: Samples(s[:, 0], s[:, 1:]) for name, s in samples.items()}
         )
         screened = screen(given, self._suite, memory.screening)
-        timely, queue, online = screened.measurements, memory.queue, memory.online
+        timely, queue, online = screened.log, memory.queue, memory.online
         if not np.isnan(queue.edge):
             timely = after(timely, queue.edge, np.inf)
-        late = {name: len(s) - len(timely[name]) for name, s in screened.measurements.items()}
+        late = {name: len(s) - len(timely[name]) for name, s in screened.log.items()}
         queue, blocks = queue.added(timely, self._complete_until(screened.memory))
         for block in blocks:
             online = step(self._model, online, block)

@@ -157,7 +157,7 @@ def in_chunks(measurements, suite, cuts) -> tuple[dict, dict]:
         memory = result.memory
         for name in SENSORS:
             rejected[name] += result.rejected[name]
-            kept[name].append(result.measurements[name].time)
+            kept[name].append(result.log[name].time)
     return {name: np.concatenate(times) for name, times in kept.items()}, rejected
 
 
@@ -224,7 +224,7 @@ def rejects_exactly(measurements, suite, name, rows) -> None:
     result = screen(measurements, suite)
     assert result.rejected == NONE_REJECTED | {name: len(rows)}
     expected = np.delete(measurements[name].time, rows)
-    np.testing.assert_array_equal(result.measurements[name].time, expected)
+    np.testing.assert_array_equal(result.log[name].time, expected)
 
 
 @pytest.mark.parametrize("size", [3000.0, 1e5])
@@ -352,7 +352,7 @@ def screened(name, time, value=None, **others):
         for other, w in zip(SENSORS, (4, 3, 3, 3, 2, 2))
     }
     result = screen(Log(JOINTS, **(empty | {name: Samples(time, value)})))
-    kept, rejected = result.measurements, result.rejected
+    kept, rejected = result.log, result.rejected
     assert all(rejected[other] == 0 for other in SENSORS if other != name)
     assert rejected[name] + len(getattr(kept, name)) == time.size
     return getattr(kept, name), rejected[name]
@@ -363,10 +363,10 @@ def test_good_samples_survive(perfect, suite):
     noisy = add_noise(every_sensor(), perfect, seed=1)
     result = screen(noisy, suite)
     assert result.rejected == dict.fromkeys(SENSORS, 0)
-    assert result.measurements.joint_names == JOINTS
+    assert result.log.joint_names == JOINTS
     for name, samples in noisy.items():
-        np.testing.assert_array_equal(result.measurements[name].time, samples.time)
-        np.testing.assert_allclose(result.measurements[name].value, samples.value, atol=1e-15)
+        np.testing.assert_array_equal(result.log[name].time, samples.time)
+        np.testing.assert_allclose(result.log[name].value, samples.value, atol=1e-15)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])

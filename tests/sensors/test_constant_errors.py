@@ -10,8 +10,8 @@ from cpid_drake import InputError, Motion
 from cpid_drake.estimation.likelihood.constants import constant_errors
 from cpid_drake.logs.log import ideal_log
 from cpid_drake.logs.simulated_noise import SensorNoise, add_noise
+from cpid_drake.sensors.constant_errors import random_stream
 from cpid_drake.sensors.disturbances import Disturbances
-from cpid_drake.sensors.random_streams import random_stream
 from cpid_drake.sensors.sensors import (
     ARCSECOND,
     SENSORS,

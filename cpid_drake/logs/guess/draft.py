@@ -58,7 +58,7 @@ class MapDraft:
     def measurements(self) -> Log:
         """Return the samples as read with the map."""
         read = read_columns(self.map, Table(dict(self.raw.values)), "the log").measurements
-        return _in_order(screen(read).measurements, self.spacecraft.joint_names)
+        return _in_order(screen(read).log, self.spacecraft.joint_names)
 
     # -- conventions -------------------------------------------------------------------------
 

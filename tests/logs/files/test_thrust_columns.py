@@ -8,8 +8,8 @@ import pytest
 from cpid_drake import InputError, read_telemetry, write_telemetry
 from cpid_drake.logs.burns import Burn, log_of_burns
 from cpid_drake.logs.conversion import from_columns
-from cpid_drake.logs.files import FORMATS, THRUST_COLUMNS, table_of
-from cpid_drake.logs.log import THRUST, Log, Samples
+from cpid_drake.logs.files import FORMATS, table_of
+from cpid_drake.logs.log import THRUST, THRUST_COLUMNS, Log, Samples
 from cpid_drake.logs.screening import screen
 from cpid_drake.sensors.sensors import JointSensor
 from cpid_drake.sensors.suite import SensorSuite
@@ -122,7 +122,7 @@ def test_openings_of_valves_become_one_log_of_their_changes(random_motion):
     suite = SensorSuite(
         encoders=JointSensor(), thrusters=Thrusters({"left": Valve(), "right": Valve()})
     )
-    thrust = screen(log, suite).measurements.thrust
+    thrust = screen(log, suite).log.thrust
     np.testing.assert_array_equal(thrust.time, log.gyro.time[[0, 1, 3]])
     np.testing.assert_array_equal(thrust.value, [[0, 0], [0, 1], [0.5, 0]])
     for bad, phrase in (
