@@ -20,6 +20,7 @@ from cpid_drake.resources import NOT_A_FILE, resolve_model
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.thrusters import VALVE
 
+
 @dataclass(frozen=True)
 class Format:
     """A format of log files.

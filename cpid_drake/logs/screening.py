@@ -216,9 +216,9 @@ def with_thrust(log: Log, suite: SensorSuite | None) -> Log:
     time = np.unique(np.concatenate([samples.time for samples in each.values()]))
     openings = np.hstack([samples.held_at(time) for samples in each.values()])
     changes = np.append(True, (openings[1:] != openings[:-1]).any(axis=1))
-    samples = {n: s for n, s in log.samples.items() if not n.startswith(VALVE)}
-    samples[THRUST] = Samples(time[changes], openings[changes])
-    return Log(log.joint_names, samples, log.column_map)
+    others = {n: s for n, s in log.samples.items() if not n.startswith(VALVE)}
+    others[THRUST] = Samples(time[changes], openings[changes])
+    return Log(log.joint_names, others, log.column_map)
 
 
 def _held(name: str, given: Samples, width: int) -> Samples:
