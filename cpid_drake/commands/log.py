@@ -12,10 +12,8 @@ from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.identification.checked_log import check_log, left_out_warning
 from cpid_drake.logs.conventions import check_conventions
 from cpid_drake.logs.conversion import LogFile
-from cpid_drake.logs.files import inspect_telemetry, read_telemetry, write_telemetry
+from cpid_drake.logs.files import inspect_telemetry, read_table, read_telemetry, write_telemetry
 from cpid_drake.logs.guess.guess import guess_map
-from cpid_drake.logs.guess.map_text import column_map_text
-from cpid_drake.logs.guess.raw_log import read_raw
 from cpid_drake.logs.score import Comparison
 from cpid_drake.logs.screening import screen
 from cpid_drake.output_files.drafts import write_text
@@ -127,14 +125,13 @@ def map_columns(
     known, spacecraft = craft.known(), craft.make()
     topics = options.ReadingOptions(topic=topic).topics()
     with prefix_errors(file):
-        guess = guess_map(read_raw(file, topics), spacecraft, known.base, frame_rate)
-    heading = [f"Map of the columns of {Path(file).name}, guessed by `cpid log map`."]
-    text = column_map_text(guess.column_map, guess.reasons, heading)
+        guess = guess_map(read_table(file, topics), spacecraft, known.base, frame_rate)
+    text = guess.text(f"Map of the columns of {Path(file).name}, guessed by `cpid log map`.")
     Console(markup=False, highlight=False, soft_wrap=True).print(text)
     if out is not None:
         write_text(out, text)
     with prefix_errors(f"{file}: does not agree with this map"):
-        checked = check_log(spacecraft, guess.measurements)
+        checked = check_log(spacecraft, guess.log)
     messages = options.log_console()
     if guess.missing:
         messages.print(f"{file}: complete this map: {'; '.join(guess.missing)}")

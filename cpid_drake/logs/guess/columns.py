@@ -1,13 +1,18 @@
 """Chooses the columns of a log for each quantity by names and values."""
 
+from collections.abc import Collection
 from typing import Any, cast
 
 import numpy as np
 
+from cpid_drake.errors import InputError
+from cpid_drake.logs.column_map import TimeUnit, scale_of
 from cpid_drake.logs.guess.draft import MapDraft
-from cpid_drake.logs.guess.joints import JointColumnsFound
+from cpid_drake.logs.guess.joints import find_joint_units, find_joints
 from cpid_drake.logs.guess.names import (
+    COMMANDS,
     Group,
+    frame_rate_of,
     groups_by_angle,
     groups_by_axis,
     groups_by_number,
@@ -15,171 +20,219 @@ from cpid_drake.logs.guess.names import (
     words_of,
 )
 
-_POSITION = {"position", "pos", "p", "t", "translation", "trans", "location", "xyz"}
-_VELOCITY = {"velocity", "vel", "v", "linear", "speed"}
-_RATE = {"angular", "gyro", "gyr", "omega", "w", "bw", "rates", "rate", "angvel", "wb", "gyroscope"}
-_ATTITUDE = {"attitude", "att", "orientation", "quat", "quaternion", "q", "rotation", "rot", "r"}
-_OTHER = {"acceleration", "accel", "acc", "covariance", "cov", "force", "torque", "magnetic", "mag"}
+_TIMES = ("stamp", "timestamp", "time", "t", "clock", "secs", "sec", "seconds", "frame")
+_NANOSECONDS = {"nanosec", "nsec", "nsecs", "nanosecs", "nanoseconds"}
+_OTHER_TIMES = {"sub", "recv", "receive", "log", "record"}
+_YEARS = (5e8, 4e9)
+"""Seconds since 1970 in the years 1985 to 2096."""
+
+_STEPS = (1e-4, 0.5, 5.0)
+"""Shortest and longest step of a log, and the one above which the time may be in a smaller unit,
+between them [s]."""
+
 _THRUST = {"thrust", "thruster", "thrusters", "rcs", "propulsion"}
 _FORCE, _TORQUE = {"force", "forces", "f"}, {"torque", "torques", "moment", "tau", "t", "m"}
-_COMMANDS = {"command", "cmd", "commanded", "desired", "ref", "reference", "setpoint"}
-_OTHER |= _THRUST
-_OTHER |= {"command", "cmd", "desired", "ref", "reference", "setpoint", "target", "goal"}
+_ATTITUDE = {"attitude", "att", "orientation", "quat", "quaternion", "q", "rotation", "rot", "r"}
+_BASE = {"base", "bus", "body", "chaser", "servicer", "spacecraft"}
+_OTHER = {"acceleration", "accel", "acc", "covariance", "cov", "force", "torque", "magnetic", "mag"}
+_OTHER |= {"target", "goal", *_THRUST, *COMMANDS}
+_VECTORS = {
+    "angular_velocity": {
+        *("angular", "gyro", "gyr", "omega", "w", "bw", "rates", "rate", "angvel", "wb"),
+        "gyroscope",
+    },
+    "velocity": {"velocity", "vel", "v", "linear", "speed"},
+    "position": {"position", "pos", "p", "t", "translation", "trans", "location", "xyz"},
+}
 
 
-def choose_columns(draft: MapDraft, joints: JointColumnsFound) -> None:
-    """Choose the columns of joints, attitude, position, velocity and angular velocity."""
-    _choose_joints(draft, joints)
-    taken = {*joints.all_columns, draft.map.time.column}
-    free = [name for name in draft.raw.values if name not in taken]
+def find_columns(draft: MapDraft, frame_rate: float | None) -> None:
+    """Choose the columns of all quantities, and the units that names and values state.
+
+    Args:
+        draft: the map, which is changed.
+        frame_rate: frames per second, if the log counts frames and does not say it [Hz].
+
+    Raises:
+        InputError: no column can be the time, or it counts frames of an unknown rate; or none can
+            be the position of a joint that is not a rotor.
+
+    """
+    _find_time(draft, frame_rate)
+    taken = {draft.map.time.column, *find_joints(draft)}
+    free = [name for name in draft.columns if name not in taken]
     axes = groups_by_axis(free)
-    _choose_attitude(draft, free, axes)
-    _choose_vectors(draft, free, axes)
-    _choose_thrust(draft, axes)
+    _find_attitude(draft, free, axes)
+    _find_vectors(draft, free, axes)
+    _find_thrust(draft, axes)
+    find_joint_units(draft)
 
 
-def _choose_joints(draft: MapDraft, found: JointColumnsFound) -> None:
-    names = draft.spacecraft.joint_names
-    for section, columns in (
-        (draft.map.joint_positions, found.positions),
-        (draft.map.joint_rates, found.rates),
-    ):
-        section.columns = {joint: columns[joint] for joint in names if joint in columns}
-    draft.map.ignore_joints = found.others
-    draft.reasons["joint_positions"] = list(found.reasons)
-    if found.rates:
-        draft.say("joint_rates", "columns beside the positions, named as rates")
-    if found.others:
-        draft.say("ignore_joints", "the spacecraft has no such joints")
-
-
-def _choose_attitude(draft: MapDraft, free: list[str], axes: list[Group]) -> None:
-    """Choose the columns of the attitude: a quaternion, else angles."""
-    quaternions = []
-    for group in axes:
-        if "w" in group.members and draft.raw.has_unit_norm(group.members.values()):
-            columns = list(group.members.values())
-            letters = "".join(group.members)
-            order = letters if letters in ("wxyz", "xyzw") else "wxyz"
-            if letters != order:
-                columns = [group.members[letter] for letter in order]
-            quaternions.append((group, columns, order, "their letters say the order"))
-    for group in groups_by_number(free):
-        if len(group.members) == 4 and draft.raw.has_unit_norm(group.members.values()):
-            columns = list(group.members.values())
-            quaternions.append((group, columns, "", "the order follows from the motion"))
-    if quaternions:
-        chosen = _nearest(draft, [entry[0] for entry in quaternions], _ATTITUDE)
-        _, columns, order, how = next(e for e in quaternions if e[0] is chosen)
-        draft.map.attitude.columns = columns
-        draft.map.attitude.order = cast(Any, order or "wxyz")
-        draft.has_free_order = not order
-        norm = np.linalg.norm([draft.raw.values[c] for c in columns], axis=0)
-        low, high = np.nanmin(norm), np.nanmax(norm)
-        draft.say(
-            "attitude",
-            f"four columns {', '.join(columns)} of norm {low:.5g} to {high:.5g}: a quaternion; "
-            f"{how}",
+def _find_time(draft: MapDraft, frame_rate: float | None) -> None:
+    candidates = []
+    for name, column in draft.columns.items():
+        words = words_of(name)
+        named = [k for k, word in enumerate(_TIMES) if word in words]
+        there = column[np.isfinite(column)]
+        increases = there.size > 1 and np.mean(np.diff(there) >= 0) > 0.98 and there[-1] > there[0]
+        if named and increases and not words & _NANOSECONDS:
+            candidates.append((bool(words & _OTHER_TIMES), named[0], name))
+    if not candidates:
+        raise InputError(
+            f"no column can be the time: it has a name such as 'time' or 'stamp' and increases; "
+            f"the columns of numbers are {', '.join([*draft.columns][:12])}"
         )
+    name, time = min(candidates)[2], draft.map.time
+    ticks = draft.columns[name][np.isfinite(draft.columns[name])]
+    steps = np.diff(ticks)
+    step = float(np.median(steps[steps > 0]))
+    time.column = name
+    draft.say("time", f"'{name}' increases, from {ticks[0]:.12g} in steps of {step:.6g}")
+    seconds = words_of(name) & {"sec", "secs", "seconds"}
+    beside = [
+        other
+        for other in draft.columns
+        if seconds and words_of(other) - _NANOSECONDS == words_of(name) - seconds != words_of(other)
+    ]
+    if "frame" in words_of(name):
+        time.unit, time.rate = "frame", frame_rate_of(name) or frame_rate
+        if time.rate is None:
+            raise InputError(
+                f"the column '{name}' counts frames, and the log does not say how many there are "
+                "in a second: give --frame-rate"
+            )
+        time.epoch = float(ticks[0])
+        draft.say("time", f"{time.rate:g} frames per second")
         return
-    draft.has_free_order = False
-    _choose_angles(draft, free, axes)
+    if beside:
+        time.nanoseconds = beside[0]
+        draft.say("time", f"'{time.nanoseconds}' holds the nanoseconds")
+    else:
+        draft.free.add("time.unit")
+        time.unit, why, draft.time_units = _time_unit(unit_of(name), float(ticks[0]), step)
+        draft.say("time", f"in {time.unit}: {why}")
+    if abs(ticks[0]) * scale_of(time.unit) > 1e5:
+        time.epoch = float(ticks[0])
+        draft.say("time", "the time starts at zero at the first row")
 
 
-def _choose_angles(draft: MapDraft, free: list[str], axes: list[Group]) -> None:
-    """Choose three angles as the attitude."""
+def _time_unit(
+    stated: str | None, first: float, step: float
+) -> tuple[TimeUnit, str, tuple[TimeUnit, ...]]:
+    """Return the unit of a clock, the reason, and other units that are possible."""
+    units: tuple[TimeUnit, ...] = ("s", "ms", "us", "ns")
+    for unit in units:
+        if unit == stated:
+            return unit, "the name says so", ()
+        if stated not in units and _YEARS[0] < first * scale_of(unit) < _YEARS[1]:
+            return unit, "it counts from 1970", ()
+    possible = [u for u in units if _STEPS[0] <= step * scale_of(u) <= _STEPS[2]]
+    if not possible:
+        return "s", "assumed", ()
+    unit, *others = possible
+    is_open = step * scale_of(unit) >= _STEPS[1]
+    why = f"the steps are then {step * scale_of(unit):.4g} s"
+    return unit, why, tuple(others) if is_open else ()
+
+
+# -- the base -------------------------------------------------------------------------------------
+
+
+def _find_attitude(draft: MapDraft, free: list[str], axes: list[Group]) -> None:
+    """Choose the columns of the attitude: a quaternion, else angles."""
     given = draft.map.attitude
-    for group in groups_by_angle(free):
-        if not group.words & (_RATE | _OTHER):
-            given.columns = [group.members[key] for key in ("roll", "pitch", "yaw")]
-            given.order = "roll_pitch_yaw"
-            _angle_unit(draft, "the names say roll, pitch and yaw")
-            return
+    quaternions = [g for g in axes if "w" in g.members]
+    quaternions += [g for g in groups_by_number(free) if len(g.members) == 4]
+    quaternions = [g for g in quaternions if draft.has_unit_norm(g.members.values())]
+    draft.free.add("attitude.direction")
+    if quaternions:
+        members = _nearest(draft, quaternions, _ATTITUDE).members
+        letters, how = "".join(members), "their letters say the order"
+        given.columns = [*members.values()]
+        if "w" not in members:
+            draft.free.add("attitude.order")
+            how = "the order follows from the motion"
+        elif letters in ("wxyz", "xyzw"):
+            given.order = cast(Any, letters)
+        else:
+            given.columns = [members[letter] for letter in "wxyz"]
+        text = f"four columns {', '.join(given.columns)} of norm 1: a quaternion; {how}"
+        draft.say("attitude", text)
+        return
+    rolls = [
+        g for g in groups_by_angle(free) if not g.words & (_VECTORS["angular_velocity"] | _OTHER)
+    ]
     rotations = [g for g in axes if g.words & {"r", "rot", "rotation", "rotvec", "euler"}]
     rotations = [g for g in rotations if "w" not in g.members]
-    if rotations:
+    if rolls:
+        given.columns = [rolls[0].members[key] for key in ("roll", "pitch", "yaw")]
+        given.order, why = "roll_pitch_yaw", "the names say roll, pitch and yaw"
+    elif rotations:
         group = _nearest(draft, rotations, _ATTITUDE)
         given.columns = [group.members[key] for key in "xyz"]
         given.order = "euler_xyz" if "euler" in group.words else "rotation_vector"
-        _angle_unit(draft, "three columns of a rotation")
+        why = "three columns of a rotation"
+        draft.free.add("attitude.order")
+    else:
+        draft.say("attitude", "no four columns have the norm 1, and none are named as angles")
         return
-    draft.say("attitude", "no four columns have the norm 1, and none are named as angles")
-
-
-def _angle_unit(draft: MapDraft, why: str) -> None:
-    given = draft.map.attitude
-    unit = unit_of(given.columns[0])
-    size = max(np.nanmax(np.abs(draft.raw.values[c])) for c in given.columns)
+    unit, size = unit_of(given.columns[0]), draft.largest(given.columns)
     given.unit = "deg" if unit == "deg" or (unit is None and size > 2 * np.pi) else "rad"
     named = "the name says so" if unit else f"the largest is {size:.4g}"
     draft.say("attitude", f"{', '.join(given.columns)}: {why}; in {given.unit}: {named}")
 
 
-def _choose_vectors(draft: MapDraft, free: list[str], axes: list[Group]) -> None:
+def _find_vectors(draft: MapDraft, free: list[str], axes: list[Group]) -> None:
     """Choose the columns of position, velocity and angular velocity by their names."""
-    used = set(draft.map.attitude.columns)
-    groups = [g for g in axes if not used & set(g.members.values())]
-    numbered = [g for g in groups_by_number(free) if len(g.members) == 3]
-    groups += [g for g in numbered if not used & set(g.members.values())]
-    groups = [g for g in groups if not g.words & _OTHER]
-    rates = [g for g in groups if g.words & _RATE and "linear" not in g.words]
-    velocities = [g for g in groups if g not in rates and g.words & _VELOCITY]
-    named = {id(g) for g in (*rates, *velocities)}
-    positions = [g for g in groups if id(g) not in named]
-    positions = [g for g in positions if g.words & _POSITION or g.stem == "*"]
-    for key, choices, words in (
-        ("angular_velocity", rates, _RATE),
-        ("velocity", velocities, _VELOCITY),
-        ("position", positions, _POSITION),
-    ):
+    groups = [*axes, *(g for g in groups_by_number(free) if len(g.members) == 3)]
+    used = {*draft.map.attitude.columns}
+    groups = [g for g in groups if not used & {*g.members.values()} and not g.words & _OTHER]
+    draft.map.angular_velocity.frame = "body"
+    draft.free |= {"angular_velocity.frame", "velocity.frame", "position.point_B"}
+    for key, words in _VECTORS.items():
+        choices = [g for g in groups if g.words & words or (key == "position" and g.stem == "*")]
+        if key == "angular_velocity":
+            choices = [g for g in choices if "linear" not in g.words]
+        groups = [g for g in groups if g not in choices]
         if not choices:
             draft.say(key, f"no {key.replace('_', ' ')}: no three columns have names for it")
             continue
-        group = _nearest(draft, choices, words)
-        columns = [name for axis, name in group.members.items() if axis != "w"]
-        section = getattr(draft.map, key)
-        section.columns = columns
-        unit = unit_of(columns[0])
-        suffix = "" if key == "position" else "/s"
-        if unit:
-            section.unit = unit if unit == "rpm" else unit + suffix
+        group, section = _nearest(draft, choices, words), getattr(draft.map, key)
+        section.columns = [name for axis, name in group.members.items() if axis != "w"]
         others = [g.stem for g in choices if g is not group]
         besides = f" (not used: {', '.join(others)})" if others else ""
-        draft.say(key, f"{', '.join(columns)}: by their names{besides}")
-        if unit:
+        draft.say(key, f"{', '.join(section.columns)}: by their names{besides}")
+        if unit := unit_of(section.columns[0]):
+            section.unit = unit if key == "position" or unit == "rpm" else f"{unit}/s"
             draft.say(key, f"in {section.unit}: the names say so")
-    draft.map.angular_velocity.frame = "body"
+        else:
+            draft.free.add(f"{key}.unit")
 
 
-def _choose_thrust(draft: MapDraft, axes: list[Group]) -> None:
+def _find_thrust(draft: MapDraft, axes: list[Group]) -> None:
     """Choose the columns of the thrusters' force and torque, if their names say what they are."""
-    groups = [g for g in axes if g.words & _THRUST and not g.words & _COMMANDS]
-    given, found = draft.map.thrust, False
+    groups = [g for g in axes if g.words & _THRUST and not g.words & COMMANDS]
+    given = draft.map.thrust
     for group in groups:
         columns = [group.members[axis] for axis in "xyz"]
         is_torque = bool(group.words & _TORQUE) and not group.words & _FORCE
-        if is_torque and not given.torque:
-            given.torque, found = columns, True
-        elif not is_torque and not given.force:
-            given.force, found = columns, True
-    if not found:
-        return
+        if is_torque:
+            given.torque = given.torque or columns
+        else:
+            given.force = given.force or columns
     columns = [*given.force, *given.torque]
-    draft.say(
-        "thrust",
-        f"{', '.join(columns)}: by their names; in N and N*m, in the axes of the base, and the "
-        "force at its origin (point_B)",
-    )
+    if columns:
+        text = "by their names; in N and N*m, in the axes of the base, and the force at its origin"
+        draft.say("thrust", f"{', '.join(columns)}: {text} (point_B)")
     left = [g.stem for g in groups if not {*g.members.values()} & {*columns}]
     if left:
         draft.say("thrust", f"not used: {', '.join(left)}")
 
 
-def _nearest(draft: MapDraft, groups: list[Group], words: set[str]) -> Group:
+def _nearest(draft: MapDraft, groups: list[Group], words: Collection[str]) -> Group:
     """Return the group of the base body, else the one whose name has most of the words."""
     names = {draft.base.lower(), *words_of(draft.base)} - {""}
-    usual = {"base", "bus", "body", "chaser", "servicer", "spacecraft"}
     return max(
         groups,
-        key=lambda g: (len(g.words & names), len(g.words & usual), len(g.words & words)),
+        key=lambda g: (len(g.words & names), len(g.words & _BASE), len(g.words & {*words})),
     )

@@ -1,86 +1,76 @@
-"""Guesses which columns of a log belong to which joint of the spacecraft."""
+"""Guesses which columns of a log belong to which joint of the spacecraft, and their units."""
 
-from collections.abc import Collection
-from dataclasses import dataclass
+from typing import Any, cast
+
+import numpy as np
 
 from cpid_drake.errors import InputError
-from cpid_drake.logs.guess.names import Group, groups_by_number, letters_of, words_of
-from cpid_drake.logs.guess.raw_log import RawLog
-from cpid_drake.spacecraft.spacecraft import Spacecraft
+from cpid_drake.logs.guess.draft import MapDraft
+from cpid_drake.logs.guess.names import (
+    COMMANDS,
+    Group,
+    groups_by_number,
+    letters_of,
+    unit_of,
+    words_of,
+)
 
-_RATES = {"velocity", "velocities", "vel", "rate", "rates", "speed", "qd", "dq", "qdot", "dot"}
-_RATES |= {"thetadot", "w", "omega"}
-_POSITIONS = {"position", "positions", "pos", "angle", "angles", "q", "theta", "th", "joint"}
-_POSITIONS |= {"joints", "encoder", "encoders", "enc", "j", "qj"}
-_OTHERS = {"effort", "efforts", "torque", "torques", "tau", "current", "cmd", "command", "desired"}
-_OTHERS |= {"ref", "target", "setpoint", "goal", "acc", "accel", "acceleration", "temperature"}
-_OTHERS |= {"temp", "qdd", "ddq", "voltage", "error", "err"}
-
-
-@dataclass(frozen=True, eq=False)
-class JointColumnsFound:
-    """The columns of joints.
-
-    Attributes:
-        positions, rates: columns by joint of the spacecraft.
-        others: joints in the package's own columns that the spacecraft does not have.
-        reasons: how the columns were found.
-        all_columns: all columns that belong to joints, also those that are not used.
-
-    """
-
-    positions: dict[str, str]
-    rates: dict[str, str]
-    others: list[str]
-    reasons: list[str]
-    all_columns: set[str]
+_JOINT_RATES = {
+    *("velocity", "velocities", "vel", "rate", "rates", "speed", "qd", "dq", "qdot", "dot"),
+    *("thetadot", "w", "omega"),
+}
+_JOINTS = {
+    *("position", "positions", "pos", "angle", "angles", "q", "theta", "th", "joint", "joints"),
+    *("encoder", "encoders", "enc", "j", "qj"),
+}
+_OF_JOINTS = {
+    *("effort", "efforts", "torque", "torques", "tau", "current", "temperature", "temp", "qdd"),
+    *("ddq", "voltage", "error", "err", "acc", "accel", "acceleration", "target", "goal"),
+    *COMMANDS,
+}
+"""Words of columns of joints that are neither positions nor rates."""
 
 
-def find_joints(raw: RawLog, spacecraft: Spacecraft, taken: Collection[str]) -> JointColumnsFound:
-    """Find the columns of the spacecraft's joints by their names, else by their numbers.
-
-    Args:
-        raw: the log.
-        spacecraft: the spacecraft.
-        taken: columns that have another meaning.
-
-    Raises:
-        InputError: a joint that is not a rotor has no column.
-
-    """
-    free = [name for name in raw.values if name not in taken]
-    found = JointColumnsFound({}, {}, [], [], set())
-    names = spacecraft.joint_names
+def find_joints(draft: MapDraft) -> set[str]:
+    """Choose the columns of the joints by their names, else by numbers; return all of joints."""
+    craft, free = draft.spacecraft, [c for c in draft.columns if c != draft.map.time.column]
+    names = craft.joint_names
+    needed = [name for k, name in enumerate(names) if not craft.tree.is_rotor(k)]
+    positions: dict[str, str] = {}
+    rates: dict[str, str] = {}
+    used = set()
     for column in free:
         for joint in sorted(names, key=len, reverse=True):
             rest = _rest(column, joint)
-            if rest is None:
-                continue
-            found.all_columns.add(column)
-            words = words_of(rest)
-            if not words & _OTHERS:
-                kind = found.rates if words & _RATES else found.positions
-                kind.setdefault(joint, column)
-            break
-    needed = [name for k, name in enumerate(names) if not spacecraft.tree.is_rotor(k)]
-    if any(joint in found.positions for joint in needed):
-        found.reasons.append("the columns have the names of the spacecraft's joints")
+            if rest is not None:
+                used.add(column)
+                words = words_of(rest)
+                if not words & _OF_JOINTS:
+                    (rates if words & _JOINT_RATES else positions).setdefault(joint, column)
+                break
+    if any(joint in positions for joint in needed):
+        draft.say("joint_positions", "the columns have the names of the spacecraft's joints")
     else:
-        _by_number(raw, free, names, needed, found)
-    house = [c for c in free if c.startswith("q:") and c[2:] not in names]
-    found.others.extend(column[2:] for column in house)
-    missing = [joint for joint in needed if joint not in found.positions]
-    if missing:
-        shown = ", ".join(free[:20])
-        raise InputError(
-            f"no column can be the position of joint '{missing[0]}': none has its name, and there "
-            f"are no {len(needed)} numbered columns; the columns of numbers are {shown}"
-        )
-    incomplete = [joint for joint in found.positions if joint not in found.rates]
-    if found.rates and incomplete:
-        found.reasons.append(f"rates are not used: there is none of {', '.join(incomplete)}")
-        found.rates.clear()
-    return found
+        used |= _number_joints(draft, free, needed, positions, rates)
+    others = [c[2:] for c in free if c.startswith("q:") and c[2:] not in names]
+    for joint in needed:
+        if joint not in positions:
+            raise InputError(
+                f"no column can be the position of joint '{joint}': none has its name, and there "
+                f"are no {len(needed)} numbered columns; the columns of numbers are "
+                f"{', '.join(free[:20])}"
+            )
+    without = [joint for joint in positions if joint not in rates]
+    if rates and without:
+        draft.say("joint_positions", f"rates are not used: there is none of {', '.join(without)}")
+    elif rates:
+        draft.say("joint_rates", "columns beside the positions, named as rates")
+        draft.map.joint_rates.columns = {j: rates[j] for j in names if j in rates}
+    draft.map.joint_positions.columns = {j: positions[j] for j in names if j in positions}
+    if others:
+        draft.map.ignore_joints = others
+        draft.say("ignore_joints", "the spacecraft has no such joints")
+    return used
 
 
 def _rest(column: str, joint: str) -> str | None:
@@ -90,70 +80,105 @@ def _rest(column: str, joint: str) -> str | None:
     start = letters_of(column).find(wanted)
     if start < 0 or not wanted:
         return None
-    end = start + len(wanted)
-    if end < len(places) and wanted[-1].isdigit() and column[places[end - 1] + 1].isdigit():
+    behind = column[places[start + len(wanted) - 1] + 1 :]
+    if wanted[-1].isdigit() and behind[:1].isdigit():
         return None  # joint1 is not joint10
-    behind = column[places[end - 1] + 1 :]
     return f"{column[: places[start]]} {behind}"
 
 
-def _by_number(
-    raw: RawLog,
+def _number_joints(
+    draft: MapDraft,
     free: list[str],
-    names: tuple[str, ...],
     needed: list[str],
-    found: JointColumnsFound,
-) -> None:
+    positions: dict[str, str],
+    rates: dict[str, str],
+) -> set[str]:
     """Add the columns of numbered groups, by names in columns of text or in the joints' order."""
+    names, used = draft.spacecraft.joint_names, set()
     groups = [
         group
         for group in groups_by_number(free)
-        if not group.words & _OTHERS and not _is_quaternion(raw, group)
+        if not group.words & _OF_JOINTS
+        and not (len(group.members) == 4 and draft.has_unit_norm(group.members.values()))
     ]
-    for kind, words in ((found.rates, _RATES), (found.positions, _POSITIONS)):
+    for kind, words in ((rates, _JOINT_RATES), (positions, _JOINTS)):
         for group in groups:
-            is_rate = bool(group.words & _RATES)
-            if kind or not group.words & words or is_rate != (kind is found.rates):
+            is_rate = bool(group.words & _JOINT_RATES)
+            if kind or not group.words & words or is_rate != (kind is rates):
                 continue
-            texts = _texts_of(raw, group, names)
             order = names if len(group.members) == len(names) else needed
-            if texts:
-                kind.update(texts)
+            reason = f"{len(order)} numbered columns {group.stem}, in the model's joint order"
+            found = _named_in_cells(draft, group)
+            if found:
                 reason = "columns of text name the joints of the numbered columns"
             elif len(group.members) == len(order):
-                kind.update(zip(order, group.members.values()))
-                reason = f"{len(order)} numbered columns {group.stem}, in the model's joint order"
+                found = dict(zip(order, group.members.values()))
             else:
                 continue
-            found.all_columns.update(group.members.values())
-            found.reasons.append(reason)
-    unnamed = [g for g in groups if len(g.members) == len(needed) and not g.words & _RATES]
-    if not found.positions and len(unnamed) == 1:
+            kind.update(found)
+            used |= {*group.members.values()}
+            draft.say("joint_positions", reason)
+    unnamed = [g for g in groups if len(g.members) == len(needed) and not g.words & _JOINT_RATES]
+    if not positions and len(unnamed) == 1:
         columns = unnamed[0].members.values()
-        found.positions.update(zip(needed, columns))
-        found.all_columns.update(columns)
-        found.reasons.append(
+        positions.update(zip(needed, columns))
+        used |= {*columns}
+        draft.say(
+            "joint_positions",
             f"{unnamed[0].stem} are the only numbered columns that are as many as the joints, in "
-            "the model's joint order"
+            "the model's joint order",
         )
+    return used
 
 
-def _is_quaternion(raw: RawLog, group: Group) -> bool:
-    """Return whether four columns have the norm 1 in nearly all rows."""
-    return len(group.members) == 4 and raw.has_unit_norm(group.members.values())
-
-
-def _texts_of(raw: RawLog, group: Group, names: tuple[str, ...]) -> dict[str, str]:
+def _named_in_cells(draft: MapDraft, group: Group) -> dict[str, str]:
     """Return columns of a group by the joints that columns of text with equal numbers name."""
-    for texts in groups_by_number(raw.texts):
+    for texts in groups_by_number(draft.texts):
         if not texts.words & {"name", "names"}:
             continue
-        by_text = {letters_of(raw.texts[c]): number for number, c in texts.members.items()}
-        result = {}
-        for joint in names:
-            number = by_text.get(letters_of(joint.rsplit("::", 1)[-1]))
-            if number is not None and number in group.members:
-                result[joint] = group.members[number]
-        if result:
-            return result
+        by_text = {letters_of(draft.texts[c]): number for number, c in texts.members.items()}
+        numbers = {
+            j: by_text.get(letters_of(j.rsplit("::", 1)[-1])) for j in draft.spacecraft.joint_names
+        }
+        if found := {j: group.members[k] for j, k in numbers.items() if k in group.members}:
+            return found
     return {}
+
+
+def find_joint_units(draft: MapDraft) -> None:
+    """Choose the units of joints by names, and by the joints' limits."""
+    at, rate_at, craft = draft.map.joint_positions, draft.map.joint_rates, draft.spacecraft
+    names, low, high = craft.joint_names, craft.limits.lowest, craft.limits.highest
+    slides = {names[b.joint] for b in craft.tree.bodies if b.joint >= 0 and b.prismatic}
+    for joint in slides & at.columns.keys():
+        k, column = names.index(joint), at.columns[joint]
+        far = draft.largest([column]) > 2 * max(abs(low[k]), abs(high[k]))
+        at.units[joint] = length = cast(Any, unit_of(column) or ("mm" if far else "m"))
+        if joint in rate_at.columns:
+            rate_at.units[joint] = cast(Any, f"{length}/s")
+    turning = [joint for joint in at.columns if joint not in slides]
+    # A wheel's angle grows without limit, and has no effect on the momentum.
+    arms = {j: names.index(j) for j in turning if not craft.tree.is_rotor(names.index(j))}
+    stated = unit_of(*(at.columns[joint] for joint in turning))
+    rate_stated = unit_of(*(rate_at.columns[j] for j in turning if j in rate_at.columns))
+
+    def is_within(scale: float) -> bool:
+        return all(
+            low[k] - 0.1 <= scale * np.nanmin(draft.columns[at.columns[joint]])
+            and scale * np.nanmax(draft.columns[at.columns[joint]]) <= high[k] + 0.1
+            for joint, k in arms.items()
+        )
+
+    if stated in ("deg", "rad", "mrad"):
+        at.unit = cast(Any, stated)
+        draft.say("joint_positions", f"in {at.unit}: the names say so")
+    elif not is_within(1.0) and is_within(np.pi / 180):
+        at.unit = "deg"
+        draft.say("joint_positions", "in deg: in rad they would exceed the joints' limits")
+    elif arms:
+        draft.free.add("joint_positions.unit")
+    if rate_stated in ("deg", "rad", "mrad", "rpm"):
+        rate_at.unit = cast(Any, rate_stated if rate_stated == "rpm" else f"{rate_stated}/s")
+        draft.say("joint_rates", f"in {rate_at.unit}: the names say so")
+    elif rate_at.columns:
+        draft.free.add("joint_rates.unit")

@@ -4,28 +4,30 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-_UNITS = {
-    **{name: name for name in ("mm", "cm", "m", "km", "in", "ft", "rad", "mrad", "deg", "rpm")},
-    **{name: name for name in ("s", "ms", "us", "ns")},
-    **{"degree": "deg", "degrees": "deg", "degs": "deg", "°": "deg", "dps": "deg", "rads": "rad"},
-    **{"radians": "rad", "meters": "m", "metres": "m", "millimeters": "mm", "inch": "in"},
-    **{"sec": "s", "secs": "s", "seconds": "s", "msec": "ms", "usec": "us", "nsec": "ns"},
-    **{
-        "nanoseconds": "ns",
-        "microseconds": "us",
-        "milliseconds": "ms",
-        "µs": "us",
-        "nanosec": "ns",
-    },
-    **{"nsecs": "ns", "millis": "ms", "micros": "us", "nanos": "ns"},
+_SYNONYMS = {
+    "m": "meters metres",
+    "mm": "millimeters",
+    "cm": "",
+    "km": "",
+    "in": "inch",
+    "ft": "",
+    "rad": "rads radians",
+    "mrad": "",
+    "deg": "degree degrees degs ° dps",
+    "rpm": "",
+    "s": "sec secs seconds",
+    "ms": "msec millis milliseconds",
+    "us": "µs usec micros microseconds",
+    "ns": "nsec nsecs nanos nanosec nanoseconds",
 }
+_UNITS = {name: unit for unit, names in _SYNONYMS.items() for name in (unit, *names.split())}
+_SUFFIXES = _UNITS.keys() - {"m", "s", "in", "ft"}  # units that end a name without brackets
+COMMANDS = {"command", "cmd", "commanded", "desired", "ref", "reference", "setpoint"}
+"""Words of what is wanted, not measured."""
+
 _BRACKET = re.compile(r"\s*[\[(]\s*([^\[\]():,\d]*?)\s*(?:/\s*s(?:ec)?)?\s*[\])]\s*$")
 _FRAME_RATE = re.compile(r"[\[(]\s*(\d+(?:\.\d+)?)\s*Hz\s*[\])]")
 _WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|°|µ")
-_SUFFIX_UNITS = (
-    *("mm", "cm", "meters", "deg", "degs", "degrees", "rad", "rads", "rpm", "dps"),
-    *("ms", "us", "ns", "sec", "secs", "nsec", "nsecs", "usec", "msec", "nanosec"),
-)
 
 
 @dataclass(frozen=True)
@@ -57,20 +59,27 @@ def letters_of(name: str) -> str:
     return re.sub(r"[^a-z0-9]", "", name.lower())
 
 
-def without_unit(name: str) -> str:
+def _without_unit(name: str) -> str:
     """Return a name without its unit, in brackets or behind a separator."""
     bare = _FRAME_RATE.sub("", _BRACKET.sub("", name)).strip()
     start, separator, last = bare.rpartition("_")
-    return start if separator and start and last.lower() in _SUFFIX_UNITS else bare
+    return start if separator and start and last.lower() in _SUFFIXES else bare
 
 
-def unit_of(name: str) -> str | None:
-    """Return the unit that a name states, without "per second", such as "mm" for "TX [mm]"."""
-    found = _BRACKET.search(name)
-    if found and found.group(1).lower() in _UNITS:
-        return _UNITS[found.group(1).lower()]
-    last = re.split(r"[^a-zA-Z°µ]+", name.strip())[-1].lower()
-    return _UNITS[last] if last in _SUFFIX_UNITS else None
+def unit_of(*names: str) -> str | None:
+    """Return the unit that names state, without "per second", such as "mm" for "TX [mm]".
+
+    None if they state none, or several.
+    """
+    units = set()
+    for name in names:
+        found = _BRACKET.search(name)
+        last = re.split(r"[^a-zA-Z°µ]+", name.strip())[-1].lower()
+        if found and found.group(1).lower() in _UNITS:
+            units.add(_UNITS[found.group(1).lower()])
+        elif last in _SUFFIXES:
+            units.add(_UNITS[last])
+    return units.pop() if len(units) == 1 else None
 
 
 def frame_rate_of(name: str) -> float | None:
@@ -79,27 +88,24 @@ def frame_rate_of(name: str) -> float | None:
     return float(found.group(1)) if found else None
 
 
-_AXES = (
-    r"^(?P<a>.*?)(?P<key>[wxyzWXYZ])(?P<b>)$",
-    r"^(?P<a>)(?P<key>[wxyzWXYZ])(?P<b>[_. ].*)$",
-)
-_ANGLES = (r"^(?P<a>.*?)(?P<key>(?i:roll|pitch|yaw))(?P<b>.*)$",)
-_NUMBERS = (r"^(?P<a>.*?)(?P<key>\d+)(?P<b>\D*)$",)
-
-
 def groups_by_axis(names: Iterable[str]) -> list[Group]:
     """Return the groups of columns that differ in x, y, z and perhaps w, at their end or start."""
-    return _groups(names, _AXES, {"x", "y", "z"})
+    patterns = (
+        r"^(?P<a>.*?)(?P<key>[wxyzWXYZ])(?P<b>)$",
+        r"^(?P<a>)(?P<key>[wxyzWXYZ])(?P<b>[_. ].*)$",
+    )
+    return _groups(names, patterns, {"x", "y", "z"})
 
 
 def groups_by_angle(names: Iterable[str]) -> list[Group]:
     """Return the groups of columns that differ in roll, pitch, yaw."""
-    return _groups(names, _ANGLES, {"roll", "pitch", "yaw"})
+    pattern = r"^(?P<a>.*?)(?P<key>(?i:roll|pitch|yaw))(?P<b>.*)$"
+    return _groups(names, (pattern,), {"roll", "pitch", "yaw"})
 
 
 def groups_by_number(names: Iterable[str]) -> list[Group]:
-    """Return the groups of columns that differ in their last number."""
-    groups = _groups(names, _NUMBERS, set())
+    """Return the groups of columns that differ in their last number, in the numbers' order."""
+    groups = _groups(names, (r"^(?P<a>.*?)(?P<key>\d+)(?P<b>\D*)$",), set())
     return [
         Group(group.stem, dict(sorted(group.members.items(), key=lambda item: int(item[0]))))
         for group in groups
@@ -112,8 +118,7 @@ def _groups(names: Iterable[str], patterns: tuple[str, ...], needed: set[str]) -
     found: dict[str, dict[str, str]] = {}
     for name in names:
         for pattern in patterns:
-            match = re.match(pattern, without_unit(name))
-            if match:
+            if match := re.match(pattern, _without_unit(name)):
                 stem = f"{match['a']}*{match['b']}"
                 found.setdefault(stem, {}).setdefault(match["key"].lower(), name)
     return [Group(stem, members) for stem, members in found.items() if needed <= members.keys()]

@@ -1,5 +1,7 @@
 """Noisy logs in conventions drawn at random: the guessed map gives back every sample."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from sensing_cases import (
@@ -15,9 +17,8 @@ from cpid_drake import InertialParameters, InputError
 from cpid_drake.logs.column_map import load_column_map
 from cpid_drake.logs.files import table_of
 from cpid_drake.logs.guess.guess import guess_map
-from cpid_drake.logs.guess.map_text import column_map_text
-from cpid_drake.logs.guess.raw_log import RawLog
 from cpid_drake.logs.simulated_noise import add_noise
+from cpid_drake.logs.table import Table
 from cpid_drake.sensors.sensors import JointSensor, VectorSensor
 
 TARGET = InertialParameters(60.0, [0.5, 0.05, -0.1], [[6, 0, 0], [0, 9, 0], [0, 0, 8]])
@@ -65,9 +66,9 @@ def in_other_conventions(log, seed):
 @pytest.mark.parametrize("seed", range(4))
 def test_the_guessed_map_gives_back_every_sample(craft, log, tmp_path, seed):
     columns = in_other_conventions(log, seed)
-    guess = guess_map(RawLog(columns, {}), craft, "base")
+    guess = guess_map(Table(columns), craft, "base")
     for name in ("attitude", "position", "encoders", "joint_rates", "gyro", "velocity"):
-        read, true = guess.measurements[name], log[name]
+        read, true = guess.log[name], log[name]
         if name in ("gyro", "velocity") and not any(
             column.startswith("gyro") for column in columns
         ):
@@ -77,9 +78,8 @@ def test_the_guessed_map_gives_back_every_sample(craft, log, tmp_path, seed):
         np.testing.assert_allclose(read.value, true.value, rtol=1e-12, atol=1e-12)
     assert guess.column_map.joint_positions.units == {"slide": "mm"}
     path = tmp_path / "map.yaml"
-    path.write_text(column_map_text(guess.column_map, guess.reasons))
-    again = column_map_text(load_column_map(path), guess.reasons)
-    assert again == path.read_text()
+    path.write_text(guess.text("A map"))
+    assert replace(guess, column_map=load_column_map(path)).text("A map") == path.read_text()
 
 
 def test_joints_are_found_by_number_and_by_names_in_cells(craft, log):
@@ -88,13 +88,14 @@ def test_joints_are_found_by_number_and_by_names_in_cells(craft, log):
     numbered = {name: column for name, column in columns.items() if not name.startswith("arm/")}
     for k, joint in enumerate(joints):
         numbered[f"q({k + 1})"] = columns[f"arm/{joint}.position"]
-    found = guess_map(RawLog(numbered, {}), craft, "base").column_map.joint_positions.columns
+    found = guess_map(Table(numbered), craft, "base").column_map.joint_positions.columns
     assert found == {joint: f"q({k + 1})" for k, joint in enumerate(joints)}
     texts = {f"name{k + 1}": joint for k, joint in enumerate(reversed(joints))}
     texted = {name: column for name, column in columns.items() if not name.startswith("arm/")}
     for k, joint in enumerate(reversed(joints)):
         texted[f"position{k + 1}"] = columns[f"arm/{joint}.position"]
-    found = guess_map(RawLog(texted, texts), craft, "base").column_map.joint_positions.columns
+    table = Table(texted, texts={name: {0: text} for name, text in texts.items()})
+    found = guess_map(table, craft, "base").column_map.joint_positions.columns
     assert found == {joint: f"position{k + 1}" for k, joint in enumerate(reversed(joints))}
 
 
@@ -103,7 +104,7 @@ def test_columns_of_the_base_are_preferred_to_those_of_other_bodies(craft, log):
     for axis in "xyz":
         columns[f"Base:T{axis.upper()}"] = columns.pop(f"pos.{axis}")
         columns[f"Debris:T{axis.upper()}"] = np.arange(len(columns["stamp"])) * 0.1
-    found = guess_map(RawLog(dict(sorted(columns.items(), reverse=True)), {}), craft, "base")
+    found = guess_map(Table(dict(sorted(columns.items(), reverse=True))), craft, "base")
     assert sorted(found.column_map.position.columns) == ["Base:TX", "Base:TY", "Base:TZ"]
 
 
@@ -118,10 +119,10 @@ def test_thrust_is_found_by_name(craft, log, force, torque):
         columns[force + axis] = np.full(len(columns["stamp"]), k + 1.0)
         columns[torque + axis] = np.full(len(columns["stamp"]), k + 4.0)
         columns[f"thruster_cmd_{axis}"] = np.full(len(columns["stamp"]), 9.0)
-    guess = guess_map(RawLog(columns, {}), craft, "base")
+    guess = guess_map(Table(columns), craft, "base")
     assert guess.column_map.thrust.force == [force + axis for axis in "xyz"]
     assert guess.column_map.position.columns == [f"pos.{axis}" for axis in "xyz"]
-    np.testing.assert_array_equal(guess.measurements.thrust.value[0], [4, 5, 6, 1, 2, 3])
+    np.testing.assert_array_equal(guess.log.thrust.value[0], [4, 5, 6, 1, 2, 3])
     assert "force at its origin" in guess.reasons["thrust"][0]
 
 
@@ -129,7 +130,7 @@ def test_without_a_time_the_columns_are_listed(craft, log):
     columns = in_other_conventions(log, 0)
     columns["stamp"] = columns["stamp"][::-1]
     with pytest.raises(InputError, match=r"no column can be the time: .* columns of numbers are"):
-        guess_map(RawLog(columns, {}), craft, "base")
+        guess_map(Table(columns), craft, "base")
 
 
 def columns_at_200_hz(craft):
@@ -145,14 +146,14 @@ def columns_at_200_hz(craft):
 
 def test_a_fast_clock_in_ms_is_found_by_the_rates_or_left_open(craft):
     columns = columns_at_200_hz(craft)
-    guess = guess_map(RawLog(columns, {}), craft, "base")
+    guess = guess_map(Table(columns), craft, "base")
     assert (guess.column_map.time.unit, guess.missing) == ("ms", ())
     without = {name: values for name, values in columns.items() if not name.endswith("rate")}
-    [text] = guess_map(RawLog(without, {}), craft, "base").missing
+    [text] = guess_map(Table(without), craft, "base").missing
     assert text == "the time may be in s or ms (time.unit)"
     slow = {name: v / (100 if name.endswith("rate") else 1) for name, v in columns.items()}
     slow["t"] = columns["t"] / 10  # in s, in steps of 0.5 s
-    guess = guess_map(RawLog(slow, {}), craft, "base")
+    guess = guess_map(Table(slow), craft, "base")
     assert (guess.column_map.time.unit, guess.missing) == ("s", ())
 
 
@@ -165,7 +166,7 @@ def test_four_columns_of_norm_one_are_an_attitude_whatever_their_names(craft):
     columns = {name: values for name, values in columns.items() if not name.endswith("rate")}
     columns["mode"] = np.zeros(len(columns["t"]))
     columns = {name: values for name, values in columns.items() if "spin" not in name}
-    guess = guess_map(RawLog(columns, {}), craft, "base")
+    guess = guess_map(Table(columns), craft, "base")
     assert sorted(guess.column_map.attitude.columns) == ["Q1", "Q2", "Q3", "Q4"]
     assert list(guess.column_map.joint_positions.columns.values()) == ["A1", "A2", "A3", "A4"]
     assert guess.column_map.joint_positions.unit == "deg"
@@ -173,7 +174,7 @@ def test_four_columns_of_norm_one_are_an_attitude_whatever_their_names(craft):
     assert guess.reasons["ignore_columns"] == ["not used: mode"]
     bare = {name: values for name, values in columns.items() if name[0] not in "Qp"}
     bare |= {name: np.radians(v) for name, v in bare.items() if name in ("A1", "A3", "A4")}
-    attitude, unit = guess_map(RawLog(bare, {}), craft, "base").missing
+    attitude, unit = guess_map(Table(bare), craft, "base").missing
     assert "attitude" in attitude
     assert "joint_positions.unit" in unit
 
@@ -184,13 +185,13 @@ def test_exchanged_axes_of_the_gyro_are_found_and_a_foreign_gyro_leaves_the_atti
     """If no convention of the attitude agrees with the gyro, momentum is not asked for a guess."""
     names, values = table_of(log)
     columns = dict(zip(names, values.T))
-    assert guess_map(RawLog(columns, {}), craft, "base").missing == ()
+    assert guess_map(Table(columns), craft, "base").missing == ()
     turned = columns | {"bwx": columns["bwy"], "bwy": columns["bwz"], "bwz": columns["bwx"]}
-    guess = guess_map(RawLog(turned, {}), craft, "base")
+    guess = guess_map(Table(turned), craft, "base")
     assert guess.missing == ()
     np.testing.assert_array_equal(
         guess.column_map.angular_velocity.R_BS, [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
     )
     other = columns | {name: columns[name][::-1] for name in ("bwx", "bwy", "bwz")}
-    missing = guess_map(RawLog(other, {}), craft, "base").missing
+    missing = guess_map(Table(other), craft, "base").missing
     assert any("does not turn at the angular velocity in any convention" in t for t in missing)
