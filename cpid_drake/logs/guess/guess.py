@@ -180,8 +180,8 @@ def _choose_conventions(draft: MapDraft) -> list[str]:
         if draft.map.angular_velocity.columns:
             draft.map.velocity.point_B = draft.map.position.point_B
         found = _choose(draft, _rates(draft, "position"), {"velocity.frame"}, {"velocity.unit"})
-        given, why = draft.map.velocity, _differ("the position's changes", found)
-        draft.say("velocity", f"in {given.unit}, axes of the {given.frame}: {why}")
+        speed, why = draft.map.velocity, _differ("the position's changes", found)
+        draft.say("velocity", f"in {speed.unit}, axes of the {speed.frame}: {why}")
     return missing
 
 

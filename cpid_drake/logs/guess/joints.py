@@ -137,10 +137,12 @@ def _named_in_cells(draft: MapDraft, group: Group) -> dict[str, str]:
         if not texts.words & {"name", "names"}:
             continue
         by_text = {letters_of(draft.texts[c]): number for number, c in texts.members.items()}
-        numbers = {
-            j: by_text.get(letters_of(j.rsplit("::", 1)[-1])) for j in draft.spacecraft.joint_names
-        }
-        if found := {j: group.members[k] for j, k in numbers.items() if k in group.members}:
+        found = {}
+        for joint in draft.spacecraft.joint_names:
+            number = by_text.get(letters_of(joint.rsplit("::", 1)[-1]), "")
+            if number in group.members:
+                found[joint] = group.members[number]
+        if found:
             return found
     return {}
 
