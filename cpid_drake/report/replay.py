@@ -132,7 +132,7 @@ def motion_of(evidence: Evidence) -> Motion:
 
     """
     beginning = evidence.log.data.between(0.0, LONGEST)
-    measurements = screen(in_joint_order(beginning, evidence.inputs.spacecraft)).measurements
+    measurements = screen(in_joint_order(beginning, evidence.inputs.spacecraft)).log
     with_position = bool(len(measurements.position))
     if len(measurements.attitude):
         for rows in ("standard", *([] if with_position else ["relative"])):
