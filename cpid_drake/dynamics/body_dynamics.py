@@ -18,7 +18,7 @@ Source: Ning et al. 2016, Eqs. 5 and 9, about the centre of mass.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -186,4 +186,4 @@ class BodyDynamics:
         return w, v if self.normal_B is None else v - (v @ self.normal_B)[..., None] * self.normal_B
 
 
-_BY_INSTANT = tuple(field.name for field in fields(BodyDynamics))[2:]
+_BY_INSTANT = ("I_K", "h_K", "p_BK", "v_BK", "R_BC", "w_BC", "s", "sdot")

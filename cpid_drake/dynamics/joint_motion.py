@@ -1,6 +1,5 @@
 """Joint motions as functions of time: half a cosine, sums of sines, splines."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Protocol
@@ -14,11 +13,8 @@ from cpid_drake.errors import InputError
 SPLINE_DEGREE = 5
 """Degree of the splines: positions, rates, accelerations and jerks are continuous."""
 
-# An extreme between two instants exceeds that at an instant by (π/64)²/2 = 1e-3 at most.
 _POINTS_PER_CYCLE = 64
-
-# Shorter cycles than these are a wrong unit; a motion of a million cycles would fill the memory.
-_MOST_CYCLES = 1000
+"""An extreme between two instants exceeds that at an instant by (π/64)²/2 = 1e-3 at most."""
 
 
 class JointMotion(Protocol):
@@ -59,20 +55,17 @@ class HalfCosine:
     duration: float
 
     def __post_init__(self) -> None:
-        _check(self, "half-cosine", {"q_initial": 1, "q_final": 1})
+        _check(self, "half-cosine", q_initial=1, q_final=1)
         if self.q_initial.shape != self.q_final.shape:
             raise InputError("half-cosine motion: q_initial and q_final must be of equal length")
 
     def evaluate(self, time: ArrayLike) -> NDArray[np.float64]:
         """Return positions, rates and accelerations (..., 3, J) at times (...)."""
         time = np.asarray(time, dtype=float)[..., None]
-        phase = np.pi * np.clip(time / self.duration, 0.0, 1.0)
-        moving = (time >= 0) & (time <= self.duration)
-        rate = np.pi / self.duration
-        half = (self.q_final - self.q_initial) / 2
+        phase, w = np.pi * np.clip(time / self.duration, 0.0, 1.0), np.pi / self.duration
+        half, moves = (self.q_final - self.q_initial) / 2, (time >= 0) & (time <= self.duration)
         q = self.q_initial + half * (1 - np.cos(phase))
-        qdot = half * rate * np.sin(phase) * moving
-        qddot = half * rate**2 * np.cos(phase) * moving
+        qdot, qddot = half * w * np.sin(phase) * moves, half * w**2 * np.cos(phase) * moves
         return np.stack([q, qdot, qddot], axis=-2)
 
     def instants(self) -> NDArray[np.float64]:
@@ -96,7 +89,7 @@ class MultiSine:
         phases: (K, J) φ_k [rad].
         ramp: time to rise, and to fall [s].
         duration: T [s].
-        displacement: (J,) Δ [rad or m]; default: zero.
+        displacement: (J,) or (1,) Δ [rad or m]; default: zero.
 
     Raises:
         InputError: shapes do not match, an entry is not finite, a frequency or time is not
@@ -110,33 +103,25 @@ class MultiSine:
     phases: NDArray[np.float64]
     ramp: float
     duration: float
-    displacement: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    displacement: NDArray[np.float64] = field(default_factory=lambda: np.zeros(1))
 
     def __post_init__(self) -> None:
-        if not np.size(self.displacement):
-            object.__setattr__(self, "displacement", np.zeros(np.shape(self.centre)))
-        dimensions = {"centre": 1, "displacement": 1, "frequencies": 1}
-        _check(self, "multi-sine", {**dimensions, "amplitudes": 2, "phases": 2})
-        shape = (self.frequencies.size, self.centre.size)
+        _check(self, "multi-sine", centre=1, displacement=1, frequencies=1, amplitudes=2, phases=2)
+        shape, highest = (self.frequencies.size, self.centre.size), 1000 / self.duration
         problem = ""
         if self.amplitudes.shape != shape or self.phases.shape != shape:
             problem = (
                 f"for {shape[0]} frequencies of {shape[1]} joints, amplitudes and phases must be "
                 f"of shape {shape}, not {self.amplitudes.shape} and {self.phases.shape}"
             )
-        elif self.displacement.shape != self.centre.shape:
+        elif self.displacement.size not in (1, shape[1]):
             problem = "displacement and centre must be of equal length"
-        elif not self.frequencies.size or not (self.frequencies > 0).all():
-            problem = "frequencies must be > 0 Hz, at least one"
+        elif not shape[0] or not ((self.frequencies > 0) & (self.frequencies < highest)).all():
+            problem = f"frequencies must be > 0 and < {highest:g} Hz (1000 cycles), at least one"
         elif not 0 < self.ramp <= self.duration / 2:
             problem = (
                 "the ramp must be > 0 and at most half the duration of "
                 f"{self.duration:g}, not {self.ramp}"
-            )
-        elif self.frequencies.max() > _MOST_CYCLES / self.duration:
-            problem = (
-                f"{self.frequencies.max():g} Hz for {self.duration:g} s is more than "
-                f"{_MOST_CYCLES} cycles"
             )
         if problem:
             raise InputError(f"multi-sine motion: {problem}")
@@ -152,11 +137,10 @@ class MultiSine:
         angle = w * t[..., None] + self.phases
         sines, cosines = self.amplitudes * np.sin(angle), self.amplitudes * np.cos(angle)
         s, sdot, sddot = sines.sum(-2), (w * cosines).sum(-2), -(w**2 * sines).sum(-2)
-        q = self.centre + r * s
-        qdot = rdot * s + r * sdot
-        qddot = rddot * s + 2 * rdot * sdot + r * sddot
+        motion = [r * s, rdot * s + r * sdot, rddot * s + 2 * rdot * sdot + r * sddot]
+        motion[0] = motion[0] + self.centre
         shift = _smooth_step(t / self.duration, self.duration) * self.displacement
-        return np.asarray(np.stack([q, qdot, qddot], axis=-2) + shift)
+        return np.asarray(np.stack(motion, axis=-2) + shift)
 
     def instants(self) -> NDArray[np.float64]:
         """Return times (N,) from 0 to T that resolve every cycle and both ramps [s].
@@ -192,7 +176,7 @@ class Spline:
     duration: float
 
     def __post_init__(self) -> None:
-        _check(self, "spline", {"coefficients": 2})
+        _check(self, "spline", coefficients=2)
         c = self.coefficients
         if len(c) <= SPLINE_DEGREE:
             raise InputError(
@@ -200,18 +184,13 @@ class Spline:
             )
         if not (np.array_equal(c[0], c[1]) and np.array_equal(c[-1], c[-2])):
             raise InputError(
-                "spline motion: the first two coefficients of each joint must be equal, and so "
-                "must the last two, because the joints start and end at rest"
+                "spline motion: the joints must start and end at rest: the first two coefficients "
+                "of each must be equal, and so must the last two"
             )
-
-    @property
-    def pieces(self) -> int:
-        """Number of polynomials."""
-        return len(self.coefficients) - SPLINE_DEGREE
 
     @cached_property
     def _spline(self) -> "scipy.interpolate.BSpline":
-        inner = np.linspace(0.0, self.duration, self.pieces + 1)
+        inner = np.linspace(0.0, self.duration, (len(self.coefficients) - SPLINE_DEGREE) + 1)
         knots = np.pad(inner, SPLINE_DEGREE, mode="edge")
         # SciPy imports scipy.interpolate here: it takes a second, and a scenario needs none.
         return scipy.interpolate.BSpline(knots, self.coefficients, SPLINE_DEGREE)
@@ -226,10 +205,11 @@ class Spline:
 
     def instants(self) -> NDArray[np.float64]:
         """Return times (N,) from 0 to T that resolve every piece, half a cycle at most [s]."""
-        return np.linspace(0.0, self.duration, _POINTS_PER_CYCLE // 2 * self.pieces + 1)
+        pieces = len(self.coefficients) - SPLINE_DEGREE
+        return np.linspace(0.0, self.duration, _POINTS_PER_CYCLE // 2 * pieces + 1)
 
 
-def _check(motion: JointMotion, kind: str, dimensions: Mapping[str, int]) -> None:
+def _check(motion: JointMotion, kind: str, **dimensions: int) -> None:
     """Convert the named members to arrays of finite numbers, and require a positive duration."""
     for name, count in dimensions.items():
         try:
@@ -241,7 +221,7 @@ def _check(motion: JointMotion, kind: str, dimensions: Mapping[str, int]) -> Non
                 f"{kind} motion: {name} must be finite numbers in {count} dimension(s)"
             )
         object.__setattr__(motion, name, values)
-    if not (np.isfinite(motion.duration) and motion.duration > 0):
+    if not 0 < motion.duration < np.inf:
         raise InputError(f"{kind} motion: the duration must be > 0, not {motion.duration}")
 
 

@@ -7,7 +7,6 @@ forces, are integrated: for many targets at once, without a simulation of the dy
 Source: Ning et al. 2016, Eqs. 5 and 9, solved for the motion of the base.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -137,10 +136,8 @@ def propagate(
 
     """
     times = np.asarray(times, dtype=float)
-    if times.ndim != 1 or not times.size or (np.diff(times) <= 0).any():
-        raise InputError("times must be increasing instants, at least one")
-    if not max_step > 0:
-        raise InputError(f"max_step must be > 0 s, not {max_step}")
+    if times.ndim != 1 or not times.size or (np.diff(times) <= 0).any() or not max_step > 0:
+        raise InputError("times must be increasing instants, at least one; max_step must be > 0 s")
     steps = np.maximum(np.ceil(np.diff(times) / max_step - 1e-9).astype(int), 1)
     starts = [np.linspace(a, b, n + 1)[:-1] for a, b, n in zip(times, times[1:], steps)]
     nodes = np.concatenate([*starts, times[-1:]])
@@ -152,61 +149,55 @@ def propagate(
     mobility, at_rest = dynamics.mobility(psi), dynamics.momentum_at_rest(psi)
 
     def rate(k: int, state: NDArray[np.float64]) -> NDArray[np.float64]:
-        q_WB, p_WScm, L, P = np.split(state, _PARTS, axis=-1)
+        q_WB, p_WScm, L, P = _parts(state)
         L_B = rotate_by_quaternion(_inverse(q_WB), L)
         w_B = rotate(mobility[..., k, :, :], L_B - at_rest[..., k, :])
-        result = np.zeros_like(state)
-        result[..., :4], result[..., 4:7] = quaternion_rate(q_WB, w_B), P / mass[..., None]
+        torque_force = (np.zeros_like(L), np.zeros_like(P))
         if wrench is not None:
-            about = wrench.about_com(grid[k], q_WB, p_WScm, com[..., k, :], mass, J[..., k, :, :])
-            result[..., 7:10], result[..., 10:] = about
-        return result
+            torque_force = wrench.about_com(
+                grid[k], q_WB, p_WScm, com[..., k, :], mass, J[..., k, :, :]
+            )
+        parts = [quaternion_rate(q_WB, w_B), P / mass[..., None], *torque_force]
+        return np.concatenate(parts, axis=-1)
 
-    start = [np.asarray(values, dtype=float) for values in (quaternion_WB, p_WB, momentum_W)]
-    shapes = (values.shape[:-1] for values in (psi, *start))
-    state = np.empty((*np.broadcast_shapes(*shapes), 13))
-    state[..., :4], state[..., 10:] = start[0], start[2][..., 3:]
-    state[..., 4:7] = start[1] + rotate_by_quaternion(state[..., :4], com[..., 0, :])
-    state[..., 7:10] = start[2][..., :3] - cross(state[..., 4:7], state[..., 10:])
+    q_WB, p_WB, momentum_W = (
+        np.asarray(values, dtype=float) for values in (quaternion_WB, p_WB, momentum_W)
+    )
+    p_WScm = p_WB + rotate_by_quaternion(q_WB, com[..., 0, :])
+    L = momentum_W[..., :3] - cross(p_WScm, momentum_W[..., 3:])
+    start = [q_WB, p_WScm, L, momentum_W[..., 3:]]
+    shape = np.broadcast_shapes(*(part.shape[:-1] for part in start), psi.shape[:-1])
+    state = np.concatenate(
+        [np.broadcast_to(part, (*shape, part.shape[-1])) for part in start], axis=-1
+    )
     states = [state]
-    for k in range(0, len(grid) - 2, 2):
-        states.append(_runge_kutta_step(rate, k, states[-1], grid[k + 2] - grid[k]))
+    for k in range(0, len(grid) - 2, 2):  # fourth-order Runge-Kutta
+        step = grid[k + 2] - grid[k]
+        a = rate(k, state)
+        b = rate(k + 1, state + step / 2 * a)
+        c = rate(k + 1, state + step / 2 * b)
+        d = rate(k + 2, state + step * c)
+        state = state + step / 6 * (a + 2 * b + 2 * c + d)
+        state[..., :4] /= np.linalg.norm(state[..., :4], axis=-1, keepdims=True)
+        states.append(state)
     kept = np.concatenate([[0], np.cumsum(steps)])
-    state = np.stack([states[k] for k in kept], axis=-2)
-    kept *= 2
 
-    q_WB, p_WScm, L, P = np.split(state, _PARTS, axis=-1)
-    v_WScm = P / mass[..., None, None]
-    of_Scm = (rotate_by_quaternion(_inverse(q_WB), vector) for vector in (L, v_WScm))
-    w_B, v_B = dynamics.part(kept).base_twist(psi, *of_Scm)
-    base = p_WScm - rotate_by_quaternion(q_WB, com[..., kept, :])
+    q_WB, p_WScm, L, P = _parts(np.stack([states[k] for k in kept], axis=-2))
+    of_Scm = (rotate_by_quaternion(_inverse(q_WB), v) for v in (L, P / mass[..., None, None]))
+    w_B, v_B = dynamics.part(2 * kept).base_twist(psi, *of_Scm)
+    base = p_WScm - rotate_by_quaternion(q_WB, com[..., 2 * kept, :])
     if tree.normal_B is not None:  # the table holds the height
         normal = rotate_by_quaternion(start[0], tree.normal_B)[..., None, :]
-        height = np.sum((start[1][..., None, :] - base) * normal, axis=-1, keepdims=True)
-        base = base + height * normal
+        base = base + np.sum((p_WB[..., None, :] - base) * normal, axis=-1, keepdims=True) * normal
     w, v = rotate_by_quaternion(q_WB, w_B), rotate_by_quaternion(q_WB, v_B)
     momentum = np.concatenate([L + cross(p_WScm, P), P], axis=-1)
     return BaseTrajectory(q_WB, base, w, v, momentum)
 
 
-_PARTS = (4, 7, 10)  # of a state: attitude, centre of mass, L about it, P
+def _parts(state: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    """Return attitude, centre of mass, L about it, and P of states (..., 13)."""
+    return np.split(state, [4, 7, 10], axis=-1)
 
 
 def _inverse(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
     return quaternion * [1.0, -1.0, -1.0, -1.0]
-
-
-def _runge_kutta_step(
-    rate: Callable[[int, NDArray[np.float64]], NDArray[np.float64]],
-    k: int,
-    state: NDArray[np.float64],
-    step: float,
-) -> NDArray[np.float64]:
-    """Return the states (..., 13) after a step over the grid's instants k, k + 1 and k + 2."""
-    a = rate(k, state)
-    b = rate(k + 1, state + step / 2 * a)
-    c = rate(k + 1, state + step / 2 * b)
-    d = rate(k + 2, state + step * c)
-    state = state + step / 6 * (a + 2 * b + 2 * c + d)
-    state[..., :4] /= np.linalg.norm(state[..., :4], axis=-1, keepdims=True)
-    return state

@@ -115,24 +115,18 @@ def _momentum_columns(samples: MomentumSamples) -> NDArray[np.float64]:
     return columns.reshape(-1, 6)
 
 
-def _relative_momentum_columns(samples: MomentumSamples) -> NDArray[np.float64]:
-    """Columns (3 N, 3) of an unknown angular momentum about the system's centre of mass, in W."""
-    return -np.swapaxes(samples.motion.R_WC, -1, -2).reshape(-1, 3)
-
-
 @dataclass(frozen=True)
 class RowFamily:
     """One form of momentum conservation as rows, and the unknowns in which the rows are linear.
 
     Attributes:
         name: the name in scenarios and on the command line.
-        rows_per_sample: 6, or 3 where only angular momentum is used.
         parameterization: the unknowns of the ten columns, as a function of the known bodies' mass
             [kg].
         augmented_rows: [A | b] stacked over the samples, (rows_per_sample · N, 11), in C.
-        momentum_size: number of unknowns that a constant total momentum adds; 0 where the rows are
-            not linear in it.
-        momentum_columns: columns of these unknowns (rows_per_sample · N, momentum_size), or None.
+        momentum_columns: columns (rows_per_sample · N, momentum_size) of a constant total momentum
+            that is unknown; None where the rows are not linear in it.
+        rows_per_sample: 6, or 3 where only angular momentum is used.
         uses_base_position: whether the rows depend on the base's position and velocity.
         linear_unit: unit of the linear rows, those before the last three of a sample.
         good_for: its recommended use, in a few words.
@@ -140,14 +134,18 @@ class RowFamily:
     """
 
     name: str
-    rows_per_sample: int
     parameterization: Callable[[float], Parameterization]
     augmented_rows: Callable[[MomentumSamples], NDArray[np.float64]]
-    momentum_size: int = 0
     momentum_columns: Callable[[MomentumSamples], NDArray[np.float64]] | None = None
+    rows_per_sample: int = 6
     uses_base_position: bool = True
     linear_unit: str = "N·s"
     good_for: str = ""
+
+    @property
+    def momentum_size(self) -> int:
+        """Number of unknowns that a constant total momentum adds; 0 without its columns."""
+        return 0 if self.momentum_columns is None else self.rows_per_sample
 
     def rows(self, samples: MomentumSamples) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return A (N, rows_per_sample, 10) and b (N, rows_per_sample), expressed in C."""
@@ -192,7 +190,6 @@ class RowFamily:
 
 EQ18_ROWS = RowFamily(
     "eq18",
-    6,
     lambda known_mass: EQ18,
     _at_all_samples(_eq18),
     linear_unit="m/s",
@@ -202,10 +199,8 @@ EQ18_ROWS = RowFamily(
 
 STANDARD_ROWS = RowFamily(
     "standard",
-    6,
     lambda known_mass: STANDARD,
     _at_all_samples(_standard),
-    6,
     _momentum_columns,
     good_for="logs of the base's attitude and position",
 )
@@ -213,11 +208,10 @@ STANDARD_ROWS = RowFamily(
 
 RELATIVE_ROWS = RowFamily(
     "relative",
-    3,
     relative_parameterization,
     _relative,
-    3,
-    _relative_momentum_columns,
+    lambda samples: -np.swapaxes(samples.motion.R_WC, -1, -2).reshape(-1, 3),  # in W
+    rows_per_sample=3,
     uses_base_position=False,
     good_for="logs without the base's position, or with an unknown linear momentum",
 )

@@ -67,19 +67,15 @@ def joint_sensitivity(
 
     """
     tree, bodies = outboard.tree, outboard.bodies
-    moving = jointed_bodies(tree)
-    places = [tree.bodies[k].joint for k in moving]
-    screws = [joint_screw(tree.bodies[k], bodies.R[k], bodies.r[k])[..., None] for k in moving]
-    S = np.concatenate([np.zeros((len(dynamics.h_K), 6, 0)), *screws], axis=-1)
+    moving = sorted(jointed_bodies(tree), key=lambda k: tree.bodies[k].joint)
+    screws = [joint_screw(tree.bodies[k], bodies.R[k], bodies.r[k]) for k in moving]
+    S = np.stack([*screws], axis=-1) if screws else np.zeros((len(dynamics.h_K), 6, 0))
     change, by_rates = outboard.displaced(moving, S)
-    N, J = len(S), len(moving)
-    momentum, com = np.zeros((N, 6, 2, J), change.dtype), np.zeros((N, 3, 2, J), change.dtype)
-    momentum[:, :, 0, places], momentum[:, :, 1, places] = change, by_rates
-    com[:, :, 0] = momentum[:, 3:, 1] / tree.mass
-    both = _motion_sensitivity(momentum.reshape(N, 6, -1), com.reshape(N, 3, -1), psi, dynamics)
-    parts = (np.split(value, 2, axis=-1) for value in (both.w, both.com, both.v))
-    by_position, by_rate = (MotionSensitivity(*each) for each in zip(*parts))
-    return by_position, by_rate
+    moved = by_rates[:, 3:] / tree.mass
+    return (
+        _motion_sensitivity(change, moved, psi, dynamics),
+        _motion_sensitivity(by_rates, np.zeros_like(moved), psi, dynamics),
+    )
 
 
 def uncertain_sensitivity(
@@ -97,27 +93,29 @@ def uncertain_sensitivity(
     """
     tree = outboard.tree
     known = replace(tree, bodies=tree.bodies[:-1])
-    sigmas = uncertainty.all_sigmas(known.wheels, len(jointed_bodies(tree)))
-    of_bodies, of_geometry = np.split(sigmas, [10 * len(known.bodies)])
     bodies, joints, grasp = _errors_of(known, uncertainty, errors)
-    parts = []
-    if of_bodies.any() or not of_geometry.any():
-        parts.append((*_by_bodies(outboard, dynamics.com(psi), bodies), of_bodies))
-    if of_geometry.any():
-        parts.append((*_by_geometry(outboard, joints, grasp), of_geometry))
-    momentum, com, sigmas = (np.concatenate(each, axis=-1) for each in zip(*parts, strict=True))
-    momentum, com = (values[..., sigmas > 0] * sigmas[sigmas > 0] for values in (momentum, com))
+    sigmas = uncertainty.all_sigmas(known.wheels, len(joints))
+    of_bodies, of_geometry = np.split(sigmas > 0, [bodies.size])
+    parts = [
+        _by_bodies(outboard, dynamics.com(psi), bodies, of_bodies),
+        _by_geometry(outboard, joints, grasp, of_geometry),
+    ]
+    momentum, com = (
+        np.concatenate(each, axis=-1) * sigmas[sigmas > 0] for each in zip(*parts, strict=True)
+    )
     return _motion_sensitivity(momentum, com, psi, dynamics)
 
 
 def _by_geometry(
-    outboard: Outboard, joints: NDArray[np.float64], grasp: NDArray[np.float64]
+    outboard: Outboard,
+    joints: NDArray[np.float64],
+    grasp: NDArray[np.float64],
+    wanted: NDArray[np.bool_],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the derivatives of momentum and centre of mass by the errors of `displaced`.
+    """Return the derivatives of momentum and centre of mass by errors of the geometry.
 
-    The order is that of `BodyUncertainty.joint_sigmas`: a joint's place on its inboard body, in
-    this body's frame, and small turns about the two `axis_normals`, in the joint's inboard frame;
-    last C's place and a small turn, both in C.
+    They are a joint's place on its inboard body, in this body's frame, and small turns about the
+    two `axis_normals`, in the joint's inboard frame; last C's place and a small turn, both in C.
     """
     tree = outboard.tree
     moving, target, S = jointed_bodies(tree), len(tree.bodies) - 1, []
@@ -127,13 +125,16 @@ def _by_geometry(
         S.append(frame_screws(tree, k, outboard.bodies, turns))
     of_C = frame_screws(tree, target, outboard.bodies, right_jacobian(grasp[3:]))
     of_C[:, 3:, :3] = of_C[:, 3:, :3] @ tree.bodies[target].R_PF @ exponentials(-grasp[3:])
-    which = [*np.repeat(moving, 5).tolist(), *6 * [target]]
-    change, moved = outboard.displaced(which, np.concatenate([*S, of_C], axis=-1))
+    which = np.array([*np.repeat(moving, 5), *6 * [target]])[wanted].tolist()
+    change, moved = outboard.displaced(which, np.concatenate([*S, of_C], axis=-1)[..., wanted])
     return change, moved[:, 3:] / tree.mass
 
 
 def _by_bodies(
-    outboard: Outboard, rho: NDArray[np.float64], errors: NDArray[np.float64]
+    outboard: Outboard,
+    rho: NDArray[np.float64],
+    errors: NDArray[np.float64],
+    wanted: NDArray[np.bool_],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the same by errors (K, 10) of the first K bodies, in the order of their `sigmas`.
 
@@ -143,7 +144,7 @@ def _by_bodies(
     tree, bodies = outboard.tree, outboard.bodies
     total, K, N, dtype = tree.mass, len(errors), len(rho), bodies.v.dtype
     momentum, com = np.zeros((N, 6, K, 10), dtype), np.zeros((N, 3, K, 10), dtype)
-    for k, (body, error) in enumerate(zip(tree.bodies, errors)):
+    for k, (body, error) in enumerate(zip(tree.bodies, errors if wanted.any() else ())):
         R, r, w, v = bodies.R[k], bodies.r[k], bodies.w[k], bodies.v[k]
         nominal, mass = body.mass / (1 + error[0]), body.mass
         axes_B, stretches = error_directions(tree, k)
@@ -159,7 +160,7 @@ def _by_bodies(
             dL[..., 4 + i] = rotate(R, w_B @ change)
         shift[..., 0], shift[..., 1:4] = nominal / total * (r - rho), mass / total * axes
         momentum[:, :, k], com[:, :, k] = np.concatenate([dL, dP], axis=1), shift
-    return momentum.reshape(N, 6, -1), com.reshape(N, 3, -1)
+    return momentum.reshape(N, 6, -1)[..., wanted], com.reshape(N, 3, -1)[..., wanted]
 
 
 def error_directions(
@@ -197,16 +198,13 @@ def perturbed(
     The inertias remain physically consistent.
     """
     sigmas = uncertainty.all_sigmas(tree.wheels, len(jointed_bodies(tree)))
-    of_bodies = 10 * len(tree.bodies)
-    count = len(sigmas) if sigmas[of_bodies:].any() else of_bodies
-    drawn = np.append(rng.standard_normal(count), np.zeros(len(sigmas) - count))
-    return with_errors(tree, uncertainty, drawn[sigmas > 0])
+    return with_errors(tree, uncertainty, rng.standard_normal(len(sigmas))[sigmas > 0])
 
 
 def with_errors(
     tree: KinematicTree, uncertainty: BodyUncertainty, errors: NDArray[np.float64]
 ) -> KinematicTree:
-    """Return a tree with errors of its bodies and geometry.
+    """Return a tree with errors of its bodies and geometry, which may be large.
 
     The inertias remain physically consistent; a mass does if its relative error is above −1.
 
@@ -223,14 +221,14 @@ def with_errors(
         axes, stretches = error_directions(tree, k)
         stretch = np.eye(3) + np.tensordot(error[4:], stretches, axes=1)
         inertia = inertia_of_second_moment(stretch @ second_moment(body.I_BBcm) @ stretch.T)
-        mass = body.mass * (1 + error[0])
-        bodies.append(
-            replace(body, mass=mass, p_BBcm=body.p_BBcm + error[1:4] @ axes, I_BBcm=inertia)
-        )
-    tree = replace(tree, bodies=tuple(bodies))
-    if not of_joints.any() and not grasp.any():
-        return tree
-    return displaced(tree, of_joints, grasp)
+        mass, com = body.mass * (1 + error[0]), body.p_BBcm + error[1:4] @ axes
+        bodies.append(replace(body, mass=mass, p_BBcm=com, I_BBcm=inertia))
+    for k, error in zip(jointed_bodies(tree), of_joints, strict=True):
+        body = bodies[k]
+        turn = exponentials(axis_normals(body) @ error[3:])
+        bodies[k] = replace(body, p_PF=body.p_PF + error[:3], R_PF=body.R_PF @ turn)
+    p_BC, R_BC = tree.p_BC + tree.R_BC @ grasp[:3], tree.R_BC @ exponentials(grasp[3:])
+    return replace(tree, bodies=tuple(bodies), p_BC=p_BC, R_BC=R_BC)
 
 
 def _errors_of(
@@ -243,41 +241,15 @@ def _errors_of(
     return of_bodies.reshape(-1, 10), of_joints.reshape(-1, 5), grasp
 
 
-def displaced(
-    tree: KinematicTree, joints: NDArray[np.float64], grasp: NDArray[np.float64]
-) -> KinematicTree:
-    """Return a tree with errors of its geometry, which may be large.
-
-    Args:
-        tree: the known bodies.
-        joints: (J, 5) errors of each joint's place [m] and axis [rad], in the order of the bodies;
-            see `uncertain_sensitivity`.
-        grasp: (6,) errors of C's place [m] and attitude [rad], in C.
-
-    """
-    bodies = list(tree.bodies)
-    for k, error in zip(jointed_bodies(tree), joints, strict=True):
-        body = bodies[k]
-        turn = exponentials(axis_normals(body) @ error[3:])
-        bodies[k] = replace(body, p_PF=body.p_PF + error[:3], R_PF=body.R_PF @ turn)
-    p_BC, R_BC = tree.p_BC + tree.R_BC @ grasp[:3], tree.R_BC @ exponentials(grasp[3:])
-    return replace(tree, bodies=tuple(bodies), p_BC=p_BC, R_BC=R_BC)
-
-
 def _motion_sensitivity(
     momentum: NDArray[np.float64],
     com: NDArray[np.float64],
     psi: NDArray[np.float64],
     dynamics: BodyDynamics,
 ) -> MotionSensitivity:
-    """Return the derivatives of the motion from the derivatives of momentum and centre of mass.
+    """Return the derivatives of the motion from those of [L; P] about B's origin, and of ρ.
 
-    Args:
-        momentum: (N, 6, n) derivatives of [L; P] about B's origin, at constant base twist.
-        com: (N, 3, n) derivatives of ρ, the system's centre of mass from B's origin.
-        psi: (10,) the target's relative vector.
-        dynamics: dynamics of the known bodies alone.
-
+    The former (N, 6, n) are at constant base twist.
     """
     rho = skew(dynamics.com(psi))
     dL, dP = momentum[:, :3], momentum[:, 3:]

@@ -10,10 +10,6 @@ from numpy.typing import NDArray
 
 Size = Annotated[float, Ge(0)]
 
-# The errors of a balanced wheel: its mass, its centre of mass along the axis, and the stretches of
-# its second moment along the axis and across it.
-_BALANCED = np.array([1, 1, 0, 0, 1, 1, 0, 0, 0, 0])
-
 
 @dataclass(frozen=True)
 class BodyUncertainty:
@@ -52,35 +48,25 @@ class BodyUncertainty:
         """Whether the spacecraft is known exactly."""
         return not any(vars(self).values())
 
-    @property
-    def sigmas(self) -> NDArray[np.float64]:
-        """(10,) σ of one body's relative mass (1), centre of mass (3) [m] and stretch (6).
-
-        See `sensitivity.error_directions`.
-        """
-        stretch = self.inertia / 2  # the second moment grows by twice the stretch
-        return np.array([self.mass, *3 * [self.com], *6 * [stretch]])
-
-    @property
-    def joint_sigmas(self) -> NDArray[np.float64]:
-        """(5,) σ of one joint's place (3) [m] and of its axis' direction (2) [rad]."""
-        return 1e-3 * np.array([*3 * [self.joint_position_mm], *2 * [self.joint_axis_mrad]])
-
-    @property
-    def grasp_sigmas(self) -> NDArray[np.float64]:
-        """(6,) σ of C's place (3) [m] and attitude (3) [rad]."""
-        return 1e-3 * np.array([*3 * [self.grasp_mm], *3 * [self.grasp_mrad]])
-
     def all_sigmas(self, wheels: Sequence[bool], joints: int) -> NDArray[np.float64]:
         """Return (n,) the σ of all bodies, then of all joints, then of C; zeros too.
+
+        Of a body, they are those of its relative mass (1), centre of mass (3) [m] and stretch (6),
+        see `sensitivity.error_directions`; of a joint, those of its place (3) [m] and of its axis'
+        direction (2) [rad]; of C, those of its place (3) [m] and attitude (3) [rad].
 
         Args:
             wheels: for each body, whether it is a wheel.
             joints: number of joints.
 
         """
-        of_bodies = [self.sigmas * (_BALANCED if wheel else 1) for wheel in wheels]
-        return np.concatenate([*of_bodies, np.tile(self.joint_sigmas, joints), self.grasp_sigmas])
+        stretch = self.inertia / 2  # the second moment grows by twice the stretch
+        body = [self.mass, *3 * [self.com], *6 * [stretch]]
+        wheel = [self.mass, self.com, 0, 0, stretch, stretch, 0, 0, 0, 0]  # remains balanced
+        joint = [*3 * [1e-3 * self.joint_position_mm], *2 * [1e-3 * self.joint_axis_mrad]]
+        grasp = [*3 * [1e-3 * self.grasp_mm], *3 * [1e-3 * self.grasp_mrad]]
+        of_bodies = [wheel if is_wheel else body for is_wheel in wheels]
+        return np.concatenate([*of_bodies, *joints * [joint], grasp])
 
     def count(self, wheels: Sequence[bool], joints: int) -> int:
         """Return the number of uncertain quantities: of those whose σ is not zero."""

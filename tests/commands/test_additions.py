@@ -45,7 +45,7 @@ def write_json(path, columns, values):
 def added(cpid, monkeypatch):
     every_second = Estimator("every_second", "every second", "tests", estimate_every_second)
     monkeypatch.setitem(ESTIMATORS, "every_second", every_second)
-    grams = replace(STANDARD_ROWS, name="grams", momentum_size=0, momentum_columns=None)
+    grams = replace(STANDARD_ROWS, name="grams", momentum_columns=None)
     monkeypatch.setitem(ROW_FAMILIES, "grams", grams)
     monkeypatch.setattr(files, "FORMATS", [*FORMATS, Format((".json",), read_json, write_json)])
     write_telemetry("log.json", read_telemetry(SAMPLE))

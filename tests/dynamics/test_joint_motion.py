@@ -130,7 +130,7 @@ def test_three_equal_coefficients_give_zero_accelerations_at_the_ends(equal, is_
         (lambda: make_multi_sine(centre=0.0), "centre must be"),
         (lambda: make_multi_sine(amplitudes=[[0.1, 0.2, 0.3]]), r"not \(1, 3\)"),
         (lambda: make_multi_sine(frequencies=[0.1, -0.3]), "frequencies must be > 0"),
-        (lambda: make_multi_sine(frequencies=[0.1, 1e9]), "more than 1000 cycles"),
+        (lambda: make_multi_sine(frequencies=[0.1, 1e9]), "1000 cycles"),
         (lambda: make_multi_sine(ramp=5.1), "at most half the duration"),
         (lambda: make_multi_sine(displacement=[1.0, 2.0]), "of equal length"),
         (lambda: Spline(coefficients(5), 8.0), "at least 6 coefficients"),

@@ -15,7 +15,6 @@ from cpid_drake.dynamics.outboard import Outboard
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.sensitivity import (
     axis_normals,
-    displaced,
     joint_sensitivity,
     perturbed,
     uncertain_sensitivity,
@@ -171,7 +170,10 @@ def test_a_displaced_tree_is_that_of_a_changed_model(tmp_path):
     )
     (tmp_path / "changed.urdf").write_text(text)
     changed = Spacecraft(tmp_path / "changed.urdf", base="base", capture_frame="grasp")
-    tree = displaced(craft.tree, joints, grasp)
+    metres = BodyUncertainty(
+        joint_position_mm=1e3, joint_axis_mrad=1e3, grasp_mm=1e3, grasp_mrad=1e3
+    )
+    tree = with_errors(craft.tree, metres, np.append(joints, grasp))
     q, qdot = rng.normal(size=(2, N, 4))
     one, other = BodyDynamics.at(tree, q, qdot), BodyDynamics.at(changed.tree, q, qdot)
     for name in ("I_K", "h_K", "p_BK", "v_BK", "R_BC", "w_BC", "s", "sdot"):
