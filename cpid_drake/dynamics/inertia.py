@@ -125,18 +125,14 @@ class InertialParameters:
             raise InputError(
                 f"not a rigid body: {'; '.join(problems)}. Use nearest_feasible() first"
             )
-
-        def unchecked(I_TTcm_C: NDArray[np.float64]) -> SpatialInertia:
-            I_TC_C = I_TTcm_C + point_mass_inertia(self.mass, self.p_CTcm_C)
-            moments = tensor_to_vector(I_TC_C / self.mass)[REPORT_ORDER]
-            return SpatialInertia(
-                self.mass, self.p_CTcm_C, UnitInertia(*moments), skip_validity_check=True
-            )
-
-        M_TCo_C = unchecked(self.I_TTcm_C)
-        if M_TCo_C.IsPhysicallyValid():
-            return M_TCo_C
-        return unchecked(inside_the_limits(self.mass, self.p_CTcm_C, self.I_TTcm_C))
+        mass, com = self.mass, self.p_CTcm_C
+        for inertia in (self.I_TTcm_C, inside_the_limits(mass, com, self.I_TTcm_C)):
+            unit = tensor_to_vector((inertia + point_mass_inertia(mass, com)) / mass)
+            G_TCo_C = UnitInertia(*unit[REPORT_ORDER])
+            M_TCo_C = SpatialInertia(mass, com, G_TCo_C, skip_validity_check=True)
+            if M_TCo_C.IsPhysicallyValid():
+                break
+        return M_TCo_C
 
     # -- feasibility -------------------------------------------------------------------------
 
@@ -233,27 +229,45 @@ def nearest_consistent(phi: NDArray[np.float64], information: ArrayLike | None) 
     Source: Wensing et al. 2018.
 
     """
-    mass_scale = abs(phi[0])
-    length = np.sqrt(max(np.abs(phi[4:]).max(), np.abs(phi[1:4]).max() ** 2) / mass_scale)
-    length = max(length, 1e-6)
-    scale = mass_scale * np.concatenate([[1.0], 3 * [length], 6 * [length**2]])
+    from pydrake.solvers import ClarabelSolver, MathematicalProgram
+
+    mass = abs(phi[0])
+    length = max(np.sqrt(max(np.abs(phi[4:]).max(), (phi[1:4] ** 2).max()) / mass), 1e-6)
+    scale = mass * np.concatenate([[1.0], 3 * [length], 6 * [length**2]])
     root = np.eye(10)
     if information is not None:
         root = _information_root(information, STANDARD.jacobian(phi) * scale)
 
     # A violation of 1e-10 must be removed by a change of about 1e-10, not by a change as large as
-    # the solver's tolerance. Therefore the change is measured in units of the violation, and the
+    # the solver's tolerance. Therefore the change z is measured in units of the violation, and the
     # constraint is scaled by congruence (which keeps definiteness) so that every eigenvalue of the
     # estimate is scaled to one.
     values, axes = np.linalg.eigh(standard_to_pseudo_inertia(phi / scale))
     violation = max(-values[0], 1e-14 * np.abs(values).max())
     congruence = axes / np.sqrt(np.maximum(np.abs(values), violation))
-    directions = [phi / scale, *(violation * np.eye(10))]
-    matrices = [congruence.T @ standard_to_pseudo_inertia(phi) @ congruence for phi in directions]
-    # A simulated body needs some mass: here at least a thousandth of the estimate's magnitude.
-    least_mass = (1e-3 - phi[0] / scale[0]) / violation if phi[0] < 0 else -np.inf
-    change = _least_change(root, [(matrix + matrix.T) / 2 for matrix in matrices], least_mass)
-    return phi + scale * violation * change
+    matrices = [
+        congruence.T @ standard_to_pseudo_inertia(each) @ congruence
+        for each in (phi / scale, *(violation * np.eye(10)))
+    ]
+    # The norm is better scaled than its square, which has the same minimizer; Clarabel reaches its
+    # tolerance with one of them.
+    for squared in (False, True):
+        program = MathematicalProgram()
+        z = program.NewContinuousVariables(10, "z")
+        program.AddLinearMatrixInequalityConstraint([(m + m.T) / 2 for m in matrices], z)
+        if phi[0] < 0:  # a simulated body needs some mass: a thousandth of the estimate's size
+            least = (1e-3 - phi[0] / scale[0]) / violation
+            program.AddBoundingBoxConstraint(least, np.inf, z[0])
+        if squared:
+            program.AddQuadraticCost(2 * root.T @ root, np.zeros(10), z, is_convex=True)
+        else:
+            program.AddL2NormCostUsingConicConstraint(root, np.zeros(10), z)
+        result = ClarabelSolver().Solve(program)
+        if result.is_success():
+            return phi + scale * violation * result.GetSolution(z)
+    raise RuntimeError(
+        f"Clarabel found no physically consistent parameters: {result.get_solution_result()}"
+    )
 
 
 def inside_the_limits(mass: float, com: NDArray, inertia: NDArray) -> NDArray[np.float64]:
@@ -273,34 +287,6 @@ def inside_the_limits(mass: float, com: NDArray, inertia: NDArray) -> NDArray[np
     size = np.abs(values).max() + mass * com @ com
     inertia = inertia_of_second_moment(axes @ np.diag(np.maximum(values, 1e-12 * size)) @ axes.T)
     return (inertia + inertia.T) / 2
-
-
-def _least_change(
-    root: NDArray[np.float64], matrices: list[NDArray[np.float64]], least: float
-) -> NDArray[np.float64]:
-    """Minimize |root z| over z (10,) with F0 + Σ z_i F_i ⪰ 0 and z_0 ≥ least, by Clarabel.
-
-    The cost is the norm, which is better scaled than its square. If Clarabel does not reach its
-    tolerance with the norm, the square is minimized instead; it has the same minimizer.
-    """
-    from pydrake.solvers import ClarabelSolver, MathematicalProgram
-
-    for squared in (False, True):
-        program = MathematicalProgram()
-        z = program.NewContinuousVariables(10, "z")
-        program.AddLinearMatrixInequalityConstraint(matrices, z)
-        if np.isfinite(least):
-            program.AddBoundingBoxConstraint(least, np.inf, z[0])
-        if squared:
-            program.AddQuadraticCost(2 * root.T @ root, np.zeros(10), z, is_convex=True)
-        else:
-            program.AddL2NormCostUsingConicConstraint(root, np.zeros(10), z)
-        result = ClarabelSolver().Solve(program)
-        if result.is_success():
-            return result.GetSolution(z)
-    raise RuntimeError(
-        f"Clarabel found no physically consistent parameters: {result.get_solution_result()}"
-    )
 
 
 def _information_root(information: ArrayLike, jacobian: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -94,21 +94,11 @@ class Motion:
         return scipy.spatial.transform.Rotation.from_quat(self.quaternion_WB, scalar_first=True)
 
     def select(self, samples: ArrayLike | slice) -> "Motion":
-        """Return the samples with these indices, in this slice, or where this (N,) mask is true.
-
-        A slice shares its arrays with this telemetry.
-        """
+        """Return the samples with these indices, in this slice, or where this (N,) mask is true."""
         if not isinstance(samples, slice):
             samples = np.asarray(samples)
             samples = samples if samples.size else samples.astype(int)
-        parts = {name: getattr(self, name)[samples] for name in ("time", *_ARRAYS)}
-        if not isinstance(samples, slice) or (samples.step or 1) < 0:
-            return replace(self, **parts)
-        # These samples are already checked; a long log is cut into many pieces.
-        part = object.__new__(Motion)
-        for name, value in (("joint_names", self.joint_names), *parts.items()):
-            object.__setattr__(part, name, value)
-        return part
+        return replace(self, **{name: getattr(self, name)[samples] for name in ("time", *_ARRAYS)})
 
     def rounded(self, decimals: int) -> "Motion":
         """Return the telemetry with all numbers but the times rounded, in SI units and radians.

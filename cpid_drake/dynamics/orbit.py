@@ -21,14 +21,6 @@ from cpid_drake.dynamics.rotations import cross, rotate, skew
 from cpid_drake.errors import InputError
 from cpid_drake.input_files.validation import Numbers
 
-EARTH_GRAVITY = 3.986004418e14
-"""Gravitational parameter of the Earth [m³/s²]."""
-
-EARTH_RADIUS = 6378.137e3
-"""Equatorial radius of the Earth [m]."""
-
-_SQUARE = 0.02  # largest cosine of the angle between nadir and normal
-
 
 @dataclass
 class Orbit:
@@ -65,7 +57,7 @@ class Orbit:
         if not min(lengths) > 0:
             raise InputError("nadir_W and normal_W must be directions, not zero")
         cosine = float(np.dot(self.nadir_W, self.normal_W)) / (lengths[0] * lengths[1])
-        if abs(cosine) > _SQUARE:
+        if abs(cosine) > 0.02:  # a degree
             raise InputError(
                 "nadir_W and normal_W must be perpendicular; the angle between them is "
                 f"{np.degrees(np.arccos(cosine)):.1f}°"
@@ -73,12 +65,11 @@ class Orbit:
 
     @property
     def n(self) -> float:
-        """Mean motion [rad/s]."""
+        """Mean motion [rad/s], from the Earth's gravitational parameter and equatorial radius."""
         if self.altitude_km is None:
             assert self.rate is not None
             return self.rate
-        radius = EARTH_RADIUS + 1e3 * self.altitude_km
-        return float(np.sqrt(EARTH_GRAVITY / radius**3))
+        return float(np.sqrt(3.986004418e14 / (6378.137e3 + 1e3 * self.altitude_km) ** 3))
 
     def axes(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return R_WH (M, 3, 3) at times (M,) [s]: columns away from the centre, ahead, normal."""
