@@ -93,21 +93,17 @@ def forward_kinematics(
             continue
         R_WF = product(R[m], body.R_PF)
         b_m = product(R[m], body.p_PF - tree.bodies[m].p_BBcm)
-        H_k, rate, slide = np.zeros((N, 3)), np.zeros(N), np.zeros(3)
-        if body.joint < 0:
-            R_WM = R_WF
-        else:
+        H_k, rate, slide, R[k] = np.zeros((N, 3)), np.zeros(N), np.zeros(3), R_WF
+        if body.joint >= 0:
             q_k, qdot_k = q[:, body.joint], qdot[:, body.joint]
             axis = product(R_WF, body.axis_F)
             if body.prismatic:
-                R_WM = R_WF
                 b_m = b_m + axis * q_k[:, None]
                 slide = axis * qdot_k[:, None]
             else:
-                R_WM = rotate_about_axis(R_WF, body.axis_F, q_k)
+                R[k] = rotate_about_axis(R_WF, body.axis_F, q_k)
                 H_k, rate = axis, qdot_k
-        R[k] = product(R_WM, body.R_MB)
-        c_k = product(R_WM, body.p_MB) + product(R[k], body.p_BBcm)
+        c_k = product(R[k], body.p_BBcm)
         w[k] = w[m] + H_k * rate[:, None]  # Eq. 1
         r[k] = r[m] + b_m + c_k  # Eq. 2
         v[k] = v[m] + cross(w[m], b_m) + cross(w[k], c_k) + slide  # Eq. 3

@@ -129,11 +129,10 @@ def joint_screw(
     body: TreeBody, R: NDArray[np.float64], r: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the twist (N, 6) of a joint at unit rate, from its outboard body's R and r."""
-    R_WM = R @ body.R_MB.T
-    axis = rotate(R_WM, body.axis_F)
+    axis = rotate(R, body.axis_F)
     if body.prismatic:
         return np.concatenate([np.zeros_like(axis), axis], axis=-1)
-    origin = r - rotate(R, body.p_BBcm) - rotate(R_WM, body.p_MB)
+    origin = r - rotate(R, body.p_BBcm)
     return np.concatenate([axis, cross(origin, axis)], axis=-1)
 
 

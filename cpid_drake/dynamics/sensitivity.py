@@ -175,7 +175,7 @@ def error_directions(
     body = tree.bodies[k]
     if not tree.wheels[k]:
         return np.eye(3), _STRETCHES
-    axis = body.R_MB.T @ body.axis_F
+    axis = body.axis_F
     axes, stretches = np.zeros((3, 3)), np.zeros((6, 3, 3))
     axes[0], stretches[0] = axis, np.outer(axis, axis)
     stretches[1] = np.eye(3) - stretches[0]

@@ -10,26 +10,19 @@ from cpid_drake.dynamics.parameterizations import point_mass_inertia, vector_to_
 from cpid_drake.dynamics.plane import ALONG, parallel_axis, unknowns_in_plane
 
 
-def _zero() -> NDArray[np.float64]:
-    return np.zeros(3)
-
-
-def _identity() -> NDArray[np.float64]:
-    return np.eye(3)
-
-
 @dataclass(frozen=True, kw_only=True)
 class TreeBody:
-    """One body k of the tree and the joint that connects it to its inboard body m.
+    """One body k of the tree and the joint that connects it to its inboard body.
+
+    The body's frame B is the joint's outboard frame, so at q = 0 it is the inboard frame F.
 
     Attributes:
         name: the body's name.
         parent: index of the inboard body in the tree; −1 for the base.
         joint: column of the joint in q, or −1 where the body is welded.
         prismatic: whether the joint slides along its axis (else it turns about it).
-        axis_F: (3,) unit vector of the joint's axis, the same in F and in M; zero for a weld.
-        R_PF, p_PF: pose of the joint's inboard frame F, fixed on the inboard body P.
-        R_MB, p_MB: pose of this body's frame B in the joint's outboard frame M.
+        axis_F: (3,) unit vector of the joint's axis, the same in F and in B; zero for a weld.
+        R_PF, p_PF: pose of F, fixed on the inboard body P.
         mass: [kg].
         p_BBcm: (3,) centre of mass in the body's frame [m].
         I_BBcm: (3, 3) inertia about the centre of mass in the body's frame [kg·m²].
@@ -40,11 +33,9 @@ class TreeBody:
     parent: int = -1
     joint: int = -1
     prismatic: bool = False
-    axis_F: NDArray[np.float64] = field(default_factory=_zero)
-    R_PF: NDArray[np.float64] = field(default_factory=_identity)
-    p_PF: NDArray[np.float64] = field(default_factory=_zero)
-    R_MB: NDArray[np.float64] = field(default_factory=_identity)
-    p_MB: NDArray[np.float64] = field(default_factory=_zero)
+    axis_F: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    R_PF: NDArray[np.float64] = field(default_factory=lambda: np.eye(3))
+    p_PF: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     mass: float
     p_BBcm: NDArray[np.float64]
     I_BBcm: NDArray[np.float64]
@@ -90,51 +81,34 @@ class KinematicTree:
         lumps: list[TreeBody] = []
         where: list[tuple[int, NDArray, NDArray]] = []  # lump and pose of each body
         for body in self.bodies:
-            R_PB, p_PB = body.R_PF @ body.R_MB, body.p_PF + body.R_PF @ body.p_MB
-            if body.parent < 0:
-                where.append((0, np.eye(3), np.zeros(3)))
-                lumps.append(body)
-                continue
-            lump, R_LP, p_LP = where[body.parent]
-            if body.joint < 0:
-                where.append((lump, R_LP @ R_PB, p_LP + R_LP @ p_PB))
-                lumps[lump] = _merged(lumps[lump], body, *where[-1][1:])
-                continue
-            where.append((len(lumps), np.eye(3), np.zeros(3)))
-            p_LF = p_LP + R_LP @ body.p_PF
-            lumps.append(replace(body, parent=lump, R_PF=R_LP @ body.R_PF, p_PF=p_LF))
+            lump, R_LP, p_LP = where[body.parent] if body.parent >= 0 else (-1, np.eye(3), 0.0)
+            R_LF, p_LF = R_LP @ body.R_PF, p_LP + R_LP @ body.p_PF
+            if body.joint < 0 <= lump:
+                where.append((lump, R_LF, p_LF))
+                lumps[lump] = _merged(lumps[lump], body, R_LF, p_LF)
+            else:
+                where.append((len(lumps), np.eye(3), np.zeros(3)))
+                lumps.append(replace(body, parent=lump, R_PF=R_LF, p_PF=p_LF))
         lump, R_LB, p_LB = where[self.capture_body]
-        return replace(
-            self,
-            bodies=tuple(lumps),
-            capture_body=lump,
-            R_BC=R_LB @ self.R_BC,
-            p_BC=p_LB + R_LB @ self.p_BC,
-        )
+        R_BC, p_BC = R_LB @ self.R_BC, p_LB + R_LB @ self.p_BC
+        return replace(self, bodies=tuple(lumps), capture_body=lump, R_BC=R_BC, p_BC=p_BC)
 
     @cached_property
     def normal_C(self) -> NDArray[np.float64] | None:
         """(3,) the table's normal in C; None without a table, or if joints turn C out of it."""
         if self.normal_B is None:
             return None
-        normal = self.normal_B
-        for body in (self.bodies[k] for k in reversed(self.chain_to_capture)):
-            if body.parent >= 0:
-                normal = body.R_PF.T @ normal
-                turns = body.joint >= 0 and not body.prismatic
-                if turns and np.linalg.norm(np.cross(body.axis_F, normal)) > ALONG:
-                    return None
-                normal = body.R_MB.T @ normal
-        return np.asarray(self.R_BC.T @ normal)
-
-    @property
-    def chain_to_capture(self) -> list[int]:
-        """The bodies that carry the target, from the one that C is fixed on to the base."""
         chain, k = [], self.capture_body
-        while k >= 0:
-            chain.append(k)
+        while k > 0:
+            chain.append(self.bodies[k])
             k = self.bodies[k].parent
-        return chain
+        normal = self.normal_B
+        for body in reversed(chain):
+            normal = body.R_PF.T @ normal
+            turns = body.joint >= 0 and not body.prismatic
+            if turns and np.linalg.norm(np.cross(body.axis_F, normal)) > ALONG:
+                return None
+        return np.asarray(self.R_BC.T @ normal)
 
     @property
     def plane_axis(self) -> int:
@@ -173,16 +147,13 @@ class KinematicTree:
         body, axis = self.bodies[k], self.bodies[k].axis_F
         if body.prismatic or k == self.capture_body or any(b.parent == k for b in self.bodies):
             return False
-        p_MBcm = body.p_MB + body.R_MB @ body.p_BBcm
-        off_axis = p_MBcm - axis * (axis @ p_MBcm)
-        I_M = body.R_MB @ body.I_BBcm @ body.R_MB.T
-        about = axis @ I_M @ axis
-        across = (np.trace(I_M) - about) / 2
-        balanced = about * np.outer(axis, axis) + across * (np.eye(3) - np.outer(axis, axis))
-        size = np.trace(I_M)
+        off_axis = body.p_BBcm - axis * (axis @ body.p_BBcm)
+        about, size = axis @ body.I_BBcm @ axis, np.trace(body.I_BBcm)
+        along = np.outer(axis, axis)
+        balanced = about * along + (size - about) / 2 * (np.eye(3) - along)
         return bool(
             body.mass * off_axis @ off_axis <= 1e-6 * size
-            and np.abs(I_M - balanced).max() <= 1e-6 * size
+            and np.abs(body.I_BBcm - balanced).max() <= 1e-6 * size
         )
 
     @cached_property

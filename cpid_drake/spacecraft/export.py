@@ -145,25 +145,19 @@ def _clear_of_the_limits(target: InertialParameters) -> InertialParameters:
 def _links(spacecraft: Spacecraft, target: Link) -> list[Link]:
     """Return the links of a spacecraft with the target fixed on C, inboard before outboard."""
     tree, limits, links = spacecraft.tree, spacecraft.limits, list[Link]()
-    frames: list[RigidTransform] = []  # pose of each body's frame B in its link's frame L
     for body in tree.bodies:
-        X_MB = RigidTransform(RotationMatrix(body.R_MB), body.p_MB)
-        X_LB = X_MB if body.joint >= 0 else RigidTransform()
         parameters = None
         if body.mass > 0:
-            R_LB = X_LB.rotation().matrix()
-            com, inertia = X_LB @ body.p_BBcm, R_LB @ body.I_BBcm @ R_LB.T
-            parameters = InertialParameters(body.mass, com, (inertia + inertia.T) / 2)
+            inertia = (body.I_BBcm + body.I_BBcm.T) / 2
+            parameters = InertialParameters(body.mass, body.p_BBcm, inertia)
             parameters = _clear_of_the_limits(parameters)
-        frames.append(X_LB)
         if body.parent < 0:
             links.append(Link(body.name, parameters))
             continue
         X_PF = RigidTransform(RotationMatrix(body.R_PF), body.p_PF)
         k, parent = body.joint, links[body.parent].name
         if k < 0:
-            X_PL = frames[body.parent] @ X_PF @ X_MB
-            links.append(Link(body.name, parameters, parent, _weld_name(body.name), "fixed", X_PL))
+            links.append(Link(body.name, parameters, parent, _weld_name(body.name), "fixed", X_PF))
             continue
         links.append(
             Link(
@@ -172,13 +166,13 @@ def _links(spacecraft: Spacecraft, target: Link) -> list[Link]:
                 parent,
                 spacecraft.joint_names[k],
                 "prismatic" if body.prismatic else "revolute",
-                frames[body.parent] @ X_PF,
+                X_PF,
                 body.axis_F,
                 (float(limits.lowest[k]), float(limits.highest[k]), float(limits.rates[k])),
             )
         )
     X_BC = RigidTransform(RotationMatrix(tree.R_BC), tree.p_BC)
-    parent, X_PL = links[tree.capture_body].name, frames[tree.capture_body] @ X_BC
+    parent, X_PL = links[tree.capture_body].name, X_BC
     capture = spacecraft.capture_frame.name()
     if capture not in [link.name for link in links]:  # C keeps its name, as a link without mass
         links.append(Link(capture, None, parent, _weld_name(capture), "fixed", X_PL))

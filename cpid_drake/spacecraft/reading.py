@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
     BodyIndex,
@@ -110,7 +111,8 @@ def extract_tree(
 ) -> KinematicTree:
     """Return the tree of a finalized plant, from the base outwards.
 
-    The parent link of a joint in the file may be inboard or outboard.
+    The parent link of a joint in the file may be inboard or outboard. A body's frame in the tree is
+    its joint's outboard frame M.
 
     Args:
         plant: holds one tree of revolute, prismatic and weld joints on `base`.
@@ -121,56 +123,55 @@ def extract_tree(
     """
     column = {joint.index(): k for k, joint in enumerate(joints)}
     adjacent: dict[BodyIndex, list[Joint]] = {}
-    for k in plant.GetJointIndices():
-        joint = plant.get_joint(k)
+    for joint in map(plant.get_joint, plant.GetJointIndices()):
         for body in (joint.parent_body(), joint.child_body()):
             adjacent.setdefault(body.index(), []).append(joint)
-    order, queue = {base.index(): 0}, [base]
-    bodies = [_tree_body(base)]
+    # For each body, its place in the tree and the pose of its own frame in the joint's frame.
+    found, queue = {base.index(): (0, RigidTransform())}, [base]
+    bodies = [_tree_body(base, RigidTransform())]
     for inboard in queue:
         for joint in adjacent[inboard.index()]:
             forward = joint.parent_body().index() == inboard.index()
             outboard = joint.child_body() if forward else joint.parent_body()
-            if outboard.index() in order or outboard.index() == plant.world_body().index():
+            if outboard.index() in found or outboard.index() == plant.world_body().index():
                 continue
             frames = [joint.frame_on_parent(), joint.frame_on_child()]
-            frame_F, frame_M = frames if forward else frames[::-1]
-            X_PF, X_MB = frame_F.GetFixedPoseInBodyFrame(), frame_M.GetFixedPoseInBodyFrame()
-            X_MB = X_MB.inverse()
-            axis = np.zeros(3)
+            X_PF, X_BM = (f.GetFixedPoseInBodyFrame() for f in frames[:: 1 if forward else -1])
+            parent, X_MP = found[inboard.index()]
+            X_MF, X_MB, axis = X_MP @ X_PF, X_BM.inverse(), np.zeros(3)
             if isinstance(joint, WeldJoint):
-                X_MB = (joint.X_FM() if forward else joint.X_FM().inverse()) @ X_MB
+                X_FM = joint.X_FM() if forward else joint.X_FM().inverse()
+                X_MF, X_MB = X_MF @ X_FM @ X_MB, RigidTransform()
             elif isinstance(joint, RevoluteJoint):
                 axis = joint.revolute_axis()
             else:
                 axis = joint.translation_axis()
-            order[outboard.index()] = len(bodies)
+            found[outboard.index()] = (len(bodies), X_MB)
             bodies.append(
                 _tree_body(
                     outboard,
-                    parent=order[inboard.index()],
+                    X_MB,
+                    parent=parent,
                     joint=column.get(joint.index(), -1),
                     prismatic=isinstance(joint, PrismaticJoint),
                     axis_F=axis if forward else -axis,
-                    R_PF=X_PF.rotation().matrix(),
-                    p_PF=X_PF.translation(),
-                    R_MB=X_MB.rotation().matrix(),
-                    p_MB=X_MB.translation(),
+                    R_PF=X_MF.rotation().matrix(),
+                    p_PF=X_MF.translation(),
                 )
             )
             queue.append(outboard)
-    X_BC = capture_frame.GetFixedPoseInBodyFrame()
-    place = order[capture_frame.body().index()]
-    return KinematicTree(tuple(bodies), place, X_BC.rotation().matrix(), X_BC.translation())
+    place, X_MB = found[capture_frame.body().index()]
+    X_MC = X_MB @ capture_frame.GetFixedPoseInBodyFrame()
+    return KinematicTree(tuple(bodies), place, X_MC.rotation().matrix(), X_MC.translation())
 
 
-def _tree_body(body: RigidBody, **members: Any) -> TreeBody:
-    """Return a body with these members of its joint; the base has none."""
-    mass, com, inertia = body.default_mass(), np.zeros(3), np.zeros((3, 3))
+def _tree_body(body: RigidBody, X_MB: RigidTransform, **joint: Any) -> TreeBody:
+    """Return a body with its mass properties in M, and the members of its joint."""
+    mass, com, inertia, R_MB = body.default_mass(), np.zeros(3), np.zeros((3, 3)), X_MB.rotation()
     if mass > 0:
-        parameters = InertialParameters.from_spatial_inertia(body.default_spatial_inertia())
-        com, inertia = parameters.p_CTcm_C, parameters.I_TTcm_C
-    return TreeBody(name=body.name(), mass=mass, p_BBcm=com, I_BBcm=inertia, **members)
+        own = InertialParameters.from_spatial_inertia(body.default_spatial_inertia())
+        com, inertia = X_MB @ own.p_CTcm_C, R_MB.matrix() @ own.I_TTcm_C @ R_MB.matrix().T
+    return TreeBody(name=body.name(), mass=mass, p_BBcm=com, I_BBcm=inertia, **joint)
 
 
 @dataclass(frozen=True, eq=False)
