@@ -26,14 +26,11 @@ def list() -> None:
             name: family.good_for for name, family in ROW_FAMILIES.items()
         },
     }
-    width = max(len(name) for part in parts.values() for name in part)
     console = Console(markup=False, highlight=False)
     for title, part in parts.items():
-        table = Table.grid("", "", padding=(0, 2, 0, 0))
-        table.columns[0].width = width + 4
-        table.columns[0].no_wrap = True
+        table = Table.grid(padding=(0, 2))
         for name, text in part.items():
-            table.add_row(f"  {name}", text)
+            table.add_row(name, text)
         console.print(title, style="bold", soft_wrap=True)
         console.print(table)
 

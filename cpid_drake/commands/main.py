@@ -21,7 +21,7 @@ COMMANDS = {
     "validate": "Test an identified target with another log, and predict this log.",
     "export": "Export an identified target as a model: URDF, SDF, MJCF or Drake model directives.",
     "report": "Write the report of an identification or of a simulated run, one HTML page.",
-    "view": "Show a scenario live in the browser, or write the replay of a scenario or a log.",
+    "view": "Show the simulation of a scenario live in the browser, or write its replay.",
     "log": "Check logs, find out what their columns mean, and convert them.",
     "study": "Reproduce the paper's study, or compare the estimators on many noisy logs.",
     "list": "List the shipped scenarios and sensors, the estimators and their row families.",

@@ -8,7 +8,6 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from rich.console import Console
 
 from cpid_drake import planning, report
 from cpid_drake.commands import options
@@ -114,6 +113,7 @@ def motion(
         made = {"scenario's motion": planner.own_motion, "plan": best.motion}
         found = {name: planner.setting.predict(each, target) for name, each in made.items()}
         usage, _ = planner.usage(planner.own_motion)
+        shares = dict(zip(made, (max(usage.values()), max(best.usage.values())), strict=True))
     limit = max(usage, key=lambda name: usage[name])
     if usage[limit] > 1:
         planner.notes.append(
@@ -129,9 +129,8 @@ def motion(
     if quiet:
         return
     title = f"Predicted σ, a target of {target[0]:.3g} kg"
-    report.print_table(
-        Console(markup=False, highlight=False), report.prediction_table(found, title)
-    )
+    compared = {name: planning.Compared(found[name], share) for name, share in shares.items()}
+    report.print_table(report.motion_table(compared, title))
     print(f"active limits: {'; '.join(best.active) or 'none'}")
     print(f"cpid simulate SCENARIO --out DIR, with joint_motion: !MotionFile {{file: {out}}}")
 
@@ -172,8 +171,7 @@ def rank(
         log.print(f"note: {note}")
     ordered = dict(sorted(found.items(), key=lambda item: item[1].prediction.worst))
     title = f"Motions for a target of {target[0]:.3g} kg, the best first"
-    table = report.comparison_table(ordered, title)
-    report.print_table(Console(markup=False, highlight=False), table)
+    report.print_table(report.motion_table(ordered, title))
     if trials:
         correlation = report.rank_correlation(found)
         print(f"rank correlation of predicted and realised errors: {correlation:.2f}")

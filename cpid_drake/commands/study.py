@@ -5,7 +5,6 @@ import time
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from cpid_drake.commands import options
@@ -121,4 +120,4 @@ def accuracy(
 def _print(page: Report, quiet: bool) -> None:
     for table in (each for section in page.sections for each in section.tables):
         if not quiet:
-            print_table(Console(markup=False), table)
+            print_table(table)

@@ -1,7 +1,7 @@
 """Motions to compare a plan with, and what a fit really finds from noisy logs of a motion."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,7 @@ class Compared:
 
     prediction: Prediction
     usage: float
-    errors: NDArray[np.float64]
+    errors: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 10)))
 
     @property
     def realised(self) -> float:

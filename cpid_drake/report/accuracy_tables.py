@@ -50,7 +50,6 @@ def pictures(study: AccuracyStudy) -> list[Picture]:
     """Return a picture of each suite: errors with their bound."""
     return [
         Picture(
-            f"accuracy_{Path(preset).stem}",
             f"Sensors “{Path(preset).stem}”, {study.trials} trials",
             partial(_draw_errors, results, study),
             WIDE,

@@ -21,7 +21,6 @@ def convergence_pictures(
     true = np.full(10, np.nan) if truth is None else truth.to_vector()
     return [
         Picture(
-            f"convergence-{name}",
             f"{name} over time with its 95 % interval",
             partial(_draw_parameter, estimates, float(true[i]), i),
         )
@@ -38,7 +37,7 @@ def singular_value_picture(values: NDArray[np.float64]) -> Picture:
         axes.set_yscale("log" if (values > 0).all() else "linear")
         axes.set_xticks(np.arange(1, len(values) + 1))
 
-    return Picture("singular-values", "singular values of the scaled problem", draw)
+    return Picture("singular values of the scaled problem", draw)
 
 
 def motion_pictures(log: Log) -> list[Picture]:
@@ -56,7 +55,7 @@ def motion_pictures(log: Log) -> list[Picture]:
         found.append(("Base displacement", log.position.time, moved, "in W [m]"))
     if len(log.velocity):
         found.append(("Base velocity", log.velocity.time, log.velocity.value, "in W [m/s]"))
-    return [curves(title.lower().replace(" ", "-"), title, *rest) for title, *rest in found]
+    return [curves(*each) for each in found]
 
 
 def ellipsoid_pictures(
@@ -65,7 +64,6 @@ def ellipsoid_pictures(
     """Return the solid ellipsoid of equal mass and inertia, seen along each axis of C."""
     return [
         Picture(
-            f"ellipsoid-{'xyz'[i]}{'xyz'[j]}",
             f"the solid ellipsoid of the same inertia, {'xyz'[i]} and {'xyz'[j]}",
             partial(_draw_ellipsoid, target, truth, (i, j)),
             (3.7, 3.2),

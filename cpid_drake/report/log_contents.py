@@ -51,9 +51,7 @@ def draw_comparisons(comparisons: Sequence[Comparison], path: Path) -> None:
 
     """
     pictures = [
-        Picture(each.name, each.name, partial(_draw, each), WIDE)
-        for each in comparisons
-        if len(each.time)
+        Picture(each.name, partial(_draw, each), WIDE) for each in comparisons if len(each.time)
     ]
     if pictures:
         with draft_of(path) as draft:

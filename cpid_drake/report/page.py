@@ -1,5 +1,6 @@
 """A page: one self-contained HTML file, made of sections. Jinja escapes all text of the user."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -51,8 +52,8 @@ class Section:
 
     @property
     def anchor(self) -> str:
-        """The section's id in the page, for links."""
-        return self.title.lower().replace(" ", "-")
+        """The section's id in the page, for links, and the name of its figures' file."""
+        return re.sub("[^a-z0-9]+", "-", self.title.lower()).strip("-")
 
 
 @dataclass(frozen=True)
@@ -84,10 +85,11 @@ class Report:
         return environment.get_template("page.html.j2").render(report=self, data=data)
 
     def save_figures(self, folder: Path) -> None:
-        """Write all figures into an existing folder, each as PNG and as SVG."""
-        for picture in (each for section in self.sections for each in section.pictures):
-            for ending in ("png", "svg"):
-                save_pictures(folder / f"{picture.name}.{ending}", ending, [picture])
+        """Write the figures of every section into an existing folder, as PNG and as SVG."""
+        for section in self.sections:
+            for ending in ("png", "svg") if section.pictures else ():
+                file = folder / f"{section.anchor}.{ending}"
+                save_pictures(file, ending, section.pictures, 2)
 
     def write(self, path: str | Path) -> None:
         """Write the page to a file.

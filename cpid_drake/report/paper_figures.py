@@ -12,7 +12,7 @@ from cpid_drake.report.pictures import COLORS, INK, Picture, curves, label_axes,
 from cpid_drake.report.scene import render_scenario
 from cpid_drake.studies.paper import PaperStudy
 from cpid_drake.studies.paper_values import PAPER_TABLE_2
-from cpid_drake.studies.rounding import RoundedCase, parameter_errors
+from cpid_drake.studies.rounding import RoundedCase
 
 _CURVES = 6  # in one panel: more colours than that are hard to tell apart
 
@@ -23,27 +23,21 @@ def sections(study: PaperStudy) -> list[Section]:
     turns = ("yaw", "pitch", "roll")
     attitude = 1e3 * np.degrees(np.abs(study.attitude_error))
     position = 1e6 * np.abs(study.position_error)
-    w, moved = np.degrees(t.w_WB), t.p_WB - t.p_WB[0]
     pictures = {
-        "Error of the mass against the decimals of the data (Table 2)": [
-            Picture("table2_decimals", "Error of the mass", partial(_draw_decimals, study))
+        "Mass against decimals (Table 2)": [
+            Picture("Error of the mass", partial(_draw_decimals, study))
         ],
         "Configurations (Fig. 3)": _configurations(study),
         "Joint motion (Fig. 5)": _joint_motion(study),
         "Motion of the base (Fig. 6)": [
-            curves("figure6_position", "(A) Position of the base", t.time, moved, "p_WB [m]"),
-            curves("figure6_velocity", "(B) Velocity of the base", t.time, t.v_WB, "v_WB [m/s]"),
-            curves("figure6_attitude", "(C) Attitude, 3-2-1", t.time, angles, "angle [deg]", turns),
-            curves("figure6_rate", "(D) Angular velocity", t.time, w, "w_WB [deg/s]"),
+            curves("(A) Position of the base", t.time, t.p_WB - t.p_WB[0], "p_WB [m]"),
+            curves("(B) Velocity of the base", t.time, t.v_WB, "v_WB [m/s]"),
+            curves("(C) Attitude, 3-2-1", t.time, angles, "angle [deg]", turns),
+            curves("(D) Angular velocity", t.time, np.degrees(t.w_WB), "w_WB [deg/s]"),
         ],
-        "Error of the base's motion after re-simulation (Fig. 7)": [
-            curves(
-                "figure7_attitude", "(A) Attitude error", t.time, attitude, "|error| [mdeg]", turns
-            ),
-            curves("figure7_position", "(B) Position error", t.time, position, "|error| [µm]"),
-        ],
-        "Online estimate": [
-            Picture("online", "Error of the online estimate", partial(_draw_convergence, study))
+        "Errors after re-simulation (Fig. 7)": [
+            curves("(A) Attitude error", t.time, attitude, "|error| [mdeg]", turns),
+            curves("(B) Position error", t.time, position, "|error| [µm]"),
         ],
     }
     return [Section(title, pictures=each) for title, each in pictures.items()]
@@ -56,8 +50,7 @@ def _configurations(study: PaperStudy) -> list[Picture]:
     pictures = []
     for name, time, image in zip("AB", study.telemetry.time[[0, -1]], images, strict=True):
         title = f"({name}) Configuration at {time:g} s"
-        draw = partial(_draw_image, image, title)
-        pictures.append(Picture(f"figure3_{name}", title, draw, (4.6, 3.5)))
+        pictures.append(Picture(title, partial(_draw_image, image, title), (4.6, 3.5)))
     return pictures
 
 
@@ -68,7 +61,6 @@ def _joint_motion(study: PaperStudy) -> list[Picture]:
     parts = np.array_split(moving, max(1, -(-len(moving) // _CURVES)))
     return [
         curves(
-            f"figure5_{what}_{k}",
             f"Joint {what}",
             telemetry.time,
             np.degrees(values[:, part]),
@@ -80,7 +72,7 @@ def _joint_motion(study: PaperStudy) -> list[Picture]:
             ("angles", telemetry.q, "angle [deg]"),
             ("rates", telemetry.qdot, "rate [deg/s]"),
         )
-        for k, part in enumerate(parts, 1)
+        for part in parts
     ]
 
 
@@ -112,14 +104,3 @@ def _draw_decimals(study: PaperStudy, axes: Axes) -> None:
     label_axes(axes, "Error of the mass", "decimals of the data", "relative error")
     axes.set_xticks([case.decimals for case in study.rounded])
     legend_below(axes, 2)
-
-
-def _draw_convergence(study: PaperStudy, axes: Axes) -> None:
-    errors = np.array([parameter_errors(row, study.truth) for row in study.online_parameters])
-    parts = {"mass": slice(0, 1), "centre of mass": slice(1, 4), "inertia": slice(4, 10)}
-    for (name, columns), color in zip(parts.items(), COLORS):
-        worst = np.abs(errors[:, columns]).max(axis=1)
-        axes.semilogy(study.telemetry.time, worst, drawstyle="steps-pre", color=color, label=name)
-    title = "Error from exact samples (integration)"
-    label_axes(axes, title, "time [s]", "largest relative error")
-    legend_below(axes)

@@ -57,14 +57,12 @@ class Picture:
     """A figure with one pair of axes.
 
     Attributes:
-        name: name of its file.
         label: what the figure shows, for screen readers.
         draw: function that draws on the given axes.
         size: width and height [in].
 
     """
 
-    name: str
     label: str
     draw: Callable[[Axes], object]
     size: tuple[float, float] = SMALL
@@ -90,7 +88,6 @@ def legend_below(axes: Axes, columns: int = 4) -> None:
 
 
 def curves(
-    name: str,
     title: str,
     time: NDArray[np.float64],
     values: NDArray[np.float64],
@@ -112,7 +109,7 @@ def curves(
         label_axes(axes, title, "time [s]", unit)
         legend_below(axes, 4 if max(map(len, labels)) < 8 else 2)
 
-    return Picture(name, f"{title} over time", draw, size)
+    return Picture(f"{title} over time", draw, size)
 
 
 def save_pictures(

@@ -1,6 +1,6 @@
 """Planned motions: tables for the terminal, and the pictures of a plan."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 
 import numpy as np
@@ -24,42 +24,24 @@ LEGEND = (
 _SIZE = (4.6, 4.2)  # of each picture of a plan [in]
 
 
-def prediction_table(predictions: Mapping[str, Prediction], title: str) -> Table:
-    """Return the predicted σ of each parameter, one column for each motion.
-
-    Args:
-        predictions: the predictions for one target, by the motions' names.
-        title: of the table.
-
-    """
-    columns = predictions.values()
-    rows = [
-        (f"σ({name}), {unit}", *(each.sigma[k] for each in columns))
+def motion_table(compared: Mapping[str, Compared], title: str) -> Table:
+    """Return what is expected of motions, one column each, and what a fit found in trials."""
+    columns = compared.values()
+    found = [each.prediction for each in columns]
+    rows: dict[str, Sequence[float]] = {
+        f"σ({name}), {unit}": [each.sigma[k] for each in found]
         for k, (name, unit) in enumerate(zip(PARAMETER_NAMES, PARAMETER_UNITS, strict=True))
-    ]
-    rows += [
-        ("worst σ, % of scale", *(100 * each.worst for each in columns)),
-        ("turn of the base, deg", *(np.degrees(each.base_angle) for each in columns)),
-        ("its rate, deg/s", *(np.degrees(each.base_rate) for each in columns)),
-        ("its shift, m", *(each.base_shift for each in columns)),
-    ]
-    cells = [[name, *(_number(value) for value in values)] for name, *values in rows]
-    return Table(["", *predictions], cells, title, LEGEND)
-
-
-def comparison_table(compared: Mapping[str, Compared], title: str) -> Table:
-    """Return what is expected of motions, one row each, and what a fit found in trials."""
-    heads = ["motion", "worst σ, %", "largest share of a limit", "turn of the base, deg"]
-    has_trials = any(len(each.errors) for each in compared.values())
-    rows = []
-    for name, each in compared.items():
-        expected = each.prediction
-        values = [100 * expected.worst, each.usage, np.degrees(expected.base_angle)]
-        failed = np.count_nonzero(np.isnan(each.errors).any(axis=1))
-        values += [100 * each.realised, failed] if has_trials else []
-        rows.append([name, *(_number(value) for value in values)])
-    heads += ["worst error of fits, %", "fits that failed"] if has_trials else []
-    return Table(heads, rows, title, LEGEND)
+    }
+    rows["worst σ, % of scale"] = [100 * each.worst for each in found]
+    rows["turn of the base, deg"] = [np.degrees(each.base_angle) for each in found]
+    rows["its rate, deg/s"] = [np.degrees(each.base_rate) for each in found]
+    rows["its shift, m"] = [each.base_shift for each in found]
+    rows["largest share of a limit"] = [each.usage for each in columns]
+    if any(len(each.errors) for each in columns):
+        rows["worst error of fits, %"] = [100 * each.realised for each in columns]
+        rows["fits that failed"] = [np.isnan(each.errors).any(axis=1).sum() for each in columns]
+    cells = [[name, *(_number(value) for value in values)] for name, values in rows.items()]
+    return Table(["", *compared], cells, title, LEGEND)
 
 
 def rank_correlation(compared: Mapping[str, Compared]) -> float:
@@ -92,10 +74,10 @@ def plan_pictures(
         turns.append(np.degrees(2 * np.arccos(cosine)))
     turn, names = np.transpose(turns), setting.spacecraft.joint_names
     return [
-        Picture("sigma", "predicted σ", partial(_draw_sigma, predictions), _SIZE),
-        curves("base", "Turn of the base", times, turn, "deg", [*motions], size=_SIZE),
-        curves("positions", "Positions", times, joints[:, 0], "rad or m", names, size=_SIZE),
-        curves("rates", "Rates", times, joints[:, 1], "rad/s or m/s", names, size=_SIZE),
+        Picture("predicted σ", partial(_draw_sigma, predictions), _SIZE),
+        curves("Turn of the base", times, turn, "deg", [*motions], size=_SIZE),
+        curves("Positions", times, joints[:, 0], "rad or m", names, size=_SIZE),
+        curves("Rates", times, joints[:, 1], "rad/s or m/s", names, size=_SIZE),
     ]
 
 

@@ -70,7 +70,7 @@ def scene(folder: Path) -> None:
     from playwright.sync_api import sync_playwright
 
     page_file = folder / "view.html"
-    cpid("view", "--scenario", "free_flyer_payload", "--out", page_file, "--quiet")
+    cpid("view", "free_flyer_payload", "--out", page_file, "--quiet")
     browser_path = shutil.which("chromium") or shutil.which("chromium-browser")
     flags = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
     with sync_playwright() as playwright:
@@ -99,15 +99,19 @@ def convergence(folder: Path) -> None:
 def paper(folder: Path) -> None:
     """Draw the paper's study."""
     print(cpid("study", "paper", "--out", folder / "paper"))
-    for name in ("figure3_configurations.png", "table2_decimals.png"):
-        shutil.copy(folder / "paper" / name, HERE)
+    names = {
+        "configurations-fig-3": "figure3_configurations",
+        "mass-against-decimals-table-2": "table2_decimals",
+    }
+    for name, picture in names.items():
+        shutil.copy(folder / "paper" / f"{name}.png", HERE / f"{picture}.png")
 
 
 def accuracy(folder: Path) -> None:
     """Draw the comparison of the estimators, and print its table."""
     study = ("study", "accuracy", "exciting_motion", "--sensors", "flight")
     print(cpid(*study, "--out", folder / "accuracy"))
-    shutil.copy(folder / "accuracy/accuracy_flight.png", HERE)
+    shutil.copy(folder / "accuracy/figures.png", HERE / "accuracy_flight.png")
 
 
 def adaptive_control(folder: Path) -> None:

@@ -30,7 +30,7 @@ def free_flyer(duration: float):
 def replay(tmp_path_factory):
     folder = tmp_path_factory.mktemp("replay")
     (folder / "scenario.yaml").write_text(dump_scenario(free_flyer(4.0)))
-    arguments = ["view", "--scenario", str(folder / "scenario.yaml"), "--quiet"]
+    arguments = ["view", str(folder / "scenario.yaml"), "--quiet"]
     app([*arguments, "--out", str(folder / "replay.html")], standalone_mode=False)
     return (folder / "replay.html").as_uri()
 

@@ -26,7 +26,7 @@ def estimate_every_second(known, logs, progress):
     names = ("attitude", "gyro", "position", "velocity", "encoders", "joint_rates")
     whole = log.measurements
     half = whole.updated({n: whole[n].where(slice(None, None, 2)) for n in names})
-    rows = replace(known, family=RELATIVE_ROWS)
+    rows = replace(known, rows=RELATIVE_ROWS.name)
     found = by_rows.estimate(rows, {"": replace(log, measurements=half)})
     return replace(found, estimator="every_second", rows=None)
 

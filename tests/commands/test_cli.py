@@ -75,7 +75,7 @@ def test_the_study_of_accuracy_prints_and_writes_its_table(cpid, tmp_path):
     failed = {entry["estimator"]: entry["failed"] for entry in summary["results"]}
     fits = ("standard", "relative", "recursive_fit", "trajectory_fit")
     assert failed == {"eq18": 2, **dict.fromkeys(fits, 0)}
-    assert (tmp_path / "acc/accuracy_servicer.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "acc/figures.png").read_bytes().startswith(b"\x89PNG")
     page = (tmp_path / "acc/report.html").read_text()
     assert "RMS error over Cramér-Rao bound" in page
     assert page.count("<img ") == 1

@@ -36,7 +36,8 @@ def test_a_plan_is_written_drawn_compared_exported_and_simulated(run_cpid, tmp_p
     assert code == 0
     assert "rank correlation of predicted and realised errors: " in ranking
     names = ["motion.yaml", "best of", "multi-axis", "random", "scenario's motion"]
-    found = re.findall(rf"^ ?({'|'.join(names)})", ranking, re.M)
+    [heads] = [line for line in ranking.splitlines() if "multi-axis" in line]
+    found = re.findall("|".join(names), heads)
     assert sorted(found) == sorted(names)
     assert found[-1] == names[-1]
 

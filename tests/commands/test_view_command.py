@@ -1,16 +1,10 @@
-"""`cpid view`: a page of a scenario or of a log, and what is wrong in one line."""
+"""`cpid view`: a page of a scenario, and what is wrong in one line."""
 
 import re
 
 import pytest
 
 from cpid_drake.resources import models_directory
-
-LOG = models_directory() / "telemetry" / "free_flyer.csv"
-CRAFT = (
-    *("--spacecraft", "package://cpid_drake_models/free_flyer/free_flyer.urdf"),
-    *("--base", "body", "--capture-frame", "capture_point"),
-)
 
 
 @pytest.fixture
@@ -23,7 +17,7 @@ def scenario(tmp_path):
 
 
 def test_a_scenario_as_a_page(cpid, scenario, tmp_path):
-    code, stdout, stderr = cpid("view", "--scenario", scenario, "--out", "view.html")
+    code, stdout, stderr = cpid("view", scenario, "--out", "view.html")
     assert code == 0
     assert re.search(r"from 6 samples\nm 8\.5000 kg .*\n +true 8\.5000\n", stdout)
     assert re.fullmatch(r"view\.html, \d\.\d MB\n", stderr)
@@ -32,34 +26,13 @@ def test_a_scenario_as_a_page(cpid, scenario, tmp_path):
     assert len(page) < 10e6
 
 
-@pytest.mark.slow
-def test_a_log_as_a_page(cpid, tmp_path):
-    """Of the first three seconds: the estimate evolves, and a name with < in it is text."""
-    log = tmp_path / "log <1>.csv"
-    head = LOG.read_text().splitlines()[:305]  # 3 s
-    log.write_text("\n".join(head) + "\n")
-    arguments = (*CRAFT, "--sensors", "testbed", "--out", "log.html", "--quiet")
-    assert cpid("view", log, *arguments)[:2] == (0, "")
-    page = (tmp_path / "log.html").read_text(encoding="utf-8")
-    assert "<h1>log &lt;1&gt;.csv</h1>" in page
-    shown = [float(time) for time in re.findall(r'\[(\d\.\d+), "from ', page)]
-    assert len(shown) > 5  # the estimate evolves
-    assert shown == sorted(shown)
-
-
 @pytest.mark.parametrize(
     ("arguments", "problem"),
     [
-        (["--scenario", "nothing", "--out", "a.html"], "no shipped scenario 'nothing'"),
-        (["--scenario", "paper", "--out", "nowhere/a.html"], "there is no folder nowhere"),
-        (["--scenario", "paper", "--out", "."], "is a folder"),
-        (["--scenario", "paper", "--rate", "0"], "--rate"),
-        (["--scenario", "paper", "--out", "a.html", "--sensors", "flight"], "--scenario alone"),
-        (["--run", ".", "--out", "a.html"], "not a run"),
-        ([LOG, "--out", "a.html"], "a log needs a spacecraft"),
-        ([LOG, *CRAFT[:4], "--out", "a.html"], "and --capture-frame"),
-        ([LOG, *CRAFT], "give --out"),
-        (["nowhere.csv", *CRAFT, "--out", "a.html"], "nowhere.csv"),
+        (["nothing", "--out", "a.html"], "no shipped scenario 'nothing'"),
+        (["paper", "--out", "nowhere/a.html"], "there is no folder nowhere"),
+        (["paper", "--out", "."], "is a folder"),
+        (["paper", "--rate", "0"], "--rate"),
     ],
 )
 def test_what_is_wrong_is_said_in_one_line(arguments, problem, tmp_path, refusal):

@@ -108,7 +108,7 @@ def residuals_section(found: Identification) -> Section:
         texts=[f"Residuals: {residual_words(found)}."],
         tables=[Table(heads, rows, note=note)],
         pictures=[
-            curves(f"residuals-{name}", name, each.time, each.value, each.unit, line=".")
+            curves(name, each.time, each.value, each.unit, line=".")
             for name, each in found.residuals.items()
         ],
     )
