@@ -56,7 +56,7 @@ def test_the_feasible_target_alone(cpid, result, tmp_path):
     assert stderr == "t.urdf: written; Drake reads the same parameters from it\n"
     text = (tmp_path / "t.urdf").read_text()
     assert '<link name="debris">' in text
-    assert '<mass value="60.0"/>' in text
+    assert '<mass value="60.0"' in text
 
 
 def test_failed_checks_are_allowed_by_an_option_of_their_own(cpid, result, refusal):
