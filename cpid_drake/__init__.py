@@ -14,7 +14,7 @@ The public names, in order of their dependencies:
 - `SensorSuite`, `load_sensors`, `Log`: sensors and their samples, each at its own rate;
 - `read_telemetry`, `write_telemetry`, `from_columns`: logs as files, or from columns in memory;
 - `MomentumIdentifier`, `SpacecraftSensors`, `SensorIdentifier`, `JointController`,
-  `JointMotionSource`, `SceneVisualizer`: Drake systems;
+  `PassivityController`, `JointMotionSource`, `SceneVisualizer`: Drake systems;
 - `HalfCosine`, `MultiSine`, `Spline`: joint motions;
 - `Scenario`, `load_scenario`, `shipped_scenario`, `make_simulation`: from YAML to a Diagram;
 - `export_target`: the target as URDF, SDF, MJCF or directives, alone or on the spacecraft;

@@ -27,6 +27,7 @@ from .spacecraft.spacecraft import Spacecraft
 from .systems.identifier import MomentumIdentifier
 from .systems.joint_controller import JointController
 from .systems.joint_motion_source import JointMotionSource
+from .systems.passivity_controller import PassivityController
 from .systems.scene_visualizer import SceneVisualizer
 from .systems.sensor_identifier import SensorIdentifier
 from .systems.spacecraft_sensors import SpacecraftSensors
@@ -45,6 +46,7 @@ __all__ = [
     "MomentumIdentifier",
     "Motion",
     "MultiSine",
+    "PassivityController",
     "Request",
     "Scenario",
     "SceneVisualizer",

@@ -1,0 +1,1 @@
+"""Techniques that identify a captured target, side by side on the same motion and noise."""
