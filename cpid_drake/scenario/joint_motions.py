@@ -21,9 +21,6 @@ from cpid_drake.input_files.validation import (
 from cpid_drake.resources import resolve_model
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
-SHORTEST_RAMP = 1e-3
-"""Shortest duration of a motion [s]; a shorter one would need excessive accelerations."""
-
 Array = Annotated[NDArray[np.float64], Numbers()]
 Configuration = Mapping[str, float]
 
@@ -76,8 +73,6 @@ class MultiSineMotion:
 
     def make(self, spacecraft: Spacecraft, default: Configuration) -> MultiSine:
         """Return the motion of this spacecraft's joints; see `HalfCosineMotion.make`."""
-        if 0 < self.ramp < SHORTEST_RAMP:
-            raise InputError(f"joint_motion.ramp must be at least {SHORTEST_RAMP:g} s")
         centre = {**default, **self.centre}
         start = spacecraft.configuration(centre, "joint_motion.centre")
         end = spacecraft.configuration({**centre, **self.final}, "joint_motion.final")

@@ -35,9 +35,6 @@ ONLINE_ESTIMATORS = ("least_squares", "recursive_fit")
 INTEGRATION_SCHEMES = ("runge_kutta3", "runge_kutta5", "bogacki_shampine3", "radau3")
 """Drake's error-controlled schemes that conserve momentum well enough for identification."""
 
-LONGEST_LENGTH = 100.0
-"""Largest centre of mass and radius of gyration [m]; larger values must be in another unit."""
-
 MOST_STEPS = 1_000_000
 """Largest number of logged samples, of identified samples and of longest steps of a simulation;
 more would fill the memory."""
@@ -45,13 +42,9 @@ more would fill the memory."""
 Name = Annotated[str, MinLen(1)]
 Positive = Annotated[float, Gt(0)]
 NotNegative = Annotated[float, Ge(0)]
-Seed = Annotated[int, Ge(0)]
-Mass = Annotated[float, Le(1e9)]
 Vector = Annotated[NDArray[np.float64], Numbers(3)]
-Matrix = Annotated[NDArray[np.float64], Numbers(3, 3)]
 Momentum = Annotated[NDArray[np.float64], Numbers(6)]
-Gain = Annotated[float, Interval(gt=0, le=1e4)]
-"""Largest natural frequency of a controller [rad/s]; stiffer ones are too slow to simulate."""
+Gain = Annotated[float, Interval(gt=0, le=1e4)]  # [rad/s]; stiffer ones are too slow to simulate
 
 
 @dataclass
@@ -72,12 +65,7 @@ class SpacecraftConfig:
     on_table: bool = False
 
     def make(self) -> Spacecraft:
-        """Return the known spacecraft.
-
-        Raises:
-            InputError: for the same reasons as `Spacecraft`.
-
-        """
+        """Return the known spacecraft; raises as `Spacecraft`."""
         spacecraft = Spacecraft(
             self.model, base=self.base, capture_frame=self.capture_frame, packages=self.packages
         )
@@ -85,16 +73,32 @@ class SpacecraftConfig:
 
 
 @dataclass
-class TargetConfig:
-    """The true target of the simulated plant [kg, m, kg·m²], and a model of its appearance."""
+class BodyConfig:
+    """Mass, centre of mass and inertia about it of the target, in C [kg, m, kg·m²]."""
 
-    mass: Mass
+    mass: Annotated[float, Le(1e9)]
     p_CTcm_C: Vector
-    I_TTcm_C: Matrix
-    visual_model: str | None = None
+    I_TTcm_C: Annotated[NDArray[np.float64], Numbers(3, 3)]
 
     def __post_init__(self) -> None:
-        _check_lengths(self)
+        radius = np.sqrt(np.abs(self.I_TTcm_C).max() / abs(self.mass)) if self.mass else 0.0
+        length = max(np.abs(self.p_CTcm_C).max(), radius)
+        if length > 100:
+            raise InputError(
+                f"a centre of mass or a radius of gyration of {length:.3g} m; are these "
+                "millimetres? lengths are in metres, masses in kg, inertias in kg·m²"
+            )
+
+    def parameters(self) -> InertialParameters:
+        """Return the body; it need not be physically consistent."""
+        return InertialParameters(self.mass, self.p_CTcm_C, self.I_TTcm_C)
+
+
+@dataclass
+class TargetConfig(BodyConfig):
+    """The true target of the simulated plant, and a model of its appearance."""
+
+    visual_model: str | None = None
 
 
 @dataclass
@@ -113,10 +117,7 @@ class ControllerConfig:
 
     def __post_init__(self) -> None:
         if not (self.knows_target or self.nominal_mass > 0):
-            raise InputError(
-                "nominal_mass must be a number > 0 where knows_target is false, not "
-                f"{self.nominal_mass}"
-            )
+            raise InputError("nominal_mass must be > 0 where knows_target is false")
 
 
 @dataclass
@@ -130,7 +131,7 @@ class SensorsConfig:
 
     suite: str = ""
     explicit: SensorSuite | None = None
-    seed: Seed = 1
+    seed: Annotated[int, Ge(0)] = 1
 
     def __post_init__(self) -> None:
         if self.explicit is not None:
@@ -145,25 +146,18 @@ class SensorsConfig:
 
 
 @dataclass
-class PriorConfig:
-    """A guess of the target before the first sample [kg, m, kg·m²], and its relative σ.
+class PriorConfig(BodyConfig):
+    """A guess of the target before the first sample, and its relative σ.
 
     The σ of the mass, of mass times position and of the moments of inertia about C's origin are
     this fraction of the guess's mass, mass times radius of gyration, and mass times its square.
     """
 
-    mass: Mass
-    p_CTcm_C: Vector
-    I_TTcm_C: Matrix
     sigma: float = 0.5
 
     def __post_init__(self) -> None:
-        _check_lengths(self)
-        check_guess(self.guess(), self.sigma)
-
-    def guess(self) -> InertialParameters:
-        """Return the guessed target."""
-        return _inertial_parameters(self)
+        super().__post_init__()
+        check_guess(self.parameters(), self.sigma)
 
 
 @dataclass
@@ -208,7 +202,7 @@ class AccuracyConfig:
         default_factory=lambda: ["flight", "servicer", "testbed", "coarse"]
     )
     trials: Annotated[int, Ge(1)] = 200
-    seed: Seed = 2016
+    seed: Annotated[int, Ge(0)] = 2016
     momentum_known: bool = False
     firing: FiringConfig | None = None
 
@@ -229,10 +223,7 @@ def _read_simulator(value: object) -> SimulatorConfig:
     except (RuntimeError, ValueError, TypeError, AttributeError) as error:
         raise InputError(f"not Drake's SimulatorConfig: {error}") from error
     if config.integration_scheme not in INTEGRATION_SCHEMES:
-        raise InputError(
-            f"integration_scheme must be one of {', '.join(INTEGRATION_SCHEMES)}, "
-            f"not '{config.integration_scheme:.60}'"
-        )
+        raise InputError(f"integration_scheme must be one of {', '.join(INTEGRATION_SCHEMES)}")
     if not (config.max_step_size > 0 and config.accuracy >= 1e-13 and config.start_time == 0):
         raise InputError("max_step_size must be > 0, accuracy >= 1e-13, start_time 0")
     return config
@@ -310,12 +301,7 @@ class Scenario:
     accuracy: AccuracyConfig = field(default_factory=AccuracyConfig)
 
     def __post_init__(self) -> None:
-        """Refuse values that contradict each other.
-
-        Raises:
-            InputError: the message names the values.
-
-        """
+        """Refuse values that contradict each other, by an InputError that names them."""
         simulation, duration = self.simulation, self.simulation.duration
         if simulation.wrist is not None and not self.controller.knows_target:
             raise InputError(
@@ -337,33 +323,25 @@ class Scenario:
                 f"identification.prior: {self.online_estimator} uses no prior; give estimator: "
                 "recursive_fit, or leave prior out"
             )
-        events: list[tuple[str, BurnConfig | FiringConfig]] = [
-            (f"simulation.burns[{k}]", burn) for k, burn in enumerate(simulation.burns)
-        ]
+        times = {f"simulation.burns[{k}]": burn.time for k, burn in enumerate(simulation.burns)}
         if self.accuracy.firing is not None:
-            events.append(("accuracy.firing", self.accuracy.firing))
-        for name, event in events:
-            if not 0 <= event.time < duration:
+            times["accuracy.firing"] = self.accuracy.firing.time
+        for name, time in times.items():
+            if not 0 <= time < duration:
                 raise InputError(
                     f"{name}.time must be within the simulation's duration, {duration:g} s, "
-                    f"not {event.time}"
+                    f"not {time}"
                 )
 
     @property
     def online_estimator(self) -> str:
-        """Name of the online estimator: the given one, or the best for the scenario's sensors.
-
-        Raises:
-            InputError: there is no such estimator, or it lacks sensors.
-
-        """
+        """Name of the online estimator: the given one, or the best for the scenario's sensors."""
         config = self.identification
         by_sensors = self.sensors.present and config.rows is None
         name = config.estimator or ("recursive_fit" if by_sensors else "least_squares")
         if name not in ONLINE_ESTIMATORS:
             raise InputError(
-                f"identification.estimator must be one of {', '.join(ONLINE_ESTIMATORS)}, "
-                f"not '{name:.60}'"
+                f"identification.estimator must be one of {', '.join(ONLINE_ESTIMATORS)}"
             )
         if name == "recursive_fit" and not self.sensors.present:
             raise InputError(
@@ -378,13 +356,8 @@ class Scenario:
         return self.identification.rows or "standard"
 
     def target_truth(self) -> InertialParameters:
-        """Return the true target.
-
-        Raises:
-            InputError: the target is not a rigid body.
-
-        """
-        truth = _inertial_parameters(self.target)
+        """Return the true target; raises InputError if it is not a rigid body."""
+        truth = self.target.parameters()
         problems = truth.infeasibilities()
         if problems:
             raise InputError(f"target: not a rigid body: {'; '.join(problems)}")
@@ -394,8 +367,7 @@ class Scenario:
         """Return the joint motion of this spacecraft's joints.
 
         Raises:
-            InputError: a joint is unknown or an angle is in degrees; also the errors of the
-                motion's class.
+            InputError: a joint is unknown or an angle is in degrees; or by the motion's class.
 
         """
         default = self.spacecraft.configuration
@@ -403,23 +375,13 @@ class Scenario:
         return self.joint_motion.make(spacecraft, default)
 
     def make_suite(self) -> SensorSuite | None:
-        """Return the sensors, or None if there are none.
-
-        Raises:
-            InputError: for the same reasons as `presets.load_sensors`.
-
-        """
+        """Return the sensors, or None if there are none; raises as `presets.load_sensors`."""
         if self.sensors.explicit is not None:
             return self.sensors.explicit
         return load_sensors(self.sensors.suite) if self.sensors.suite else None
 
     def make_disturbance(self) -> SimulatedDisturbance:
-        """Return the external forces and torques of the simulation; see `DisturbanceConfig`.
-
-        Raises:
-            InputError: for the same reasons as `presets.load_sensors`.
-
-        """
+        """Return the external forces and torques of the simulation; see `DisturbanceConfig`."""
         suite = self.make_suite()
         return SimulatedDisturbance(
             None if suite is None else suite.disturbances,
@@ -434,21 +396,3 @@ class Scenario:
     def body_uncertainty(self) -> BodyUncertainty | None:
         """Return the uncertainty of the spacecraft, or None if it is known exactly."""
         return None if self.known_bodies.is_zero else self.known_bodies
-
-
-def _check_lengths(body: TargetConfig | PriorConfig) -> None:
-    """Refuse a body so large that its lengths seem to be in millimetres."""
-    radius = np.sqrt(np.abs(body.I_TTcm_C).max() / abs(body.mass)) if body.mass else 0.0
-    for key, what, length in (
-        ("p_CTcm_C", "a centre of mass", np.abs(body.p_CTcm_C).max()),
-        ("I_TTcm_C", "with this mass a radius of gyration", radius),
-    ):
-        if length > LONGEST_LENGTH:
-            raise InputError(
-                f"{key}: {what} of {length:.3g} m; are these millimetres? "
-                "lengths are in metres, masses in kg, inertias in kg·m²"
-            )
-
-
-def _inertial_parameters(body: TargetConfig | PriorConfig) -> InertialParameters:
-    return InertialParameters(body.mass, body.p_CTcm_C, body.I_TTcm_C)

@@ -272,14 +272,12 @@ def make_simulation(
         logged[THRUST] = forces.GetOutputPort("thrust")
     identifier = _add_identifier(builder, scenario, spacecraft, state, sensors, logged)
 
-    def log(port: OutputPort, name: str) -> VectorLogSink:
-        sink = LogVectorOutput(port, builder, scenario.simulation.log_period)
-        sink.set_name(name)
-        return sink
+    def log(port: OutputPort) -> VectorLogSink:
+        return LogVectorOutput(port, builder, scenario.simulation.log_period)
 
-    state_log = log(plant.get_state_output_port(), "state_log")
-    parameter_log = log(identifier.GetOutputPort("parameters"), "parameter_log")
-    impulse_log = forces and log(forces.GetOutputPort("impulse"), "impulse_log")
+    state_log = log(plant.get_state_output_port())
+    parameter_log = log(identifier.GetOutputPort("parameters"))
+    impulse_log = forces and log(forces.GetOutputPort("impulse"))
     if meshcat is not None and scene_graph is not None:
         add_bodies(builder, plant, scene_graph, meshcat)
         SceneVisualizer.AddToBuilder(
@@ -342,7 +340,7 @@ def _add_identifier(
         reads_thrust=bool(thrust),
         momentum=momentum,
         known_bodies=scenario.body_uncertainty(),
-        guess=None if prior is None else prior.guess(),
+        guess=None if prior is None else prior.parameters(),
         guess_sigma=0.5 if prior is None else prior.sigma,
     )
 

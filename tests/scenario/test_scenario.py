@@ -118,7 +118,11 @@ def test_degrees_are_called_so_where_radians_are_possible(write, edited):
     ("key", "value", "cause"),
     [
         ("target.I_TTcm_C", [[-1, 0, 0], [0, 1, 0], [0, 0, 1]], "negative"),
-        ("target.p_CTcm_C", [433.0, 0.0, 0.0], "target: p_CTcm_C: a centre of mass of 433 m; are"),
+        (
+            "target.p_CTcm_C",
+            [433.0, 0.0, 0.0],
+            "target: a centre of mass or a radius of gyration of 433 m; are",
+        ),
         ("simulation.simulator.step", 0.1, "step"),
         ("simulation.log_period", 1e-7, "log_period of 1e-07 s is more than 1000000 times"),
         ("spacecraft.capture_frame", "claw", "no Frame named 'claw'"),
@@ -311,7 +315,7 @@ FIRING = {"time": 5.0, "momentum_W": 6 * [1.0]}
         (
             "identification",
             {"estimator": "guess"},
-            "identification.estimator must be one of least_squares, recursive_fit, not 'guess'",
+            "identification.estimator must be one of least_squares, recursive_fit",
         ),
         ("identification", {"estimator": "recursive_fit"}, "needs sensors; give sensors.suite"),
         ("accuracy", {"presets": ["flight", "nothing"]}, "accuracy.presets[1]: no sensors: "),
