@@ -182,10 +182,6 @@ def without(*columns: str) -> Callable[[], str]:
     return lambda: csv(change)
 
 
-def gyro_cells() -> list[list[str]]:
-    return [["bwx", "bwy", "bwz"], *([["0", "0", "0"]] * len(motion()))]
-
-
 def million_rows() -> str:
     """Return a million good lines and one that is none."""
     header = "time,qw,qx,qy,qz,q:shoulder,q:elbow,q:wrist"
@@ -263,49 +259,29 @@ def parquet(**changes: object) -> Callable[[], bytes]:
 TELEMETRY = {
     # Not a text, or not this text.
     "binary": (file("t.csv", bytes(range(256)) * 40), "line 1 holds binary data"),
-    "utf_16": (file("t.csv", lambda: csv().encode("utf-16")), "t.csv: line 1 is not text in UTF-8"),
     # The header.
-    "no_header": (file("t.csv", lambda: csv(lambda rows: rows[1:])), "line 1 holds numbers"),
-    "header_only": (
-        file("t.csv", lambda: csv(lambda rows: rows[:1])),
-        "t.csv: the file has no samples",
-    ),
-    "column_twice": (file("t.csv", named("y", "x")), "line 1", "'x' is there 2 times"),
     "no_time": (file("t.csv", named("time", "t")), "line 1: there is no column 'time'"),
     "no_joints": (file("t.csv", without(*(f"q:{j}" for j in JOINTS))), "line 1", "q:<joint>"),
-    "both_angular_velocities": (
-        file("t.csv", lambda: csv(lambda rows: [a + b for a, b in zip(rows, gyro_cells())])),
-        "line 1: angular velocity is there twice",
-    ),
     "long_line": (file("t.csv", lambda: csv() + "1" * 3_000_000), "line 103 is longer than"),
     # Separators and quotes.
     "decimal_commas": (file("t.csv", put(7, "x", "0,5")), "line 7", "decimals written with commas"),
-    "open_quote": (file("t.csv", put(7, "x", '"0.5')), "line 7"),
     "short_row": (file("t.csv", lambda: csv(lambda r: r[8].pop() and None)), "line 9: 19 cells"),
-    "cut_off": (file("t.csv", lambda: csv()[:-200]), "line 102: 10 cells"),
     # Cells.
     "text": (file("t.csv", put(4, "vx", "fast")), "line 4, column 'vx'", "'fast'"),
-    "nan": (file("t.csv", put(4, "vx", "nan")), "line 4, column 'vx'", "empty"),
     "too_large": (file("t.csv", put(4, "x", "1e300")), "line 4, column 'x'", "1e+300"),
-    "beyond_floats": (file("t.csv", put(4, "x", "1e400")), "line 4, column 'x'", "1e400"),
-    "unit": (file("t.csv", put(4, "x", "5 mm")), "line 4, column 'x'", "'5 mm'"),
     "time_repeated": (
         file("t.csv", put(9, "time", cells()[7][0])),
         "line 9, column 'time'",
         "twice",
     ),
-    "time_in_the_far_future": (file("t.csv", put(9, "time", "1e18")), "line 9, column 'time'"),
     "no_quaternion": (file("t.csv", put(6, "qw", "0")), "line 6: the quaternion's norm"),
     "million_rows": (file("t.csv", million_rows), "line 1000002, column 'q:shoulder': '1e'"),
     # NPZ.
-    "npz_cut_off": (file("t.npz", lambda: npz()()[:3000]), "t.npz: not an NPZ file"),
     "npz_pickle": (
         file("t.npz", npz(x=np.array([Payload()], dtype=object))),
         "t.npz: 'x'",
         "array of numbers",
     ),
-    "npz_two_dimensions": (file("t.npz", npz(x=np.zeros((101, 3)))), "'x'", "(101, 3)"),
-    "npz_infinite": (file("t.npz", npz(x=np.full(101, np.inf))), "row 0, column 'x'"),
     "npz_claims_much": (
         file(
             "t.npz",
@@ -320,21 +296,13 @@ TELEMETRY = {
     "npz_bomb": (file("t.npz", zip_bomb), "'time' holds ", "bytes, which are too many"),
     # Parquet.
     "parquet_empty": (file("t.parquet", ""), "t.parquet: not a Parquet file"),
-    "parquet_text_column": (
-        file("t.parquet", parquet(x=["a"] * 101)),
-        "'x' must hold numbers",
-    ),
     # Bags.
-    "bag_empty_folder": (made("bag", Path.mkdir), "bag: a folder without metadata.yaml"),
     "mcap_text": (file("t.mcap", "no bag"), "t.mcap: not a ROS 2 bag"),
     # No file, or another one.
-    "another_kind": (file("t.txt", csv), "t.txt: telemetry is read from"),
     "missing": (called("t.csv"), "t.csv: no such file"),
     "fifo": (made("t.csv", os.mkfifo), "t.csv: not a file"),
     "device": (called("/dev/zero"), "/dev/zero: not a file"),
     "link_to_itself": (made("t.csv", lambda p: p.symlink_to(p)), "t.csv: "),
-    "no_name": (called(""), "a folder without metadata.yaml"),
-    "web_address": (called("http://127.0.0.1:9/t.csv"), "t.csv"),
     "line_end_in_name": (called("t\nt.csv"), "t t.csv: no such file"),
     "long_name": (called("t" * 5000 + ".csv"), "too long"),
 }
@@ -388,18 +356,11 @@ MODELS = {
     # Not a model.
     "empty": (file("m.urdf", ""), "m.urdf: the file is empty"),
     "cut_off": (file("m.urdf", urdf()[:-30]), "m.urdf: line 8, column", "not XML"),
-    "another_kind": (file("m.obj", "v 0 0 0"), "m.obj: not a model file"),
-    "missing": (called("m.urdf"), "m.urdf: no such file"),
     "fifo": (made("m.urdf", os.mkfifo), "m.urdf: not a file"),
     # Bombs and loops.
     "billion_laughs": (
         file("m.urdf", urdf(head=ENTITIES + "]>")),
         "m.urdf: the entity &a;",
-    ),
-    "billion_laughs_sdf": (file("m.sdf", ENTITIES + "]>" + sdf(inner="&j;")), "the entity &a;"),
-    "outer_entity": (
-        file("m.urdf", urdf(head="<!DOCTYPE r [<!ENTITY a SYSTEM '/dev/zero'>]>")),
-        "the entity &a;",
     ),
     "deep": (file("m.urdf", "<robot>" + "<link>" * 200_000), "not XML"),
     "directives_of_themselves": (
@@ -415,7 +376,6 @@ MODELS = {
         ),
         "more than 1000 includes",
     ),
-    "directives_misspelt": (directives("add_modle: {name: a}"), "line 2, column 3: ", "add_modle"),
     "directives_of_what_would_be_downloaded": (
         directives("add_model: {name: a, file: 'package://drake_models/a.urdf'}"),
         "unknown package 'drake_models'",
@@ -436,29 +396,16 @@ MODELS = {
         file("m.xml", mjcf(rest='<include file="m.xml"/>')),
         "m.xml: the file includes itself",
     ),
-    "mjcf_of_a_fifo": (
-        together(file("m.xml", mjcf(rest='<include file="o.xml"/>')), made("o.xml", os.mkfifo)),
-        "o.xml: not a file",
-    ),
     # Numbers.
     "negative_mass": (
         file("m.urdf", urdf(link("hand", -1))),
         HAND,
         "the mass -1",
     ),
-    "mass_infinite": (file("m.urdf", urdf(link("hand", "inf"))), HAND, "inf is not a"),
     "mass_comma": (file("m.urdf", urdf(link("hand", "1,5"))), HAND, "1,5 is not a"),
-    "mass_zero": (file("m.urdf", urdf(link("hand", 0))), HAND, "no rigid body"),
-    "inertia_negative": (file("m.urdf", urdf(link("hand", 10, -1))), HAND, "[-1.0"),
     "inertia_misspelt": (file("m.urdf", rebuilt("ixx", "Ixx")), "line 2", "no attribute 'ixx'"),
     # Structure.
     "joint_type": (file("m.urdf", rebuilt('"revolute"', '"hinge"')), "line 6", "'hinge'"),
-    "floating_joint": (
-        file("m.urdf", rebuilt('"revolute"', '"floating"')),
-        "not connected",
-        "upper",
-    ),
-    "ball_joint": (file("m.xml", mjcf(kind="ball")), "joint 'wrist' is of type"),
     "loop": (file("m.urdf", urdf(rest=joint("j", "hand", "bus"))), "m.urdf: ", "loop"),
     "mimic": (
         file("m.urdf", rebuilt('link="upper"/>', 'link="upper"/><mimic joint="wrist"/>')),
@@ -493,13 +440,11 @@ def scenario(old: str = "", new: str = "") -> Callable[[], str]:
 YAML = {
     "empty": ("", "must be a mapping"),
     "tab": ("spacecraft:\n\tmodel: a\n", "line 2, column 1"),
-    "open_list": ("spacecraft: [1, 2", "line 1, column"),
     "deep": ("[" * 100_000, "nested too deeply"),
     "alias": ("a: &a [1]\nb: *a\n", "line 2", "aliases are not read: write the value again"),
     "python_object": ("a: !!python/object/apply:os.system ['touch owned']\n", "line 1"),
     "unknown_key": ("spacecarft: {}\n", "unknown key 'spacecarft'"),
     "large": ("#" * 2_000_000, "larger than 1 MB"),
-    "two_documents": ("{}\n---\n{}\n", "line 2"),
 }
 
 
@@ -514,56 +459,26 @@ MASS, MODEL = "mass: 100.0", "model: package://cpid_drake_models/dual_arm_servic
 SCENARIOS = {
     "mass_negative": (scenario(MASS, "mass: -100.0"), "target: not a rigid body: the mass -100 kg"),
     "mass_1e400": (scenario(MASS, "mass: 1.0e+400"), "target.mass"),
-    "mass_unit": (
-        scenario(MASS, "mass: 100 kg"),
-        "target.mass must be a valid number, not '100 kg'",
-    ),
     "mass_twice": (
         scenario(MASS, f"{MASS}\n  {MASS}"),
         f"{paper_line('  p_CTcm_C')}, column 3: the key 'mass' is given twice",
     ),
     "mass_misspelt": (scenario(MASS, "mas: 100.0"), "'target.mas'; did you mean 'mass'?"),
-    "short_com": (
-        scenario("[0.4330127, 0.0, 0.0]", "[0.4, 0.0]"),
-        "target.p_CTcm_C must be a list of 3",
-    ),
     "com_in_millimetres": (scenario("[0.4330127, 0.0, 0.0]", "[433.0, 0.0, 0.0]"), "millimetres"),
-    "impossible_inertia": (scenario("30.0, 0.0]", "90.0, 0.0]"), "triangle inequality"),
     "joint_misspelt": (
         scenario("capture_arm_joint1: 0.2", "capture_arm_jiont1: 0.2"),
         "joint_motion.initial: no joint 'capture_arm_jiont1'; did you mean 'capture_arm_joint1'?",
     ),
-    "joint_in_degrees": (
-        scenario("capture_arm_joint1: -0.8", "capture_arm_joint1: -46"),
-        "joint_motion.final",
-        "degrees",
-    ),
     "model_misspelt": (scenario(MODEL, MODEL[:-2] + "/"), "no such file"),
-    "model_climbs": (
-        scenario(MODEL + "dual_arm_servicer.urdf", "model: ../../../../../../../etc/passwd"),
-        "not a model file",
-    ),
     "tab": (scenario("  base", "\tbase"), f"{paper_line('  base')}, column 1"),
-    "unknown_tag": (
-        scenario("joint_motion:", "joint_motion: !Spline"),
-        "!Spline",
-        paper_line("joint_m"),
-    ),
     "unknown_rows": (scenario("rows: eq18", "rows: eq81"), "'eq81'", "eq18"),
-    "duration_1e300": (scenario("duration: 10.0\n  log", "duration: 1e300\n  log"), "duration"),
     "million_samples": (scenario("period: 1.0", "period: 1.0e-9"), "period"),
 }
 
 SENSORS = {
-    "rate_of_zero": ("encoders: {rate: 0}", "encoders.rate"),
     "sigma_nan": ("encoders: {sigma: .nan}", "encoders.sigma"),
     "sigma_unit": ("encoders: {sigma: 1 mm}", "encoders.sigma must be a valid number, not '1 mm'"),
-    "bits_too_many": ("encoders: {bits: 1000}", "encoders.bits"),
     "misspelt": ("encoder: {bits: 20}", "unknown key 'encoder'; did you mean 'encoders'?"),
-    "boresight_of_zero": (
-        "encoders: {}\nattitude: {boresight_B: [0, 0, 0]}",
-        "attitude.boresight_B",
-    ),
 }
 
 
@@ -588,27 +503,15 @@ def result(**changes: object) -> str:
 
 
 RESULTS = {
-    "empty": ("", "not JSON", "line 1"),
-    "deep": ("[" * 100_000, "nested too deeply"),
     "key_twice": ('{"mass": 1, "mass": 2}', "'mass' is given twice"),
     "no_parameters": (result(parameters=...), "parameters is missing"),
     "of_another_version": (result(format=...), "not a result of this version of cpid-drake"),
     "nan": (result(parameters=10 * [float("nan")]), "NaN"),
-    "beyond_floats": (result().replace("20.0", "1e400", 1), "must be finite numbers"),
-    "long_integer": (result().replace("20.0", "9" * 5000, 1), "r.json"),
     "text": (result(condition="20 kg"), "condition must be a valid number, not '20 kg'"),
-    "short": (result(parameters=[1, 2]), "parameters must be a list of 10 numbers"),
-    "covariance_9": (result(covariance=np.eye(9).tolist()), "covariance must be a list of 10x10"),
     "rank_11": (result(rank=11), "rank must be less than or equal to 10, not 11"),
     "negative_mass": (
         result(nearest=[-1, 0, 0, 0, 1, 1, 1, 0, 0, 0]),
         "nearest: no rigid body",
-    ),
-    "no_frame": (
-        result(
-            sources=[{"request": {"telemetry": "a", "spacecraft": {"model": "a", "base": "b"}}}]
-        ),
-        "spacecraft.capture_frame",
     ),
 }
 EXPORTS = {

@@ -86,48 +86,6 @@ def damaged(draw, data: bytes) -> bytes:
 
 
 SHORT_CSV = "\n".join(good_csv().splitlines()[:12]) + "\n"
-WORDS = (
-    "",
-    "nan",
-    "-inf",
-    "1e400",
-    "1e300",
-    "0,5",
-    '"',
-    '"1"',
-    "\0",
-    "é",
-    "x",
-    "-",
-    "1_0",
-    "٣",
-    " 1 ",
-)
-
-
-@st.composite
-def damaged_csv(draw) -> str:
-    """Columns and lines dropped, repeated or exchanged; cells replaced by odd words."""
-    rows = [line.split(",") for line in SHORT_CSV.splitlines()]
-    for _ in range(draw(st.integers(1, 3))):
-        k, j = draw(st.integers(0, len(rows) - 1)), draw(st.integers(0, 15))
-        other = draw(st.integers(0, 15))
-        match draw(st.sampled_from(["cell", "row", "row twice", "column", "column twice", "swap"])):
-            case "cell":
-                rows[k][j] = draw(st.sampled_from(WORDS))
-            case "row":
-                rows[k : k + 1] = [] if len(rows) > 1 else rows
-            case "row twice":
-                rows.insert(k, list(rows[k]))
-            case "column":
-                rows = [row[:j] + row[j + 1 :] for row in rows]
-            case "column twice":
-                rows = [row[:j] + row[j : j + 1] + row[j:] for row in rows]
-            case "swap":
-                for row in rows:
-                    row[j], row[other] = row[other], row[j]
-    ends = draw(st.sampled_from(["\n", "\r\n"]))
-    return ends.join(draw(st.sampled_from([",", ", ", ";", "\t"])).join(row) for row in rows)
 
 
 @pytest.fixture(scope="module")
@@ -157,7 +115,7 @@ def test_any_bytes_as_telemetry(folder, ending, content):
 
 
 @few(80)
-@given(content=st.one_of(damaged(SHORT_CSV.encode()), damaged_csv().map(str.encode)))
+@given(content=damaged(SHORT_CSV.encode()))
 def test_a_damaged_table(folder, content):
     path = folder / "damaged.csv"
     path.write_bytes(content)

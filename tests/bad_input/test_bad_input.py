@@ -1,7 +1,6 @@
 """Bad files: one line that names the file and the place; at the command line, exit code 2."""
 
 import json
-import re
 import sys
 
 import numpy as np
@@ -131,10 +130,7 @@ def test_a_command_ends_in_one_line_and_writes_nothing(case: Case, cpid, folder)
 ODD = {
     "windows_line_ends": lambda text: text.replace("\n", "\r\n"),
     "byte_order_mark": lambda text: "\ufeff" + text,
-    "quotes": lambda text: re.sub(r"[^,\n]+", r'"\g<0>"', text),
-    "blank_lines_and_comments": lambda text: "# a log\n" + text.replace("\n", "\n\n# it's 5 °C\n"),
     "blanks_around_cells": lambda text: text.replace(",", " ,  "),
-    "another_column": lambda text: text.replace("\n", ",fine\n").replace("fine", "note", 1),
     "columns_in_another_order": lambda text: "".join(
         ",".join(reversed(line.split(","))) + "\n" for line in text.splitlines()
     ),
@@ -180,7 +176,7 @@ DANGEROUS = (
     *("telemetry-device", "telemetry-fifo", "telemetry-npz_bomb", "telemetry-npz_claims_much"),
     *("telemetry-long_line", "telemetry-link_to_itself"),
     *("model-directives_of_themselves", "model-sdf_of_itself"),
-    *("model-mjcf_of_itself", "model-billion_laughs_sdf", "model-deep", "result-deep"),
+    *("model-mjcf_of_itself", "model-billion_laughs", "model-deep"),
 )
 LIMITED = """
 import json, os, resource, sys

@@ -3,14 +3,12 @@
 import numpy as np
 import pytest
 from paper_equations import (
-    angular_rows,
     eq18_to_world,
     instantaneous_rows,
-    linear_rows,
 )
 from sensing_cases import true_telemetry
 
-from cpid_drake import HalfCosine, InertialParameters, InputError, identify
+from cpid_drake import HalfCosine, InputError, identify
 from cpid_drake.dynamics.momentum import momentum_samples
 from cpid_drake.dynamics.parameterizations import EQ18, tensor_to_vector
 from cpid_drake.dynamics.rotations import rotate
@@ -96,29 +94,6 @@ def case(servicer, skewed_target, zero_momentum_motion):
     return telemetry, momentum_samples(servicer.tree, telemetry)
 
 
-def unknowns_in_world(target, R_WC):
-    c_W = rotate(R_WC, target.p_CTcm_C)
-    I_W = R_WC @ target.I_TTcm_C @ np.swapaxes(R_WC, -1, -2)
-    mass = np.full((len(R_WC), 1), 1 / target.mass)
-    return np.hstack([mass, c_W, tensor_to_vector(I_W)])
-
-
-def test_linear_rows_hold_at_every_instant(case, skewed_target):
-    """Eqs. 6 and 7."""
-    _, samples = case
-    A, b = linear_rows(samples)
-    unknowns = unknowns_in_world(skewed_target, samples.motion.R_WC)[:, :4]
-    np.testing.assert_allclose(rotate(A, unknowns), b, rtol=0, atol=1e-12)
-
-
-def test_angular_rows_hold_at_every_instant(case, skewed_target):
-    """Eq. 10 with sums from the base."""
-    _, samples = case
-    A, b = angular_rows(samples)
-    unknowns = unknowns_in_world(skewed_target, samples.motion.R_WC)[:, 1:]
-    np.testing.assert_allclose(rotate(A, unknowns), b, rtol=0, atol=1e-10)
-
-
 def test_eq18_is_eq14_with_the_unknowns_turned_into_C(case):
     """Eqs. 15-17 carry Eq. 14 over to Eq. 18."""
     _, samples = case
@@ -130,15 +105,6 @@ def test_eq18_is_eq14_with_the_unknowns_turned_into_C(case):
     expected = to_C @ A_W @ eq18_to_world(R_WC)
     np.testing.assert_allclose(A, expected, rtol=0, atol=1e-11)
     np.testing.assert_allclose(b, rotate(to_C, b_W), rtol=0, atol=1e-11)
-
-
-def test_a_spacecraft_that_holds_nothing_shows_no_mass(servicer, zero_momentum_motion):
-    """An empty gripper: the known momentum is zero by itself, so the standard rows find m = 0."""
-    nothing = InertialParameters(0.0, np.zeros(3), np.zeros((3, 3)))
-    samples = momentum_samples(servicer.tree, zero_momentum_motion(nothing, 10, seed=19))
-    A, b = STANDARD_ROWS.rows(samples)
-    phi = np.linalg.lstsq(A.reshape(-1, 10), b.ravel(), rcond=None)[0]
-    assert np.abs(phi).max() < 1e-9
 
 
 # -- unknown momentum, position and attitude -----------------------------------------------------

@@ -117,18 +117,3 @@ def test_a_folder_is_old_or_new_or_unfinished_at_every_instant(failing, tmp_path
     write()
     refuse_unfinished(tmp_path)
     assert contents(tmp_path) == dict.fromkeys(NAMES, "new")
-
-
-def test_a_folder_in_the_place_of_a_file_is_found_before_anything_is_moved(tmp_path):
-    (tmp_path / "a.csv").write_text("old")
-    (tmp_path / "b.json").mkdir()
-
-    def write():
-        with draft_folder(tmp_path) as draft:
-            (draft / "a.csv").write_text("new")
-            (draft / "b.json").write_text("new")
-
-    with pytest.raises(InputError, match=r"b\.json is a folder"):
-        write()
-    assert (tmp_path / "a.csv").read_text() == "old"
-    assert not (tmp_path / UNFINISHED).exists()

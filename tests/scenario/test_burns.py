@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cpid_drake import InputError, identify, load_scenario, make_simulation, shipped_scenario
+from cpid_drake import identify, load_scenario, make_simulation, shipped_scenario
 from cpid_drake.dynamics.momentum import total_momentum
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.scenario.schema import BurnConfig, DisturbanceConfig
@@ -135,10 +135,3 @@ def test_an_estimator_without_thrust_is_doubted():
     assert "does not use the log of thrust" in simulation.identification(context).failures[0]
     found = identify(simulation.spacecraft, simulation.measurements(context), rows="standard")
     assert "thrusters fired from 0.73 s on" in found.failures[0]
-
-
-def test_a_burn_after_the_end_is_refused():
-    scenario = with_burn()
-    scenario.simulation.burns[0].time = 3.5
-    with pytest.raises(InputError, match=r"simulation.burns\[0\].time"):
-        replace(scenario)

@@ -61,21 +61,6 @@ def test_the_joints_follow_their_motion(compliant):
     np.testing.assert_allclose(telemetry.q, expected, rtol=0, atol=1e-8)
 
 
-@pytest.mark.slow
-def test_a_stiff_wrist_is_a_rigid_grasp():
-    rigid = with_wrist()
-    rigid.simulation.wrist = None
-    rigid = make_simulation(rigid)
-    expected = rigid.telemetry(rigid.run()).quaternion_WB[-1]
-    off = []
-    for factor in (1.0, 100.0):
-        simulation = make_simulation(with_wrist(factor, moves=True))
-        found = simulation.telemetry(simulation.run()).quaternion_WB[-1]
-        off.append(np.linalg.norm(found - expected))
-    assert off[0] > 1e-4
-    assert off[1] < 0.03 * off[0]
-
-
 @pytest.mark.parametrize("moves", [False, True])
 def test_modes_are_those_of_two_free_bodies(moves):
     """With the joints at rest, spacecraft and target are two rigid bodies on a spring."""
@@ -170,10 +155,3 @@ def test_a_wrist_that_cannot_be_simulated_is_refused(change, message):
 
     with pytest.raises(InputError, match=message):
         simulate()
-
-
-def test_the_controller_must_know_the_target_on_a_wrist():
-    scenario = with_wrist()
-    scenario.controller.knows_target, scenario.controller.nominal_mass = False, 5.0
-    with pytest.raises(InputError, match="knows_target must be true with"):
-        replace(scenario)

@@ -72,22 +72,6 @@ def build(path):
 # -- reading -------------------------------------------------------------------------------------
 
 
-def test_a_path_and_a_package_uri_give_the_same_scenario():
-    by_path = load_scenario(shipped_scenario("paper"))
-    by_uri = load_scenario("package://cpid_drake_models/scenarios/paper.yaml")
-    assert repr(by_path) == repr(by_uri)
-
-
-def test_every_value_of_the_file_arrives(paper_yaml, paper_scenario):
-    assert paper_scenario.target.mass == paper_yaml["target"]["mass"]
-    np.testing.assert_array_equal(paper_scenario.target.p_CTcm_C, [0.4330127, 0.0, 0.0])
-    np.testing.assert_array_equal(paper_scenario.target.I_TTcm_C, np.diag([20.0, 30.0, 10.0]))
-    assert paper_scenario.joint_motion.final == paper_yaml["joint_motion"]["final"]
-    simulator = paper_yaml["simulation"]["simulator"]
-    assert paper_scenario.simulation.simulator.accuracy == float(simulator["accuracy"])
-    assert paper_scenario.identification.rows == "eq18"
-
-
 def test_keys_left_out_keep_their_defaults(paper_yaml, write):
     """Spacecraft and target are enough."""
     short = {key: paper_yaml[key] for key in ("spacecraft", "target")}
@@ -190,19 +174,6 @@ def test_joints_that_a_motion_does_not_name_stand_as_the_spacecraft_is_configure
     scenario.spacecraft.configuration = standing
     centre = scenario.make_joint_motion(servicer).centre
     np.testing.assert_array_equal(centre, -0.4 * first - 0.25 * last)
-
-
-@pytest.mark.parametrize(
-    ("key", "value", "cause"),
-    [
-        ("ramp", 4.1, "ramp must be > 0 and at most half the duration"),
-        ("frequencies", [0.1, -0.3], "frequencies must be > 0"),
-        ("amplitudes", {"capture_arm_joint1": [0.1]}, "one for each of the 2 frequencies"),
-        ("phases", {"capture_arm_joint1": [0.1, 0.2, 0.3]}, "joint_motion.phases: capture_arm_j"),
-    ],
-)
-def test_sines_that_cannot_be_built_are_refused_with_the_cause(tagged, key, value, cause):
-    assert cause in refusal(build, tagged({key: value}))
 
 
 # -- sampling ------------------------------------------------------------------------------------

@@ -61,28 +61,6 @@ def test_a_motion_that_starts_moving_needs_the_right_base_twist(servicer, skewed
     assert np.abs(momentum).max() > 1.0
 
 
-@pytest.mark.slow
-def test_another_target_is_identified_as_that_target(paper_scenario):
-    """The answer follows the truth: it is not written anywhere but in the scenario."""
-    paper_scenario.target.mass = 5.0
-    paper_scenario.target.p_CTcm_C = np.array([0.3, 0.1, -0.2])
-    paper_scenario.simulation.simulator.accuracy = 3e-10
-    simulation = make_simulation(paper_scenario)
-    root_context = simulation.run()
-    context = simulation.identifier.GetMyContextFromRoot(root_context)
-    estimate = simulation.identifier.GetOutputPort("parameters").Eval(context)
-    np.testing.assert_allclose(estimate, simulation.truth.to_vector(), rtol=1e-5, atol=1e-4)
-
-
-def test_runs_are_repeatable_and_independent(paper_scenario):
-    paper_scenario.simulation.simulator.accuracy = 1e-5
-    paper_scenario.simulation.duration = 3.0
-    simulation = make_simulation(paper_scenario)
-    first, second = (simulation.telemetry(simulation.run()) for _ in range(2))
-    np.testing.assert_array_equal(first.p_WB, second.p_WB)
-    np.testing.assert_array_equal(first.q, second.q)
-
-
 def test_drawing_changes_nothing(paper_scenario):
     """With a SceneGraph and Meshcat the same motion comes out."""
     from pydrake.geometry import Meshcat
@@ -116,14 +94,6 @@ def test_a_tumbling_capture_is_identified_with_its_momentum():
 
 
 # -- sensors -------------------------------------------------------------------------------------
-
-
-def test_without_sensors_there_are_no_measurements(paper_scenario):
-    simulation = make_simulation(paper_scenario)
-    assert simulation.sensors is None
-    root_context = simulation.make_simulator().get_context()
-    with pytest.raises(InputError, match=r"give sensors\.suite"):
-        simulation.measurements(root_context)
 
 
 def test_the_online_estimate_includes_the_uncertainty_of_the_spacecraft():
@@ -296,21 +266,6 @@ def test_a_mass_on_a_spring_swings_with_its_frequency_and_damping():
         joint.set_translation_rate(context, 0.0)
         np.testing.assert_allclose(by_place, -(w**2) * 0.01, rtol=1e-2)
         np.testing.assert_allclose(by_rate, -2 * 0.05 * w * 0.01, rtol=1e-2)
-
-
-@pytest.mark.slow
-def test_a_stiff_spring_is_a_rigid_body(sloshing):
-    """The motion of the base tends to that of the rigid model as the spring gets stiffer."""
-    rigid = with_slosh(0.5, accuracy=1e-7)
-    rigid.simulation.sprung_masses = []
-    rigid = make_simulation(rigid)
-    expected = rigid.telemetry(rigid.run()).p_WB[-1]
-    soft = sloshing[0].telemetry(sloshing[1]).p_WB[-1]
-    stiff = make_simulation(with_slosh(4.0, 0.5, 1e-7))
-    found = stiff.telemetry(stiff.run()).p_WB[-1]
-    off = np.linalg.norm(soft - expected)
-    assert off > 1e-4
-    assert np.linalg.norm(found - expected) < 0.05 * off
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from pydrake.geometry import Box, Ellipsoid, Role
+from pydrake.geometry import Ellipsoid, Role
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import SpatialInertia
@@ -69,15 +69,6 @@ def test_a_target_without_visual_model_is_drawn_as_its_ellipsoid(draw, skewed_ta
     np.testing.assert_allclose(X_CG.translation(), skewed_target.p_CTcm_C, atol=1e-12)
     semi_diameters, _ = inertia_ellipsoid(skewed_target.to_spatial_inertia())
     np.testing.assert_allclose([shape.a(), shape.b(), shape.c()], semi_diameters)
-
-
-def test_a_visual_model_is_drawn_with_its_frame_on_c(draw, model, paper_target):
-    """Every piece of the file, where the file has it; its own inertia plays no part."""
-    look = model(f'<link name="a">{VISUAL.format("v", "0.1 0.2 0.3", "1 2 3")}</link>')
-    ((shape, X_CG),) = draw(paper_target, look)
-    assert isinstance(shape, Box)
-    np.testing.assert_allclose(shape.size(), [1, 2, 3])
-    assert X_CG.IsNearlyEqualTo(RigidTransform([0.1, 0.2, 0.3]), 1e-14)
 
 
 def test_where_a_visual_model_stands_in_its_own_file_does_not_matter(draw, tmp_path, paper_target):

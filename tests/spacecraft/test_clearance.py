@@ -106,14 +106,6 @@ def test_the_target_has_the_collision_geometry_of_its_model(craft, tmp_path):
     assert least.distance == pytest.approx(2.1 - 0.5 - 0.2, abs=1e-6)
 
 
-def test_without_collision_geometry_nothing_is_compared(craft):
-    bare = {name: link(name) for name in ("base", "upper", "fore", "hand")}
-    spacecraft = craft(**bare)
-    clearance = Clearance(spacecraft, BALL)
-    assert clearance.shapeless == ("base", "upper", "fore", "hand", "captured_target")
-    assert clearance.approaches(np.array([(0, np.pi, 0)])) == []
-
-
 def test_geometry_that_cannot_be_read_is_refused(craft):
     spacecraft = craft(fore=link("fore", '<mesh filename="package://nowhere/fore.obj"/>'))
     with pytest.raises(InputError, match="nowhere"):

@@ -333,15 +333,6 @@ def test_a_name_that_is_taken_gets_a_number(load, skewed_target, tmp_path):
             )
 
 
-@pytest.mark.parametrize(
-    "name", ["", " ", "9", "a b", 'a"/><link name="b', "a&amp;b", "../a", "a::b", "ü", "a" * 65]
-)
-def test_a_name_that_is_not_plain_is_refused(name, skewed_target, tmp_path):
-    with pytest.raises(InputError, match="cannot be used"):
-        export_target(skewed_target, tmp_path / "a.urdf", format="urdf", name=name)
-    assert list(tmp_path.iterdir()) == []
-
-
 # -- what is refused, and leaves no file ---------------------------------------------------------
 
 
@@ -367,15 +358,6 @@ def test_no_file_of_what_no_body_has(refusal):
     assert refusal("a.urdf", "urdf", target).startswith("a.urdf: not written: no rigid body has")
     lighter = InertialParameters(-1.0, [0, 0, 0], np.eye(3))
     assert "mass -1 kg is not positive" in refusal("a.urdf", "urdf", lighter)
-
-
-@pytest.mark.parametrize("taken", ["a.dmd.yaml", "a_target.urdf"])
-def test_only_with_leave_a_file_is_overwritten(refusal, taken, skewed_target, tmp_path):
-    (tmp_path / taken).write_text("mine")
-    assert f"{taken}: exists already" in refusal("a.dmd.yaml", "drake-yaml")
-    path = tmp_path / "a.dmd.yaml"
-    export_target(skewed_target, path, format="drake-yaml", overwrite=True)
-    assert_same(by_drake(path, "target"), skewed_target)
 
 
 def test_the_spacecrafts_own_model_is_never_overwritten(load, refusal):
