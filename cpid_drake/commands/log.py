@@ -79,11 +79,11 @@ def _comparisons(
 ) -> tuple[list[str], list[str], list[str], tuple[Comparison, ...]]:
     """Return errors, warnings, what could not be compared, and the comparisons."""
     if craft is None:
-        said = check_conventions(screen(found.measurements).log, None)
+        said = check_conventions(screen(found.log).log, None)
         return [*said.failures], [*said.warnings], [*said.unchecked], said.comparisons
     warnings = [left_out_warning(found.left_out_joints)] if found.left_out_joints else []
     try:
-        checked = check_log(craft, found.measurements)
+        checked = check_log(craft, found.log)
     except InputError as error:
         return [str(error)], warnings, [], ()
     return (

@@ -194,7 +194,7 @@ def open_log(request: Request, joints: tuple[str, ...]) -> OpenLog:
     )
     if not request.leave_out_bad:
         refuse_problems(file.problems, request.telemetry)
-    data = file.measurements.between(first, last)
+    data = file.log.between(first, last)
     start, end = data.interval
     if not start <= end:
         limited = request.start is not None or request.end is not None

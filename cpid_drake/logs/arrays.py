@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.errors import InputError
-from cpid_drake.logs.table import Table, check_names
+from cpid_drake.logs.table import Table, repeated_names
 
 _LARGEST_COLUMN = 200_000_000
 """Largest size of an array in an NPZ file [bytes]: 69 hours at 100 Hz. Archives can be bombs."""
@@ -19,89 +19,63 @@ def read_npz(file: Path, where: str) -> Table:
     """Read a log whose arrays are columns; nothing is unpickled.
 
     Raises:
-        InputError: not an NPZ file, a damaged one, or arrays of different lengths.
+        InputError: not an NPZ file, or a damaged one.
 
     """
     columns: dict[str, NDArray[np.float64]] = {}
     unreadable: dict[str, str] = {}
     try:
         with zipfile.ZipFile(file) as archive:
-            members = [info.filename.removesuffix(".npy") for info in archive.infolist()]
-            twice = check_names(members, where)
-            for name, info in zip(members, archive.infolist()):
-                if name in columns or name in unreadable:
+            names = [info.filename.removesuffix(".npy") for info in archive.infolist()]
+            for name, info in zip(names, archive.infolist()):
+                if info.file_size > _LARGEST_COLUMN:
+                    unreadable[name] = f"holds {info.file_size} bytes, which are too many"
                     continue
-                found = _array(archive, info)
-                if isinstance(found, str):
-                    unreadable[name] = found
+                try:
+                    with archive.open(info) as stream:
+                        array = np.lib.format.read_array(stream, allow_pickle=False)
+                except (ValueError, MemoryError) as error:
+                    unreadable[name] = f"is not a NumPy array of numbers: {error!s:.99}"
+                    continue
+                if array.dtype.kind in "fiu" and array.ndim == 1:
+                    columns[name] = array.astype(float)
                 else:
-                    columns[name] = found
+                    text = f"{array.dtype} of shape {array.shape}"
+                    unreadable[name] = f"must be an array of numbers with one dimension, not {text}"
     except (zipfile.BadZipFile, zlib.error, EOFError, OSError, RuntimeError) as error:
         # RuntimeError: encrypted, or compressed in a way that is not known here.
         raise InputError(f"{where}: not an NPZ file, or a damaged one: {error}") from error
     reference = "time" if "time" in columns else next(iter(columns), "")
-    count = len(columns[reference]) if columns else 0
-    for name in [name for name, column in columns.items() if len(column) != count]:
-        unreadable[name] = f"has {len(columns.pop(name))} samples, but '{reference}' {count}"
-    return Table(columns, unreadable=unreadable, twice=twice)
-
-
-def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[np.float64] | str:
-    """Return an array of numbers in an archive, or why it is none.
-
-    The header is read first and compared with the size, so that no memory is allocated for a wrong
-    length.
-    """
-    if member.file_size > _LARGEST_COLUMN:
-        return f"holds {member.file_size} bytes, which are too many"
-    with archive.open(member) as stream:
-        try:
-            version = np.lib.format.read_magic(stream)
-            read = {
-                (1, 0): np.lib.format.read_array_header_1_0,
-                (2, 0): np.lib.format.read_array_header_2_0,
-            }.get(version)
-            if read is None:
-                return f"is in a version of the NPY format that is not read: {version}"
-            shape, _, dtype = read(stream)
-        except (zipfile.BadZipFile, zlib.error, OSError):
-            raise
-        except Exception:  # NumPy evaluates the header as Python
-            return "is not a NumPy array: its header is wrong"
-        if dtype.kind not in "fiu" or len(shape) != 1:
-            return f"must be an array of numbers with one dimension, not {dtype} of shape {shape}"
-        size = member.file_size - stream.tell()
-        if size != shape[0] * dtype.itemsize:
-            return f"is cut off: {size} bytes for {shape[0]} numbers"
-        return np.frombuffer(stream.read(), dtype=dtype).astype(float)
+    for name, column in columns.items():
+        count = len(columns[reference])
+        if len(column) != count:
+            unreadable[name] = f"has {len(column)} samples, but '{reference}' {count}"
+    return Table(columns, unreadable=unreadable | repeated_names(names, where))
 
 
 def read_parquet(file: Path, where: str) -> Table:
     """Read a log from a Parquet file.
 
     Raises:
-        InputError: pyarrow is not installed, or the file cannot be read.
+        InputError: pyarrow is not installed; not a Parquet file that can be read.
 
     """
     pyarrow, parquet = _pyarrow(where)
-    columns, unreadable = {}, {}
+    columns = {}
     try:
         source = parquet.ParquetFile(file)
         schema = source.schema_arrow
-        twice = check_names(schema.names, where)
-        for name in dict.fromkeys(schema.names):
-            kind = schema.field(schema.names.index(name)).type
+        unreadable = repeated_names(schema.names, where)
+        for name, kind in zip(schema.names, schema.types):
             if not (pyarrow.types.is_floating(kind) or pyarrow.types.is_integer(kind)):
-                unreadable[name] = f"must hold numbers, not {kind}"
-            elif name not in twice:
+                unreadable.setdefault(name, f"must hold numbers, not {kind}")
+            elif name not in unreadable:
                 chunks = source.read(columns=[name]).column(name).cast(pyarrow.float64())
                 columns[name] = chunks.to_numpy()
-            else:
-                columns[name] = np.full(source.metadata.num_rows, np.nan)
     except (pyarrow.ArrowException, OSError) as error:
         text = " ".join(str(error).split())
         raise InputError(f"{where}: not a Parquet file that can be read: {text:.200}") from error
-    return Table(columns, unreadable=unreadable, twice=twice)
+    return Table(columns, unreadable=unreadable)
 
 
 def _pyarrow(where: str) -> tuple[Any, Any]:

@@ -20,21 +20,19 @@ of the others `x`, `y`, `vx`, `vy`, `wz` or `bwz`, "thrust_fx", "thrust_fy" and 
 What the table holds is exactly zero in the samples.
 """
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 
 from cpid_drake.errors import InputError
 from cpid_drake.logs.column_map import ColumnMap, JointPositionColumns, JointRateColumns
 from cpid_drake.logs.log import THRUST_COLUMNS
-from cpid_drake.logs.table import Table
+from cpid_drake.logs.table import Table, shortened
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.thrusters import VALVE
 
 YAW = "yaw"
 """The column of the angle of B about W's z axis."""
-
-_SHOWN = 8  # columns in a message
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +40,8 @@ class ChosenColumns:
     """The columns of a file by their meaning; groups that are absent are empty.
 
     Attributes:
-        groups: columns of the sensors of the base, of "force" and of "torque".
+        time: the time, and perhaps nanoseconds.
+        groups: columns of the sensors of the base, of "force" and of "torque", and of each valve.
         in_world: whether the angular velocity is expressed in W.
         is_planar: whether the base has x, y and yaw only.
         positions, rates: columns by joint.
@@ -78,41 +77,48 @@ def choose_columns(
     Args: see `read_columns`.
 
     Raises:
-        InputError: a repeated column, no time, a column that the map names is missing, groups that
-            are not complete, angular velocity both in W and in B or in W without the attitude, no
-            joint positions, or joints without a rate where others have one.
+        InputError: no time, a column that the map names is missing, groups that are not complete,
+            angular velocity both in W and in B or in W without the attitude, no joint positions,
+            joints without a rate where others have one, or a column that cannot be read.
 
     """
     where = f"{where}: {table.header}" if table.header else where
     names = [*table.columns, *table.unreadable]
-    explicit = [name for name in _named(given) if name != "time" or "time" in names]
-    if not table.has_names and not {*explicit} & {*names}:
+    explicit = given.named
+    if names and names[0] == "1" and not {*explicit} & {*names}:
         raise InputError(
             f"{where} holds numbers; the first line must hold the columns' names, or a map must "
             "name the columns by their numbers, such as '1'"
         )
     free = [name for name in names if name not in explicit and name not in given.ignore_columns]
     unknown = [name for name in free if not _is_own(name)]
-
-    def refuse_twice(names: Iterable[str]) -> None:
-        for name in names:
-            if name in table.twice:
-                raise InputError(f"{where}: the column '{name}' is there {table.twice[name]} times")
-
-    refuse_twice([*explicit, *filter(_is_own, free)])
-    if given.time.column == "time" and "time" not in names:
-        raise InputError(f"{where}: there is no column 'time'{_likely('time', unknown)}")
+    _refuse_unreadable([*explicit, *filter(_is_own, free)], table, where)
     for name in explicit:
         if name not in names:
-            more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+            if name == "time":
+                raise InputError(f"{where}: there is no column 'time'{_likely('time', unknown)}")
             raise InputError(
                 f"{where}: there is no column '{name}', which {map_name} names; the columns are "
-                f"{', '.join(names[:_SHOWN])}{more}"
+                f"{shortened(names)}"
             )
-
-    def group(columns: list[str], label: str, *own: Sequence[str]) -> tuple[str, ...]:
-        """Return the given columns, or the package's own if they are in the file."""
-        there = [] if columns else [each for each in own if any(name in free for name in each)]
+    quaternion, gyro = SENSORS["attitude"].columns, SENSORS["gyro"]
+    is_planar = given.attitude.order == "yaw" or (
+        not given.attitude.columns and YAW in free and not {*quaternion} & {*free}
+    )
+    in_plane = slice(0, 2) if is_planar else slice(0, 3)
+    about_normal = slice(2, 3) if is_planar else slice(0, 3)
+    in_B, in_W = gyro.columns[about_normal], gyro.columns_in_W[about_normal]
+    groups: dict[str, tuple[str, ...]] = {}
+    for key, columns, *own in (
+        ("attitude", given.attitude.columns, (YAW,) if is_planar else quaternion),
+        ("gyro", given.angular_velocity.columns, in_B, in_W),
+        ("position", given.position.columns, SENSORS["position"].columns[in_plane]),
+        ("velocity", given.velocity.columns, SENSORS["velocity"].columns[in_plane]),
+        ("force", given.thrust.force, THRUST_COLUMNS[3:][in_plane]),
+        ("torque", given.thrust.torque, THRUST_COLUMNS[:3][about_normal]),
+    ):
+        label = SENSORS[key].label if key in SENSORS else f"the {key} of thrusters"
+        there = [] if columns else [each for each in own if {*each} & {*free}]
         for each in there:
             missing = [name for name in each if name not in free]
             if missing:
@@ -125,77 +131,42 @@ def choose_columns(
                 f"{where}: {label} is there twice, in the body ({', '.join(there[0])}) and in the "
                 f"world ({', '.join(there[1])}); keep one of them"
             )
-        return tuple(columns or (there[0] if there else ()))
-
-    quaternion = SENSORS["attitude"].columns
-    is_planar = given.attitude.order == "yaw" or (
-        not given.attitude.columns and YAW in free and not {*quaternion} & {*free}
-    )
-    last = slice(2, 3) if is_planar else slice(0, 3)  # entries about the table's normal
-    first = slice(0, 2) if is_planar else slice(0, 3)
-    gyro = SENSORS["gyro"]
-    in_B, in_W = gyro.columns[last], gyro.columns_in_W[last]
-    rate = given.angular_velocity
-    groups = {
-        "attitude": group(given.attitude.columns, "attitude", (YAW,) if is_planar else quaternion),
-        "gyro": group(rate.columns, gyro.label, in_B, in_W),
-        "position": group(given.position.columns, "position", SENSORS["position"].columns[first]),
-        "velocity": group(given.velocity.columns, "velocity", SENSORS["velocity"].columns[first]),
-        "force": group(given.thrust.force, "the force of thrusters", THRUST_COLUMNS[3:][first]),
-        "torque": group(given.thrust.torque, "the torque of thrusters", THRUST_COLUMNS[:3][last]),
-    }
+        groups[key] = tuple(columns or (there[0] if there else ()))
     groups |= {name: (name,) for name in free if name.startswith(VALVE)}
-    in_world = rate.frame == "world" or (rate.frame is None and groups["gyro"] == in_W)
+    frame = given.angular_velocity.frame
+    in_world = frame == "world" or (frame is None and groups["gyro"] == in_W)
     if groups["gyro"] and in_world and not groups["attitude"]:
         raise InputError(
             f"{where}: angular velocity in the world ({', '.join(groups['gyro'])}) needs the "
             "attitude (qw, qx, qy, qz) to be rotated into the body; if it is in the body, name it "
             f"{', '.join(in_B)}"
         )
-    of_joints = [
-        _joint_columns(section, free, given.ignore_joints)
-        for section in (given.joint_positions, given.joint_rates)
-    ]
-    positions, rates, left_out = _without_others(of_joints[0], of_joints[1], joints)
-    constant = given.joint_positions.constant
-    for joint in constant:
+    positions, rates, left_out = _of_joints(given, free, joints)
+    for joint in given.joint_positions.constant:
         if joint in positions or joint in rates:
             raise InputError(
                 f"{where}: the joint '{joint}' has a column and a constant position "
                 f"(joint_positions.constant of {map_name})"
             )
-    has_joints = joints is None or len(joints) > 0
-    if has_joints and not positions and not constant:
+    if not positions and not given.joint_positions.constant and (joints is None or joints):
         near = _likely("q:joint", unknown)
         raise InputError(f"{where}: there are no joint positions, columns 'q:<joint>'{near}")
-    without = [joint for joint in positions if rates and joint not in rates]
-    if without:
-        raise InputError(
-            f"{where}: there is a column 'q:{without[0]}', but no 'qd:{without[0]}'; give joint "
-            "rates of all joints or of none, or leave the joint out (ignore_joints of a map of "
-            "columns)"
-        )
-    chosen = ChosenColumns(
-        (given.time.column, *([given.time.nanoseconds] if given.time.nanoseconds else [])),
-        groups,
-        in_world,
-        is_planar,
-        positions,
-        rates,
-        left_out,
-    )
-    refuse_twice(chosen.names)
+    for joint in positions if rates else ():
+        if joint not in rates:
+            raise InputError(
+                f"{where}: there is a column 'q:{joint}', but no 'qd:{joint}'; give joint rates of "
+                "all joints or of none, or leave the joint out (ignore_joints of a map of columns)"
+            )
+    time = (given.time.column, *([given.time.nanoseconds] if given.time.nanoseconds else []))
+    chosen = ChosenColumns(time, groups, in_world, is_planar, positions, rates, left_out)
+    _refuse_unreadable(chosen.names, table, where)
     return chosen
 
 
-def _named(given: ColumnMap) -> Iterable[str]:
-    """Return the columns that a map names, in its order."""
-    names = [given.time.column, *([given.time.nanoseconds] if given.time.nanoseconds else [])]
-    for group in (given.attitude, given.position, given.velocity, given.angular_velocity):
-        names += group.columns
-    for section in (given.joint_positions, given.joint_rates):
-        names += section.columns.values()
-    return dict.fromkeys([*names, *given.thrust.force, *given.thrust.torque])
+def _refuse_unreadable(names: Sequence[str], table: Table, where: str) -> None:
+    for name in names:
+        if name in table.unreadable:
+            raise InputError(f"{where}: the column '{name}' {table.unreadable[name]}")
 
 
 def _is_own(name: str) -> bool:
@@ -207,37 +178,34 @@ def _is_own(name: str) -> bool:
 
 
 def _likely(wanted: str, unknown: Sequence[str]) -> str:
-    if not unknown:
-        return ""
-    close = get_close_matches(wanted, unknown, n=1)
-    if close:
+    """Return a remedy, if there are columns of unknown meaning."""
+    if close := get_close_matches(wanted, unknown, n=1):
         return f"; did you mean '{close[0]}'?"
-    shown = ", ".join(f"'{name:.40}'" for name in unknown[:_SHOWN])
-    more = f" and {len(unknown) - _SHOWN} more" if len(unknown) > _SHOWN else ""
-    return (
-        f"; ignored columns: {shown}{more}; `cpid log map` finds out what the columns of a log mean"
-    )
+    shown = shortened([f"'{name:.40}'" for name in unknown])
+    remedy = "`cpid log map` finds out what the columns of a log mean"
+    return f"; ignored columns: {shown}; {remedy}" if unknown else ""
 
 
-def _joint_columns(
-    section: JointPositionColumns | JointRateColumns, free: Sequence[str], ignored: Sequence[str]
-) -> dict[str, str]:
-    """Return the columns by joint, in the file's order where the names follow the pattern."""
-    prefix, suffix = section.prefix, section.suffix
-    found = dict(section.columns)
-    for name in free if prefix or suffix else ():
-        is_long = len(name) > len(prefix) + len(suffix)
-        if is_long and name.startswith(prefix) and name.endswith(suffix):
-            found.setdefault(name[len(prefix) : len(name) - len(suffix)], name)
-    return {joint: name for joint, name in found.items() if joint not in ignored}
-
-
-def _without_others(
-    positions: dict[str, str], rates: dict[str, str], joints: Collection[str] | None
+def _of_joints(
+    given: ColumnMap, free: Sequence[str], joints: Collection[str] | None
 ) -> tuple[dict[str, str], dict[str, str], tuple[str, ...]]:
-    """Return the columns without joints that the spacecraft lacks, and these joints."""
+    """Return the columns of positions and rates by joint, and joints that the spacecraft lacks.
+
+    The latter have no columns, unless the log lacks one of the spacecraft's joints, which may have
+    one of these names.
+    """
+
+    def columns(section: JointPositionColumns | JointRateColumns) -> dict[str, str]:
+        prefix, suffix, found = section.prefix, section.suffix, dict(section.columns)
+        for name in free if prefix or suffix else ():
+            is_long = len(name) > len(prefix) + len(suffix)
+            if is_long and name.startswith(prefix) and name.endswith(suffix):
+                found.setdefault(name[len(prefix) : len(name) - len(suffix)], name)
+        return {joint: name for joint, name in found.items() if joint not in given.ignore_joints}
+
+    positions, rates = columns(given.joint_positions), columns(given.joint_rates)
     everything = {**positions, **rates}
     if joints is None or any(joint not in everything for joint in joints):
-        return positions, rates, ()  # the joint that is missing may have one of the other names
+        return positions, rates, ()
     kept = [{j: name for j, name in part.items() if j in joints} for part in (positions, rates)]
     return kept[0], kept[1], tuple(joint for joint in everything if joint not in joints)

@@ -230,9 +230,15 @@ class ColumnMap:
     ignore_joints: list[str] = field(default_factory=list)
     ignore_columns: list[str] = field(default_factory=list)
 
-
-def _is_unit(R: NDArray[np.float64]) -> bool:
-    return np.array_equal(R, np.eye(3))
+    @property
+    def named(self) -> list[str]:
+        """The columns that the map names, in its order, also those that it names twice."""
+        names = [self.time.column, *([self.time.nanoseconds] if self.time.nanoseconds else [])]
+        for group in (self.attitude, self.position, self.velocity, self.angular_velocity):
+            names += group.columns
+        for section in (self.joint_positions, self.joint_rates):
+            names += section.columns.values()
+        return [*names, *self.thrust.force, *self.thrust.torque]
 
 
 def with_entries(column_map: ColumnMap, entries: Mapping[str, Any]) -> ColumnMap:
@@ -276,42 +282,31 @@ def check_column_map(column_map: ColumnMap, where: str) -> None:
             nanoseconds besides a time that is not in seconds, or axes that are none.
 
     """
-    time = column_map.time
+    time, attitude, rate = column_map.time, column_map.attitude, column_map.angular_velocity
     if (time.unit == "frame") != (time.rate is not None):
         raise InputError(f"{where}: time.rate (frames per second) and time.unit: frame go together")
     if time.nanoseconds is not None and time.unit != "s":
         raise InputError(f"{where}: time.nanoseconds are added to a time of the unit s only")
-    for key, R in (
-        ("attitude", column_map.attitude.R_BS),
-        ("angular_velocity", column_map.angular_velocity.R_BS),
-    ):
+    for key, R in (("attitude", attitude.R_BS), ("angular_velocity", rate.R_BS)):
         if np.abs(R @ R.T - np.eye(3)).max() > 1e-3 or (key == "attitude" and np.linalg.det(R) < 0):
             raise InputError(f"{where}: {key}.R_BS must be a rotation: three orthogonal unit rows")
-    if column_map.angular_velocity.frame == "world" and not _is_unit(
-        column_map.angular_velocity.R_BS
-    ):
+    if rate.frame == "world" and not np.array_equal(rate.R_BS, np.eye(3)):
         raise InputError(f"{where}: angular_velocity.R_BS is for a gyro, in the frame body")
-    is_quaternion = column_map.attitude.order in QUATERNION_ORDERS
-    is_planar = column_map.attitude.order == "yaw"
-    angles = 1 if is_planar else 3
-    groups = {
-        "attitude": (column_map.attitude.columns, 4 if is_quaternion else angles),
-        "position": (column_map.position.columns, 2 if is_planar else 3),
-        "velocity": (column_map.velocity.columns, 2 if is_planar else 3),
-        "angular_velocity": (column_map.angular_velocity.columns, angles),
-        "thrust.force": (column_map.thrust.force, 2 if is_planar else 3),
-        "thrust.torque": (column_map.thrust.torque, angles),
-    }
-    named = [time.column, *([time.nanoseconds] if time.nanoseconds else [])]
-    for group, (columns, width) in groups.items():
+    is_planar, is_quaternion = attitude.order == "yaw", attitude.order in QUATERNION_ORDERS
+    vector, angles = (2, 1) if is_planar else (3, 3)
+    for key, columns, width in (
+        ("attitude.columns", attitude.columns, 4 if is_quaternion else angles),
+        ("position.columns", column_map.position.columns, vector),
+        ("velocity.columns", column_map.velocity.columns, vector),
+        ("angular_velocity.columns", rate.columns, angles),
+        ("thrust.force", column_map.thrust.force, vector),
+        ("thrust.torque", column_map.thrust.torque, angles),
+    ):
         if len(columns) not in (0, width):
-            key = group if "." in group else f"{group}.columns"
             raise InputError(f"{where}: {key} must name {width}, not {len(columns)}")
-        named += columns
-    if not (column_map.attitude.columns or is_quaternion or is_planar):
+    if not (attitude.columns or is_quaternion or is_planar):
         raise InputError(f"{where}: attitude.columns must name the three angles")
-    named += column_map.joint_positions.columns.values()
-    named += column_map.joint_rates.columns.values()
+    named = column_map.named
     for name in named:
         if named.count(name) > 1:
             raise InputError(f"{where}: the column '{name}' is named {named.count(name)} times")

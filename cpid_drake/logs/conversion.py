@@ -8,15 +8,14 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.rotations import rotate_by_quaternion
 from cpid_drake.errors import InputError
 from cpid_drake.logs.clock import time_from_rates
 from cpid_drake.logs.column_choice import ChosenColumns, choose_columns
 from cpid_drake.logs.column_map import (
-    QUATERNION_ORDERS,
     ColumnMap,
     JointPositionColumns,
     JointRateColumns,
@@ -24,24 +23,16 @@ from cpid_drake.logs.column_map import (
     scale_of,
     with_entries,
 )
-from cpid_drake.logs.log import (
-    THRUST,
-    Log,
-    Samples,
-)
+from cpid_drake.logs.log import THRUST, Log, Samples
+from cpid_drake.logs.screening import LARGEST, QUATERNION_NORM
 from cpid_drake.logs.table import Table
 from cpid_drake.sensors.thrusters import VALVE
-
-LARGEST = 1e9
-"""Largest plausible number in a file [SI units, rad]."""
 
 LARGEST_TIME = 1e11
 """Largest plausible time in a file [s]."""
 
-_NORM = 1e-3
-"""Largest deviation of the norm of a quaternion from 1."""
-
-_EULER = {"yaw_pitch_roll": "ZYX", "euler_xyz": "XYZ"}
+_INVERSE = np.array([1.0, -1.0, -1.0, -1.0])
+"""Signs of the entries of the inverse of a quaternion."""
 
 Array = NDArray[np.float64]
 
@@ -51,7 +42,7 @@ class LogFile:
     """A log as read from a file, and what is wrong in the file.
 
     Attributes:
-        measurements: the samples of every sensor that have no problem.
+        log: the samples of every sensor that have no problem.
         row_count: number of rows in the file.
         problems: the problems with their places, in the order of rows.
         partial: by sensor, the number of incomplete samples, which are left out.
@@ -60,7 +51,7 @@ class LogFile:
 
     """
 
-    measurements: Log
+    log: Log
     row_count: int
     problems: Sequence[str] = ()
     partial: Mapping[str, int] = field(default_factory=dict)
@@ -92,7 +83,7 @@ def from_columns(columns: Mapping[str, ArrayLike], column_map: ColumnMap | None 
     found = read_columns(column_map or ColumnMap(), Table(arrays), "the columns")
     if found.problems:
         raise InputError(found.problems[0])
-    return found.measurements
+    return found.log
 
 
 def read_columns(
@@ -119,16 +110,13 @@ def read_columns(
     """
     check_column_map(given, map_name)
     chosen = choose_columns(given, table, where, map_name=map_name, joints=joints)
-    for name in chosen.names:
-        if name in table.unreadable:
-            raise InputError(f"{where}: '{name}' {table.unreadable[name]}")
     conversion = _Conversion(given, table, chosen)
-    measurements = conversion.measurements()
-    if not np.isfinite(measurements.interval[0]) and not conversion.problems:
+    log = conversion.log()
+    if not np.isfinite(log.interval[0]) and not conversion.problems:
         raise InputError(f"{where}: the file has no samples")
     used = set(chosen.names)
     return LogFile(
-        measurements,
+        log,
         len(table) + len(table.problems),
         [text for _, text in sorted(conversion.problems, key=lambda problem: problem[0])],
         {name: count for name, count in conversion.partial.items() if count},
@@ -156,48 +144,50 @@ class _Conversion:
         self._usable = np.ones(len(table), dtype=bool)
         self._samples: dict[str, Samples] = {}
 
-    def measurements(self) -> Log:
+    def log(self) -> Log:
         """Return the samples without problems; positions of joints with rates only are NaN."""
         given, chosen = self._map, self._chosen
         self._refuse_texts()
         time = self._times()
         constant = given.joint_positions.constant
         still = dict.fromkeys(constant, 0.0) if chosen.rates else {}
-        blocks = {
-            "attitude": self._block("attitude", given.attitude.unit),
-            "gyro": self._block("gyro", given.angular_velocity.unit),
-            "position": self._block("position", given.position.unit),
-            "velocity": self._block("velocity", given.velocity.unit),
-            "encoders": self._joint_block(given.joint_positions, chosen.positions, constant),
-            "joint_rates": self._joint_block(given.joint_rates, chosen.rates, still),
-            "force": self._block("force", given.thrust.force_unit),
-            "torque": self._block("torque", given.thrust.torque_unit),
-        }
+        attitude = self._block(chosen.groups["attitude"], given.attitude.unit)
+        gyro = self._block(chosen.groups["gyro"], given.angular_velocity.unit)
+        position = self._block(chosen.groups["position"], given.position.unit)
+        velocity = self._block(chosen.groups["velocity"], given.velocity.unit)
+        force = self._block(chosen.groups["force"], given.thrust.force_unit)
+        torque = self._block(chosen.groups["torque"], given.thrust.torque_unit)
+        encoders = self._joint_block(given.joint_positions, chosen.positions, constant)
+        joint_rates = self._joint_block(given.joint_rates, chosen.rates, still)
         self._refuse_order(time)
-        q = self._quaternions(blocks["attitude"])
-        inverse = q * [1.0, -1.0, -1.0, -1.0]
-        w = self._spatial(blocks["gyro"], last=True) @ given.angular_velocity.R_BS.T
-        in_B = rotate_by_quaternion(inverse, w) if chosen.in_world else w
-        p, arm = self._spatial(blocks["position"]), given.position.point_B
-        if arm.any():
-            p = p - rotate_by_quaternion(q, arm)
-        v, point = self._spatial(blocks["velocity"]), given.velocity.point_B
+        q = self._quaternions(attitude)
+        R_WB = q / np.linalg.norm(q, axis=1, keepdims=True)
+        w = _spatial(gyro, last=True) @ given.angular_velocity.R_BS.T
+        if chosen.in_world:
+            w = rotate_by_quaternion(R_WB * _INVERSE, w)
+        p, v = _spatial(position), _spatial(velocity)
+        if given.position.point_B.any():
+            p = p - rotate_by_quaternion(R_WB, given.position.point_B)
         if given.velocity.frame == "body":
-            v = rotate_by_quaternion(q, v)
-        if point.any():
-            v = v - rotate_by_quaternion(q, np.cross(in_B, point))
-        has_digits = given.attitude.order in QUATERNION_ORDERS and not chosen.is_planar
-        has_digits &= np.array_equal(given.attitude.R_BS, np.eye(3))
-        attitude = self._ordered(blocks["attitude"]) if has_digits else q
-        for name, value in (
-            ("attitude", attitude),
-            ("gyro", in_B),
-            ("position", p),
-            ("velocity", v),
-            ("encoders", blocks["encoders"]),
-            ("joint_rates", blocks["joint_rates"]),
-        ):
-            self._take(name, time, value, blocks[name])
+            v = rotate_by_quaternion(R_WB, v)
+        if given.velocity.point_B.any():
+            v = v - rotate_by_quaternion(R_WB, np.cross(w, given.velocity.point_B))
+        self._take("attitude", time, q, attitude)
+        self._take("gyro", time, w, gyro)
+        self._take("position", time, p, position)
+        self._take("velocity", time, v, velocity)
+        self._take("encoders", time, encoders, encoders)
+        self._take("joint_rates", time, joint_rates, joint_rates)
+        if force.shape[1] or torque.shape[1]:
+            nothing = np.zeros((len(force), 3))
+            f = _spatial(force) if force.shape[1] else nothing
+            tau = _spatial(torque, last=True) if torque.shape[1] else nothing
+            wrench = np.hstack([tau + np.cross(given.thrust.point_B, f), f])
+            self._take(THRUST, time, wrench, np.hstack([force, torque]))
+        for name, columns in chosen.groups.items():
+            if name.startswith(VALVE):
+                opening = self._block(columns)
+                self._take(name, time, opening, opening)
         positions = [*chosen.positions, *constant]
         joints = tuple(dict.fromkeys([*positions, *chosen.rates]))
         if len(joints) > len(positions):
@@ -205,17 +195,6 @@ class _Conversion:
             value = np.full((len(samples), len(joints)), np.nan)
             value[:, [joints.index(joint) for joint in positions]] = samples.value
             self._samples["encoders"] = Samples(samples.time, value)
-        force, torque = blocks["force"], blocks["torque"]
-        if force.shape[1] or torque.shape[1]:
-            nothing = np.zeros((len(force), 3))
-            f = self._spatial(force) if force.shape[1] else nothing
-            tau = self._spatial(torque, last=True) if torque.shape[1] else nothing
-            wrench = np.hstack([tau + np.cross(given.thrust.point_B, f), f])
-            self._take(THRUST, time, wrench, np.hstack([force, torque]))
-        for name in chosen.groups:
-            if name.startswith(VALVE):
-                opening = self._plausible((name,), self._table.block((name,)))
-                self._take(name, time, opening, opening)
         frame = "world" if chosen.in_world else "body"  # also where names of columns say it
         used = with_entries(given, {"angular_velocity.frame": frame})
         found = time_from_rates(self._samples) if given.time.from_rates else self._samples
@@ -228,18 +207,20 @@ class _Conversion:
         # A conversion makes all entries NaN if it lacks a cell, also of another quantity.
         there = np.isfinite(value).all(axis=1) & np.isfinite(logged).all(axis=1) & self._usable
         self.partial[name] += int((self._usable & np.isfinite(logged).any(axis=1) & ~there).sum())
-        everything = there.all()
-        self._samples[name] = Samples(
-            time if everything else time[there], value if everything else value[there]
-        )
+        samples = Samples(time, value)
+        self._samples[name] = samples if there.all() else samples.where(there)
 
-    def _block(self, group: str, unit: str) -> Array:
-        """Return the columns of a group in SI units; entries of quaternions have no unit."""
-        columns = self._chosen.groups[group]
-        is_quaternion = group == "attitude" and len(columns) == 4
-        block = self._table.block(columns)
-        scale = 1.0 if is_quaternion else scale_of(unit)
-        return self._plausible(columns, block if scale == 1.0 else block * scale)
+    def _block(self, columns: Sequence[str], unit: str = "", scales: ArrayLike = 1.0) -> Array:
+        """Return columns in SI units; entries of quaternions have no unit."""
+        block, scales = self._table.block(columns), np.asarray(scales)
+        if unit and len(columns) < 4:
+            scales = np.asarray(scale_of(unit))
+        block = block if (scales == 1.0).all() else block * scales
+        if block.size and max(np.nanmax(block, initial=0), -np.nanmin(block, initial=0)) > LARGEST:
+            for row, k in np.argwhere(np.abs(block) > LARGEST):
+                text = f"{block[row, k]:g} is implausible: beyond {LARGEST:g}"
+                self._refuse(row, columns[k], text)
+        return block
 
     def _joint_block(
         self,
@@ -250,30 +231,11 @@ class _Conversion:
         """Return the columns of joints in SI units, then those of constant joints."""
         scales = np.array([scale_of(section.units.get(joint, section.unit)) for joint in columns])
         scales *= [-1.0 if joint in self._map.reversed_joints else 1.0 for joint in columns]
-        block = self._table.block(columns.values())
-        block = block if (scales == 1.0).all() else block * scales
-        block = self._plausible(tuple(columns.values()), block)
-        if not constant:
-            return block
+        block = self._block([*columns.values()], scales=scales)
         return np.hstack([block, np.tile([*constant.values()], (len(block), 1))])
 
-    def _spatial(self, block: Array, *, last: bool = False) -> Array:
-        """Return vectors (N, 3): what a table holds is zero; NaN without columns."""
-        if block.shape[1] == 3:
-            return block
-        if not block.shape[1]:
-            return np.full((len(block), 3), np.nan)
-        zeros = np.zeros((len(block), 3 - block.shape[1]))
-        return np.hstack([zeros, block] if last else [block, zeros])
-
-    def _ordered(self, block: Array) -> Array:
-        """Return quaternions of R_WB, scalar first, with the logged digits."""
-        given = self._map.attitude
-        q = block[:, [3, 0, 1, 2]] if given.order == "xyzw" and block.shape[1] else block
-        return q * [1.0, -1.0, -1.0, -1.0] if given.direction == "R_BW" and q.shape[1] else q
-
     def _quaternions(self, block: Array) -> Array:
-        """Return unit quaternions of R_WB (N, 4), scalar first; NaN where the attitude is absent.
+        """Return quaternions of R_WB (N, 4), scalar first, with their digits; NaN where absent.
 
         Quaternions of another norm than 1 are problems.
         """
@@ -282,39 +244,22 @@ class _Conversion:
         if not there.any():
             return q
         if block.shape[1] == 4:
-            q = self._ordered(block)
+            q = block[:, [3, 0, 1, 2]] if given.order == "xyzw" else block
             with np.errstate(over="ignore"):
                 norm = np.linalg.norm(q, axis=1)
-            for row in np.flatnonzero(self._usable & (np.abs(norm - 1) > _NORM)):
+            for row in np.flatnonzero(self._usable & (np.abs(norm - 1) > QUATERNION_NORM)):
                 self._refuse(row, "", f"the quaternion's norm is {norm[row]:.6g}, not 1")
-            return self._in_base(q / np.where(self._usable & there, norm, np.nan)[:, None])
-        if self._chosen.is_planar:
-            half = block[there, 0] / 2
-            zeros = np.zeros((len(half), 2))
-            q[there] = np.column_stack([np.cos(half), zeros, np.sin(half)])
+            there &= self._usable
+            q = np.where(there[:, None], q, np.nan)
         else:
-            q[there] = self._rotation(block[there]).as_quat(scalar_first=True)
-        return self._in_base(q * [1.0, -1.0, -1.0, -1.0] if given.direction == "R_BW" else q)
-
-    def _in_base(self, q: Array) -> Array:
-        """Return quaternions of R_WB from those of the axes S of the map."""
-        R_BS, there = self._map.attitude.R_BS, np.isfinite(q).all(axis=1)
-        if np.array_equal(R_BS, np.eye(3)) or not there.any():
-            return q
-        Rotation = scipy.spatial.transform.Rotation
-        turned = Rotation.from_quat(q[there], scalar_first=True) * Rotation.from_matrix(R_BS.T)
-        q = q.copy()
-        q[there] = turned.as_quat(scalar_first=True)
+            q[there] = _rotation(block[there], given.order).as_quat(scalar_first=True)
+        if given.direction == "R_BW":
+            q = q * _INVERSE
+        if not np.array_equal(given.R_BS, np.eye(3)) and there.any():
+            R_BS = Rotation.from_matrix(given.R_BS)
+            turned = Rotation.from_quat(q[there], scalar_first=True) * R_BS.inv()
+            q[there] = turned.as_quat(scalar_first=True)
         return q
-
-    def _rotation(self, angles: Array) -> "scipy.spatial.transform.Rotation":
-        Rotation = scipy.spatial.transform.Rotation  # imported at its first use: it takes 0.25 s
-        order = self._map.attitude.order
-        if order == "rotation_vector":
-            return Rotation.from_rotvec(angles)
-        if order == "roll_pitch_yaw":
-            order, angles = "yaw_pitch_roll", angles[:, ::-1]
-        return Rotation.from_euler(_EULER[order], angles)
 
     # -- problems ----------------------------------------------------------------------------
 
@@ -358,10 +303,21 @@ class _Conversion:
             what = "is there twice" if time[row] == latest[row] else f"comes after {before} s"
             self._refuse(row, self._chosen.time[0], f"time {now} s {what}")
 
-    def _plausible(self, columns: Sequence[str], block: Array) -> Array:
-        """Return a block in SI units, after a look for implausibly large numbers."""
-        if block.size and max(np.nanmax(block, initial=0), -np.nanmin(block, initial=0)) > LARGEST:
-            for row, k in np.argwhere(np.abs(block) > LARGEST):
-                text = f"{block[row, k]:g} is implausible: beyond {LARGEST:g}"
-                self._refuse(row, columns[k], text)
-        return block
+
+def _spatial(block: Array, *, last: bool = False) -> Array:
+    """Return vectors (N, 3): what a table holds is zero; NaN without columns."""
+    if not block.shape[1]:
+        return np.full((len(block), 3), np.nan)
+    zeros = np.zeros((len(block), 3 - block.shape[1]))
+    return np.hstack([zeros, block] if last else [block, zeros])
+
+
+def _rotation(angles: Array, order: str) -> Rotation:
+    """Return rotations from angles (N, 3), or (N, 1) about z [rad]."""
+    if angles.shape[1] == 1:
+        return Rotation.from_euler("z", angles)
+    if order == "rotation_vector":
+        return Rotation.from_rotvec(angles)
+    if order == "euler_xyz":
+        return Rotation.from_euler("XYZ", angles)
+    return Rotation.from_euler("ZYX", angles[:, ::-1] if order == "roll_pitch_yaw" else angles)

@@ -5,7 +5,7 @@ columns are named 1, 2, 3, ….
 """
 
 import csv
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import chain, islice
 from pathlib import Path
 
@@ -13,10 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.errors import InputError
-from cpid_drake.logs.table import Table, check_names
+from cpid_drake.logs.table import Table, repeated_names
 
 _LONGEST_LINE = 1_000_000
-_BLOCK = 20_000  # lines that are converted at once
+"""Longest line of a text file [bytes]: 10000 columns of 100 digits. A binary file has none."""
+
+_BLOCK = 20_000
+"""Lines that are converted at once: their cells as text take a few tens of megabytes."""
+
 _VICON = ("Segments", "Objects", "Trajectories", "Joints", "Model Outputs")
 """First lines of Vicon's files."""
 
@@ -31,45 +35,33 @@ def read_csv(file: Path, where: str) -> Table:
 
     """
     lines = _lines(file, where)
-    place, header, separator, has_names, lines = _header(lines, where)
-    twice = check_names(header, where)
+    place, header, separator, lines = _header(lines, where)
     problems: list[tuple[int, str]] = []
-    numbers: list[NDArray[np.intp]] = []
-    blocks: list[list[NDArray[np.float64]]] = []
+    numbers: list[NDArray[np.intp]] = [np.empty(0, dtype=int)]
+    blocks = [np.empty((0, len(header)))]
     texts: dict[str, dict[int, str]] = {}
     count = 0
     while block := list(islice(lines, _BLOCK)):
-        plain = _plain(block, len(header), separator)
-        if plain is not None:
-            blocks.append(list(plain.T))
-            numbers.append(np.array([number for number, _ in block]))
-            count += len(block)
-            continue
-        rows, kept = _cells(block, len(header), separator, problems)
-        if not rows:
-            continue
-        columns = []
-        is_plain = not any("_" in line for _, line in block)
-        for name, cells in zip(header, zip(*rows)):
-            values, others = _numbers(cells, is_plain)
-            columns.append(values)
-            for row, text in others.items():
-                texts.setdefault(name, {})[count + row] = text
-        blocks.append(columns)
-        numbers.append(np.array(kept))
-        count += len(rows)
-    merged = {
-        name: np.concatenate([np.empty(0), *(columns[k] for columns in blocks)])
-        for k, name in reversed([*enumerate(header)])  # of several of a name, the first remains
-    }
+        values = _plain(block, len(header), separator)
+        if values is not None:
+            kept = [number for number, _ in block]
+        else:
+            rows, kept = _cells(block, len(header), separator, problems)
+            values = np.empty((len(rows), len(header)))
+            for k, cells in enumerate(zip(*rows)):
+                values[:, k], others = _numbers(cells)
+                for row, text in others.items():
+                    texts.setdefault(header[k], {})[count + row] = text
+        blocks.append(values)
+        numbers.append(np.array(kept, dtype=int))
+        count += len(values)
     return Table(
-        {name: merged[name] for name in header},
-        np.concatenate([np.empty(0, dtype=int), *numbers]),
+        dict(zip(header, np.ascontiguousarray(np.concatenate(blocks).T))),
+        np.concatenate(numbers),
         "line",
         texts,
-        problems=problems,
-        has_names=has_names,
-        twice=twice,
+        repeated_names(header, where),
+        problems,
         header=place,
     )
 
@@ -104,8 +96,8 @@ def _lines(file: Path, where: str) -> Lines:
         raise InputError(f"{where}: cannot be read: {error.strerror}") from error
 
 
-def _header(lines: Lines, where: str) -> tuple[str, list[str], str | None, bool, Lines]:
-    """Return place and names of columns, separator, whether the file has names, and its rows.
+def _header(lines: Lines, where: str) -> tuple[str, list[str], str | None, Lines]:
+    """Return place and names of columns, their separator (None for blanks), and the rows.
 
     A header of Vicon's Nexus or Tracker has five lines: the kind of data, frames per second,
     bodies, names, and units. Names are then such as "Base:TX [mm]" and "Frame [100 Hz]".
@@ -118,23 +110,21 @@ def _header(lines: Lines, where: str) -> tuple[str, list[str], str | None, bool,
     separator = next((s for s in ",;\t" if s in line), None)
     if separator is None and " " not in line.strip():
         separator = ","
-    if line.strip(",; \t").strip('"') in _VICON:
-        return f"line {number + 4}", _vicon_header(lines, where), ",", True, lines
     try:
+        if line.strip(",; \t").strip('"') in _VICON:
+            return f"line {number + 4}", _vicon_names(lines), ",", lines
         names = [name.strip() for name in _split(line, separator)]
-    except csv.Error as error:
-        raise InputError(f"{where}: line {number}: quotes are wrong: {error}") from error
-    if all(_is_number(name) for name in names):
-        names = [str(k + 1) for k in range(len(names))]
-        return f"line {number}", names, separator, False, chain([(number, line)], lines)
-    return f"line {number}", names, separator, True, lines
-
-
-def _vicon_header(lines: Lines, where: str) -> list[str]:
-    try:
-        rate, bodies, names, units = (_split(text, ",") for _, text in islice(lines, 4))
     except (ValueError, csv.Error) as error:
-        raise InputError(f"{where}: Vicon's header of five lines is cut off or wrong") from error
+        problem = f"the header cannot be read: {error}"
+        raise InputError(f"{where}: line {number}: {problem}") from error
+    if not _numbers(names)[1] and all(names):
+        names = [str(k + 1) for k in range(len(names))]
+        lines = chain([(number, line)], lines)
+    return f"line {number}", names, separator, lines
+
+
+def _vicon_names(lines: Lines) -> list[str]:
+    rate, bodies, names, units = (_split(text, ",") for _, text in islice(lines, 4))
     header, body = [], ""
     for k, name in enumerate(names):
         body = (bodies[k] if k < len(bodies) else "").strip() or body
@@ -154,6 +144,18 @@ def _split(line: str, separator: str | None) -> list[str]:
     if '"' in line and separator is not None:
         return next(csv.reader([line], delimiter=separator, strict=True))
     return line.split(separator)
+
+
+def _plain(
+    block: list[tuple[int, str]], width: int, separator: str | None
+) -> NDArray[np.float64] | None:
+    """Return lines of finite numbers as (n, width), in a third of the time; None for others."""
+    try:
+        lines = [line for _, line in block]
+        values = np.loadtxt(lines, delimiter=separator, comments=None, ndmin=2)
+    except ValueError:
+        return None
+    return values if values.shape == (len(block), width) and np.isfinite(values).all() else None
 
 
 def _cells(
@@ -180,38 +182,18 @@ def _cells(
     return rows, kept
 
 
-def _plain(
-    block: list[tuple[int, str]], width: int, separator: str | None
-) -> NDArray[np.float64] | None:
-    """Return lines of finite numbers as (n, width), in a third of the time; None for others."""
-    try:
-        lines = [line for _, line in block]
-        values = np.loadtxt(lines, delimiter=separator, comments=None, ndmin=2)
-    except ValueError:
-        return None
-    return values if values.shape == (len(block), width) and np.isfinite(values).all() else None
-
-
-def _numbers(cells: tuple[str, ...], is_plain: bool) -> tuple[NDArray[np.float64], dict[int, str]]:
+def _numbers(cells: Sequence[str]) -> tuple[NDArray[np.float64], dict[int, str]]:
     """Return the cells of a column as numbers (n,), NaN where they are empty or text; the texts."""
-    try:
-        values = np.fromiter(map(float, cells), float, len(cells))
-        if is_plain and np.isfinite(values).all():  # Python's float reads "1_000", too
-            return values, {}
-    except ValueError:
-        values = np.full(len(cells), np.nan)
-    texts = {}
-    for k, cell in enumerate(map(str.strip, cells)):
-        if not cell or _is_number(cell):
-            values[k] = float(cell or "nan")
-        else:
-            values[k], texts[k] = np.nan, cell
+    values, texts = np.full(len(cells), np.nan), {}
+    for k, cell in enumerate(cells):
+        if not cell:
+            continue
+        try:
+            number = float(cell)
+        except ValueError:
+            number = np.nan
+        if number - number == 0 and cell.isascii() and "_" not in cell:  # Python reads "1_0"
+            values[k] = number
+        elif text := cell.strip():
+            texts[k] = text
     return values, texts
-
-
-def _is_number(cell: str) -> bool:
-    """Return whether a cell holds a finite number."""
-    try:
-        return cell.isascii() and "_" not in cell and bool(np.isfinite(float(cell)))
-    except ValueError:
-        return False

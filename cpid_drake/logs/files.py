@@ -127,7 +127,7 @@ def read_telemetry(
     found = inspect_telemetry(path, topics=topics, columns=columns)
     if not leave_out_bad:
         refuse_problems(found.problems, str(path))
-    return found.measurements
+    return found.log
 
 
 def refuse_problems(problems: Sequence[str], where: str) -> None:

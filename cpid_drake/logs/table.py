@@ -1,16 +1,13 @@
 """The columns of a log file as they are in the file."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.errors import InputError
-
-MOST_COLUMNS = 10_000
-"""Largest number of columns of a file."""
 
 
 @dataclass(eq=False)
@@ -22,11 +19,10 @@ class Table:
         lines: (N,) numbers of the rows in the file; None for 0, 1, ….
         row_word: word for a row in messages, "line" or "row".
         texts: by column, its cells that are not finite numbers, by row; they are NaN in `columns`.
-        unreadable: by column that holds no numbers at all, what it holds instead.
+        unreadable: by column that cannot be used, why, such as "must hold numbers"; it is not in
+            `columns`.
         problems: rows that could not be read: their numbers in the file, and what is wrong.
         rejected: by quantity, the number of samples that the reader left out.
-        has_names: whether the file names its columns; else their names are "1", "2", ….
-        twice: names that several columns have, and how many; the first one is in `columns`.
         header: place of the names in the file, for messages, such as "line 1".
 
     """
@@ -38,11 +34,10 @@ class Table:
     unreadable: Mapping[str, str] = field(default_factory=dict)
     problems: list[tuple[int, str]] = field(default_factory=list)
     rejected: Counter[str] = field(default_factory=Counter)
-    has_names: bool = True
-    twice: Mapping[str, int] = field(default_factory=dict)
     header: str = ""
 
     def __post_init__(self) -> None:
+        self.columns = {n: c for n, c in self.columns.items() if n not in self.unreadable}
         for name, column in self.columns.items():
             rows = np.flatnonzero(np.isinf(column))
             if rows.size:
@@ -63,13 +58,19 @@ class Table:
         return number, f"{self.row_word} {number}" + (f", column '{column}'" if column else "")
 
 
-def check_names(names: list[str], where: str) -> dict[str, int]:
-    """Return names that several columns have, and how many.
+def repeated_names(names: Sequence[str], where: str) -> dict[str, str]:
+    """Return names that several columns have, and why they cannot be used.
 
     Raises:
         InputError: there are too many columns.
 
     """
-    if len(names) > MOST_COLUMNS:
-        raise InputError(f"{where}: more than {MOST_COLUMNS} columns")
-    return {name: count for name, count in Counter(names).items() if count > 1}
+    if len(names) > 10_000:
+        raise InputError(f"{where}: more than 10000 columns")
+    return {name: f"is there {n} times" for name, n in Counter(names).items() if n > 1}
+
+
+def shortened(names: Sequence[str]) -> str:
+    """Return the first names of a list, and how many follow."""
+    more = f" and {len(names) - 8} more" if len(names) > 8 else ""
+    return ", ".join(names[:8]) + more

@@ -20,13 +20,13 @@ def contents(found: LogFile, where: str, comparisons: Sequence[Comparison] = ())
 
     Then follows how much of the motion each comparison of its quantities leaves unexplained.
     """
-    measurements = found.measurements
+    log = found.log
     lines = [f"{where}: {found.row_count} rows"]
-    for name, samples in measurements.items():
+    for name, samples in log.items():
         lines.append(f"  {SENSORS[name].label:18} {_timing(samples)}")
-    if len(measurements.thrust):
-        lines.append(f"  {'thrust':18} {_timing(measurements.thrust)}")
-    joints = measurements.joint_names
+    if len(log.thrust):
+        lines.append(f"  {'thrust':18} {_timing(log.thrust)}")
+    joints = log.joint_names
     lines.append(f"  {'joints':18} {len(joints)}: {', '.join(joints)}")
     for name, count in found.partial.items():
         label = SENSORS[name].label if name in SENSORS else name

@@ -52,13 +52,13 @@ def read_fully(path: Path) -> Log:
     """Read telemetry, and look at all of it."""
     found = inspect_telemetry(path)
     for name in SENSORS:
-        samples = getattr(found.measurements, name)
+        samples = getattr(found.log, name)
         assert np.isfinite(samples.time).all()
         assert (np.diff(samples.time) > 0).all()
         # A wheel may have a rate and no angle.
         assert (np.isfinite(samples.value) | np.isnan(samples.value).all(axis=0)).all()
-    check_conventions(found.measurements, None)
-    return found.measurements
+    check_conventions(found.log, None)
+    return found.log
 
 
 # -- damage ---------------------------------------------------------------------------------------

@@ -82,8 +82,6 @@ def guess_map(
             the message lists the columns.
 
     """
-    for name in table.twice:
-        raise InputError(f"the column '{name}' is there {table.twice[name]} times")
     texts = {name: next(iter(cells.values())) for name, cells in table.texts.items()}
     columns = {n: c for n, c in table.columns.items() if n not in texts and np.isfinite(c).any()}
     if not columns:
@@ -275,7 +273,7 @@ def _differ(what: str, found: Sequence[Choice]) -> str:
 
 def _read(draft: MapDraft) -> Log:
     """Return the samples as read with the map, joints that are missing at zero."""
-    log = screen(read_columns(draft.map, Table(dict(draft.columns)), "the log").measurements).log
+    log = screen(read_columns(draft.map, Table(dict(draft.columns)), "the log").log).log
     joints = draft.spacecraft.joint_names
     order = [log.joint_names.index(j) if j in log.joint_names else -1 for j in joints]
     changed = {}

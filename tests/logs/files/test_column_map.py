@@ -130,7 +130,7 @@ def test_names_units_frames_and_a_marker_are_converted_in_every_format(tmp_path,
     """
     file, columns_file = written(tmp_path, columns, ending), mapped(tmp_path, text)
     found = inspect_telemetry(file, columns=columns_file)
-    moved = found.measurements
+    moved = found.log
     # 1.7e18 ns has a resolution of 256 ns.
     np.testing.assert_allclose(moved.gyro.time, motion.time, rtol=0, atol=2e-7)
     for name in ("attitude", "position", "velocity", "encoders", "joint_rates", "gyro"):
@@ -171,7 +171,7 @@ def test_a_marker_without_an_attitude_on_its_row_is_counted_not_used(tmp_path, m
     file = written(tmp_path, columns)
     found = inspect_telemetry(file, columns=mapped(tmp_path, "position: {point_B: [1, 0, 0]}"))
     assert found.partial["position"] == 1
-    assert len(found.measurements.position) == 39
+    assert len(found.log.position) == 39
 
 
 def test_samples_that_are_logged_in_part_are_counted_whatever_their_convention(tmp_path, motion):
@@ -184,7 +184,7 @@ def test_samples_that_are_logged_in_part_are_counted_whatever_their_convention(t
         written(tmp_path, columns), columns=mapped(tmp_path, "velocity: {frame: body}")
     )
     assert found.partial == {"attitude": 3, "gyro": 1, "velocity": 4}
-    assert len(found.measurements.velocity) == 36
+    assert len(found.log.velocity) == 36
 
 
 def test_angles_that_are_logged_in_part_are_counted(tmp_path, motion):
@@ -207,7 +207,7 @@ def test_joints_that_the_spacecraft_lacks_do_not_make_samples_incomplete(tmp_pat
         read_telemetry(file)
     found = inspect_telemetry(file, joints=motion.joint_names)
     assert found.left_out_joints == ("finger",)
-    np.testing.assert_array_equal(found.measurements.encoders.value, motion.q)
+    np.testing.assert_array_equal(found.log.encoders.value, motion.q)
 
 
 @pytest.mark.parametrize(

@@ -214,11 +214,11 @@ def test_an_attitude_that_is_none_takes_its_velocity_with_it(write, telemetry):
     found = inspect_telemetry(write(topics))
     assert found.partial == {"attitude": 1, "velocity": 1}
     assert not found.problems
-    assert len(found.measurements.position) == COUNT
+    assert len(found.log.position) == COUNT
     v_WB_B = rotate(np.swapaxes(telemetry.R_WB, 1, 2), telemetry.v_WB)
     assert np.abs(v_WB_B - telemetry.v_WB).max() > 0.1  # else the turn into W would not show
     others = np.delete(np.arange(COUNT), 7)
-    velocity = found.measurements.velocity.value
+    velocity = found.log.velocity.value
     np.testing.assert_allclose(velocity, telemetry.v_WB[others], atol=1e-12)
 
 
@@ -227,7 +227,7 @@ def test_a_message_that_comes_twice_counts_once(write, telemetry):
     topics["/joints"].append(joint_state(telemetry, 3, stamps()[-1]))
     found = inspect_telemetry(write(topics))
     assert found.partial == {"encoders": 1, "joint_rates": 1}
-    assert_equal(found.measurements, telemetry)
+    assert_equal(found.log, telemetry)
 
 
 def test_one_of_several_topics_is_chosen_by_name(write, telemetry):

@@ -77,7 +77,7 @@ class TestCsv:
         rows = [ROWS[0], ROWS[1].replace(",0.2,", ",,"), ROWS[2]]
         found = inspect_telemetry(write(tmp_path, HEADER, *rows))
         assert found.partial == {"gyro": 1}
-        np.testing.assert_array_equal(found.measurements.gyro.time, [0.0, 1.0])
+        np.testing.assert_array_equal(found.log.gyro.time, [0.0, 1.0])
 
     @pytest.mark.parametrize(
         ("old", "new", "phrase"),
@@ -104,4 +104,4 @@ class TestCsv:
             "line 4, column 'time': time 0.5 s comes after 1 s",
             "line 5, column 'time': time 1 s is there twice",
         ]
-        np.testing.assert_array_equal(found.measurements.encoders.time, [0.0, 1.0, 2.0])
+        np.testing.assert_array_equal(found.log.encoders.time, [0.0, 1.0, 2.0])
