@@ -44,11 +44,8 @@ from cpid_drake.sensors.suite import SensorSuite
 NAME = "trajectory_fit"
 """The estimator's name."""
 
-IN_PLANE = (2, 3, 4)
-"""Entries of a momentum (L, v) that a table leaves free."""
-
-_HELD = 1e-9
-"""σ of a target that is held while the rest is fitted, in plausible sizes."""
+HELD = 1e-9
+"""σ of an unknown that is held while the rest is fitted, as a share of its plausible size."""
 
 
 def estimate(
@@ -263,7 +260,7 @@ def cramer_rao_bound(
     """
     model = Model(tree, sensors, known_bodies)
     log = LogState.of(model, measurements)
-    R = np.diag(1 / (_HELD * model.plausible))
+    R = np.diag(1 / (HELD * model.plausible))
     held = Gaussian.of_rows({PSI: 10}, np.column_stack([R, R @ psi]))
     fitted = fit(model, [log], rows=[held], values={PSI: np.asarray(psi)})
     [log], [rolled], values = fitted.logs, fitted.rolled, fitted.values
@@ -332,7 +329,8 @@ def momentum_of(model: Model, values: Values, gaussian: Gaussian, log: str) -> d
         return {}
     found = gaussian.marginal([key])
     count = 6 if "position" in model.suite.present() else 3
-    entries = np.array(IN_PLANE[: count // 2] if model.tree.normal_B is not None else range(count))
+    free = [2, 3, 4][: count // 2]  # of (L, v) on a table
+    entries = np.array(free if model.tree.normal_B is not None else range(count))
     value, covariance = values[key] + found.solve(), found.covariance()
     return {
         "momentum_estimate": value[entries],

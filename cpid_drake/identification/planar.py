@@ -22,11 +22,8 @@ LEVEL = np.radians(5.0)
 WOBBLE = np.radians(1.0)
 """Largest change of the tilt of a base on a table, as a standard deviation [rad]."""
 
-RISE = 0.2
-"""Largest change of the height of a base on a table, as a share of its travel in the plane."""
-
 HEIGHT = 0.005
-"""Change of the height that a base on a table may have in any case, as a standard deviation [m]."""
+"""Change of the height of a base on a level table, as a standard deviation [m]."""
 
 ASSUMED = (
     "the log has x, y and yaw only, so the spacecraft is taken to float on a table: only momentum "
@@ -44,17 +41,15 @@ PROPOSED = (
 def placed(
     spacecraft: Spacecraft, measurements: Log, planar: bool | None
 ) -> tuple[Spacecraft, tuple[str, ...], tuple[str, ...]]:
-    """Return the spacecraft, on a table if the log is one of a table, and what is said of that.
+    """Return the spacecraft, on a table if the log is one of a table, warnings and failures.
 
-    Args:
-        spacecraft: the known spacecraft.
-        measurements: the log.
-        planar: whether a table carries the spacecraft; None to recognize logs of x, y and yaw.
-
+    `planar` is that of `identify`.
     """
     normal, warnings = spacecraft.tree.normal_B, tuple[str, ...]()
     if normal is None:
-        if planar is None and _is_held(measurements):
+        attitude, position = measurements.attitude.value, measurements.position.value
+        is_held = not (attitude[:, 1:3].any() or position[:, 2].any())
+        if planar is None and len(attitude) and is_held and np.ptp(attitude[:, 3]) > 0:
             planar, warnings = True, (ASSUMED,)
         if not planar:
             return spacecraft, (), ()
@@ -76,14 +71,6 @@ def normal_in_base(attitude: NDArray[np.float64]) -> NDArray[np.float64]:
     return nearest if normal @ nearest > np.cos(LEVEL) else normal
 
 
-def _is_held(measurements: Log) -> bool:
-    """Return whether all tilts and heights are exactly zero, and the yaw is not constant."""
-    attitude, position = measurements.attitude.value, measurements.position.value
-    if not len(attitude) or attitude[:, 1:3].any() or position[:, 2].any():
-        return False
-    return bool(np.ptp(attitude[:, 3]) > 0)
-
-
 def could_be_planar(tree: KinematicTree, attitude: NDArray[np.float64]) -> bool:
     """Return whether a table that is not known may carry the base, for attitudes (N, 4)."""
     if tree.normal_B is not None or not any(body.joint >= 0 for body in tree.bodies):
@@ -101,7 +88,7 @@ def _contradictions(normal_B: NDArray[np.float64], measurements: Log) -> tuple[s
             found.append(f"the base tilts by up to {largest:.2g} deg")
     if len(position):
         spread = np.std(position, axis=0)
-        if spread[2] > max(HEIGHT, RISE * np.hypot(*spread[:2])):
+        if spread[2] > HEIGHT + np.sin(LEVEL) * np.hypot(*spread[:2]):
             found.append(f"the base's height changes by {np.ptp(position[:, 2]):.2g} m")
     if not found:
         return ()

@@ -18,9 +18,6 @@ from cpid_drake.input_files.validation import Numbers, load_yaml
 from cpid_drake.resources import NOT_A_FILE
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
-_ROUNDING = 1e-13  # share of the best determined combination below which there is rounding only
-_SAME_MASS = 1e-6  # relative difference of masses of the same spacecraft
-
 Positive = Annotated[float, Gt(0), Le(1e9)]
 
 
@@ -78,7 +75,7 @@ class TargetPrior:
                     f"estimator has {form.name} unknowns: use the estimator of the prior"
                 )
             sizes, axes = np.linalg.eigh(known.information * unit * unit[:, None])
-            seen = sizes > _ROUNDING * max(float(sizes[-1]), 0.0)
+            seen = sizes > len(sizes) ** 2 * np.finfo(float).eps * max(float(sizes[-1]), 0.0)
             A = np.sqrt(sizes[seen])[:, None] * axes[:, seen].T / unit
             return Gaussian.of_rows({name: 10}, np.column_stack([A, A @ known.values]))
         given = np.isfinite(self.parameters)
@@ -147,7 +144,7 @@ def prior_of_result(
         parameters = np.where(np.isfinite(np.diag(result.covariance)), parameters, np.nan)
         if not np.isfinite(parameters).any():
             raise InputError(f"{where}: the prior determines no parameter")
-    elif abs(found.known_mass - spacecraft.mass) > _SAME_MASS * spacecraft.mass:
+    elif not np.isclose(found.known_mass, spacecraft.mass, rtol=1e-6):
         raise InputError(
             f"{where}: the prior determines combinations of parameters for a spacecraft of "
             f"{found.known_mass:.6g} kg; this one has {spacecraft.mass:.6g} kg"

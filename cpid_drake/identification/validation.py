@@ -24,7 +24,8 @@ from cpid_drake.estimation.roll import Rolled, roll
 from cpid_drake.estimation.rows_fit import disagreement
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.identification.checked_log import check_log, suite_of
-from cpid_drake.identification.fitted import NAME
+from cpid_drake.identification.checks import IMPROBABLE
+from cpid_drake.identification.fitted import HELD, NAME
 from cpid_drake.identification.identify import identify
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import Combinations, Identification
@@ -34,16 +35,11 @@ from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
-FALSE_ALARM = 0.01
-"""Probability that the test of the target fails though the target is right."""
-
 POWER = 0.9
 """Probability with which a target that is said to be noticed is noticed."""
 
 BEGINNING = 0.3
 """Share of a log to which start, momentum and biases are fitted."""
-
-_SMALL = 1e-6  # share of a σ for a known value
 
 _UNITS = {
     "rad": (180 / np.pi, "deg"),
@@ -117,7 +113,7 @@ class Validation:
     @property
     def is_target_right(self) -> bool:
         """Whether the samples agree with the target."""
-        return self.probability >= FALSE_ALARM
+        return self.probability >= IMPROBABLE
 
 
 @one_thread
@@ -182,7 +178,7 @@ def validate(
     if own.momentum != "unknown":
         used = momentum or TotalMomentum.zero()
         value = np.concatenate([used.L_WScm_W, used.v_WScm_W])
-        model = model.with_prior(MOMENTUM, value, _SMALL * model.unknown(MOMENTUM).sigma)
+        model = model.with_prior(MOMENTUM, value, HELD * model.unknown(MOMENTUM).sigma)
     given = _rows(target, model).add(_vague(model))
     predicted = _predicted(model, samples, own.residuals, first, given)
     errors = []
@@ -236,7 +232,7 @@ def _test(model: Model, own: Identification, target: TargetPrior) -> tuple[float
     psi = both[0].add(_vague(model)).solve()
     mass = form.jacobian(psi)[0] / form.to_parameters(psi)[0]
     variance = sum(mass @ each.add(_vague(model)).covariance() @ mass for each in both)
-    needed = chndtrinc(chdtri(freedom, FALSE_ALARM), freedom, 1 - POWER)
+    needed = chndtrinc(chdtri(freedom, IMPROBABLE), freedom, 1 - POWER)
     return chi_squared, freedom, float(np.sqrt(needed * variance))
 
 
