@@ -23,11 +23,11 @@ from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
-LONGEST_STEP = 5.0
-"""Usual step of the fastest sensor above which the stamps are not in seconds [s].
+LONGEST_STEP = 3600.0
+"""Usual step of the fastest sensor above which the stamps are not in seconds [s]."""
 
-The fastest sensor of a log in ms has a step of 10 or more: none is faster than 100 Hz.
-"""
+SLOWER = 100.0
+"""The same for a sensor whose rate is declared, in declared steps."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +135,7 @@ def check_log(
         is_placed = planar and spacecraft.tree.normal_B is None
         normal_B = normal_in_base(data.quaternion_WB) if is_placed else None
         return replace(log_of_states(data), normal_B=normal_B)
-    _refuse_slow(data)
+    _refuse_slow(data, sensors)
     screened = screen(in_joint_order(data, spacecraft), sensors)
     measurements = screened.log
     spacecraft, notes, failures = placed(spacecraft, measurements, planar)
@@ -233,7 +233,7 @@ def _beyond_limits(spacecraft: Spacecraft, positions: NDArray[np.float64]) -> It
         yield f"{text}: is it in degrees?" if in_degrees else text
 
 
-def _refuse_slow(measurements: Log) -> None:
+def _refuse_slow(measurements: Log, sensors: SensorSuite | None) -> None:
     """Refuse samples whose stamps are so far apart that they cannot be in seconds."""
     steps = {
         name: float(np.median(np.diff(samples.time)))
@@ -241,7 +241,9 @@ def _refuse_slow(measurements: Log) -> None:
         if len(samples) > 1
     }
     name = min(steps, key=lambda each: steps[each], default="")
-    if name and steps[name] > LONGEST_STEP:
+    declared = {} if sensors is None else sensors.present()
+    longest = SLOWER / declared[name].rate if name in declared else LONGEST_STEP
+    if name and steps[name] > longest:
         raise InputError(
             f"the samples of {SENSORS[name].label} are {steps[name]:.3g} s apart if the time is in "
             "seconds: it must be in s (time.unit of a map of columns)"

@@ -38,7 +38,6 @@ from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import Identification, ResidualSeries
 from cpid_drake.identification.together import with_sources
 from cpid_drake.logs.log import Log
-from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite
 
 NAME = "trajectory_fit"
@@ -96,18 +95,20 @@ def estimate(
     acting, said, failed = undeclared_errors(found, question, compared, rows)
     effects = (*effects_of(model, found.values, gaussian, *logs), *acting)
     said = (*said, *(f"{e.describe()}: it failed" for e in effects if e.failed_valve))
-    series, counts, rejected = _residuals(found), _counts(found), Counter[str]()
-    for (name, _), (far, _) in counts.items():
-        rejected[name] += far
-    used = sum(n - far for far, n in counts.values())
+    series, counts = _residuals(found)
+    rejected, used = Counter[str](), Counter[str]()
+    for key, (far, count) in counts.items():
+        sensor, _, source = key.partition(" of ")
+        rejected[sensor] += far
+        used[source or next(iter(logs))] += count - far
     tests = {name: whiteness(each.value) for name, each in series.items()}
-    unexplained = max((far / max(n, 1) for far, n in counts.values()), default=0.0)
+    unexplained = max(far / max(count, 1) for far, count in counts.values())
     fails = fit_checks(found.converged, unexplained, noise, tests, len(events))
     result = Identification.of_solution(
         relative_parameterization(model.mass),
-        solution_of(model, found.values, gaussian, cost=found.cost, count=used),
+        solution_of(model, found.values, gaussian, cost=found.cost, count=used.total()),
         sensors=suite,
-        sample_count=used,
+        sample_count=used.total(),
         estimator=NAME,
         whiteness=least_white(tests.values()),
         residuals=series if len(logs) == 1 else {},
@@ -122,7 +123,15 @@ def estimate(
     )
     if len(logs) == 1 and known.prior is None:
         return result
-    return _separated(result, found, question, compared, rows, known.prior)
+    return _separated(
+        result,
+        found,
+        question,
+        compared,
+        rows,
+        known.prior,
+        used if len(logs) > 1 else {name: used.total()},
+    )
 
 
 def change_warnings(times: Sequence[float]) -> tuple[str, ...]:
@@ -155,6 +164,7 @@ def _separated(
     compared: Comparison,
     rows: Sequence[Gaussian],
     prior: TargetPrior | None,
+    counts: Mapping[str, int],
 ) -> Identification:
     """Return an identification with the test whether logs and prior have the same target."""
     values = dict.fromkeys((n for n in question.candidates if n not in compared.best), 0.0)
@@ -163,15 +173,13 @@ def _separated(
     def conditioned(gaussian: Gaussian) -> Gaussian:
         return gaussian.condition({n: v for n, v in held.items() if n in gaussian.places})
 
-    sources, counts = {}, {}
+    sources = {}
     for log, rolled in zip(found.logs, found.rolled, strict=True):
         alone = log
         if len(found.logs) > 1:  # a difference between logs must not look like noise
             by_itself = fit(found.model, [log], values=found.values).logs[0]
             alone = replace(log, noise=by_itself.noise, weights=by_itself.weights)
         sources[log.name] = conditioned(sweep(found.model, alone, rolled, found.values).gaussian)
-        counted = _counts(replace(found, logs=[alone])).values()
-        counts[log.name] = sum(n - far for far, n in counted)
     if prior is not None:
         sources[prior.name] = rows[0].moved(found.values[PSI])
     return with_sources(
@@ -201,34 +209,24 @@ def _momentum(found: Fit, compared: Comparison, gaussian: Gaussian) -> dict[str,
     return {"momentum_estimate": value, "momentum_covariance": np.diag(sigma**2)}
 
 
-def _residuals(found: Fit) -> dict[str, ResidualSeries]:
-    """Return the residuals by sensor, or "sensor of log", without samples that are far off."""
-    times: dict[str, list[NDArray[np.float64]]] = {}
-    values: dict[str, list[NDArray[np.float64]]] = {}
+def _residuals(found: Fit) -> tuple[dict[str, ResidualSeries], dict[str, tuple[int, int]]]:
+    """Return residuals, and the numbers of samples far off and of all, by sensor (of log)."""
+    series, counts = {}, {}
     for log, rolled in zip(found.logs, found.rolled, strict=True):
-        for block, rest, weights in zip(log.blocks, rolled.residuals, log.weights, strict=True):
-            for name, value in rest.items():
-                if name not in SENSORS:  # white forces: their estimates are correlated
-                    continue
-                near = weights.get(name, np.ones(len(value))) == 1.0
-                key = name if len(found.logs) == 1 else f"{name} of {log.name}"
-                times.setdefault(key, []).append(block.samples[name].time[near])
-                values.setdefault(key, []).append(value[near])
-    return {
-        name: ResidualSeries(np.concatenate(times[name]), np.concatenate(values[name]), "σ")
-        for name in times
-    }
-
-
-def _counts(found: Fit) -> dict[tuple[str, str], tuple[int, int]]:
-    """Return by sensor and log the number of samples that are far off, and that of all."""
-    counts: dict[tuple[str, str], tuple[int, int]] = {}
-    for log in found.logs:
         for name in found.model.suite.present():
-            weights = [each.get(name, np.ones(0)) for each in log.weights]
-            far = sum(int((each < 1).sum()) for each in weights)
-            counts[name, log.name] = far, sum(len(block.samples[name]) for block in log.blocks)
-    return counts
+            key = name if len(found.logs) == 1 else f"{name} of {log.name}"
+            times, values, far, count = [np.empty(0)], [], 0, 0
+            for block, rest, weights in zip(log.blocks, rolled.residuals, log.weights, strict=True):
+                samples = block.samples[name]
+                near = weights.get(name, np.ones(len(samples))) == 1.0
+                far, count = far + int(np.sum(~near)), count + len(samples)
+                if name in rest:
+                    times.append(samples.time[near])
+                    values.append(rest[name][near])
+            counts[key] = far, count
+            if values:
+                series[key] = ResidualSeries(np.concatenate(times), np.concatenate(values), "σ")
+    return series, counts
 
 
 def cramer_rao_bound(
