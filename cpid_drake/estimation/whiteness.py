@@ -1,6 +1,5 @@
 """Whiteness of residuals: a correct model leaves residuals that are not correlated in time."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -53,15 +52,6 @@ class Whiteness:
     def fails(self) -> bool:
         """Whether residuals in σ are so correlated that they are no noise."""
         return self.lag_one > MOST_CORRELATED and not self.is_negligible
-
-
-def least_white(tests: Iterable[Whiteness]) -> Whiteness | None:
-    """Return the test that is farthest from white, of those that matter; None without tests."""
-
-    def distance(test: Whiteness) -> tuple[bool, float]:
-        return not test.is_negligible, abs(test.lag_one) / max(test.band, 0.1)
-
-    return max(tests, key=distance, default=None)
 
 
 @dataclass(frozen=True, eq=False)

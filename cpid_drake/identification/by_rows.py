@@ -35,7 +35,6 @@ from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.estimation.whiteness import (
     MOST_CORRELATED,
     Whiteness,
-    least_white,
     whiteness,
 )
 from cpid_drake.identification.checked_log import CheckedLog, Known, suite_of
@@ -104,7 +103,6 @@ def _combined(known: Known, logs: Mapping[str, tuple[Identification, Gaussian]])
     where = {name: f"{name}: " if len(logs) > 1 else "" for name in logs}
     common: dict[str, Any] = {
         "momentum": max((own.momentum for own in found.values()), key=_MOMENTA.index),
-        "whiteness": least_white(own.whiteness for own in found.values() if own.whiteness),
     }
     if len(logs) == 1:  # of several logs, each has its own
         names = ("residuals", "momentum_estimate", "momentum_covariance")
@@ -320,7 +318,6 @@ def _identified(known: Known, log: CheckedLog) -> tuple[Identification, Gaussian
         sample_count=rows.sample_count,
         estimator=NAME,
         rows=family.name,
-        whiteness=white,
         residuals=residuals,
         momentum="zero" if is_zero else "unknown" if momentum is None or is_open else momentum.name,
         warnings=(*warnings, *said),

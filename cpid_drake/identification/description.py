@@ -59,7 +59,6 @@ def describe(result: Identification) -> list[str]:
     lines.append(f"  rank         {result.rank} of {result.most}")
     if result.condition is not None:
         lines.append(f"  condition    {result.condition:.4g}")
-    lines.append(f"  residuals    {residual_words(result)}")
     lines.append(f"  consistency  {_consistency(result)}")
     if source and source.request.known_bodies is None and result.rows is None:
         lines.append("  assumed      an exact spacecraft model; --known-bodies includes its errors")
@@ -148,21 +147,6 @@ def decimals(width: float) -> int:
     if not (np.isfinite(width) and width > 0):
         return 6
     return int(np.clip(2 - np.floor(np.log10(width)), 0, 11))
-
-
-def residual_words(result: Identification) -> str:
-    """Return whether the residuals are noise, and what follows from it for the intervals."""
-    white = result.whiteness
-    if white is None:
-        return "not tested for whiteness"
-    text = f"correlation of neighbours {white.lag_one:+.3f}"
-    if white.is_white:
-        return f"{text}: white"
-    if result.rows is not None:
-        return f"{text}: {white.correlation_time:.3g} samples count as one in the intervals"
-    if white.is_negligible:
-        return f"{text}, but they are much smaller than the noise"
-    return f"{text}: {'a check failed' if result.failures else 'the intervals include it'}"
 
 
 def _consistency(result: Identification) -> str:

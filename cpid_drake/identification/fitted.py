@@ -24,7 +24,7 @@ from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Values
 from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model, undetermined
-from cpid_drake.estimation.whiteness import least_white, whiteness
+from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.identification.checked_log import CheckedLog, Known, suite_of
 from cpid_drake.identification.checks import Check, fit_checks, momentum_words, noise_warnings
 from cpid_drake.identification.comparison import (
@@ -110,7 +110,6 @@ def estimate(
         sensors=suite,
         sample_count=used.total(),
         estimator=NAME,
-        whiteness=least_white(tests.values()),
         residuals=series if len(logs) == 1 else {},
         rejected={name: count for name, count in rejected.items() if count},
         momentum_changes=tuple(sorted(event.time for event in events)),

@@ -16,7 +16,6 @@ from cpid_drake.estimation.online import change_beyond_linear, run
 from cpid_drake.estimation.online_block import NAME as LOG
 from cpid_drake.estimation.online_state import OnlineState
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
-from cpid_drake.estimation.whiteness import least_white
 from cpid_drake.identification.checked_log import CheckedLog, Known, suite_of
 from cpid_drake.identification.checks import (
     Check,
@@ -141,7 +140,6 @@ def identification_of_state(
         sensors=model.suite,
         sample_count=sum(used.values()),
         estimator=NAME,
-        whiteness=least_white(tests.values()),
         rejected={name: count for name, count in state.rejected.items() if count},
         momentum_changes=tuple(sorted(state.events)),
         warnings=(*noise_warnings(noise), *change_warnings(state.events), *said),

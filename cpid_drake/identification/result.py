@@ -23,7 +23,6 @@ from cpid_drake.estimation.least_squares import (
     describe_unobservable,
     quantile_95,
 )
-from cpid_drake.estimation.whiteness import Whiteness
 from cpid_drake.identification.checks import CONVERGENCE, NEAREST, Check
 from cpid_drake.identification.effects import EffectEstimate
 from cpid_drake.identification.request import Source, SpacecraftReference
@@ -133,8 +132,6 @@ class Identification:
             estimators that look for none.
         noise: factors by which the noise of sensors is larger than given; for several logs by
             "sensor of log".
-        whiteness: of the residuals, of the least white sensor if there are several; None if there
-            are no residuals.
         effects: estimates of the constant errors that the sensors declare, of forces, and of errors
             that act although nobody declares them.
         logs: the estimates from each log alone and, last, from the prior alone, by their names; if
@@ -174,7 +171,6 @@ class Identification:
     momentum_covariance: Annotated[Array, Numbers(unknown=True)] | None = None
     momentum_changes: tuple[float, ...] | None = None
     noise: Mapping[str, float] = field(default_factory=dict)
-    whiteness: Whiteness | None = None
     effects: tuple[EffectEstimate, ...] = ()
     logs: Mapping[str, "Identification"] = field(default_factory=dict)
     checks: tuple[Check, ...] = ()

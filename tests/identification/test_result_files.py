@@ -9,7 +9,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from cpid_drake import InputError
-from cpid_drake.estimation.whiteness import Whiteness
 from cpid_drake.identification.checks import Check
 from cpid_drake.identification.effects import EffectEstimate
 from cpid_drake.identification.request import Request, Source, SpacecraftReference
@@ -78,7 +77,6 @@ def result(skewed_target) -> Identification:
         momentum_covariance=np.eye(3),
         momentum_changes=(1.5, 2.25),
         noise={"gyro": 1.5},
-        whiteness=Whiteness(0.25, 0.1, 3.5, 400, 0.9),
         effects=(delay,),
         is_planar=True,
         normal_C=np.array([0.0, 0.0, 1.0]),

@@ -10,17 +10,15 @@ from scipy.stats import norm, t
 from cpid_drake import InertialParameters
 from cpid_drake.dynamics.parameterizations import STANDARD
 from cpid_drake.estimation.least_squares import LeastSquaresSolution
-from cpid_drake.estimation.whiteness import Whiteness
 from cpid_drake.identification.checks import Check
-from cpid_drake.identification.description import describe
 from cpid_drake.identification.request import Request, Source, SpacecraftReference
-from cpid_drake.identification.result import Identification, ResidualSeries
+from cpid_drake.identification.result import Identification
 from cpid_drake.identification.result_files import write_result
 from cpid_drake.report.findings import Findings
 from cpid_drake.report.page import Table
 from cpid_drake.report.pages.identification import identification_report
 from cpid_drake.report.replay import estimate_text
-from cpid_drake.report.sections.data import checks_section, residuals_section
+from cpid_drake.report.sections.data import checks_section
 from cpid_drake.report.sections.estimate import result_section
 from cpid_drake.sensors.presets import load_sensors
 
@@ -99,32 +97,6 @@ def test_the_error_is_estimate_minus_truth_in_sigma(found):
     table = result_section(found, truth).tables[0]
     assert column(table, "error / σ") == ["-2.0", *9 * ["+0.0"]]
     assert column(table, "truth")[0] == "10.80"
-
-
-class TestResiduals:
-    @pytest.mark.parametrize(
-        ("rows", "lag_one", "meaning"),
-        [
-            (None, 0.02, "white"),
-            (None, 0.3, "the intervals include it"),
-            (None, 0.9, "a check failed"),
-            ("standard", 0.9, "19 samples count as one in the intervals"),
-        ],
-    )
-    def test_page_and_lines_give_correlated_residuals_one_meaning(
-        self, found, rows, lag_one, meaning
-    ):
-        time = (1 + lag_one) / (1 - lag_one)
-        series = {"gyro": ResidualSeries(np.arange(9.0), np.ones((9, 3)), "σ")}
-        white = Whiteness(lag_one, 0.1, time, 400)
-        checks = (Check("noise", "no noise"),) if "failed" in meaning else ()
-        found = replace(found, rows=rows, residuals=series, whiteness=white, checks=checks)
-        lines = "\n".join(describe(found))
-        page = residuals_section(found).texts[0]
-        words = f"correlation of neighbours {lag_one:+.3f}: {meaning}"
-        assert words in lines
-        assert words in page
-        assert "more than noise" not in page
 
 
 def test_a_page_whose_check_failed_says_so_first(found):

@@ -6,7 +6,6 @@ import numpy as np
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.estimation.whiteness import whiteness
-from cpid_drake.identification.description import residual_words
 from cpid_drake.identification.estimators import estimator_label
 from cpid_drake.identification.identify_files import Estimates, Evidence
 from cpid_drake.identification.result import Identification
@@ -105,7 +104,6 @@ def residuals_section(found: Identification) -> Section:
     )
     return Section(
         "Residuals",
-        texts=[f"Residuals: {residual_words(found)}."],
         tables=[Table(heads, rows, note=note)],
         pictures=[
             curves(name, each.time, each.value, each.unit, line=".")
