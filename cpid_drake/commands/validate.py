@@ -58,7 +58,7 @@ def validate(
     """Test an identified target with another log, and predict this log.
 
     The difference of the target from the log's own estimate is tested by its χ²: a right target
-    fails in one log of ten thousand. Start, momentum and biases are also fitted to the beginning of
+    fails in one log of a hundred. Start, momentum and biases are also fitted to the beginning of
     the log, and the rest of the base's motion is predicted from the joint motion. Sensors and
     columns are those of the result by default.
 

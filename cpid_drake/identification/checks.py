@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import pdtrik
 
 from cpid_drake.estimation.evidence import NAMED
 from cpid_drake.estimation.whiteness import MOST_CORRELATED, Whiteness
@@ -80,6 +81,7 @@ def fit_checks(
     noise: Mapping[str, float],
     tests: Mapping[str, Whiteness],
     changes: int = 0,
+    logs: int = 1,
 ) -> Iterator[Check]:
     """Yield the checks of a fit.
 
@@ -89,7 +91,8 @@ def fit_checks(
         noise: factors of the declared σ, by sensor or by "sensor of log".
         tests: whiteness of the residuals of each sensor.
         changes: number of changes of the momentum that the fit found. They must explain what looked
-            like noise: enough changes imitate any other cause.
+            like noise, and be rare, as the fit assumes: enough changes imitate any other cause.
+        logs: number of logs.
 
     """
     sentence = "the estimator did not converge: its result is not the best fit"
@@ -98,11 +101,14 @@ def fit_checks(
     yield Check.of("unexplained share", sentence, unexplained, MOST_UNEXPLAINED)
     largest = max(noise.values(), default=1.0)
     if changes:
+        most = float(np.ceil(pdtrik(1 - IMPROBABLE, logs)))  # one in a log is expected
+        what = "are many" if changes > most else "leave residuals that are larger than noise"
         sentence = (
-            f"with {changes} changes of the momentum the residuals are still larger than noise: "
-            "another cause, such as a flexible grasp or correlated noise, may look like changes"
+            f"{changes} changes of the momentum {what}: another cause, such as a force, a hidden "
+            "wheel, a flexible grasp or correlated noise, may look like changes"
         )
-        yield Check.of("changes of the momentum", sentence, largest, SEEN)
+        fails = changes > most or largest > SEEN
+        yield Check.of("changes of the momentum", sentence, changes, most, not fails)
     white = []
     for name, test in tests.items():
         factor = noise.get(name, 1.0)

@@ -15,14 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
+from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.evidence import NAMED, SIZES, Comparison, Question
-from cpid_drake.estimation.fit import Fit, prior_of
+from cpid_drake.estimation.fit import Fit, fit, prior_of
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.likelihood.constants import ConstantError
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Rolled, Values
 from cpid_drake.estimation.sweep import sweep
-from cpid_drake.estimation.unknowns import MOMENTUM, Model
+from cpid_drake.estimation.unknowns import BODIES, MOMENTUM, Model
 from cpid_drake.identification.checks import IMPROBABLE, SUSPECTED, Check
 from cpid_drake.identification.effects import LEARNED, EffectEstimate
 from cpid_drake.sensors.disturbances import Disturbances
@@ -41,6 +42,16 @@ PLAUSIBLE = {
 
 FORCES = {"acceleration": 1e-3, "torque": 1e-2, "thrust_scale": 0.1}
 """The same of an acceleration [m/s²], a torque [N·m] and the scale of logged thrust."""
+
+PLAUSIBLE_BODIES = BodyUncertainty(mass=0.01, com=0.005, inertia=0.01)
+"""The same of the bodies of a spacecraft whose uncertainty nobody declares."""
+
+BODIES_ACT = (
+    "the samples show that the spacecraft's bodies are not as in its model; the intervals include "
+    "errors of 1 % of mass and inertia and of 5 mm of each centre of mass: say what is known of "
+    "them with --known-bodies mass=0.01,com=0.005,inertia=0.01"
+)
+"""The warning if errors of the bodies explain a log better than those of sensors."""
 
 UNDECLARED = "undeclared errors"
 """Name of the check that errors which nobody declares predict the end of the logs."""
@@ -97,6 +108,27 @@ def with_plausible(
     larger: dict[str, Any] = {n: getattr(old, n) or sigma for n, sigma in forces.items()}
     result.disturbances = replace(old, **larger)
     return result
+
+
+def with_bodies(found: Fit, question: Question, rows: Sequence[Gaussian]) -> Fit | None:
+    """Return a fit in which the bodies are uncertain, if their errors explain the samples better.
+
+    It is made only if the samples show an error that nobody declares. As for these, the first two
+    thirds of the logs must show errors of the bodies, and the rest must confirm them.
+    """
+    errors = set(found.model.constants.errors)
+    named = question.answer(found.gaussian, found.values).named
+    if not errors & {name.partition("|")[0] for name in named}:
+        return None
+    model = Model(found.model.tree, found.model.suite, PLAUSIBLE_BODIES)
+    start = model.start([log.name for log in found.logs])
+    other = fit(model, found.logs, rows=rows, values=start | found.values)
+    candidates = question.candidates | {BODIES: model.unknown(BODIES).sigma}
+    asked = replace(question, candidates=candidates)
+    if BODIES not in asked.answer(other.gaussian, other.values).named:
+        return None
+    gain = _held_out(other, asked, [BODIES], rows)
+    return None if gain is not None and gain <= 0 else other
 
 
 def undeclared_errors(

@@ -26,11 +26,19 @@ from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model, undetermined
 from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.identification.checked_log import CheckedLog, Known, suite_of
-from cpid_drake.identification.checks import Check, fit_checks, momentum_words, noise_warnings
+from cpid_drake.identification.checks import (
+    MOST_NOISE,
+    Check,
+    fit_checks,
+    momentum_words,
+    noise_warnings,
+)
 from cpid_drake.identification.comparison import (
+    BODIES_ACT,
     contradicted,
     size_checks,
     undeclared_errors,
+    with_bodies,
     with_plausible,
 )
 from cpid_drake.identification.effects import EffectEstimate
@@ -70,6 +78,11 @@ def estimate(
     declared = Constants.of(suite, model.joint_count).errors
     question = Question.of(model, declared, logs, known.momentum)
     found, rows = _fit(model, states, known.prior)
+    noisiest = max(factor for log in found.logs for factor in log.noise.values())
+    if known.known_bodies is None and noisiest <= MOST_NOISE:
+        other = with_bodies(found, question, rows)
+        if other is not None:
+            model, found, warnings = other.model, other, (*warnings, BODIES_ACT)
     wrong = contradicted(found.gaussian, found.values, question, model)
     found, events = fit_with_events(model, found, _without(question, wrong), rows)
     wrong = contradicted(found.gaussian, found.values, question, model)  # beside the changes
@@ -103,7 +116,7 @@ def estimate(
         used[source or next(iter(logs))] += count - far
     tests = {name: whiteness(each.value) for name, each in series.items()}
     unexplained = max(far / max(count, 1) for far, count in counts.values())
-    fails = fit_checks(found.converged, unexplained, noise, tests, len(events))
+    fails = fit_checks(found.converged, unexplained, noise, tests, len(events), len(logs))
     result = Identification.of_solution(
         relative_parameterization(model.mass),
         solution_of(model, found.values, gaussian, cost=found.cost, count=used.total()),

@@ -24,7 +24,6 @@ from cpid_drake.estimation.roll import Rolled, roll
 from cpid_drake.estimation.rows_fit import disagreement
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.identification.checked_log import check_log, suite_of
-from cpid_drake.identification.checks import IMPROBABLE
 from cpid_drake.identification.fitted import HELD, NAME
 from cpid_drake.identification.identify import identify
 from cpid_drake.identification.prior import TargetPrior
@@ -34,6 +33,9 @@ from cpid_drake.processes import one_thread
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
+
+FALSE_ALARM = 0.01
+"""Probability that the test fails a right target: a user who asks for it wants its power."""
 
 POWER = 0.9
 """Probability with which a target that is said to be noticed is noticed."""
@@ -113,7 +115,7 @@ class Validation:
     @property
     def is_target_right(self) -> bool:
         """Whether the samples agree with the target."""
-        return self.probability >= IMPROBABLE
+        return self.probability >= FALSE_ALARM
 
 
 @one_thread
@@ -232,7 +234,7 @@ def _test(model: Model, own: Identification, target: TargetPrior) -> tuple[float
     psi = both[0].add(_vague(model)).solve()
     mass = form.jacobian(psi)[0] / form.to_parameters(psi)[0]
     variance = sum(mass @ each.add(_vague(model)).covariance() @ mass for each in both)
-    needed = chndtrinc(chdtri(freedom, IMPROBABLE), freedom, 1 - POWER)
+    needed = chndtrinc(chdtri(freedom, FALSE_ALARM), freedom, 1 - POWER)
     return chi_squared, freedom, float(np.sqrt(needed * variance))
 
 
