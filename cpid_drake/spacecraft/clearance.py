@@ -3,19 +3,14 @@
 from collections import defaultdict
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from itertools import combinations, product
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.autodiffutils import InitializeAutoDiff
-from pydrake.geometry import (
-    CollisionFilterDeclaration,
-    GeometrySet,
-    QueryObject,
-    SignedDistancePair,
-)
+from pydrake.geometry import CollisionFilterDeclaration, GeometrySet
 from pydrake.multibody.inverse_kinematics import MinimumDistanceLowerBoundConstraint
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.multibody.tree import BodyIndex, RigidBody, WeldJoint
@@ -72,22 +67,19 @@ class Clearance:
         target_visual_model: str | Path | None = None,
     ) -> None:
         builder = DiagramBuilder()
-        self._plant, self._scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
-        spacecraft.add_to(
-            self._plant,
-            target,
-            scene_graph=self._scene_graph,
-            target_visual_model=target_visual_model,
+        plant, graph = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
+        spacecraft.add_to(plant, target, scene_graph=graph, target_visual_model=target_visual_model)
+        self._plant, self._graph = plant, graph
+        self._bodies = [plant.get_body(BodyIndex(k)) for k in range(1, plant.num_bodies())]
+        self._names = dict(
+            zip((body.index() for body in self._bodies), unique_names(plant, self._bodies))
         )
-        plant = self._plant
-        bodies = [plant.get_body(BodyIndex(k)) for k in range(plant.num_bodies())]
-        self._names = dict(zip((b.index() for b in bodies), unique_names(plant, bodies)))
         self._near = self._compare_all_but_neighbours()
         self._columns = spacecraft.state_columns["q"]
         self._context = builder.Build().CreateDefaultContext()
         self.shapeless = tuple(
             self._names[body.index()]
-            for body in bodies[1:]  # without the world
+            for body in self._bodies
             if body.default_mass() > 0 and not plant.GetCollisionGeometriesForBody(body)
         )
 
@@ -106,23 +98,28 @@ class Clearance:
             InputError: the distance between two of the shapes cannot be computed.
 
         """
-        plant, graph = self._plant, self._scene_graph
-        plant_context = plant.GetMyMutableContextFromRoot(self._context)
-        query = graph.get_query_output_port().Eval(graph.GetMyContextFromRoot(self._context))
-        found: dict[tuple[str, str], Approach] = {}
-        least = np.inf
-        q = plant.GetPositions(plant_context)
+        plant, found = self._plant, dict[frozenset[BodyIndex], tuple[float, int]]()
+        context = plant.GetMyMutableContextFromRoot(self._context)
+        query = self._graph.get_query_output_port().Eval(
+            self._graph.GetMyContextFromRoot(self._context)
+        )
+        frame, least = query.inspector().GetFrameId, np.inf
+        q = plant.GetPositions(context)
         for k, joints in enumerate(positions):
             q[self._columns] = joints
-            plant.SetPositions(plant_context, q)
+            plant.SetPositions(context, q)
             for pair in _computed(query.ComputeSignedDistancePairwiseClosestPoints, max(least, 0)):
-                bodies, distance = self._names_of(query, pair), pair.distance
-                if distance >= 0 and frozenset(bodies) in self._near:
-                    continue
-                if bodies not in found or distance < found[bodies].distance:
-                    found[bodies] = Approach(bodies, distance, k)
-                least = min(least, distance)
-        ordered = sorted(found.values(), key=lambda each: each.distance)
+                bodies = frozenset(
+                    plant.GetBodyFromFrameId(frame(shape)).index()
+                    for shape in (pair.id_A, pair.id_B)
+                )
+                if pair.distance < 0 or bodies not in self._near:
+                    found[bodies] = min(found.get(bodies, (np.inf, k)), (pair.distance, k))
+                    least = min(least, pair.distance)
+        ordered = []
+        for bodies, (distance, k) in sorted(found.items(), key=lambda each: each[1]):
+            first, second = sorted(self._names[body] for body in bodies)
+            ordered.append(Approach((first, second), distance, k))
         return [each for each in ordered if each.distance < 0] or ordered[:1]
 
     def penalties(
@@ -155,39 +152,31 @@ class Clearance:
                 gradients[k] = found.derivatives()[self._columns]
         return values, gradients
 
-    def _names_of(self, query: QueryObject, pair: SignedDistancePair) -> tuple[str, str]:
-        """Return the names of the bodies of two shapes, in alphabetical order."""
-        frames = map(query.inspector().GetFrameId, (pair.id_A, pair.id_B))
-        first, second = sorted(
-            self._names[self._plant.GetBodyFromFrameId(frame).index()] for frame in frames
-        )
-        return first, second
-
-    def _compare_all_but_neighbours(self) -> set[frozenset[str]]:
+    def _compare_all_but_neighbours(self) -> set[frozenset[BodyIndex]]:
         """Filter the pairs of shapes; return the pairs of bodies that two joints separate."""
         plant = self._plant
 
         def shapes(bodies: Iterable[RigidBody]) -> GeometrySet:
             return GeometrySet([g for b in bodies for g in plant.GetCollisionGeometriesForBody(b)])
 
-        bodies = [plant.get_body(BodyIndex(k)) for k in range(1, plant.num_bodies())]
-        filters = CollisionFilterDeclaration().AllowWithin(shapes(bodies))
-        for body in bodies:
+        filters = CollisionFilterDeclaration().AllowWithin(shapes(self._bodies))
+        for body in self._bodies:
             filters.ExcludeWithin(shapes(plant.GetBodiesWeldedTo(body)))
-        adjacent = defaultdict(list)
+        sides = defaultdict(list)  # what each joint of a rigid group holds, by the group
         for joint in map(plant.get_joint, plant.GetJointIndices()):
             if not isinstance(joint, WeldJoint):
                 ends = (joint.parent_body(), joint.child_body())
                 inner, outer = map(plant.GetBodiesWeldedTo, ends)
                 filters.ExcludeBetween(shapes(inner), shapes(outer))
-                adjacent[inner[0].index()].append(outer)
-                adjacent[outer[0].index()].append(inner)
-        self._scene_graph.collision_filter_manager().Apply(filters)
+                sides[inner[0].index()].append(outer)
+                sides[outer[0].index()].append(inner)
+        self._graph.collision_filter_manager().Apply(filters)
         return {
-            frozenset((self._names[a.index()], self._names[b.index()]))
-            for sides in adjacent.values()
-            for first, second in combinations(sides, 2)
-            for a, b in product(first, second)
+            frozenset((a.index(), b.index()))
+            for held in sides.values()
+            for first, second in combinations(held, 2)
+            for a in first
+            for b in second
         }
 
 
@@ -196,5 +185,4 @@ def _computed(distances: Callable, argument: object) -> Any:
     try:
         return distances(argument)
     except RuntimeError as error:
-        text = " ".join(str(error).split())
-        raise InputError(f"distances cannot be computed: {text}") from error
+        raise InputError(f"distances cannot be computed: {error}") from error

@@ -1,8 +1,6 @@
 """Parsing of a model file by Drake."""
 
-import logging
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, nullcontext
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -41,7 +39,6 @@ class ModelFile:
         if not self.path.name.endswith(_MODEL_ENDINGS):
             raise self.error(f"not a model file: its name must end in {', '.join(_MODEL_ENDINGS)}")
         self.contents = check_model(self.path, self.model, folders)
-        self._warned = False
 
     def error(self, problem: str) -> InputError:
         """Return an InputError whose message begins with this model."""
@@ -50,18 +47,14 @@ class ModelFile:
     def parse_into(self, plant: MultibodyPlant) -> None:
         """Add the model to a plant that is not finalized, and set the plant's gravity to zero.
 
-        Drake logs its warnings the first time.
-
         Raises:
             InputError: Drake cannot read the file.
 
         """
         try:
-            with _no_warnings() if self._warned else nullcontext():
-                make_parser(plant, self.folders).AddModels(self.path)
+            make_parser(plant, self.folders).AddModels(self.path)
         except (RuntimeError, ValueError, SystemExit) as error:
             raise self.error(message_of(error, self.path)) from error
-        self._warned = True
         plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
 
     def finalize(self, plant: MultibodyPlant) -> None:
@@ -80,11 +73,10 @@ class ModelFile:
         try:
             plant.Finalize()
         except (RuntimeError, SystemExit) as error:
-            if "loop" in str(error):
-                raise self.error(
-                    "its joints form a closed loop; only trees are supported"
-                ) from None
-            raise self.error(message_of(error, self.path)) from error
+            text = message_of(error, self.path)
+            if "loop" in text:
+                text = "its joints form a closed loop; only trees are supported"
+            raise self.error(text) from error
 
 
 def make_parser(plant: MultibodyPlant, folders: Mapping[str, Path]) -> Parser:
@@ -95,15 +87,3 @@ def make_parser(plant: MultibodyPlant, folders: Mapping[str, Path]) -> Parser:
         packages.Remove("drake_models")
     packages.AddMap(package_map(folders))
     return parser
-
-
-@contextmanager
-def _no_warnings() -> Iterator[None]:
-    """Hide Drake's warnings about a file that it has read before."""
-    logger = logging.getLogger("drake")
-    level = logger.level
-    logger.setLevel(logging.ERROR)
-    try:
-        yield
-    finally:
-        logger.setLevel(level)

@@ -84,8 +84,7 @@ class Spacecraft:
         self._capture_name = capture_frame
         self._file = ModelFile(model, package_folders(packages))
         self.plant = MultibodyPlant(time_step=0.0)
-        self._file.parse_into(self.plant)
-        self._file.finalize(self.plant)
+        self.add_alone_to(self.plant)
         self.base = find_element(self.plant, "Body", base, self.model)
         self.capture_frame = find_element(self.plant, "Frame", capture_frame, self.model)
         self._joints = movable_joints(self._file, self.plant, self.base, self.capture_frame)
@@ -180,8 +179,11 @@ class Spacecraft:
             look = target_visual_model and resolve_model(target_visual_model, self._file.folders)
             add_target_appearance(plant, body, M_TCo_C, look or None, self._file.folders)
         self._file.finalize(plant)
-        if scene_graph is not None:
-            _exclude_all_contact(plant, scene_graph)
+        if scene_graph is not None:  # the gripper touches the target, and the grasp is a weld
+            bodies = (plant.get_body(BodyIndex(k)) for k in range(plant.num_bodies()))
+            shapes = [g for each in bodies for g in plant.GetCollisionGeometriesForBody(each)]
+            filters = CollisionFilterDeclaration().ExcludeWithin(GeometrySet(shapes))
+            scene_graph.collision_filter_manager().Apply(filters)
         return body
 
     def add_alone_to(self, plant: MultibodyPlant) -> None:
@@ -304,10 +306,10 @@ class Spacecraft:
             if name not in self.joint_names:
                 choices = choose_from(name, self.joint_names)
                 raise InputError(f"{where}: no joint '{name}'; {choices}")
-            k = self.joint_names.index(name)
-            low, high, radians = self.limits.lowest[k], self.limits.highest[k], np.radians(value)
             if not np.isfinite(value):
                 raise InputError(f"{where}: {name} = {value:g} is not a finite number")
+            k = self.joint_names.index(name)
+            low, high, radians = self.limits.lowest[k], self.limits.highest[k], np.radians(value)
             turns = isinstance(self._joints[k], RevoluteJoint) and abs(value) > 2 * np.pi
             if turns and not low <= value <= high and low <= radians <= high:
                 raise InputError(
@@ -319,33 +321,13 @@ class Spacecraft:
 
     def momentum_sample(self, context: Context) -> MomentumSamples:
         """Return one momentum sample (N = 1) of a context of `plant`, computed by Drake."""
-        frame = self.capture_frame
-        X_WC = frame.CalcPoseInWorld(context)
-        p_WC = X_WC.translation()
-        V_WC = frame.CalcSpatialVelocityInWorld(context)
+        X_WC = self.capture_frame.CalcPoseInWorld(context)
+        V_WC = self.capture_frame.CalcSpatialVelocityInWorld(context)
+        p_WC, R_WC = X_WC.translation(), X_WC.rotation().matrix()
         L_WC = self.plant.CalcSpatialMomentumInWorldAboutPoint(context, p_WC)
+        p_WKcm = self.plant.CalcCenterOfMassPositionInWorld(context)
         motion = CaptureMotion(
-            X_WC.rotation().matrix()[None],
-            p_WC[None],
-            V_WC.rotational()[None],
-            V_WC.translational()[None],
+            R_WC[None], p_WC[None], V_WC.rotational()[None], V_WC.translational()[None]
         )
-        return MomentumSamples(
-            motion,
-            L_WC.translational()[None],
-            L_WC.rotational()[None],
-            self.plant.CalcCenterOfMassPositionInWorld(context)[None],
-            self.mass,
-        )
-
-
-def _exclude_all_contact(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:
-    """Exclude all contact, because the gripper touches the target and the grasp is a weld."""
-    geometries = [
-        geometry
-        for k in range(plant.num_bodies())
-        for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(BodyIndex(k)))
-    ]
-    scene_graph.collision_filter_manager().Apply(
-        CollisionFilterDeclaration().ExcludeWithin(GeometrySet(geometries))
-    )
+        P, L = L_WC.translational()[None], L_WC.rotational()[None]
+        return MomentumSamples(motion, P, L, p_WKcm[None], self.mass)
