@@ -10,6 +10,7 @@ from cpid_drake.errors import InputError
 from cpid_drake.scenario.simulation import Simulation
 from cpid_drake.spacecraft.clearance import Clearance
 from cpid_drake.spacecraft.free_floating import FreeFloatingDynamics
+from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 LARGEST_MOVE = 0.01
 """Distances are computed whenever a joint has moved by this much [rad or m]."""
@@ -51,70 +52,59 @@ def check_limits(simulation: Simulation) -> LimitCheck:
 
     """
     motion, spacecraft = simulation.joint_motion, simulation.spacecraft
-    duration = simulation.scenario.simulation.duration
-    times = np.append(motion.instants(), duration)
-    times = np.unique(times[times <= duration])
+    config = simulation.scenario.simulation
+    times = np.append(motion.instants(), config.duration)
+    times = np.unique(times[times <= config.duration])
     q, qdot, qddot = np.moveaxis(motion.evaluate(times), -2, 0)
-    momentum_W = simulation.scenario.simulation.momentum_W
     try:
         with np.errstate(over="raise", invalid="raise"):
-            base = spacecraft.predicted_motion(simulation.truth, motion, times, momentum_W)
+            base = spacecraft.predicted_motion(simulation.truth, motion, times, config.momentum_W)
     except FloatingPointError:
         return LimitCheck((), "", ("limits (the motion of the base is not finite)",))
-    states = spacecraft.to_states(base)
     rigid = spacecraft.make_simulation_plant(simulation.truth)
-    dynamics = FreeFloatingDynamics(spacecraft, rigid)
-    efforts = dynamics.joint_efforts(rigid.CreateDefaultContext(), states, qddot)
-    exceeded = _joints_beyond(simulation, times, q, qdot, efforts)
+    efforts = FreeFloatingDynamics(spacecraft, rigid).joint_efforts(
+        rigid.CreateDefaultContext(), spacecraft.to_states(base), qddot
+    )
+    exceeded = _joints_beyond(spacecraft, times, q, qdot, efforts)
     overlaps, closest, unchecked = _distances(simulation, times, q)
-    without = [
-        name
-        for name, limit in zip(spacecraft.joint_names, spacecraft.limits.efforts, strict=True)
-        if np.isinf(limit)
-    ]
-    if without:
+    limits = zip(spacecraft.joint_names, spacecraft.limits.efforts, strict=True)
+    if without := [name for name, limit in limits if np.isinf(limit)]:
         unchecked.append(f"efforts of {_listed(without)} (no limit in the model)")
     return LimitCheck((*exceeded, *overlaps), closest, tuple(unchecked))
 
 
 def _joints_beyond(
-    simulation: Simulation,
+    spacecraft: Spacecraft,
     times: NDArray[np.float64],
     q: NDArray[np.float64],
     qdot: NDArray[np.float64],
     efforts: NDArray[np.float64],
 ) -> list[str]:
     """Return a sentence for each joint and limit that is exceeded; arrays are (N,) and (N, J)."""
-    spacecraft, limits = simulation.spacecraft, simulation.spacecraft.limits
+    limits, found = spacecraft.limits, []
     sliding = {body.joint for body in spacecraft.tree.bodies if body.prismatic}
-    found = []
     for k, joint in enumerate(spacecraft.joint_names):
         length, force = ("m", "N") if k in sliding else ("rad", "N·m")
-        low, high = limits.lowest[k], limits.highest[k]
-        excess = np.maximum(q[:, k] - high, low - q[:, k])
-        n = int(excess.argmax())
-        if excess[n] > ROUNDING * max(1.0, abs(q[n, k])):
-            found.append(
-                f"{joint} is at {q[n, k]:.3g} {length} at {times[n]:.3g} s, its limits are "
-                f"{low:.3g} and {high:.3g} {length}"
-            )
-        n = int(np.abs(qdot[:, k]).argmax())
-        if _exceeds(abs(qdot[n, k]), limits.rates[k]):
-            found.append(
-                f"{joint} moves at {abs(qdot[n, k]):.3g} {length}/s at {times[n]:.3g} s, its "
-                f"limit is {limits.rates[k]:.3g} {length}/s"
-            )
-        n = int(np.abs(efforts[:, k]).argmax())
-        if _exceeds(abs(efforts[n, k]), limits.efforts[k]):
-            found.append(
-                f"{joint} needs {abs(efforts[n, k]):.3g} {force} at {times[n]:.3g} s, its motor "
-                f"gives {limits.efforts[k]:.3g} {force}"
-            )
+        low, high, rate, effort = (
+            each[k] for each in (limits.lowest, limits.highest, limits.rates, limits.efforts)
+        )
+        speeds, needs = np.abs(qdot[:, k]), np.abs(efforts[:, k])
+        for values, excess, verb, unit, limit in (
+            (
+                q[:, k],
+                np.maximum(q[:, k] - high, low - q[:, k]),
+                "is at",
+                length,
+                f"its limits are {low:.3g} and {high:.3g}",
+            ),
+            (speeds, speeds - rate, "moves at", f"{length}/s", f"its limit is {rate:.3g}"),
+            (needs, needs - effort, "needs", force, f"its motor gives {effort:.3g}"),
+        ):
+            n = int(excess.argmax())
+            if excess[n] > ROUNDING * max(1.0, abs(values[n])):
+                value = f"{values[n]:.3g} {unit} at {times[n]:.3g} s"
+                found.append(f"{joint} {verb} {value}, {limit} {unit}")
     return found
-
-
-def _exceeds(value: float, limit: float) -> bool:
-    return bool(value > limit + ROUNDING * abs(limit))
 
 
 def _distances(
@@ -131,10 +121,9 @@ def _distances(
         approaches = clearance.approaches(simulation.joint_motion.evaluate(instants)[:, 0])
     except InputError as error:
         return [], "", [f"distances ({error})"]
-    unchecked = []
+    unchecked, overlaps, closest = list[str](), list[str](), ""
     if clearance.shapeless:
         unchecked.append(f"distances of {_listed(clearance.shapeless)} (no collision geometry)")
-    overlaps, closest = [], ""
     for each in approaches:
         length, time = f"{abs(each.distance):.2g} m", f"{instants[each.sample]:.3g} s"
         if each.distance < 0:
