@@ -436,6 +436,10 @@ def scenario(old: str = "", new: str = "") -> Callable[[], str]:
     return make
 
 
+def added(text: str) -> Callable[[], str]:
+    return lambda: f"{scenario()()}{text}\n"
+
+
 YAML = {
     "empty": ("", "must be a mapping"),
     "tab": ("spacecraft:\n\tmodel: a\n", "line 2, column 1"),
@@ -455,6 +459,7 @@ def paper_line(text: str) -> str:
 
 
 MASS, MODEL = "mass: 100.0", "model: package://cpid_drake_models/dual_arm_servicer/"
+PRIOR = "{mass: 5, p_CTcm_C: [0.4, 0, 0], I_TTcm_C: [[2, 0, 0], [0, 2, 0], [0, 0, 2]]}"
 SCENARIOS = {
     "mass_negative": (scenario(MASS, "mass: -100.0"), "target: not a rigid body: the mass -100 kg"),
     "mass_1e400": (scenario(MASS, "mass: 1.0e+400"), "target.mass"),
@@ -467,6 +472,37 @@ SCENARIOS = {
     "joint_misspelt": (
         scenario("capture_arm_joint1: 0.2", "capture_arm_jiont1: 0.2"),
         "joint_motion.initial: no joint 'capture_arm_jiont1'; did you mean 'capture_arm_joint1'?",
+    ),
+    "joint_in_degrees": (
+        scenario("capture_arm_joint1: -0.8", "capture_arm_joint1: -46"),
+        "joint_motion.final: capture_arm_joint1 = -46 is outside [-3.1, 3.1]; angles are in",
+    ),
+    "integrator": (scenario("runge_kutta5", "leapfrog"), "must be one of runge_kutta3"),
+    "simulator_misspelt": (scenario("max_step_size", "step"), "simulator", "step"),
+    "many_logged": (scenario("log_period: 0.0625", "log_period: 1e-7"), "more than 1000000 times"),
+    "suite_unknown": (added("sensors: {suite: nothing}"), "sensors.suite: no sensors: "),
+    "suite_and_list": (
+        added("sensors: {suite: flight, explicit: {encoders: {}}}"),
+        "sensors: suite and explicit: give one of the two",
+    ),
+    "rate_negative": (
+        added("sensors: {explicit: {encoders: {rate: -1.0}}}"),
+        "sensors.explicit.encoders.rate must be greater than or equal to 0.001, not -1.0",
+    ),
+    "preset_unknown": (scenario("testbed", "nothing"), "accuracy.presets[2]: no sensors: "),
+    "firing_late": (
+        scenario("seed: 2016", "firing: {time: 10.5, momentum_W: [1, 1, 1, 1, 1, 1]}"),
+        "accuracy.firing.time must be within the simulation's duration, 10 s, not 10.5",
+    ),
+    "estimator_unknown": (scenario("rows: eq18", "estimator: guess"), "must be one of least_squ"),
+    "sensors_missing": (scenario("rows: eq18", "estimator: recursive_fit"), "needs sensors; give"),
+    "prior_unused": (
+        scenario("rows: eq18", f"prior: {PRIOR}"),
+        "identification.prior: least_squares uses no prior",
+    ),
+    "prior_sure": (
+        scenario("rows: eq18", f"prior: {PRIOR[:-1]}, sigma: 0.0}}"),
+        "identification.prior: sigma must be a number from 1e-6 to 100, not 0",
     ),
     "model_misspelt": (scenario(MODEL, MODEL[:-2] + "/"), "no such file"),
     "tab": (scenario("  base", "\tbase"), f"{paper_line('  base')}, column 1"),

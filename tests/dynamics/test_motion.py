@@ -61,12 +61,6 @@ def test_a_quaternion_far_from_unit_norm_is_refused_with_its_sample(telemetry, s
         replace(telemetry, quaternion_WB=quaternion_WB)
 
 
-def test_a_rounded_quaternion_is_taken_as_a_rotation(telemetry):
-    rounded = replace(telemetry, quaternion_WB=np.round(telemetry.quaternion_WB, 4))
-    identity = np.broadcast_to(np.eye(3), (5, 3, 3))
-    np.testing.assert_allclose(rounded.R_WB @ rounded.R_WB.swapaxes(1, 2), identity, atol=1e-14)
-
-
 def test_euler_angles_are_yaw_pitch_roll():
     """R = Rz(yaw) Ry(pitch) Rx(roll), composed here by hand."""
     angles = (0.7, -0.3, 1.1)

@@ -51,26 +51,6 @@ def test_rows_hold_at_the_truth(servicer, skewed_target, zero_momentum_motion, f
     assert np.abs(A @ truth - b).max() < 1e-12 * size
 
 
-@FAMILIES
-def test_rows_determine_the_truth(servicer, skewed_target, zero_momentum_motion, family):
-    samples = momentum_samples(servicer.tree, zero_momentum_motion(skewed_target, 10, seed=4))
-    A, b = family.rows(samples)
-    solution = np.linalg.lstsq(A.reshape(-1, 10), b.ravel(), rcond=None)[0]
-    found = family.parameterization(KNOWN_MASS).to_parameters(solution)
-    np.testing.assert_allclose(found, skewed_target.to_vector(), rtol=0, atol=1e-10)
-
-
-@FAMILIES
-def test_one_sample_at_a_time_gives_the_same_rows(servicer, random_motion, family):
-    telemetry = random_motion(5, seed=7)
-    together = family.augmented_rows(momentum_samples(servicer.tree, telemetry))
-    single = [
-        family.augmented_rows(momentum_samples(servicer.tree, telemetry.select([k])))
-        for k in range(5)
-    ]
-    np.testing.assert_allclose(np.vstack(single), together, rtol=0, atol=1e-12)
-
-
 def test_both_families_are_the_same_physics(servicer, skewed_target, random_motion):
     """m times the top eq18 rows is the top standard row at any momentum, and they differ below by
     the same top row crossed with c: residuals vanish together, with or without momentum."""

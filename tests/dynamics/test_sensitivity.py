@@ -7,10 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 from sensing_cases import small_craft
 
-from cpid_drake import InertialParameters, Motion, Spacecraft
+from cpid_drake import InertialParameters, Spacecraft
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
-from cpid_drake.dynamics.kinematics import forward_kinematics
-from cpid_drake.dynamics.momentum import angular_momentum, linear_momentum, target_momentum
 from cpid_drake.dynamics.outboard import Outboard
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.sensitivity import (
@@ -151,31 +149,6 @@ def test_a_displaced_tree_is_that_of_a_changed_model(tmp_path):
     for name in ("I_K", "h_K", "p_BK", "v_BK", "R_BC", "w_BC", "s", "sdot"):
         value, expected = getattr(one, name), getattr(other, name)
         np.testing.assert_allclose(value, expected, rtol=0, atol=1e-9, err_msg=name)
-
-
-def test_a_tree_with_the_target_has_its_momentum(craft, skewed_target):
-    """Momentum of the tree with the target is that of the known bodies plus the target's."""
-    rng, J = np.random.default_rng(83), len(craft.joint_names)
-    motion = Motion(
-        craft.joint_names,
-        np.arange(N),
-        Rotation.random(N, rng).as_quat(scalar_first=True),
-        *rng.normal(size=(3, N, 3)),
-        *rng.normal(size=(2, N, J)),
-    )
-    full = craft.tree.with_target(skewed_target.to_standard_vector())
-    assert full.bodies[-1].name == "target"
-    assert full.bodies[:-1] == craft.tree.bodies
-    known, capture = forward_kinematics(craft.tree, **motion.states)
-    P_T, L_T = target_momentum(skewed_target, capture)
-    everything, _ = forward_kinematics(full, **motion.states)
-    np.testing.assert_allclose(
-        linear_momentum(full, everything), linear_momentum(craft.tree, known) + P_T, atol=1e-11
-    )
-    L = angular_momentum(craft.tree, known, capture.p_WC) + L_T
-    np.testing.assert_allclose(
-        angular_momentum(full, everything, capture.p_WC), L, rtol=0, atol=1e-11
-    )
 
 
 def spread(values) -> float:

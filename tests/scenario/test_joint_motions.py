@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import yaml
 
-from cpid_drake import InputError, load_scenario, make_simulation, shipped_scenario
+from cpid_drake import load_scenario, make_simulation, shipped_scenario
 from cpid_drake.scenario.files import dump_scenario, files_of
 from cpid_drake.scenario.joint_motions import (
     MotionFile,
@@ -73,22 +73,3 @@ def test_a_scenario_can_name_a_file_of_its_folder(tmp_path):
     again = tmp_path / "again.yaml"
     again.write_text(dump_scenario(scenario))
     assert load_scenario(again).joint_motion == scenario.joint_motion
-
-
-@pytest.mark.parametrize(
-    ("motion", "message"),
-    [
-        (SplineMotion(5.0, {"elbow": np.zeros(6)}), "no joint 'elbow'"),
-        (SplineMotion(5.0, {"capture_arm_joint1": np.zeros(5)}), "at least 6 coefficients"),
-        (
-            SplineMotion(
-                5.0, {"capture_arm_joint1": np.zeros(7), "capture_arm_joint2": np.zeros(6)}
-            ),
-            "capture_arm_joint2 needs finite numbers, as many as capture_arm_joint1, 7",
-        ),
-        (MotionFile("nowhere.yaml"), "no such file"),
-    ],
-)
-def test_motions_that_do_not_fit_are_refused(motion, message, spacecraft):
-    with pytest.raises(InputError, match=message):
-        motion.make(spacecraft, {})

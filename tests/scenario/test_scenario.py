@@ -7,7 +7,6 @@ import pytest
 import yaml
 
 from cpid_drake import (
-    InputError,
     MultiSine,
     load_scenario,
     make_simulation,
@@ -55,20 +54,6 @@ def edited(paper_yaml):
     return make
 
 
-def refusal(call, *args) -> str:
-    with pytest.raises(InputError) as caught:
-        call(*args)
-    message = str(caught.value)
-    assert "\n" not in message
-    return message
-
-
-def build(path):
-    scenario = load_scenario(path)
-    sampling_times(scenario)
-    return make_simulation(scenario)
-
-
 # -- reading -------------------------------------------------------------------------------------
 
 
@@ -85,38 +70,7 @@ def test_keys_left_out_keep_their_defaults(paper_yaml, write):
 # -- what is no scenario -------------------------------------------------------------------------
 
 
-def test_degrees_are_called_so_where_radians_are_possible(write, edited):
-    key = "joint_motion.initial"
-    message = refusal(build, write(edited(key, {"capture_arm_joint1": -30.0})))
-    assert "joint_motion.initial: capture_arm_joint1 = -30 is outside [-3.1, 3.1]" in message
-    assert "angles are in radians: -30 degrees are -0.5236" in message
-    # Slightly out of limits, or also as degrees: no guess.
-    for value in (3.2, 1e6):
-        build(write(edited(key, {"capture_arm_joint1": value})))
-
-
 # -- what cannot be built ------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("key", "value", "cause"),
-    [
-        ("target.I_TTcm_C", [[-1, 0, 0], [0, 1, 0], [0, 0, 1]], "negative"),
-        (
-            "target.p_CTcm_C",
-            [433.0, 0.0, 0.0],
-            "target: a centre of mass or a radius of gyration of 433 m; are",
-        ),
-        ("simulation.simulator.step", 0.1, "step"),
-        ("simulation.log_period", 1e-7, "log_period of 1e-07 s is more than 1000000 times"),
-        ("spacecraft.capture_frame", "claw", "no Frame named 'claw'"),
-        ("simulation.simulator.integration_scheme", "leapfrog", "must be one of runge_kutta3"),
-    ],
-)
-def test_a_scenario_that_cannot_be_built_is_refused_with_the_cause(
-    write, edited, key, value, cause
-):
-    assert cause in refusal(build, write(edited(key, value)))
 
 
 # -- kinds of joint motion -----------------------------------------------------------------------
@@ -233,24 +187,6 @@ def test_a_prior_is_what_the_recursive_fit_starts_from(write, paper_yaml):
     assert not before_the_first_sample(None).is_observable
 
 
-@pytest.mark.parametrize(
-    ("values", "cause"),
-    [
-        ({"prior": guess(), "rows": "eq18"}, "identification.prior: least_squares uses no prior"),
-        (RECURSIVE | {"prior": guess(sigma=0.0)}, "sigma must be a number from 1e-6 to 100, not 0"),
-        (
-            RECURSIVE | {"prior": guess(p_CTcm_C=[0, 0, 0], I_TTcm_C=np.zeros((3, 3)).tolist())},
-            "a point at C's origin",
-        ),
-    ],
-)
-def test_a_prior_that_cannot_be_is_refused(write, paper_yaml, values, cause):
-    content = paper_yaml | {"sensors": {"suite": "flight"}, "identification": values}
-    message = refusal(load_scenario, write(content))
-    assert "scenario.yaml: identification.prior" in message
-    assert cause in message
-
-
 def test_a_suite_of_ones_own_starts_at_the_scenarios_folder(
     write, paper_yaml, tmp_path, monkeypatch
 ):
@@ -264,37 +200,6 @@ def test_a_suite_of_ones_own_starts_at_the_scenarios_folder(
     assert load_sensors(scenario.accuracy.presets[0]).encoders.rate == 20.0
     uri = "package://cpid_drake_models/sensors/flight.yaml"
     assert load_scenario(write(paper_yaml | {"sensors": {"suite": uri}})).make_suite() is not None
-
-
-FIRING = {"time": 5.0, "momentum_W": 6 * [1.0]}
-
-
-@pytest.mark.parametrize(
-    ("section", "values", "cause"),
-    [
-        ("sensors", {"suite": "nothing"}, "sensors.suite: no sensors: "),
-        (
-            "sensors",
-            {"suite": "flight", "explicit": {"encoders": {}}},
-            "scenario.yaml: sensors: suite and explicit: give one of the two",
-        ),
-        (
-            "sensors",
-            {"explicit": {"encoders": {"rate": -1.0}}},
-            "sensors.explicit.encoders.rate must be greater than or equal to 0.001, not -1.0",
-        ),
-        (
-            "identification",
-            {"estimator": "guess"},
-            "identification.estimator must be one of least_squares, recursive_fit",
-        ),
-        ("identification", {"estimator": "recursive_fit"}, "needs sensors; give sensors.suite"),
-        ("accuracy", {"presets": ["flight", "nothing"]}, "accuracy.presets[1]: no sensors: "),
-        ("accuracy", {"firing": FIRING | {"time": 10.5}}, "duration, 10 s, not 10.5"),
-    ],
-)
-def test_sensing_that_cannot_be_is_refused_with_the_key(write, paper_yaml, section, values, cause):
-    assert cause in refusal(load_scenario, write(paper_yaml | {section: values}))
 
 
 def test_forces_of_the_simulation_are_written_and_read_without_loss(tmp_path):

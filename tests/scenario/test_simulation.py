@@ -61,18 +61,6 @@ def test_a_motion_that_starts_moving_needs_the_right_base_twist(servicer, skewed
     assert np.abs(momentum).max() > 1.0
 
 
-def test_drawing_changes_nothing(paper_scenario):
-    """With a SceneGraph and Meshcat the same motion comes out."""
-    from pydrake.geometry import Meshcat
-
-    paper_scenario.simulation.simulator.accuracy = 1e-6
-    paper_scenario.simulation.duration = 2.0
-    plain = make_simulation(paper_scenario)
-    drawn = make_simulation(paper_scenario, meshcat=Meshcat())
-    ours, theirs = plain.telemetry(plain.run()), drawn.telemetry(drawn.run())
-    np.testing.assert_allclose(ours.p_WB, theirs.p_WB, rtol=0, atol=1e-7)
-
-
 @pytest.mark.slow
 def test_a_tumbling_capture_is_identified_with_its_momentum():
     """Online, in the full simulation; the momentum stays what the scenario says."""

@@ -4,9 +4,6 @@ import re
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from scipy.spatial.transform import Rotation
@@ -101,31 +98,6 @@ def test_drake_reads_what_was_meant(target, format, tmp_path):
     assert exported.name == "target"
     assert exported.files[0] == path
     assert sorted(exported.files) == sorted(tmp_path.iterdir())
-    assert_same(by_drake(path, "target"), target)
-
-
-@st.composite
-def bodies(draw) -> InertialParameters:
-    """Any body from a gram to a thousand tons, from solid to flat, in any attitude and place."""
-    unit = st.floats(0, 1)
-    mass, size, distance = (10 ** draw(st.floats(low, high)) for low, high in BODY_DECADES)
-    second_moments = mass * size**2 * np.array([1.0, draw(unit), draw(unit)])
-    moments = second_moments.sum() - second_moments
-    attitude = draw(arrays(float, 4, elements=st.floats(-1, 1)).filter(lambda q: q @ q > 1e-3))
-    R = Rotation.from_quat(attitude).as_matrix()
-    inertia = R @ np.diag(moments) @ R.T
-    com = distance * draw(arrays(float, 3, elements=st.floats(-1, 1, width=16)))
-    return InertialParameters(mass, com, (inertia + inertia.T) / 2)
-
-
-BODY_DECADES = ((-3, 6), (-2, 1.5), (-3, 2))
-
-
-@settings(max_examples=40, deadline=None)
-@given(target=bodies(), format=st.sampled_from(["urdf", "sdf", "mjcf"]))
-def test_drake_reads_any_body_as_it_was_meant(tmp_path_factory, target, format):
-    path = out_file(tmp_path_factory.mktemp("any"), format)
-    export_target(target, path, format=format)
     assert_same(by_drake(path, "target"), target)
 
 

@@ -9,7 +9,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 from scipy.spatial.transform import Rotation
 
-from cpid_drake import InertialParameters, InputError, Motion, Spacecraft
+from cpid_drake import InputError, Motion, Spacecraft
 from cpid_drake.dynamics.momentum import momentum_samples
 from cpid_drake.resources import models_directory
 
@@ -272,12 +272,6 @@ def two_arms(load, tmp_path):
     return make
 
 
-def test_two_instances_of_an_arm_have_scoped_joint_names(two_arms):
-    spacecraft = two_arms(capture_frame="right::tip")
-    assert set(spacecraft.joint_names) == {"j", "left::turn", "right::turn"}
-    assert_drake_agrees(spacecraft)
-
-
 OFFSET = "X_PC: {translation: [0.4, -0.3, 0.2], rotation: !Rpy {deg: [20, -30, 50]}}"
 
 
@@ -384,23 +378,6 @@ def test_an_inertia_that_no_body_has_is_refused(refusal, name):
 # -- states --------------------------------------------------------------------------------------
 
 
-def test_states_mean_what_drake_takes_them_for(servicer):
-    telemetry = random_telemetry(servicer.joint_names, n=1)
-    context = servicer.plant.CreateDefaultContext()
-    servicer.plant.SetPositionsAndVelocities(context, servicer.to_states(telemetry)[0])
-    base = servicer.base
-    X_WB = servicer.plant.EvalBodyPoseInWorld(context, base)
-    V_WB = servicer.plant.EvalBodySpatialVelocityInWorld(context, base)
-    np.testing.assert_allclose(X_WB.rotation().matrix(), telemetry.R_WB[0], atol=1e-14)
-    np.testing.assert_allclose(X_WB.translation(), telemetry.p_WB[0], atol=1e-14)
-    np.testing.assert_allclose(V_WB.rotational(), telemetry.w_WB[0], atol=1e-14)
-    np.testing.assert_allclose(V_WB.translational(), telemetry.v_WB[0], atol=1e-14)
-    for k, name in enumerate(servicer.joint_names):
-        joint = servicer.plant.GetJointByName(name)
-        assert joint.get_angle(context) == telemetry.q[0, k]
-        assert joint.get_angular_rate(context) == telemetry.qdot[0, k]
-
-
 # -- plants with a target ------------------------------------------------------------------------
 
 
@@ -416,19 +393,6 @@ def test_a_plant_that_cannot_be_used_is_refused(servicer, paper_target, flaw):
         plant.Finalize()
     with pytest.raises(InputError, match="empty, not finalized, and continuous"):
         servicer.add_to(plant, paper_target)
-
-
-def test_the_target_sits_on_the_capture_frame(servicer, skewed_target):
-    """Its body frame is C, with the target's centre of mass and inertia in it."""
-    plant = MultibodyPlant(time_step=0.0)
-    body = servicer.add_to(plant, skewed_target)
-    context = plant.CreateDefaultContext()
-    state = servicer.to_states(random_telemetry(servicer.joint_names, n=1))[0]
-    plant.SetPositionsAndVelocities(context, state)
-    X_CT = body.body_frame().CalcPose(context, plant.GetFrameByName("capture_point"))
-    assert X_CT.IsNearlyIdentity(1e-14)
-    held = InertialParameters.from_spatial_inertia(body.default_spatial_inertia())
-    np.testing.assert_allclose(held.to_vector(), skewed_target.to_vector(), atol=1e-12)
 
 
 def test_gravity_is_off_everywhere(load, paper_target):
