@@ -331,13 +331,15 @@ def pushed(seed: int, folder: Path, *, planar: bool | None = None, on: str | Non
     sensors = pose_sensors(rate, sigma_m, sigma_rad) | {"encoders": {"rate": rate, "sigma": 1.5e-3}}
     sensors["disturbances"] = dict(zip(("acceleration_noise", "torque_noise"), map(float, noise)))
     valve = {
-        "position": [float(x) for x in place],
         "force": 1.0,
         "force_sigma": 0.05,
         "on": on,
         "axes": "world",
     }
-    entries = {n: {**valve, "direction": v.direction.tolist()} for n, v in zip(names, fitted)}
+    entries = {  # each with a list of its own: YAML would write one as an alias
+        n: {**valve, "position": place.tolist(), "direction": v.direction.tolist()}
+        for n, v in zip(names, fitted)
+    }
     sensors["thrusters"] = {"delay_ms": 100.0, "valves": entries}
     far = np.abs(found["p"]).max()
     what = (
