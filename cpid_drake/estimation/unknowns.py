@@ -149,7 +149,7 @@ class Model:
     def no_forces(self, start: float, end: float) -> NDArray[np.float64]:
         """Return white forces (K,) of zero in a block from start to end [s]."""
         is_planar = self.tree.normal_B is not None
-        forces = white_forces(self.suite.disturbances, start, end, is_planar)
+        forces = white_forces(self.suite, start, end, is_planar)
         return np.zeros(sum(force.size for force in forces))
 
     @property

@@ -85,7 +85,7 @@ class BlockModel:
         thrust = thrust_log(measurements.thrust, suite.thrusters, constants, nominal)
         zeros = constants.joint_zeros(nominal)
         is_planar = tree.normal_B is not None
-        white = white_forces(suite.disturbances, joints.start, joints.end, is_planar)
+        white = white_forces(suite, joints.start, joints.end, is_planar)
         self.motion = BaseMotion(
             tree, joints, times, step, constants, suite.orbit, thrust, zeros, white
         )

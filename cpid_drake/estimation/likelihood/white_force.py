@@ -12,10 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.plane import NORMAL_W
-from cpid_drake.sensors.disturbances import Disturbances
+from cpid_drake.sensors.sensors import Gyro
+from cpid_drake.sensors.suite import SensorSuite
 
 PIECE = 0.5
-"""Length of a piece [s]."""
+"""Length of a piece [s]: attitude and position show no shorter ones."""
+
+SHORTEST_PIECE = 0.05
+"""A gyro shows a torque in each of its samples; pieces are not shorter than this [s]."""
 
 TORQUE_NOISE, ACCELERATION_NOISE = "torque_noise", "acceleration_noise"
 """Names of the two kinds: as effects, and as readings."""
@@ -33,6 +37,7 @@ class WhiteForce:
     Args:
         name: `TORQUE_NOISE` or `ACCELERATION_NOISE`.
         sigma: its size [N·m·√s or m/s²·√s].
+        piece: length of a piece [s].
         first: place of its first entry in `TrajectoryState.forces`.
         start, end: of the block [s].
         is_planar: whether a table holds tilt and height.
@@ -40,10 +45,17 @@ class WhiteForce:
     """
 
     def __init__(
-        self, name: str, sigma: float, first: int, start: float, end: float, is_planar: bool
+        self,
+        name: str,
+        sigma: float,
+        piece: float,
+        first: int,
+        start: float,
+        end: float,
+        is_planar: bool,
     ) -> None:
         self.name, self._start, self._length = name, start, end - start
-        self.pieces = max(1, round(self._length / PIECE))
+        self.pieces = max(1, round(self._length / piece))
         turn, move = (NORMAL_W[None], np.eye(3)[:2]) if is_planar else (np.eye(3), np.eye(3))
         self._h = self._length / self.pieces
         self.axes = turn if name == TORQUE_NOISE else move
@@ -78,14 +90,14 @@ class WhiteForce:
         return {"p": travel, "v": impulse}
 
 
-def white_forces(
-    size: Disturbances | None, start: float, end: float, is_planar: bool
-) -> list[WhiteForce]:
-    """Return the white forces that are declared, in a block from start to end [s]."""
+def white_forces(suite: SensorSuite, start: float, end: float, is_planar: bool) -> list[WhiteForce]:
+    """Return the white forces that a suite declares, in a block from start to end [s]."""
     found: list[WhiteForce] = []
-    for name in (TORQUE_NOISE, ACCELERATION_NOISE):
-        sigma = 0.0 if size is None else float(getattr(size, name))
+    steps = [1 / each.rate for each in suite.present().values() if isinstance(each, Gyro)]
+    pieces = {TORQUE_NOISE: max(min([PIECE, *steps]), SHORTEST_PIECE), ACCELERATION_NOISE: PIECE}
+    for name, piece in pieces.items():
+        sigma = float(getattr(suite.disturbances, name, 0.0))
         if sigma > 0:
             first = found[-1].rows.stop if found else 0
-            found.append(WhiteForce(name, sigma, first, start, end, is_planar))
+            found.append(WhiteForce(name, sigma, piece, first, start, end, is_planar))
     return found
