@@ -1,5 +1,7 @@
 """`cpid identify`."""
 
+import math
+import time
 from pathlib import Path
 from typing import Annotated
 
@@ -33,6 +35,14 @@ def identify(
     report: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write a report, one HTML page.")
     ] = None,
+    seconds: Annotated[
+        float,
+        typer.Option(
+            help="The trajectory fit ends after this time at the latest, with the result so far "
+            "and a failed check.",
+            show_default=False,
+        ),
+    ] = math.inf,
     force: options.ForceOption = False,
     quiet: options.QuietOption = False,
 ) -> int:
@@ -47,7 +57,13 @@ def identify(
     requests = [chosen.request(each) for each in logs]
     console = options.log_console()
     with options.log_console(quiet).status("identifying") as status:
-        evidence = cpid.identify_files(requests, status.update)
+        end = time.monotonic() + seconds
+
+        def progress(step: str) -> bool:
+            status.update(step)
+            return time.monotonic() < end
+
+        evidence = cpid.identify_files(requests, progress)
         result = evidence.found
         if json_file is not None:
             cpid.write_result(json_file, result)

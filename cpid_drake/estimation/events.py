@@ -7,7 +7,7 @@ sensors. The blocks beside a change are cut into parts, so that a change inside 
 near it, and all ends are judged once more.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -53,7 +53,11 @@ class Event:
 
 
 def fit_with_events(
-    model: Model, found: Fit, question: Question, rows: Sequence[Gaussian] = ()
+    model: Model,
+    found: Fit,
+    question: Question,
+    rows: Sequence[Gaussian] = (),
+    progress: Callable[[str], object] = lambda step: None,
 ) -> tuple[Fit, list[Event]]:
     """Return a fit with the changes of momentum that its samples show, and these.
 
@@ -61,7 +65,7 @@ def fit_with_events(
         model: the unknowns.
         found: a fit without changes, which is returned if the samples show none.
         question: the candidates beside the changes, which are judged together.
-        rows: further information about unknowns; see `fit`.
+        rows, progress: see `fit`.
 
     Raises:
         InputError: no motion can be predicted.
@@ -73,7 +77,7 @@ def fit_with_events(
     now, wide = found, found
     for last in [False] * (ROUNDS - 1) + [True]:
         logs = [log.opened(model, range(len(log.blocks) - 1)) for log in now.logs]
-        wide = fit(model, logs, rows=rows, values=now.values)
+        wide = fit(model, logs, rows=rows, values=now.values, progress=progress)
         if wide.cost > FAR**2 * sum(each.count for each in wide.rolled):
             return found, []  # changes do not explain the samples
         changes = _changes(model, wide, question, rows)
@@ -87,7 +91,7 @@ def fit_with_events(
         for log, each in zip(logs, changes, strict=True)
         for k in each
     ]
-    return fit(model, logs, rows=rows, values=wide.values), events
+    return fit(model, logs, rows=rows, values=wide.values, progress=progress), events
 
 
 def _changes(

@@ -8,7 +8,7 @@ another result, is one more Gaussian in the sum.
 Sources: Nocedal and Wright 2006, ch. 10; Nielsen 1999 (damping); Huber 1964 (weights).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -86,6 +86,7 @@ def fit(
     *,
     rows: Sequence[Gaussian] = (),
     values: Values | None = None,
+    progress: Callable[[str], object] = lambda step: None,
 ) -> Fit:
     """Fit all unknowns to all samples of some logs.
 
@@ -95,6 +96,8 @@ def fit(
         rows: further information about unknowns, each by its values.
         values: of all unknowns, at which logs that have a start are continued; default: from
             linear least squares.
+        progress: called before every sweep but the first with a description; if it returns False,
+            the fit ends without having converged.
 
     Raises:
         InputError: no motion can be predicted for the start.
@@ -106,10 +109,10 @@ def fit(
         if any(log.links and not len(log.forces[0]) for log in logs):
             for share in CLOSING:  # from blocks of their own to one motion
                 logs = [log.with_links(share) for log in logs]
-                wide = _minimized(model, logs, rows, values, until_settled=True)
+                wide = _minimized(model, logs, rows, values, progress, until_settled=True)
                 values, logs = wide.values, wide.logs
         logs = [log.opened(model, ()) for log in logs]
-    return _minimized(model, logs, rows, values)
+    return _minimized(model, logs, rows, values, progress)
 
 
 def _minimized(
@@ -117,6 +120,7 @@ def _minimized(
     logs: list[LogState],
     rows: Sequence[Gaussian],
     values: Values,
+    progress: Callable[[str], object],
     *,
     until_settled: bool = False,
 ) -> Fit:
@@ -126,6 +130,8 @@ def _minimized(
     total, swept = prior_of(model, logs, values, rows), list[Swept]()
     sigmas = {u.key(log.name): u.sigma for u in model.table for log in logs}
     while sweeps < MOST_SWEEPS and not converged:
+        if sweeps and progress(f"fitting: sweep {sweeps + 1}, χ² {now.cost:.6g}") is False:
+            break
         if settled:
             parts = zip(now.logs, now.rolled, swept, strict=True)
             now = replace(now, logs=[reweighted(model, log, r, s.absorbed) for log, r, s in parts])

@@ -66,7 +66,7 @@ _FEW_ROWS = 20  # fewer rows show no correlation in time
 def estimate(
     known: Known,
     logs: Mapping[str, CheckedLog],
-    progress: Callable[[str], None] = lambda step: None,
+    progress: Callable[[str], object] = lambda step: None,
 ) -> Identification:
     """Identify a target by least squares on momentum rows.
 

@@ -40,7 +40,7 @@ class Estimator:
     name: str
     label: str
     good_for: str
-    estimate: Callable[[Known, Mapping[str, CheckedLog], Callable[[str], None]], Identification]
+    estimate: Callable[[Known, Mapping[str, CheckedLog], Callable[[str], object]], Identification]
     uses_rows: bool = False
     reports: int = 8
 

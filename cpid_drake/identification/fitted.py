@@ -58,7 +58,7 @@ HELD = 1e-9
 def estimate(
     known: Known,
     logs: Mapping[str, CheckedLog],
-    progress: Callable[[str], None] = lambda step: None,
+    progress: Callable[[str], object] = lambda step: None,
 ) -> Identification:
     """Fit one target, and all that is not known besides, to all samples of some logs.
 
@@ -77,14 +77,14 @@ def estimate(
     progress("fitting")
     declared = Constants.of(suite, model.joint_count).errors
     question = Question.of(model, declared, logs, known.momentum)
-    found, rows = _fit(model, states, known.prior)
+    found, rows = _fit(model, states, known.prior, progress)
     noisiest = max(factor for log in found.logs for factor in log.noise.values())
     if known.known_bodies is None and noisiest <= MOST_NOISE:
         other = with_bodies(found, question, rows)
         if other is not None:
             model, found, warnings = other.model, other, (*warnings, BODIES_ACT)
     wrong = contradicted(found.gaussian, found.values, question, model)
-    found, events = fit_with_events(model, found, _without(question, wrong), rows)
+    found, events = fit_with_events(model, found, _without(question, wrong), rows, progress)
     wrong = contradicted(found.gaussian, found.values, question, model)  # beside the changes
     question = _without(question, wrong)
     progress("comparing")
@@ -156,17 +156,20 @@ def change_warnings(times: Sequence[float]) -> tuple[str, ...]:
 
 
 def _fit(
-    model: Model, logs: Sequence[LogState], prior: TargetPrior | None
+    model: Model,
+    logs: Sequence[LogState],
+    prior: TargetPrior | None,
+    progress: Callable[[str], object],
 ) -> tuple[Fit, tuple[Gaussian, ...]]:
     """Return the fit, and the prior's rows: linear about the target that logs and prior give."""
     if prior is None:
-        return fit(model, logs), ()
+        return fit(model, logs, progress=progress), ()
     form = relative_parameterization(model.mass)
     psi = prior.moved(form, model.unknown(PSI).mean)
     rows = (prior.gaussian(PSI, form, psi, model.plausible),)
-    found = fit(model, logs, rows=rows)
+    found = fit(model, logs, rows=rows, progress=progress)
     rows = (prior.gaussian(PSI, form, found.values[PSI], model.plausible),)
-    return fit(model, found.logs, rows=rows, values=found.values), rows
+    return fit(model, found.logs, rows=rows, values=found.values, progress=progress), rows
 
 
 def _separated(

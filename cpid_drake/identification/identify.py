@@ -44,7 +44,7 @@ def identify(
     known_bodies: BodyUncertainty | None = None,
     prior: TargetPrior | None = None,
     planar: bool | None = None,
-    progress: Callable[[str], None] = lambda step: None,
+    progress: Callable[[str], object] = lambda step: None,
 ) -> Identification:
     """Identify the target held by a spacecraft, from one log or from several.
 
@@ -75,7 +75,9 @@ def identify(
             air-bearing table: only momentum in the plane is then used, because the table holds the
             others (`dynamics.plane`). Default: measurements whose tilts and heights are exactly
             zero, as those of a log of x, y and yaw, are identified in the plane, with a warning.
-        progress: called before every step with a short description of the step.
+        progress: called before every step with a short description of the step; if it returns
+            False, the trajectory fit ends with the result so far, which fails the check of
+            convergence.
 
     Raises:
         InputError: there is no log; the estimator or the rows are unknown, or cannot handle this

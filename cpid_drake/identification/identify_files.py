@@ -66,13 +66,13 @@ class Evidence:
 
 
 def identify_files(
-    requests: Sequence[Request], progress: Callable[[str], None] = lambda step: None
+    requests: Sequence[Request], progress: Callable[[str], object] = lambda step: None
 ) -> Evidence:
     """Identify the target of a spacecraft from one telemetry file, or from several together.
 
     Args:
         requests: the requests, which differ in the telemetry only.
-        progress: called before every step with a short description of the step.
+        progress: see `identify`.
 
     Raises:
         InputError: a model, sensors, telemetry or a prior that cannot be read or used; see the
@@ -128,7 +128,7 @@ def converge(evidence: Evidence, progress: Callable[[str], None] = lambda step: 
     return [*estimates, (end, result)]
 
 
-def opened_inputs(request: Request, progress: Callable[[str], None]) -> Known:
+def opened_inputs(request: Request, progress: Callable[[str], object]) -> Known:
     """Return the inputs of a request besides its telemetry.
 
     Args:

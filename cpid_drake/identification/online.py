@@ -160,7 +160,7 @@ def identification_of_state(
 def estimate(
     known: Known,
     logs: Mapping[str, CheckedLog],
-    progress: Callable[[str], None] = lambda step: None,
+    progress: Callable[[str], object] = lambda step: None,
 ) -> Identification:
     """Run the fit online over all samples, in order of time.
 

@@ -219,6 +219,12 @@ class TestSeveralLogs:
         for page in ("both.html", "again.html"):
             assert "second.csv" in Path(page).read_text()
 
+    def test_without_time_the_result_so_far_fails_a_check(self, cpid, halves):
+        code, stdout, _ = cpid("identify", halves[0], *NOISY, "--seconds", "0", "--json", "x.json")
+        assert code == 4
+        assert "failed check: the estimator did not converge" in stdout
+        assert np.isfinite(read_result("x.json").parameters).any()
+
     def test_logs_of_rank_nine_determine_all_together(self, cpid, two_samples):
         assert [cpid("identify", log, *SERVICER, "--quiet")[0] for log in two_samples] == [3, 3]
         assert cpid("identify", *two_samples, *SERVICER, "--quiet")[0] == 0
