@@ -6,7 +6,7 @@ the momentum of a log. A fit with all of them free is compared with itself witho
 every log proposes errors, and the last third judges them: what chose a model cannot confirm it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import fields, replace
 from typing import Any
@@ -110,7 +110,12 @@ def with_plausible(
     return result
 
 
-def with_bodies(found: Fit, question: Question, rows: Sequence[Gaussian]) -> Fit | None:
+def with_bodies(
+    found: Fit,
+    question: Question,
+    rows: Sequence[Gaussian],
+    progress: Callable[[str], object] = lambda step: None,
+) -> Fit | None:
     """Return a fit in which the bodies are uncertain, if their errors explain the samples better.
 
     It is made only if the samples show an error that nobody declares. As for these, the first two
@@ -122,7 +127,7 @@ def with_bodies(found: Fit, question: Question, rows: Sequence[Gaussian]) -> Fit
         return None
     model = Model(found.model.tree, found.model.suite, PLAUSIBLE_BODIES)
     start = model.start([log.name for log in found.logs])
-    other = fit(model, found.logs, rows=rows, values=start | found.values)
+    other = fit(model, found.logs, rows=rows, values=start | found.values, progress=progress)
     candidates = question.candidates | {BODIES: model.unknown(BODIES).sigma}
     asked = replace(question, candidates=candidates)
     if BODIES not in asked.answer(other.gaussian, other.values).named:

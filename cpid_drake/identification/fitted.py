@@ -78,9 +78,9 @@ def estimate(
     declared = Constants.of(suite, model.joint_count).errors
     question = Question.of(model, declared, logs, known.momentum)
     found, rows = _fit(model, states, known.prior, progress)
-    noisiest = max(factor for log in found.logs for factor in log.noise.values())
+    noisiest = max((factor for log in found.logs for factor in log.noise.values()), default=1.0)
     if known.known_bodies is None and noisiest <= MOST_NOISE:
-        other = with_bodies(found, question, rows)
+        other = with_bodies(found, question, rows, progress)
         if other is not None:
             model, found, warnings = other.model, other, (*warnings, BODIES_ACT)
     wrong = contradicted(found.gaussian, found.values, question, model)
