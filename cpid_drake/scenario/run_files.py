@@ -58,7 +58,13 @@ def write_run(
     """
     truth, sensors = simulation.telemetry(root_context), simulation.sensors
     scenario = simulation.scenario
-    texts = {"truth.json": _json(target_document(simulation))}
+    mass, *rest = simulation.truth.to_vector().tolist()
+    names = list(PARAMETER_NAMES[4:])
+    target = {"mass": mass, "com": rest[:3], "inertia": rest[3:], "inertia_entries": names}
+    texts = {"truth.json": _json(target)}
+    # That of all bodies has to be that at the start, and what the forces from outside gave.
+    error = simulation.momentum(root_context) - simulation.expected_momentum(root_context)
+    drift = {"linear_N_s": error[:, 3:], "angular_N_m_s": error[:, :3]}
     if sensors:
         texts["sensors.yaml"] = dump_yaml(sensors.suite)
     texts["scenario.yaml"] = dump_scenario(scenario)
@@ -72,7 +78,7 @@ def write_run(
         "simulated_seconds": scenario.simulation.duration,
         "wall_seconds": round(wall_seconds, 3),
         "sensor_seed": scenario.sensors.seed if sensors else None,
-        "momentum_drift": momentum_drift(simulation, root_context),
+        "momentum_drift": {k: np.linalg.norm(x, axis=1).max() for k, x in drift.items()},
         "limits": asdict(limits),
         "files": names,
         "online_identification": online_document(simulation, root_context),
@@ -92,27 +98,6 @@ def versions() -> dict[str, str | None]:
     """Return the versions of this package and its libraries, by name."""
     packages = ("cpid-drake", "drake", "numpy", "scipy")
     return {"python": platform.python_version()} | {name: version_of(name) for name in packages}
-
-
-def target_document(simulation: Simulation) -> dict[str, Any]:
-    """Return the true target in C: mass [kg], com [m], inertia about the centre of mass [kg·m²]."""
-    mass, *rest = simulation.truth.to_vector().tolist()
-    return {
-        "mass": mass,
-        "com": rest[:3],
-        "inertia": rest[3:],
-        "inertia_entries": list(PARAMETER_NAMES[4:]),
-    }
-
-
-def momentum_drift(simulation: Simulation, root_context: Context) -> dict[str, float]:
-    """Return the largest error of the total momentum about W's origin, in the logged motion.
-
-    The momentum of all bodies has to be that at the start, and what the forces from outside gave.
-    """
-    error = simulation.momentum(root_context) - simulation.expected_momentum(root_context)
-    drift = {"linear_N_s": error[:, 3:], "angular_N_m_s": error[:, :3]}
-    return {name: float(np.linalg.norm(each, axis=1).max()) for name, each in drift.items()}
 
 
 def online_document(simulation: Simulation, root_context: Context) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """The Drake Diagram of a scenario, and the telemetry of its runs."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -110,30 +110,32 @@ class Simulation:
             InputError: the motion is too fast for the simulation.
 
         """
-        return self._run_to([self.scenario.simulation.duration], monitor, realtime_rate)[0]
+        return self.run_sampled([], monitor, realtime_rate)[0]
 
-    def run_sampled(self, times: ArrayLike) -> tuple[Context, Motion]:
-        """Simulate as `run` does; also return the telemetry at increasing times (N,) [s]."""
-        context, states = self._run_to([*np.asarray(times), self.scenario.simulation.duration])
-        return context, self.spacecraft.to_telemetry(times, states[:-1])
-
-    def _run_to(
+    def run_sampled(
         self,
-        times: Sequence[float],
+        times: ArrayLike,
         monitor: Callable[[Context], EventStatus | None] = lambda context: None,
         realtime_rate: float = 0.0,
-    ) -> tuple[Context, list[NDArray[np.float64]]]:
+    ) -> tuple[Context, Motion]:
+        """Simulate as `run` does; also return the telemetry at increasing times (N,) [s]."""
+        times = np.asarray(times, dtype=float)
         simulator = self.make_simulator()
         simulator.set_target_realtime_rate(realtime_rate)
         simulator.set_monitor(monitor)
-        context = self.plant.GetMyContextFromRoot(simulator.get_context())
-        states = []
-        for time in times:
-            advance(simulator, time)
+        root_context, states = simulator.get_context(), []
+        context = self.plant.GetMyContextFromRoot(root_context)
+        for time in [*times, self.scenario.simulation.duration]:
+            try:
+                simulator.AdvanceTo(time)
+            except RuntimeError as error:
+                now = root_context.get_time()
+                raise InputError(f"the simulation fails at t = {now:.6g} s: {error}") from error
             states.append(self.plant.GetPositionsAndVelocities(context)[self.state_columns])
         simulator.AdvancePendingEvents()  # the samples that are due at the end
         self.identifier.Finish(simulator.get_mutable_context())
-        return simulator.get_context().Clone(), states
+        sampled = self.spacecraft.to_telemetry(times, np.array(states)[:-1])
+        return root_context.Clone(), sampled
 
     def identification(self, root_context: Context) -> Identification:
         """Return the identification in a run's Context, with its checks; see `checks`."""
@@ -184,20 +186,6 @@ class Simulation:
         return found.updated({THRUST: self.thrust})
 
 
-def advance(simulator: Simulator, time: float) -> None:
-    """Advance a simulator to this time [s].
-
-    Raises:
-        InputError: no step is short enough for the motion.
-
-    """
-    try:
-        simulator.AdvanceTo(time)
-    except RuntimeError as error:
-        now = simulator.get_context().get_time()
-        raise InputError(f"the simulation fails at t = {now:.6g} s: {error}") from error
-
-
 def make_simulation(
     scenario: Scenario, *, target: InertialParameters | None = None, meshcat: Meshcat | None = None
 ) -> Simulation:
@@ -246,18 +234,20 @@ def make_simulation(
     )
     state = spacecraft_state(builder, spacecraft, plant)
 
-    source = builder.AddSystem(JointMotionSource(motion))
+    source, config = builder.AddSystem(JointMotionSource(motion)), scenario.controller
+    mass, moment = config.nominal_mass, 0.4 * config.nominal_mass * config.nominal_radius**2
+    sphere = InertialParameters(mass, np.zeros(3), moment * np.eye(3))
     JointController.AddToBuilder(
         builder,
         spacecraft,
         state=plant.get_state_output_port(),
         desired_motion=source.get_output_port(),
         generalized_force=plant.get_applied_generalized_force_input_port(),
-        target=_controllers_target(scenario, truth),
+        target=truth if config.knows_target else sphere,
         connect=grasp,
         plant=plant,
-        natural_frequency=scenario.controller.natural_frequency,
-        damping_ratio=scenario.controller.damping_ratio,
+        natural_frequency=config.natural_frequency,
+        damping_ratio=config.damping_ratio,
     )
 
     sensors, sensor_logs, suite = None, {}, scenario.make_suite()
@@ -377,12 +367,3 @@ def _entries(
     log = sink.FindLog(root_context)
     times, first = np.unique(log.sample_times(), return_index=True)
     return times, log.data()[:, first].T
-
-
-def _controllers_target(scenario: Scenario, truth: InertialParameters) -> InertialParameters:
-    """Return the controller's model of the target: the truth, or a sphere about C's origin."""
-    config = scenario.controller
-    if config.knows_target:
-        return truth
-    inertia = 0.4 * config.nominal_mass * config.nominal_radius**2 * np.eye(3)
-    return InertialParameters(config.nominal_mass, np.zeros(3), inertia)
