@@ -30,9 +30,6 @@ from cpid_drake.errors import InputError
 if TYPE_CHECKING:
     from pydrake.multibody.tree import SpatialInertia
 
-# Rounding error of a few hundred operations; not a physical tolerance.
-_ROUNDING = 1e-14
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class InertialParameters:
@@ -150,7 +147,7 @@ class InertialParameters:
         if self.mass <= 0:
             problems.append(f"the mass {self.mass:g} kg is not positive")
         low, middle, high = self.principal_moments()
-        slack = _ROUNDING * max(abs(low), abs(high))
+        slack = 1e-14 * max(abs(low), abs(high))  # rounding of a few hundred operations
         if low < -slack:
             problems.append(f"the principal moment {low:g} kg·m² is negative")
         if high > low + middle + slack:

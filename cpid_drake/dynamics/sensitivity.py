@@ -5,15 +5,9 @@ bodies, and the geometry of the arm, come from drawings. This module computes, i
 derivatives of the base's angular velocity and of the position of the system's centre of mass with
 respect to each of these quantities.
 
-S_j = [a; o × a] is the screw of joint j. I and Π are the spatial inertia and the momentum about
-B's origin, in B, of all bodies outboard of joint j, and V is the twist of the body inboard of it:
-
-    ∂Π/∂q̇_j = I S_j,      ∂Π/∂q_j = S_j ×* Π − I (S_j × V),
-
-with × and ×* the cross products of twists and of momenta (Featherstone 2008, ch. 2). An error of
-the joint's place or direction on its inboard body displaces the same bodies by another small screw
-S, for which the second equation holds unchanged. An error of the capture frame's pose displaces the
-target alone.
+A change of a joint's position, of its place or of its direction displaces all bodies outboard of it
+by a small screw S, see `outboard`; a change of its rate changes their momentum by I S. An error of
+the capture frame's pose displaces the target alone.
 """
 
 from dataclasses import dataclass, replace
@@ -62,8 +56,6 @@ def joint_sensitivity(
         outboard: the known bodies *and* the target, as from `KinematicTree.with_target`.
         psi: (10,) the target's relative vector ψ = (μ, μc, I_*).
         dynamics: dynamics of the known bodies alone, at the same instants.
-
-    Source: Featherstone 2008, ch. 2.
 
     """
     tree, bodies = outboard.tree, outboard.bodies

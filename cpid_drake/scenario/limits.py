@@ -18,9 +18,6 @@ LARGEST_MOVE = 0.01
 MOST_POSES = 5000
 """Largest number of poses in which distances are computed."""
 
-ROUNDING = 1e-9
-"""Relative excess over a limit that is ignored."""
-
 
 @dataclass(frozen=True)
 class LimitCheck:
@@ -101,7 +98,7 @@ def _joints_beyond(
             (needs, needs - effort, "needs", force, f"its motor gives {effort:.3g}"),
         ):
             n = int(excess.argmax())
-            if excess[n] > ROUNDING * max(1.0, abs(values[n])):
+            if excess[n] > 1e-9 * max(1.0, abs(values[n])):  # not by rounding
                 value = f"{values[n]:.3g} {unit} at {times[n]:.3g} s"
                 found.append(f"{joint} {verb} {value}, {limit} {unit}")
     return found

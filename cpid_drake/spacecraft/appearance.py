@@ -9,7 +9,6 @@ from pydrake.geometry import (
     AddContactMaterial,
     Ellipsoid,
     ProximityProperties,
-    Rgba,
     Role,
     SceneGraph,
 )
@@ -20,9 +19,6 @@ from pydrake.multibody.tree import BodyIndex, RigidBody, SpatialInertia
 from cpid_drake.errors import InputError
 from cpid_drake.spacecraft.model_checks import check_model, message_of
 from cpid_drake.spacecraft.parsing import make_parser
-
-GREY = Rgba(0.6, 0.6, 0.62, 1.0)
-"""Colour of shapes that have none of their own."""
 
 
 def inertia_ellipsoid(M_TCo_C: SpatialInertia) -> tuple[NDArray[np.float64], RigidTransform]:
@@ -60,7 +56,8 @@ def add_target_appearance(
     """
     if visual_model is None:
         semi_diameters, X_CE = inertia_ellipsoid(M_TCo_C)
-        plant.RegisterVisualGeometry(body, X_CE, Ellipsoid(*semi_diameters), "ellipsoid", GREY.rgba)
+        grey = [0.6, 0.6, 0.62, 1.0]
+        plant.RegisterVisualGeometry(body, X_CE, Ellipsoid(*semi_diameters), "ellipsoid", grey)
         return
     check_model(visual_model, str(visual_model), folders)
     scene_graph = SceneGraph()
@@ -71,26 +68,25 @@ def add_target_appearance(
         model.Finalize()
     except (RuntimeError, ValueError, SystemExit) as error:
         raise InputError(f"{visual_model}: {message_of(error, visual_model)}") from error
-    if model.num_velocities() > 6:
-        raise InputError(f"{visual_model}: a target is one rigid body, but this model has joints")
-    context = model.CreateDefaultContext()
+    if model.num_bodies() == 1 or model.num_velocities() > 6:
+        raise InputError(f"{visual_model}: a target is one rigid body, without joints")
+    context, inspector = model.CreateDefaultContext(), scene_graph.model_inspector()
     bodies = [model.get_body(BodyIndex(k)) for k in range(1, model.num_bodies())]
-    if not bodies:
-        raise InputError(f"{visual_model}: no body in it")
     X_RW = model.EvalBodyPoseInWorld(context, bodies[0]).inverse()
-    inspector = scene_graph.model_inspector()
+    properties = ProximityProperties()
+    AddContactMaterial(properties, friction=CoulombFriction(0.0, 0.0))
     for part in bodies:
         X_RP = X_RW @ model.EvalBodyPoseInWorld(context, part)
         frame = model.GetBodyFrameIdOrThrow(part.index())
-        for geometry in inspector.GetGeometries(frame, Role.kIllustration):
-            instance = inspector.CloneGeometryInstance(geometry)
-            instance.set_pose(X_RP @ inspector.GetPoseInFrame(geometry))
-            name = inspector.GetName(geometry).rpartition("::")[2]
-            instance.set_name(f"{part.name()}_{name}")
-            plant.RegisterVisualGeometry(body, instance)
-        for geometry in inspector.GetGeometries(frame, Role.kProximity):
-            X_RG = X_RP @ inspector.GetPoseInFrame(geometry)
-            name = f"{part.name()}_{inspector.GetName(geometry).rpartition('::')[2]}"
-            shape, properties = inspector.GetShape(geometry), ProximityProperties()
-            AddContactMaterial(properties, friction=CoulombFriction(0.0, 0.0))
-            plant.RegisterCollisionGeometry(body, X_RG, shape, name, properties)
+        for role in (Role.kIllustration, Role.kProximity):
+            for geometry in inspector.GetGeometries(frame, role):
+                X_RG = X_RP @ inspector.GetPoseInFrame(geometry)
+                name = f"{part.name()}_{inspector.GetName(geometry).rpartition('::')[2]}"
+                if role == Role.kProximity:
+                    shape = inspector.GetShape(geometry)
+                    plant.RegisterCollisionGeometry(body, X_RG, shape, name, properties)
+                    continue
+                instance = inspector.CloneGeometryInstance(geometry)
+                instance.set_pose(X_RG)
+                instance.set_name(name)
+                plant.RegisterVisualGeometry(body, instance)
