@@ -10,7 +10,7 @@ from cpid_drake.commands.options import ForceOption, ResultArgument, log_console
 from cpid_drake.errors import InputError
 from cpid_drake.identification.result_files import read_result
 from cpid_drake.output_files.overwriting import check_outputs
-from cpid_drake.spacecraft.export import export_target
+from cpid_drake.spacecraft.export import export_target, free_name
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 
@@ -74,11 +74,11 @@ def export(
             packages=source.packages,
         )
     check_outputs([("--out", out)], [result, *found.files()], force=force)
+    chosen, log = free_name(name, spacecraft), log_console()
     written = export_target(
-        target, out, format=format.value, spacecraft=spacecraft, name=name, overwrite=force
+        target, out, format=format.value, spacecraft=spacecraft, name=chosen, overwrite=force
     )
-    log = log_console()
-    if written.name != (name or "target"):
-        log.print(f"the model already has a 'target'; the exported one is '{written.name}'")
-    for file in written.files:
+    if chosen != (name or "target"):
+        log.print(f"the model already has a 'target'; the exported one is '{chosen}'")
+    for file in written:
         log.print(f"{file}: written; Drake reads the same parameters from it")

@@ -5,7 +5,6 @@ Every number is written with all its digits.
 
 import re
 from contextlib import ExitStack
-from dataclasses import dataclass
 from itertools import chain, count
 from pathlib import Path
 
@@ -27,20 +26,6 @@ FORMATS = {"urdf": ".urdf", "sdf": ".sdf", "mjcf": ".xml", "drake-yaml": ".dmd.y
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,63}")
 
 
-@dataclass(frozen=True)
-class Exported:
-    """The files of an exported target.
-
-    Attributes:
-        name: name of the target's link (or body).
-        files: the requested file, and the file that it refers to, if any.
-
-    """
-
-    name: str
-    files: tuple[Path, ...]
-
-
 def export_target(
     parameters: InertialParameters,
     path: str | Path,
@@ -49,7 +34,7 @@ def export_target(
     spacecraft: Spacecraft | None = None,
     name: str | None = None,
     overwrite: bool = False,
-) -> Exported:
+) -> tuple[Path, ...]:
     """Write the target as a model file; its link's frame is the capture frame C.
 
     Readers round numbers. A flat or rod-shaped body whose principal axes are not C's axes is
@@ -66,6 +51,9 @@ def export_target(
         name: name of the target's link; default: `target`, with a number if that name is taken.
         overwrite: whether an existing `path` is replaced.
 
+    Returns:
+        The requested file, and the file that it refers to, if any.
+
     Raises:
         InputError: no rigid body has the parameters, the format is unknown, the name is taken or
             not plain, the file exists, the folder cannot be written to, or names of the spacecraft
@@ -81,7 +69,7 @@ def export_target(
     ending = FORMATS[format]
     if not path.name.endswith(ending) or path.name == ending:
         raise InputError(f"{path}: the name of a file in format {format} must end in {ending}")
-    name = _free_name(name, spacecraft)
+    name = free_name(name, spacecraft)
     target = Link(name, _clear_of_the_limits(parameters))
 
     if format != "drake-yaml":
@@ -95,7 +83,7 @@ def export_target(
     with ExitStack() as drafts:  # the last is moved to its place first: the directives refer to it
         for place, text in texts.items():
             drafts.enter_context(draft_of(place)).write_text(text, encoding="utf-8")
-    return Exported(name, tuple(texts))
+    return tuple(texts)
 
 
 # -- names and numbers ---------------------------------------------------------------------------
@@ -106,7 +94,7 @@ def _weld_name(name: str) -> str:
     return f"{name}_weld"
 
 
-def _free_name(name: str | None, spacecraft: Spacecraft | None) -> str:
+def free_name(name: str | None, spacecraft: Spacecraft | None) -> str:
     """Return a name that is free for the target's link, model instance and (with "_weld") joint."""
     if name is not None and not _NAME.fullmatch(name):
         raise InputError(

@@ -7,7 +7,6 @@ includes itself.
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -33,22 +32,6 @@ _NUMBERS = frozenset(
 _MJCF_MASSES = {"settotalmass", "boundmass", "boundinertia", "balanceinertia", "inertiagrouprange"}
 
 
-@dataclass
-class FileContents:
-    """What Drake does not tell of a model's files.
-
-    Attributes:
-        efforts: effort limits in URDF files [N·m or N], by joint. Drake reads an effort limit only
-            if the joint has a transmission too.
-        hollow: links of URDF and SDF files that have a geometry and no inertia. Drake takes their
-            mass for zero (URDF) or for 1 kg (SDF).
-
-    """
-
-    efforts: dict[str, float] = field(default_factory=dict)
-    hollow: set[str] = field(default_factory=set)
-
-
 def package_map(folders: Mapping[str, Path]) -> PackageMap:
     """Return Drake's map of these packages, which does not download any."""
     packages = PackageMap()
@@ -67,7 +50,9 @@ def message_of(error: BaseException, path: Path) -> str:
     return re.sub(rf"^(error|warning): |{name}: |Failure at \S+ in \w+\(\): ", "", text)
 
 
-def check_model(path: Path, where: str, folders: Mapping[str, Path]) -> FileContents:
+def check_model(
+    path: Path, where: str, folders: Mapping[str, Path]
+) -> tuple[dict[str, float], set[str]]:
     """Check a model that Drake might never finish reading, or might read as another one.
 
     Args:
@@ -75,13 +60,19 @@ def check_model(path: Path, where: str, folders: Mapping[str, Path]) -> FileCont
         where: its name in error messages.
         folders: folders of the packages that its URIs refer to, by name.
 
+    Returns:
+        What Drake does not tell: the effort limits in URDF files [N·m or N] by joint, of which
+        Drake reads only those with a transmission; and the links of URDF and SDF files that have a
+        geometry and no inertia, whose mass Drake takes for zero (URDF) or for 1 kg (SDF).
+
     Raises:
         InputError: the file, or one that it includes, is not XML or YAML, includes itself, or
             contains entities, text in place of a number, an inertia that no body has, or what Drake
             would ignore. The message names the file and the line.
 
     """
-    contents, packages, count = FileContents(), package_map(folders), 0
+    efforts, hollow = dict[str, float](), set[str]()
+    packages, count = package_map(folders), 0
 
     def visit(file: Path, around: tuple[Path, ...]) -> None:
         nonlocal count
@@ -104,7 +95,14 @@ def check_model(path: Path, where: str, folders: Mapping[str, Path]) -> FileCont
             # MJCF paths start at the folder of the first MJCF file.
             main = next((each for each in around if each.suffix.lower() == ".xml"), file)
             root, lines = _read_xml(file, place)
-            _check_elements(root, lines, ending, place, contents)
+            _check_elements(root, lines, ending, place)
+            for link in root.iter("link"):
+                parts = {part.tag for part in link}
+                if parts & {"visual", "collision"} and "inertial" not in parts:
+                    hollow.add(link.get("name", ""))
+            for joint in root.iter("joint") if ending == ".urdf" else ():
+                for limit in joint.iter("limit"):
+                    efforts[joint.get("name", "")] = float(limit.get("effort", 0))
             included = _included_by_xml(root, main.parent, packages)
         for other in included:
             visit(other.resolve(), (*around, file))
@@ -115,7 +113,7 @@ def check_model(path: Path, where: str, folders: Mapping[str, Path]) -> FileCont
         raise
     except (OSError, ValueError, RuntimeError) as error:
         raise InputError(f"{where}: {message_of(error, path):.500}") from error
-    return contents
+    return efforts, hollow
 
 
 def _included_by_directives(file: Path, packages: PackageMap) -> Iterator[Path]:
@@ -178,7 +176,6 @@ def _check_elements(
     lines: dict[ElementTree.Element, int],
     ending: str,
     place: str,
-    contents: FileContents,
 ) -> None:
     """Check the numbers, the inertias and what Drake ignores in one file."""
     for element, line in lines.items():
@@ -206,14 +203,6 @@ def _check_elements(
             )
     for inertial in root.iter("inertial"):
         _check_inertia(inertial, ending, f"{place}: line {lines[inertial]}: ")
-    for link in root.iter("link"):
-        parts = {part.tag for part in link}
-        if parts & {"visual", "collision"} and "inertial" not in parts:
-            contents.hollow.add(link.get("name", ""))
-    for joint in root.iter("joint"):
-        limit = joint.find("limit")
-        if ending == ".urdf" and limit is not None and "effort" in limit.attrib:
-            contents.efforts[joint.get("name", "")] = float(limit.attrib["effort"])
 
 
 def _is_number(word: str, may_be_infinite: bool) -> bool:

@@ -25,7 +25,7 @@ class ModelFile:
         model: the file as the user named it; error messages begin with it.
         path: the absolute path of the file.
         folders: the packages' folders as the user named them.
-        contents: what Drake does not tell of the file.
+        efforts, hollow: what Drake does not tell of the file, see `check_model`.
 
     Raises:
         InputError: no such file, an unknown format, or content that Drake must not read (see
@@ -38,7 +38,7 @@ class ModelFile:
         self.path = resolve_model(model, folders)
         if not self.path.name.endswith(_MODEL_ENDINGS):
             raise self.error(f"not a model file: its name must end in {', '.join(_MODEL_ENDINGS)}")
-        self.contents = check_model(self.path, self.model, folders)
+        self.efforts, self.hollow = check_model(self.path, self.model, folders)
 
     def error(self, problem: str) -> InputError:
         """Return an InputError whose message begins with this model."""

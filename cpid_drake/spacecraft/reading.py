@@ -96,7 +96,7 @@ def movable_joints(
                 "prismatic and fixed joints are supported"
             )
     for body in (body for joint in movable for body in (joint.parent_body(), joint.child_body())):
-        welded, hollow = plant.GetBodiesWeldedTo(body), model.contents.hollow
+        welded, hollow = plant.GetBodiesWeldedTo(body), model.hollow
         named = [each.name() for each in welded if each.name() in hollow]
         if named and not any(b.default_mass() > 0 and b.name() not in hollow for b in welded):
             raise model.error(
@@ -201,8 +201,7 @@ def joint_limits(model: ModelFile, plant: MultibodyPlant, joints: Sequence[Joint
     actuators = [plant.get_joint_actuator(k) for k in plant.GetJointActuatorIndices()]
     stated = {each.joint().index(): each.effort_limit() for each in actuators}
     efforts = [
-        stated.get(joint.index()) or model.contents.efforts.get(joint.name()) or np.inf
-        for joint in joints
+        stated.get(joint.index()) or model.efforts.get(joint.name()) or np.inf for joint in joints
     ]
     return JointLimits(
         lowest=np.array([joint.position_lower_limit() for joint in joints]),

@@ -95,9 +95,8 @@ def test_mujoco_and_pinocchio_read_what_was_meant(target, read, tmp_path):
 def test_drake_reads_what_was_meant(target, format, tmp_path):
     path = out_file(tmp_path, format)
     exported = export_target(target, path, format=format)
-    assert exported.name == "target"
-    assert exported.files[0] == path
-    assert sorted(exported.files) == sorted(tmp_path.iterdir())
+    assert exported[0] == path
+    assert sorted(exported) == sorted(tmp_path.iterdir())
     assert_same(by_drake(path, "target"), target)
 
 
@@ -243,7 +242,7 @@ def test_directives_add_the_target_to_any_model(load, file, text, frame, skewed_
     spacecraft = load(file, text, frame)
     path = out_file(tmp_path, "drake-yaml")
     exported = export_target(skewed_target, path, format="drake-yaml", spacecraft=spacecraft)
-    assert exported.files == (path, tmp_path / "out_target.urdf")
+    assert exported == (path, tmp_path / "out_target.urdf")
     assert_joined(path, spacecraft, skewed_target)
 
 
@@ -291,8 +290,7 @@ def test_a_name_that_is_taken_gets_a_number(load, skewed_target, tmp_path):
     spacecraft = load("mine.urdf", text, "hand")
     for format in ("urdf", "drake-yaml"):
         path = out_file(tmp_path, format)
-        exported = export_target(skewed_target, path, format=format, spacecraft=spacecraft)
-        assert exported.name == "target_3"
+        export_target(skewed_target, path, format=format, spacecraft=spacecraft)
         assert_joined(path, spacecraft, skewed_target, "target_3")
     for taken in ("base", "hand", "mine", "target_2"):
         with pytest.raises(InputError, match=f"'{taken}' is taken"):
