@@ -46,7 +46,7 @@ from cpid_drake.spacecraft.spacecraft import Spacecraft
 LOG_PERIOD = 0.05  # [s]
 ESTIMATE_PERIOD = 0.5  # [s]
 MOST_MOTIONS = 6
-FIRST_PLAN = PlanOptions(candidates=500, starts=1, iterations=30, targets=2)
+FIRST_PLAN = PlanOptions(candidates=500, iterations=30, targets=2)
 
 
 @dataclass

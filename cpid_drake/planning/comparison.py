@@ -60,7 +60,7 @@ def reference_motions(planner: Planner) -> Iterator[tuple[str, JointMotion]]:
         "random binary, smoothed": rng.choice([-1.0, 1.0], family.shape),
     }
     for name, parameters in drawn.items():
-        full = parameters / family.usage(parameters).max(axis=0)
+        full = parameters / family.usage(parameters)
         plan = planner.consider(full)
         if plan is None:  # the transfer itself leaves no room
             yield f"{name}, beyond limits", family.make(full)

@@ -11,6 +11,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from cpid_drake.dynamics.joint_motion import SPLINE_DEGREE, JointMotion, Spline
 from cpid_drake.errors import InputError
@@ -119,20 +120,27 @@ class MotionFamily:
         units = np.pad(np.eye(self.count), [(3, 3), (0, 0)])
         return Spline(units, self.duration).evaluate(times)
 
+    @cached_property
+    def limits(self) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+        """For each joint that moves, A (Q, F) and b (Q,) of its finite limits A x ≤ b, b > 0."""
+        phi, found = self.functions(self.times)[1:-1].reshape(-1, self.count), []
+        for joint in self.moving:
+            room = self._room(self.times)[:, 1:-1, :, joint].reshape(2, -1)
+            A, b = np.concatenate([-phi, phi]), room.ravel()
+            kept = np.isfinite(b) & (np.abs(A).sum(axis=1) > 1e-9)
+            found.append((A[kept], b[kept]))
+        return found
+
     def usage(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the largest share (3, ..., K) of the room that parameters (..., F, K) use.
+        """Return the largest share (..., K) that parameters (..., F, K) use of the limits' room.
 
         The known part leaves this room of the limits of position, rate and acceleration of a joint.
         """
-        phi, largest = self.functions(self.times), []
-        room = self._room(self.times)[..., self.moving]
-        for k in range(3):
-            moved = np.tensordot(phi[:, k], parameters, axes=(1, -2))
-            below, above = (
-                side[:, k].reshape(len(phi), *(1,) * (parameters.ndim - 2), -1) for side in room
-            )
-            largest.append(np.maximum(-moved / below, moved / above).max(axis=0))
-        return np.stack(largest)
+        shares = [
+            (parameters[..., k] @ (A / b[:, None]).T).max(axis=-1, initial=0.0)
+            for k, (A, b) in enumerate(self.limits)
+        ]
+        return np.stack(shares, axis=-1)
 
     def usage_of(self, motion: JointMotion) -> NDArray[np.float64]:
         """Return the largest share (3, J) of the limits that any motion of these joints needs."""
@@ -146,18 +154,11 @@ class MotionFamily:
         return np.asarray(shares.max(axis=0))
 
     def inequalities(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return A (Q, F K) and b (Q,) of the finite limits A x ≤ b, x the raveled (F, K)."""
-        F, K = self.shape
-        phi = self.functions(self.times)[1:-1].reshape(-1, F)
-        rows, sides = [], []
-        for j, joint in enumerate(self.moving):
-            for sign, room in zip((-1.0, 1.0), self._room(self.times)[:, 1:-1, :, joint]):
-                kept = np.isfinite(room.ravel()) & (np.abs(phi).sum(axis=1) > 1e-9)
-                A = np.zeros((int(kept.sum()), F, K))
-                A[:, :, j] = sign * phi[kept]
-                rows.append(A.reshape(-1, F * K))
-                sides.append(room.ravel()[kept])
-        return np.concatenate(rows), np.concatenate(sides)
+        """Return A (Q, F K) and b (Q,) of all finite limits A x ≤ b, x the raveled (F, K)."""
+        order = np.arange(self.count * len(self.moving)).reshape(self.shape).T.ravel()
+        A = np.zeros((sum(len(b) for _, b in self.limits), len(order)))
+        A[:, order] = block_diag(*(A for A, _ in self.limits))
+        return A, np.concatenate([b for _, b in self.limits])
 
     def _known(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return positions, rates and accelerations (M, 3, J) of the known part."""

@@ -54,8 +54,7 @@ class PlanOptions:
         int, _SEARCH, "Number of plausible targets; the least favourable one counts."
     ] = 8
     candidates: Annotated[int, _SEARCH, "Motions of the global search."] = 2000
-    starts: Annotated[int, _SEARCH, "Candidates that the gradient method improves."] = 2
-    iterations: Annotated[int, _SEARCH, "Iterations of the gradient method for each of them."] = 60
+    iterations: Annotated[int, _SEARCH, "Iterations of the gradient method."] = 60
     seed: Annotated[int, _SEARCH, "Seed; the same seed, the same motions."] = 1
 
     def __post_init__(self) -> None:

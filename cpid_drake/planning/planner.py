@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import islice
 from pathlib import Path
 from types import MappingProxyType
 
@@ -41,8 +40,8 @@ EXCHANGES = 6
 """Number of times that targets with which a motion exceeds limits are added: with six, few are
 missed, and each time leaves enough iterations."""
 
-LESS_MOTION = (1, 0.99, 0.98, 0.97, 0.96, 0.94, 0.92, 0.9, *np.geomspace(0.85, 0.1, 16).tolist())
-"""Shares of the parameters of a motion that are tried until all limits hold in Drake's plant."""
+BISECTIONS = 8
+"""Number of shares of a motion that are checked in Drake's plant: the last differ by 1 %."""
 
 CHECKED_IN_DRAKE = 12
 """Number of targets, those that need the most, with which a motion is checked in Drake's plant: the
@@ -209,27 +208,26 @@ class Planner:
             InputError: no motion that is found keeps the limits.
 
         """
-        starts = self._starts(self.ranked(self.options.candidates, progress))
-        seen = starts[:1]
+        order = self.ranked(self.options.candidates, progress)
+        near, kept = self.distances, order[:200]
+        start = next((x for x in kept if near is None or near.excess(x)[0].max() <= 0), order[0])
+        seen = [start]
 
         def see(parameters: NDArray[np.float64], score: float) -> None:
             seen.append(parameters)
             progress("gradient method", score)
 
         try:
-            for start in starts:
-                self.consider(self.improved(start, self.options.iterations, seen=see))
+            self.consider(self.improved(start, self.options.iterations, seen=see))
         except KeyboardInterrupt:
-            for parameters in seen[-1:]:
-                self.consider(parameters)
+            self.consider(seen[-1])
             raise
-        for start in starts if self.best is None else []:
-            self.consider(start)
-        if self.best is None:
+        if self.best is None and self.consider(start) is None:
             raise InputError(
                 "no motion keeps the constraints; allow smaller distances or more motion of the "
                 "base, a longer duration, or give more --candidates"
             )
+        assert self.best is not None
         return self.best
 
     def ranked(
@@ -297,16 +295,22 @@ class Planner:
         """
         objective = self.objective.with_limits(limits)
         parameters = parameters / max(1.0, self.family.usage(parameters).max())
-        for share in LESS_MOTION:
+        least, most, share, found = 0.0, 1.0, 1.0, None
+        for _ in range(BISECTIONS):
             x = share * parameters
             motion = self.family.make(x)
             usage, turn = self.usage(motion, objective.limits)
             if max(usage.values()) <= 1 + 1e-9:  # a joint may rest at its limit
-                plan = Plan(motion, x, float(objective.sigmas(x[None]).max()), usage, turn)
-                if self.best is None or plan.score < self.best.score:
-                    self.best = plan
-                return plan
-        return None
+                found = Plan(motion, x, float(objective.sigmas(x[None]).max()), usage, turn)
+                least = share
+                if share == 1:
+                    break
+            else:
+                most = share
+            share = (least + most) / 2
+        if found is not None and (self.best is None or found.score < self.best.score):
+            self.best = found
+        return found
 
     def usage(
         self, motion: JointMotion, limits: Mapping[str, float] | None = None
@@ -342,16 +346,6 @@ class Planner:
             least = near[0].distance if near else np.inf
             found["distance"] = self.options.clearance / least if least > 0 else np.inf
         return found, float(lengths[0])
-
-    def _starts(self, order: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-        """Return the first candidates (B, F, K) that keep the distances, of a hundred a start."""
-        count = self.options.starts
-        kept = (
-            each
-            for each in order[: 100 * count]
-            if self.distances is None or self.distances.excess(each)[0].max() <= 0
-        )
-        return list(islice(kept, count))
 
 
 def load_planner(
@@ -403,6 +397,6 @@ def next_planner(
         dict(zip(names, last.end.tolist(), strict=True)),
         dict(zip(names, end.tolist(), strict=True)),
     )
-    short = replace(planner.options, targets=1, candidates=128, starts=1, iterations=2 * EXCHANGES)
+    short = replace(planner.options, targets=1, candidates=128, iterations=2 * EXCHANGES)
     scenario = replace(planner.scenario, joint_motion=motion)
     return Planner(scenario, planner.suite, short, prior)

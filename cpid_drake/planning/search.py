@@ -33,7 +33,7 @@ def candidates(family: MotionFamily, count: int, seed: int) -> NDArray[np.float6
     )[:count]
     directions = norm.ppf(np.clip(points[:, : F * K], 1e-9, 1 - 1e-9)).reshape(-1, F, K)
     share = 0.2 + 0.8 * points[:, F * K :]
-    return np.asarray(directions * (share / family.usage(directions).max(axis=0))[:, None])
+    return np.asarray(directions * (share / family.usage(directions))[:, None])
 
 
 class Distances:

@@ -24,25 +24,6 @@ class TruthFile:
     inertia_entries: list[str]
 
 
-@dataclass(frozen=True)
-class MomentumDrift:
-    """The keys of `momentum_drift` in `run.json`."""
-
-    linear_N_s: float
-    angular_N_m_s: float
-
-
-@dataclass(frozen=True)
-class OnlineEstimate:
-    """The keys of `online_identification` in `run.json`; unknown values are None."""
-
-    estimator: str
-    failures: list[str]
-    says: str
-    estimate: Mapping[str, float | None]
-    sigma: Mapping[str, float | None]
-
-
 @dataclass(frozen=True, eq=False)
 class RunFile:
     """The keys of `run.json`."""
@@ -51,10 +32,10 @@ class RunFile:
     simulated_seconds: float
     wall_seconds: float
     sensor_seed: int | None
-    momentum_drift: MomentumDrift
+    momentum_drift: Mapping[str, float]
     limits: LimitCheck
     files: list[str]
-    online_identification: OnlineEstimate
+    online_identification: Mapping[str, Any]
     bytes: Mapping[str, int]
 
 

@@ -11,7 +11,7 @@ from cpid_drake.planning.planner import Planner
 from cpid_drake.scenario.joint_motions import dump_motion, load_motion
 
 ARM = tuple(word for k in range(1, 4) for word in ("--joint", f"capture_arm_joint{k}"))
-SMALL = ("--candidates", 32, "--starts", 1, "--frequency", 0.3, "--targets", 1, *ARM)
+SMALL = ("--candidates", 32, "--frequency", 0.3, "--targets", 1, *ARM)
 
 
 def worst(text: str, heading="worst σ") -> list[float]:

@@ -14,7 +14,6 @@ from cpid_drake.report.sections.data import (
     base_motion_section,
     checks_section,
     convergence_section,
-    provenance_of,
     request_section,
     residuals_section,
     sensors_section,
@@ -93,7 +92,6 @@ def identification_report(
             missing = f"the replay cannot be made: {error}"
     if missing:
         sections.append(Section("Not shown", texts=[f"Some sections are not shown: {missing}."]))
-    sections.append(provenance_of(result))
     craft = result.spacecraft
     title = title or f"Target held by {craft.capture_frame if craft else 'a spacecraft'}"
     model = craft.model.rsplit("/", 1)[-1] if craft else "a spacecraft"

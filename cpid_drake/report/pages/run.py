@@ -41,8 +41,8 @@ def simulated_section(run: Run) -> Section:
 
     Its warnings are the limits of the spacecraft that the joint motion exceeds.
     """
-    scenario, about, estimate = run.scenario, run.about, run.about.online_identification.estimate
-    drift = about.momentum_drift
+    scenario, about, drift = run.scenario, run.about, run.about.momentum_drift
+    estimate = about.online_identification["estimate"]
     named = scenario.sensors.suite or "defined in the scenario"
     facts = [
         ("Spacecraft", scenario.spacecraft.model),
@@ -52,7 +52,7 @@ def simulated_section(run: Run) -> Section:
         ("Sensors", named if scenario.sensors.present else "none (exact motion)"),
         ("Seed of the noise", "none" if about.sensor_seed is None else str(about.sensor_seed)),
         ("Online estimator", scenario.online_estimator.replace("_", " ")),
-        ("Momentum drift", f"{drift.linear_N_s:.2g} N·s, {drift.angular_N_m_s:.2g} N·m·s"),
+        ("Momentum drift", f"{drift['linear_N_s']:.2g} N·s, {drift['angular_N_m_s']:.2g} N·m·s"),
         ("Closest bodies", about.limits.closest or "not checked"),
     ]
     cells = ["not known" if value is None else f"{value:.4g}" for value in estimate.values()]

@@ -8,7 +8,7 @@ from pathlib import Path
 from cpid_drake.output_files.drafts import write_text
 from cpid_drake.report import accuracy_tables, paper_figures, paper_tables
 from cpid_drake.report.page import Report, Section
-from cpid_drake.report.sections.data import provenance_section
+from cpid_drake.report.sections.data import written_by
 from cpid_drake.studies.accuracy import AccuracyStudy
 from cpid_drake.studies.paper import PaperStudy
 
@@ -40,7 +40,8 @@ def _report(
     title: str, subtitle: str, sections: Sequence[Section], scenario: str, words: Sequence[str]
 ) -> Report:
     command = shlex.join([*words, "--out", "OUT"])
-    provenance = provenance_section([("Scenario", scenario)], command)
+    facts = [("Scenario", scenario), written_by()]
+    provenance = Section("Provenance", facts=facts, command=command)
     return Report(title, subtitle, [*sections, provenance])
 
 

@@ -1,6 +1,4 @@
-"""The sections about the data: request, checks, convergence, residuals, sensors, provenance."""
-
-from collections.abc import Sequence
+"""The sections about the data: request, checks, convergence, residuals, sensors, base motion."""
 
 import numpy as np
 
@@ -18,27 +16,41 @@ from cpid_drake.sensors.sensors import SENSORS
 
 
 def request_section(result: Identification) -> Section:
-    """Return the section that shows the target, the data and the options of the identification."""
+    """Return the section with data and options of the identification, and how to repeat it."""
     facts: list[tuple[str, str]] = []
     for source in result.sources:
-        facts.append(("Log", source.request.telemetry))
-        facts.append(("Time window", f"{source.start:.6g} to {source.end:.6g} s"))
-    for request in (source.request for source in result.sources[:1]):
-        craft = request.spacecraft
-        facts.append(("Sensors", request.sensors or "not given"))
-        facts.append(("Total momentum", request.momentum or "not given"))
-        facts.append(("Spacecraft", craft.model))
-        facts.append(("Base body", craft.base))
-        facts.append(("Capture frame", craft.capture_frame))
+        facts += [
+            ("Log", source.request.telemetry),
+            ("SHA-256", source.sha256.get("telemetry") or "none (a folder)"),
+            ("Time window", f"{source.start:.6g} to {source.end:.6g} s"),
+        ]
+    for source in result.sources[:1]:
+        request, craft = source.request, source.request.spacecraft
+        given = {
+            "Sensors": request.sensors or "not given",
+            "Total momentum": request.momentum or "not given",
+            "Spacecraft": craft.model,
+            "Base body": craft.base,
+            "Capture frame": craft.capture_frame,
+            "Map of columns": request.columns,
+            "Prior": request.prior,
+            "Identified by": f"cpid-drake {source.cpid_drake or '(not installed)'}",
+        }
+        facts += [(name, text) for name, text in given.items() if text]
     how = estimator_label(result.estimator) + (f" ({result.rows})" if result.rows else "")
-    facts.append(("Estimator", how))
-    facts.append(("Samples used", str(result.sample_count)))
-    facts.append(("Samples left out", str(sum(result.rejected.values()))))
+    used, rejected = result.sample_count, sum(result.rejected.values())
+    facts += [("Estimator", how), ("Samples", f"{used} used, {rejected} left out"), written_by()]
     text = (
         "Mass, centre of mass and inertia of the target that a free-floating spacecraft holds, "
         "identified from the motion of the base while the arms move."
     )
-    return Section("Request", texts=[text], facts=facts)
+    return Section("Request", texts=[text], facts=facts, command=result.command)
+
+
+def written_by() -> tuple[str, str]:
+    """Return the versions of the software as a fact of a section."""
+    used = ", ".join(f"{name} {number}" for name, number in versions().items())
+    return "Report written by", used
 
 
 def checks_section(result: Identification, again: Identification | None) -> Section:
@@ -142,22 +154,3 @@ def base_motion_section(measurements: Log) -> Section:
         "first sample. Of a long log, the figures show an even selection of the samples."
     )
     return Section("Base motion", texts=[text], pictures=motion_pictures(measurements.thinned()))
-
-
-def provenance_section(facts: Sequence[tuple[str, str]], command: str) -> Section:
-    """Return the section with facts, versions and the command that repeats the work."""
-    used = ", ".join(f"{name} {number}" for name, number in versions().items())
-    return Section("Provenance", facts=[*facts, ("Report written by", used)], command=command)
-
-
-def provenance_of(result: Identification) -> Section:
-    """Return the provenance of an identification; without sources if the file names none."""
-    facts = []
-    for source in result.sources:
-        facts.append(("Log", source.request.telemetry))
-        facts.append(("SHA-256", source.sha256.get("telemetry") or "none (a folder)"))
-    for source in result.sources[:1]:
-        facts += [("Map of columns", source.request.columns)] if source.request.columns else []
-        facts += [("Prior", source.request.prior)] if source.request.prior else []
-        facts.append(("Identified by", f"cpid-drake {source.cpid_drake or '(not installed)'}"))
-    return provenance_section(facts, result.command)

@@ -1,18 +1,12 @@
 """The sections with what was estimated: parameters, effects, separate logs, observability."""
 
-from itertools import zip_longest
-
 import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.inertia import InertialParameters
-from cpid_drake.dynamics.parameterizations import (
-    PARAMETER_NAMES,
-    PARAMETER_UNITS,
-    parameter_scale,
-)
+from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from cpid_drake.estimation.least_squares import quantile_95
-from cpid_drake.identification.description import agreement_words, decimals, principal_axes
+from cpid_drake.identification.description import agreement_words, decimals
 from cpid_drake.identification.result import Identification
 from cpid_drake.report.figures import ellipsoid_pictures, singular_value_picture
 from cpid_drake.report.page import Section, Table
@@ -20,16 +14,7 @@ from cpid_drake.report.page import Section, Table
 
 def result_section(result: Identification, truth: InertialParameters | None) -> Section:
     """Return the section with the estimate, its 95 % intervals and, if it is known, the truth."""
-    tables, nearest, problems = [], result.consistent, "; ".join(result.infeasibilities)
-    tables.append(_parameters(result, truth))
-    if nearest is not None:
-        moments, axes = principal_axes(nearest)
-        rows = [
-            [f"{moment:.6g}", *(f"{entry:+.4f}" for entry in axis)]
-            for moment, axis in zip(moments, axes.T)
-        ]
-        heads = ["moment [kg·m²]", "axis x", "axis y", "axis z"]
-        tables.append(Table(heads, rows, "Principal moments and axes of the consistent values"))
+    nearest, problems = result.consistent, "; ".join(result.infeasibilities)
     if not result.is_observable:
         text = f"The log determines {result.rank} of ten combinations of the parameters."
     elif problems:
@@ -42,9 +27,9 @@ def result_section(result: Identification, truth: InertialParameters | None) -> 
     pictures = ellipsoid_pictures(nearest, truth) if nearest and nearest.mass > 0 else []
     return Section(
         "Result",
-        texts=[text],
+        texts=[text, *([] if result.is_observable else result.gap())],
         warnings=[f"Failed check: {failure}." for failure in result.failures],
-        tables=tables,
+        tables=[_parameters(result, truth)],
         pictures=pictures,
     )
 
@@ -94,22 +79,13 @@ def _range(ends: NDArray[np.float64]) -> str:
 
 def logs_section(result: Identification) -> Section:
     """Return the section with the separate estimates of logs and prior beside the joint one."""
-    text = (
-        f"{len(result.logs)} sources of one target; each log has its own start, momentum and "
-        f"biases. They {agreement_words(result)}."
-    )
-    facts = [
-        [
-            name,
-            "" if source is None else f"{source.start:.6g} to {source.end:.6g} s",
-            str(part.sample_count),
-            str(part.rank),
-            agreement_words(part),
-        ]
-        for (name, part), source in zip_longest(result.logs.items(), result.sources)
-    ]
     parts = {"together": result, **result.logs}
-    estimates = []
+    rows = [
+        ["samples", *(str(part.sample_count) for part in parts.values()), ""],
+        ["rank", *(str(part.rank) for part in parts.values()), ""],
+        ["agreement", *(agreement_words(part) for part in parts.values()), ""],
+        ["failed checks", *("; ".join(part.failures) or "none" for part in parts.values()), ""],
+    ]
     for i, (name, unit) in enumerate(zip(PARAMETER_NAMES, PARAMETER_UNITS)):
         cells = []
         for part in parts.values():
@@ -117,15 +93,12 @@ def logs_section(result: Identification) -> Section:
             places = decimals(2 * half)
             value, spread = _number(part.parameters[i], places), _number(half, places)
             cells.append(f"{value} ± {spread}" if value else "not known")
-        estimates.append([name, *cells, unit])
-    heads = ["", "time window", "samples", "rank", "agreement"]
-    note = "Agreement: χ² of the difference from all others, for the same target."
-    caption = "Estimates with 95 % intervals, together and each on its own"
-    tables = [
-        Table(heads, facts, note=note),
-        Table(["", *parts, "unit"], estimates, caption),
-    ]
-    return Section("Logs", texts=[text], tables=tables)
+        rows.append([name, *cells, unit])
+    note = (
+        "Estimates with 95 % intervals; each log has its own start, momentum and biases. Agreement: "
+        "χ² of the difference from all others, for the same target."
+    )
+    return Section("Logs", tables=[Table(["", *parts, "unit"], rows, note=note)])
 
 
 def effects_section(result: Identification) -> Section:
@@ -156,23 +129,13 @@ def effects_section(result: Identification) -> Section:
 
 
 def observability_section(result: Identification) -> Section:
-    """Return the section with relative standard deviations and singular values."""
-    values, pictures, tables = result.singular_values, [], []
-    if not np.isnan(values).any():
-        pictures.append(singular_value_picture(values))
-    texts = [] if result.is_observable else result.gap()
+    """Return the section with the singular values."""
+    values, texts = result.singular_values, []
     if result.condition is not None:
         texts.append(
             "The singular values measure how strongly the motion excites ten independent "
             f"combinations of the parameters. The largest is {result.condition:.3g} times the "
             "smallest."
         )
-    mass, trace = result.parameters[0], result.parameters[4:7].sum()
-    if 0 < mass < np.inf and 0 < trace < np.inf:
-        share = 100 * np.sqrt(np.diag(result.covariance)) / parameter_scale(result.parameters)
-        cells = [f"{value:.2g}" if np.isfinite(value) else "" for value in share]
-        note = (
-            "Scale: the mass for m, the radius of gyration for c, the trace of the inertia for I."
-        )
-        tables.append(Table(["", *PARAMETER_NAMES], [["σ, % of scale", *cells]], note=note))
-    return Section("Observability", texts=texts, tables=tables, pictures=pictures)
+    pictures = [] if np.isnan(values).any() else [singular_value_picture(values)]
+    return Section("Observability", texts=texts, pictures=pictures)
