@@ -11,7 +11,7 @@ controller. The true target is drawn from the range; only the plant knows it.
 
 import argparse
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -40,13 +40,26 @@ from cpid_drake import (
 )
 from cpid_drake.dynamics.parameterizations import parameter_scale
 from cpid_drake.planning.plan_options import PlanOptions
-from cpid_drake.planning.planner import Planner, next_planner
+from cpid_drake.planning.planner import Planner
+from cpid_drake.scenario.joint_motions import HalfCosineMotion
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 LOG_PERIOD = 0.05  # [s]
 ESTIMATE_PERIOD = 0.5  # [s]
 MOST_MOTIONS = 6
 FIRST_PLAN = PlanOptions(candidates=500, iterations=30, targets=2)
+
+
+def following(planner: Planner, prior: TargetPrior | None) -> Planner:
+    """Return the planner of the motion back to the last one's start, solved within seconds.
+
+    The prior counts as if it came from a sensor, so that the motion shows what is least known.
+    """
+    last, names = planner.family, planner.spacecraft.joint_names
+    ends = (dict(zip(names, q.tolist(), strict=True)) for q in (last.end, last.start))
+    scenario = replace(planner.scenario, joint_motion=HalfCosineMotion(last.duration, *ends))
+    short = replace(planner.options, targets=1, candidates=128, iterations=12)
+    return Planner(scenario, planner.suite, short, prior)
 
 
 @dataclass
@@ -173,7 +186,7 @@ def run(
         prior = (
             None if found.failures else TargetPrior("estimate", found.parameters, found.covariance)
         )
-        planner = next_planner(planner, prior)
+        planner = following(planner, prior)
     else:
         print(f"not as precise as asked after {MOST_MOTIONS} motions")
     start, end = (transfer.evaluate(at)[0] for at in (0.0, transfer.duration))

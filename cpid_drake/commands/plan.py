@@ -109,7 +109,7 @@ def motion(
             log.print(f"{len(plans)} motions in {front_folder}")
         write_text(out, planner.describe(best, scenario))
         log.print(f"{out}: {time.perf_counter() - start:.0f} s")
-        target = planner.targets[0].parameters
+        target = planner.targets[0]
         made = {"scenario's motion": planner.own_motion, "plan": best.motion}
         found = {name: planner.setting.predict(each, target) for name, each in made.items()}
         usage, _ = planner.usage(planner.own_motion)
@@ -158,7 +158,7 @@ def rank(
     with prefix_errors(scenario), log.status("ranking") as status:
         planner = planning.load_planner(path, chosen.sensors, chosen, chosen.prior)
         given = {file.name: planner.load_motion(file) for file in files or []}
-        target, setting, found = planner.targets[0].parameters, planner.setting, {}
+        target, setting, found = planner.targets[0], planner.setting, {}
         for name, each in {**dict(planning.reference_motions(planner)), **given}.items():
             prediction, errors = setting.predict(each, target), []
             for error in planning.trial_errors(setting, each, target, trials, chosen.seed):

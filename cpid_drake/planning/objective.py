@@ -8,7 +8,7 @@ inertia; see `parameterizations.parameter_scale`.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,6 @@ from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.planning.base_motion import BaseMotion, known_instants, smooth_peak
 from cpid_drake.planning.information import InformationModel
 from cpid_drake.planning.motion_family import MotionFamily
-from cpid_drake.planning.targets import PlausibleTarget
 
 STEP = 1e-6
 """Step of the differences in a motion's parameters [rad or m]: σ changes by 1e-6 of itself, and
@@ -42,10 +41,12 @@ class Objective:
         momentum: the total momentum, marked as unknown if it is estimated.
         family: the motions.
         times: (N,) nodes that resolve them [s].
-        targets: the plausible targets, at least one.
-        demanding: the targets for which the limits hold, usually heavy ones.
+        targets: (T, 10) π of the plausible targets, at least one.
+        information: (10, 10) what is known about π before the motion.
+        demanding: (D, 10) π of the targets for which the limits hold, usually heavy ones.
         limits: the finite limits of the base's motion, by the names in `BaseMotion.lengths`.
         efforts: (J,) largest joint efforts; infinite where there is no limit [N·m or N].
+        weights: (T,) of the σ of each target beside those of the others; default: one.
 
     """
 
@@ -54,10 +55,12 @@ class Objective:
     momentum: TotalMomentum
     family: MotionFamily
     times: NDArray[np.float64]
-    targets: tuple[PlausibleTarget, ...]
-    demanding: tuple[PlausibleTarget, ...]
+    targets: NDArray[np.float64]
+    information: NDArray[np.float64]
+    demanding: NDArray[np.float64]
     limits: dict[str, float]
     efforts: NDArray[np.float64]
+    weights: NDArray[np.float64] = field(default_factory=lambda: np.ones(1))
 
     def sigmas(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return σ (B, T, d) for T targets in B motions (B, F, K), times the targets' weights.
@@ -67,15 +70,15 @@ class Objective:
         known = known_instants(self.tree, self.family.samples(parameters, self.times))
         form, found = relative_parameterization(self.tree.mass), []
         for target in self.targets:
-            psi = form.from_parameters(target.parameters)
+            psi = form.from_parameters(target)
             jacobian = form.jacobian(psi)
             motion = BaseMotion.of(self.times, known, self.momentum, psi)
-            prior = jacobian.T @ target.information @ jacobian
+            prior = jacobian.T @ self.information @ jacobian
             covariance = jacobian @ self.model.covariance(motion, prior) @ jacobian.T
             sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-            scale = parameter_scale(target.parameters, SCALE_LENGTH)
-            found.append(target.weight * (sigma / scale)[:, self._determined])
-        return np.stack(found, axis=1)
+            scale = parameter_scale(target, SCALE_LENGTH)
+            found.append((sigma / scale)[:, self._determined])
+        return np.stack(found, axis=1) * self.weights[:, None]
 
     def shares(self, samples: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the largest shares (B, D, Q) of the Q limits that B motions need.
@@ -89,12 +92,12 @@ class Objective:
         known, found = known_instants(self.tree, samples), []
         form = relative_parameterization(self.tree.mass)
         for target in self.demanding:
-            psi = form.from_parameters(target.parameters)
+            psi = form.from_parameters(target)
             motion = BaseMotion.of(self.times, known, self.momentum, psi)
             lengths = motion.lengths()
             shares = [lengths[name] / limit for name, limit in self.limits.items()]
             if np.isfinite(self.efforts).any():
-                phi = parameters_to_standard(target.parameters)
+                phi = parameters_to_standard(target)
                 efforts = np.abs(motion.efforts(self.tree, samples, phi)) / self.efforts
                 shares += [*np.moveaxis(efforts[..., np.isfinite(self.efforts)], -1, 0)]
             found.append([smooth_peak(share) for share in shares])
@@ -117,8 +120,7 @@ class Objective:
         """
         least = largest.min(axis=0) / self.weights
         weights = np.exp(np.log(least).mean()) / least
-        targets = zip(self.targets, weights.tolist(), strict=True)
-        return replace(self, targets=tuple(replace(one, weight=w) for one, w in targets))
+        return replace(self, weights=weights)
 
     def values(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return log σ of all targets and the shares of all limits minus one (B, T d + D Q)."""
@@ -133,11 +135,6 @@ class Objective:
         steps = STEP * np.eye(parameters.size).reshape(-1, *parameters.shape)
         values = self.values(np.concatenate([parameters[None], parameters + steps]))
         return values[0], (values[1:] - values[0]).T / STEP
-
-    @property
-    def weights(self) -> NDArray[np.float64]:
-        """The weights (T,) of the targets."""
-        return np.array([target.weight for target in self.targets])
 
     @property
     def _determined(self) -> NDArray[np.intp]:

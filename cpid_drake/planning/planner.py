@@ -21,10 +21,10 @@ from cpid_drake.planning.objective import Objective
 from cpid_drake.planning.plan_options import PlanOptions
 from cpid_drake.planning.prediction import MotionSetting
 from cpid_drake.planning.search import Distances, candidates, improved
-from cpid_drake.planning.targets import PlausibleTarget, plausible_targets
+from cpid_drake.planning.targets import plausible_targets, prior_information
 from cpid_drake.processes import one_thread
 from cpid_drake.scenario.files import load_scenario
-from cpid_drake.scenario.joint_motions import HalfCosineMotion, MotionFile, dump_motion
+from cpid_drake.scenario.joint_motions import MotionFile, dump_motion
 from cpid_drake.scenario.schema import Scenario
 from cpid_drake.sensors.presets import load_sensors
 from cpid_drake.sensors.suite import SensorSuite
@@ -142,30 +142,28 @@ class Planner:
             f"{dump_motion(self.family.declare(plan.parameters))}"
         )
 
-    def plausible(
-        self, count: int, seed: int, *, heaviest: bool = False
-    ) -> tuple[PlausibleTarget, ...]:
-        """Return targets that are plausible for this spacecraft; see `plausible_targets`."""
+    def plausible(self, count: int, seed: int, *, heaviest: bool = False) -> NDArray[np.float64]:
+        """Return π (T, 10) of plausible targets of this spacecraft; see `plausible_targets`."""
         tree, still = self.spacecraft.tree, self.family.start[None]
         inertia = BodyDynamics.at(tree, still, 0 * still).I_K[0]
         radius = float(np.sqrt(np.trace(inertia) / 2 / tree.mass))
         return plausible_targets(tree.mass, radius, count, seed, self.prior, heaviest=heaviest)
 
     @cached_property
-    def targets(self) -> tuple[PlausibleTarget, ...]:
-        """The targets that the motion is planned for."""
+    def targets(self) -> NDArray[np.float64]:
+        """The targets (T, 10) that the motion is planned for."""
         return self.plausible(self.options.targets, self.options.seed)
 
     @cached_property
-    def checked_targets(self) -> tuple[PlausibleTarget, ...]:
-        """The targets with which limits must hold: these and many heavy ones."""
+    def checked_targets(self) -> NDArray[np.float64]:
+        """The targets (N, 10) with which limits must hold: these and many heavy ones."""
         heavy = self.plausible(HEAVY_TARGETS, self.options.seed + 1, heaviest=True)
-        return (*self.targets, *heavy)
+        return np.concatenate([self.targets, heavy])
 
     @cached_property
     def distances(self) -> Distances | None:
         """The distances, unless the model has no geometry for them."""
-        first = InertialParameters.from_vector(self.targets[0].parameters)
+        first = InertialParameters.from_vector(self.targets[0])
         look = self.scenario.target.visual_model
         try:
             clearance = Clearance(self.spacecraft, first, look)
@@ -179,7 +177,7 @@ class Planner:
     def objective(self) -> Objective:
         """The criterion, with weights of one and the limits for all checked targets."""
         craft, family, options = self.spacecraft, self.family, self.options
-        first = InertialParameters.from_vector(self.targets[0].parameters)
+        first = InertialParameters.from_vector(self.targets[0])
         nodes = max(int(np.ceil(NODES_PER_PERIOD * options.frequency * family.duration)), 4)
         turn, rate = np.radians([options.base_attitude, options.base_rate]).tolist()
         limits = (turn, rate, options.base_displacement)
@@ -190,6 +188,7 @@ class Planner:
             family,
             np.linspace(0.0, family.duration, nodes + 1),
             self.targets,
+            prior_information(self.prior),
             self.checked_targets,
             {name: x for name, x in zip(BASE_LIMITS, limits, strict=True) if np.isfinite(x)},
             craft.limits.efforts,
@@ -272,13 +271,13 @@ class Planner:
 
         """
         objective = self.objective.with_limits(limits)
-        demanding: dict[int, PlausibleTarget] = {}
+        demanding = set[int]()
         for _ in range(EXCHANGES):
             samples = self.family.samples(start[None], objective.times)
             shares = objective.shares(samples)[0]
             chosen = shares.argmax(axis=0)[shares.max(axis=0) > 0.9]
-            demanding |= {k: self.checked_targets[k] for k in chosen.tolist()}
-            imposed = replace(objective, demanding=tuple(demanding.values()))
+            demanding |= set(chosen.tolist())
+            imposed = replace(objective, demanding=self.checked_targets[sorted(demanding)])
             count = max(iterations // EXCHANGES, 1)
             start = improved(imposed, self.distances, start, count, seen)
         return start
@@ -334,8 +333,8 @@ class Planner:
             motion.evaluate(self.objective.times)[:, None, :2]
         )
         most = np.argsort(shares[0].max(axis=1, initial=0.0), kind="stable")[-CHECKED_IN_DRAKE:]
-        targets = np.stack([self.checked_targets[k].parameters for k in most])
-        efforts, lengths = (each.max(axis=0) for each in self.setting.needs(motion, targets))
+        needed = self.setting.needs(motion, self.checked_targets[most])
+        efforts, lengths = (each.max(axis=0) for each in needed)
         torque = efforts / self.spacecraft.limits.efforts
         found |= {f"torque of {name}": x for name, x in zip(names, torque.tolist(), strict=True)}
         for name, length in zip(BASE_LIMITS, lengths.tolist(), strict=True):
@@ -371,32 +370,3 @@ def load_planner(
         frame = scenario.spacecraft.capture_frame
         planner.prior = load_prior(prior, planner.spacecraft, frame)
     return planner
-
-
-def next_planner(
-    planner: Planner, prior: TargetPrior | None, end: NDArray[np.float64] | None = None
-) -> Planner:
-    """Return the planner of the motion that follows that of another one, solved within seconds.
-
-    It has the same limits and the same duration, and a shorter search. The prior's information
-    counts as if it came from a sensor, so that the motion shows what is least known.
-
-    Args:
-        planner: that of the motion before.
-        prior: what is known about the target now; None for nothing.
-        end: (J,) positions at the end [rad or m]; default: those at the start of the motion before.
-
-    Raises:
-        InputError: see `Planner`.
-
-    """
-    last, names = planner.family, planner.spacecraft.joint_names
-    end = last.start if end is None else end
-    motion = HalfCosineMotion(
-        last.duration,
-        dict(zip(names, last.end.tolist(), strict=True)),
-        dict(zip(names, end.tolist(), strict=True)),
-    )
-    short = replace(planner.options, targets=1, candidates=128, iterations=2 * EXCHANGES)
-    scenario = replace(planner.scenario, joint_motion=motion)
-    return Planner(scenario, planner.suite, short, prior)

@@ -1,7 +1,5 @@
 """Targets that are plausible before a motion: from a prior, or from the size of the spacecraft."""
 
-from dataclasses import dataclass, field
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,22 +17,6 @@ FARTHEST = 1.2
 """Largest distance of the centre of mass from C's origin, as a share of the mean half axis."""
 
 
-@dataclass(frozen=True, eq=False)
-class PlausibleTarget:
-    """A target that is possible as far as the planner knows.
-
-    Attributes:
-        parameters: (10,) π.
-        information: (10, 10) what is known about π before the motion; default: nothing.
-        weight: of its σ beside those of other targets.
-
-    """
-
-    parameters: NDArray[np.float64]
-    information: NDArray[np.float64] = field(default_factory=lambda: np.zeros((10, 10)))
-    weight: float = 1.0
-
-
 def plausible_targets(
     mass: float,
     radius: float,
@@ -43,18 +25,17 @@ def plausible_targets(
     prior: TargetPrior | None = None,
     *,
     heaviest: bool = False,
-) -> tuple[PlausibleTarget, ...]:
-    """Return targets that a motion is planned for.
+) -> NDArray[np.float64]:
+    """Return π (T, 10) of targets that a motion is planned for.
 
     Without a prior they are solid ellipsoids of random mass and size, held at a point inside them
-    or near their surface. With a prior the first target is its mean, the others are drawn from it,
-    and all contain the prior's information; parameters that it does not give are those of an
-    ellipsoid.
+    or near their surface. With a prior the first target is its mean, and the others are drawn from
+    it; parameters that it does not give are those of an ellipsoid.
 
     Args:
         mass: mass of the spacecraft [kg].
         radius: its radius of gyration [m].
-        count: number of targets.
+        count: number T of targets.
         seed: determines the targets.
         prior: what is known about the target.
         heaviest: make every ellipsoid as heavy and as large as possible, and hold it as far from
@@ -65,32 +46,36 @@ def plausible_targets(
 
     """
     rng = np.random.default_rng(seed)
-    ellipsoids = [_ellipsoid(mass, radius, rng, heaviest) for _ in range(count)]
+    targets = np.array([_ellipsoid(mass, radius, rng, heaviest) for _ in range(count)])
     if prior is None:
-        return tuple(PlausibleTarget(each) for each in ellipsoids)
+        return targets
     if prior.combinations is not None:
         raise InputError(f"{prior.name} determines only combinations of parameters; plan without")
     known = np.flatnonzero(np.isfinite(prior.parameters))
     if not known.size:  # a log that determined nothing
-        return tuple(PlausibleTarget(each) for each in ellipsoids)
-    covariance = prior.covariance[np.ix_(known, known)]
-    information = np.zeros((10, 10))
-    information[np.ix_(known, known)] = np.linalg.inv(covariance)
-    targets = []
-    for k, ellipsoid in enumerate(ellipsoids):
+        return targets
+    mean, covariance = prior.parameters[known], prior.covariance[np.ix_(known, known)]
+    for k, target in enumerate(targets):
         deviation = 0.0 if k == 0 else 1.0
         for _ in range(200):
-            parameters = ellipsoid.copy()
             change = rng.multivariate_normal(np.zeros(len(known)), covariance)
-            parameters[known] = prior.parameters[known] + deviation * change
-            body = InertialParameters.from_vector(parameters)
-            if parameters[0] > 0 and body.is_feasible():
-                targets.append(PlausibleTarget(parameters, information))
+            target[known] = mean + deviation * change
+            if target[0] > 0 and InertialParameters.from_vector(target).is_feasible():
                 break
             deviation *= 0.9
         else:
             raise InputError(f"{prior.name}: no rigid body has these values")
-    return tuple(targets)
+    return targets
+
+
+def prior_information(prior: TargetPrior | None) -> NDArray[np.float64]:
+    """Return the information (10, 10) about π that a prior gives; zero for what it leaves open."""
+    information = np.zeros((10, 10))
+    if prior is not None:
+        known = np.flatnonzero(np.isfinite(prior.parameters))
+        places = np.ix_(known, known)
+        information[places] = np.linalg.inv(prior.covariance[places])
+    return information
 
 
 def _ellipsoid(

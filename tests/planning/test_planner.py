@@ -16,7 +16,7 @@ from cpid_drake import (
 from cpid_drake.planning.comparison import reference_motions, trial_errors
 from cpid_drake.planning.pareto import front
 from cpid_drake.planning.plan_options import PlanOptions
-from cpid_drake.planning.planner import Planner, next_planner
+from cpid_drake.planning.planner import Planner
 from cpid_drake.scenario.limits import check_limits
 from cpid_drake.scenario.simulation import make_simulation
 
@@ -47,7 +47,10 @@ def parameters(planner, count, seed=3):
 def test_the_least_favourable_target_and_its_worst_parameter_decide(planner):
     x = parameters(planner, 2)
     objective = planner.objective
-    each = [replace(objective, targets=(target,)).sigmas(x) for target in objective.targets]
+    each = [
+        replace(objective, targets=objective.targets[[k]], weights=objective.weights[[k]]).sigmas(x)
+        for k in range(len(objective.targets))
+    ]
     np.testing.assert_allclose(objective.sigmas(x), np.concatenate(each, axis=1))
     values = objective.values(x)
     sigmas = objective.sigmas(x).reshape(len(x), -1)
@@ -78,7 +81,7 @@ def test_the_weights_let_all_targets_count_alike(planner):
 
 def test_without_limits_only_sigma_counts(planner):
     [x] = parameters(planner, 1)
-    free = replace(planner.objective, demanding=())
+    free = replace(planner.objective, demanding=planner.checked_targets[:0])
     assert len(free.evaluate(x)[0]) == free.sigmas(x[None]).size
 
 
@@ -88,7 +91,8 @@ def test_what_is_known_before_adds_to_what_a_motion_teaches(planner, scenario):
     found = {}
     for sigma in (1e-7, 1e-5, 1.0):
         prior = TargetPrior("estimate", truth, np.diag((sigma * scale) ** 2))
-        following = next_planner(planner, prior)
+        options = replace(SMALL, targets=1)
+        following = Planner(scenario, planner.suite, options, prior)
         found[sigma] = following.objective.sigmas(x[None])[0, 0]
     np.testing.assert_allclose(found[1e-7], 1e-7, rtol=1e-2)
     assert (found[1e-5] < np.minimum(found[1.0], 1e-5)).all()
@@ -108,7 +112,7 @@ def test_moving_less_teaches_less(planner):
 def test_it_is_much_better_than_the_scenarios_motion_for_the_true_target(planner, scenario):
     """The planner does not know the true target."""
     truth = scenario.target_truth().to_vector()
-    assert all(not np.allclose(target.parameters, truth, rtol=0.1) for target in planner.targets)
+    assert all(not np.allclose(target, truth, rtol=0.1) for target in planner.targets)
     own, plan = (
         planner.setting.predict(motion, truth).worst
         for motion in (planner.own_motion, planner.best.motion)
@@ -127,7 +131,7 @@ def test_it_keeps_the_ends_and_all_limits_of_drakes_plant(planner, scenario):
     np.testing.assert_allclose(motion.evaluate([0.0, 10.0])[:, 0], own.evaluate([0.0, 10.0])[:, 0])
     declared = replace(scenario, joint_motion=planner.family.declare(planner.best.parameters))
     for target in (*planner.targets, *planner.plausible(3, 99)):
-        body = InertialParameters.from_vector(target.parameters)
+        body = InertialParameters.from_vector(target)
         found = check_limits(make_simulation(declared, target=body))
         assert found.exceeded == ()
         assert found.closest
@@ -148,7 +152,7 @@ def test_little_motion_of_the_base_can_be_required(scenario):
     planner = Planner(scenario, load_sensors("flight"), options)
     best = planner.run()
     for target in planner.checked_targets:  # also the heaviest, which move the base most
-        found = planner.setting.predict(best.motion, target.parameters)
+        found = planner.setting.predict(best.motion, target)
         assert np.degrees(found.base_angle) <= limits["base_attitude"]
         assert np.degrees(found.base_rate) <= limits["base_rate"]
         assert found.base_shift <= 0.2
@@ -191,17 +195,6 @@ def test_a_transfer_may_take_longer(scenario):
     assert family.duration == scenario.simulation.duration + 2.0
 
 
-# -- what follows from a plan ----------------------------------------------------------------------
-
-
-def test_the_next_motion_starts_where_the_last_one_ended(planner):
-    back, elsewhere = next_planner(planner, None), planner.family.end + 0.1
-    np.testing.assert_allclose(back.family.start, planner.family.end)
-    np.testing.assert_allclose(back.family.end, planner.family.start)
-    onwards = next_planner(planner, None, elsewhere)
-    np.testing.assert_allclose(onwards.family.end, elsewhere)
-
-
 @pytest.mark.slow
 def test_a_front_turns_the_base_less_and_less():
     """Where the motion returns to its start, so that the base need not turn."""
@@ -233,7 +226,7 @@ def test_random_and_broadband_motions_move_as_much_as_the_limits_allow(planner):
 def test_the_errors_of_fits_are_as_large_as_predicted(name):
     """With an uncertain spacecraft its bodies are drawn, too."""
     planner = Planner(load_scenario(shipped_scenario(name)), load_sensors("flight"))
-    target = planner.targets[0].parameters
+    target = planner.targets[0]
     errors = np.array([*trial_errors(planner.setting, planner.own_motion, target, 6, 1)])
     prediction = planner.setting.predict(planner.own_motion, target)
     ratio = np.sqrt(np.mean(errors**2, axis=0)) / (prediction.sigma / prediction.scale)

@@ -95,8 +95,8 @@ def logs_section(result: Identification) -> Section:
             cells.append(f"{value} ± {spread}" if value else "not known")
         rows.append([name, *cells, unit])
     note = (
-        "Estimates with 95 % intervals; each log has its own start, momentum and biases. Agreement: "
-        "χ² of the difference from all others, for the same target."
+        "Estimates with 95 % intervals; each log has its own start, momentum and biases. "
+        "Agreement: χ² of the difference from all others, for the same target."
     )
     return Section("Logs", tables=[Table(["", *parts, "unit"], rows, note=note)])
 
