@@ -51,8 +51,7 @@ def identify(
     Exit codes: 0 all ten parameters are known, on a table the four that can be; 2 bad input or
     usage; 3 not all are determined; 4 a check failed: the first line says which.
     """
-    given = (("--json", json_file), ("--report", report))
-    outputs = [(option, path) for option, path in given if path is not None]
+    outputs = (("--json", json_file), ("--report", report))
     check_outputs(outputs, [*logs, *chosen.files()], force=force)
     requests = [chosen.request(each) for each in logs]
     console = options.log_console()

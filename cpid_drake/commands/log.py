@@ -50,9 +50,7 @@ def check(
 
     Exit codes: 0 no problem; 2 at least one problem.
     """
-    if figure is not None:
-        inputs = [file, *([] if reading.columns is None else [reading.columns])]
-        check_outputs([("--figure", figure)], inputs, force=force)
+    check_outputs([("--figure", figure)], [file, reading.columns], force=force)
     spacecraft = craft.make() if craft.is_given else None
     joints = None if spacecraft is None else spacecraft.joint_names
     found = inspect_telemetry(file, topics=reading.topics(), columns=reading.columns, joints=joints)
@@ -120,8 +118,7 @@ def map_columns(
     Exit codes: 0 the log agrees with the map; 2 columns are missing; 4 the log does not agree with
     the map, or an attitude, a unit or a direction is open.
     """
-    if out is not None:
-        check_outputs([("--out", out)], [file, *craft.files()], force=force)
+    check_outputs([("--out", out)], [file, *craft.files()], force=force)
     known, spacecraft = craft.known(), craft.make()
     topics = options.ReadingOptions(topic=topic).topics()
     with prefix_errors(file):
@@ -160,8 +157,7 @@ def convert(
 
     Angular velocities are written in the body's axes, as gyros measure them.
     """
-    inputs = [file, *([] if reading.columns is None else [reading.columns])]
-    check_outputs([("--out", out)], inputs, force=force)
+    check_outputs([("--out", out)], [file, reading.columns], force=force)
     found = read_telemetry(
         file, leave_out_bad=leave_out_bad, topics=reading.topics(), columns=reading.columns
     )

@@ -57,6 +57,7 @@ class LazyGroup(typer.core.TyperGroup):
         if found is None:
             return name, found, rest
         command = getattr(import_module(f"cpid_drake.commands.{name}"), str(name))
+        logging.getLogger("drake").setLevel(logging.WARNING)  # Drake sets it when it is imported
         if not isinstance(command, typer.Typer):
             single = typer.Typer()
             single.command(name)(command)
@@ -96,7 +97,6 @@ def _common(
 
 def main() -> None:
     """Run `cpid` and exit with a code of `EXIT_CODES`; an error is one line on stderr."""
-    logging.getLogger("drake").setLevel(logging.WARNING)
     try:
         code = app(standalone_mode=False) or 0
         sys.stdout.flush()  # a full disk is noticed here

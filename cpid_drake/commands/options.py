@@ -19,7 +19,6 @@ import cpid_drake as cpid
 from cpid_drake.commands.spacecraft_file import EXPLICIT, SpacecraftFile, load_spacecraft_file
 from cpid_drake.errors import InputError
 from cpid_drake.output_files.drafts import refuse_unfinished
-from cpid_drake.output_files.overwriting import check_folder
 from cpid_drake.resources import find_scenario, package_folders, resolve_model
 
 T = TypeVar("T")
@@ -344,14 +343,6 @@ def _option(annotation: Any) -> Any:
     shown = text.replace("[", "\\[")
     default = "Default: " not in text
     return Annotated[kind, typer.Option(help=shown, rich_help_panel=group, show_default=default)]
-
-
-def check_whole_folder(
-    option: str, folder: Path, inputs: Iterable[str | Path], force: bool
-) -> None:
-    """Refuse a folder in which any file would be lost; without --force, one that has files."""
-    names = [each.name for each in folder.glob("*") if each.is_file()]
-    check_folder(option, folder, names, inputs, force=force)
 
 
 def log_console(quiet: bool = False) -> Console:

@@ -75,14 +75,11 @@ def motion(
     target's mass properties in the scenario. Ctrl-C keeps the best motion so far.
     """
     path, start = find_scenario(scenario), time.perf_counter()
-    inputs = [path, *([] if chosen.prior is None else [chosen.prior])]
-    outputs = [("--out", out), *([] if picture is None else [("--picture", picture)])]
-    check_outputs(outputs, inputs, force=force)
+    inputs = [path, chosen.prior]
+    check_outputs([("--out", out), ("--picture", picture)], inputs, force=force)
+    check_folder("--front", front_folder, inputs, force=force)
     if picture is not None and picture.suffix not in (".png", ".svg"):
         raise InputError(f"--picture {picture}: give the name of a .png or .svg file")
-    if front_folder is not None:
-        files = ["front.csv", *(f"motion_{k:02d}.yaml" for k in range(planning.POINTS + 1))]
-        check_folder("--front", front_folder, files, inputs, force=force)
     log = options.log_console(quiet)
     with prefix_errors(scenario), log.status("planning") as status:
 

@@ -1,5 +1,6 @@
 """`cpid report`."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -9,7 +10,7 @@ from cpid_drake.commands import options
 from cpid_drake.errors import InputError
 from cpid_drake.identification.identify_files import identify_files
 from cpid_drake.output_files.drafts import draft_folder
-from cpid_drake.output_files.overwriting import check_outputs
+from cpid_drake.output_files.overwriting import check_folder, check_outputs
 from cpid_drake.report.findings import findings_of, findings_of_file
 from cpid_drake.report.pages.identification import identification_report
 from cpid_drake.report.pages.run import run_report
@@ -47,14 +48,12 @@ def report(
         raise InputError("give one of LOG, --result FILE and --run FOLDER")
     if result is not None and chosen != options.LogOptions():
         raise InputError("--result has the options of its identification: give no others")
-    sources: list[str | Path] = [each for each in (log, result, run) if each is not None]
 
-    def check(inputs: list[str | Path]) -> None:
+    def check(inputs: Sequence[str | Path | None]) -> None:
         check_outputs([("--out", out)], inputs, force=force)
-        if figures is not None:
-            options.check_whole_folder("--figures", figures, inputs, force)
+        check_folder("--figures", figures, inputs, force=force)
 
-    check([*sources, *chosen.files()])
+    check([log, result, run, *chosen.files()])
     console = options.log_console(quiet)
     with console.status("reading") as status:
         if run is not None:
@@ -68,7 +67,7 @@ def report(
             evidence = identify_files([chosen.request(str(log))], status.update)
             findings = findings_of(evidence, status.update)
             page = identification_report(findings, progress=status.update)
-        check([*sources, *findings.files()])
+        check([log, result, run, *findings.files()])
         status.update("drawing")
         page.write(out)
         if figures is not None:

@@ -45,11 +45,9 @@ def simulate(
     if (out is None) != check:
         raise InputError("give --out FOLDER, or --check to simulate nothing")
     path = find_scenario(scenario)
-    if out is not None:
-        check_folder("--out", out, [], [path])
+    check_folder("--out", out, names=[])
     loaded = load_scenario(path)
-    if out is not None:
-        check_folder("--out", out, RUN_FILES, [path, *files_of(loaded)], force=force)
+    check_folder("--out", out, [path, *files_of(loaded)], names=RUN_FILES, force=force)
     log = options.log_console(quiet)
     with log.status("reading the model") as status:
         with prefix_errors(scenario):

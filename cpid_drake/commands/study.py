@@ -10,6 +10,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from cpid_drake.commands import options
 from cpid_drake.errors import prefix_errors
 from cpid_drake.output_files.drafts import draft_folder
+from cpid_drake.output_files.overwriting import check_folder
 from cpid_drake.report.page import Report
 from cpid_drake.report.pages.study import accuracy_report, paper_report, write_study
 from cpid_drake.report.terminal import print_table
@@ -44,7 +45,7 @@ def paper(
     start = time.perf_counter()
     path = find_scenario(scenario)
     loaded, exciting = load_scenario(path), load_scenario(find_scenario(EXCITING))
-    options.check_whole_folder("--out", out, [path, *files_of(loaded)], force)
+    check_folder("--out", out, [path, *files_of(loaded)], force=force)
     log = options.log_console(quiet)
     with log.status("simulating") as status:
         with prefix_errors(scenario):
@@ -93,7 +94,7 @@ def accuracy(
     path = find_scenario(scenario)
     loaded = load_scenario(path)
     suites = sensors or loaded.accuracy.presets
-    options.check_whole_folder("--out", out, [path, *files_of(loaded), *suites], force)
+    check_folder("--out", out, [path, *files_of(loaded), *suites], force=force)
     with prefix_errors(scenario):
         options.print_warnings(check_limits(make_simulation(loaded)).exceeded)
     log = options.log_console(quiet)

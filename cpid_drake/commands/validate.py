@@ -17,6 +17,8 @@ from cpid_drake.identification.validation import POWER, Validation
 from cpid_drake.identification.validation import validate as validate_target
 from cpid_drake.output_files.drafts import write_text
 from cpid_drake.output_files.overwriting import check_outputs
+from cpid_drake.report.page import Table
+from cpid_drake.report.terminal import print_table
 
 
 @options.with_options
@@ -65,9 +67,7 @@ def validate(
     Exit codes: 0 the target passes the test, and the residuals are below the threshold; 2 bad input
     or usage; 4 the result is not valid.
     """
-    inputs = [file for file in (result, log, sensors, part.columns) if file is not None]
-    outputs = [] if json_file is None else [("--json", json_file)]
-    check_outputs(outputs, inputs, force=force)
+    check_outputs([("--json", json_file)], [result, log, sensors, part.columns], force=force)
     found = read_result(result)
     if not found.sources:
         raise InputError(f"{result}: the result does not name its spacecraft")
@@ -119,40 +119,47 @@ def validate(
     options.print_warnings(f"failed check of the result: {failure}" for failure in found.failures)
     options.print_warnings(validation.warnings)
     if not quiet:
-        print("\n".join(_described(validation, threshold)))
+        print("\n".join(_verdict(validation, threshold)))
+        print_table(_predicted(validation))
     return 0 if is_valid else CHECK_FAILED
 
 
-def _described(validation: Validation, threshold: float) -> list[str]:
-    size = validation.in_sigma
+def _verdict(validation: Validation, threshold: float) -> list[str]:
+    size, probability = validation.in_sigma, validation.probability
+    verdict = f"valid: the log agrees with this target (p = {probability:.2g})"
     if not validation.is_target_right:
         verdict = (
             "not valid: the log's own estimate differs; from the right target it differs so much "
-            f"with probability {max(validation.probability, 1e-99):.2g}"
+            f"with probability {max(probability, 1e-99):.2g}"
         )
     elif size > threshold:
         verdict = (
             f"not valid: a usual residual of {size:.3g} σ (threshold {threshold:g}), which no "
             "other target explains better"
         )
-    else:
-        verdict = f"valid: the log agrees with this target (p = {validation.probability:.2g})"
     noticed = "Not even a target twice as heavy would be noticed"
     if validation.heavier <= 1:
         noticed = f"A target {100 * validation.heavier:.2g} % heavier would be noticed"
-    lines = [
+    return [
         verdict,
         f"{noticed} (probability {100 * POWER:g} %)",
         f"χ² of the target {validation.chi_squared:.3g}, of {validation.freedom} combinations of "
         f"parameters that the log determines; total momentum {validation.momentum}",
-        "",
-        f"Predicted {validation.start:.6g} to {validation.end:.6g} s from the joint motion:",
-        f"  {'':9}{'samples':>8}{'rms error':>10}{'largest':>9}{'noise':>9}{'':9}{'residual':>9}",
     ]
-    for error in validation.errors:
-        lines.append(
-            f"  {error.sensor:9}{error.samples:8}{error.rms:10.3g}{error.largest:9.3g}"
-            f"{error.noise:9.3g} {error.unit:8}{error.in_sigma:7.3g} σ"
-        )
-    note = "  Residual: of a fit of the whole log with the target that explains it best."
-    return [*lines, "", note]
+
+
+def _predicted(validation: Validation) -> Table:
+    rows = [
+        [
+            each.sensor,
+            str(each.samples),
+            *(f"{x:.3g}" for x in (each.rms, each.largest, each.noise)),
+        ]
+        + [each.unit, f"{each.in_sigma:.3g} σ"]
+        for each in validation.errors
+    ]
+    heads = ["", "samples", "rms error", "largest", "noise", "", "residual"]
+    start, end = validation.start, validation.end
+    caption = f"Predicted {start:.6g} to {end:.6g} s from the joint motion"
+    note = "Residual: of a fit of the whole log with the target that explains it best."
+    return Table(heads, rows, caption, note)

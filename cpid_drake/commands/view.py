@@ -37,7 +37,7 @@ def view(
 
     The replay of a log is in its report, see `cpid report`.
     """
-    outputs, path = [] if out is None else [("--out", out)], find_scenario(scenario)
+    outputs, path = [("--out", out)], find_scenario(scenario)
     check_outputs(outputs, [path], force=force)
     loaded, console = load_scenario(path), options.log_console(quiet)
     check_outputs(outputs, files_of(loaded), force=force)

@@ -17,12 +17,16 @@ _DRAWN = (".html", ".png", ".svg")
 
 
 def check_outputs(
-    outputs: Iterable[tuple[str, Path]], inputs: Iterable[str | Path] = (), *, force: bool = False
+    outputs: Iterable[tuple[str, Path | None]],
+    inputs: Iterable[str | Path | None] = (),
+    *,
+    force: bool = False,
 ) -> None:
     """Before the work begins, refuse outputs that cannot be written or would destroy a file.
 
     Args:
-        outputs: the files that the command writes, each with the option that names it.
+        outputs: the files that the command writes, each with the option that names it; None for an
+            option that is not given, as in `inputs`.
         inputs: the files and folders that the command reads; those that do not exist are ignored.
             All files in a folder are inputs, except pages and pictures.
         force: whether files that exist may be replaced. Inputs are protected in any case.
@@ -33,11 +37,11 @@ def check_outputs(
 
     """
     known: list[Path] = []
-    for source in map(Path, inputs):
+    for source in (Path(each) for each in inputs if each is not None):
         files = source.iterdir() if source.is_dir() else [source]
         known += [each for each in files if each == source or each.suffix.lower() not in _DRAWN]
     before: list[Path] = []
-    for option, path in outputs:
+    for option, path in ((option, path) for option, path in outputs if path is not None):
         where = f"{option} {path!s:.200}".strip()
         with write_errors(where):
             if not path.parent.is_dir():
@@ -62,20 +66,26 @@ def check_outputs(
 
 def check_folder(
     option: str,
-    folder: Path,
-    names: Iterable[str],
-    inputs: Iterable[str | Path] = (),
+    folder: Path | None,
+    inputs: Iterable[str | Path | None] = (),
     *,
+    names: Iterable[str] | None = None,
     force: bool = False,
 ) -> None:
     """Before the work begins, refuse a folder in which files of these names cannot be written.
+
+    Without names, all files in the folder may be replaced. None for an option that is not given.
 
     Raises:
         InputError: the folder cannot be made or written in; or as for `check_outputs`.
 
     """
+    if folder is None:
+        return
     with write_errors(f"{option} {folder!s:.200}"):
         _make_a_file(next(each for each in (folder, *folder.absolute().parents) if each.exists()))
+    if names is None:
+        names = [each.name for each in folder.glob("*") if each.is_file()]
     if folder.exists():
         check_outputs([(option, folder / name) for name in names], inputs, force=force)
 

@@ -36,6 +36,7 @@ def singular_value_picture(values: NDArray[np.float64]) -> Picture:
         axes.stem(np.arange(1, len(values) + 1), values, basefmt=" ")
         axes.set_yscale("log" if (values > 0).all() else "linear")
         axes.set_xticks(np.arange(1, len(values) + 1))
+        axes.margins(x=0.05)
 
     return Picture("singular values of the scaled problem", draw)
 

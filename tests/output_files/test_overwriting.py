@@ -55,13 +55,13 @@ def test_a_file_that_exists_is_replaced_by_force_only(folder):
     assert "exists already" in refusal(folder / "r.html")
     check_outputs([("--out", folder / "r.html"), ("--json", folder / "r.json")], force=True)
     assert (folder / "r.html").read_text() == "old"
-    check_folder("--out", folder / "new" / "deep", ["scenario.yaml"])
+    check_folder("--out", folder / "new" / "deep", names=["scenario.yaml"])
     assert not (folder / "new").exists()
     (folder / "scenario.yaml").write_text("a: 1")
     with pytest.raises(InputError, match=r"scenario\.yaml: exists already"):
-        check_folder("--out", folder, ["scenario.yaml"])
+        check_folder("--out", folder, names=["scenario.yaml"])
     with pytest.raises(InputError, match=r"scenario\.yaml: is the input"):
-        check_folder("--out", folder, ["scenario.yaml"], ["scenario.yaml"], force=True)
+        check_folder("--out", folder, ["scenario.yaml"], names=["scenario.yaml"], force=True)
 
 
 def test_places_that_cannot_be_written(folder):
@@ -72,4 +72,4 @@ def test_places_that_cannot_be_written(folder):
     assert "there is no folder" in refusal(folder / "log.csv" / "r.html", force=True)
     assert "cannot write there" in refusal(folder / ("x" * 300 + ".html"))
     with pytest.raises(InputError, match="cannot write there"):
-        check_folder("--out", folder / "log.csv" / "x", [])
+        check_folder("--out", folder / "log.csv" / "x", names=[])

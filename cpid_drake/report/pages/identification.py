@@ -60,7 +60,6 @@ def identification_report(
     result, evidence = findings.result, findings.evidence
     sections = [
         *before,
-        request_section(result),
         result_section(result, findings.truth),
         *([logs_section(result)] if result.logs else []),
         checks_section(result, None if evidence is None else evidence.found),
@@ -92,6 +91,7 @@ def identification_report(
             missing = f"the replay cannot be made: {error}"
     if missing:
         sections.append(Section("Not shown", texts=[f"Some sections are not shown: {missing}."]))
+    sections.append(request_section(result))
     craft = result.spacecraft
     title = title or f"Target held by {craft.capture_frame if craft else 'a spacecraft'}"
     model = craft.model.rsplit("/", 1)[-1] if craft else "a spacecraft"
