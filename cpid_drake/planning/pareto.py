@@ -26,14 +26,14 @@ def front(
     improved from the one before. The largest turn is the first. Limits for which no motion is found
     are left out.
     """
-    found = [best]
+    found, free = [best], planner.objective
     for limit in best.turn * np.geomspace(1.0, 0.05, POINTS + 1)[1:]:
         progress(f"turn of the base below {np.degrees(limit):.3g} deg")
-        limits = {BASE_LIMITS[0]: float(limit)}
+        planner.objective = free.with_limits({BASE_LIMITS[0]: float(limit)})
         start = found[-1].parameters
-        improved = planner.improved(start, planner.options.iterations // 3, limits)
-        plan = planner.consider(improved, limits)
+        plan = planner.consider(planner.improved(start, planner.options.iterations // 3))
         found += [] if plan is None else [plan]
+    planner.objective = free
     kept: list[Plan] = []
     for plan in sorted(found, key=lambda one: (one.turn, one.score)):
         if not kept or plan.score < kept[-1].score:

@@ -1,10 +1,9 @@
 """Plans the joint motion of a scenario that determines the target best."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -217,7 +216,7 @@ class Planner:
             progress("gradient method", score)
 
         try:
-            self.consider(self.improved(start, self.options.iterations, seen=see))
+            self.consider(self.improved(start, self.options.iterations, see))
         except KeyboardInterrupt:
             self.consider(seen[-1])
             raise
@@ -254,7 +253,6 @@ class Planner:
         self,
         start: NDArray[np.float64],
         iterations: int,
-        limits: Mapping[str, float] = MappingProxyType({}),
         seen: Callable[[NDArray[np.float64], float], None] = lambda parameters, score: None,
     ) -> NDArray[np.float64]:
         """Return the parameters (F, K) that the gradient method makes of a start.
@@ -266,12 +264,10 @@ class Planner:
         Args:
             start: the parameters to begin with.
             iterations: largest number.
-            limits: further limits of the base's motion, by name.
             seen: see `search.improved`.
 
         """
-        objective = self.objective.with_limits(limits)
-        demanding = set[int]()
+        objective, demanding = self.objective, set[int]()
         for _ in range(EXCHANGES):
             samples = self.family.samples(start[None], objective.times)
             shares = objective.shares(samples)[0]
@@ -282,25 +278,20 @@ class Planner:
             start = improved(imposed, self.distances, start, count, seen)
         return start
 
-    def consider(
-        self,
-        parameters: NDArray[np.float64],
-        limits: Mapping[str, float] = MappingProxyType({}),
-    ) -> Plan | None:
+    def consider(self, parameters: NDArray[np.float64]) -> Plan | None:
         """Return the plan that moves the joints as much as these parameters, or as limits allow.
 
         It becomes the best if its criterion is smaller. None if no share of the motion is within
-        all limits, which further ones of the base's motion may be.
+        all limits.
         """
-        objective = self.objective.with_limits(limits)
         parameters = parameters / max(1.0, self.family.usage(parameters).max())
         least, most, share, found = 0.0, 1.0, 1.0, None
         for _ in range(BISECTIONS):
             x = share * parameters
             motion = self.family.make(x)
-            usage, turn = self.usage(motion, objective.limits)
+            usage, turn = self.usage(motion)
             if max(usage.values()) <= 1 + 1e-9:  # a joint may rest at its limit
-                found = Plan(motion, x, float(objective.sigmas(x[None]).max()), usage, turn)
+                found = Plan(motion, x, float(self.objective.sigmas(x[None]).max()), usage, turn)
                 least = share
                 if share == 1:
                     break
@@ -311,34 +302,24 @@ class Planner:
             self.best = found
         return found
 
-    def usage(
-        self, motion: JointMotion, limits: Mapping[str, float] | None = None
-    ) -> tuple[dict[str, float], float]:
+    def usage(self, motion: JointMotion) -> tuple[dict[str, float], float]:
         """Return the largest share of each limit that a motion needs, and the base's turn [rad].
 
         They are the largest with any of the checked targets; those of efforts are computed in
         Drake's plant, with the targets that need the most.
-
-        Args:
-            motion: of the joints.
-            limits: of the base's motion, by name; default: those of the options.
-
         """
         found, names = dict[str, float](), self.spacecraft.joint_names
-        limits = self.objective.limits if limits is None else limits
         used = self.family.usage_of(motion)
         for what, row in zip(QUANTITIES, used, strict=True):
             found |= {f"{what} of {name}": x for name, x in zip(names, row.tolist(), strict=True)}
-        shares = self.objective.with_limits(limits).shares(
-            motion.evaluate(self.objective.times)[:, None, :2]
-        )
+        shares = self.objective.shares(motion.evaluate(self.objective.times)[:, None, :2])
         most = np.argsort(shares[0].max(axis=1, initial=0.0), kind="stable")[-CHECKED_IN_DRAKE:]
         needed = self.setting.needs(motion, self.checked_targets[most])
         efforts, lengths = (each.max(axis=0) for each in needed)
         torque = efforts / self.spacecraft.limits.efforts
         found |= {f"torque of {name}": x for name, x in zip(names, torque.tolist(), strict=True)}
         for name, length in zip(BASE_LIMITS, lengths.tolist(), strict=True):
-            found[name] = length / limits.get(name, np.inf)
+            found[name] = length / self.objective.limits.get(name, np.inf)
         if self.distances is not None:
             positions = motion.evaluate(motion.instants())[:, 0]
             near = self.distances.clearance.approaches(positions)

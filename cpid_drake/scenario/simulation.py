@@ -57,7 +57,6 @@ class Simulation:
         identifier: the online identifier: a `MomentumIdentifier` on the plant's exact state, or a
             `SensorIdentifier` on the sensors.
         state_log: logs the state of the plant.
-        parameter_log: logs the identifier's parameters.
         thrust: the log of the burns, with the error of its scale; empty without burns.
         impulse_log: logs the momentum that forces from outside give; None without any.
         sensors: the scenario's sensors, if it has any.
@@ -74,7 +73,6 @@ class Simulation:
     state_columns: NDArray[np.intp]
     identifier: Identifier
     state_log: VectorLogSink
-    parameter_log: VectorLogSink
     thrust: Samples
     impulse_log: VectorLogSink | None
     sensors: SpacecraftSensors | None = None
@@ -266,7 +264,6 @@ def make_simulation(
         return LogVectorOutput(port, builder, scenario.simulation.log_period)
 
     state_log = log(plant.get_state_output_port())
-    parameter_log = log(identifier.GetOutputPort("parameters"))
     impulse_log = forces and log(forces.GetOutputPort("impulse"))
     if meshcat is not None and scene_graph is not None:
         add_bodies(builder, plant, scene_graph, meshcat)
@@ -291,7 +288,6 @@ def make_simulation(
         spacecraft.columns_in(plant),
         identifier,
         state_log,
-        parameter_log,
         thrust,
         impulse_log,
         sensors,

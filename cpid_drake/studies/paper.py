@@ -40,7 +40,6 @@ class PaperStudy:
         exciting: Table 2 for a motion that moves the base faster, by Eq. 18 and by the trajectory
             fit; empty if the target is not the paper's.
         by_count: batch identifications from the first 1, 2, … exact samples.
-        online_parameters: (N, 10) the online identifier's estimate at the times of `telemetry`.
         online_minus_batch: largest difference between the final online and the batch estimate,
             relative as in `max_relative_error`.
         drift: (2,) largest change of the total momentum, linear [N·s] and angular about W's origin
@@ -60,7 +59,6 @@ class PaperStudy:
     rounded: tuple[RoundedCase, ...]
     exciting: tuple[tuple[RoundedCase, ...], ...]
     by_count: tuple[Identification, ...]
-    online_parameters: NDArray[np.float64]
     online_minus_batch: float
     drift: NDArray[np.float64]
     rounded_momentum: NDArray[np.float64]
@@ -139,8 +137,6 @@ def run_paper_study(
     if not exact.is_observable:
         raise InputError(f"the scenario does not identify its target: {exact.explain()}")
     online = simulation.identification(context).parameters
-    parameter_log = simulation.parameter_log.FindLog(context)
-    _, first = np.unique(parameter_log.sample_times(), return_index=True)
     rounded = tuple(rounded_case(samples, number, identified) for number in range(1, 13))
     feasible = rounded[PAPER_DIGITS - 1].identification.consistent
     if feasible is None:
@@ -162,7 +158,6 @@ def run_paper_study(
         rounded=rounded,
         exciting=of_exciting,
         by_count=tuple(identified(samples.select(slice(0, n))) for n in range(1, len(samples) + 1)),
-        online_parameters=parameter_log.data()[:, first].T.copy(),
         online_minus_batch=max_relative_error(online - exact.parameters + truth.to_vector(), truth),
         drift=_largest(momentum - momentum[0] for momentum in exact_momentum),
         rounded_momentum=_largest(six_momentum),
@@ -190,22 +185,20 @@ def sampling_times(scenario: Scenario) -> NDArray[np.float64]:
 def summarize(study: PaperStudy, wall_seconds: float) -> dict:
     """Return the study's numbers for `summary.json`; missing values are None."""
 
+    def error(found: Identification) -> float | None:
+        return nulls(max_relative_error(found.parameters, study.truth))
+
     def table_1(found: Identification) -> dict:
         errors = parameter_errors(found.parameters, study.truth)
-        return {
-            "parameters": nulls(found.parameters),
-            "relative_errors": nulls(errors),
-            "max_relative_error": nulls(np.abs(errors).max()),
-        }
+        values = {"parameters": nulls(found.parameters), "relative_errors": nulls(errors)}
+        return {**values, "max_relative_error": error(found)}
 
     def table_2(cases: Iterable[RoundedCase]) -> list[dict]:
         return [
             {
                 "decimals": case.decimals,
                 "mass": nulls(case.mass),
-                "max_relative_error": nulls(
-                    max_relative_error(case.identification.parameters, study.truth)
-                ),
+                "max_relative_error": error(case.identification),
                 "objection": case.objection,
             }
             for case in cases
@@ -220,11 +213,7 @@ def summarize(study: PaperStudy, wall_seconds: float) -> dict:
         "momentum_drift": dict(zip(names, study.drift.tolist())),
         "rounded6_momentum": dict(zip(names, study.rounded_momentum.tolist())),
         "samples": [
-            {
-                "n": n,
-                "rank": found.rank,
-                "max_relative_error": nulls(max_relative_error(found.parameters, study.truth)),
-            }
+            {"n": n, "rank": found.rank, "max_relative_error": error(found)}
             for n, found in enumerate(study.by_count, 1)
         ],
         "online_minus_batch": study.online_minus_batch,

@@ -82,7 +82,9 @@ class SceneVisualizer(SpacecraftSystem):
         self._add("centre_of_mass", Sphere(size), "white")
         for owner, color in (("spacecraft", "skyblue"), ("target", "yellow")):
             for kind in ("linear", "angular"):
-                self._add(f"momentum/{kind}_{owner}", MeshcatCone(1.0, size, size), color)
+                self._add(
+                    f"momentum/{kind}_{owner}", MeshcatCone(1.0, 0.6 * size, 0.6 * size), color
+                )
         for axis, name in zip(np.eye(3), "xyz", strict=True):
             ends = np.column_stack([np.zeros(3), 0.15 * self._reach * axis])
             meshcat.SetLine(f"/cpid/C/{name}", ends, 3.0, Rgba(*axis))
