@@ -38,8 +38,8 @@ def plausible_targets(
         count: number T of targets.
         seed: determines the targets.
         prior: what is known about the target.
-        heaviest: make every ellipsoid as heavy and as large as possible, and hold it as far from
-            its centre of mass as possible.
+        heaviest: make every ellipsoid as heavy as possible, larger than the mean, and hold it as
+            far from its centre of mass as possible.
 
     Raises:
         InputError: the prior knows only combinations of parameters; no rigid body is near its mean.
@@ -84,7 +84,7 @@ def _ellipsoid(
     """Return π (10,) of a random solid ellipsoid near C's origin."""
     low, high = np.log(np.array(MASSES) * mass)
     m = float(np.exp(high if heaviest else rng.uniform(low, high)))
-    least = LENGTHS[1] if heaviest else LENGTHS[0]
+    least = np.mean(LENGTHS) if heaviest else LENGTHS[0]
     squares = (radius * rng.uniform(least, LENGTHS[1], 3)) ** 2
     Q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
     inertia = m / 5 * (Q * (squares.sum() - squares)) @ Q.T
