@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.common.value import Value
 from pydrake.systems.framework import (
-    BasicVector,
     Context,
     EventStatus,
     State,
@@ -40,16 +39,6 @@ while a sensor is silent.
 
 _SHARE_OF_INTERVAL = 0.9  # of a sensor's sampling interval in which no further sample can come
 
-_ORDER = ("gyro", "attitude", "encoders", "position", "velocity", "joint_rates")
-
-FILTER_DIAGNOSTICS = (
-    *(f"{name}_used" for name in _ORDER),
-    *(f"{name}_rejected" for name in _ORDER),
-    "momentum_changes",
-    "momentum_change_time",
-)
-"""Entries of the `filter_diagnostics` output."""
-
 
 class SensorIdentifier(Identifier):
     """Identifies the target's ten inertial parameters online, from sensors at their own rates.
@@ -61,11 +50,11 @@ class SensorIdentifier(Identifier):
 
         name: SensorIdentifier
         input_ports:
-        - gyro
         - attitude
-        - encoders
+        - gyro
         - position
         - velocity
+        - encoders
         - joint_rates
         - thrust
         output_ports:
@@ -73,7 +62,6 @@ class SensorIdentifier(Identifier):
         - covariance
         - spatial_inertia
         - diagnostics
-        - filter_diagnostics
 
     - one input (1 + width) for each sensor of the suite, as from `SpacecraftSensors`: the time [s]
       of the latest sample, then its value; NaN before the first.
@@ -81,10 +69,10 @@ class SensorIdentifier(Identifier):
     - `parameters`, `covariance`, `spatial_inertia`, `diagnostics`: as the outputs of
       `MomentumIdentifier`, but the covariance follows from the sensors' noise, and the residual is
       NaN.
-    - `filter_diagnostics` (14): samples used and rejected of every sensor (zero for absent
-      sensors), number of detected changes of momentum, and time of the latest [s] (NaN for none);
-      see `FILTER_DIAGNOSTICS`. A rejected sample is unusable, late, or so far off that it weighs
-      less.
+
+    `identification(context)` also has the number of rejected samples of every sensor and the times
+    of changes of the momentum. A rejected sample is unusable, late, or so far off that it weighs
+    less.
 
     In every period it collects the new samples. When a block is complete, it screens the samples
     and solves the block. Drake systems that update at the same instant read each other's state
@@ -138,9 +126,7 @@ class SensorIdentifier(Identifier):
         self.set_name("sensor_identifier")
         check_sensors(suite, "sensors")
         self._suite, present = suite, suite.present()
-        sensors = [name for name in _ORDER if name in present]
-        sensors += [name for name in present if name not in _ORDER]
-        shortest = 1 / max(present[name].rate for name in sensors)
+        shortest = 1 / max(errors.rate for errors in present.values())
         period = shortest if period is None else period
         if not (is_number(period) and 0 < period <= shortest):
             raise InputError(
@@ -153,7 +139,7 @@ class SensorIdentifier(Identifier):
         joints = len(spacecraft.joint_names)
         self._sample_ports = {
             name: self.DeclareVectorInputPort(name, 1 + SENSORS[name].width(joints))
-            for name in sensors
+            for name in present
         }
         if reads_thrust:
             self._sample_ports[THRUST] = self.DeclareVectorInputPort(THRUST, 7)
@@ -165,12 +151,6 @@ class SensorIdentifier(Identifier):
         )
         self.DeclareForcedUnrestrictedUpdateEvent(self._finish)
         self._declare_outputs(self.xa_ticket())
-        self.DeclareVectorOutputPort(
-            name="filter_diagnostics",
-            size=len(FILTER_DIAGNOSTICS),
-            calc=self._calc_filter_diagnostics,
-            prerequisites_of_calc={self.xa_ticket()},
-        )
 
     def online_state(self, context: Context) -> OnlineState:
         """Return the estimator's state in this system's context."""
@@ -254,16 +234,10 @@ class SensorIdentifier(Identifier):
 
     @one_thread
     def _solve(self, context: Context) -> Identification:
-        return identification_of_state(self._model, self._memory(context).online, self._momentum)
-
-    def _calc_filter_diagnostics(self, context: Context, output: BasicVector) -> None:
         memory = self._memory(context)
-        online = memory.online
-        used, far_off = Counter(online.processed), Counter(online.rejected)
-        used.subtract(far_off)
-        rejected = far_off + Counter(memory.rejected)
-        counts = [each[name] for each in (used, rejected) for name in _ORDER]
-        output.SetFromVector([*counts, len(online.events), max(online.events, default=np.nan)])
+        found = identification_of_state(self._model, memory.online, self._momentum)
+        rejected = Counter(memory.rejected) + Counter(found.rejected)
+        return replace(found, rejected=dict(rejected))
 
 
 @dataclass(frozen=True, eq=False)

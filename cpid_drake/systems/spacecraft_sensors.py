@@ -61,6 +61,10 @@ class SpacecraftSensors(SpacecraftSystem):
         suite: its sensors.
         seed: seed of the sensors' random errors, a whole number >= 0.
 
+    Attributes:
+        spacecraft, suite: as given.
+        noise: the errors of the samples, with the values of the constant errors.
+
     Raises:
         InputError: invalid sensors (see `suite.check_sensors`) or an invalid seed; and, when a
             sample is taken, a state that is not finite or without an attitude.
@@ -71,8 +75,7 @@ class SpacecraftSensors(SpacecraftSystem):
         super().__init__()
         self.set_name("spacecraft_sensors")
         check_sensors(suite, "sensors")
-        self._spacecraft = spacecraft
-        self._noise = SensorNoise(suite, seed)
+        self.spacecraft, self.suite, self.noise = spacecraft, suite, SensorNoise(suite, seed)
         self._state_port = self.DeclareVectorInputPort(
             "state", spacecraft.plant.num_multibody_states()
         )
@@ -86,21 +89,6 @@ class SpacecraftSensors(SpacecraftSystem):
     def sample_ports(self) -> dict[str, OutputPort]:
         """Return the output ports by sensor, for `SensorIdentifier.AddToBuilder`."""
         return {name: self.GetOutputPort(name) for name in self.suite.present()}
-
-    @property
-    def spacecraft(self) -> Spacecraft:
-        """The spacecraft that is measured."""
-        return self._spacecraft
-
-    @property
-    def suite(self) -> SensorSuite:
-        """The sensors."""
-        return self._noise.suite
-
-    @property
-    def noise(self) -> SensorNoise:
-        """The errors of the samples, with the values of the constant errors."""
-        return self._noise
 
     def DoCalcTimeDerivatives(self, context: Context, derivatives: ContinuousState) -> None:
         """Set the derivative of the integral of the angular velocity, if a gyro needs it."""
@@ -127,10 +115,10 @@ class SpacecraftSensors(SpacecraftSystem):
             else:
                 motion = self._motion(context, k / errors.rate, name)
                 [ideal] = SENSORS[name].quantity.ideal(motion)
-            if self._noise.is_lost(name, k + 1)[k]:
+            if self.noise.is_lost(name, k + 1)[k]:
                 return EventStatus.DidNothing()
-            [value] = self._noise.apply(name, ideal[None], k, motion)
-            stamp = k / errors.rate + self._noise.constants(name, width).delay
+            [value] = self.noise.apply(name, ideal[None], k, motion)
+            stamp = k / errors.rate + self.noise.constants(name, width).delay
             discrete_state.set_value(index, np.append(stamp, value))
             return EventStatus.Succeeded()
 
@@ -148,7 +136,7 @@ class SpacecraftSensors(SpacecraftSystem):
         """Return the true motion of the current state, stamped with a time [s]."""
         state = self._state_port.Eval(context)
         with prefix_errors(f"{self.GetSystemPathname()}: {name} at t = {time:g} s"):
-            return self._spacecraft.to_telemetry(time, state)
+            return self.spacecraft.to_telemetry(time, state)
 
 
 def log_samples(builder: DiagramBuilder, sensors: SpacecraftSensors) -> dict[str, VectorLogSink]:
