@@ -16,9 +16,9 @@ import numpy as np
 from cpid_drake.estimation.evidence import Comparison, Question
 from cpid_drake.estimation.fit import Fit, fit, prior_of
 from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.joints import FAR
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import roll
-from cpid_drake.estimation.smoothness import FAR
 from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import Model
 

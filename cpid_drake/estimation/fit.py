@@ -17,9 +17,9 @@ from scipy.special import chdtri
 
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.joints import DECLARED, FAR
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Rolled, Values, roll
-from cpid_drake.estimation.smoothness import DECLARED, FAR
 from cpid_drake.estimation.start import start_of
 from cpid_drake.estimation.sweep import Swept, back, sweep
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model, undetermined
@@ -28,9 +28,6 @@ from cpid_drake.sensors.sensors import SENSORS
 
 CLOSE = 1e-2
 """The fit ends when a step would reduce χ² by less than this: a tenth of σ along one direction."""
-
-CLOSING = (1.0, 0.1, 0.1, 0.1, 0.1)
-"""The ends of blocks are closed step by step: σ of a change, as a share of the one before."""
 
 SETTLED = 0.1
 """Weights and noise come from the residuals once a step reduces χ² by less than this share, or
@@ -106,25 +103,6 @@ def fit(
     logs = list(logs)
     if values is None or any(log.start is None for log in logs):
         values, logs = start_of(model, logs, values)
-        if any(log.links and not len(log.forces[0]) for log in logs):
-            for share in CLOSING:  # from blocks of their own to one motion
-                logs = [log.with_links(share) for log in logs]
-                wide = _minimized(model, logs, rows, values, progress, until_settled=True)
-                values, logs = wide.values, wide.logs
-        logs = [log.opened(model, ()) for log in logs]
-    return _minimized(model, logs, rows, values, progress)
-
-
-def _minimized(
-    model: Model,
-    logs: list[LogState],
-    rows: Sequence[Gaussian],
-    values: Values,
-    progress: Callable[[str], object],
-    *,
-    until_settled: bool = False,
-) -> Fit:
-    """Fit logs that have a start; only until steps are small if this is the start of another."""
     now = _point(model, logs, values, rows, values)
     damping, growth, converged, settled, sweeps = _FIRST_DAMPING, 2.0, False, False, 0
     total, swept = prior_of(model, logs, values, rows), list[Swept]()
@@ -163,7 +141,6 @@ def _minimized(
         left = now.cost - total.cost(total.solve(held=held))  # a damped step may be small anywhere
         converged = settled and left < CLOSE  # with weights that are those of the residuals
         settled = fall < SETTLED * max(now.cost, sum(r.count for r in now.rolled))
-        converged = converged or (settled and until_settled)
         now, total = tried, total.moved(step)
     return Fit(model, now.values, now.logs, now.rolled, total, now.cost, sweeps, converged)
 

@@ -1,20 +1,70 @@
 """The joints' motion by their own sensors: smoothing splines that continue from block to block.
 
-Position, rate and acceleration continue; the jerk is white noise. See `smoothness` for the rows of
-one block; those of all blocks are one banded least-squares problem, solved by a sweep forward and
-back.
+Position, rate and acceleration continue at the ends of blocks; the spline of a block is quintic.
+With samples q at times t, the rows of all its coefficients c are
+
+    B(t) c = q / (σ f)    samples, with a noise factor f of the declared σ
+    P c = 0 / s           |P c|² = ∫ jerk² dt: the jerk is white noise of size s
+
+so the jerk's prior bridges missing samples with the uncertainty that they leave. The number of
+pieces, s and f have the largest marginal likelihood (evidence). With λ = s²/f², ν = `DECLARED` and
+the banded M = BᵀB + PᵀP/λ, for n samples and K coefficients of the whole log,
+
+    −2 log(evidence) = (ν + n − 3) log(ν + S) + log det M + (K − 3) log λ − log det PᵀP
+
+with the penalized χ² S, and det PᵀP that on the coefficients that have a jerk.
+
+Sources: Wahba 1990, Spline Models for Observational Data, ch. 1 and 4.
 """
 
+from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from cpid_drake.estimation.block import Block
-from cpid_drake.estimation.likelihood.joint_motion import ORDER, JointPart
-from cpid_drake.estimation.smoothness import JointSamples, Smoothness, smoothness_of
+from cpid_drake.estimation.likelihood.joint_motion import DEGREE, ORDER, JointPart, spline_basis
+from cpid_drake.logs.log import Samples
+from cpid_drake.sensors.sensors import JOINT_POSITIONS, JOINT_RATES, sensors_of
 from cpid_drake.sensors.suite import SensorSuite
+
+FINER = 2
+"""The gyro feels errors of the splines that encoders do not: so many times as many pieces."""
+
+FAR = 4.0
+"""A sample that is off by r > `FAR` σ has the weight FAR/r (Huber 1964)."""
+
+DECLARED = 10.0
+"""The declared σ of a sensor counts as much as so many samples."""
+
+_LEGENDRE = np.polynomial.legendre.leggauss(3)  # exact for the square of a quadratic
+_GRID = np.arange(-29.0, 16.0, 3.0)  # of log λ: jerk noise of 1e-6 to 1e3 rad/s³·√s
+_WORTH = 6.0  # of −2 log(evidence) for a rougher motion: strong evidence (Kass and Raftery 1995)
+_REWEIGHTINGS = 6  # at most; outliers look like a rough motion or like noise until they are known
+_SAME = 0.05  # change of a weight that does not matter
+
+
+@dataclass(frozen=True, eq=False)
+class Smoothness:
+    """How smooth the joints of a log are, and how noisy their sensors.
+
+    Attributes:
+        rate: pieces of the splines in a second.
+        jerk: (J,) size s of the jerk's white noise [rad/s³·√s or m/s³·√s].
+        noise: (J,) factor f of the sensors' declared σ; 1 if they are better than declared.
+
+    """
+
+    rate: float
+    jerk: NDArray[np.float64]
+    noise: NDArray[np.float64]
+
+    def pieces(self, length: float) -> int:
+        """Return the number of pieces in a block of this length [s]."""
+        return max(1, round(self.rate * length))
 
 
 def smooth_joints(
@@ -27,77 +77,251 @@ def smooth_joints(
         suite: the sensors' errors.
 
     """
-    smoothness, weights = smoothness_of(blocks, suite)
+    samples = [_JointSamples(block, suite) for block in blocks]
+    usual = float(np.median([block.length for block in blocks]))
+    weights = [np.ones(each.values.shape) for each in samples]
+    for _ in range(_REWEIGHTINGS):
+        splines = _Splines(samples, FINER * _best_rate(samples, usual, weights), weights)
+        u, noise = splines.best()
+        before, weights = weights, splines.weights(u, noise)
+        change = max(np.abs(a - b).max(initial=0.0) for a, b in zip(before, weights, strict=True))
+        if change < _SAME:
+            break
+    noise, jerk = np.maximum(noise, 1.0), np.exp(u / 2) * noise
+    smoothness, c = Smoothness(splines.rate, jerk, noise), splines.solved(2 * np.log(jerk / noise))
     parts = [
-        joint_part(block, suite, smoothness, each)
-        for block, each in zip(blocks, weights, strict=True)
+        each.part(smoothness, w).about(c[place])
+        for each, w, place in zip(samples, before, splines.places, strict=True)
     ]
-    return smoothness, smoothed(parts)
+    return smoothness, parts
 
 
-def joint_part(
-    block: Block,
-    suite: SensorSuite,
-    smoothness: Smoothness,
-    weights: NDArray[np.float64] | None = None,
-) -> JointPart:
-    """Return a block's own information about its joints, about a motion that fits it alone.
+def joint_part(block: Block, suite: SensorSuite, smoothness: Smoothness) -> JointPart:
+    """Return a block's own information about its joints, about a motion of zero."""
+    samples = _JointSamples(block, suite)
+    return samples.part(smoothness, np.ones(samples.values.shape))
+
+
+def tracked(track: NDArray[np.float64], part: JointPart) -> tuple[JointPart, NDArray[np.float64]]:
+    """Return a part about the motion that its sensors show so far, and the rows at its end.
 
     Args:
-        block: the samples.
-        suite: the sensors' errors.
-        smoothness: of the log.
-        weights: (N, J) weights of the samples; default: 1.
+        track: (J, `ORDER`, `ORDER` + 1) rows about the joints at the start.
+        part: the next part.
 
     """
-    samples, pieces = JointSamples.of(block, suite), smoothness.pieces(block.length)
-    P, A, y = samples.penalty(pieces), samples.design(pieces), samples.values
-    K = A.shape[1]
-    w = np.ones(y.shape) if weights is None else weights
-    jerk = np.column_stack([P, np.zeros(len(P))]) / smoothness.jerk[:, None, None]
-    data = np.dstack([w.T[..., None] * A, (w * y).T]) / smoothness.noise[:, None, None]
-    T = triangles(np.concatenate([jerk, data], axis=1))
-    rows, target = T[:, :K, :K], T[:, :K, K]
-    c = _solved(rows, target).T
-    return JointPart(block.start, block.end, pieces, c, rows, target)
-
-
-def smoothed(parts: Sequence[JointPart]) -> list[JointPart]:
-    """Return successive parts about the motion that fits all of them together."""
-    J = parts[0].coefficients.shape[1]
-    carried, factors = np.zeros((J, ORDER, ORDER + 1)), []
-    for part in parts:
-        factors.append(triangles(joined(carried, part)))
-        carried = factors[-1][:, part.size - ORDER : part.size, part.size - ORDER :]
-    end = _solved(carried[:, :, :-1], carried[:, :, -1])
-    result = []
-    for k in reversed(range(len(parts))):
-        part, T = parts[k], factors[k]
-        n = part.size - ORDER
-        right = T[:, :n, -1] - np.einsum("jnk,jk->jn", T[:, :n, n:-1], end)
-        c = np.concatenate([_solved(T[:, :n, :n], right), end], axis=1).T
-        result.append(replace(part, coefficients=c))
-        end = c[:ORDER].T
-    return result[::-1]
-
-
-def _solved(A: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the least-squares solutions (J, n) of equations (J, m, n) and (J, m)."""
-    found = [np.linalg.lstsq(each, right, rcond=1e-12)[0] for each, right in zip(A, b)]
-    return np.array(found).reshape(len(A), A.shape[2])
-
-
-def joined(carried: NDArray[np.float64], part: JointPart) -> NDArray[np.float64]:
-    """Return rows (J, ORDER + K, K + 1) of what is known at the start, and of a part's own."""
-    J, K = carried.shape[0], part.size
-    first = np.zeros((J, ORDER, K + 1))
-    first[:, :, :ORDER], first[:, :, K] = carried[:, :, :ORDER], carried[:, :, ORDER]
-    return np.concatenate([first, np.dstack([part.rows, part.target])], axis=1)
+    J, K = len(track), part.size
+    before = np.zeros((J, ORDER, K + 1))
+    before[:, :, :ORDER], before[:, :, K] = track[:, :, :ORDER], track[:, :, ORDER]
+    own = np.dstack([part.rows, part.target])
+    T = triangles(np.concatenate([before, own], axis=1))
+    c = [np.linalg.lstsq(rows[:K, :K], rows[:K, K], rcond=1e-12)[0] for rows in T]
+    return part.about(np.stack(c, axis=1)), T[:, K - ORDER : K, K - ORDER :]
 
 
 def triangles(rows: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the upper triangles (J, n, n) of rows (J, M, n)."""
-    J, M, n = rows.shape
-    if n > M:
-        rows = np.concatenate([rows, np.zeros((J, n - M, n))], axis=1)
-    return np.asarray(np.linalg.qr(rows, mode="r"))
+    _, M, n = rows.shape
+    return np.asarray(np.linalg.qr(np.pad(rows, ((0, 0), (0, max(n - M, 0)), (0, 0))), mode="r"))
+
+
+class _JointSamples:
+    """The samples of the joints' sensors in one block.
+
+    Attributes:
+        start, end: [s].
+        values: (N, J) all samples in units of σ.
+
+    """
+
+    def __init__(self, block: Block, suite: SensorSuite) -> None:
+        self.start, self.end = block.start, block.end
+        self._parts: list[tuple[Samples, int, float]] = [
+            (block.samples[sensor.name], derivative, float(suite.sigmas(sensor.name)[0]))
+            for derivative, quantity in enumerate((JOINT_POSITIONS, JOINT_RATES))
+            for sensor in sensors_of(quantity)
+            if sensor.name in suite.present() and len(block.samples[sensor.name])
+        ]
+        values = [samples.value / sigma for samples, _, sigma in self._parts]
+        nothing = np.empty((0, len(block.samples.joint_names)))
+        self.values = np.concatenate([nothing, *values])
+
+    def design(self, pieces: int) -> NDArray[np.float64]:
+        """Return A (N, K) of the samples in units of σ."""
+        times = [(np.empty(0), 0, 1.0), *((s.time, d, sigma) for s, d, sigma in self._parts)]
+        return np.concatenate([self.basis(pieces, t, d) / sigma for t, d, sigma in times])
+
+    def penalty(self, pieces: int) -> NDArray[np.float64]:
+        """Return P (3 pieces, K): |P c|² is the integral of the squared jerk."""
+        edges = np.linspace(self.start, self.end, pieces + 1)
+        x, weights = _LEGENDRE
+        half = (self.end - self.start) / pieces / 2
+        at = ((edges[:-1] + edges[1:])[:, None] / 2 + half * x).ravel()
+        return np.sqrt(np.tile(weights * half, pieces))[:, None] * self.basis(pieces, at, 3)
+
+    def basis(
+        self, pieces: int, times: NDArray[np.float64], derivative: int
+    ) -> NDArray[np.float64]:
+        """See `spline_basis`."""
+        return spline_basis(self.start, self.end, pieces, times, derivative)
+
+    def part(self, smoothness: Smoothness, weights: NDArray[np.float64]) -> JointPart:
+        """Return what samples of weights (N, J) and the jerk tell, about a motion of zero."""
+        pieces = smoothness.pieces(self.end - self.start)
+        P, A = self.penalty(pieces), self.design(pieces)
+        jerk = np.column_stack([P, np.zeros(len(P))]) / smoothness.jerk[:, None, None]
+        data = np.dstack([weights.T[..., None] * A, (weights * self.values).T])
+        both = np.concatenate([jerk, data / smoothness.noise[:, None, None]], axis=1)
+        T, zero = triangles(both), np.zeros((A.shape[1], len(both)))
+        return JointPart(self.start, self.end, pieces, zero, T[:, :-1, :-1], T[:, :-1, -1])
+
+
+class _Splines:
+    """The splines of a log for any jerk; joints with the same weights share their algebra.
+
+    Everything is about a first fit, so that no digits of the sum of squares are lost.
+
+    Args:
+        samples: of successive blocks.
+        rate: pieces in a second.
+        weights: (N, J) of every block.
+
+    Attributes:
+        places: of the blocks' coefficients among those of the log; neighbours share `ORDER`.
+
+    """
+
+    def __init__(
+        self, samples: Sequence[_JointSamples], rate: float, weights: list[NDArray[np.float64]]
+    ) -> None:
+        self.rate, self._weights = rate, weights
+        pieces = [max(1, round(rate * (each.end - each.start))) for each in samples]
+        starts = np.cumsum([0, *(n + DEGREE - ORDER for n in pieces)]).tolist()
+        self.places = [slice(a, a + n + DEGREE) for a, n in zip(starts, pieces)]
+        self.size, J = starts[-1] + ORDER, weights[0].shape[1]
+        self._A = [each.design(n) for each, n in zip(samples, pieces, strict=True)]
+        self._P = [each.penalty(n) for each, n in zip(samples, pieces, strict=True)]
+        self._PP, groups = self._banded(self._P), defaultdict(list)
+        for j in range(J):
+            groups[b"".join(w[:, j].tobytes() for w in weights)].append(j)
+        self._groups = []
+        for joints in groups.values():
+            weighted = [w[:, joints[:1]] * A for w, A in zip(weights, self._A, strict=True)]
+            self._groups.append((joints, self._banded(weighted)))
+        self._c, self._left = np.zeros((self.size, J)), [each.values for each in samples]
+        self._expand()
+        first = self.solved(np.zeros(J))
+        self._left, self._c = self._residuals(first), first
+        self._expand()
+        middle = len(samples) // 2  # position, rate and acceleration there: parabolas have no jerk
+        free, at = samples[middle], np.array([samples[middle].start])
+        rows = [np.zeros((ORDER, P.shape[1])) for P in self._P]
+        rows[middle] = np.vstack([free.basis(pieces[middle], at, d) for d in range(ORDER)])
+        both = self._banded([np.vstack(each) for each in zip(self._P, rows, strict=True)])
+        volume = _log_det(cholesky_banded(both, check_finite=False))
+        self._constant = -volume - 2 * np.sum(np.log(np.concatenate(weights)), axis=0)
+        self._freedom = DECLARED + sum(map(len, weights)) - ORDER
+
+    def _expand(self) -> None:
+        """Compute sums of squares and their gradients at `_c`."""
+        left = [w * r for w, r in zip(self._weights, self._left, strict=True)]
+        jerk = [P @ self._c[place] for P, place in zip(self._P, self.places, strict=True)]
+        self._left2, self._jerk2 = (
+            np.asarray(sum(np.sum(r**2, axis=0) for r in each)) for each in (left, jerk)
+        )
+        self._by_left, self._by_jerk = np.zeros((2, *self._c.shape))
+        for k, place in enumerate(self.places):
+            self._by_left[place] += self._A[k].T @ (self._weights[k] * left[k])
+            self._by_jerk[place] += self._P[k].T @ jerk[k]
+
+    def _residuals(self, c: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+        """Return what coefficients (K, J) more leave of the samples of each block."""
+        blocks = zip(self._left, self._A, self.places, strict=True)
+        return [left - A @ (c - self._c)[place] for left, A, place in blocks]
+
+    def _banded(self, rows: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+        """Return the sum of XᵀX over the rows X of all blocks, as SciPy stores banded matrices."""
+        width = max(X.shape[1] for X in rows)
+        band = np.zeros((width, self.size))
+        for X, place in zip(rows, self.places, strict=True):
+            i, j = np.triu_indices(X.shape[1])
+            band[width - 1 + i - j, place.start + j] += (X.T @ X)[i, j]
+        return band
+
+    def values(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return −2 log(evidence) (J, G) at u = log λ (J, G)."""
+        S, volume = self._squares(u)
+        volume = volume + (self.size - ORDER) * u + self._constant[:, None]
+        return np.asarray(self._freedom * np.log(DECLARED + S) + volume)
+
+    def _squares(self, u: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return penalized χ² and log det M (J, G) at u = log λ (J, G)."""
+        S, log_det = np.full(u.shape, np.inf), np.zeros(u.shape)
+        for joints, AA in self._groups:
+            for value in np.unique(u[joints]):
+                q, (j, g) = np.exp(-value), np.nonzero(u[joints] == value)
+                j = np.array(joints)[j]
+                try:
+                    L = cholesky_banded(AA + q * self._PP, check_finite=False)
+                except np.linalg.LinAlgError:  # the samples do not determine so rough a motion
+                    continue
+                by = self._by_left[:, j] - q * self._by_jerk[:, j]
+                fall = np.sum(by * cho_solve_banded((L, False), by, check_finite=False), axis=0)
+                S[j, g] = np.maximum(self._left2[j] + q * self._jerk2[j] - fall, 0.0)
+                log_det[j, g] = _log_det(L)
+        return S, log_det
+
+    def solved(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return all coefficients (K, J) at u = log λ (J,)."""
+        c = self._c.copy()
+        for joints, AA in self._groups:
+            for j in joints:
+                q = np.exp(-u[j])
+                by = self._by_left[:, j] - q * self._by_jerk[:, j]
+                L = cholesky_banded(AA + q * self._PP, check_finite=False)
+                c[:, j] += cho_solve_banded((L, False), by, check_finite=False)
+        return c
+
+    def best(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return u = log λ (J,) and the noise factors (J,).
+
+        The smoothest u of a grid that is not much worse than the best one; then parabolas.
+        """
+        values = self.values(np.broadcast_to(_GRID, (len(self._left2), len(_GRID))))
+        u = _GRID[np.argmax(values < values.min(axis=1)[:, None] + _WORTH, axis=1)]
+        for step in (0.75, 0.1):
+            at = u[:, None] + step * np.arange(-4, 5)
+            values = self.values(at)
+            k = np.clip(np.argmin(values, axis=1), 1, 7)[:, None]
+            a, b, c = (np.take_along_axis(values, k + i, 1)[:, 0] for i in (-1, 0, 1))
+            shift = np.clip(0.5 * (a - c) / np.maximum(a - 2 * b + c, 1e-12), -1, 1)
+            u = np.take_along_axis(at, k, 1)[:, 0] + step * shift
+        return u, np.sqrt((DECLARED + self._squares(u[:, None])[0][:, 0]) / self._freedom)
+
+    def weights(
+        self, u: NDArray[np.float64], noise: NDArray[np.float64]
+    ) -> list[NDArray[np.float64]]:
+        """Return the weights (N, J) of every block that the residuals show."""
+        left = self._residuals(self.solved(u))
+        return [np.minimum(1.0, FAR / np.maximum(np.abs(r) / noise, 1e-9)) for r in left]
+
+
+def _log_det(L: NDArray[np.float64]) -> float:
+    """Return log det of a matrix with this banded Cholesky factor."""
+    return 2 * float(np.sum(np.log(L[-1])))
+
+
+def _best_rate(
+    samples: Sequence[_JointSamples], usual: float, weights: list[NDArray[np.float64]]
+) -> float:
+    """Return the pieces in a second: doubled as long as this has more evidence."""
+    best, least, pieces = np.nan, np.inf, 1
+    most = float(np.median([len(each.values) for each in samples])) / 2  # samples show no more
+    while pieces == 1 or pieces <= most:
+        splines = _Splines(samples, pieces / usual, weights)
+        grid = np.broadcast_to(_GRID, (weights[0].shape[1], len(_GRID)))
+        value = float(splines.values(grid).min(axis=1).sum())
+        if value > least - _WORTH:
+            break
+        best, least, pieces = splines.rate, value, 2 * pieces
+    return best

@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.block import Block, BlockQueue, blocks_of, first_sample
-from cpid_drake.estimation.joints import smooth_joints
+from cpid_drake.estimation.joints import Smoothness, smooth_joints
 from cpid_drake.estimation.likelihood.joint_motion import JointPart
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
-from cpid_drake.estimation.smoothness import Smoothness
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.logs.log import Log, Samples
 from cpid_drake.sensors.sensors import ATTITUDE
@@ -90,10 +89,6 @@ class LogState:
         """Return the log open at the ends of some blocks, and closed at all others."""
         jumps = {k: self.jumps.get(k, np.zeros(12)) for k in sorted(set(ends))}
         return replace(self, links=dict.fromkeys(jumps, model.farthest), jumps=jumps)
-
-    def with_links(self, share: float) -> "LogState":
-        """Return the log with changes between blocks of a share of their σ."""
-        return replace(self, links={k: share * sigma for k, sigma in self.links.items()})
 
     @property
     def thrust(self) -> Samples:

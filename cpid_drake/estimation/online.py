@@ -25,6 +25,7 @@ from cpid_drake.estimation.block import Block, BlockQueue, blocks_of
 from cpid_drake.estimation.evidence import NAMED
 from cpid_drake.estimation.fit import Fit, fit, prior_of, spread
 from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.joints import tracked
 from cpid_drake.estimation.least_squares import KNOWN
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.estimation.links import closed, compared, judged
@@ -36,7 +37,6 @@ from cpid_drake.estimation.online_block import (
     is_likely,
     last_bias,
     solved,
-    tracked,
 )
 from cpid_drake.estimation.online_state import OnlineState, Recent
 from cpid_drake.estimation.sweep import sweep

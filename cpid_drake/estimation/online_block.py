@@ -10,8 +10,8 @@ from cpid_drake.errors import InputError
 from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.fit import CLOSE, weights_of
 from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.joints import joined, joint_part, triangles
-from cpid_drake.estimation.likelihood.joint_motion import ORDER, JointPart
+from cpid_drake.estimation.joints import joint_part, tracked
+from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
 from cpid_drake.estimation.links import Link, judged, linked, with_links
 from cpid_drake.estimation.log_state import LogState
@@ -216,14 +216,6 @@ def _weighted(log: LogState, rolled: Rolled) -> tuple[LogState, bool]:
         np.abs(w - before.get(name, 1.0)).max(initial=0.0) < 0.05 for name, w in weights.items()
     )
     return (log, True) if same else (replace(log, weights=(weights,)), False)
-
-
-def tracked(track: NDArray[np.float64], part: JointPart) -> tuple[JointPart, NDArray[np.float64]]:
-    """Return a part about the motion by its sensors so far, and the rows at its end."""
-    T = triangles(joined(track, part))
-    K = part.size
-    c = [np.linalg.lstsq(rows[:K, :K], rows[:K, K], rcond=1e-12)[0] for rows in T]
-    return replace(part, coefficients=np.stack(c, axis=1)), T[:, K - ORDER : K, K - ORDER :]
 
 
 def last_bias(model: Model, bias: NDArray[np.float64]) -> NDArray[np.float64]:

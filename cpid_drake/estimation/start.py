@@ -1,28 +1,38 @@
-"""Where a fit starts: linear least squares on the conservation of angular momentum.
+"""Where a fit starts: iterated least squares on what the thrust does to the momenta.
 
-At about ten instants of every block, R_WB (J ω + h) = L about the system's centre of mass is linear
-in the target's ψ and in the L of each log; ω comes from the gyro or, without one, from the
-attitude. A log with thrust has further rows, and other ones: see `thrust_start`.
+At about ten instants of every block, the angular momentum H about the system's centre of mass and
+the velocity V of this centre are linear in the target's ψ. In W they are
+
+    H = L + ∫ R (τ + (a − ρ) × f),      V = V₀ + ∫ R f / m,
+
+with a constant L of each log, and the thrust. The motion is that of gyro, or attitude, and
+position. The rows of a log with thrust are changes over about half a second, so that errors of the
+thrust do not add up; its effects are linear in ψ and in its errors to first order (see
+`likelihood.thrust`): Gauss-Newton from declared values.
 Source: Ning et al. 2016, Eqs. 6 and 9, in the relative form (design, 3.2).
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import eye_array
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
+from cpid_drake.dynamics.kinematics import forward_kinematics
 from cpid_drake.dynamics.plane import NORMAL_W, tilt
-from cpid_drake.dynamics.rotations import exponentials
+from cpid_drake.dynamics.rotations import exponentials, rotate, skew
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.block import Block, first_sample
 from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.likelihood.actuators import thrust_log
+from cpid_drake.estimation.likelihood.constants import THRUSTERS, VALVE_DELAY
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
+from cpid_drake.estimation.likelihood.thrust import Push, inverse_mass
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Values
-from cpid_drake.estimation.thrust_start import SeenMotion, balanced_with_thrust, seen_states
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model, undetermined
 from cpid_drake.logs.log import Samples
 from cpid_drake.sensors.sensors import ANGULAR_VELOCITY, ATTITUDE, POSITION, Quantity, sensors_of
@@ -30,7 +40,31 @@ from cpid_drake.sensors.sensors import ANGULAR_VELOCITY, ATTITUDE, POSITION, Qua
 _INSTANTS = 10  # in a block
 _DEGREE = 5  # of the polynomials through the samples of a block
 _FEWEST = 4  # samples of a block for a polynomial
-_REWEIGHTINGS = 4  # the noise of the rows comes from their own residuals
+_LAG = 5  # instants between which momenta change
+_PASSES = 8  # the noise of the rows is that of their residuals at the values of the pass before
+
+
+@dataclass(frozen=True, eq=False)
+class SeenMotion:
+    """What the samples of a log show of its motion, at M instants.
+
+    Attributes:
+        time: (M,) [s].
+        R: (M, 3, 3) attitudes R_WB.
+        w: (M, 3) angular velocity w_WB_B.
+        p, v: (M, 3) position and velocity of B's origin in W; NaN where nothing shows them.
+        q: (M, J) joint positions.
+        dynamics: of the known bodies.
+
+    """
+
+    time: NDArray[np.float64]
+    R: NDArray[np.float64]
+    w: NDArray[np.float64]
+    p: NDArray[np.float64]
+    v: NDArray[np.float64]
+    q: NDArray[np.float64]
+    dynamics: BodyDynamics
 
 
 def start_of(
@@ -38,8 +72,7 @@ def start_of(
 ) -> tuple[Values, list[LogState]]:
     """Return values of all unknowns, and the logs with a start.
 
-    A log with thrust is open at the ends of its blocks: what is not yet known of the thrust adds
-    up, and each block starts where its own samples show.
+    A log with thrust aims at what the samples of every block show.
 
     Args:
         model: the unknowns.
@@ -48,103 +81,134 @@ def start_of(
 
     """
     given = values or {}
-    values = model.start([log.name for log in logs]) | given
     motions = [_motion(model, log) for log in logs]
-    psi, momenta = _balanced(model, logs, motions)
-    if any(log.has_thrust for log in logs):
-        pushed, momenta = balanced_with_thrust(model, logs, motions)
-        psi = pushed.pop(PSI)
-        values = values | pushed | given
-    psi = given.get(PSI, psi)
-    if not all(_is_possible(model, log, psi) for log in logs):
-        psi = model.start([""])[PSI]
-    started = []
-    for log, L, motion in zip(logs, momenta, motions, strict=True):
-        if log.has_thrust and motion is not None:
-            states = seen_states(log, motion, psi)
-            state = replace(states[0], bias=log.bias[0])
-            values[f"{MOMENTUM}|{log.name}"] = np.concatenate([state.L, state.v_Wcm])
-            log = replace(log, start=state, aims=states)
-            started.append(log.opened(model, [k - 1 for k in states if k]))
-            continue
-        block, joints = log.blocks[0], log.joints[0].evaluate(np.array([log.blocks[0].start]))
-        dynamics = BodyDynamics.at(model.tree, joints[:, 0], joints[:, 1])
-        inverse = dynamics.mobility(psi)[0]
-        first = first_sample(block.samples, ATTITUDE)
-        assert first is not None
-        time, q_WB = first
-        attitude = Rotation.from_quat(q_WB, scalar_first=True)
-        w = inverse @ (attitude.inv().apply(L) - dynamics.momentum_at_rest(psi)[0])
-        attitude = attitude * Rotation.from_rotvec(-(time - block.start) * w)
-        normal_B = model.tree.normal_B
-        if normal_B is not None:
-            q_WB = attitude.as_quat(scalar_first=True)
-            attitude = Rotation.from_rotvec(tilt(q_WB[None], normal_B)[0]) * attitude
-            L = L * NORMAL_W
-        place = first_sample(block.samples, POSITION)
-        com = attitude.apply(dynamics.com(psi)[0]) + (0.0 if place is None else place[1])
-        state = TrajectoryState(psi, attitude, com, np.zeros(3), L, log.bias[0])
-        started.append(replace(log, start=state))
-        values[f"{MOMENTUM}|{log.name}"] = np.concatenate([L, np.zeros(3)])
-    return values | {PSI: psi}, started
-
-
-def _is_possible(model: Model, log: LogState, psi: NDArray[np.float64]) -> bool:
-    """Return whether the system can turn about every axis all the time."""
-    joints = [
-        part.evaluate(np.linspace(block.start, block.end, _INSTANTS))
-        for block, part in zip(log.blocks, log.joints, strict=True)
-    ]
-    q = np.concatenate(joints)
+    values = model.start([log.name for log in logs]) | _balanced(model, logs, motions) | given
     try:
-        BodyDynamics.at(model.tree, q[:, 0], q[:, 1]).mobility(psi)
-    except InputError:
-        return False
-    return True
+        for motion in motions:
+            motion.dynamics.mobility(values[PSI])
+    except InputError:  # the system could not turn about every axis
+        values = values | {PSI: model.unknown(PSI).mean}
+    started = []
+    for log, motion in zip(logs, motions, strict=True):
+        states = _states(model, log, motion, values[PSI])
+        first = replace(states[0], bias=log.bias[0])
+        values[f"{MOMENTUM}|{log.name}"] = np.concatenate([first.L, first.v_Wcm])
+        started.append(replace(log, start=first, aims=states))
+    return values, started
 
 
 def _balanced(
-    model: Model, logs: Sequence[LogState], motions: Sequence[SeenMotion | None]
-) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
-    """Return ψ (10,) and L (3,) of each log, from all rows and the vague prior."""
-    parts = [_rows(model, motion) for motion in motions]
-    n = 10 + 3 * len(logs)
-    A = np.zeros((sum(map(len, parts)), n + 1))
-    first = 0
-    for k, rows in enumerate(parts):
-        block = A[first : first + len(rows)]
-        block[:, :10], block[:, 10 + 3 * k : 13 + 3 * k] = rows[:, :10], rows[:, 10:13]
-        block[:, -1] = rows[:, 13]
-        first += len(rows)
-    target = model.unknown(PSI)
-    sizes = {PSI: 10} | {log.name: 3 for log in logs}
-    sigma = np.concatenate([target.sigma, np.full(3 * len(logs), model.L_sigma)])
-    mean = np.concatenate([target.mean, np.zeros(3 * len(logs))])
-    prior = Gaussian.of_rows(sizes, np.column_stack([np.diag(1 / sigma), np.zeros(n)]))
-    A[:, -1] -= A[:, :-1] @ mean
-    noise, found = 0.02 * float(np.std(A[:, -1])) + 1e-12 if len(A) else 1.0, prior
-    for _ in range(_REWEIGHTINGS if len(A) else 0):
-        found = prior.add(Gaussian.of_rows(sizes, A / noise))
-        rms = float(np.sqrt(np.mean((A[:, :-1] @ found.solve() - A[:, -1]) ** 2)))
-        noise = max(rms, 1e-9 * model.L_sigma)
-    x = mean + found.solve(held={PSI: undetermined(model, target.mean, found)[0]})
-    return x[:10], np.split(x[10:], len(logs))
+    model: Model, logs: Sequence[LogState], motions: Sequence[SeenMotion]
+) -> dict[str, NDArray[np.float64]]:
+    """Return ψ and the errors of each log's thrust, from all rows and the priors."""
+    table = {name: model.unknown(name) for name in (PSI, *model.constants.of_thrust)}
+    L = [f"L|{log.name}" for log in logs]
+    sizes = {name: unknown.size for name, unknown in table.items()}
+    of_L = np.full(3 * len(logs), model.L_sigma)
+    sigma = np.concatenate([*(unknown.sigma for unknown in table.values()), of_L])
+    mean = np.concatenate([*(u.mean for u in table.values()), np.zeros(3 * len(logs))])
+    x, n = mean.copy(), sum(sizes.values())
+    columns = np.repeat(list(sizes), list(sizes.values()))
+    has_no_scale = np.isin(columns, [PSI, f"{THRUSTERS}.{VALVE_DELAY}"])
+    without_forces = np.flatnonzero(np.append(columns == PSI, np.ones(4, bool)))
+    found = Gaussian.of_rows({}, np.zeros((0, 1)))
+    for _ in range(_PASSES):
+        rows = np.column_stack([np.diag(1 / sigma), (mean - x) / sigma])
+        found = prior = Gaussian.of_rows(sizes | dict.fromkeys(L, 3), rows)
+        # Without forces and inertia nothing is left: the noise is that with the declared forces.
+        declared = np.where(has_no_scale, x[:n], mean[:n])
+        for k, (log, motion) in enumerate(zip(logs, motions, strict=True)):
+            own = x[n + 3 * k :][:3]
+            both = (_rows(model, log, motion, each, own) for each in (x[:n], declared))
+            for rows, at_declared in zip(*both, strict=True):
+                noise = _spread(at_declared[:, without_forces], prior.marginal([PSI, L[k]]))
+                noise = max(noise, 1e-9 * model.L_sigma)
+                found = found.add(Gaussian.of_rows({**sizes, L[k]: 3}, rows / noise))
+        x = x + found.solve(held={PSI: undetermined(model, x[:10], found)[0]})
+    return {u.key(log.name): x[found.places[n]] for log in logs for n, u in table.items()}
 
 
-def _rows(model: Model, motion: SeenMotion | None) -> NDArray[np.float64]:
-    """Return rows [Y | −Rᵀ | right side] (M, 14) about ψ and L of a log."""
-    if motion is None:
-        return np.empty((0, 14))
-    dynamics, w, Rt = motion.dynamics, motion.w, np.swapaxes(motion.R, 1, 2)
+def _spread(rows: NDArray[np.float64], prior: Gaussian) -> float:
+    """Return the root mean square of what rows [A | b] and a prior leave of b."""
+    noise = float(np.sqrt(np.mean(rows[:, -1] ** 2))) if len(rows) else 0.0
+    for _ in range(4 if noise else 0):
+        step = prior.add(Gaussian.of_rows(prior.sizes, rows / noise)).solve()
+        noise = float(np.sqrt(np.mean((rows[:, :-1] @ step - rows[:, -1]) ** 2))) + 1e-12
+    return noise
+
+
+def _states(
+    model: Model, log: LogState, motion: SeenMotion, psi: NDArray[np.float64]
+) -> dict[int, TrajectoryState]:
+    """Return the states at the start of blocks as their own samples show them, by block.
+
+    Of a log without thrust, that at its start; momenta are those of the whole log.
+    """
+    dynamics, R, w = motion.dynamics, motion.R, motion.w
+    com = dynamics.com(psi)
+    L = rotate(R, rotate(dynamics.inertia(psi), w) + dynamics.momentum_at_rest(psi))
+    p = np.nan_to_num(motion.p + rotate(R, com))
+    v = motion.v + rotate(R, np.cross(w, com) + dynamics.com_rate(psi))
+    v = np.where(np.isfinite(v).any(axis=0), v, 0.0)
+    if not log.has_thrust:
+        L, v = (np.broadcast_to(np.nanmean(each, axis=0), each.shape) for each in (L, v))
+    v = np.nan_to_num(v)
+    states = {}
+    for k, block in enumerate(log.blocks if log.has_thrust else log.blocks[:1]):
+        first = int(np.searchsorted(motion.time, block.start))
+        if k and (first == len(motion.time) or motion.time[first] > block.end):
+            continue
+        time, attitude = motion.time[first], Rotation.from_matrix(R[first])
+        place = p[first] + (block.start - time) * v[first]
+        if k == 0 and (seen := first_sample(block.samples, ATTITUDE)) is not None:
+            time, attitude = seen[0], Rotation.from_quat(seen[1], scalar_first=True)
+        attitude = attitude * Rotation.from_rotvec((block.start - time) * w[first])
+        turning = L[first]
+        if model.tree.normal_B is not None:
+            q_WB = attitude.as_quat(scalar_first=True)
+            attitude = Rotation.from_rotvec(tilt(q_WB[None], model.tree.normal_B)[0]) * attitude
+            turning = turning * NORMAL_W
+        bias = np.zeros((0, 3))
+        states[k] = TrajectoryState(psi, attitude, place, v[first], turning, bias)
+    return states
+
+
+def _rows(
+    model: Model,
+    log: LogState,
+    motion: SeenMotion,
+    x: NDArray[np.float64],
+    L: NDArray[np.float64],
+) -> list[NDArray[np.float64]]:
+    """Return rows [A | b] of H, and with thrust of V, about ψ, the errors of the thrust, and L."""
+    psi, dynamics, R, w = x[:10], motion.dynamics, motion.R, motion.w
     known = np.einsum("nij,nj->ni", dynamics.I_K, w) + dynamics.h_K
-    A = np.concatenate([dynamics.regressor(w), -Rt, -known[..., None]], axis=2)
+    H, by_psi = rotate(R, known), R @ dynamics.regressor(w)
+    (turn, push), (turn_by_psi, turn_by, push_by) = _pushed(model, log, motion, x)
+    one = np.broadcast_to(np.eye(3), (len(R), 3, 3))
+    b = H + by_psi @ psi - turn - L
+    turning = np.concatenate([by_psi - turn_by_psi, -turn_by, -one, -b[..., None]], axis=2)
+    if not log.has_thrust:
+        return [
+            (turning if model.tree.normal_B is None else turning[:, 2:]).reshape(-1, len(x) + 4)
+        ]
+    # V: that of B's origin, and of the centre of mass against it.
+    com, rate = dynamics.com_regressor(), dynamics.com_rate_regressor()
+    V_by = np.zeros((len(R), 3, 10))
+    V_by[:, :, :4] = R @ (skew(w) @ com + rate)
+    V_by[:, :, 0] += push / dynamics.mass**2
+    inverse = inverse_mass(dynamics.mass, float(psi[0]))
+    moved = np.cross(w, dynamics.com(psi)) + dynamics.com_rate(psi)
+    V = motion.v + rotate(R, moved) - inverse * push
+    moving = np.concatenate([V_by, -inverse * push_by, 0 * one, -V[..., None]], axis=2)
+    moving = moving[np.isfinite(motion.v).all(axis=1)]
     if model.tree.normal_B is not None:
-        A = np.einsum("i,nij->nj", model.tree.normal_B, A)
-    return np.asarray(A.reshape(-1, 14))
+        turning, moving = turning[:, 2:], moving[:, :2]
+    return [(each[_LAG:] - each[:-_LAG]).reshape(-1, len(x) + 4) for each in (turning, moving)]
 
 
-def _motion(model: Model, log: LogState) -> SeenMotion | None:
-    """Return what the samples of a log show of its motion; None if they show nothing."""
+def _motion(model: Model, log: LogState) -> SeenMotion:
+    """Return what the samples of a log show of its motion; an instant at rest if nothing."""
     attitude: tuple[float, NDArray[np.float64]] | None = None
     times, rates, attitudes, places, joints = [], [], [], [], []
     for block, part in zip(log.blocks, log.joints, strict=True):
@@ -160,7 +224,11 @@ def _motion(model: Model, log: LogState) -> SeenMotion | None:
         places.append(_places(block, t))
         joints.append(part.evaluate(t))
     if not times:
-        return None
+        seen = first_sample(log.blocks[0].samples, ATTITUDE)
+        assert seen is not None
+        times, rates = [np.array([log.blocks[0].start])], [np.zeros((1, 3))]
+        attitudes = [Rotation.from_quat(seen[1][None], scalar_first=True).as_matrix()]
+        places, joints = [_places(log.blocks[0], times[0])], [log.joints[0].evaluate(times[0])]
     w, q = np.concatenate(rates), np.concatenate(joints)
     normal_B = model.tree.normal_B
     if normal_B is not None:
@@ -242,3 +310,61 @@ def _longest(block: Block, quantity: Quantity) -> Samples | None:
     samples = [block.samples[sensor.name] for sensor in sensors_of(quantity)]
     best = max(samples, key=len, default=None)
     return best if best is not None and len(best) >= _FEWEST else None
+
+
+def _pushed(
+    model: Model, log: LogState, motion: SeenMotion, x: NDArray[np.float64]
+) -> tuple[tuple[NDArray[np.float64], ...], tuple[NDArray[np.float64], ...]]:
+    """Return what the thrust has added to H and to the impulse (M, 3) since the first instant.
+
+    And the derivatives of the first by ψ (M, 3, 10), of both by the errors (M, 3, P).
+    """
+    names, count = model.constants.of_thrust, len(motion.time)
+    nominal = np.zeros(model.constants.size)
+    for k, name in enumerate(names):
+        nominal[model.constants.place(name)] = x[10 + k]
+    given = thrust_log(log.thrust, model.suite.thrusters, model.constants, nominal)
+    if given is None:
+        zeros = np.zeros((count, 3)), np.zeros((count, 3))
+        by = np.zeros((count, 3, len(names)))
+        return zeros, (np.zeros((count, 3, 10)), by, by)
+    value, by, t = given.samples.value, given.by.copy(), motion.time
+    size = np.diff(_integral(given.samples, t), axis=0)  # (M − 1, V)
+    flat = Samples(given.samples.time, by.reshape(len(by), -1))
+    by_size = np.diff(_integral(flat, t), axis=0).reshape(count - 1, value.shape[1], -1)
+    if given.delay >= 0:
+        by_size[..., given.delay] = -np.diff(given.samples.held_at(t), axis=0)
+    by_size = by_size * np.array([model.constants.errors[name].sigma for name in names])
+    _, capture = forward_kinematics(model.tree, motion.q, np.zeros_like(motion.q))
+    push = Push(
+        given.actuators,
+        t[1:],
+        lambda at: eye_array(len(at), format="csr"),
+        lambda at: (capture.R_WC[1:], capture.p_WC[1:]),
+    )
+    R, com = motion.R[1:], motion.dynamics.com(x[:10])[1:]
+    torques, forces = push.torques(R, com), push.forces(R)
+    force = np.einsum("mv,mvi->mi", size, forces)
+    by_com = np.zeros((count - 1, 3, 10))
+    by_com[..., :4] = skew(force) @ R @ motion.dynamics.com_regressor()[1:]
+    return (
+        (_summed(np.einsum("mv,mvi->mi", size, torques)), _summed(force)),
+        (
+            _summed(by_com),
+            _summed(np.einsum("mvp,mvi->mip", by_size, torques)),
+            _summed(np.einsum("mvp,mvi->mip", by_size, forces)),
+        ),
+    )
+
+
+def _integral(samples: Samples, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the integrals (M, n) of samples that hold until the next, from their start."""
+    time, value = samples.time, samples.value
+    whole = np.cumsum(np.diff(time)[:, None] * value[:-1], axis=0)
+    whole = np.concatenate([np.zeros((1, value.shape[1])), whole])
+    k = np.clip(np.searchsorted(time, times, side="right") - 1, 0, None)
+    return np.asarray(whole[k] + np.maximum(times - time[k], 0.0)[:, None] * value[k])
+
+
+def _summed(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])

@@ -6,9 +6,9 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
+from cpid_drake.estimation.joints import FAR
 from cpid_drake.estimation.least_squares import quantile_95
 from cpid_drake.estimation.likelihood.constants import VALVE_FORCE, ConstantError
-from cpid_drake.estimation.smoothness import FAR
 from cpid_drake.input_files.validation import Numbers
 
 LEARNED = 0.5

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from cpid_drake.estimation.block import Block, after
-from cpid_drake.estimation.joints import joint_part, smooth_joints, smoothed
+from cpid_drake.estimation.joints import smooth_joints
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
-from cpid_drake.estimation.smoothness import Smoothness
 from cpid_drake.logs.log import Log, Samples
 from cpid_drake.sensors.sensors import JointSensor
 from cpid_drake.sensors.suite import SensorSuite
@@ -60,8 +59,7 @@ def evaluated(parts, times, derivative=0):
 def test_blocks_that_follow_each_other_are_one_least_squares_problem():
     """With positions, rates and accelerations in common."""
     blocks = blocks_of(log(duration=4.0))
-    smoothness = Smoothness(3.0, np.full(3, 2.0), np.ones(3))
-    parts = [joint_part(block, SUITE, smoothness) for block in blocks]
+    _, parts = smooth_joints(blocks, SUITE)
     sizes = [part.size for part in parts]
     first = np.cumsum([0, *(size - ORDER for size in sizes)])
     n = first[-1] + ORDER
@@ -73,9 +71,9 @@ def test_blocks_that_follow_each_other_are_one_least_squares_problem():
             A.append(rows)
             b.append(part.target[j])
         c = np.linalg.lstsq(np.vstack(A), np.concatenate(b), rcond=None)[0]
-        for part, found, start in zip(parts, smoothed(parts), first):
+        for part, start in zip(parts, first):
             expected = c[start : start + part.size]
-            np.testing.assert_allclose(found.coefficients[:, j], expected, atol=1e-3 * SIGMA)
+            np.testing.assert_allclose(part.coefficients[:, j], expected, atol=1e-3 * SIGMA)
 
 
 @pytest.mark.parametrize("noise", [1.0, 3.0])

@@ -60,10 +60,14 @@ class JointPart:
         """Return positions and rates (M, 2, J) at times (M,)."""
         return np.stack([self.basis(times, d) @ self.coefficients for d in range(2)], axis=1)
 
+    def about(self, coefficients: NDArray[np.float64]) -> "JointPart":
+        """Return the part about other coefficients (K, J)."""
+        return replace(self, coefficients=coefficients)
+
     def moved(self, step: NDArray[np.float64]) -> "JointPart":
         """Return the part after a step (J K,) of all coefficients, joint after joint."""
         c = self.coefficients
-        return replace(self, coefficients=c + step.reshape(c.T.shape).T)
+        return self.about(c + step.reshape(c.T.shape).T)
 
 
 def spline_basis(
