@@ -70,7 +70,6 @@ class _Block:
     keep: NDArray[np.intp]
     rows: NDArray[np.float64]
     end: NDArray[np.float64]
-    transitions: list[tuple[slice, slice, NDArray[np.float64]]]
 
     def solved(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the steps of all columns of the block's model, given those at its end."""
@@ -79,11 +78,9 @@ class _Block:
         rest = self.rows[:, -1] - self.rows[:, g:-1] @ x
         y[self.gone], y[self.keep] = solve_triangular(self.rows[:, :g], rest), x
         step = y[: self.end.shape[1]]
-        for column, by, factor in reversed(self.transitions):
-            step[by] -= factor @ step[column]
-        turned, others = self.model.turned, step.copy()
-        others[turned] = 0.0
-        step[turned] = np.linalg.solve(self.end[:, turned], step[turned] - self.end @ others)
+        first = step[:12].copy()
+        step[:12] = 0.0
+        step[:12] = np.linalg.solve(self.end[:, :12], first - self.end @ step)
         step[self.model.held] = 0.0
         return step
 
@@ -259,10 +256,6 @@ def _eliminated(
     links, rest = part.links(trajectory.state)
     psi, by_psi = part.columns[PSI], rolled.by_psi
     J[:, psi], end[:, psi] = J[:, psi] @ by_psi, end[:, psi] @ by_psi
-    transitions = [
-        (column, by, factor @ by_psi if column == psi else factor)
-        for column, by, factor in part.transitions(trajectory)
-    ]
     residuals = rolled.residuals[k]
     r = [log.weighted(k, name, each).ravel() for name, each in residuals.items()]
     w = [np.repeat(log.scale(k, n, len(e)), e.shape[1]) for n, e in residuals.items()]
@@ -277,12 +270,9 @@ def _eliminated(
     rows[a:b, :known], rows[a:b, -1] = links, rest
     rows[b:, :known], rows[b:, -1] = J, np.concatenate([np.empty(0), *r])
     # Replace attitude, centre of mass and momentum at the start by those at the end.
-    turned = part.turned
-    by_end = rows[:, turned] @ np.linalg.inv(end[:, turned])
+    by_end = rows[:, :12] @ np.linalg.inv(end[:, :12])
     rows[:, :known] -= by_end @ end
-    rows[:, turned] = by_end
-    for column, by, factor in transitions:
-        rows[:, column] -= rows[:, by] @ factor
+    rows[:, :12] = by_end
     ends = part.at_end[:n]
     keep = np.concatenate([ends, np.arange(first, rows.shape[1] - 1)])
     gone = np.setdiff1d(np.arange(first), ends)
@@ -291,7 +281,7 @@ def _eliminated(
     leverage = np.sum(solve_triangular(T[:g, :g], rows[b:, gone].T, trans="T") ** 2, axis=0)
     ends = np.cumsum([each.size for each in residuals.values()])
     own = {n: float(x.sum()) for n, x in zip(residuals, np.split(leverage, ends))}
-    block = _Block(part, trajectory.state, gone, keep, T[:g].copy(), end, transitions)
+    block = _Block(part, trajectory.state, gone, keep, T[:g].copy(), end)
     return block, T[g : g + kept, g:], float(np.sum(T[g + kept :, -1] ** 2)), own
 
 

@@ -53,6 +53,7 @@ def _torque(motion: BaseMotion, trajectory: Trajectory, sigma: float, change: Mo
     """Write that of a torque about the system's centre of mass, in W."""
     elapsed = (motion.times - motion.joints.start)[:, None, None]
     change.w[:] = sigma * elapsed * (trajectory.inverse @ np.swapaxes(trajectory.R, -1, -2))
+    change.L[:] = sigma * elapsed[len(motion.nodes) - 1] * np.eye(3)
 
 
 def _zeros(motion: BaseMotion, trajectory: Trajectory, sigma: float, change: MotionChange) -> None:

@@ -41,6 +41,7 @@ class MotionChange:
         com: (U, 3, n) change of the centre of mass ρ from B's origin, in B.
         com_rate: (U, 3, n) change of the rate of ρ as seen from B, in B.
         attitude: (3, n) change of the attitude at the start, a rotation in W.
+        L: (3, n) change of the angular momentum at the end at unchanged attitude, in W.
         p_Wcm: (3, n) change of the system's centre of mass at the start, in W.
         v_Wcm: (3, n) change of its velocity at the start, in W.
         a_Wcm: (3, n) change of its acceleration, in W.
@@ -55,6 +56,7 @@ class MotionChange:
     com: NDArray[np.float64]
     com_rate: NDArray[np.float64]
     attitude: NDArray[np.float64]
+    L: NDArray[np.float64]
     p_Wcm: NDArray[np.float64]
     v_Wcm: NDArray[np.float64]
     a_Wcm: NDArray[np.float64]
@@ -67,9 +69,9 @@ class MotionChange:
     def zeros(cls, instants: int, n: int, of_thrust: int = 0) -> "MotionChange":
         """Return no change by n quantities, with so many errors of the thrust."""
         w, com, com_rate = np.zeros((3, instants, 3, n))
-        attitude, p, v, a = np.zeros((4, 3, n))
+        attitude, L, p, v, a = np.zeros((5, 3, n))
         thrust = np.zeros((of_thrust, n))
-        return cls(w, com, com_rate, attitude, p, v, a, np.zeros(n), thrust)
+        return cls(w, com, com_rate, attitude, L, p, v, a, np.zeros(n), thrust)
 
     def columns(self, part: slice) -> "MotionChange":
         """Return views of some columns."""
@@ -128,6 +130,7 @@ def target_effect(motion: BaseMotion) -> Effect:
         by_torque = motion.gradient_by_psi(trajectory)
         if by_torque is not None:
             change.w[:] += trajectory.inverse @ np.swapaxes(trajectory.R, -1, -2) @ by_torque
+            change.L[:] = by_torque[len(motion.nodes) - 1]
         change.com[:, :, :4] = dynamics.com_regressor()
         change.com_rate[:, :, :4] = dynamics.com_rate_regressor()
         change.inverse_mass[0] = -(dynamics.mass**-2)
@@ -149,7 +152,7 @@ def momentum_effect() -> Effect:
 
     def change_motion(trajectory: Trajectory, change: MotionChange) -> None:
         change.w[:, :, :3] = trajectory.inverse @ np.swapaxes(trajectory.R, -1, -2)
-        change.v_Wcm[:, 3:] = np.eye(3)
+        change.L[:, :3] = change.v_Wcm[:, 3:] = np.eye(3)
 
     return Effect("momentum", 6, change_motion)
 

@@ -2,13 +2,12 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.dynamics.plane import HELD, NORMAL_W
+from cpid_drake.dynamics.plane import HELD
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.likelihood.actuators import thrust_log
@@ -27,6 +26,7 @@ from cpid_drake.estimation.likelihood.effects import (
 from cpid_drake.estimation.likelihood.joint_motion import JointPart
 from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory, TrajectoryState
 from cpid_drake.estimation.likelihood.sensors import SensorModel, delay_of, model_classes
+from cpid_drake.estimation.likelihood.thrust import transition
 from cpid_drake.estimation.likelihood.white_effects import White, WhiteReading
 from cpid_drake.estimation.likelihood.white_force import white_forces
 from cpid_drake.logs.log import Log
@@ -113,72 +113,21 @@ class BlockModel:
         self.at_start = self._indices(lambda effect: effect.at_start)
         self.at_end = self._indices(lambda effect: effect.at_end)
 
-    @cached_property
-    def turned(self) -> NDArray[np.intp]:
-        """Columns of what depends at the end on all that turns the base: the attitude.
-
-        In an orbit L is among them; with thrust also L, centre of mass and its velocity.
-        """
-        start, momentum = self.columns["start"].start, self.columns["momentum"].start
-        depends = [slice(start, start + 3)]
-        if self.motion.orbit is not None or self.motion.thrust is not None:
-            depends.append(slice(momentum, momentum + 3))
-        if self.motion.thrust is not None:
-            depends += [slice(start + 3, start + 6), slice(momentum + 3, momentum + 6)]
-        return np.r_[tuple(depends)]
-
     def _indices(self, which: Callable[[Effect], NDArray[np.intp]]) -> NDArray[np.intp]:
         parts = [self.columns[effect.name].start + which(effect) for effect in self.effects]
         return np.concatenate(parts)
 
-    def transitions(self, trajectory: Trajectory) -> list[tuple[slice, slice, NDArray[np.float64]]]:
-        """Return how centre of mass and momentum at the end depend on unknowns at the start.
-
-        Each entry (a, b, F) is a step: the unknowns in columns b grow by F times those in columns
-        a. The steps follow each other in this order.
-        """
-        motion, one = self.motion, np.eye(3)
-        elapsed = motion.joints.end - motion.joints.start
-        start, momentum = self.columns["start"], self.columns["momentum"]
-        p, v = slice(start.stop - 3, start.stop), slice(momentum.stop - 3, momentum.stop)
-        L = slice(momentum.start, momentum.start + 3)
-        result, errors = [(v, p, elapsed * one)], motion.constants.errors
-        if motion.orbit is not None:  # a symplectic matrix is the product of three such steps
-            Phi = motion.orbit.transition(motion.joints.start, np.array(motion.joints.end))
-            by_v, inverse = Phi[:3, 3:], np.linalg.inv(Phi[:3, 3:])
-            first, last = inverse @ (Phi[:3, :3] - one), (Phi[3:, 3:] - one) @ inverse
-            result = [(p, v, first), (v, p, by_v), (p, v, last)]
-            by_psi = motion.gradient_by_psi(trajectory)
-            assert by_psi is not None
-            result.append((self.columns["psi"], L, by_psi[len(motion.nodes) - 1]))
-        if "acceleration" in errors:
-            a, sigma = self.columns["acceleration"], errors["acceleration"].sigma
-            result += [(a, p, sigma * elapsed**2 / 2 * one), (a, v, sigma * elapsed * one)]
-        to = {"p": p, "v": v, "L": L}
-        result += [
-            (self.columns[force.name], to[name], by)
-            for force in motion.white
-            for name, by in force.transitions().items()
-        ]
-        if "torque" in errors:
-            result.append((self.columns["torque"], L, errors["torque"].sigma * elapsed * one))
-        return result
-
     def jacobian(self, trajectory: Trajectory) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the derivatives (m, n) of the predictions in units of σ, and those of `turned`.
+        """Return the derivatives (m, n) of the predictions in units of σ, and (12, n) of the end.
 
-        The latter (3, n), (6, n) or (12, n) are at the block's end: rotations in W; in an orbit the
-        part of L that comes by the attitude; with thrust the parts of L, centre of mass and
-        velocity that come by the thrust; `transitions` has the rest. The columns are `columns`,
-        known bodies included.
+        The latter are those of attitude (a rotation in W), centre of mass, L and velocity at the
+        block's end. The columns are `columns`, known bodies included.
         """
         n, constants = self._width, self.motion.constants
         change = self._no_change(n)
         for effect in self._everything:
             effect.change_motion(trajectory, change.columns(self.columns[effect.name]))
-        readings, last = self._response(trajectory, change)
-        if len(last) > 3:
-            last[3:, self.turned[3:]] += np.eye(len(last) - 3)
+        readings, end = self._response(trajectory, change)
         parts = [np.empty((0, n))]
         for name, sensor in self.sensors.items():
             rows = readings[name]
@@ -190,7 +139,13 @@ class BlockModel:
             if isinstance(sensor, WhiteReading):
                 rows[:, :, self.columns["psi"]] += sensor.by_target(trajectory)
             parts.append(sensor.whitened(rows).reshape(-1, n))
-        return self._in_plane(np.vstack(parts), last)
+        rows, held = np.vstack(parts), self.held
+        # What a table holds has no effect but for rounding, which would grow from block to block.
+        rows[:, held] = end[:, held] = 0.0
+        fixed = held[held < len(end)]
+        end[fixed] = 0.0
+        end[fixed, fixed] = 1.0
+        return rows, end
 
     def bent(
         self, trajectory: Trajectory
@@ -216,12 +171,11 @@ class BlockModel:
             value = trajectory.state.constants[constants.place(effect.name)]
             for name in ("w", "com", "com_rate"):
                 getattr(change, name)[..., 0] += getattr(each, name) @ value
-        rows, last = self._response(trajectory, change)
+        rows, by = self._response(trajectory, change)
         readings = {n: self.sensors[n].whitened(part)[..., 0] for n, part in rows.items()}
-        if self.motion.tree.normal_B is not None:
-            last[:3] *= NORMAL_W[:, None]
-        end[: len(last)] = last[:, 0]
-        return readings, end[np.r_[0:3, 6:9, 3:6, 9:12]]
+        end, held = by[:, 0], self.held
+        end[held[held < len(end)]] = 0.0
+        return readings, end
 
     def _no_change(self, n: int) -> MotionChange:
         motion = self.motion
@@ -235,72 +189,36 @@ class BlockModel:
     def _response(
         self, trajectory: Trajectory, change: MotionChange
     ) -> tuple[dict[str, NDArray[np.float64]], NDArray[np.float64]]:
-        """Return what a change of the motion changes in the readings, and in `turned`.
+        """Return what a change of the motion changes in the readings, and at the block's end.
 
-        The readings (M, 3, n) are in SI units, by sensor. The change gets that of the attitude.
+        The readings (M, 3, n) are in SI units, by sensor; for the end see `jacobian`. The change
+        gets that of the attitude.
         """
-        N = len(self.motion.nodes)
-        direct = self._change_by_thrust(trajectory, change)
-        ends, change.w[:N] = self.motion.pose_change(trajectory, change.w[:N], change.attitude)
-        xi, last = ends[:, :3], ends[-1].copy()  # a view would keep all of it
-        if direct is not None:
-            change, pushed = self._pushed(trajectory, change, xi)
-            last[3:] += direct[N - 1]
-            last = np.concatenate([last, pushed])
+        motion, psi, N = self.motion, trajectory.state.psi, len(self.motion.nodes)
+        R, thrust, L = trajectory.R, motion.thrust, change.L
+        if thrust is not None:
+            by = thrust.momentum_change(R[:N], psi, change.com[:N], change.thrust)
+            change.w[:] += trajectory.inverse @ np.swapaxes(R, -1, -2) @ by
+            L = L + by[N - 1]
+        ends, change.w[:N] = motion.pose_change(trajectory, change.w[:N], change.attitude)
+        xi = ends[:, :3]
+        if ends.shape[1] > 3:
+            L = L + ends[-1, 3:]
+        if thrust is not None:
+            travel = thrust.travel_change(R[:N], psi, xi, change.inverse_mass, change.thrust)
+            parts = travel[:, :3], travel[:, 3:]
+            if change.position is not None and change.velocity is not None:
+                parts = parts[0] + change.position, parts[1] + change.velocity
+            change = replace(change, position=parts[0], velocity=parts[1])
         rows = {n: s.jacobian(trajectory, change, xi) for n, s in self.sensors.items()}
-        return rows, last
-
-    def _change_by_thrust(
-        self, trajectory: Trajectory, change: MotionChange
-    ) -> NDArray[np.float64] | None:
-        """Add to `change.w` what comes by the thrust at unchanged attitude.
-
-        Returns:
-            The change (U, 3, n) of L by the thrust, in W; None without thrust.
-
-        """
-        thrust, state, N = self.motion.thrust, trajectory.state, len(self.motion.nodes)
-        if thrust is None:
-            return None
-        by = thrust.momentum_change(trajectory.R[:N], state.psi, change.com[:N], change.thrust)
-        change.w[:] += trajectory.inverse @ np.swapaxes(trajectory.R, -1, -2) @ by
-        return by
-
-    def _pushed(
-        self, trajectory: Trajectory, change: MotionChange, xi: NDArray[np.float64]
-    ) -> tuple[MotionChange, NDArray[np.float64]]:
-        """Return the change with that of the travel by thrust, and the rows (6, n) of `turned`."""
-        thrust, state, N = self.motion.thrust, trajectory.state, len(self.motion.nodes)
-        assert thrust is not None
-        travel, rows = thrust.travel_change(
-            trajectory.R[:N],
-            state.psi,
-            xi,
-            change.inverse_mass,
-            change.thrust,
-        )
-        position, velocity = travel[:, :3], travel[:, 3:]
+        start, end = motion.joints.start, motion.joints.end
+        drift = transition(start, np.array([end]), motion.orbit)[0]
+        p, v = np.split(drift @ np.concatenate([change.p_Wcm, change.v_Wcm]), 2)
+        p = p + change.a_Wcm * (end - start) ** 2 / 2
+        v = v + change.a_Wcm * (end - start)
         if change.position is not None and change.velocity is not None:
-            position, velocity = position + change.position, velocity + change.velocity
-        return replace(change, position=position, velocity=velocity), rows
-
-    def _in_plane(
-        self, rows: NDArray[np.float64], turn: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return both without what a table holds: tilt, height, and the momentum out of the plane.
-
-        These derivatives are zero up to rounding. Rounding errors would grow from block to block,
-        because nothing else determines these quantities.
-        """
-        held = self.held
-        if not held.size:
-            return rows, turn
-        rows[:, held] = turn[:, held] = 0.0
-        turn[:3] *= NORMAL_W[:, None]
-        fixed = np.flatnonzero(np.isin(self.turned, held))
-        turn[fixed] = 0.0
-        turn[fixed, self.turned[fixed]] = 1.0
-        return rows, turn
+            p, v = p + change.position[N - 1], v + change.velocity[N - 1]
+        return rows, np.concatenate([xi[-1], p, L, v])
 
     def scale_of(self, name: str) -> NDArray[np.float64]:
         """Return σ (d,) of the components of a sensor's samples [SI units]."""

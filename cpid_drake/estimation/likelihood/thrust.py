@@ -190,8 +190,8 @@ class BlockThrust:
         self._before = np.searchsorted(ends, times, side="right")
         self._push = Push(log.actuators, points, interpolation, pose)
         self._total = Total(self._push, size)
-        self._drift = _transition(nodes[0], times, orbit)
-        self._pulled_back = np.linalg.inv(_transition(nodes[0], points, orbit))[:, :, 3:]
+        self._drift = transition(nodes[0], times, orbit)
+        self._pulled_back = np.linalg.inv(transition(nodes[0], points, orbit))[:, :, 3:]
         self._switches = switches
         self._at_switches = Push(log.actuators, switches, interpolation, pose)
         self._jump = Total(self._at_switches, jumps)
@@ -214,7 +214,7 @@ class BlockThrust:
         (U, 6) in W; the arguments are those of `momentum`.
         """
         force = self._moves * self._total.force(self._push.rotations(R))
-        return self._travelled(self._inverse_mass(psi) * force[..., None])[0][..., 0]
+        return self._travelled(self._inverse_mass(psi) * force[..., None])[..., 0]
 
     def spline(
         self,
@@ -278,17 +278,13 @@ class BlockThrust:
         xi: NDArray[np.float64],
         inverse_mass: NDArray[np.float64],
         errors: NDArray[np.float64],
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the changes of position and velocity of the centre of mass, in W.
+    ) -> NDArray[np.float64]:
+        """Return the changes (U, 6, n) of position and velocity of the centre of mass, in W.
 
         Args:
             R, psi, errors: see `momentum_change`.
             xi: (N, 3, n) change of the attitude at the nodes, a rotation in W.
             inverse_mass: (n,) change of 1/m.
-
-        Returns:
-            The changes (U, 6, n), and those at the start (6, n) that have the same effect at the
-            end.
 
         """
         at_points = self._push.rotations(R)
@@ -321,18 +317,12 @@ class BlockThrust:
         sums = np.cumsum(weights * rates, axis=0)
         return np.concatenate([np.zeros_like(rates[:1]), sums])[self._before]
 
-    def _travelled(
-        self, rates: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return what accelerations (Q, 3, n) do to position and velocity, (U, 6, n).
-
-        The second value is the change (6, n) of both at the start that does the same at the end.
-        """
-        at_start = self._accumulated(self._pulled_back @ rates)
-        return self._drift @ at_start, at_start[len(self._nodes) - 1]
+    def _travelled(self, rates: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what accelerations (Q, 3, n) do to position and velocity, (U, 6, n)."""
+        return self._drift @ self._accumulated(self._pulled_back @ rates)
 
 
-def _transition(
+def transition(
     start: float, times: NDArray[np.float64], orbit: Orbit | None
 ) -> NDArray[np.float64]:
     """Return the matrices (M, 6, 6) from position and velocity at the start to times (M,)."""

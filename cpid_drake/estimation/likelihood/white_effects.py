@@ -19,7 +19,9 @@ class White(Effect):
         def change_motion(trajectory: Trajectory, change: MotionChange) -> None:
             if force.name == TORQUE_NOISE:
                 Rt = np.swapaxes(trajectory.R, -1, -2)
-                change.w[:] = trajectory.inverse @ (Rt @ force.impulse(motion.times))
+                impulse = force.impulse(motion.times)
+                change.w[:] = trajectory.inverse @ (Rt @ impulse)
+                change.L[:] = impulse[len(motion.nodes) - 1]
                 return
             assert change.position is not None
             assert change.velocity is not None

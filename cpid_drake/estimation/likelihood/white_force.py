@@ -81,14 +81,6 @@ class WhiteForce:
         by = shares[:, None, :, None] * self._axes.T[:, None]
         return by.reshape(len(shares), 3, self.size)
 
-    def transitions(self) -> dict[str, NDArray[np.float64]]:
-        """Return what L, or p and v, gain until the end by the entries (3, size)."""
-        end = np.array([self._start + self._length])
-        impulse, travel = self.impulse(end)[0], self.travel(end)[0]
-        if self.name == TORQUE_NOISE:
-            return {"L": impulse}
-        return {"p": travel, "v": impulse}
-
 
 def white_forces(suite: SensorSuite, start: float, end: float, is_planar: bool) -> list[WhiteForce]:
     """Return the white forces that a suite declares, in a block from start to end [s]."""
