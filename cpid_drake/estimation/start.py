@@ -82,7 +82,8 @@ def start_of(
     """
     given = values or {}
     motions = [_motion(model, log) for log in logs]
-    values = model.start([log.name for log in logs]) | _balanced(model, logs, motions) | given
+    found = _balanced(model, logs, motions)
+    values = model.start([log.name for log in logs]) | found | given
     try:
         for motion in motions:
             motion.dynamics.mobility(values[PSI])
@@ -90,7 +91,8 @@ def start_of(
         values = values | {PSI: model.unknown(PSI).mean}
     started = []
     for log, motion in zip(logs, motions, strict=True):
-        states = _states(model, log, motion, values[PSI])
+        L = _momentum(motion, found[PSI])  # as the samples show, whatever target is given
+        states = _states(model, log, motion, L, values[PSI])
         first = replace(states[0], bias=log.bias[0])
         values[f"{MOMENTUM}|{log.name}"] = np.concatenate([first.L, first.v_Wcm])
         started.append(replace(log, start=first, aims=states))
@@ -135,10 +137,19 @@ def _spread(rows: NDArray[np.float64], prior: Gaussian) -> float:
         step = prior.add(Gaussian.of_rows(prior.sizes, rows / noise)).solve()
         noise = float(np.sqrt(np.mean((rows[:, :-1] @ step - rows[:, -1]) ** 2))) + 1e-12
     return noise
+def _momentum(motion: SeenMotion, psi: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the angular momentum (M, 3) in W."""
+    dynamics = motion.dynamics
+    L = rotate(dynamics.inertia(psi), motion.w) + dynamics.momentum_at_rest(psi)
+    return rotate(motion.R, L)
 
 
 def _states(
-    model: Model, log: LogState, motion: SeenMotion, psi: NDArray[np.float64]
+    model: Model,
+    log: LogState,
+    motion: SeenMotion,
+    L: NDArray[np.float64],
+    psi: NDArray[np.float64],
 ) -> dict[int, TrajectoryState]:
     """Return the states at the start of blocks as their own samples show them, by block.
 
@@ -146,7 +157,6 @@ def _states(
     """
     dynamics, R, w = motion.dynamics, motion.R, motion.w
     com = dynamics.com(psi)
-    L = rotate(R, rotate(dynamics.inertia(psi), w) + dynamics.momentum_at_rest(psi))
     p = np.nan_to_num(motion.p + rotate(R, com))
     v = motion.v + rotate(R, np.cross(w, com) + dynamics.com_rate(psi))
     v = np.where(np.isfinite(v).any(axis=0), v, 0.0)
@@ -182,11 +192,10 @@ def _rows(
 ) -> list[NDArray[np.float64]]:
     """Return rows [A | b] of H, and with thrust of V, about ψ, the errors of the thrust, and L."""
     psi, dynamics, R, w = x[:10], motion.dynamics, motion.R, motion.w
-    known = np.einsum("nij,nj->ni", dynamics.I_K, w) + dynamics.h_K
-    H, by_psi = rotate(R, known), R @ dynamics.regressor(w)
+    by_psi = R @ dynamics.regressor(w)
     (turn, push), (turn_by_psi, turn_by, push_by) = _pushed(model, log, motion, x)
     one = np.broadcast_to(np.eye(3), (len(R), 3, 3))
-    b = H + by_psi @ psi - turn - L
+    b = _momentum(motion, psi) - turn - L
     turning = np.concatenate([by_psi - turn_by_psi, -turn_by, -one, -b[..., None]], axis=2)
     if not log.has_thrust:
         return [
