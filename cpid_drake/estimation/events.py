@@ -13,6 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.evidence import Comparison, Question
 from cpid_drake.estimation.fit import Fit, fit, prior_of
 from cpid_drake.estimation.gaussian import Gaussian
@@ -140,18 +141,18 @@ def _compared(
 
 
 def _cut(model: Model, log: LogState, changes: Sequence[int]) -> LogState:
-    """Return a log whose blocks beside the changes are cut into parts, to be fitted anew."""
+    """Return a log whose blocks beside the changes are cut into parts."""
     if not changes:
         return log
-    blocks = []
+    blocks, jumps = list[Block](), {}
     for k, block in enumerate(log.blocks):
-        if k in changes or k - 1 in changes:
-            edges = np.linspace(block.start, block.end, PARTS + 1)
-            edges[-1] = block.end
-            blocks += [block.part(a, b) for a, b in pairwise(edges.tolist())]
-        else:
-            blocks.append(block)
-    return LogState.of_blocks(model, blocks, log.name)
+        parts = PARTS if k in changes or k - 1 in changes else 1
+        edges = np.linspace(block.start, block.end, parts + 1)
+        edges[-1] = block.end
+        blocks += [block.part(a, b) for a, b in pairwise(edges.tolist())]
+        if k in log.jumps:
+            jumps[len(blocks) - 1] = log.jumps[k]
+    return replace(LogState.of_blocks(model, blocks, log.name, log.start), jumps=jumps)
 
 
 def _name(k: int, log: LogState) -> str:

@@ -52,15 +52,23 @@ class LogState:
     noise: dict[str, float] = field(default_factory=dict)
 
     @classmethod
-    def of_blocks(cls, model: Model, blocks: Iterable[Block], name: str = "log") -> "LogState":
+    def of_blocks(
+        cls,
+        model: Model,
+        blocks: Iterable[Block],
+        name: str = "log",
+        start: TrajectoryState | None = None,
+    ) -> "LogState":
         """Return a log of successive blocks, with smoothed joints.
+
+        Without a start it begins with the first block that has attitude samples.
 
         Raises:
             InputError: no block has attitude samples.
 
         """
         blocks = tuple(blocks)
-        first = next((k for k, b in enumerate(blocks) if _has_attitude(b)), None)
+        first = next((k for k, b in enumerate(blocks) if start or _has_attitude(b)), None)
         if first is None:
             raise InputError("no attitude samples while the joints are known: none to start from")
         blocks = blocks[first:]
@@ -72,7 +80,7 @@ class LogState:
         forces = tuple(model.no_forces(block.start, block.end) for block in blocks)
         weights = tuple(dict[str, NDArray[np.float64]]() for _ in blocks)
         parts = tuple(joints)
-        return cls(name, blocks, parts, smoothness, bias, walks, forces, weights=weights)
+        return cls(name, blocks, parts, smoothness, bias, walks, forces, start, weights=weights)
 
     @classmethod
     def of(cls, model: Model, samples: Log | Iterable[Log], name: str = "log") -> "LogState":

@@ -72,7 +72,7 @@ def start_of(
 ) -> tuple[Values, list[LogState]]:
     """Return values of all unknowns, and the logs with a start.
 
-    A log with thrust aims at what the samples of every block show. The ends of blocks are closed.
+    A log with thrust aims at what the samples of every block show.
 
     Args:
         model: the unknowns.
@@ -95,7 +95,7 @@ def start_of(
         states = _states(model, log, motion, L, values[PSI])
         first = replace(states[0], bias=log.bias[0])
         values[f"{MOMENTUM}|{log.name}"] = np.concatenate([first.L, first.v_Wcm])
-        started.append(replace(log.opened(model, ()), start=first, aims=states))
+        started.append(replace(log, start=first, aims=states))
     return values, started
 
 
