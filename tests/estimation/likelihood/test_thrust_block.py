@@ -10,7 +10,7 @@ from sensing_cases import MOMENTUM
 from cpid_drake import identify
 from cpid_drake.dynamics.orbit import Orbit
 from cpid_drake.dynamics.parameterizations import relative_parameterization
-from cpid_drake.dynamics.sensitivity import displaced
+from cpid_drake.dynamics.sensitivity import with_errors
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.block import Block
@@ -116,7 +116,7 @@ def test_derivatives_by_the_known_bodies(case):
     def moved(size, which):
         body = tree.bodies[0]
         if which == of_grasp:
-            return displaced(tree, np.zeros((4, 5)), np.array([2e-3 * size, 0, 0, 0, 0, 0]))
+            return with_errors(tree, BodyUncertainty(grasp_mm=2.0), np.array([size, 0, 0]))
         if which == of_mass:
             body = replace(body, mass=body.mass * (1 + 0.01 * size))
         else:
