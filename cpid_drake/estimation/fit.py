@@ -36,9 +36,7 @@ by less than this for each residual: what values far from the minimum do not exp
 MOST_SWEEPS = 30
 """The fit ends without an answer after so many sweeps."""
 
-_SMALLEST_GAIN = 1e-3  # share of the expected fall of χ² for which a step is accepted
 _REJECTED = 12  # steps in a row
-_FIRST_DAMPING = 1.0  # information that a step is zero, as a share of the prior's
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,16 +65,6 @@ class Fit:
     converged: bool
 
 
-@dataclass(frozen=True, eq=False)
-class _Point:
-    """Values, and the sum of squares there."""
-
-    values: Values
-    logs: list[LogState]
-    rolled: list[Rolled]
-    cost: float
-
-
 def fit(
     model: Model,
     logs: Sequence[LogState],
@@ -103,46 +91,44 @@ def fit(
     logs = list(logs)
     if values is None or any(log.start is None for log in logs):
         values, logs = start_of(model, logs, values)
-    now = _point(model, logs, values, rows, values)
-    damping, growth, converged, settled, sweeps = _FIRST_DAMPING, 2.0, False, False, 0
-    total, swept = prior_of(model, logs, values, rows), list[Swept]()
+    rolled = [roll(model, log, values) for log in logs]
+    now = Fit(model, values, logs, rolled, prior_of(model, logs, values, rows), 0.0, 0, False)
     sigmas = {u.key(log.name): u.sigma for u in model.table for log in logs}
-    while sweeps < MOST_SWEEPS and not converged:
-        if sweeps and progress(f"fitting: sweep {sweeps + 1}, χ² {now.cost:.6g}") is False:
+    damping, growth, settled, swept = 1.0, 2.0, False, list[Swept]()
+    while now.sweeps < MOST_SWEEPS and not now.converged:
+        text = f"fitting: sweep {now.sweeps + 1}, χ² {now.cost:.6g}"
+        if now.sweeps and progress(text) is False:
             break
         if settled:
             parts = zip(now.logs, now.rolled, swept, strict=True)
             now = replace(now, logs=[reweighted(model, log, r, s.absorbed) for log, r, s in parts])
             swept.clear()  # a long log has room for one sweep
-        cost = _cost(model, now.logs, now.rolled, now.values, rows, now.values)
-        now = replace(now, cost=cost)
-        swept = [
-            sweep(model, log, r, now.values) for log, r in zip(now.logs, now.rolled, strict=True)
-        ]
-        sweeps += 1
+        both = zip(now.logs, now.rolled, strict=True)
+        swept = [sweep(model, log, rolled, now.values) for log, rolled in both]
         total = prior_of(model, now.logs, now.values, rows)
         for each in swept:
             total = total.add(each.gaussian)
+        cost = _cost(now, rows, now.values)
+        now = replace(now, gaussian=total, cost=cost, sweeps=now.sweeps + 1)
         sigma = np.concatenate([sigmas[name] for name in total.places])
         held = {PSI: undetermined(model, now.values[PSI], total)[0]}
         for _ in range(_REJECTED):
             step = total.solve(np.sqrt(damping) / sigma, held)
-            fall = now.cost - total.cost(step)
-            tried = _stepped(model, now, swept, total, step, rows)
-            gain = -1.0 if tried is None else (now.cost - tried.cost) / max(fall, 1e-300)
-            is_close = tried is not None and fall < CLOSE and tried.cost < now.cost + CLOSE
-            if tried is not None and (gain > _SMALLEST_GAIN or is_close):
+            fall, tried = cost - total.cost(step), _stepped(now, swept, step, rows)
+            gain = -1.0 if tried is None else (cost - tried.cost) / max(fall, 1e-300)
+            is_close = tried is not None and fall < CLOSE and tried.cost < cost + CLOSE
+            if tried is not None and (gain > 0 or is_close):
                 break
             damping, growth = max(damping, 1e-6) * growth, 2 * growth
         else:
             break
         damping, growth = damping * max(0.1, 1 - (2 * float(np.clip(gain, 0, 1)) - 1) ** 3), 2.0
         damping = max(damping, 1e-12)
-        left = now.cost - total.cost(total.solve(held=held))  # a damped step may be small anywhere
-        converged = settled and left < CLOSE  # with weights that are those of the residuals
-        settled = fall < SETTLED * max(now.cost, sum(r.count for r in now.rolled))
-        now, total = tried, total.moved(step)
-    return Fit(model, now.values, now.logs, now.rolled, total, now.cost, sweeps, converged)
+        left = cost - total.cost(total.solve(held=held))  # a damped step may be small anywhere
+        # Close with weights that are those of the residuals.
+        now = replace(tried, converged=settled and left < CLOSE)
+        settled = fall < SETTLED * max(cost, sum(r.count for r in now.rolled))
+    return now
 
 
 def reweighted(model: Model, log: LogState, rolled: Rolled, absorbed: dict[str, float]) -> LogState:
@@ -231,57 +217,32 @@ def prior_of(
     right = np.concatenate([np.empty(0), *z])
     prior = Gaussian.of_rows(sizes, np.column_stack([np.diag(diagonal), right]))
     for row in rows:
-        prior = prior.add(row.moved(_joined(row, values)))
+        prior = prior.add(row.moved(np.concatenate([values[name] for name in row.places])))
     return prior
 
 
-def _cost(
-    model: Model,
-    logs: Sequence[LogState],
-    rolled: Sequence[Rolled],
-    values: Values,
-    rows: Sequence[Gaussian],
-    weighed_at: Values,
-) -> float:
-    """Return the sum of squares of all rows at the present values."""
-    prior = prior_of(model, logs, values, rows, weighed_at)
-    step = values[PSI] - weighed_at[PSI]
-    samples = sum(r.cost(log, step) for log, r in zip(logs, rolled, strict=True))
+def _cost(found: Fit, rows: Sequence[Gaussian], weighed_at: Values) -> float:
+    """Return the sum of squares of all rows at the values of a fit."""
+    prior = prior_of(found.model, found.logs, found.values, rows, weighed_at)
+    step = found.values[PSI] - weighed_at[PSI]
+    samples = sum(r.cost(log, step) for log, r in zip(found.logs, found.rolled, strict=True))
     return samples + prior.cost(np.zeros(prior.size))
 
 
-def _point(
-    model: Model,
-    logs: list[LogState],
-    values: Values,
-    rows: Sequence[Gaussian],
-    weighed_at: Values,
-) -> _Point:
-    rolled = [roll(model, log, values) for log in logs]
-    return _Point(values, logs, rolled, _cost(model, logs, rolled, values, rows, weighed_at))
-
-
 def _stepped(
-    model: Model,
-    now: _Point,
-    swept: Sequence[Swept],
-    total: Gaussian,
-    step: NDArray[np.float64],
-    rows: Sequence[Gaussian],
-) -> _Point | None:
-    """Return the point after a step; None if no motion can be predicted there."""
-    parts = {name: step[place] for name, place in total.places.items()}
+    now: Fit, swept: Sequence[Swept], step: NDArray[np.float64], rows: Sequence[Gaussian]
+) -> Fit | None:
+    """Return the fit after a step; None if no motion can be predicted there."""
+    model, parts = now.model, {name: step[place] for name, place in now.gaussian.places.items()}
     values = now.values | {name: now.values[name] + part for name, part in parts.items()}
     try:
         logs = [back(model, log, s, parts) for log, s in zip(now.logs, swept, strict=True)]
         for log in logs:
             assert log.start is not None
             values[f"{MOMENTUM}|{log.name}"] = np.concatenate([log.start.L, log.start.v_Wcm])
-        point = _point(model, logs, values, rows, now.values)
+        rolled, total = [roll(model, log, values) for log in logs], now.gaussian.moved(step)
     except (InputError, np.linalg.LinAlgError):
         return None
-    return point if np.isfinite(point.cost) else None
-
-
-def _joined(row: Gaussian, values: Values) -> NDArray[np.float64]:
-    return np.concatenate([values[name] for name in row.places])
+    there = replace(now, values=values, logs=logs, rolled=rolled, gaussian=total)
+    cost = _cost(there, rows, now.values)
+    return replace(there, cost=cost) if np.isfinite(cost) else None

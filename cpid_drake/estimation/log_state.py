@@ -73,10 +73,8 @@ class LogState:
             raise InputError("no attitude samples while the joints are known: none to start from")
         blocks = blocks[first:]
         smoothness, joints = smooth_joints(blocks, model.suite)
-        nodes = sum(2 if gyro.bias_growth else 1 for gyro in model.gyros)
-        bias = tuple(np.zeros((nodes, 3)) for _ in blocks)
-        walking = sum(unknown.size for unknown in model.walking)
-        walks = tuple(np.zeros(walking) for _ in blocks[1:])
+        bias = tuple(np.zeros((model.bias_count, 3)) for _ in blocks)
+        walks = tuple(np.zeros(len(model.walking_columns)) for _ in blocks[1:])
         forces = tuple(model.no_forces(block.start, block.end) for block in blocks)
         weights = tuple(dict[str, NDArray[np.float64]]() for _ in blocks)
         parts = tuple(joints)

@@ -35,7 +35,6 @@ from cpid_drake.estimation.online_block import (
     Known,
     at_end,
     is_likely,
-    last_bias,
     solved,
 )
 from cpid_drake.estimation.online_state import OnlineState, Recent
@@ -234,7 +233,7 @@ def _begun(model: Model, found: Fit) -> Known:
         log,
         blocks=log.blocks[-1:],
         joints=log.joints[-1:],
-        bias=(last_bias(model, log.bias[-1]),),
+        bias=(log.bias[-1][model.last_nodes],),
         walks=(),
         weights=({},),
         start=end,

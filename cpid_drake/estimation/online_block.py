@@ -15,7 +15,7 @@ from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
 from cpid_drake.estimation.links import Link, judged, linked, with_links
 from cpid_drake.estimation.log_state import LogState
-from cpid_drake.estimation.roll import Rolled, Values, first_bias, roll, walking_columns
+from cpid_drake.estimation.roll import Rolled, Values, roll
 from cpid_drake.estimation.sweep import Swept, back, boundary_size, sweep, with_change
 from cpid_drake.estimation.unknowns import Model
 
@@ -73,7 +73,7 @@ def solved(
     It is linearized anew until χ² at the solution is what the last linearization predicts.
     """
     n, gaussian = boundary_size(model), known.gaussian
-    walking, sigma = walking_columns(model)
+    walking, sigma = model.walking_columns, model.walking_sigma
     if len(walking):
         gaussian = _changed(gaussian, n + walking, sigma * np.sqrt(block.length))
     links = known.links
@@ -83,8 +83,8 @@ def solved(
         links = (*links, Link(block.start))
         gaussian = linked(model, gaussian, links[-1])
     part, track = tracked(known.track, joint_part(block, model.suite, known.log.smoothness))
-    nodes = [2 if gyro.bias_growth else 1 for gyro in model.gyros]
-    bias = np.repeat(known.log.bias[0], np.array(nodes, int), axis=0)
+    counts = model.last_nodes - model.first_nodes + 1
+    bias = np.repeat(known.log.bias[0], counts, axis=0)
     forces = (model.no_forces(block.start, block.end),)
     log = replace(known.log, blocks=(block,), joints=(part,), bias=(bias,), forces=forces)
     values, rolled = known.values, roll(model, log, known.values)
@@ -109,7 +109,7 @@ def solved(
         if abs(excess) < CLOSE and is_settled:
             break
     end = rolled.models[0].motion.end(rolled.trajectories[0])
-    last = replace(log, start=end, bias=(last_bias(model, log.bias[0]),), weights=({},))
+    last = replace(log, start=end, bias=(log.bias[0][model.last_nodes],), weights=({},))
     return Known(values, last, after, links, track, known.about), log, rolled
 
 
@@ -152,13 +152,13 @@ class _Boundary:
     def at_start(cls, model: Model, log: LogState) -> "_Boundary":
         """Return what is at the start of the block of a log."""
         assert log.start is not None
-        return cls(log.start, first_bias(model, log), log.joints[0].coefficients[:ORDER])
+        return cls(log.start, log.bias[0][model.first_nodes], log.joints[0].coefficients[:ORDER])
 
     @classmethod
     def at_end(cls, model: Model, log: LogState, rolled: Rolled) -> "_Boundary":
         """Return what is at the end of the block of a log."""
         end = rolled.models[0].motion.end(rolled.trajectories[0])
-        return cls(end, last_bias(model, log.bias[0]), log.joints[0].coefficients[-ORDER:])
+        return cls(end, log.bias[0][model.last_nodes], log.joints[0].coefficients[-ORDER:])
 
     def step_to(self, other: "_Boundary") -> NDArray[np.float64]:
         """Return the step (n,) to another one."""
@@ -216,9 +216,3 @@ def _weighted(log: LogState, rolled: Rolled) -> tuple[LogState, bool]:
         np.abs(w - before.get(name, 1.0)).max(initial=0.0) < 0.05 for name, w in weights.items()
     )
     return (log, True) if same else (replace(log, weights=(weights,)), False)
-
-
-def last_bias(model: Model, bias: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the bias (G, 3) of each gyro at the end of a block."""
-    nodes = np.cumsum([0, *(2 if gyro.bias_growth else 1 for gyro in model.gyros)])
-    return bias[nodes[1:] - 1]

@@ -105,7 +105,7 @@ def roll(model: Model, log: LogState, values: Values) -> Rolled:
     tree = model.tree_with(values.get(BODIES))
     psi, by_psi = psi_about(values[PSI], model.mass, tree.mass)
     last = constants_of(model, log, values)
-    walking, sigma = walking_columns(model)
+    walking, sigma = model.walking_columns, model.walking_sigma
     state, links = log.start, 0.0
     assert state is not None
     still_to_come = np.sum(log.walks, axis=0) if log.walks else np.zeros(len(walking))
@@ -152,7 +152,8 @@ def roll(model: Model, log: LogState, values: Values) -> Rolled:
             state = jumped(state, log.jumps[k])
             links += float(np.sum((log.jumps[k] / log.links[k]) ** 2))
     start = float(np.sum(first_values(model, log, values) ** 2))
-    start += float(np.sum((first_bias(model, log) / bias_sigma(model)[:, None]) ** 2))
+    bias = log.bias[0][model.first_nodes] / model.bias_sigma[:, None]
+    start += float(np.sum(bias**2))
     return Rolled(models, trajectories, residuals, links, start, by_psi)
 
 
@@ -166,32 +167,10 @@ def _aimed(motion: BaseMotion, trajectory: Trajectory, aim: TrajectoryState) -> 
     return trajectory
 
 
-def walking_columns(model: Model) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Return the columns of the constants that walk, and σ of their change after 1 s."""
-    places = model.places
-    columns = [np.r_[places[u.name]] for u in model.walking]
-    sigma = [np.full(u.size, u.walk) for u in model.walking]
-    return (
-        np.concatenate([np.empty(0, np.intp), *columns]),
-        np.concatenate([np.empty(0), *sigma]),
-    )
-
-
 def first_values(model: Model, log: LogState, values: Values) -> NDArray[np.float64]:
     """Return the values (w,) at the start of the constants that walk."""
     last = [values[u.key(log.name)] for u in model.walking]
     return np.asarray(np.concatenate([np.empty(0), *last]) - np.sum(log.walks, axis=0))
-
-
-def bias_sigma(model: Model) -> NDArray[np.float64]:
-    """Return σ of the first bias of each gyro [rad/s]."""
-    return np.array([max(gyro.bias_sigma, 1e-9) for gyro in model.gyros])
-
-
-def first_bias(model: Model, log: LogState) -> NDArray[np.float64]:
-    """Return the bias (G, 3) of each gyro at the start."""
-    nodes = np.cumsum([0, *(2 if gyro.bias_growth else 1 for gyro in model.gyros)])
-    return log.bias[0][nodes[:-1]]
 
 
 def jump_between(state: TrajectoryState, other: TrajectoryState) -> NDArray[np.float64]:

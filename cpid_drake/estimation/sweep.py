@@ -26,15 +26,7 @@ from cpid_drake.estimation.likelihood.motion import Trajectory, TrajectoryState
 from cpid_drake.estimation.likelihood.priors import FASTEST_DRIFT
 from cpid_drake.estimation.likelihood.white_effects import White
 from cpid_drake.estimation.log_state import LogState
-from cpid_drake.estimation.roll import (
-    Rolled,
-    Values,
-    bias_sigma,
-    first_bias,
-    first_values,
-    jumped,
-    walking_columns,
-)
+from cpid_drake.estimation.roll import Rolled, Values, first_values, jumped
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 
 EXACT = 1e-9
@@ -132,7 +124,7 @@ def sweep(
     """
     carried = known_at_start(model, log, values) if before is None else before
     n = boundary_size(model)
-    walking, walk_sigma = walking_columns(model)
+    walking, walk_sigma = model.walking_columns, model.walking_sigma
     steps: list[_Change | _Block] = []
     rho2, links, absorbed = 0.0, list[int](), dict[str, float]()
 
@@ -178,11 +170,11 @@ def known_at_start(model: Model, log: LogState, values: Values) -> NDArray[np.fl
     sigma[:3], sigma[3:6] = START["attitude"], START["p_Wcm"]
     sigma[6:12] = EXACT * np.repeat([model.L_sigma, FASTEST_DRIFT], 3)
     bias = slice(12, 12 + 3 * len(model.gyros))
-    sigma[bias] = np.repeat(bias_sigma(model), 3)
+    sigma[bias] = np.repeat(model.bias_sigma, 3)
     rows[:, :n] = np.diag(1 / sigma)
     rows[6:12, n + places[MOMENTUM].start :][:, :6] = -np.diag(1 / sigma[6:12])
-    rows[bias, -1] = -first_bias(model, log).ravel() / sigma[bias]
-    walking, _ = walking_columns(model)
+    rows[bias, -1] = -log.bias[0][model.first_nodes].ravel() / sigma[bias]
+    walking = model.walking_columns
     first = np.zeros((len(walking), rows.shape[1]))
     first[np.arange(len(walking)), n + walking] = 1.0
     first[:, -1] = -first_values(model, log, values)

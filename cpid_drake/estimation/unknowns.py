@@ -6,6 +6,7 @@ a block of time (joint motion, biases) is in the state of its log; see `log_stat
 """
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -174,6 +175,38 @@ class Model:
     def walking(self) -> list[Unknown]:
         """The unknowns that walk."""
         return [u for u in self.table if u.walk]
+
+    @cached_property
+    def walking_columns(self) -> NDArray[np.intp]:
+        """Columns (w,) of the unknowns that walk."""
+        columns = [np.r_[self.places[unknown.name]] for unknown in self.walking]
+        return np.concatenate([np.empty(0, np.intp), *columns])
+
+    @cached_property
+    def walking_sigma(self) -> NDArray[np.float64]:
+        """σ (w,) of their change after 1 s."""
+        sigma = [np.full(unknown.size, unknown.walk) for unknown in self.walking]
+        return np.concatenate([np.empty(0), *sigma])
+
+    @cached_property
+    def bias_sigma(self) -> NDArray[np.float64]:
+        """σ (G,) of the first bias of each gyro [rad/s]."""
+        return np.array([max(gyro.bias_sigma, 1e-9) for gyro in self.gyros])
+
+    @cached_property
+    def last_nodes(self) -> NDArray[np.intp]:
+        """Rows (G,) of the last bias of each gyro among those of a block."""
+        return np.cumsum([2 if gyro.bias_growth else 1 for gyro in self.gyros], dtype=int) - 1
+
+    @property
+    def first_nodes(self) -> NDArray[np.intp]:
+        """Rows (G,) of the first bias of each gyro among those of a block."""
+        return np.concatenate([[0], self.last_nodes[:-1] + 1])[: len(self.last_nodes)]
+
+    @property
+    def bias_count(self) -> int:
+        """Number of rows of biases of a block."""
+        return int(self.last_nodes[-1]) + 1 if len(self.last_nodes) else 0
 
     def tree_with(self, errors: NDArray[np.float64] | None) -> KinematicTree:
         """Return the known spacecraft with errors (c,) of its bodies, in units of σ."""

@@ -79,14 +79,22 @@ class MotionChange:
         return MotionChange(**{name: value[..., part] for name, value in given.items()})
 
 
+def _unchanged(trajectory: Trajectory, change: MotionChange) -> None:
+    """Leave the motion as it is."""
+
+
 class Effect:
     """One effect on a block of time.
+
+    Attributes:
+        at_start, at_end: columns, counted from the effect's first, that continue the previous
+            block's, and that the next block continues.
 
     Args:
         name: key in `BlockModel.columns`.
         size: number of columns n.
-        change_motion: writes the derivatives of the motion into a change, which contains zeros;
-            default: the motion does not depend on it.
+        change_motion: writes the derivatives of the motion into a change, which contains zeros.
+        at_start, at_end: see above; default: all columns, as of a constant.
 
     """
 
@@ -94,22 +102,13 @@ class Effect:
         self,
         name: str,
         size: int,
-        change_motion: Callable[[Trajectory, MotionChange], None] = lambda trajectory, change: None,
+        change_motion: Callable[[Trajectory, MotionChange], None] = _unchanged,
+        at_start: NDArray[np.intp] | None = None,
+        at_end: NDArray[np.intp] | None = None,
     ) -> None:
         self.name, self.size, self.change_motion = name, size, change_motion
-
-    @property
-    def at_start(self) -> NDArray[np.intp]:
-        """Columns, counted from the effect's first, that continue the previous block's."""
-        return np.arange(self.size)
-
-    @property
-    def at_end(self) -> NDArray[np.intp]:
-        """Columns, counted from the effect's first, that the next block continues.
-
-        A constant has the same columns at both ends.
-        """
-        return np.arange(self.size)
+        self.at_start = np.arange(size) if at_start is None else at_start
+        self.at_end = np.arange(size) if at_end is None else at_end
 
     def change_reading(
         self, sensor: str, times: NDArray[np.float64], rows: NDArray[np.float64]
@@ -174,17 +173,9 @@ class GyroBias(Effect):
         self._growth = gyro.bias_growth * np.sqrt(self._length)
         self.nodes = 2 if gyro.bias_growth else 1
         self.rows = slice(first, first + self.nodes)
-        super().__init__(f"bias of {sensor}", 3 * self.nodes)
-
-    @property
-    def at_start(self) -> NDArray[np.intp]:
-        """See `Effect`."""
-        return np.arange(3)
-
-    @property
-    def at_end(self) -> NDArray[np.intp]:
-        """See `Effect`."""
-        return np.arange(self.size - 3, self.size)
+        columns = np.arange(3 * self.nodes)
+        name = f"bias of {sensor}"
+        super().__init__(name, len(columns), at_start=columns[:3], at_end=columns[-3:])
 
     def weights(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (M, nodes) weights of the nodes at times (M,)."""
@@ -215,20 +206,11 @@ class JointErrors(Effect):
     def __init__(self, motion: BaseMotion) -> None:
         self._motion, self._joints = motion, motion.joints
         K, J = self._joints.coefficients.shape
-        super().__init__("joints", K * J, self._change_motion)
-        self._indices = np.arange(K * J).reshape(J, K)
+        columns = np.arange(K * J).reshape(J, K)
+        first, last = columns[:, :ORDER].ravel(), columns[:, -ORDER:].ravel()
+        super().__init__("joints", K * J, self._change_motion, first, last)
         times = motion.times
         self._B, self._B_dot = self._joints.basis(times), self._joints.basis(times, 1)
-
-    @property
-    def at_start(self) -> NDArray[np.intp]:
-        """See `Effect`."""
-        return self._indices[:, :ORDER].ravel()
-
-    @property
-    def at_end(self) -> NDArray[np.intp]:
-        """See `Effect`."""
-        return self._indices[:, -ORDER:].ravel()
 
     def _change_motion(self, trajectory: Trajectory, change: MotionChange) -> None:
         by_q, by_qdot = joint_changes(self._motion, trajectory)

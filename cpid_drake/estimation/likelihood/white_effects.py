@@ -28,17 +28,8 @@ class White(Effect):
             change.position[:] = force.travel(motion.times)
             change.velocity[:] = force.impulse(motion.times)
 
-        super().__init__(force.name, force.size, change_motion)
-
-    @property
-    def at_start(self) -> NDArray[np.intp]:
-        """See `Effect`."""
-        return np.empty(0, dtype=np.intp)
-
-    @property
-    def at_end(self) -> NDArray[np.intp]:
-        """See `Effect`."""
-        return np.empty(0, dtype=np.intp)
+        none = np.empty(0, dtype=np.intp)
+        super().__init__(force.name, force.size, change_motion, none, none)
 
     def change_reading(
         self, sensor: str, times: NDArray[np.float64], rows: NDArray[np.float64]
