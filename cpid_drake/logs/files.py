@@ -16,7 +16,7 @@ from cpid_drake.logs.csv_format import read_csv, write_csv
 from cpid_drake.logs.log import THRUST, THRUST_COLUMNS, Log
 from cpid_drake.logs.table import Table
 from cpid_drake.output_files.drafts import draft_of
-from cpid_drake.resources import NOT_A_FILE, resolve_model
+from cpid_drake.resources import resolve_model
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.thrusters import VALVE
 
@@ -158,7 +158,6 @@ def _format_of(path: str | Path) -> tuple[Path, Format | None]:
 
     """
     if Path(path).is_dir() or Path(path).suffix.lower() in BAG_ENDINGS:
-        _refuse_pipes(Path(path))
         return Path(path), None
     file = resolve_model(path)
     for kind in FORMATS:
@@ -168,18 +167,6 @@ def _format_of(path: str | Path) -> tuple[Path, Format | None]:
         f"{path}: telemetry is read from {', '.join(telemetry_endings())} files and bag folders, "
         f"not from '{file.suffix or file.name}'"
     )
-
-
-def _refuse_pipes(bag: Path) -> None:
-    """Refuse pipes and devices in the place of a bag's files: to read them may never end.
-
-    Raises:
-        InputError: there is one.
-
-    """
-    for file in bag.iterdir() if bag.is_dir() else [bag]:
-        if file.exists() and not (file.is_file() or file.is_dir()):
-            raise InputError(f"{file}: {NOT_A_FILE}")
 
 
 def write_telemetry(path: str | Path, motion: Motion | Log) -> None:

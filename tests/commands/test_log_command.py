@@ -81,7 +81,6 @@ def test_a_log_of_vicon_with_a_marker_off_the_origin_gives_the_target(cpid, vico
 @pytest.mark.parametrize(
     ("drop", "exit_code", "phrase"),
     [
-        ("field.header.stamp", 2, "no column can be the time"),
         ("arm_joint2", 2, "no column can be the position of joint 'arm_joint2'"),
         ("orientation.x", 4, "complete this map: no columns are an attitude"),
     ],

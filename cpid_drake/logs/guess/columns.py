@@ -20,7 +20,7 @@ from cpid_drake.logs.guess.names import (
     words_of,
 )
 
-_TIMES = ("stamp", "timestamp", "time", "t", "clock", "secs", "sec", "seconds", "frame")
+_TIMES = ("stamp", "timestamp", "time", "t", "clock", "secs", "sec", "seconds", "utc", "frame")
 _NANOSECONDS = {"nanosec", "nsec", "nsecs", "nanosecs", "nanoseconds"}
 _OTHER_TIMES = {"sub", "recv", "receive", "log", "record"}
 _YEARS = (5e8, 4e9)
@@ -40,6 +40,7 @@ _VECTORS = {
     "angular_velocity": {
         *("angular", "gyro", "gyr", "omega", "w", "bw", "rates", "rate", "angvel", "wb"),
         "gyroscope",
+        "imu",
     },
     "velocity": {"velocity", "vel", "v", "linear", "speed"},
     "position": {"position", "pos", "p", "t", "translation", "trans", "location", "xyz"},
@@ -69,18 +70,19 @@ def find_columns(draft: MapDraft, frame_rate: float | None) -> None:
 
 
 def _find_time(draft: MapDraft, frame_rate: float | None) -> None:
-    candidates = []
+    candidates, is_first = [], True
     for name, column in draft.columns.items():
         words = words_of(name)
         named = [k for k, word in enumerate(_TIMES) if word in words]
         there = column[np.isfinite(column)]
         increases = there.size > 1 and np.mean(np.diff(there) >= 0) > 0.98 and there[-1] > there[0]
-        if named and increases and not words & _NANOSECONDS:
-            candidates.append((bool(words & _OTHER_TIMES), named[0], name))
+        if (named or is_first) and increases and not words & _NANOSECONDS:
+            candidates.append((bool(words & _OTHER_TIMES), [*named, len(_TIMES)][0], name))
+        is_first = False
     if not candidates:
         raise InputError(
-            f"no column can be the time: it has a name such as 'time' or 'stamp' and increases; "
-            f"the columns of numbers are {', '.join([*draft.columns][:12])}"
+            "no column can be the time: it increases, and is the first or has a name such as "
+            f"'time' or 'stamp'; the columns of numbers are {', '.join([*draft.columns][:12])}"
         )
     name, time = min(candidates)[2], draft.map.time
     ticks = draft.columns[name][np.isfinite(draft.columns[name])]
@@ -187,7 +189,6 @@ def _find_vectors(draft: MapDraft, free: list[str], axes: list[Group]) -> None:
     groups = [*axes, *(g for g in groups_by_number(free) if len(g.members) == 3)]
     used = {*draft.map.attitude.columns}
     groups = [g for g in groups if not used & {*g.members.values()} and not g.words & _OTHER]
-    draft.map.angular_velocity.frame = "body"
     draft.free |= {"angular_velocity.frame", "velocity.frame", "position.point_B"}
     for key, words in _VECTORS.items():
         choices = [g for g in groups if g.words & words or (key == "position" and g.stem == "*")]
@@ -199,6 +200,8 @@ def _find_vectors(draft: MapDraft, free: list[str], axes: list[Group]) -> None:
             continue
         group, section = _nearest(draft, choices, words), getattr(draft.map, key)
         section.columns = [name for axis, name in group.members.items() if axis != "w"]
+        if key == "angular_velocity":
+            draft.map.angular_velocity.frame = "body"
         others = [g.stem for g in choices if g is not group]
         besides = f" (not used: {', '.join(others)})" if others else ""
         draft.say(key, f"{', '.join(section.columns)}: by their names{besides}")

@@ -86,13 +86,18 @@ def guess_map(
     columns = {n: c for n, c in table.columns.items() if n not in texts and np.isfinite(c).any()}
     if not columns:
         raise InputError("the file has no rows of numbers")
+    if "1" in columns:
+        raise InputError(
+            "the file does not name its columns: write a map that names them by their numbers, "
+            "such as '1', and check it with `cpid log check --columns`"
+        )
     draft = MapDraft(columns, texts, spacecraft, base)
     find_columns(draft, frame_rate)
     missing = _choose_time_unit(draft)
     if not draft.map.attitude.columns:
         missing.append("no columns are an attitude (attitude.columns)")
     missing += _choose_conventions(draft)
-    unused = read_columns(draft.map, Table(dict(columns)), "the log").ignored
+    unused = read_columns(draft.map, table, "the log").ignored
     if unused:
         more = f" and {len(unused) - 20} more" if len(unused) > 20 else ""
         draft.say("ignore_columns", f"not used: {', '.join(unused[:20])}{more}")
@@ -171,9 +176,9 @@ def _choose_conventions(draft: MapDraft) -> list[str]:
     if joints:
         missing += _joint_unit(draft, found)
     if draft.map.position.columns and found:
-        explained = max(1 - found[0][0], 0.0)
-        text = f"in {draft.map.position.unit}: conservation of momentum explains {explained:.2%}"
-        draft.say("position", text)
+        unit, explained = draft.map.position.unit, max(1 - found[0][0], 0.0)
+        text = f"conservation of momentum then explains {explained:.2%} of the base's motion"
+        draft.say("position", f"in {unit}: {text}")
     if draft.map.velocity.columns:
         if draft.map.angular_velocity.columns:
             draft.map.velocity.point_B = draft.map.position.point_B

@@ -89,11 +89,9 @@ def frame_rate_of(name: str) -> float | None:
 
 
 def groups_by_axis(names: Iterable[str]) -> list[Group]:
-    """Return the groups of columns that differ in x, y, z and perhaps w, at their end or start."""
-    patterns = (
-        r"^(?P<a>.*?)(?P<key>[wxyzWXYZ])(?P<b>)$",
-        r"^(?P<a>)(?P<key>[wxyzWXYZ])(?P<b>[_. ].*)$",
-    )
+    """Return the groups of columns that differ in x, y, z and perhaps w, at the end of a word."""
+    key = "(?P<key>[wxyzWXYZ])"
+    patterns = f"^(?P<a>.*?){key}(?P<b>)$", f"^(?P<a>.*){key}(?P<b>[_. ].*)$"
     return _groups(names, patterns, {"x", "y", "z"})
 
 

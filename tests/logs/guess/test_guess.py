@@ -133,6 +133,15 @@ def test_without_a_time_the_columns_are_listed(craft, log):
         guess_map(Table(columns), craft, "base")
 
 
+def test_the_first_column_is_the_time_if_it_increases_and_numbers_are_no_names(craft, log):
+    columns = in_other_conventions(log, 0)
+    given = guess_map(Table({"thing": columns.pop("stamp"), **columns}), craft, "base")
+    assert given.column_map.time.column == "thing"
+    numbered = dict(zip(map(str, range(1, 99)), columns.values()))
+    with pytest.raises(InputError, match=r"does not name its columns: write a map"):
+        guess_map(Table(numbered), craft, "base")
+
+
 def columns_at_200_hz(craft):
     """Return columns at common times, the time in ms, the angles in rad, by plain names."""
     motion, times = Sines.drawn(len(craft.joint_names), 3, 10.0), np.arange(0.0, 1.5, 0.005)
@@ -186,7 +195,9 @@ def test_exchanged_axes_of_the_gyro_are_found_and_a_foreign_gyro_leaves_the_atti
     names, values = table_of(log)
     columns = dict(zip(names, values.T))
     assert guess_map(Table(columns), craft, "base").missing == ()
-    turned = columns | {"bwx": columns["bwy"], "bwy": columns["bwz"], "bwz": columns["bwx"]}
+    axes = {"w_x_imu": "bwy", "w_y_imu": "bwz", "w_z_imu": "bwx"}  # an axis inside of a name
+    turned = {name: values for name, values in columns.items() if name not in axes.values()}
+    turned |= {name: columns[axis] for name, axis in axes.items()}
     guess = guess_map(Table(turned), craft, "base")
     assert guess.missing == ()
     np.testing.assert_array_equal(
