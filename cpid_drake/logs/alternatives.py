@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.logs.column_map import QUATERNION_ORDERS, ColumnMap, scale_of
-from cpid_drake.logs.score import Instants, centre_of_mass
+from cpid_drake.logs.score import Instants, centre_of_mass, momentum_of
 
 FAR = 0.05
 """Distance of a point from B's origin, in reaches of the arm, that model errors do not explain."""
@@ -275,7 +275,7 @@ def _places(
             yield unit, log, entries
         found = None
         if tree is not None and spin is not None:
-            found = centre_of_mass(log, tree, has_free_point=True)
+            found = centre_of_mass(log, momentum_of(log, tree), has_free_point=True)
         if found is None or not found.is_possible:
             continue
         if spin is None or np.linalg.norm(found.point_B) < FAR * found.reach:

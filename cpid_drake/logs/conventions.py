@@ -152,30 +152,21 @@ def better_conventions(
 
     """
     tree = None if tree is None else tree.lumped
-    now, rows = _residuals(given, names, tree), []
+    now, rows = {c.name: c.residual for c in compare(given, names, tree)}, []
+
+    def contradicts(then: Mapping[str, float]) -> bool:
+        return any(v > _WORSE * now.get(n, np.inf) and v > EXPLAINS for n, v in then.items())
+
     for each in alternatives(given, names, tree, column_map):
-        rates = {c.name: c.residual for c in compare_rates(each.log, names)}
-        if any(_contradicts(now, name, value) for name, value in rates.items()):
+        then = {c.name: c.residual for c in compare_rates(each.log, names)}
+        if contradicts(then):  # the momentum takes longer
             continue
         momentum = [] if each.tree is None else compare_momentum(each.log, each.tree)
-        then = {**rates, **{c.name: c.residual for c in momentum}}
-        better = {n for n, value in then.items() if CLEARLY * value < now.get(n, 0.0)}
+        then |= {c.name: c.residual for c in momentum}
+        better = [n for n, value in then.items() if CLEARLY * value < now.get(n, 0.0)]
         explained = all(then[n] < (EXPLAINS if n == MOMENTUM else AGREES) for n in better)
-        worse = any(_contradicts(now, name, value) for name, value in then.items())
-        if better and explained and not worse:
+        if better and explained and not contradicts(then):
             rows.append((sum(np.log(value) for value in then.values()), each))
-    if not rows:
-        return []
     rows.sort(key=lambda row: row[0])
     best = [each for total, each in rows if total < rows[0][0] + np.log(CLEARLY)]
     return best if len(best) <= _TIES else []
-
-
-def _residuals(
-    given: Instants, names: tuple[str, ...], tree: KinematicTree | None
-) -> dict[str, float]:
-    return {each.name: each.residual for each in compare(given, names, tree)}
-
-
-def _contradicts(now: Mapping[str, float], name: str, value: float) -> bool:
-    return bool(value > _WORSE * now.get(name, np.inf) and value > EXPLAINS)

@@ -123,16 +123,14 @@ class CentreOfMass:
     """How well a motion agrees with a centre of mass that moves evenly.
 
     Attributes:
-        mass_share: share μ of the target in the total mass.
         point_B: (3,) p_BP_B of the point whose positions are logged [m].
         reach: largest distance of C's origin from B's [m].
-        is_possible: whether a target with this share, and a point near the base, can exist.
+        is_possible: whether a target with its mass, and a point near the base, can exist.
         residual: relative to the motion.
         values: (N, 3) logged and explained positions or velocities.
 
     """
 
-    mass_share: float
     point_B: Array
     reach: float
     is_possible: bool
@@ -183,23 +181,12 @@ def instants_of(log: Log) -> Instants | None:
     def at(name: str, derivative: int = 0) -> Array | None:
         return splines[name](time, derivative) if name in splines else None
 
-    q, q_rate = at("encoders"), at("encoders", 1)
-    assert q is not None
-    assert q_rate is not None
-    return Instants(
-        time - time[0],
-        q,
-        q_rate,
-        at("attitude"),
-        at("attitude", 1),
-        at("position"),
-        at("position", 1),
-        at("joint_rates"),
-        at("gyro"),
-        at("velocity"),
-        frozenset(moving),
-        is_free,
-    )
+    q, q_rate = splines["encoders"](time), splines["encoders"](time, 1)
+    attitude = at("attitude"), at("attitude", 1)
+    position = at("position"), at("position", 1)
+    rates = at("joint_rates"), at("gyro"), at("velocity")
+    clock = time - time[0]
+    return Instants(clock, q, q_rate, *attitude, *position, *rates, frozenset(moving), is_free)
 
 
 def compare(
@@ -241,8 +228,8 @@ def compare_momentum(given: Instants, tree: KinematicTree) -> list[Comparison]:
         or (tree.normal_B is not None and tree.normal_C is None)
     ):
         return []  # on a table, the centre of mass of a craft that is not planar may rise
-    samples = _momentum_samples(given, tree)
-    place = _centre_of_mass(given, samples, False)
+    samples = momentum_of(given, tree)
+    place = centre_of_mass(given, samples)
     parts = [] if place is None else [(place.residual, place.is_possible)]
     if tree.normal_B is None:  # the plane has too few equations
         parts.append(_angular(given, samples))
@@ -256,23 +243,7 @@ def compare_momentum(given: Instants, tree: KinematicTree) -> list[Comparison]:
     return [Comparison(MOMENTUM, sides, given.time[: len(values[0])], values, residual)]
 
 
-def centre_of_mass(
-    given: Instants, tree: KinematicTree, *, has_free_point: bool = False
-) -> CentreOfMass | None:
-    """Return how well the base's motion agrees with the conservation of linear momentum.
-
-    None without attitudes, without positions and velocities, or if the base does not move.
-
-    Args:
-        given: what a log says.
-        tree: the known spacecraft.
-        has_free_point: whether the positions may be those of another point than B's origin.
-
-    """
-    return _centre_of_mass(given, _momentum_samples(given, tree), has_free_point)
-
-
-def _momentum_samples(given: Instants, tree: KinematicTree) -> MomentumSamples:
+def momentum_of(given: Instants, tree: KinematicTree) -> MomentumSamples:
     """Return the momentum samples of a motion in which the base's origin rests at zero."""
     turning = given.w_B if given.w_B is not None else given.turning
     w_B = np.zeros((len(given.time), 3)) if turning is None else turning
@@ -307,9 +278,19 @@ def _angular(given: Instants, samples: MomentumSamples) -> tuple[float, bool]:
     return max(float(np.linalg.norm(error)) / max(float(size), 1e-300), _ROUNDING), is_possible
 
 
-def _centre_of_mass(
-    given: Instants, samples: MomentumSamples, has_free_point: bool
+def centre_of_mass(
+    given: Instants, samples: MomentumSamples, *, has_free_point: bool = False
 ) -> CentreOfMass | None:
+    """Return how well the base's motion agrees with the conservation of linear momentum.
+
+    None without attitudes, without positions and velocities, or if the base does not move.
+
+    Args:
+        given: what a log says.
+        samples: see `momentum_of`.
+        has_free_point: whether the positions may be those of another point than B's origin.
+
+    """
     if given.quaternion is None or (given.p is None and given.v is None):
         return None
     C, R_WB = samples.motion, given.R_WB
@@ -339,7 +320,6 @@ def _centre_of_mass(
     reach = float(np.linalg.norm(C.p_WC, axis=1).max())
     is_near = np.linalg.norm(point_B) < 2 * reach + 1.0
     return CentreOfMass(
-        float(x[0]),
         point_B,
         reach,
         bool(-margin < x[0] < 1 + margin and is_near),

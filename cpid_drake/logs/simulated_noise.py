@@ -79,21 +79,6 @@ class SensorNoise:
             self._constants[key] = drawn
         return self._constants[key]
 
-    def true_constants(self, joint_count: int) -> dict[str, NDArray[np.float64]]:
-        """Return all constant errors and disturbances that are not zero, by name.
-
-        The names are those of the unknowns of the estimators, such as "attitude.delay" or
-        "acceleration"; shapes and units: see `ConstantErrors.by_kind`. Disturbances are in W
-        [N·m, m/s²], with their values at the start.
-        """
-        disturbance = SimulatedDisturbance(self.suite.disturbances, self.seed)
-        now, scale = disturbance.at(0.0), np.array([disturbance.thrust_scale])
-        found = {"torque": now[:3], "acceleration": now[3:], "thrust_scale": scale}
-        for name in self.suite.present():
-            values = self.constants(name, joint_count).by_kind()
-            found |= {f"{name}.{kind}": value for kind, value in values.items()}
-        return {name: value for name, value in found.items() if value.any()}
-
     def apply(
         self,
         name: str,

@@ -63,21 +63,6 @@ class ConstantErrors:
     lever_arm_B: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     zero: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
 
-    def by_kind(self) -> dict[str, NDArray[np.float64]]:
-        """Return the values by the names that estimators give to these unknowns.
-
-        "delay" (1,) [s], "mounting" (3,) [rad], "scale" (3,) is the diagonal of S, "misalignment"
-        (6,) has its other entries, row by row [rad], "lever_arm" (3,) [m], "zero" (J,) [rad or m].
-        """
-        return {
-            "delay": np.array([self.delay]),
-            "mounting": self.mounting_B,
-            "scale": np.diag(self.scale),
-            "misalignment": self.scale[~np.eye(3, dtype=bool)],
-            "lever_arm": self.lever_arm_B,
-            "zero": self.zero,
-        }
-
     def change(
         self, sensor: Sensor, ideal: NDArray[np.float64], motion: Motion | None
     ) -> NDArray[np.float64]:

@@ -9,7 +9,7 @@ from cpid_drake import identify, load_scenario, make_simulation, shipped_scenari
 from cpid_drake.dynamics.momentum import total_momentum
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.scenario.schema import BurnConfig, DisturbanceConfig
-from cpid_drake.sensors.disturbances import Disturbances
+from cpid_drake.sensors.disturbances import Disturbances, SimulatedDisturbance
 from cpid_drake.sensors.presets import load_sensors
 from cpid_drake.studies.trials import base_trajectory, draw, ideal_samples, make_case
 
@@ -74,7 +74,7 @@ def test_the_log_has_the_error_of_its_scale(run):
     simulation, context = run
     log = simulation.measurements(context).thrust
     noise = simulation.sensors.noise
-    error = noise.true_constants(1)["thrust_scale"][0]
+    error = SimulatedDisturbance(noise.suite.disturbances, noise.seed).thrust_scale
     assert 0.01 < abs(error) < 4 * SCALE
     np.testing.assert_allclose(log.time, [0.73, 0.73 + 1.1])
     torque = TORQUE + np.cross(POINT, FORCE)

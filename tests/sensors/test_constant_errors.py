@@ -7,11 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from cpid_drake import InputError, Motion
-from cpid_drake.estimation.likelihood.constants import constant_errors
 from cpid_drake.logs.log import ideal_log
 from cpid_drake.logs.simulated_noise import SensorNoise, add_noise
 from cpid_drake.sensors.constant_errors import random_stream
-from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.sensors import (
     ARCSECOND,
     SENSORS,
@@ -181,16 +179,6 @@ def test_a_delay_changes_stamps_and_no_samples(seed):
         np.testing.assert_array_equal(same.value, measured[name].value)
         np.testing.assert_array_equal(same.time, ideal[name].time)
     assert min(delays) < 0 < max(delays)
-
-
-def test_all_errors_have_the_names_and_sizes_of_the_unknowns_of_the_fit():
-    sensors = suite(disturbances=Disturbances(acceleration=1e-5, torque=1e-3))
-    true = SensorNoise(sensors, 2).true_constants(2)
-    unknowns = {error.name: error for error in constant_errors(sensors, 2)}
-    assert true.keys() - {"joint_rates.delay"} == unknowns.keys()
-    for name, error in unknowns.items():
-        assert true[name].shape == (error.size,)
-        assert np.abs(true[name]).max() < 5 * error.sigma
 
 
 @pytest.mark.parametrize("rate", [1.5, 50.0])
