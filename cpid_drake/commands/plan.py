@@ -2,7 +2,7 @@
 
 import math
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -108,9 +108,11 @@ def motion(
         log.print(f"{out}: {time.perf_counter() - start:.0f} s")
         target = planner.targets[0]
         made = {"scenario's motion": planner.own_motion, "plan": best.motion}
-        found = {name: planner.setting.predict(each, target) for name, each in made.items()}
         usage, _ = planner.usage(planner.own_motion)
-        shares = dict(zip(made, (max(usage.values()), max(best.usage.values())), strict=True))
+        found = {
+            name: replace(planner.setting.predict(each, target), usage=max(used.values()))
+            for (name, each), used in zip(made.items(), (usage, best.usage), strict=True)
+        }
     limit = max(usage, key=lambda name: usage[name])
     if usage[limit] > 1:
         planner.notes.append(
@@ -126,8 +128,7 @@ def motion(
     if quiet:
         return
     title = f"Predicted σ, a target of {target[0]:.3g} kg"
-    compared = {name: planning.Compared(found[name], share) for name, share in shares.items()}
-    report.print_table(report.motion_table(compared, title))
+    report.print_table(report.motion_table(found, title))
     print(f"active limits: {'; '.join(best.active) or 'none'}")
     print(f"cpid simulate SCENARIO --out DIR, with joint_motion: !MotionFile {{file: {out}}}")
 
@@ -157,16 +158,18 @@ def rank(
         given = {file.name: planner.load_motion(file) for file in files or []}
         target, setting, found = planner.targets[0], planner.setting, {}
         for name, each in {**dict(planning.reference_motions(planner)), **given}.items():
-            prediction, errors = setting.predict(each, target), []
+            errors = []
             for error in planning.trial_errors(setting, each, target, trials, chosen.seed):
                 errors.append(error)
                 status.update(f"{name}: {len(errors)} of {trials} trials")
-            usage, _ = planner.usage(each)
-            drawn = np.reshape(errors, (-1, 10))
-            found[name] = planning.Compared(prediction, max(usage.values()), drawn)
+            found[name] = replace(
+                setting.predict(each, target),
+                usage=max(planner.usage(each)[0].values()),
+                errors=np.reshape(errors, (-1, 10)),
+            )
     for note in planner.notes:
         log.print(f"note: {note}")
-    ordered = dict(sorted(found.items(), key=lambda item: item[1].prediction.worst))
+    ordered = dict(sorted(found.items(), key=lambda item: item[1].worst))
     title = f"Motions for a target of {target[0]:.3g} kg, the best first"
     report.print_table(report.motion_table(ordered, title))
     if trials:

@@ -1,10 +1,9 @@
-from .comparison import Compared, reference_motions, trial_errors
+from .comparison import reference_motions, trial_errors
 from .pareto import front
 from .plan_options import PlanOptions
 from .planner import Plan, Planner, load_planner
 
 __all__ = [
-    "Compared",
     "Plan",
     "PlanOptions",
     "Planner",

@@ -1,7 +1,6 @@
 """Motions to compare a plan with, and what a fit really finds from noisy logs of a motion."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,29 +13,7 @@ from cpid_drake.errors import InputError
 from cpid_drake.identification.identify import identify
 from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.planning.planner import Planner
-from cpid_drake.planning.prediction import MotionSetting, Prediction
-
-
-@dataclass(frozen=True, eq=False)
-class Compared:
-    """A motion, what is expected of it, and what a fit found.
-
-    Attributes:
-        prediction: for the assumed target.
-        usage: the largest share of a limit that the motion needs with any target.
-        errors: (N, 10) errors of the fit in N trials, in units of the scale; NaN where it failed.
-
-    """
-
-    prediction: Prediction
-    usage: float
-    errors: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 10)))
-
-    @property
-    def realised(self) -> float:
-        """The largest root mean square of the errors of a parameter; NaN without trials."""
-        succeeded = self.errors[np.isfinite(self.errors).all(axis=1)]
-        return float(np.sqrt(np.mean(succeeded**2, axis=0)).max()) if len(succeeded) else np.nan
+from cpid_drake.planning.prediction import MotionSetting
 
 
 def reference_motions(planner: Planner) -> Iterator[tuple[str, JointMotion]]:

@@ -1,6 +1,6 @@
 """The exact bound for one motion, and what the motion asks of the spacecraft."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,7 @@ from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """What is expected of a motion with one target.
+    """What is expected of a motion with one target, and what a fit found in trials.
 
     Attributes:
         sigma: (10,) Cramér-Rao bound on σ of π, with all effects; NaN where not determined.
@@ -37,6 +37,8 @@ class Prediction:
         base_angle: largest turn of the base from its attitude at the start [rad].
         base_rate: its largest angular velocity [rad/s].
         base_shift: largest displacement of its origin [m].
+        usage: the largest share of a limit that the motion needs with any target.
+        errors: (N, 10) errors of the fit in N trials, in units of the scale; NaN where it failed.
 
     """
 
@@ -45,11 +47,19 @@ class Prediction:
     base_angle: float
     base_rate: float
     base_shift: float
+    usage: float = np.nan
+    errors: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 10)))
 
     @property
     def worst(self) -> float:
         """Largest σ in units of the scale, of the parameters that are determined."""
         return float(np.nanmax(self.sigma / self.scale))
+
+    @property
+    def realised(self) -> float:
+        """The largest root mean square of the errors of a parameter; NaN without trials."""
+        succeeded = self.errors[np.isfinite(self.errors).all(axis=1)]
+        return float(np.sqrt(np.mean(succeeded**2, axis=0)).max()) if len(succeeded) else np.nan
 
 
 @dataclass(frozen=True, eq=False)

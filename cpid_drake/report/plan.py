@@ -10,7 +10,6 @@ from scipy.stats import spearmanr
 
 from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
-from cpid_drake.planning.comparison import Compared
 from cpid_drake.planning.prediction import MotionSetting, Prediction
 from cpid_drake.report.page import Table
 from cpid_drake.report.pictures import Picture, curves, label_axes, legend_below
@@ -24,29 +23,28 @@ LEGEND = (
 _SIZE = (4.6, 4.2)  # of each picture of a plan [in]
 
 
-def motion_table(compared: Mapping[str, Compared], title: str) -> Table:
+def motion_table(found: Mapping[str, Prediction], title: str) -> Table:
     """Return what is expected of motions, one column each, and what a fit found in trials."""
-    columns = compared.values()
-    found = [each.prediction for each in columns]
+    columns = found.values()
     rows: dict[str, Sequence[float]] = {
-        f"σ({name}), {unit}": [each.sigma[k] for each in found]
+        f"σ({name}), {unit}": [each.sigma[k] for each in columns]
         for k, (name, unit) in enumerate(zip(PARAMETER_NAMES, PARAMETER_UNITS, strict=True))
     }
-    rows["worst σ, % of scale"] = [100 * each.worst for each in found]
-    rows["turn of the base, deg"] = [np.degrees(each.base_angle) for each in found]
-    rows["its rate, deg/s"] = [np.degrees(each.base_rate) for each in found]
-    rows["its shift, m"] = [each.base_shift for each in found]
+    rows["worst σ, % of scale"] = [100 * each.worst for each in columns]
+    rows["turn of the base, deg"] = [np.degrees(each.base_angle) for each in columns]
+    rows["its rate, deg/s"] = [np.degrees(each.base_rate) for each in columns]
+    rows["its shift, m"] = [each.base_shift for each in columns]
     rows["largest share of a limit"] = [each.usage for each in columns]
     if any(len(each.errors) for each in columns):
         rows["worst error of fits, %"] = [100 * each.realised for each in columns]
         rows["fits that failed"] = [np.isnan(each.errors).any(axis=1).sum() for each in columns]
     cells = [[name, *(_number(value) for value in values)] for name, values in rows.items()]
-    return Table(["", *compared], cells, title, LEGEND)
+    return Table(["", *found], cells, title, LEGEND)
 
 
-def rank_correlation(compared: Mapping[str, Compared]) -> float:
+def rank_correlation(found: Mapping[str, Prediction]) -> float:
     """Return Spearman's rank correlation of predicted and realised errors of motions."""
-    pairs = np.array([(each.prediction.worst, each.realised) for each in compared.values()])
+    pairs = np.array([(each.worst, each.realised) for each in found.values()])
     return float(spearmanr(pairs[np.isfinite(pairs).all(axis=1)]).statistic)
 
 
