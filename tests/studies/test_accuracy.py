@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cpid_drake import InputError, load_scenario, shipped_scenario
+from cpid_drake import load_scenario, shipped_scenario
 from cpid_drake.dynamics.momentum import total_momentum
 from cpid_drake.sensors.presets import load_sensors
 from cpid_drake.studies.accuracy import Outcome, run_accuracy, statistics_of
@@ -28,19 +28,6 @@ def test_same_seed_same_numbers_in_any_number_of_processes(scenario):
     assert (one.rmse != other.rmse).all()
     # Each trial draws noise of its own: equal ones would have errors without any spread.
     assert (np.sqrt(one.rmse**2 - one.bias**2) > 0.01 * one.rmse).all()
-
-
-@pytest.mark.parametrize(
-    ("options", "problem"),
-    [
-        ({"estimators": ["kalman"]}, "no estimator 'kalman'; choose from eq18"),
-        ({"trials": 0}, "trials must be at least 1"),
-        ({"presets": ["fligth"]}, "fligth"),
-    ],
-)
-def test_bad_options_are_named(scenario, options, problem):
-    with pytest.raises(InputError, match=problem):
-        run_accuracy(scenario, **({"trials": 1} | options))
 
 
 # -- statistics, on errors of known distribution ---------------------------------------------------
