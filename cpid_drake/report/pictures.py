@@ -101,7 +101,9 @@ def curves(
 
     def draw(axes: Axes) -> None:
         for k, label in enumerate(labels):
-            style = "--" if line == "-" and k % 2 else line  # of two that coincide, both are seen
+            # Colours repeat after six curves; of two that coincide, both are seen.
+            number = k // 6 if len(labels) > 6 else k % 2
+            style = ("-", "--", ":", "-.")[number % 4] if line == "-" else line
             many = len(time) > _MOST_POINTS or line == "."
             axes.plot(
                 time, values[:, k], style, color=COLORS[k % 6], label=label, ms=3, rasterized=many
