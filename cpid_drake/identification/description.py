@@ -68,6 +68,7 @@ def describe(result: Identification) -> list[str]:
     for effect in result.effects:
         state = effect.describe() if effect.is_learned else "not determined by these samples"
         lines.append(f"  estimated    {effect.name}: {state}")
+    lines += _leaning(result)
     if result.logs:
         lines += ["", *_of_logs(result)]
     lines += ["", *_of_bodies(result, is_marked)] if result.consistent_intervals is not None else []
@@ -80,6 +81,19 @@ def is_narrowed(result: Identification, k: int) -> bool:
     """Return whether no rigid body can have a part of a parameter's 95 % interval."""
     free, shown = result.intervals[k], result.shown_intervals[k]
     return bool(np.isfinite(free).all() and (shown[0] > free[0] or shown[1] < free[1]))
+
+
+def _leaning(result: Identification) -> Iterator[str]:
+    """Yield by how much errors of what is held would move the estimate, at most in σ."""
+    sigma = np.sqrt(np.diag(result.covariance))
+    for name, change in result.leaning.items():
+        known = np.isfinite(change) & (sigma > 0)
+        if known.any():
+            k = int(np.argmax(np.where(known, np.abs(change) / sigma, -1.0)))
+            text = f"{PARAMETER_NAMES[k]} by {change[k] / sigma[k]:+.2g} σ"
+            if known[0]:
+                text = f"m by {100 * change[0] / result.parameters[0]:+.2g} %, {text}"
+            yield f"  leans on     1 % of the base's {name} changes {text}"
 
 
 def _spread(low: float, high: float, places: int) -> str:

@@ -42,6 +42,7 @@ from cpid_drake.identification.comparison import (
     with_plausible,
 )
 from cpid_drake.identification.effects import EffectEstimate
+from cpid_drake.identification.leaning import leaning
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import Identification, ResidualSeries
 from cpid_drake.identification.together import with_sources
@@ -133,6 +134,9 @@ def estimate(
         effects=effects,
         **(_momentum(found, compared, gaussian) if len(logs) == 1 else {}),
     )
+    if model.known_bodies is None and found.converged and result.solution is not None:
+        held = _held(found, question, compared)
+        result = replace(result, leaning=leaning(found, result.solution, held, rows))
     if len(logs) == 1 and known.prior is None:
         return result
     return _separated(
@@ -182,8 +186,7 @@ def _separated(
     counts: Mapping[str, int],
 ) -> Identification:
     """Return an identification with the test whether logs and prior have the same target."""
-    values = dict.fromkeys((n for n in question.candidates if n not in compared.best), 0.0)
-    held = {n: v - found.values[n] for n, v in (values | question.given).items()}
+    held = _held(found, question, compared)
 
     def conditioned(gaussian: Gaussian) -> Gaussian:
         return gaussian.condition({n: v for n, v in held.items() if n in gaussian.places})
@@ -206,6 +209,12 @@ def _separated(
         counts,
         prior,
     )
+
+
+def _held(found: Fit, question: Question, compared: Comparison) -> Values:
+    """Return the unknowns that are held, with their values less those of the fit."""
+    values = {n: np.zeros(1) for n in question.candidates if n not in compared.best}
+    return {n: v - found.values[n] for n, v in (values | question.given).items()}
 
 
 def _without(question: Question, wrong: Sequence[str]) -> Question:

@@ -134,6 +134,8 @@ class Identification:
             "sensor of log".
         effects: estimates of the constant errors that the sensors declare, of forces, and of errors
             that act although nobody declares them.
+        leaning: change (10,) of the parameters if "mass" or "inertia" of the base, which are held,
+            were 1 % larger; NaN where not known. Empty if the spacecraft is uncertain.
         logs: the estimates from each log alone and, last, from the prior alone, by their names; if
             several logs or a prior were used.
         checks: see `cpid_drake.identification.checks`; those that failed come first.
@@ -172,6 +174,7 @@ class Identification:
     momentum_changes: tuple[float, ...] | None = None
     noise: Mapping[str, float] = field(default_factory=dict)
     effects: tuple[EffectEstimate, ...] = ()
+    leaning: Mapping[str, Ten] = field(default_factory=dict)
     logs: Mapping[str, "Identification"] = field(default_factory=dict)
     checks: tuple[Check, ...] = ()
     warnings: tuple[str, ...] = ()

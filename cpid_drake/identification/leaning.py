@@ -1,0 +1,53 @@
+"""What an estimate leans on: its change if what is held were 1 % larger, by the fit's Gaussian."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+
+from cpid_drake.dynamics.parameterizations import relative_parameterization
+from cpid_drake.dynamics.uncertainty import BodyUncertainty
+from cpid_drake.estimation.fit import Fit, prior_of
+from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.least_squares import LeastSquaresSolution
+from cpid_drake.estimation.roll import Values, roll
+from cpid_drake.estimation.sweep import sweep
+from cpid_drake.estimation.unknowns import BODIES, PSI, Model
+
+MASS, INERTIA = "mass", "inertia"
+"""What is held of the base: of everything that is fixed to it, inertia about its centre of mass."""
+
+_LARGER = BodyUncertainty(mass=0.01, inertia=0.01)
+
+
+def leaning(
+    found: Fit, solution: LeastSquaresSolution, held: Values, rows: Sequence[Gaussian]
+) -> dict[str, NDArray[np.float64]]:
+    """Return the change (10,) of the parameters if mass or inertia of the base were 1 % larger.
+
+    Args:
+        found: a fit with an exact spacecraft.
+        solution: its target.
+        held: unknowns that are held, with their values less those of the fit.
+        rows: what is known besides the samples.
+
+    """
+    model = Model(found.model.tree, found.model.suite, _LARGER)
+    values = found.values | {BODIES: model.unknown(BODIES).mean}
+    total = prior_of(model, found.logs, values, rows)
+    for log in found.logs:
+        total = total.add(sweep(model, log, roll(model, log, values), values).gaussian)
+    total = total.condition({name: value for name, value in held.items() if name in total.places})
+    R = total.marginal([PSI, BODIES]).R
+    mass, *stretches = -solve_triangular(R[:10, :10], R[:10, 10:14]).T  # of the base, in σ
+    form, open_axes = relative_parameterization(model.mass), solution.unobservable
+    found_by = {}
+    for name, change in ((MASS, mass), (INERTIA, np.sum(stretches, axis=0))):
+        scaled = change / solution.unit  # combinations that are not known stay as they are
+        scaled = scaled - open_axes.T @ (open_axes @ scaled)
+        change = form.jacobian(solution.values) @ (solution.unit * scaled)
+        found_by[name] = np.where(
+            np.isfinite(form.to_parameters(solution.estimate)), change, np.nan
+        )
+    return found_by
