@@ -109,7 +109,11 @@ def fit_checks(
         )
         fails = changes > most or largest > SEEN
         yield Check.of("changes of the momentum", sentence, changes, most, not fails)
-    white = []
+    white = [  # forces of the floor have no test: they are means over a time
+        f"that of the {label_of(name)} {factor:.2g} times"
+        for name, factor in noise.items()
+        if factor > MOST_NOISE and name not in tests
+    ]
     for name, test in tests.items():
         factor = noise.get(name, 1.0)
         # A negative correlation shows no cause: unknowns of blocks take what is slow.

@@ -77,6 +77,7 @@ def result(skewed_target) -> Identification:
         momentum_covariance=np.eye(3),
         momentum_changes=(1.5, 2.25),
         noise={"gyro": 1.5},
+        leaning={"mass": 0.1 * unknown},
         effects=(delay,),
         is_planar=True,
         normal_C=np.array([0.0, 0.0, 1.0]),
