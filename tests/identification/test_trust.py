@@ -149,6 +149,14 @@ class TestBodies:
         failed = [c for c in fit_checks(converged, unexplained, {}, {}) if not c.passed]
         assert len(failed) == (not converged) + (unexplained > 0.1)
 
+    @pytest.mark.parametrize("factor", [3.0, 44.0])
+    def test_a_floor_that_is_far_noisier_than_declared_fails(self, factor):
+        """A push from outside looks like white forces, which leave no residuals to test."""
+        failed = [c for c in fit_checks(True, 0.0, {"acceleration_noise": factor}, {})]
+        assert any(not c.passed and "acceleration noise 44" in c.sentence for c in failed) == (
+            factor > 4
+        )
+
 
 class TestNoiseInRegressors:
     @pytest.mark.parametrize("decimals", [6, 9, 12])
