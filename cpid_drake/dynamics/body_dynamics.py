@@ -150,25 +150,21 @@ class BodyDynamics:
 
     def com(self, psi: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return ρ(ψ) (..., N, 3): the system's centre of mass from B's origin, in B [m]."""
-        moved = psi[..., None, :1] * self.s + psi[..., None, 1:4]
-        return self.p_BK + rotate(self.R_BC, moved) / self.mass
+        return self.p_BK + rotate(self.com_regressor(), psi[..., None, :4])
 
     def com_regressor(self) -> NDArray[np.float64]:
         """Return ∂ρ/∂ψ (N, 3, 4): ρ depends on (μ, μc) only."""
         columns = np.concatenate([rotate(self.R_BC, self.s)[..., None], self.R_BC], axis=-1)
-        return columns / self.mass
+        return np.asarray(columns / self.mass)
 
     def com_rate(self, psi: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the rate of ρ(ψ) as seen from B (..., N, 3), in B [m/s]."""
-        moved = psi[..., None, :1] * self.sdot + cross(self.w_BC, psi[..., None, 1:4])
-        return self.v_BK + rotate(self.R_BC, moved) / self.mass
+        return self.v_BK + rotate(self.com_rate_regressor(), psi[..., None, :4])
 
     def com_rate_regressor(self) -> NDArray[np.float64]:
         """Return the derivative of `com_rate` with respect to (μ, μc), (N, 3, 4)."""
-        columns = np.concatenate(
-            [rotate(self.R_BC, self.sdot)[..., None], self.R_BC @ skew(self.w_BC)], axis=-1
-        )
-        return columns / self.mass
+        columns = np.concatenate([self.sdot[..., None], skew(self.w_BC)], axis=-1)
+        return self.R_BC @ columns / self.mass
 
     def base_twist(
         self, psi: NDArray[np.float64], L_Scm_B: ArrayLike = (0.0,) * 3, v_Scm_B: ArrayLike = 0.0
