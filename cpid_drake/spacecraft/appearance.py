@@ -17,8 +17,7 @@ from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody, SpatialInertia
 
 from cpid_drake.errors import InputError
-from cpid_drake.spacecraft.model_checks import check_model, message_of
-from cpid_drake.spacecraft.parsing import make_parser
+from cpid_drake.spacecraft.model_file import check_model, make_parser, message_of
 
 
 def inertia_ellipsoid(M_TCo_C: SpatialInertia) -> tuple[NDArray[np.float64], RigidTransform]:

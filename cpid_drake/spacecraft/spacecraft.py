@@ -21,7 +21,7 @@ from cpid_drake.dynamics.propagation import propagate
 from cpid_drake.errors import InputError, choose_from
 from cpid_drake.resources import package_folders, resolve_model
 from cpid_drake.spacecraft.appearance import add_target_appearance
-from cpid_drake.spacecraft.parsing import ModelFile
+from cpid_drake.spacecraft.model_file import ModelFile
 from cpid_drake.spacecraft.reading import (
     extract_tree,
     find_element,

@@ -1,6 +1,5 @@
 """Any bytes, and any small damage to a good file: an error with one line, or what the file says."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,17 +10,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
-from scipy.spatial.transform import Rotation
 
 from cpid_drake import InputError, Log, Spacecraft, load_scenario
-from cpid_drake.identification.estimators import ESTIMATORS
-from cpid_drake.identification.identify import identify
 from cpid_drake.logs.conventions import check_conventions
 from cpid_drake.logs.files import (
     inspect_telemetry,
-    read_telemetry,
 )
-from cpid_drake.logs.log import Samples
 from cpid_drake.sensors.sensors import SENSORS
 
 
@@ -100,11 +94,6 @@ def craft(folder) -> Spacecraft:
     return Spacecraft(folder / "arm.urdf", base="bus", capture_frame="hand")
 
 
-@pytest.fixture(scope="module")
-def log(folder) -> Log:
-    return read_telemetry(folder / "log.csv")
-
-
 @few(40)
 @given(content=st.binary(max_size=200))
 @pytest.mark.parametrize("ending", ["csv", "npz", "db3", "mcap"])
@@ -160,50 +149,4 @@ def test_a_targets_looks_are_looked_into_as_well(folder, craft):
         craft.add_to(plant, TARGET, scene_graph=scene_graph, target_visual_model=path)
 
 
-def test_what_no_estimator_can_calculate_with_is_refused(craft, log, monkeypatch):
-    def fail(*_):
-        raise np.linalg.LinAlgError("Singular matrix")
-
-    failing = replace(ESTIMATORS["least_squares"], estimate=fail)
-    monkeypatch.setitem(ESTIMATORS, "least_squares", failing)
-    with pytest.raises(InputError, match="least_squares cannot calculate with these samples"):
-        identify(craft, log)
-
-
 # -- what must not matter -------------------------------------------------------------------------
-
-
-@few(2)
-@given(
-    order=st.permutations(range(3)),
-    shift=st.floats(-1e5, 1e5),
-    turn=st.tuples(*[st.floats(-3, 3)] * 3),
-    move=st.tuples(*[st.floats(-1e3, 1e3)] * 3),
-)
-@pytest.mark.parametrize("rows", ["standard", "relative", "eq18"])
-def test_names_clocks_and_worlds_do_not_change_the_target(
-    craft, log, rows, order, shift, turn, move
-):
-    """Columns in another order, another zero of time, another origin and other axes of W."""
-    R_VW = Rotation.from_rotvec(turn)
-
-    def moved(name: str, value: np.ndarray) -> np.ndarray:
-        if name == "attitude":
-            R_WB = Rotation.from_quat(value, scalar_first=True)
-            return (R_VW * R_WB).as_quat(scalar_first=True)
-        if name == "position":
-            return R_VW.apply(value) + move
-        if name == "velocity":
-            return R_VW.apply(value)
-        return value if name == "gyro" else value[:, list(order)]
-
-    samples = {name: getattr(log, name) for name in SENSORS}
-    other = replace(
-        log,
-        joint_names=tuple(log.joint_names[k] for k in order),
-        **{name: Samples(s.time + shift, moved(name, s.value)) for name, s in samples.items()},
-    )
-    plain, again = (identify(craft, each, rows=rows) for each in (log, other))
-    expected = TARGET.to_vector()
-    np.testing.assert_allclose(plain.parameters, expected, rtol=0, atol=1e-8)
-    np.testing.assert_allclose(again.parameters, expected, rtol=0, atol=1e-7)

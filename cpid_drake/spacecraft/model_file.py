@@ -1,4 +1,4 @@
-"""Checks on a model's files: for what Drake would read as something else, without an error.
+"""A model's file: parsed by Drake, and checked for what Drake reads as something else.
 
 Drake's readers read "1,5" as 1, "500mm" as 500 and a misspelt attribute as zero, replace an inertia
 that no body has, and leave out what they do not support. They do not return from a file that
@@ -12,10 +12,14 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
-from pydrake.multibody.parsing import LoadModelDirectives, PackageMap
+from pydrake.multibody.parsing import LoadModelDirectives, PackageMap, Parser
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RotationalInertia
 
 from cpid_drake.errors import InputError
+from cpid_drake.resources import resolve_model
+
+_MODEL_ENDINGS = (".urdf", ".sdf", ".xml", ".dmd.yaml")
 
 MOST_FILES = 1000
 """Most included files: models have tens, and files that include each other twice have billions."""
@@ -32,13 +36,78 @@ _NUMBERS = frozenset(
 _MJCF_MASSES = {"settotalmass", "boundmass", "boundinertia", "balanceinertia", "inertiagrouprange"}
 
 
-def package_map(folders: Mapping[str, Path]) -> PackageMap:
-    """Return Drake's map of these packages, which does not download any."""
-    packages = PackageMap()
-    packages.Remove("drake_models")
+class ModelFile:
+    """A model's file and the packages that its URIs refer to.
+
+    Args:
+        model: a path or a `package://NAME/...` URI.
+        folders: the packages' folders by name.
+
+    Attributes:
+        model: the file as the user named it; error messages begin with it.
+        path: the absolute path of the file.
+        folders: the packages' folders as the user named them.
+        efforts, hollow: what Drake does not tell of the file, see `check_model`.
+
+    Raises:
+        InputError: no such file, an unknown format, or content that Drake must not read (see
+            `check_model`).
+
+    """
+
+    def __init__(self, model: str | Path, folders: Mapping[str, Path]) -> None:
+        self.model, self.folders = str(model), folders
+        self.path = resolve_model(model, folders)
+        if not self.path.name.endswith(_MODEL_ENDINGS):
+            raise self.error(f"not a model file: its name must end in {', '.join(_MODEL_ENDINGS)}")
+        self.efforts, self.hollow = check_model(self.path, self.model, folders)
+
+    def error(self, problem: str) -> InputError:
+        """Return an InputError whose message begins with this model."""
+        return InputError(f"{self.model}: {problem}")
+
+    def parse_into(self, plant: MultibodyPlant) -> None:
+        """Add the model to a plant that is not finalized, and set the plant's gravity to zero.
+
+        Raises:
+            InputError: Drake cannot read the file.
+
+        """
+        try:
+            make_parser(plant, self.folders).AddModels(self.path)
+        except (RuntimeError, ValueError, SystemExit) as error:
+            raise self.error(message_of(error, self.path)) from error
+        plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
+
+    def finalize(self, plant: MultibodyPlant) -> None:
+        """Finalize a plant that holds the model.
+
+        Raises:
+            InputError: the model has constraints, a closed loop, or geometry that cannot be read.
+
+        """
+        if plant.num_constraints() > 0:
+            raise self.error(
+                f"{plant.num_constraints()} constraint(s) couple its joints (closed loop, mimic or "
+                "equality); only trees of independent joints can be identified with: in a copy of "
+                "the file, make joints fixed that hold still, such as a hand's fingers"
+            )
+        try:
+            plant.Finalize()
+        except (RuntimeError, SystemExit) as error:
+            text = message_of(error, self.path)
+            if "loop" in text:
+                text = "its joints form a closed loop; only trees are supported"
+            raise self.error(text) from error
+
+
+def make_parser(plant: MultibodyPlant, folders: Mapping[str, Path]) -> Parser:
+    """Return a parser that knows these packages and does not download any."""
+    parser = Parser(plant)
+    parser.package_map().Remove("drake_models")
     for name, folder in folders.items():
-        packages.Add(name, folder)
-    return packages
+        parser.package_map().Add(name, folder)
+    return parser
 
 
 def message_of(error: BaseException, path: Path) -> str:
@@ -72,7 +141,7 @@ def check_model(
 
     """
     efforts, hollow = dict[str, float](), set[str]()
-    packages, count = package_map(folders), 0
+    packages, count = make_parser(MultibodyPlant(0.0), folders).package_map(), 0
 
     def visit(file: Path, around: tuple[Path, ...]) -> None:
         nonlocal count
