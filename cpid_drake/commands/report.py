@@ -13,7 +13,6 @@ from cpid_drake.output_files.drafts import draft_folder
 from cpid_drake.output_files.overwriting import check_folder, check_outputs
 from cpid_drake.report.findings import findings_of, findings_of_file
 from cpid_drake.report.pages.identification import identification_report
-from cpid_drake.report.pages.run import run_report
 from cpid_drake.report.run_folder import read_run
 
 
@@ -56,17 +55,15 @@ def report(
     check([log, result, run, *chosen.files()])
     console = options.log_console(quiet)
     with console.status("reading") as status:
-        if run is not None:
-            contents = read_run(run)
-            request = chosen.of_run(run).request(str(run / "telemetry.csv"))
-            page, findings = run_report(contents, request, status.update)
-        elif result is not None:
+        if result is not None:
             findings = findings_of_file(result, status.update)
-            page = identification_report(findings, progress=status.update)
         else:
-            evidence = identify_files([chosen.request(str(log))], status.update)
-            findings = findings_of(evidence, status.update)
-            page = identification_report(findings, progress=status.update)
+            contents = None if run is None else read_run(run)
+            asked = chosen if run is None else chosen.of_run(run)
+            request = asked.request(log or f"{run}/telemetry.csv")
+            evidence = identify_files([request], status.update)
+            findings = findings_of(evidence, status.update, contents)
+        page = identification_report(findings, status.update)
         check([log, result, run, *findings.files()])
         status.update("drawing")
         page.write(out)

@@ -14,14 +14,11 @@ from cpid_drake.identification.identify_files import (
     request_of_result,
 )
 from cpid_drake.identification.result import Identification
-from cpid_drake.identification.result_files import read_result, result_text
+from cpid_drake.identification.result_files import read_result
+from cpid_drake.report.run_folder import Run
 
 Progress = Callable[[str], None]
 """A function that is called before every step with a short description of it."""
-
-
-def no_progress(step: str) -> None:
-    """Ignore progress."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,40 +27,42 @@ class Findings:
 
     Attributes:
         result: the result that is reported.
-        text: the result as JSON text.
         evidence: the log, identified again; None if it cannot be read, and for several logs.
         estimates: the estimates from growing parts of this log.
         missing: why the log cannot be read; empty if it can.
-        truth: the true target, if it is known from a simulation.
-        visual_model: model file with the target's shape, if there is one.
+        run: the simulated run with the log; None for another log.
 
     """
 
     result: Identification
-    text: str
     evidence: Evidence | None = None
     estimates: Estimates = ()
     missing: str = ""
-    truth: InertialParameters | None = None
-    visual_model: str | None = None
+    run: Run | None = None
 
-    def files(self) -> list[Path]:
+    @property
+    def truth(self) -> InertialParameters | None:
+        """The true target, if it is known from a simulation."""
+        return None if self.run is None else self.run.truth
+
+    def files(self) -> list[str | Path | None]:
         """Return the files that the report was made from, as far as they exist."""
-        found = self.result.files()
+        found: list[str | Path | None] = [*self.result.files()]
         if self.evidence is not None:
-            found.append(Path(self.evidence.log.source.request.telemetry))
-        return found if self.visual_model is None else [*found, Path(self.visual_model)]
+            found.append(self.evidence.log.source.request.telemetry)
+        return found if self.run is None else [*found, self.run.scenario.target.visual_model]
 
 
-def findings_of(evidence: Evidence, progress: Progress = no_progress) -> Findings:
+def findings_of(
+    evidence: Evidence, progress: Progress = lambda step: None, run: Run | None = None
+) -> Findings:
     """Return the contents of a report on logs that have just been identified."""
-    text = result_text(evidence.found, evidence.logs[0].source.request.telemetry)
     if len(evidence.logs) > 1:
-        return Findings(evidence.found, text)
-    return Findings(evidence.found, text, evidence, converge(evidence, progress))
+        return Findings(evidence.found)
+    return Findings(evidence.found, evidence, converge(evidence, progress), run=run)
 
 
-def findings_of_file(path: str | Path, progress: Progress = no_progress) -> Findings:
+def findings_of_file(path: str | Path, progress: Progress = lambda step: None) -> Findings:
     """Return the contents of a report on a result file; its log is identified again if possible.
 
     Raises:
@@ -71,11 +70,10 @@ def findings_of_file(path: str | Path, progress: Progress = no_progress) -> Find
 
     """
     result = read_result(path)
-    found = Findings(result, result_text(result, str(path)))
     if len(result.logs) > 1:
-        return found
+        return Findings(result)
     try:
         evidence = identify_files([request_of_result(result, str(path))], progress)
     except InputError as error:
-        return replace(found, missing=str(error))
-    return replace(found, evidence=evidence, estimates=converge(evidence, progress))
+        return Findings(result, missing=str(error))
+    return replace(findings_of(evidence, progress), result=result)

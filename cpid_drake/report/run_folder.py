@@ -1,4 +1,4 @@
-"""Reads the folder of a simulated run."""
+"""The folder of a simulated run, and its section in a report."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,6 +9,7 @@ from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.errors import InputError
 from cpid_drake.input_files.validation import Numbers, from_tree, load_json
 from cpid_drake.output_files.drafts import refuse_unfinished
+from cpid_drake.report.page import Section, Table
 from cpid_drake.scenario.files import load_scenario
 from cpid_drake.scenario.limits import LimitCheck
 from cpid_drake.scenario.schema import Scenario
@@ -88,3 +89,31 @@ def read_run(folder: Path) -> Run:
             )
     truth = InertialParameters.from_vector([true.mass, *true.com, *true.inertia])
     return Run(folder, load_scenario(folder / "scenario.yaml"), truth, about, texts)
+
+
+def simulated_section(run: Run) -> Section:
+    """Return the section with the simulated scenario and the online estimate at its end.
+
+    Its warnings are the limits of the spacecraft that the joint motion exceeds.
+    """
+    scenario, about, drift = run.scenario, run.about, run.about.momentum_drift
+    estimate = about.online_identification["estimate"]
+    named = scenario.sensors.suite or "defined in the scenario"
+    facts = [
+        ("Spacecraft", scenario.spacecraft.model),
+        ("Duration", f"{scenario.simulation.duration:g} s"),
+        ("Mass of the target", f"{run.truth.mass:g} kg"),
+        ("Joint motion", type(scenario.joint_motion).__name__),
+        ("Sensors", named if scenario.sensors.present else "none (exact motion)"),
+        ("Seed of the noise", "none" if about.sensor_seed is None else str(about.sensor_seed)),
+        ("Online estimator", scenario.online_estimator.replace("_", " ")),
+        ("Momentum drift", f"{drift['linear_N_s']:.2g} N·s, {drift['angular_N_m_s']:.2g} N·m·s"),
+        ("Closest bodies", about.limits.closest or "not checked"),
+    ]
+    cells = ["not known" if value is None else f"{value:.4g}" for value in estimate.values()]
+    return Section(
+        "Simulation",
+        facts=facts,
+        tables=[Table(["", *estimate], [["online estimate", *cells]])],
+        warnings=[f"The spacecraft cannot make this motion: {e}." for e in about.limits.exceeded],
+    )

@@ -14,8 +14,7 @@ from cpid_drake.commands.main import main
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.errors import InputError
 from cpid_drake.logs.files import read_telemetry
-from cpid_drake.report.pages.run import simulated_section
-from cpid_drake.report.run_folder import read_run
+from cpid_drake.report.run_folder import read_run, simulated_section
 from cpid_drake.resources import models_directory
 from cpid_drake.scenario.files import dump_scenario
 

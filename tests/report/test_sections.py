@@ -103,7 +103,7 @@ def test_a_page_whose_check_failed_says_so_first(found):
     failure = "the momentum is <not> zero"
     for checks in ((), (Check("momentum", failure),)):
         result = replace(found, checks=checks)
-        page = identification_report(Findings(result, "{}", missing="no log"))
+        page = identification_report(Findings(result, missing="no log"))
         assert ("a check failed" in page.title) == bool(checks)
         assert page.subtitle.startswith(f"Do not use this estimate: {failure}.") == bool(checks)
         passed = Check.of("misfit", "", 1.5, 3.0)

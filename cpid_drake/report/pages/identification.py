@@ -1,15 +1,16 @@
 """The report of an identification."""
 
 import json
-from collections.abc import Sequence
 from pathlib import Path
 
 from cpid_drake.errors import InputError
 from cpid_drake.identification.estimators import estimator_label
 from cpid_drake.identification.identify_files import Evidence
-from cpid_drake.report.findings import Findings, Progress, findings_of, no_progress
+from cpid_drake.identification.result_files import result_text
+from cpid_drake.report.findings import Findings, Progress, findings_of
 from cpid_drake.report.page import Report, Section, embedded_json
 from cpid_drake.report.replay import LONGEST, motion_of, replay_html
+from cpid_drake.report.run_folder import simulated_section
 from cpid_drake.report.sections.data import (
     base_motion_section,
     checks_section,
@@ -26,7 +27,9 @@ from cpid_drake.report.sections.estimate import (
 )
 
 
-def write_report(evidence: Evidence, path: str | Path, progress: Progress = no_progress) -> None:
+def write_report(
+    evidence: Evidence, path: str | Path, progress: Progress = lambda step: None
+) -> None:
     """Write the report of logs that have just been identified, one HTML page.
 
     Args:
@@ -38,28 +41,14 @@ def write_report(evidence: Evidence, path: str | Path, progress: Progress = no_p
         InputError: the file cannot be written.
 
     """
-    identification_report(findings_of(evidence, progress), progress=progress).write(path)
+    identification_report(findings_of(evidence, progress), progress).write(path)
 
 
-def identification_report(
-    findings: Findings,
-    *,
-    before: Sequence[Section] = (),
-    title: str = "",
-    progress: Progress = no_progress,
-) -> Report:
-    """Return the report of an identification.
-
-    Args:
-        findings: the contents.
-        before: sections that come first.
-        title: heading of the page; default: the capture frame.
-        progress: called before every step with a short description of it.
-
-    """
-    result, evidence = findings.result, findings.evidence
+def identification_report(findings: Findings, progress: Progress = lambda step: None) -> Report:
+    """Return the report of an identification; see `write_report`."""
+    result, evidence, run = findings.result, findings.evidence, findings.run
     sections = [
-        *before,
+        *([] if run is None else [simulated_section(run)]),
         result_section(result, findings.truth),
         *([logs_section(result)] if result.logs else []),
         checks_section(result, None if evidence is None else evidence.found),
@@ -81,7 +70,7 @@ def identification_report(
                 motion_of(evidence),
                 findings.estimates,
                 truth=findings.truth,
-                visual_model=findings.visual_model,
+                visual_model=run.scenario.target.visual_model if run else None,
                 title=Path(evidence.log.source.request.telemetry).name,
             )
             text = f"The motion with the estimate over time, of at most {LONGEST:g} s."
@@ -93,11 +82,14 @@ def identification_report(
         sections.append(Section("Not shown", texts=[f"Some sections are not shown: {missing}."]))
     sections.append(request_section(result))
     craft = result.spacecraft
-    title = title or f"Target held by {craft.capture_frame if craft else 'a spacecraft'}"
+    title = f"Target held by {craft.capture_frame if craft else 'a spacecraft'}"
+    data = {"result": result_text(result, "the result")}
+    if run is not None:
+        title, data = f"Simulated run “{run.folder.resolve().name}”", {**data, **run.texts}
     model = craft.model.rsplit("/", 1)[-1] if craft else "a spacecraft"
     known = "All ten parameters" if result.rank == 10 else f"{result.rank} of ten combinations"
     subtitle = f"{known} identified with {model} by {estimator_label(result.estimator)}"
     if result.failures:
         title = f"{title}: a check failed"
         subtitle = f"Do not use this estimate: {result.failures[0]}. {subtitle}"
-    return Report(title, subtitle, sections, {"result": findings.text})
+    return Report(title, subtitle, sections, data)
