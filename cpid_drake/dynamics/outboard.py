@@ -16,11 +16,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cpid_drake.dynamics.kinematics import BodyMotion, CaptureMotion, forward_kinematics
+from cpid_drake.dynamics.kinematics import BodyMotion, forward_kinematics
 from cpid_drake.dynamics.momentum import momenta
 from cpid_drake.dynamics.parameterizations import moved_moments
 from cpid_drake.dynamics.rotations import cross, rotate, skew
-from cpid_drake.dynamics.tree import KinematicTree, TreeBody
+from cpid_drake.dynamics.tree import KinematicTree
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +30,6 @@ class Outboard:
     Attributes:
         tree: the tree.
         bodies: motion of each body alone.
-        capture: motion of C.
         V: (K, N, 6) twist of each body alone at B's origin, in B.
         momentum: (K, N, 6) momentum [L; P] about B's origin, in B.
 
@@ -38,7 +37,6 @@ class Outboard:
 
     tree: KinematicTree
     bodies: BodyMotion
-    capture: CaptureMotion
     V: NDArray[np.float64]
     momentum: NDArray[np.float64]
 
@@ -52,10 +50,10 @@ class Outboard:
         v_WB: ArrayLike = 0.0,
     ) -> "Outboard":
         """Return it at joint positions and rates (N, J) and velocities of the base (N, 3), in B."""
-        bodies, capture = forward_kinematics(tree, q, qdot, w_WB=w_WB, v_WB=v_WB)
+        bodies, _ = forward_kinematics(tree, q, qdot, w_WB=w_WB, v_WB=v_WB)
         V = np.concatenate([bodies.w, bodies.v - cross(bodies.w, bodies.r)], axis=-1)
         P, L = momenta(tree, bodies)
-        return cls(tree, bodies, capture, V, _summed(tree, np.concatenate([L, P], axis=-1)))
+        return cls(tree, bodies, V, _summed(tree, np.concatenate([L, P], axis=-1)))
 
     @cached_property
     def _inertia(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
@@ -91,6 +89,31 @@ class Outboard:
         change -= self.momentum_by(which, _cross_motion(S, inboard))
         return np.moveaxis(change, 0, -1), np.moveaxis(self.momentum_by(which, S), 0, -1)
 
+    def joint_screw(self, k: int) -> NDArray[np.float64]:
+        """Return the twist (N, 6) of the joint of body k at unit rate."""
+        body, R, r = self.tree.bodies[k], self.bodies.R[k], self.bodies.r[k]
+        axis = rotate(R, body.axis_F)
+        if body.prismatic:
+            return np.concatenate([np.zeros_like(axis), axis], axis=-1)
+        return np.concatenate([axis, cross(r - rotate(R, body.p_BBcm), axis)], axis=-1)
+
+    def frame_screws(self, k: int, turns_F: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the screws (N, 6, 3 + n) of the inboard frame F of body k's joint.
+
+        They are shifts along the axes of its inboard body P, and turns about F's origin.
+
+        Args:
+            k: the body.
+            turns_F: (3, n) axes of the turns, in F.
+
+        """
+        body = self.tree.bodies[k]
+        R_P, p_PBcm = self.bodies.R[body.parent], self.tree.bodies[body.parent].p_BBcm
+        axes = R_P @ body.R_PF @ turns_F
+        origin = self.bodies.r[body.parent] + rotate(R_P, body.p_PF - p_PBcm)
+        turns = np.concatenate([axes, skew(origin) @ axes], axis=1)
+        return np.concatenate([np.concatenate([np.zeros_like(R_P), R_P], axis=1), turns], axis=-1)
+
 
 def _summed(tree: KinematicTree, each: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return sums over all bodies outboard of each, from values of each body alone (K, ...)."""
@@ -98,42 +121,6 @@ def _summed(tree: KinematicTree, each: NDArray[np.float64]) -> NDArray[np.float6
     for k in range(len(tree.bodies) - 1, 0, -1):  # outboard bodies first
         result[tree.bodies[k].parent] += result[k]
     return result
-
-
-def jointed_bodies(tree: KinematicTree) -> list[int]:
-    """Return the indices of the bodies whose joints move."""
-    return [k for k, body in enumerate(tree.bodies) if body.joint >= 0]
-
-
-def frame_screws(
-    tree: KinematicTree, k: int, bodies: BodyMotion, turns_F: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the screws (N, 6, 3 + n) of a body's inboard frame F: shifts along P's axes, turns.
-
-    Args:
-        tree: the tree.
-        k: the body.
-        bodies: the motion of all bodies.
-        turns_F: (3, n) axes of the turns about F's origin, in F.
-
-    """
-    body, parent = tree.bodies[k], tree.bodies[k].parent
-    R_P = bodies.R[parent]
-    axes = R_P @ body.R_PF @ turns_F
-    origin = bodies.r[parent] + rotate(R_P, body.p_PF - tree.bodies[parent].p_BBcm)
-    turns = np.concatenate([axes, skew(origin) @ axes], axis=1)
-    return np.concatenate([np.concatenate([np.zeros_like(R_P), R_P], axis=1), turns], axis=-1)
-
-
-def joint_screw(
-    body: TreeBody, R: NDArray[np.float64], r: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the twist (N, 6) of a joint at unit rate, from its outboard body's R and r."""
-    axis = rotate(R, body.axis_F)
-    if body.prismatic:
-        return np.concatenate([np.zeros_like(axis), axis], axis=-1)
-    origin = r - rotate(R, body.p_BBcm)
-    return np.concatenate([axis, cross(origin, axis)], axis=-1)
 
 
 def _cross_motion(S: NDArray[np.float64], V: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
-from cpid_drake.dynamics.outboard import Outboard, frame_screws, joint_screw, jointed_bodies
+from cpid_drake.dynamics.outboard import Outboard
 from cpid_drake.dynamics.parameterizations import (
     REPORT_ORDER,
     inertia_of_second_moment,
@@ -58,10 +58,10 @@ def joint_sensitivity(
         dynamics: dynamics of the known bodies alone, at the same instants.
 
     """
-    tree, bodies = outboard.tree, outboard.bodies
-    moving = sorted(jointed_bodies(tree), key=lambda k: tree.bodies[k].joint)
-    screws = [joint_screw(tree.bodies[k], bodies.R[k], bodies.r[k]) for k in moving]
-    S = np.stack([*screws], axis=-1) if screws else np.zeros((len(dynamics.h_K), 6, 0))
+    tree = outboard.tree
+    moving = sorted(tree.jointed, key=lambda k: tree.bodies[k].joint)
+    screws = [outboard.joint_screw(k) for k in moving]
+    S = np.stack(screws, axis=-1) if screws else np.zeros((len(dynamics.h_K), 6, 0))
     change, by_rates = outboard.displaced(moving, S)
     moved = by_rates[:, 3:] / tree.mass
     return (
@@ -110,12 +110,12 @@ def _by_geometry(
     two `axis_normals`, in the joint's inboard frame; last C's place and a small turn, both in C.
     """
     tree = outboard.tree
-    moving, target, S = jointed_bodies(tree), len(tree.bodies) - 1, []
+    moving, target, S = tree.jointed, len(tree.bodies) - 1, []
     for k, error in zip(moving, joints, strict=True):
         normals = axis_normals(tree.bodies[k])
         turns = right_jacobian(normals @ error[3:]) @ normals
-        S.append(frame_screws(tree, k, outboard.bodies, turns))
-    of_C = frame_screws(tree, target, outboard.bodies, right_jacobian(grasp[3:]))
+        S.append(outboard.frame_screws(k, turns))
+    of_C = outboard.frame_screws(target, right_jacobian(grasp[3:]))
     of_C[:, 3:, :3] = of_C[:, 3:, :3] @ tree.bodies[target].R_PF @ exponentials(-grasp[3:])
     which = np.array([*np.repeat(moving, 5), *6 * [target]])[wanted].tolist()
     change, moved = outboard.displaced(which, np.concatenate([*S, of_C], axis=-1)[..., wanted])
@@ -189,7 +189,7 @@ def perturbed(
 
     The inertias remain physically consistent.
     """
-    sigmas = uncertainty.all_sigmas(tree.wheels, len(jointed_bodies(tree)))
+    sigmas = uncertainty.all_sigmas(tree.wheels, len(tree.jointed))
     return with_errors(tree, uncertainty, rng.standard_normal(len(sigmas))[sigmas > 0])
 
 
@@ -215,7 +215,7 @@ def with_errors(
         inertia = inertia_of_second_moment(stretch @ second_moment(body.I_BBcm) @ stretch.T)
         mass, com = body.mass * (1 + error[0]), body.p_BBcm + error[1:4] @ axes
         bodies.append(replace(body, mass=mass, p_BBcm=com, I_BBcm=inertia))
-    for k, error in zip(jointed_bodies(tree), of_joints, strict=True):
+    for k, error in zip(tree.jointed, of_joints, strict=True):
         body = bodies[k]
         turn = exponentials(axis_normals(body) @ error[3:])
         bodies[k] = replace(body, p_PF=body.p_PF + error[:3], R_PF=body.R_PF @ turn)
@@ -227,7 +227,7 @@ def _errors_of(
     tree: KinematicTree, uncertainty: BodyUncertainty, errors: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return errors of bodies (K, 10), joints (J, 5) and C (6,) in SI units; see `with_errors`."""
-    sizes = uncertainty.all_sigmas(tree.wheels, len(jointed_bodies(tree)))
+    sizes = uncertainty.all_sigmas(tree.wheels, len(tree.jointed))
     sizes[sizes > 0] *= errors
     of_bodies, of_joints, grasp = np.split(sizes, [10 * len(tree.bodies), len(sizes) - 6])
     return of_bodies.reshape(-1, 10), of_joints.reshape(-1, 5), grasp

@@ -75,6 +75,11 @@ class KinematicTree:
         """(K, 1, 3, 3) inertias of the bodies about their centres of mass, in B [kg·m²]."""
         return np.stack([body.I_BBcm for body in self.bodies])[:, None]
 
+    @property
+    def jointed(self) -> list[int]:
+        """Indices of the bodies whose joints move."""
+        return [k for k, body in enumerate(self.bodies) if body.joint >= 0]
+
     @cached_property
     def lumped(self) -> "KinematicTree":
         """The same tree with welded bodies joined into one: the same momentum with less work."""

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
-from cpid_drake.dynamics.outboard import Outboard, joint_screw, jointed_bodies
+from cpid_drake.dynamics.outboard import Outboard
 from cpid_drake.dynamics.rotations import cross, exponentials, rotate
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
@@ -124,9 +124,9 @@ class BaseMotion:
         outboard = Outboard.at(tree, q, qdot, w, v)
         derivative = CubicSpline(self.times, np.eye(len(self.times)))(self.times, 1)
         efforts = np.zeros((*samples.shape[:2], q.shape[1]))
-        for body in jointed_bodies(tree):
+        for body in tree.jointed:
             each = outboard.momentum[body]
-            S = joint_screw(tree.bodies[body], outboard.bodies.R[body], outboard.bodies.r[body])
+            S = outboard.joint_screw(body)
             rate = np.tensordot(derivative, each.reshape(len(self.times), -1), 1).reshape(-1, 6)
             L, P = each[:, :3], each[:, 3:]
             rate += np.concatenate([cross(w, L) + cross(v, P), cross(w, P)], axis=1)
