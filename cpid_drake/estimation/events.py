@@ -22,6 +22,7 @@ from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import roll
 from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import Model
+from cpid_drake.estimation.whiteness import LagSums, Whiteness
 
 PARTS = 4
 """A block beside a change is cut into so many parts."""
@@ -59,8 +60,11 @@ def fit_with_events(
     question: Question,
     rows: Sequence[Gaussian] = (),
     progress: Callable[[str], object] = lambda step: None,
-) -> tuple[Fit, list[Event]]:
+) -> tuple[Fit, list[Event], dict[str, Whiteness]]:
     """Return a fit with the changes of momentum that its samples show, and these.
+
+    The third result is the whiteness of each sensor's residuals where nothing changed, with the
+    ends of all blocks open: what imitates changes, such as correlated noise, is seen there.
 
     Args:
         model: the unknowns.
@@ -74,16 +78,17 @@ def fit_with_events(
     """
     quiet = [replace(log, noise={}, weights=tuple({} for _ in log.blocks)) for log in found.logs]
     if not any(_changes(model, replace(found, logs=quiet), question, rows)):
-        return found, []
-    now, wide = found, found
+        return found, [], {}
+    now, wide, tests = found, found, dict[str, Whiteness]()
     for last in [False] * (ROUNDS - 1) + [True]:
         logs = [log.opened(model, range(len(log.blocks) - 1)) for log in now.logs]
         wide = fit(model, logs, rows=rows, values=now.values, progress=progress)
         if wide.cost > FAR**2 * sum(each.count for each in wide.rolled):
-            return found, []  # changes do not explain the samples
+            return found, [], {}  # changes do not explain the samples
         changes = _changes(model, wide, question, rows)
         if last or not any(changes):
             break
+        tests = _tests(wide, changes)
         cut = [_cut(model, log, each) for log, each in zip(wide.logs, changes, strict=True)]
         now = replace(wide, logs=cut)
     logs = [log.opened(model, each) for log, each in zip(wide.logs, changes, strict=True)]
@@ -92,7 +97,18 @@ def fit_with_events(
         for log, each in zip(logs, changes, strict=True)
         for k in each
     ]
-    return fit(model, logs, rows=rows, values=wide.values, progress=progress), events
+    return fit(model, logs, rows=rows, values=wide.values, progress=progress), events, tests
+
+
+def _tests(found: Fit, changes: Sequence[Sequence[int]]) -> dict[str, Whiteness]:
+    """Return the whiteness of residuals by sensor, in blocks beside which nothing changed."""
+    sums = dict[str, LagSums]()
+    for rolled, own in zip(found.rolled, changes, strict=True):
+        for k, block in enumerate(rolled.residuals):
+            if k not in own and k - 1 not in own:
+                for name, rest in block.items():
+                    sums[name] = sums.get(name, LagSums(channels=rest.shape[1])).added(rest)
+    return {name: each.whiteness for name, each in sums.items()}
 
 
 def _changes(

@@ -82,6 +82,7 @@ def fit_checks(
     tests: Mapping[str, Whiteness],
     changes: int = 0,
     logs: int = 1,
+    beside: Mapping[str, Whiteness] | None = None,
 ) -> Iterator[Check]:
     """Yield the checks of a fit.
 
@@ -93,6 +94,7 @@ def fit_checks(
         changes: number of changes of the momentum that the fit found. They must explain what looked
             like noise, and be rare, as the fit assumes: enough changes imitate any other cause.
         logs: number of logs.
+        beside: whiteness of the residuals by sensor where nothing changed, with all ends open.
 
     """
     sentence = "the estimator did not converge: its result is not the best fit"
@@ -107,7 +109,10 @@ def fit_checks(
             f"{changes} changes of the momentum {what}: another cause, such as a force, a hidden "
             "wheel, a flexible grasp or correlated noise, may look like changes"
         )
-        fails = changes > most or largest > SEEN
+        # The size of a few residuals is as uncertain as their correlation.
+        larger = any(noise.get(n, 1.0) > max(SEEN, 1 + test.band) for n, test in tests.items())
+        coloured = any(t.lag_one > 0 and not t.is_white for t in (beside or {}).values())
+        fails = changes > most or larger or coloured
         yield Check.of("changes of the momentum", sentence, changes, most, not fails)
     white = [  # forces of the floor have no test: they are means over a time
         f"that of the {label_of(name)} {factor:.2g} times"

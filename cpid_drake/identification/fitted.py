@@ -85,7 +85,8 @@ def estimate(
         if other is not None:
             model, found, warnings = other.model, other, (*warnings, BODIES_ACT)
     wrong = contradicted(found.gaussian, found.values, question, model)
-    found, events = fit_with_events(model, found, _without(question, wrong), rows, progress)
+    asked = _without(question, wrong)
+    found, events, beside = fit_with_events(model, found, asked, rows, progress)
     wrong = contradicted(found.gaussian, found.values, question, model)  # beside the changes
     question = _without(question, wrong)
     progress("comparing")
@@ -117,7 +118,7 @@ def estimate(
         used[source or next(iter(logs))] += count - far
     tests = {name: whiteness(each.value) for name, each in series.items()}
     unexplained = max(far / max(count, 1) for far, count in counts.values())
-    fails = fit_checks(found.converged, unexplained, noise, tests, len(events), len(logs))
+    fails = fit_checks(found.converged, unexplained, noise, tests, len(events), len(logs), beside)
     result = Identification.of_solution(
         relative_parameterization(model.mass),
         solution_of(model, found.values, gaussian, cost=found.cost, count=used.total()),

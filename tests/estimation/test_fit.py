@@ -195,7 +195,7 @@ def test_a_firing_inside_of_a_block_is_found(tmp_path, skewed_target):
     time, case = 1.37, make_case(tmp_path, skewed_target, SUITE, None, 2.0)
     firing = Firing(time, np.array([3.0, -2.0, 4.0, 1.0, 0.5, -1.0]))
     closed = fitted(case, samples=fired(case, firing))
-    found, events = fit_with_events(closed.model, closed, AT_REST)
+    found, events, _ = fit_with_events(closed.model, closed, AT_REST)
     assert found.converged
     assert 1 <= len(events) <= 2
     assert min(abs(event.time - time) for event in events) < 0.3
@@ -207,7 +207,7 @@ def test_a_firing_inside_of_a_block_is_found(tmp_path, skewed_target):
 def test_nothing_happened_in_a_clean_log(case):
     for seed in range(2):
         closed = fitted(case, seed)
-        found, events = fit_with_events(closed.model, closed, AT_REST)
+        found, events, _ = fit_with_events(closed.model, closed, AT_REST)
         assert found is closed
         assert events == []
 
