@@ -12,6 +12,7 @@ from pydrake.systems.primitives import LogVectorOutput
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.spacecraft.spacecraft import Spacecraft
+from cpid_drake.studies.techniques.rows import worst_error
 from cpid_drake.systems.joint_motion_source import JointMotionSource
 from cpid_drake.systems.passivity_controller import PassivityController
 
@@ -46,10 +47,11 @@ class ThereAndBack:
 
 @dataclass(frozen=True, eq=False)
 class Adaptation:
-    """A run: times (N,) [s], parameters (N, 10) and largest errors of the joints (N,) [rad]."""
+    """A run: times (N,) [s], parameters (N, 10), their worst error and that of the joints [rad]."""
 
     time: Array
     parameters: Array
+    error: Array
     tracking: Array
 
 
@@ -89,4 +91,6 @@ def simulate_adaptation(
     time = states.sample_times()
     q = states.data()[spacecraft.state_columns["q"]].T
     tracking = np.abs(q - motion.evaluate(time)[:, 0]).max(axis=1)
-    return Adaptation(time, parameters.data().T, tracking)
+    found = parameters.data().T
+    error = np.array([worst_error(each, target.to_vector()) for each in found])
+    return Adaptation(time, found, error, tracking)
