@@ -1,8 +1,7 @@
 """`cpid export`."""
 
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -14,18 +13,12 @@ from cpid_drake.spacecraft.export import export_target, free_name
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 
-class Format(StrEnum):
-    """Kinds of models; the last are Drake's model directives."""
-
-    URDF = "urdf"
-    SDF = "sdf"
-    MJCF = "mjcf"
-    DRAKE = "drake-yaml"
-
-
 def export(
     result: ResultArgument,
-    format: Annotated[Format, typer.Option(help="Format; drake-yaml: model directives.")],
+    format: Annotated[
+        Literal["urdf", "sdf", "mjcf", "drake-yaml"],
+        typer.Option(help="Format; drake-yaml: model directives."),
+    ],
     out: Annotated[
         Path, typer.Option(metavar="FILE", help="File to write; its ending must fit the format.")
     ],
@@ -76,7 +69,7 @@ def export(
     check_outputs([("--out", out)], [result, *found.files()], force=force)
     chosen, log = free_name(name, spacecraft), log_console()
     written = export_target(
-        target, out, format=format.value, spacecraft=spacecraft, name=chosen, overwrite=force
+        target, out, format=format, spacecraft=spacecraft, name=chosen, overwrite=force
     )
     if chosen != (name or "target"):
         log.print(f"the model already has a 'target'; the exported one is '{chosen}'")

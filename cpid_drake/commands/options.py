@@ -8,9 +8,8 @@ import inspect
 import sys
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields, is_dataclass, replace
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, get_args, get_type_hints
+from typing import Annotated, Any, Literal, TypeVar, get_args, get_type_hints
 
 import typer
 from rich.console import Console
@@ -27,13 +26,6 @@ _AS_THEY_ARE = ("estimator", "rows", "start", "end", "leave_out_bad", "columns",
 """Options that are fields of a request of the same name and value."""
 
 LOG_KINDS = "CSV, NPZ, Parquet or ROS 2 bag."
-
-
-class Momentum(StrEnum):
-    """The total momentum of spacecraft and target about W's origin."""
-
-    ZERO = "zero"
-    UNKNOWN = "unknown"
 
 
 ScenarioArgument = Annotated[
@@ -56,7 +48,7 @@ SensorsOption = Annotated[
     ),
 ]
 MomentumOption = Annotated[
-    Momentum | None,
+    Literal["zero", "unknown"] | None,
     typer.Option(
         help="Total momentum of spacecraft and target: zero, or an unknown constant. Default: zero "
         "if the log agrees with that, else unknown.",
@@ -279,7 +271,7 @@ class LogOptions(PartOptions, SpacecraftOptions):
         refuse_unfinished(Path(log).parent)
         known = self.known()
         bodies = ",".join(f"{key}={value}" for key, value in vars(known.known_bodies).items())
-        momentum = known.momentum if self.momentum is None else self.momentum.value
+        momentum = self.momentum or known.momentum
         sensors = self.sensors or known.sensors
         if sensors == EXPLICIT:
             raise InputError(

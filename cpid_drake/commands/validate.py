@@ -79,7 +79,7 @@ def validate(
         used,
         telemetry=log,
         sensors=sensors or used.sensors,
-        momentum=None if momentum is None else momentum.value,
+        momentum=momentum,
         start=part.start,
         end=part.end,
         topics=part.topics(),
