@@ -169,8 +169,8 @@ def run(
     """Plan, move and identify until the target is known; then make the scenario's transfer."""
     planner = Planner(scenario, suite, FIRST_PLAN)
     [drawn] = planner.plausible(1, 10_000 + seed)
-    target = InertialParameters.from_vector(drawn.parameters)
-    guess = InertialParameters.from_vector(planner.targets[0].parameters)
+    target = InertialParameters.from_vector(drawn)
+    guess = InertialParameters.from_vector(planner.targets[0])
     transfer, history = planner.own_motion, History()
     craft = Craft(planner.spacecraft, target, guess, suite, transfer, seed)
     for count in range(1, MOST_MOTIONS + 1):
