@@ -18,8 +18,6 @@ from cpid_drake.logs.score import MOMENTUM, Comparison
 WRONG = 0.005
 """Smallest relative error of a clock that is named: crystals are a hundred times better."""
 
-_AGREE = 0.2  # relative difference up to which two quantities show the same error of the clock
-_LEAST_MOTION = 0.01  # share of the usual squared motion below which a row keeps its interval
 _PAIRS = (("encoders", "joint_rates"), ("attitude", "gyro"), ("position", "velocity"))
 
 
@@ -41,7 +39,7 @@ def clock_factor(comparisons: Sequence[Comparison]) -> float | None:
     if len(factors) < 2:
         return None
     factor = float(np.mean(factors))
-    is_same = np.ptp(factors) < _AGREE * abs(factor - 1)
+    is_same = np.ptp(factors) < abs(factor - 1) / 5
     return factor if abs(factor - 1) > WRONG and is_same and factor > 0 else None
 
 
@@ -82,7 +80,7 @@ def time_from_rates(samples: Mapping[str, Samples]) -> dict[str, Samples]:
     steps, square = np.diff(time), np.sum(mean**2, axis=1)
     product = np.sum(change * mean, axis=1)
     usual = float(product.sum() / np.sum(square * steps))  # true time in logged time
-    little = _LEAST_MOTION * float(square.mean())
+    little = float(square.mean()) / 100  # a row with less motion keeps its interval
     true = (product + little * usual * steps) / (square + little)
     if not (true > 0).all():
         k = int(np.argmin(true))

@@ -38,8 +38,8 @@ DIFFERS = 0.5
 CLEARLY = 3.0
 """Ratio of residuals from which one convention explains a log clearly better than another."""
 
-_TIES = 3  # alternatives that explain a log equally well and are still a help
-_WORSE = 1.5  # ratio of residuals from which an alternative contradicts a comparison
+WORSE = 1.5
+"""Ratio of residuals above which one of a few possible conventions is right, and another wrong."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +155,7 @@ def better_conventions(
     now, rows = {c.name: c.residual for c in compare(given, names, tree)}, []
 
     def contradicts(then: Mapping[str, float]) -> bool:
-        return any(v > _WORSE * now.get(n, np.inf) and v > EXPLAINS for n, v in then.items())
+        return any(v > WORSE * now.get(n, np.inf) and v > EXPLAINS for n, v in then.items())
 
     for each in alternatives(given, names, tree, column_map):
         then = {c.name: c.residual for c in compare_rates(each.log, names)}
@@ -169,4 +169,4 @@ def better_conventions(
             rows.append((sum(np.log(value) for value in then.values()), each))
     rows.sort(key=lambda row: row[0])
     best = [each for total, each in rows if total < rows[0][0] + np.log(CLEARLY)]
-    return best if len(best) <= _TIES else []
+    return best if len(best) <= 3 else []  # more are no help

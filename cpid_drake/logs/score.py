@@ -39,9 +39,6 @@ LONGEST = 60.0
 """Length of the part of a log that is compared [s]: the one in which the joints move most."""
 
 _FEWEST = 12  # samples of a sensor that is compared: a spline of degree 5 has at least 7 numbers
-_MOST = 3000  # samples of a sensor in that part, evenly selected
-_INSTANTS = 200  # at which quantities are compared
-_EDGE = 0.05  # share of the part at each end where splines are less accurate
 _ROUNDING = 1e-6  # residuals below this share of the motion are errors of the splines
 _MODEL_ERROR = 0.02  # share of the total mass by which errors of the model make a mass impossible
 _LEAST = 1e-9  # smallest motion [rad, m, rad/s, m/s]
@@ -152,7 +149,7 @@ def instants_of(log: Log) -> Instants | None:
     is_free = len(coasting.encoders) >= _FEWEST
     log = _liveliest(coasting if is_free else log)
     splines, moving = {}, set()
-    used = {name: _thinned(s) for name, s in log.items() if len(s) >= _FEWEST}
+    used = {name: s for name, s in log.thinned(3000).items() if len(s) >= _FEWEST}
     if "encoders" not in used or np.isnan(used["encoders"].value).any():
         return None
     for name, samples in used.items():
@@ -171,8 +168,8 @@ def instants_of(log: Log) -> Instants | None:
             moving.add(name)
     start = max(s.time[0] for s in used.values())
     end = min(s.time[-1] for s in used.values())
-    edge = _EDGE * (end - start)
-    time = np.linspace(start + edge, end - edge, _INSTANTS)
+    edge = (end - start) / 20  # where splines are less accurate
+    time = np.linspace(start + edge, end - edge, 200)
     for samples in used.values():
         time = time[~in_gap(samples.time, time)]
     if not (end > start and time.size >= _FEWEST):
@@ -360,10 +357,6 @@ def _liveliest(log: Log) -> Log:
     scaled = spread / np.maximum(spread.max(axis=0, initial=0.0), 1e-300)
     most = parts[int(scaled.sum(axis=1).argmax())]
     return log.between(time[most[0]], time[most[-1]])
-
-
-def _thinned(samples: Samples) -> Samples:
-    return samples.where(slice(None, None, -(-len(samples) // _MOST)))
 
 
 def _rms(values: Array) -> float:

@@ -16,7 +16,7 @@ from cpid_drake.errors import InputError
 from cpid_drake.input_files.validation import dump_yaml
 from cpid_drake.logs.alternatives import alternatives
 from cpid_drake.logs.column_map import ColumnMap, Order, with_entries
-from cpid_drake.logs.conventions import AGREES
+from cpid_drake.logs.conventions import AGREES, DIFFERS, WORSE
 from cpid_drake.logs.conversion import read_columns
 from cpid_drake.logs.guess.columns import find_columns
 from cpid_drake.logs.guess.draft import MapDraft
@@ -25,12 +25,6 @@ from cpid_drake.logs.score import Instants, compare_momentum, compare_rates, ins
 from cpid_drake.logs.screening import screen
 from cpid_drake.logs.table import Table
 from cpid_drake.spacecraft.spacecraft import Spacecraft
-
-CLEAR = 1.5
-"""Ratio of residuals above which one of a few possible conventions is right."""
-
-NOTHING = 0.5
-"""Residual above which two quantities say nothing about each other."""
 
 _ATTITUDE = {"attitude.order", "attitude.direction"}
 
@@ -142,7 +136,7 @@ def _choose_conventions(draft: MapDraft) -> list[str]:
         if turned and turned[0][0] < AGREES:
             draft.map, found = turned[0][1], turned
             draft.say("angular_velocity", "the gyro has other axes than the attitude (R_BS)")
-    if found and found[0][0] > NOTHING:  # momentum cannot help: the gyro contradicts everything
+    if found and found[0][0] > DIFFERS:  # momentum cannot help: the gyro contradicts everything
         missing.append(
             "the attitude does not turn at the angular velocity in any convention (they differ "
             f"by {found[0][0]:.0%} at least): order and direction of the attitude, or the axes of "
@@ -166,7 +160,7 @@ def _choose_conventions(draft: MapDraft) -> list[str]:
             f"{given.order}, {given.direction}: conservation of momentum then explains "
             f"{explained:.2%} of the base's motion",
         )
-        if not found or found[0][0] > NOTHING:
+        if not found or found[0][0] > DIFFERS:
             missing.append(
                 f"order and direction of the attitude are not determined: {given.order} and "
                 f"{given.direction} explain only {explained:.0%} of the base's motion "
@@ -194,7 +188,7 @@ def _joint_unit(draft: MapDraft, found: Sequence[Choice]) -> list[str]:
     size = draft.largest(given.columns.values())
     others = [residual for residual, other in found if other.joint_positions.unit != given.unit]
     missing = []
-    if found and found[0][0] < NOTHING and min(others, default=0.0) > CLEAR * found[0][0]:
+    if found and found[0][0] < DIFFERS and min(others, default=0.0) > WORSE * found[0][0]:
         why = "conservation of momentum says so"
     elif size > 4 * np.pi:
         given.unit, why = "deg", "in rad they would be more than two turns"
@@ -230,7 +224,7 @@ def _choose(draft: MapDraft, residual: Residual, *groups: set[str]) -> list[Choi
                 compared.append((value, other))
     if compared:
         least = min(value for value, _ in compared)
-        best = next(each for each in compared if each[0] <= CLEAR * least + 1e-9)
+        best = next(each for each in compared if each[0] <= WORSE * least + 1e-9)
         compared = [best, *(each for each in compared if each is not best)]
         draft.map = best[1]
     return compared
