@@ -5,6 +5,7 @@ that no body has, and leave out what they do not support. They do not return fro
 includes itself.
 """
 
+import logging
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -61,6 +62,7 @@ class ModelFile:
         if not self.path.name.endswith(_MODEL_ENDINGS):
             raise self.error(f"not a model file: its name must end in {', '.join(_MODEL_ENDINGS)}")
         self.efforts, self.hollow = check_model(self.path, self.model, folders)
+        self._is_parsed = False
 
     def error(self, problem: str) -> InputError:
         """Return an InputError whose message begins with this model."""
@@ -69,14 +71,22 @@ class ModelFile:
     def parse_into(self, plant: MultibodyPlant) -> None:
         """Add the model to a plant that is not finalized, and set the plant's gravity to zero.
 
+        Drake logs its warnings the first time.
+
         Raises:
             InputError: Drake cannot read the file.
 
         """
+        logger = logging.getLogger("drake")
+        level = logger.level
+        logger.setLevel(logging.ERROR if self._is_parsed else level)
         try:
             make_parser(plant, self.folders).AddModels(self.path)
         except (RuntimeError, ValueError, SystemExit) as error:
             raise self.error(message_of(error, self.path)) from error
+        finally:
+            logger.setLevel(level)
+        self._is_parsed = True
         plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
 
     def finalize(self, plant: MultibodyPlant) -> None:

@@ -7,10 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 from sensing_cases import small_craft
 
-from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.kinematics import forward_kinematics
 from cpid_drake.dynamics.momentum import angular_momentum, linear_momentum, total_momentum
-from cpid_drake.dynamics.parameterizations import standard_to_relative
 
 
 @pytest.fixture(scope="module")
@@ -122,22 +120,6 @@ def test_momentum_is_the_derivative_of_the_centre_of_mass(servicer, paper_target
     expected = mass * (places[0] - places[1]) / (2 * step)
     P, _ = total_momentum(servicer.tree, paper_target, telemetry)
     np.testing.assert_allclose(P, expected, rtol=0, atol=1e-6 * np.abs(P).max())
-
-
-def test_the_base_moves_as_drakes_mass_matrix_says(servicer, skewed_target, random_motion):
-    """M V + h = 0, with M and h of Drake's plant of spacecraft and target."""
-    telemetry, plant = random_motion(1, 33), servicer.make_simulation_plant(skewed_target)
-    context = plant.CreateDefaultContext()
-    still = replace(
-        telemetry, **{name: np.zeros((1, 3)) for name in ("p_WB", "w_WB", "v_WB")},
-        quaternion_WB=np.array([[1.0, 0, 0, 0]]),
-    )  # fmt: skip
-    plant.SetPositionsAndVelocities(context, servicer.to_states(still)[0])
-    h = plant.CalcSpatialMomentumInWorldAboutPoint(context, np.zeros(3)).get_coeffs()
-    expected = np.linalg.solve(plant.CalcMassMatrix(context)[:6, :6], -h)
-    psi = standard_to_relative(skewed_target.to_standard_vector(), servicer.mass)
-    found = BodyDynamics.at(servicer.tree, telemetry.q, telemetry.qdot).base_twist(psi)
-    np.testing.assert_allclose(np.hstack(found)[0], expected, rtol=0, atol=1e-12)
 
 
 def test_momentum_and_centre_of_mass_agree_with_pinocchio(servicer, random_motion):
