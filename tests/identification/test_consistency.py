@@ -46,15 +46,6 @@ def test_an_interval_shows_only_what_a_rigid_body_can_have(tree):
     assert found.passed
 
 
-def test_a_negative_estimate_within_its_uncertainty_has_a_possible_interval(tree):
-    found = in_plane(2.0, 0.0, 0.0, -0.02, [0.01, 0.001, 0.001, 0.01], tree)
-    low, high = found.consistent_intervals[6]
-    assert low == 0
-    assert 0 < high < 0.03
-    assert found.nearest[6] == pytest.approx(0, abs=1e-4)
-    assert found.passed
-
-
 def test_an_impossible_estimate_has_no_interval_and_is_doubted(tree):
     found = in_plane(2.0, 0.0, 0.0, -0.05, [0.01, 0.001, 0.001, 0.001], tree)
     assert not found.is_possible

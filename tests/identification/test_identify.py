@@ -18,8 +18,6 @@ from sensing_cases import (
 
 from cpid_drake import InputError, identify
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.logs.conversion import from_columns
-from cpid_drake.logs.files import table_of
 from cpid_drake.logs.log import Log, Samples
 from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import JointSensor
@@ -88,12 +86,6 @@ class TestExactLogs:
         assert found.rows == "relative"
         assert error_over_scale(found, skewed_target) < 1e-9
 
-    def test_samples_that_lack_something_are_not_used(self, craft, exact, skewed_target):
-        log = replace(exact, velocity=exact.velocity.where(slice(None, None, 2)))
-        found = identify(craft, log)
-        assert found.sample_count == len(log.velocity)
-        assert error_over_scale(found, skewed_target) < 1e-9
-
     @pytest.mark.parametrize("rows", ["standard", "relative"])
     def test_rates_that_are_not_logged_come_from_positions(self, craft, exact, skewed_target, rows):
         log = without(exact, "gyro", "velocity", "joint_rates")
@@ -122,12 +114,6 @@ class TestExactLogs:
         assert "was estimated" in tested.warnings[0]
         assert error_over_scale(tested, skewed_target) < 1e-9
 
-    def test_one_sample_leaves_four_open(self, craft, true_motion, skewed_target):
-        still = true_motion.select(slice(0, 1))
-        found = identify(craft, log_of(still))
-        assert not found.is_observable
-        assert found.rank == 6
-
 
 class TestNoisyLogs:
     @pytest.mark.parametrize("estimator", ["trajectory_fit", "recursive_fit"])
@@ -141,43 +127,6 @@ class TestNoisyLogs:
         distance = error @ np.linalg.solve(found.covariance, error)
         assert distance < 30  # χ² of ten, 0.1 %
 
-    @pytest.mark.parametrize("seed", range(2))
-    def test_momentum_is_seen_through_noise_and_not_seen_in_noise(
-        self, craft, motion, skewed_target, seed
-    ):
-        """A hundredth of a tumble on noisy velocities warns; the same noise alone does not."""
-        times, warned = np.arange(0.0, DURATION, 0.02), []
-        for momentum in (0.01 * MOMENTUM, None):
-            true = true_telemetry(
-                craft.tree, craft.joint_names, motion, skewed_target, times, momentum
-            )
-            noise = 1e-5 * np.random.default_rng(seed).normal(size=(len(true), 6))
-            noisy = replace(true, w_WB=true.w_WB + noise[:, :3], v_WB=true.v_WB + noise[:, 3:])
-            found = identify(craft, log_of(noisy), rows="standard")
-            warned.append(any("--momentum unknown" in warning for warning in found.warnings))
-        assert warned == [True, False]
-
-    @pytest.mark.slow
-    def test_intervals_of_rows_hold_although_noise_is_not_white(
-        self, craft, true_motion, skewed_target
-    ):
-        """Noise on the base's velocities: first-order, of the same size."""
-        inside, trials, memory = 0, 12, 0.9
-        truth = skewed_target.to_vector()
-        for seed in range(trials):
-            rng = np.random.default_rng(seed)
-            noise = 1e-5 * rng.normal(size=(len(true_motion), 6))
-            for k in range(1, len(noise)):
-                noise[k] = memory * noise[k - 1] + np.sqrt(1 - memory**2) * noise[k]
-            w_WB, v_WB = true_motion.w_WB + noise[:, :3], true_motion.v_WB + noise[:, 3:]
-            noisy = replace(true_motion, w_WB=w_WB, v_WB=v_WB)
-            found = identify(craft, log_of(noisy), rows="standard")
-            low, high = found.intervals.T
-            inside += int(np.sum((low < truth) & (truth < high)))
-        assert 0.85 < inside / (10 * trials) <= 1.0
-
-
-ROLL = np.array([0.0, 0.0, 0.0, 1.0])
 
 WRONG = {
     "q in degrees": ({"encoders": np.degrees}, "q:<joint> is in degrees"),
@@ -187,14 +136,6 @@ WRONG = {
     "attitude of W in B": ({"attitude": lambda q: q * [1, -1, -1, -1]}, "attitude.direction: R_BW"),
 }
 """One of each kind; the tests of logs have the others."""
-
-
-@pytest.mark.slow
-def test_an_exact_gyro_is_not_the_cause_of_a_wrong_position(craft, exact):
-    bad = changed(exact, position=lambda p: 1.3 * p, velocity=lambda v: 1.3 * v)
-    found = identify(craft, bad)
-    assert found.failures
-    assert not any("gyro" in failure for failure in found.failures)
 
 
 def test_slow_motion_determines_the_same_target(craft, exact, skewed_target):
@@ -234,17 +175,6 @@ class TestContradictions:
         found = identify(craft, changed(turned, **functions))
         assert any(phrase in failure for failure in found.failures)
 
-    @pytest.mark.parametrize("columns", ["wx wy wz", "bwx bwy bwz"])
-    def test_angular_velocity_in_the_other_frame_is_named(self, craft, turned, columns):
-        names, values = table_of(turned)
-        given = dict(zip(names, values.T))
-        R_WB = Rotation.from_quat(turned.attitude.value, scalar_first=True)
-        w = turned.gyro.value if columns.startswith("w") else R_WB.apply(turned.gyro.value)
-        given = {name: values for name, values in given.items() if not name.startswith("bw")}
-        log = from_columns(given | dict(zip(columns.split(), w.T)))
-        frame = "body" if columns.startswith("w") else "world"
-        assert f"angular_velocity.frame: {frame}" in identify(craft, log).failures[0]
-
     def test_joints_all_in_degrees_are_named_and_beyond_their_limits(self, craft, exact):
         turned = np.where(np.arange(4) == 1, 1.0, np.degrees(1.0))  # the second one slides
         both = changed(exact, encoders=lambda q: q * turned, joint_rates=lambda q: q * turned)
@@ -253,18 +183,6 @@ class TestContradictions:
         warnings = "; ".join(found.warnings)
         assert "beyond the model's limits -9 to 9 rad: is it in degrees" in warnings
         assert "q:slide" not in warnings
-
-    def test_more_turns_than_the_limits_allow_are_a_warning_only(self, craft, exact):
-        found = identify(craft, changed(exact, encoders=lambda q: q + 6 * np.pi * ROLL))
-        [text] = found.warnings
-        assert "q:roll goes to 19" in text
-        assert "is it in degrees" in text
-        assert not found.failures
-
-    def test_a_sliding_joint_is_in_metres(self, craft, exact):
-        slide = np.array([1.0, 1000.0, 1.0, 1.0])
-        found = identify(craft, changed(exact, encoders=lambda q: q * slide))
-        assert any("q:slide is in millimetres" in failure for failure in found.failures)
 
 
 class TestRotors:
@@ -296,34 +214,12 @@ class TestRotors:
         assert found.warnings == ()
         assert error_over_scale(found, skewed_target) < 1e-6
 
-    @pytest.mark.parametrize(
-        "imbalance",
-        [
-            {"I_BBcm": np.diag([0.031, 0.05, 0.03])},
-            {"I_BBcm": np.array([[0.03, 0.001, 0], [0.001, 0.05, 0], [0, 0, 0.03]])},
-            {"p_BBcm": np.array([0.001, 0.0, 0.0])},
-        ],
-    )
-    def test_a_wheel_out_of_balance_is_no_rotor(self, imbalance):
-        joint, tree = self.craft.joint_names.index("spin_y"), self.craft.tree
-        bodies = [replace(b, **imbalance) if b.joint == joint else b for b in tree.bodies]
-        assert tree.is_rotor(joint)
-        assert not replace(tree, bodies=tuple(bodies)).is_rotor(joint)
-
     @pytest.mark.parametrize("joint", ["roll", "slide"])
     def test_other_joints_must_be_logged(self, joint):
         with pytest.raises(
             InputError, match=f"no column 'q:{joint}'; positions are optional for rotors only"
         ):
             identify(self.craft, self.without_position(joint))
-
-    def test_rates_that_cannot_be_used_do_not_enter_the_angle(self, skewed_target):
-        log, k = self.without_position("spin_x"), self.craft.joint_names.index("spin_x")
-        rates = log.joint_rates.value.copy()
-        rates[5, k] = np.nan
-        found = identify(self.craft, replace(log, joint_rates=Samples(log.joint_rates.time, rates)))
-        assert found.rejected == {"joint_rates": 1}
-        assert error_over_scale(found, skewed_target) < 1e-9
 
     @pytest.mark.parametrize("rates", ["none", "not finite"])
     def test_a_wheel_needs_positions_or_rates(self, rates):

@@ -32,18 +32,6 @@ def ideal(craft, skewed_target):
     return make
 
 
-def test_a_sensor_that_nothing_explains_fails_a_check(craft, ideal, suite):
-    """The attitude is random: no other motion would help."""
-    samples = add_noise(suite, ideal(suite, 1.2), 4)
-    attitude = samples.attitude
-    value = np.random.default_rng(1).standard_normal(attitude.value.shape)
-    value /= np.linalg.norm(value, axis=1)[:, None]
-    spoiled = samples.updated({"attitude": replace(attitude, value=value)})
-    found = identify(craft, spoiled, sensors=suite)
-    assert not found.passed
-    assert "larger angles" not in found.explain()
-
-
 @pytest.mark.parametrize(("every", "is_trusted"), [(4, True), (2, False)])
 def test_a_sensor_most_of_whose_samples_cannot_be_used_fails_a_check(
     craft, ideal, suite, every, is_trusted
@@ -112,47 +100,6 @@ class TestLargerThanDeclared:
         said = " ".join((*found.failures, *found.warnings))
         assert not any(word in said for word in ("most likely", "body", "lever arm", "includes it"))
         assert not acting(found)
-
-    def test_intervals_are_those_of_the_true_noise(self, craft, ideal, skewed_target):
-        suite = coarse_suite(velocity=None)
-        loud = replace(
-            suite,
-            attitude=replace(suite.attitude, cross_boresight_arcsec=15.0, boresight_arcsec=120.0),
-            gyro=replace(suite.gyro, angle_random_walk=0.015),
-            position=replace(suite.position, sigma=3e-3),
-        )
-        perfect = ideal(suite, 4.0)
-        quiet, noisy = (
-            identify(craft, add_noise(each, perfect, 2), sensors=suite) for each in (suite, loud)
-        )
-        told = identify(craft, add_noise(loud, perfect, 2), sensors=loud)
-        assert np.median(sigmas(noisy) / sigmas(told)) == pytest.approx(1.0, rel=0.35)
-        assert (sigmas(noisy) > sigmas(quiet)).all()
-        assert nees(noisy, skewed_target) < 35
-        assert not any("times the given σ was assumed" in text for text in quiet.warnings)
-        assert any("times the given σ was assumed" in text for text in noisy.warnings)
-
-    def test_all_of_a_result_is_of_one_fit(self, craft, ideal):
-        """The noise of the position is that of the residuals for the target and its errors."""
-        suite, true = coarse_suite(gyro=FAST_GYRO), coarse_suite(gyro=FAST_GYRO)
-        suite.position.lever_arm_mm = true.position.lever_arm_mm = 20.0
-        true.position.sigma = 2.8e-3
-        samples = add_noise(true, ideal(true, 5.0), 4)
-        seen, given = (identify(craft, samples, sensors=s) for s in (suite, true))
-        assert (np.abs(sigmas(seen) / sigmas(given) - 1) < 0.25).all()
-        [effect], [expected] = seen.effects, given.effects
-        np.testing.assert_allclose(effect.sigma, expected.sigma, rtol=0.25)
-
-    @pytest.mark.slow
-    def test_an_error_that_may_act_is_said_also_then(self, craft, ideal):
-        suite = coarse_suite(gyro=FAST_GYRO)
-        gyro = replace(FAST_GYRO, scale_ppm=60.0)
-        hidden = replace(suite, position=VectorSensor(5.0, 2.5e-3), gyro=gyro)
-        samples = add_noise(hidden, ideal(hidden, 6.0), 4)
-        found = identify(craft, samples, sensors=suite, momentum=ZERO)
-        assert found.passed
-        assert found.noise["position"] > 1.5
-        assert acting(found) or any("(probability" in warning for warning in found.warnings)
 
 
 def coloured(rng, shape, rho=0.5):

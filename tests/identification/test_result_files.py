@@ -1,7 +1,7 @@
 """Result files: what is written is read back, and a file that is wrong anywhere is refused."""
 
 import json
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, fields
 
 import numpy as np
 import pytest
@@ -134,12 +134,6 @@ def test_no_branch_of_the_tree_is_left_out_of_this_test(result):
     assert all(isinstance(value, np.ndarray) or value not in (None, (), "", {}) for value in values)
 
 
-def test_a_failed_check_is_a_doubt(result):
-    assert result.failures == ("the fit misses the samples",)
-    assert [check.passed for check in result.checks] == [False, True]
-    assert result.checks[1].sentence == ""
-
-
 def test_details_may_be_left_out(document, result, tmp_path):
     """A file of another program: the result has no more than the file."""
     bare = {key: document[key] for key in (*REQUIRED, "format")}
@@ -150,29 +144,9 @@ def test_details_may_be_left_out(document, result, tmp_path):
     np.testing.assert_array_equal(bare.parameters, result.parameters)
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"covariance": np.eye(3)}, "covariance must be a list of 10x10 numbers"),
-        ({"rank": 11}, "rank must be less than or equal to 10"),
-        ({"estimator": None}, "estimator must be a valid string"),
-    ],
-)
-def test_a_result_that_could_not_be_read_is_not_written(result, change, words, tmp_path):
-    with pytest.raises(InputError, match=words):
-        write_result(tmp_path / "r.json", replace(result, **change))
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_folder_that_is_not_there_is_named(result, tmp_path):
-    with pytest.raises(InputError, match=r"no/r\.json: cannot write there: No such file"):
-        write_result(tmp_path / "no" / "r.json", result)
-
-
 # -- wrong files ---------------------------------------------------------------------------------
 
 
-NAMES = {"model": "m", "base": "b", "capture_frame": "c"}
 REQUIRED = (
     *("parameters", "covariance", "intervals", "rank", "singular_values", "sample_count"),
     "estimator",
@@ -187,42 +161,6 @@ def test_a_file_of_another_version_is_refused_in_one_line(refusal, document, ver
     assert said.endswith("identify from the log again")
     del document["format"]
     assert refusal(document) == said
-
-
-@pytest.mark.parametrize(
-    ("key", "value", "words"),
-    [
-        ("condition", "100", "condition must be a valid number, not '100'"),
-        ("parameters", [1, 2], "parameters must be a list of 10 numbers, not [1, 2]"),
-        ("rank", 11, "rank must be less than or equal to 10, not 11"),
-        ("sample_count", -1, "sample_count must be greater than or equal to 0, not -1"),
-        ("solution", 1, "solution must be left out"),
-        ("checks", [{"nam": "a"}], "unknown key 'checks[0].nam'; did you mean 'name'?"),
-        ("logs", {"a": {"rnk": 1}}, "unknown key 'logs.a.rnk'; did you mean 'rank'?"),
-        ("momentum_changes", ["a"], "momentum_changes[0] must be a valid number, not 'a'"),
-        ("estimator", "\ud800", "a result: Invalid JSON"),
-        (
-            "sources",
-            [{"request": {"telemetry": "a", "spacecraft": NAMES | {"bas": "b"}}}],
-            "unknown key 'sources[0].request.spacecraft.bas'; did you mean 'base'?",
-        ),
-    ],
-)
-def test_a_value_of_another_kind_is_named(refusal, document, key, value, words):
-    assert refusal({**document, key: value}).startswith(words)
-
-
-@pytest.mark.parametrize(
-    ("start", "values", "words"),
-    [
-        (0, [-1.0], "nearest: no rigid body has these: the mass -1 kg is not positive"),
-        (4, [1, 1, 3, 0, 0, 0], "nearest: no rigid body has these: principal moments"),
-        (4, 6 * [1e308], "nearest: 1e+308 is too large for a rigid body"),
-    ],
-)
-def test_the_nearest_body_must_be_one(refusal, document, start, values, words):
-    document["nearest"][start : start + len(values)] = values
-    assert refusal(document).startswith(words)
 
 
 JSON = st.recursive(

@@ -78,12 +78,6 @@ class TestNoisyLogs:
         own = found.logs["log 0"].parameters
         assert np.all(np.abs(own - alone.parameters) < 0.1 * sigmas(alone))
 
-    def test_their_order_does_not_matter(self, joint, craft, suite, logs):
-        method, found = joint
-        again = identify(craft, dict(reversed(logs.items())), sensors=suite, estimator=method)
-        assert np.all(np.abs(again.parameters - found.parameters) < 0.01 * sigmas(found))
-        np.testing.assert_allclose(sigmas(again), sigmas(found), rtol=1e-3)
-
     @pytest.mark.parametrize("estimator", ROWS_AND_FIT)
     def test_one_without_motion_is_not_used(self, craft, suite, logs, noisy, estimator):
         both = {"log 0": logs["log 0"], "still": noisy(3, size=0.0)}
@@ -165,19 +159,6 @@ class TestErrorsInCommon:
         found = identify(craft, logs, known_bodies=BodyUncertainty(grasp_mm=5.0), **options)
         assert not found.passed
 
-    @pytest.mark.slow
-    def test_those_of_a_sensor_that_no_log_determines_do_not_average(
-        self, craft, suite, skewed_target
-    ):
-        """Zeros of the joints are errors of cz, and not of the mass."""
-        samples = measured(craft, Sines.drawn(4, 101, DURATION, 0.6), skewed_target, suite)
-        pair = {name: add_noise(suite, samples, seed) for seed, name in enumerate("ab")}
-        zeros = coarse_suite(encoders=replace(suite["encoders"], zero_mrad=1.0))
-        options = {"sensors": zeros, "momentum": TotalMomentum.zero()}
-        alone, twice = (sigmas(identify(craft, each, **options)) for each in (pair["a"], pair))
-        assert twice[3] > 0.95 * alone[3]
-        assert twice[0] == pytest.approx(alone[0] / np.sqrt(2), rel=0.15)
-
 
 class TestExactLogs:
     @pytest.fixture(scope="class")
@@ -189,12 +170,6 @@ class TestExactLogs:
             f"joint {j}": true_telemetry(tree, names, turned(craft, j), skewed_target, TIMES)
             for j in (3, 0)
         }
-
-    def test_rounding_is_no_disagreement(self, craft, states, skewed_target):
-        found = identify(craft, states, **ROWS)
-        assert (found.check("agreement").statistic or 0.0) < 1e-2
-        assert not found.failures
-        np.testing.assert_allclose(found.parameters, skewed_target.to_vector(), rtol=1e-7)
 
     def test_two_logs_of_two_samples_determine_all_together(
         self, servicer, zero_momentum_motion, skewed_target
@@ -215,13 +190,6 @@ class TestExactLogs:
         said = "moving: the samples contradict a total momentum of zero, so the momentum was"
         assert any(text.startswith(said) for text in found.warnings)
         np.testing.assert_allclose(found.parameters, skewed_target.to_vector(), rtol=1e-7)
-
-    def test_a_log_without_positions_is_joined_by_relative_rows(self, craft, states):
-        whole, other = (log_of(telemetry) for telemetry in states.values())
-        kept = {n: s for n, s in other.samples.items() if n not in ("position", "velocity")}
-        found = identify(craft, {"a": whole, "b": replace(other, samples=kept)})
-        assert found.rows == "relative"
-        assert found.rank == 10
 
 
 class TestPrior:
@@ -282,12 +250,3 @@ class TestPrior:
         found = identify(craft, logs["log 0"], prior=self.prior(skewed_target, 8.0), **options)
         text = "the logs and the prior do not have the same target"
         assert any(text in failure for failure in found.failures)
-
-    def test_an_earlier_result_counts_like_its_log(self, craft, suite, logs):
-        first, second = ({name: logs[name]} for name in ("log 0", "log 2"))
-        earlier = identify(craft, first, sensors=suite, **ROWS)
-        prior = TargetPrior("earlier", earlier.parameters, earlier.covariance)
-        found = identify(craft, second, sensors=suite, prior=prior, **ROWS)
-        both = identify(craft, first | second, sensors=suite, **ROWS)
-        assert np.all(np.abs(found.parameters - both.parameters) < 0.1 * sigmas(both))
-        np.testing.assert_allclose(sigmas(found), sigmas(both), rtol=0.02)

@@ -116,15 +116,6 @@ def test_a_log_of_the_wrong_sign_is_noticed(flight):
 
 
 @pytest.mark.slow
-def test_a_gap_of_the_encoders_in_a_burn_leaves_the_momentum_open(flight):
-    kept = np.abs(flight.log.encoders.time - 3.6) > 0.35
-    gap = flight.log.updated({"encoders": flight.log.encoders.where(kept)})
-    again = flight.identify(gap, momentum=TotalMomentum.zero())
-    assert np.abs(flight.errors(again)).max() < 4
-    assert len(again.momentum_changes) == 0
-
-
-@pytest.mark.slow
 def test_an_exact_log_is_fitted_exactly(flight):
     """The thrust switches between samples, which are exact to 1e-8; so it is without thrust."""
     case = replace(flight.case, suite=load_sensors("ideal"))
