@@ -21,9 +21,6 @@ IMPROBABLE = 1e-4
 AGREEMENT, CONVERGENCE, NEAREST = "agreement", "convergence", "distance of the nearest rigid body"
 """Names of the checks that sources have one target, a fit is the best, and a rigid body has it."""
 
-SUSPECTED = 1 - NAMED
-"""Probability from which an error, or a momentum, that may act is mentioned."""
-
 MOST_NOISE = 4.0
 """Ratio of the noise to the given one above which a check fails; hardware may have three times."""
 
@@ -32,9 +29,6 @@ SEEN = 1.1
 
 MOST_UNEXPLAINED = 0.1
 """Share of the samples that nothing explains, above which a check fails."""
-
-MOST_REJECTED = 0.5
-"""Share of unusable samples of one sensor above which a check fails."""
 
 NOISE = "noise"
 """Name of the check of larger noise, which makes other causes seem likely."""
@@ -144,7 +138,7 @@ def rejection_checks(
         if count:
             total = count + used.get(name, 0)
             text = f"{where}{count} of {total} samples of {name} could not be used"
-            yield Check.of(f"rejected share of {name}", text, count / total, MOST_REJECTED)
+            yield Check.of(f"rejected share of {name}", text, count / total, 0.5)
 
 
 def momentum_words(
@@ -169,7 +163,7 @@ def momentum_words(
         return (), (Check("momentum", text),)
     if probability >= NAMED:
         return (f"{text}, so the momentum was estimated; say so with --momentum unknown",), ()
-    if probability <= SUSPECTED or is_given:
+    if probability <= 1 - NAMED or is_given:
         return (), ()
     text = f"{where}the total momentum may not be zero (probability {probability:.2g})"
     return (f"{text}; the intervals include it",), ()

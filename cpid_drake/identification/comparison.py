@@ -24,7 +24,7 @@ from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Rolled, Values
 from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import BODIES, MOMENTUM, Model
-from cpid_drake.identification.checks import IMPROBABLE, SUSPECTED, Check
+from cpid_drake.identification.checks import IMPROBABLE, Check
 from cpid_drake.identification.effects import LEARNED, EffectEstimate
 from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.sensors import SENSORS
@@ -175,7 +175,7 @@ def undeclared_errors(
     likely = [
         f"{_shown(name, is_one)} (probability {compared.probability[name]:.2g})"
         for name in errors
-        if name not in named and compared.probability[name] > SUSPECTED
+        if name not in named and compared.probability[name] > 1 - NAMED
     ]
     if likely:
         warnings.append(

@@ -24,8 +24,6 @@ from cpid_drake.identification.result import Combinations, Identification
 REACH = 3.0
 """Plausible distance of a part of the target from C, in radii of gyration of the spacecraft."""
 
-_ROUNDING = 1e-6  # of a limit, as a share of the plausible size
-
 
 def checked(found: Identification, tree: KinematicTree) -> Identification:
     """Return an identification with the checks of its body, and the failed checks first.
@@ -56,9 +54,6 @@ def _with_bodies(found: Identification, tree: KinematicTree) -> Identification:
         is_possible = distance <= bodies.radius
         intervals = None if np.isnan(distance) else np.full((10, 2), np.nan)
         intervals = _possible(found, bodies) if is_possible else intervals
-        if nearest is None and intervals is not None:
-            nearest = form.to_parameters(bodies.nearest()) if is_possible else np.full(10, np.nan)
-            nearest = np.where(np.isfinite(found.parameters), nearest, np.nan)
     if not found.is_observable:
         known = _determined(solution)
         combinations = Combinations(form.name, solution.values, known.R.T @ known.R, tree.mass)
@@ -147,8 +142,8 @@ def _possible(found: Identification, bodies: RigidBodySet) -> NDArray[np.float64
         return found.intervals
     known = np.isfinite(found.parameters)[:, None] & ~np.isnan(found.intervals)
     free = np.where(known, found.intervals, [-np.inf, np.inf])
-    mass, size = bodies.mass, bodies.size
-    slack = _ROUNDING * np.array([mass, *3 * [size], *6 * [mass * size**2]])
+    mass, size = bodies.mass, bodies.size  # of which a limit has a rounding error
+    slack = 1e-6 * np.array([mass, *3 * [size], *6 * [mass * size**2]])
     low = np.where(bounds[:, 0] > free[:, 0] + slack, bounds[:, 0], free[:, 0])
     high = np.where(bounds[:, 1] < free[:, 1] - slack, bounds[:, 1], free[:, 1])
     # No body may have a value of the interval and be in the confidence region of all unknowns.

@@ -38,14 +38,11 @@ def describe(result: Identification) -> list[str]:
     ]
     cells = [("", "estimate", "95 % interval", "", "consistent")]
     nearest = np.full(10, np.nan) if result.nearest is None else result.nearest
-    is_marked = False
     for k, (name, unit) in enumerate(zip(PARAMETER_NAMES, PARAMETER_UNITS)):
         value, (low, high) = result.parameters[k], result.shown_intervals[k]
         places = decimals(high - low)
         known = f"{value:.{places}f}" if np.isfinite(value) else "not known"
         spread = _spread(low, high, places)
-        if np.isfinite(value) and is_narrowed(result, k):
-            spread, is_marked = f"{spread}*", True
         last = f"{nearest[k]:.{places}f}" if np.isfinite(nearest[k]) else ""
         cells.append((name, known, spread, unit, last))
     lines += [*_table(cells), ""]
@@ -71,16 +68,10 @@ def describe(result: Identification) -> list[str]:
     lines += _leaning(result)
     if result.logs:
         lines += ["", *_of_logs(result)]
-    lines += ["", *_of_bodies(result, is_marked)] if result.consistent_intervals is not None else []
+    lines += ["", *_of_bodies(result)] if result.consistent_intervals is not None else []
     if not result.is_observable:
         lines += ["", *result.gap()]
     return lines
-
-
-def is_narrowed(result: Identification, k: int) -> bool:
-    """Return whether no rigid body can have a part of a parameter's 95 % interval."""
-    free, shown = result.intervals[k], result.shown_intervals[k]
-    return bool(np.isfinite(free).all() and (shown[0] > free[0] or shown[1] < free[1]))
 
 
 def _leaning(result: Identification) -> Iterator[str]:
@@ -104,13 +95,11 @@ def _spread(low: float, high: float, places: int) -> str:
     return f"below {high:.{places}f}" if np.isfinite(high) else ""
 
 
-def _of_bodies(result: Identification, is_marked: bool) -> Iterator[str]:
+def _of_bodies(result: Identification) -> Iterator[str]:
     """Yield the lines about the physically consistent part of the intervals."""
     if not result.is_possible:
         yield "No interval is given, because no rigid body agrees with the estimate."
         return
-    if is_marked:
-        yield "* the part of the interval that a rigid body can have"
     if not np.isfinite(result.parameters).all():
         yield (
             "Intervals of what is not known: bounds over all rigid bodies no part of which is "

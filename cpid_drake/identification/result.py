@@ -110,8 +110,8 @@ class Identification:
             agree with what is known. NaN without a bound, and if no rigid body agrees; None if not
             computed.
         size: largest distance of a part of the target from C that these bounds assume [m].
-        nearest: (10,) the rigid body that is nearest to the estimate, NaN where not known; None if
-            it was not computed or there is none.
+        nearest: (10,) the rigid body that is nearest to an estimate of all ten; None if it was not
+            computed or there is none.
         rank: number of parameters, or of combinations of them, that the samples determine.
         singular_values: (10,) singular values of the scaled problem, descending.
         condition: ratio of the largest to the smallest; None below a rank of ten.
@@ -156,7 +156,7 @@ class Identification:
     intervals: Intervals
     consistent_intervals: Intervals | None = None
     size: float | None = None
-    nearest: Ten | None = None
+    nearest: Annotated[Array, Numbers(10)] | None = None
     rank: Rank
     singular_values: Ten
     condition: float | None = None
@@ -309,8 +309,7 @@ class Identification:
         None unless all ten parameters are known, and if no rigid body is near the estimate.
         """
         if self.nearest is not None:
-            known = np.isfinite(self.nearest).all()
-            return InertialParameters.from_vector(self.nearest) if known else None
+            return InertialParameters.from_vector(self.nearest)
         if self.solution is None or self.form is None or not self.is_observable:
             return None
         try:

@@ -15,8 +15,6 @@ from cpid_drake.input_files.validation import InMemory, from_tree, load_json, nu
 from cpid_drake.output_files.drafts import write_text
 from cpid_drake.resources import resolve_model
 
-_LARGEST = 1e90  # SI units; products of larger numbers overflow
-
 
 def read_result(path: str | Path) -> Identification:
     """Read a result file.
@@ -89,8 +87,8 @@ def _parse(data: bytes, where: str) -> Identification:
     for key, given, right in expected:
         if given != right:
             raise InputError(f"{where}: {key} must be {', '.join(right)}")
-    size = 0.0 if result.nearest is None else np.nanmax(np.abs(result.nearest), initial=0.0)
-    if size > _LARGEST:
+    size = 0.0 if result.nearest is None else np.abs(result.nearest).max()
+    if size > 1e90:  # products of larger numbers overflow
         raise InputError(f"{where}: nearest: {size:g} is too large for a rigid body")
     problems = [] if result.consistent is None else result.consistent.infeasibilities()
     if problems:

@@ -18,6 +18,7 @@ from sensing_cases import (
 from cpid_drake import InertialParameters, identify
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.estimation.gaussian import Gaussian, solution_of
+from cpid_drake.identification.checks import fit_checks
 from cpid_drake.identification.consistency import checked
 from cpid_drake.identification.result import Identification
 from cpid_drake.logs.log import Samples
