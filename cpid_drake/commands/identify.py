@@ -68,7 +68,7 @@ def identify(
             cpid.write_result(json_file, result)
         if report is not None:
             cpid.write_report(evidence, report, status.update)
-    ignored = list(dict.fromkeys(name for log in evidence.logs for name in log.ignored))
+    ignored = list(dict.fromkeys(name for file in evidence.files for name in file.ignored))
     if ignored:
         console.print(f"note: ignored columns: {', '.join(ignored[:20])}")
     options.print_warnings(result.warnings)

@@ -9,7 +9,7 @@ from rich.console import Console
 from cpid_drake.commands import options
 from cpid_drake.commands.identify import CHECK_FAILED
 from cpid_drake.errors import InputError, prefix_errors
-from cpid_drake.identification.checked_log import check_log, left_out_warning
+from cpid_drake.identification.checked_log import check_log, left_out_warnings
 from cpid_drake.logs.conventions import check_conventions
 from cpid_drake.logs.conversion import LogFile
 from cpid_drake.logs.files import inspect_telemetry, read_table, read_telemetry, write_telemetry
@@ -79,7 +79,7 @@ def _comparisons(
     if craft is None:
         said = check_conventions(screen(found.log).log, None)
         return [*said.failures], [*said.warnings], [*said.unchecked], said.comparisons
-    warnings = [left_out_warning(found.left_out_joints)] if found.left_out_joints else []
+    warnings = left_out_warnings(found.left_out_joints)
     try:
         checked = check_log(craft, found.log)
     except InputError as error:

@@ -10,6 +10,7 @@ import typer
 from cpid_drake.commands import options
 from cpid_drake.commands.identify import CHECK_FAILED
 from cpid_drake.errors import InputError, prefix_errors
+from cpid_drake.identification.checked_log import left_out_warnings
 from cpid_drake.identification.identify_files import file_hash, open_log, opened_inputs
 from cpid_drake.identification.prior import prior_of_result
 from cpid_drake.identification.result_files import read_result
@@ -91,19 +92,20 @@ def validate(
         known = opened_inputs(request, status.update)
         craft = known.spacecraft
         target = prior_of_result(found, str(result), craft, used.spacecraft.capture_frame)
-        opened = open_log(request, craft.joint_names)
+        _, file = open_log(request, craft.joint_names)
         with prefix_errors(log):
             validation = validate_target(
                 craft,
                 target,
-                opened.data,
+                file.log,
                 sensors=known.sensors,
                 momentum=known.momentum,
                 known_bodies=known.known_bodies,
                 planar=request.planar,
                 beginning=beginning,
             )
-    validation = replace(validation, warnings=(*opened.warnings, *validation.warnings))
+    warnings = (*left_out_warnings(file.left_out_joints), *validation.warnings)
+    validation = replace(validation, warnings=warnings)
     is_valid = validation.is_target_right and validation.in_sigma <= threshold
     if json_file is not None:
         content = {

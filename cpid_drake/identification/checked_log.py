@@ -1,6 +1,6 @@
 """What an estimator is given: logs, screened and checked once, and what is known besides."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -142,8 +142,7 @@ def check_log(
     tree = spacecraft.tree
     found = check_conventions(measurements, tree, by_momentum=by_momentum)
     others = [name for name in data.joint_names if name not in spacecraft.joint_names]
-    warnings = [left_out_warning(others)] if others else []
-    warnings += [*notes, *found.warnings]
+    warnings = [*left_out_warnings(others), *notes, *found.warnings]
     return CheckedLog(
         measurements,
         screened.rejected,
@@ -155,9 +154,10 @@ def check_log(
     )
 
 
-def left_out_warning(joints: Iterable[str]) -> str:
-    """Return the warning about joints of a log that the spacecraft does not have."""
-    return f"left out joints that the spacecraft does not have: {', '.join(joints)}"
+def left_out_warnings(joints: Sequence[str]) -> list[str]:
+    """Return the warning about joints of a log that the spacecraft does not have, if there are."""
+    text = f"left out joints that the spacecraft does not have: {', '.join(joints)}"
+    return [text] if joints else []
 
 
 def in_joint_order(measurements: Log, spacecraft: Spacecraft) -> Log:

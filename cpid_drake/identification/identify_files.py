@@ -13,13 +13,14 @@ import numpy as np
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError, prefix_errors
-from cpid_drake.identification.checked_log import Known, left_out_warning
+from cpid_drake.identification.checked_log import Known, left_out_warnings
 from cpid_drake.identification.estimators import ESTIMATORS
 from cpid_drake.identification.identify import identify
 from cpid_drake.identification.prior import load_prior
 from cpid_drake.identification.request import Request, Source
 from cpid_drake.identification.result import Identification
 from cpid_drake.input_files.validation import from_tree, load_yaml, parse_yaml
+from cpid_drake.logs.conversion import LogFile
 from cpid_drake.logs.files import inspect_telemetry, refuse_problems
 from cpid_drake.logs.log import Log
 from cpid_drake.resources import resolve_model, version_of
@@ -31,38 +32,18 @@ Estimates = Sequence[tuple[float, Identification]]
 
 
 @dataclass(frozen=True, eq=False)
-class OpenLog:
-    """A log that has been read.
-
-    Attributes:
-        source: its record for a result file.
-        data: the samples in the window. Their time starts at the first.
-        rejected: number of samples that were not used because of the file, by sensor.
-        warnings: joints of the file that the spacecraft does not have.
-        ignored: columns of the file with unknown names.
-
-    """
-
-    source: Source
-    data: Log
-    rejected: Counter[str]
-    warnings: tuple[str, ...]
-    ignored: tuple[str, ...]
-
-
-@dataclass(frozen=True, eq=False)
 class Evidence:
-    """An identification with its inputs and its logs."""
+    """An identification with its inputs, and with the log files that were read for it."""
 
     inputs: Known
-    logs: tuple[OpenLog, ...]
+    files: tuple[LogFile, ...]
     found: Identification
 
     @property
-    def log(self) -> OpenLog:
+    def log(self) -> Log:
         """The log, if there is one only."""
-        [log] = self.logs
-        return log
+        [file] = self.files
+        return file.log
 
 
 def identify_files(
@@ -87,24 +68,24 @@ def identify_files(
             raise InputError(f"{path}: is the same log as {seen[key]}, and would count twice")
         seen[key] = path
     inputs = opened_inputs(request, progress)
-    logs = tuple(open_log(each, inputs.spacecraft.joint_names) for each in requests)
+    opened = [open_log(each, inputs.spacecraft.joint_names) for each in requests]
     short = [Path(path).name for path in paths]
     names = short if len(set(short)) == len(short) else paths
     with prefix_errors(paths[0] if len(paths) == 1 else ""):
-        data = {name: log.data for name, log in zip(names, logs, strict=True)}
+        data = {name: file.log for name, (_, file) in zip(names, opened, strict=True)}
         found = identify(data=data, **vars(inputs), progress=progress)
-    warnings = [
-        f"{name}: {text}" if len(logs) > 1 else text
-        for name, log in zip(names, logs, strict=True)
-        for text in log.warnings
-    ]
+    rejected, warnings = Counter(found.rejected), list[str]()
+    for name, (_, file) in zip(names, opened, strict=True):
+        rejected += Counter(file.partial) + Counter(rows=len(file.problems))
+        where = f"{name}: " if len(opened) > 1 else ""
+        warnings += [where + text for text in left_out_warnings(file.left_out_joints)]
     found = replace(
         found,
-        rejected=dict(sum((log.rejected for log in logs), Counter(found.rejected))),
+        rejected=dict(rejected),
         warnings=(*warnings, *found.warnings),
-        sources=tuple(log.source for log in logs),
+        sources=tuple(source for source, _ in opened),
     )
-    return Evidence(inputs, logs, found)
+    return Evidence(inputs, tuple(file for _, file in opened), found)
 
 
 def converge(evidence: Evidence, progress: Callable[[str], None] = lambda step: None) -> Estimates:
@@ -115,7 +96,7 @@ def converge(evidence: Evidence, progress: Callable[[str], None] = lambda step: 
         progress: called before every part with a short description of the part.
 
     """
-    result, inputs, data = evidence.found, evidence.inputs, evidence.log.data
+    result, inputs, data = evidence.found, evidence.inputs, evidence.log
     _, end = data.interval
     same = replace(inputs, estimator=result.estimator, rows=result.rows, planar=result.is_planar)
     count = ESTIMATORS[result.estimator].reports
@@ -173,12 +154,10 @@ def read_uncertainty(text: str) -> BodyUncertainty:
     return from_tree(BodyUncertainty, tree, text, whole)
 
 
-def open_log(request: Request, joints: tuple[str, ...]) -> OpenLog:
-    """Return the log of a request.
+def open_log(request: Request, joints: tuple[str, ...]) -> tuple[Source, LogFile]:
+    """Return the log of a request for a spacecraft with these joints, and its record.
 
-    Args:
-        request: the request.
-        joints: names of the spacecraft's joints.
+    The log has the samples in the window. Its time starts at the first.
 
     Raises:
         InputError: the window is empty, has no samples, or the file cannot be read.
@@ -202,17 +181,9 @@ def open_log(request: Request, joints: tuple[str, ...]) -> OpenLog:
             f"{request.telemetry}: there are no samples"
             + (" between --from and --to" if limited else "")
         )
-    rejected, left_out = Counter(file.partial), file.left_out_joints
-    if file.problems:
-        rejected["rows"] = len(file.problems)
     hashes = {option: file_hash(name) for option, name in request.files().items()}
-    return OpenLog(
-        Source(request, hashes, start, end, version_of("cpid-drake") or ""),
-        data.after(start),
-        rejected,
-        (left_out_warning(left_out),) if left_out else (),
-        tuple(file.ignored),
-    )
+    source = Source(request, hashes, start, end, version_of("cpid-drake") or "")
+    return source, replace(file, log=data.after(start))
 
 
 def request_of_result(result: Identification, where: str) -> Request:

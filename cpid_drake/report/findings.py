@@ -49,7 +49,7 @@ class Findings:
         """Return the files that the report was made from, as far as they exist."""
         found: list[str | Path | None] = [*self.result.files()]
         if self.evidence is not None:
-            found.append(self.evidence.log.source.request.telemetry)
+            found.append(self.evidence.found.sources[0].request.telemetry)
         return found if self.run is None else [*found, self.run.scenario.target.visual_model]
 
 
@@ -57,7 +57,7 @@ def findings_of(
     evidence: Evidence, progress: Progress = lambda step: None, run: Run | None = None
 ) -> Findings:
     """Return the contents of a report on logs that have just been identified."""
-    if len(evidence.logs) > 1:
+    if len(evidence.files) > 1:
         return Findings(evidence.found)
     return Findings(evidence.found, evidence, converge(evidence, progress), run=run)
 

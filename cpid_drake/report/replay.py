@@ -131,7 +131,7 @@ def motion_of(evidence: Evidence) -> Motion:
         InputError: the log has too few samples, or a sensor that smoothing needs is missing.
 
     """
-    beginning = evidence.log.data.between(0.0, LONGEST)
+    beginning = evidence.log.between(0.0, LONGEST)
     measurements = screen(in_joint_order(beginning, evidence.inputs.spacecraft)).log
     with_position = bool(len(measurements.position))
     if len(measurements.attitude):

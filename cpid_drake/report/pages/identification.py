@@ -61,7 +61,7 @@ def identification_report(findings: Findings, progress: Progress = lambda step: 
             convergence_section(findings.estimates, findings.truth),
             residuals_section(evidence.found),
             sensors_section(evidence),
-            base_motion_section(evidence.log.data),
+            base_motion_section(evidence.log),
         ]
         progress("making the replay")
         try:
@@ -71,7 +71,7 @@ def identification_report(findings: Findings, progress: Progress = lambda step: 
                 findings.estimates,
                 truth=findings.truth,
                 visual_model=run.scenario.target.visual_model if run else None,
-                title=Path(evidence.log.source.request.telemetry).name,
+                title=Path(result.sources[0].request.telemetry).name,
             )
             text = f"The motion with the estimate over time, of at most {LONGEST:g} s."
             replay = embedded_json(json.dumps(page))

@@ -127,7 +127,7 @@ def residuals_section(found: Identification) -> Section:
 def sensors_section(evidence: Evidence) -> Section:
     """Return the section that compares the samples of every sensor with the assumed noise."""
     found, rows = evidence.found, []
-    for name, samples in evidence.log.data.items():
+    for name, samples in evidence.log.items():
         if not len(samples):
             continue
         step = f"{1e3 * np.median(np.diff(samples.time)):.4g}" if len(samples) > 1 else ""
