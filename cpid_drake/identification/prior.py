@@ -15,7 +15,7 @@ from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.identification.result import Combinations, Identification
 from cpid_drake.identification.result_files import read_result
 from cpid_drake.input_files.validation import Numbers, load_yaml
-from cpid_drake.resources import NOT_A_FILE
+from cpid_drake.resources import resolve_model
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 Positive = Annotated[float, Gt(0), Le(1e9)]
@@ -121,9 +121,7 @@ def load_prior(path: str | Path, spacecraft: Spacecraft, capture_frame: str) -> 
             only; no rigid body has the values; a σ is missing.
 
     """
-    file, where = Path(path), str(path)
-    if not file.is_file():
-        raise InputError(f"{where}: {NOT_A_FILE if file.exists() else 'no such file'}")
+    file, where = resolve_model(path), str(path)
     if file.suffix.lower() == ".json":
         return prior_of_result(read_result(file), where, spacecraft, capture_frame)
     return _of_config(load_yaml(PriorConfig, file, where, "a prior"), where)
