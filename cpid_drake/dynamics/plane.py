@@ -46,17 +46,6 @@ def parallel_axis(direction: NDArray[np.float64]) -> int:
     return axis if np.abs(np.delete(direction, axis)).max() < ALONG else -1
 
 
-def unknowns_in_plane(axis: int) -> NDArray[np.intp]:
-    """Return the places (4,) of the unknowns of rows on which motion in the plane depends.
-
-    Args:
-        axis: number of C's axis that is the table's normal.
-
-    """
-    across = [1 + k for k in range(3) if k != axis]
-    return np.array([0, *across, (4, 7, 9)[axis]])
-
-
 def tilt(quaternion_WB: ArrayLike, normal_B: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the rotation vectors (N, 3) in W [rad] that turn the normal in B to W's z axis."""
     axis_W = rotate_by_quaternion(np.asarray(quaternion_WB, dtype=float), normal_B)

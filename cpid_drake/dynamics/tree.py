@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.parameterizations import point_mass_inertia, vector_to_tensor
-from cpid_drake.dynamics.plane import ALONG, parallel_axis, unknowns_in_plane
+from cpid_drake.dynamics.plane import ALONG, parallel_axis
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,8 +122,13 @@ class KinematicTree:
 
     @property
     def unknowns(self) -> NDArray[np.intp]:
-        """Places of the target's unknowns on which the motion depends: all ten, or four."""
-        return np.arange(10) if self.plane_axis < 0 else unknowns_in_plane(self.plane_axis)
+        """Places of the target's unknowns on which the motion depends: all ten, or four.
+
+        On a table they are m, the components of m c across the normal, and nᵀ J n.
+        """
+        axis = self.plane_axis
+        across = np.delete([1, 2, 3], max(axis, 0))
+        return np.arange(10) if axis < 0 else np.array([0, *across, (4, 7, 9)[axis]])
 
     def with_target(self, phi: NDArray[np.float64]) -> "KinematicTree":
         """Return the tree with a target of standard vector φ (10,) welded on C, as its last body.

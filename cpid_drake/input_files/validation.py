@@ -207,11 +207,12 @@ def load_json(data: bytes, where: str) -> object:
     """
 
     def unique(pairs: list[tuple[str, object]]) -> dict[str, object]:
-        names = [name for name, _ in pairs]
-        for name in names:
-            if names.count(name) > 1:
+        tree: dict[str, object] = {}
+        for name, value in pairs:
+            if name in tree:
                 raise ValueError(f"the key {name!r:.60} is given twice")
-        return dict(pairs)
+            tree[name] = value
+        return tree
 
     def refuse(constant: str) -> None:
         raise ValueError(f"{constant} is no number of JSON; unknown numbers are null")
