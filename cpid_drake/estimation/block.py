@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +17,11 @@ SHORTEST_BLOCK = 1.0
 SAMPLES_PER_BLOCK = 20
 """Smallest number of encoder samples in a block: they show how smooth the joints move."""
 
+PARTS = 4
+"""A block beside a change is cut into so many parts, so that a change inside has an end near it."""
+
 LONGEST_DELAY = 1.0
-"""Longest delay of a log of thrust [s]."""
+"""Longest delay of a sensor, or of the log of thrust, that can be modelled [s]."""
 
 _SLOWER = 1.2  # encoders that are slower than the suite's by this factor make longer blocks
 _STAMP = 1e-7  # rounding error of a stamp [s]
@@ -45,6 +49,11 @@ class Block:
     def part(self, start: float, end: float) -> "Block":
         """Return a part of the block."""
         return Block(start, end, after(self.samples, start, end))
+
+    def cut(self) -> list["Block"]:
+        """Return `PARTS` equal parts."""
+        edges = [*np.linspace(self.start, self.end, PARTS, endpoint=False).tolist(), self.end]
+        return [self.part(a, b) for a, b in pairwise(edges)]
 
 
 def after(measurements: Log, start: float, end: float) -> Log:

@@ -9,7 +9,6 @@ near it, and all ends are judged once more.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -23,12 +22,6 @@ from cpid_drake.estimation.roll import roll
 from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.estimation.whiteness import LagSums, Whiteness
-
-PARTS = 4
-"""A block beside a change is cut into so many parts."""
-
-ROUNDS = 2
-"""All ends are judged so many times: of whole blocks, then with parts beside the changes."""
 
 TOGETHER = 12
 """Number of ends that are judged at once."""
@@ -80,7 +73,7 @@ def fit_with_events(
     if not any(_changes(model, replace(found, logs=quiet), question, rows)):
         return found, [], {}
     now, wide, tests = found, found, dict[str, Whiteness]()
-    for last in [False] * (ROUNDS - 1) + [True]:
+    for last in (False, True):  # whole blocks, then parts of those beside changes
         logs = [log.opened(model, range(len(log.blocks) - 1)) for log in now.logs]
         wide = fit(model, logs, rows=rows, values=now.values, progress=progress)
         if wide.cost > FAR**2 * sum(each.count for each in wide.rolled):
@@ -162,10 +155,7 @@ def _cut(model: Model, log: LogState, changes: Sequence[int]) -> LogState:
         return log
     blocks, jumps = list[Block](), {}
     for k, block in enumerate(log.blocks):
-        parts = PARTS if k in changes or k - 1 in changes else 1
-        edges = np.linspace(block.start, block.end, parts + 1)
-        edges[-1] = block.end
-        blocks += [block.part(a, b) for a, b in pairwise(edges.tolist())]
+        blocks += block.cut() if k in changes or k - 1 in changes else [block]
         if k in log.jumps:
             jumps[len(blocks) - 1] = log.jumps[k]
     return replace(LogState.of_blocks(model, blocks, log.name, log.start), jumps=jumps)

@@ -14,7 +14,6 @@ not explain is bridged by its joints alone.
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,9 +52,6 @@ KEPT = 4
 
 MOST_LINKS = 6
 """So many links are unknowns at most, after the last block."""
-
-PARTS = 3
-"""A block beside a change is cut into so many parts."""
 
 OF_JOINTS = ("encoders", "joint_rates", "thrust")
 """What is used of a part of a block that noise does not explain."""
@@ -253,9 +249,7 @@ def _after(model: Model, each: Recent, *, is_judged: bool) -> tuple[OnlineState,
     """
     state, parts = _counted(each.before, each.block), [each.block]
     if each.is_cut and len(each.block.samples.encoders) > 1:
-        edges = np.linspace(each.block.start, each.block.end, PARTS + 1)
-        edges[-1] = each.block.end
-        parts = [each.block.part(a, b) for a, b in pairwise(edges.tolist())]
+        parts = each.block.cut()
     is_explained = True
     for part in parts:
         known, is_gap, found = state.known, not len(part.samples.encoders), None

@@ -41,6 +41,7 @@ _INSTANTS = 10  # in a block
 _DEGREE = 5  # of the polynomials through the samples of a block
 _FEWEST = 4  # samples of a block for a polynomial
 _LAG = 5  # instants between which momenta change
+_CLOSE = 1.0  # fall of χ² with which a pass is the last one: the fit starts within a σ
 _PASSES = 8  # the noise of the rows is that of their residuals at the values of the pass before
 
 
@@ -126,7 +127,10 @@ def _balanced(
                 noise = _spread(at_declared[:, without_forces], prior.marginal([PSI, L[k]]))
                 noise = max(noise, 1e-9 * model.L_sigma)
                 found = found.add(Gaussian.of_rows({**sizes, L[k]: 3}, rows / noise))
-        x = x + found.solve(held={PSI: undetermined(model, x[:10], found)[0]})
+        step = found.solve(held={PSI: undetermined(model, x[:10], found)[0]})
+        x, fall = x + step, found.cost(0 * step) - found.cost(step)
+        if fall < _CLOSE:
+            break
     return {u.key(log.name): x[found.places[n]] for log in logs for n, u in table.items()}
 
 

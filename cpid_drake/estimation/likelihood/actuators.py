@@ -78,6 +78,11 @@ class ThrustLog:
     by: NDArray[np.float64]
     delay: int = -1
 
+    def acts(self, start: float, end: float) -> bool:
+        """Return whether there is any thrust between two times [s]."""
+        inside = (self.samples.time > start) & (self.samples.time < end)
+        return bool(self.samples.value[inside].any() or self.samples.held_at(start).any())
+
 
 def thrust_log(
     samples: Samples,

@@ -34,7 +34,7 @@ from cpid_drake.estimation.likelihood.attitude_steps import (
 )
 from cpid_drake.estimation.likelihood.constants import Constants
 from cpid_drake.estimation.likelihood.joint_motion import JointPart
-from cpid_drake.estimation.likelihood.thrust import BlockThrust, block_thrust
+from cpid_drake.estimation.likelihood.thrust import BlockThrust
 from cpid_drake.estimation.likelihood.uniform_spline import (
     UniformSpline,
     spline_weights,
@@ -172,9 +172,9 @@ class BaseMotion:
     @cached_property
     def thrust(self) -> BlockThrust | None:
         """The thrust between the first and the last node; None if there is none."""
-        if self._log is None:
+        if self._log is None or not self._log.acts(self.nodes[0], self.nodes[-1]):
             return None
-        return block_thrust(
+        return BlockThrust(
             self._log,
             self.nodes,
             self.times,

@@ -19,6 +19,7 @@ from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.plane import NORMAL_W
 from cpid_drake.dynamics.rotations import cross, exponentials, rotate, skew
 from cpid_drake.errors import InputError
+from cpid_drake.estimation.block import LONGEST_DELAY
 from cpid_drake.estimation.likelihood.constants import Constants
 from cpid_drake.estimation.likelihood.effects import GyroBias, MotionChange
 from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory
@@ -39,9 +40,6 @@ OFF_DIAGONAL = ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))
 
 ENCODER_DELAY = "encoders.delay"
 """Name of the delay of the encoders, to whose clock the joint motion belongs."""
-
-LONGEST_DELAY = 1.0
-"""Longest delay of a sensor that can be modelled [s]."""
 
 _STEP = 1e-3
 """Step of differences in time [s]."""

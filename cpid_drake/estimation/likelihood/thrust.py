@@ -331,20 +331,3 @@ def transition(
     Phi = np.tile(np.eye(6), (len(times), 1, 1))
     Phi[:, :3, 3:] = (times - start)[:, None, None] * np.eye(3)
     return Phi
-
-
-def block_thrust(
-    log: ThrustLog,
-    nodes: NDArray[np.float64],
-    times: NDArray[np.float64],
-    grid: BodyDynamics,
-    interpolation: Weights,
-    pose: Pose,
-    orbit: Orbit | None = None,
-) -> BlockThrust | None:
-    """Return the thrust in a block; None if there is none. The arguments: see `BlockThrust`."""
-    samples = log.samples
-    inside = (samples.time > nodes[0]) & (samples.time < nodes[-1])
-    if not (samples.value[inside].any() or samples.held_at(nodes[0]).any()):
-        return None
-    return BlockThrust(log, nodes, times, grid, interpolation, pose, orbit)
