@@ -40,7 +40,6 @@ from cpid_drake.sensors.sensors import ANGULAR_VELOCITY, ATTITUDE, POSITION, Qua
 _INSTANTS = 10  # in a block
 _DEGREE = 5  # of the polynomials through the samples of a block
 _FEWEST = 4  # samples of a block for a polynomial
-_LAG = 5  # instants between which momenta change
 _CLOSE = 1.0  # fall of χ² with which a pass is the last one: the fit starts within a σ
 _PASSES = 8  # the noise of the rows is that of their residuals at the values of the pass before
 
@@ -219,7 +218,8 @@ def _rows(
     moving = moving[np.isfinite(motion.v).all(axis=1)]
     if model.tree.normal_B is not None:
         turning, moving = turning[:, 2:], moving[:, :2]
-    return [(each[_LAG:] - each[:-_LAG]).reshape(-1, len(x) + 4) for each in (turning, moving)]
+    lag = _INSTANTS // 2
+    return [(each[lag:] - each[:-lag]).reshape(-1, len(x) + 4) for each in (turning, moving)]
 
 
 def _motion(model: Model, log: LogState) -> SeenMotion:

@@ -5,6 +5,7 @@ the errors of its sensors and bodies, and all logs of one `target` share the tar
 a block of time (joint motion, biases) is in the state of its log; see `log_state`.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
@@ -80,38 +81,49 @@ class Model:
         tree: the known spacecraft.
         suite: its sensors, with their errors.
         known_bodies: uncertainty of its bodies; None if they are exact.
-        constants: the constant errors of the suite.
-        table: the unknowns in the order of columns: constant errors, target, bodies, momentum.
-        mass: nominal mass of the known bodies [kg].
-        L_sigma: σ of an unknown angular momentum [N·m·s].
-        plausible: (10,) sizes of ψ of a target as heavy and as large as the spacecraft.
+        priors: mean and σ of unknowns with another prior than that of `table`.
 
     """
 
     tree: KinematicTree
     suite: SensorSuite
     known_bodies: BodyUncertainty | None = None
-    constants: Constants = field(init=False)
-    table: tuple[Unknown, ...] = field(init=False)
-    mass: float = field(init=False)
-    L_sigma: float = field(init=False)
-    plausible: NDArray[np.float64] = field(init=False)
+    priors: Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]] = field(
+        default_factory=dict
+    )
 
     def __post_init__(self) -> None:
-        def put(name: str, value: object) -> None:
-            object.__setattr__(self, name, value)
-
         if self.known_bodies is None:
-            put("tree", self.tree.lumped)
-        put("constants", Constants.of(self.suite, self.joint_count))
-        still = np.zeros((1, self.joint_count))
-        known = BodyDynamics.at(self.tree, still, still)
-        put("mass", known.mass)
-        put("L_sigma", FASTEST_TUMBLE * float(np.trace(known.I_K[0])) / 3)
-        put("plausible", psi_scale(known.mass, known.I_K[0]))
-        put("table", tuple(self._unknowns(known.mass, known.I_K[0])))
+            object.__setattr__(self, "tree", self.tree.lumped)
 
-    def _unknowns(self, mass: float, inertia: NDArray[np.float64]) -> list[Unknown]:
+    @cached_property
+    def constants(self) -> Constants:
+        """The constant errors of the suite."""
+        return Constants.of(self.suite, self.joint_count)
+
+    @cached_property
+    def _known(self) -> BodyDynamics:
+        still = np.zeros((1, self.joint_count))
+        return BodyDynamics.at(self.tree, still, still)
+
+    @property
+    def mass(self) -> float:
+        """Nominal mass of the known bodies [kg]."""
+        return self._known.mass
+
+    @cached_property
+    def L_sigma(self) -> float:
+        """σ of an unknown angular momentum [N·m·s]."""
+        return FASTEST_TUMBLE * float(np.trace(self._known.I_K[0])) / 3
+
+    @cached_property
+    def plausible(self) -> NDArray[np.float64]:
+        """(10,) sizes of ψ of a target as heavy and as large as the spacecraft."""
+        return psi_scale(self.mass, self._known.I_K[0])
+
+    @cached_property
+    def table(self) -> tuple[Unknown, ...]:
+        """The unknowns in the order of columns: constant errors, target, bodies, momentum."""
         table = []
         for error in self.constants.errors.values():
             has = error.sensor or error.kind in OF_GRASP
@@ -120,22 +132,23 @@ class Model:
             scope: Scope = "hardware" if has else "log"
             fails = error.kind == VALVE_FORCE
             table.append(Unknown(error.name, error.size, zero, one, scope, walk, fails))
-        mean = plausible_psi(mass, inertia)
+        mean = plausible_psi(self.mass, self._known.I_K[0])
         table.append(Unknown(PSI, 10, mean, WIDE * self.plausible, "target"))
         if self.known_bodies is not None:
             c = self.known_bodies.count(self.tree.wheels, self.joint_count)
             table.append(Unknown(BODIES, c, np.zeros(c), np.ones(c), "hardware"))
         sigma = np.repeat([self.L_sigma, FASTEST_DRIFT], 3)
-        return [*table, Unknown(MOMENTUM, 6, np.zeros(6), sigma, "log")]
+        table.append(Unknown(MOMENTUM, 6, np.zeros(6), sigma, "log"))
+        for k, unknown in enumerate(table):
+            mean, sigma = self.priors.get(unknown.name, (unknown.mean, unknown.sigma))
+            table[k] = replace(unknown, mean=mean, sigma=sigma)
+        return tuple(table)
 
     def with_prior(
         self, name: str, mean: NDArray[np.float64], sigma: NDArray[np.float64]
     ) -> "Model":
         """Return the model with another prior of one unknown."""
-        model = replace(self)
-        table = [replace(u, mean=mean, sigma=sigma) if u.name == name else u for u in self.table]
-        object.__setattr__(model, "table", tuple(table))
-        return model
+        return replace(self, priors={**self.priors, name: (mean, sigma)})
 
     def unknown(self, name: str) -> Unknown:
         """Return the unknown of this name."""

@@ -108,7 +108,7 @@ class BlockModel:
         if known_bodies is not None:
             self._everything.append(bodies_effect(self.motion, known_bodies, errors))
         ends = np.cumsum([0] + [effect.size for effect in self._everything]).tolist()
-        names = [effect.name for effect in self._everything]
+        self._width, names = ends[-1], [effect.name for effect in self._everything]
         self.columns = {name: slice(a, b) for name, (a, b) in zip(names, pairwise(ends))}
         self.at_start = self._indices(lambda effect: effect.at_start)
         self.at_end = self._indices(lambda effect: effect.at_end)
@@ -246,10 +246,6 @@ class BlockModel:
             parts.append(rows)
             rest.append(b)
         return np.vstack(parts), np.concatenate(rest)
-
-    @property
-    def _width(self) -> int:
-        return sum(effect.size for effect in self._everything)
 
 
 def gyro_biases(suite: SensorSuite, start: float, end: float) -> dict[str, GyroBias]:
