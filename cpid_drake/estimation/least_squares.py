@@ -117,61 +117,6 @@ def _expanded(rows: NDArray[np.float64], places: NDArray[np.intp]) -> NDArray[np
     return result
 
 
-def solve_compressed(
-    A: NDArray[np.float64],
-    b: NDArray[np.float64],
-    left_out: float,
-    row_count: int,
-    rank_tolerance: float = DEFAULT_RANK_TOLERANCE,
-) -> LeastSquaresSolution:
-    """Solve rows that may be an orthogonal compression of more rows.
-
-    Args:
-        A, b: (M, n) and (M,) the rows themselves, or R and Qᵀb of their QR factors.
-        left_out: the part of the residual sum of squares that the compressed rows do not contain.
-        row_count: number of rows before compression.
-        rank_tolerance: see `DEFAULT_RANK_TOLERANCE`.
-
-    """
-    n = A.shape[1]
-    norms = np.linalg.norm(A, axis=0)
-    # A column that is zero up to rounding must not be scaled to unit length.
-    largest = norms.max(initial=0.0) or 1.0
-    scale = np.where(norms > 1e-12 * largest, norms, largest)
-    if len(A) < n:
-        A, b = np.vstack([A, np.zeros((n - len(A), n))]), np.append(b, np.zeros(n - len(b)))
-    U, s, Vt = np.linalg.svd(A / scale, full_matrices=False)
-    seen = (s > rank_tolerance * s[0]) & (s[0] > 0)
-    rank = int(seen.sum())
-    y = Vt[seen].T @ ((U.T @ b)[seen] / s[seen])
-    unobservable = Vt[~seen]
-    is_open = np.linalg.norm(unobservable, axis=0) > 1e-6
-
-    residual = A @ (y / scale) - b
-    residual_sum = residual @ residual + left_out
-    freedom = row_count - rank
-    variance = residual_sum / freedom if freedom > 0 else np.nan
-    with np.errstate(over="ignore", invalid="ignore"):  # rows of extreme size
-        root = (Vt[seen].T / s[seen]) / scale[:, None]
-        covariance = variance * root @ root.T
-    covariance[is_open, :] = covariance[:, is_open] = np.nan
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return LeastSquaresSolution(
-            estimate=np.where(is_open, np.nan, y / scale),
-            covariance=covariance,
-            information=A.T @ A,
-            rank=rank,
-            singular_values=s,
-            condition_number=s[0] / s[-1] if rank == n else np.inf,
-            unobservable=unobservable,
-            residual_rms=np.sqrt(residual_sum / row_count) if row_count else np.nan,
-            row_count=row_count,
-            values=y / scale,
-            unit=1 / scale,
-            weak=np.empty((0, n)),
-        )
-
-
 def empty_information(n: int = 10) -> NDArray[np.float64]:
     """Return the square-root information of no rows about n unknowns: zeros (n + 1, n + 1)."""
     return np.zeros((n + 1, n + 1))
@@ -217,8 +162,41 @@ def solve_information(
 
     """
     kept = information[eliminated:, eliminated:]
-    R, z, rho = kept[:-1, :-1], kept[:-1, -1], kept[-1, -1]
-    return solve_compressed(R, z, rho**2, max(row_count - eliminated, 0), rank_tolerance)
+    A, b, rho, n = kept[:-1, :-1], kept[:-1, -1], kept[-1, -1], len(kept) - 1
+    row_count = max(row_count - eliminated, 0)
+    norms = np.linalg.norm(A, axis=0)
+    # A column that is zero up to rounding must not be scaled to unit length.
+    largest = norms.max(initial=0.0) or 1.0
+    scale = np.where(norms > 1e-12 * largest, norms, largest)
+    U, s, Vt = np.linalg.svd(A / scale)
+    seen = (s > rank_tolerance * s[0]) & (s[0] > 0)
+    rank = int(seen.sum())
+    y = Vt[seen].T @ ((U.T @ b)[seen] / s[seen])
+    unobservable = Vt[~seen]
+    is_open = np.linalg.norm(unobservable, axis=0) > 1e-6
+    residual = A @ (y / scale) - b
+    residual_sum = residual @ residual + rho**2
+    freedom = row_count - rank
+    variance = residual_sum / freedom if freedom > 0 else np.nan
+    with np.errstate(over="ignore", invalid="ignore"):  # rows of extreme size
+        root = (Vt[seen].T / s[seen]) / scale[:, None]
+        covariance = variance * root @ root.T
+    covariance[is_open, :] = covariance[:, is_open] = np.nan
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return LeastSquaresSolution(
+            estimate=np.where(is_open, np.nan, y / scale),
+            covariance=covariance,
+            information=A.T @ A,
+            rank=rank,
+            singular_values=s,
+            condition_number=s[0] / s[-1] if rank == n else np.inf,
+            unobservable=unobservable,
+            residual_rms=np.sqrt(residual_sum / row_count) if row_count else np.nan,
+            row_count=row_count,
+            values=y / scale,
+            unit=1 / scale,
+            weak=np.empty((0, n)),
+        )
 
 
 def describe_unobservable(

@@ -8,8 +8,8 @@ from cpid_drake.dynamics.rows import ROW_FAMILIES
 from cpid_drake.estimation.gaussian import Gaussian, solution_of
 from cpid_drake.estimation.least_squares import (
     empty_information,
-    solve_compressed,
     solve_information,
+    triangle,
     updated_information,
 )
 
@@ -18,7 +18,8 @@ FAMILIES = pytest.mark.parametrize("family", ROW_FAMILIES.values(), ids=ROW_FAMI
 
 def batch_solution(A, b):
     A, b = A.reshape(-1, A.shape[-1]), b.ravel()
-    return solve_compressed(A, b, 0.0, int(np.count_nonzero(A.any(axis=1) | (b != 0))))
+    count = int(np.count_nonzero(A.any(axis=1) | (b != 0)))
+    return solve_information(triangle(np.column_stack([A, b])), count)
 
 
 def recursive_solution(A, b, block=6):
