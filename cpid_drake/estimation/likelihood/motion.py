@@ -34,7 +34,7 @@ from cpid_drake.estimation.likelihood.attitude_steps import (
 )
 from cpid_drake.estimation.likelihood.constants import Constants
 from cpid_drake.estimation.likelihood.joint_motion import JointPart
-from cpid_drake.estimation.likelihood.thrust import BlockThrust
+from cpid_drake.estimation.likelihood.thrust import BlockThrust, transition
 from cpid_drake.estimation.likelihood.uniform_spline import (
     UniformSpline,
     spline_weights,
@@ -271,50 +271,30 @@ class BaseMotion:
         steps = step_integrals(rates, self.nodes[1] - self.nodes[0])
         return np.concatenate([np.zeros_like(rates[:1]), np.cumsum(steps, axis=0)])
 
-    def com_velocity(self, trajectory: Trajectory, rows: slice) -> NDArray[np.float64]:
-        """Return the velocity of the centre of mass in W at some instants, (M, 3) or (3,) [m/s]."""
-        state, times = trajectory.state, self.times[rows]
-        acceleration = self.constants.value(state.constants, "acceleration")
-        velocity = state.v_Wcm if self.orbit is None else self._drift(state, times)[:, 3:]
-        if acceleration is not None:
-            velocity = velocity + acceleration * (times - self.joints.start)[:, None]
-        for force in self.white:
-            if force.name == ACCELERATION_NOISE:
-                velocity = velocity + force.impulse(times) @ state.forces[force.rows]
-        travel = trajectory.travel
-        return velocity if travel is None else velocity + travel[rows, 3:]
-
-    def com_position(self, trajectory: Trajectory, rows: slice) -> NDArray[np.float64]:
-        """Return the system's centre of mass in W at some instants, (M, 3) [m]."""
-        state, times = trajectory.state, self.times[rows]
-        elapsed = (times - self.joints.start)[:, None]
-        position = state.p_Wcm + state.v_Wcm * elapsed
-        if self.orbit is not None:
-            position = self._drift(state, times)[:, :3]
+    def com_motion(self, trajectory: Trajectory, rows: slice) -> NDArray[np.float64]:
+        """Return position [m] and velocity [m/s] (M, 6) of the centre of mass in W, at instants."""
+        state, times, start = trajectory.state, self.times[rows], self.joints.start
+        first = np.concatenate([state.p_Wcm, state.v_Wcm])
+        found = np.asarray(transition(start, times, self.orbit) @ first)
         acceleration = self.constants.value(state.constants, "acceleration")
         if acceleration is not None:
-            position = position + acceleration * elapsed**2 / 2
+            elapsed = (times - start)[:, None]
+            found = found + np.hstack([elapsed**2 / 2 * acceleration, elapsed * acceleration])
         for force in self.white:
             if force.name == ACCELERATION_NOISE:
-                position = position + force.travel(times) @ state.forces[force.rows]
-        travel = trajectory.travel
-        return position if travel is None else position + travel[rows, :3]
-
-    def _drift(self, state: TrajectoryState, times: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return position and velocity (M, 6) of the centre of mass in an orbit, in W."""
-        assert self.orbit is not None
-        start = np.concatenate([state.p_Wcm, state.v_Wcm])
-        return self.orbit.transition(self.joints.start, times) @ start
+                both = np.concatenate([force.travel(times), force.impulse(times)], axis=1)
+                found = found + both @ state.forces[force.rows]
+        return found if trajectory.travel is None else found + trajectory.travel[rows]
 
     def end(self, trajectory: Trajectory) -> TrajectoryState:
         """Return the state at the end of a trajectory, with the gyros' biases of all nodes."""
         state, L, last = trajectory.state, trajectory.L, len(self.nodes) - 1
-        end = slice(last, last + 1)
+        p, v = np.split(self.com_motion(trajectory, slice(last, last + 1))[0], 2)
         return replace(
             state,
             attitude=Rotation.from_matrix(trajectory.R[last]),
-            p_Wcm=self.com_position(trajectory, end)[0],
-            v_Wcm=self.com_velocity(trajectory, end).reshape(3),
+            p_Wcm=p,
+            v_Wcm=v,
             L=L if L.ndim == 1 else L[last],
         )
 

@@ -272,7 +272,7 @@ class TranslationModel(SensorModel):
 
     def _velocity(self, trajectory: Trajectory) -> NDArray[np.float64]:
         """Return the velocity (M, 3) of the measured point, in W."""
-        return self._motion.com_velocity(trajectory, self._at) - self._relative(trajectory)
+        return self._motion.com_motion(trajectory, self._at)[:, 3:] - self._relative(trajectory)
 
     def _relative(self, trajectory: Trajectory) -> NDArray[np.float64]:
         """Return ω × ρ + ρ' (M, 3): velocity of the centre of mass relative to the point, in W."""
@@ -289,7 +289,7 @@ class PositionModel(TranslationModel):
     """A sensor of the position in W."""
 
     def _predicted(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        return self._motion.com_position(trajectory, self._at) - self._arm(trajectory)
+        return self._motion.com_motion(trajectory, self._at)[:, :3] - self._arm(trajectory)
 
     def _arm(self, trajectory: Trajectory) -> NDArray[np.float64]:
         """Return the vectors (M, 3) from the measured point to the centre of mass, in W."""
@@ -347,7 +347,7 @@ class VelocityModel(TranslationModel):
         state, motion, N = trajectory.state, self._motion, len(self._motion.nodes)
         arm = self._to_com(trajectory, motion.grid.com(state.psi))
         relative = cross(trajectory.w[:N], arm) + motion.grid.com_rate(state.psi)
-        velocity = motion.com_velocity(trajectory, slice(0, N))
+        velocity = motion.com_motion(trajectory, slice(0, N))[:, 3:]
         return velocity - rotate(trajectory.R[:N], relative)
 
 
