@@ -47,8 +47,8 @@ class MotionChange:
         a_Wcm: (3, n) change of its acceleration, in W.
         inverse_mass: (n,) change of the inverse 1/m of the system's mass [1/kg].
         thrust: (P, n) change of the errors of the thrust, in the order of `Constants.of_thrust`.
-        position, velocity: (U, 3, n) change of place and velocity of the centre of mass by thrust
-            and white forces, in W; None without them.
+        position, velocity: (U, 3, n) change of place and velocity of the centre of mass, in W: by
+            white forces, and once `BlockModel` has added it, by all that is above.
 
     """
 
@@ -62,21 +62,20 @@ class MotionChange:
     a_Wcm: NDArray[np.float64]
     inverse_mass: NDArray[np.float64]
     thrust: NDArray[np.float64]
-    position: NDArray[np.float64] | None = None
-    velocity: NDArray[np.float64] | None = None
+    position: NDArray[np.float64]
+    velocity: NDArray[np.float64]
 
     @classmethod
     def zeros(cls, instants: int, n: int, of_thrust: int = 0) -> "MotionChange":
         """Return no change by n quantities, with so many errors of the thrust."""
-        w, com, com_rate = np.zeros((3, instants, 3, n))
+        w, com, com_rate, position, velocity = np.zeros((5, instants, 3, n))
         attitude, L, p, v, a = np.zeros((5, 3, n))
         thrust = np.zeros((of_thrust, n))
-        return cls(w, com, com_rate, attitude, L, p, v, a, np.zeros(n), thrust)
+        return cls(w, com, com_rate, attitude, L, p, v, a, np.zeros(n), thrust, position, velocity)
 
     def columns(self, part: slice) -> "MotionChange":
         """Return views of some columns."""
-        given = {name: value for name, value in vars(self).items() if value is not None}
-        return MotionChange(**{name: value[..., part] for name, value in given.items()})
+        return MotionChange(**{name: value[..., part] for name, value in vars(self).items()})
 
 
 def _unchanged(trajectory: Trajectory, change: MotionChange) -> None:

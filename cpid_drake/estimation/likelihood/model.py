@@ -178,13 +178,7 @@ class BlockModel:
         return readings, end
 
     def _no_change(self, n: int) -> MotionChange:
-        motion = self.motion
-        instants, of_thrust = len(motion.times), len(motion.constants.of_thrust)
-        change = MotionChange.zeros(instants, n, of_thrust)
-        if not motion.white:
-            return change
-        position, velocity = np.zeros((2, instants, 3, n))
-        return replace(change, position=position, velocity=velocity)
+        return MotionChange.zeros(len(self.motion.times), n, len(self.motion.constants.of_thrust))
 
     def _response(
         self, trajectory: Trajectory, change: MotionChange
@@ -204,21 +198,19 @@ class BlockModel:
         xi = ends[:, :3]
         if ends.shape[1] > 3:
             L = L + ends[-1, 3:]
+        start = motion.joints.start
+        elapsed = (motion.times - start)[:, None, None]
+        drift = transition(start, motion.times, motion.orbit).reshape(-1, 6)
+        both = (drift @ np.concatenate([change.p_Wcm, change.v_Wcm])).reshape(
+            -1, 6, change.w.shape[2]
+        )
         if thrust is not None:
-            travel = thrust.travel_change(R[:N], psi, xi, change.inverse_mass, change.thrust)
-            parts = travel[:, :3], travel[:, 3:]
-            if change.position is not None and change.velocity is not None:
-                parts = parts[0] + change.position, parts[1] + change.velocity
-            change = replace(change, position=parts[0], velocity=parts[1])
+            both += thrust.travel_change(R[:N], psi, xi, change.inverse_mass, change.thrust)
+        position = change.position + both[:, :3] + change.a_Wcm * elapsed**2 / 2
+        velocity = change.velocity + both[:, 3:] + change.a_Wcm * elapsed
+        change = replace(change, position=position, velocity=velocity)
         rows = {n: s.jacobian(trajectory, change, xi) for n, s in self.sensors.items()}
-        start, end = motion.joints.start, motion.joints.end
-        drift = transition(start, np.array([end]), motion.orbit)[0]
-        p, v = np.split(drift @ np.concatenate([change.p_Wcm, change.v_Wcm]), 2)
-        p = p + change.a_Wcm * (end - start) ** 2 / 2
-        v = v + change.a_Wcm * (end - start)
-        if change.position is not None and change.velocity is not None:
-            p, v = p + change.position[N - 1], v + change.velocity[N - 1]
-        return rows, np.concatenate([xi[-1], p, L, v])
+        return rows, np.concatenate([xi[-1], position[N - 1], L, velocity[N - 1]])
 
     def scale_of(self, name: str) -> NDArray[np.float64]:
         """Return σ (d,) of the components of a sensor's samples [SI units]."""

@@ -300,12 +300,8 @@ class PositionModel(TranslationModel):
         self, trajectory: Trajectory, change: MotionChange, xi: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         R = trajectory.R[self._at]
-        elapsed = (self._times - self._motion.joints.start)[:, None, None]
-        moved = change.p_Wcm + change.v_Wcm * elapsed + change.a_Wcm * elapsed**2 / 2
-        if change.position is not None:
-            moved = moved + change.position[self._at]
         turned = skew(self._arm(trajectory)) @ self._at_samples(xi)
-        return np.asarray(turned - R @ change.com[self._at] + moved)
+        return np.asarray(turned - R @ change.com[self._at] + change.position[self._at])
 
     def _kinds(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:
         return {"lever_arm": trajectory.R[self._at]}
@@ -328,11 +324,8 @@ class VelocityModel(TranslationModel):
         turned = skew(w) @ change.com[self._at]
         turned -= skew(arm) @ self._at_samples(change.w[: len(xi)])
         relative = skew(self._relative(trajectory)) @ self._at_samples(xi)
-        elapsed = (self._times - self._motion.joints.start)[:, None, None]
-        moved = change.v_Wcm + change.a_Wcm * elapsed
-        if change.velocity is not None:
-            moved = moved + change.velocity[self._at]
-        return np.asarray(moved + relative - R @ (turned + change.com_rate[self._at]))
+        by_com = R @ (turned + change.com_rate[self._at])
+        return np.asarray(change.velocity[self._at] + relative - by_com)
 
     def _kinds(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:
         return {"lever_arm": trajectory.R[self._at] @ skew(trajectory.w[self._at])}

@@ -23,8 +23,6 @@ class White(Effect):
                 change.w[:] = trajectory.inverse @ (Rt @ impulse)
                 change.L[:] = impulse[len(motion.nodes) - 1]
                 return
-            assert change.position is not None
-            assert change.velocity is not None
             change.position[:] = force.travel(motion.times)
             change.velocity[:] = force.impulse(motion.times)
 
