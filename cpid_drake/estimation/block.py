@@ -17,7 +17,7 @@ SHORTEST_BLOCK = 1.0
 SAMPLES_PER_BLOCK = 20
 """Smallest number of encoder samples in a block: they show how smooth the joints move."""
 
-PARTS = 4
+PARTS = 3
 """A block beside a change is cut into so many parts, so that a change inside has an end near it."""
 
 LONGEST_DELAY = 1.0
