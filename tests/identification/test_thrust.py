@@ -154,7 +154,6 @@ def test_a_log_with_thrust_is_predicted(flight):
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(strict=True, reason="an acceleration of 2e-5 m/s² is said to act, of 2 σ")
 def test_thrusters_on_a_table(tmp_path):
     """Force in the plane and torque about its normal push; the table holds the rest."""
     craft = planar_craft(tmp_path)

@@ -91,15 +91,8 @@ def test_the_four_of_mujocos_planar_joint_are_identified(log, tmp_path, monkeypa
     assert (TARGET.to_vector() <= high + 1e-6).all()
 
 
-BENEATH = (
-    "the table's reactions are taken for noise of the rows: cz is -0.05 ± 0.03 m, 6 σ from "
-    "its 0.12 m, and no check fails, as both halves of the log are wrong alike"
-)
-
-
-@pytest.mark.slow
-@pytest.mark.xfail(strict=True, reason=BENEATH)
 def test_a_free_base_does_not_explain_the_log(log, monkeypatch, capsys):
+    """Both halves of the log are wrong alike, and what is open must not explain the errors."""
     path, model = log
     craft = ["--spacecraft", model, "--base", "base", "--capture-frame", "grip"]
     code, text = run(monkeypatch, capsys, path, *craft, "--no-planar", "--rows", "standard")
