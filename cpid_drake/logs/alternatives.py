@@ -17,18 +17,12 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.dynamics.tree import KinematicTree
-from cpid_drake.logs.column_map import QUATERNION_ORDERS, ColumnMap, scale_of
+from cpid_drake.logs.column_map import QUATERNION_ORDERS, UNITS, ColumnMap, scale_of
 from cpid_drake.logs.score import Instants, centre_of_mass, momentum_of
 
 FAR = 0.05
 """Distance of a point from B's origin, in reaches of the arm, that model errors do not explain."""
 
-_WORDS = {
-    **{"mm": "millimetres", "cm": "centimetres", "km": "kilometres", "m": "metres"},
-    **{"in": "inches", "ft": "feet", "deg": "degrees", "rad": "radians", "mrad": "milliradians"},
-    **{"rpm": "revolutions per minute", "s": "seconds", "ms": "milliseconds"},
-    **{"us": "microseconds", "ns": "nanoseconds"},
-}
 _LENGTHS, _SPEEDS = ("m", "mm", "cm", "in", "ft"), ("m/s", "mm/s", "cm/s", "in/s", "ft/s")
 _ANGLES, _TURNS = ("rad", "deg"), ("rad/s", "deg/s", "rpm")
 
@@ -121,7 +115,7 @@ def _units(
 
 
 def _word(unit: str) -> str:
-    return _WORDS[unit.removesuffix("/s")] + (" per second" if "/" in unit else "")
+    return UNITS[unit.removesuffix("/s")][1].split()[0] + (" per second" if "/" in unit else "")
 
 
 def _clocks(given: Instants, column_map: ColumnMap) -> Iterator[Reading]:
@@ -131,7 +125,7 @@ def _clocks(given: Instants, column_map: ColumnMap) -> Iterator[Reading]:
             size, log = scale_of(unit) / scale_of(now), given
             rates = ("q_rate", "p_rate", "quaternion_rate")
             log = _changed(given, **dict.fromkeys(rates, partial(np.multiply, 1 / size)))
-            text = f"positions and rates agree if the time is in {_WORDS[unit]}"
+            text = f"positions and rates agree if the time is in {_word(unit)}"
             yield text, replace(log, time=size * given.time), {"time.unit": unit}
 
 

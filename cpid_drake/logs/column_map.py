@@ -34,18 +34,24 @@ the angle about z alone: of a base on a table.
 
 QUATERNION_ORDERS = ("wxyz", "xyzw")
 
-_SCALES = {
-    **{"m": 1.0, "cm": 0.01, "mm": 1e-3, "km": 1e3, "in": 0.0254, "ft": 0.3048},
-    **{"rad": 1.0, "mrad": 1e-3, "deg": np.pi / 180, "rpm": 2 * np.pi / 60},
-    **{"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
-    **{"N": 1.0, "mN": 1e-3, "lbf": 4.4482216152605},
-    **{"N*m": 1.0, "mN*m": 1e-3, "lbf*ft": 1.3558179483314004},
+UNITS = {
+    **{"m": (1.0, "metres meters"), "mm": (1e-3, "millimetres millimeters")},
+    **{"cm": (0.01, "centimetres centimeters"), "km": (1e3, "kilometres kilometers")},
+    **{"in": (0.0254, "inches inch"), "ft": (0.3048, "feet")},
+    **{"rad": (1.0, "radians rads"), "mrad": (1e-3, "milliradians")},
+    **{"deg": (np.pi / 180, "degrees degree degs ° dps"), "rpm": (2 * np.pi / 60, "rpm")},
+    **{"s": (1.0, "seconds sec secs"), "ms": (1e-3, "milliseconds msec millis")},
+    "us": (1e-6, "microseconds µs usec micros"),
+    "ns": (1e-9, "nanoseconds nsec nsecs nanos nanosec"),
+    **{"N": (1.0, "newtons"), "mN": (1e-3, "millinewtons"), "lbf": (4.4482216152605, "pounds")},
+    **{"N*m": (1.0, ""), "mN*m": (1e-3, ""), "lbf*ft": (1.3558179483314004, "")},
 }
+"""By unit, its size in SI units and radians, and its names in words, the usual one first."""
 
 
 def scale_of(unit: str) -> float:
     """Return the size of a unit in SI units and radians."""
-    return _SCALES[unit.removesuffix("/s")]
+    return UNITS[unit.removesuffix("/s")][0]
 
 
 Vector = Annotated[NDArray[np.float64], Numbers(3)]

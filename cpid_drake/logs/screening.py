@@ -145,7 +145,8 @@ def screen(
         samples = samples if indices[name].size == len(samples) else samples.where(indices[name])
         if len(samples):
             before = [recent[name]] if name in recent else []
-            everything, known = concatenated_samples([*before, samples]), sum(map(len, before))
+            everything = concatenated_samples([*before, samples]) if before else samples
+            known = len(everything) - len(samples)
             if suite is not None and name in present:
                 keep = ~_unusable(name, everything, suite)
                 keep[:known] = True

@@ -97,13 +97,13 @@ def turning(craft, size):
 
 SPOILED_STATES = {
     "velocity is in degrees per second": ("gyro", lambda c, m: m.gyro.value * DEGREES),
-    "velocity is in revolutions": ("gyro", lambda c, m: m.gyro.value * 30 / np.pi),
+    "velocity is in rpm": ("gyro", lambda c, m: m.gyro.value * 30 / np.pi),
     "expressed in W's axes": ("gyro", lambda c, m: attitudes(m, "gyro").apply(m.gyro.value)),
     "qd:<joint> is in degrees per second": (
         "joint_rates",
         lambda c, m: m.joint_rates.value * turning(c, DEGREES),
     ),
-    "qd:<wheel> is in revolutions per minute": (
+    "qd:<wheel> is in rpm": (
         "joint_rates",
         lambda c, m: m.joint_rates.value * wheels(c, 30 / np.pi),
     ),

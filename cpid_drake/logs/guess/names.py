@@ -4,24 +4,10 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-_SYNONYMS = {
-    "m": "meters metres",
-    "mm": "millimeters",
-    "cm": "",
-    "km": "",
-    "in": "inch",
-    "ft": "",
-    "rad": "rads radians",
-    "mrad": "",
-    "deg": "degree degrees degs ° dps",
-    "rpm": "",
-    "s": "sec secs seconds",
-    "ms": "msec millis milliseconds",
-    "us": "µs usec micros microseconds",
-    "ns": "nsec nsecs nanos nanosec nanoseconds",
-}
-_UNITS = {name: unit for unit, names in _SYNONYMS.items() for name in (unit, *names.split())}
-_SUFFIXES = _UNITS.keys() - {"m", "s", "in", "ft"}  # units that end a name without brackets
+from cpid_drake.logs.column_map import UNITS
+
+_UNITS = {name: u for u, (_, names) in UNITS.items() for name in (u, *names.split())}
+_SUFFIXES = _UNITS.keys() - {"m", "s", "in", "ft", "N"}  # units that end a name without brackets
 COMMANDS = {"command", "cmd", "commanded", "desired", "ref", "reference", "setpoint"}
 """Words of what is wanted, not measured."""
 
