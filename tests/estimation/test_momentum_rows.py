@@ -30,7 +30,7 @@ def test_a_known_momentum_gives_the_target(servicer, skewed_target, drifting, ro
     np.testing.assert_allclose(found.parameters, skewed_target.to_vector(), rtol=1e-8, atol=1e-8)
     if rows != "relative":  # relative rows depend on no constant linear momentum
         ignored = identify(servicer, telemetry, rows=rows)
-        assert abs(ignored.parameters[0] - skewed_target.mass) > 1.0
+        assert not abs(ignored.parameters[0] - skewed_target.mass) < 1.0  # wrong, or no answer
 
 
 @pytest.mark.parametrize("family", ROW_FAMILIES.values(), ids=ROW_FAMILIES)
@@ -82,7 +82,7 @@ def test_no_rigid_body_is_nearer_than_the_feasible_one(
     servicer, zero_momentum_motion, paper_target, rows
 ):
     """The distance is that of the covariance of what is reported, to first order."""
-    samples = zero_momentum_motion(paper_target, 12, 5).rounded(3)
+    samples = zero_momentum_motion(paper_target, 12, 5).rounded(4)
     found = identify(servicer, samples, rows=rows)
     assert found.raw().infeasibilities()
     information = np.linalg.inv(found.covariance)
