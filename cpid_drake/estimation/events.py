@@ -8,7 +8,7 @@ near it, and all ends are judged once more.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -33,30 +33,16 @@ HELD = (0, 1, 5, 6, 7, 11)
 """Entries that a table holds: tilt, height, and their momenta."""
 
 
-@dataclass(frozen=True, eq=False)
-class Event:
-    """A change of momentum.
-
-    Attributes:
-        log: name of the log.
-        time: the end of the block at which it was found [s].
-
-    """
-
-    log: str
-    time: float
-
-
 def fit_with_events(
     model: Model,
     found: Fit,
     question: Question,
     rows: Sequence[Gaussian] = (),
     progress: Callable[[str], object] = lambda step: None,
-) -> tuple[Fit, list[Event], dict[str, Whiteness]]:
-    """Return a fit with the changes of momentum that its samples show, and these.
+) -> tuple[Fit, dict[str, Whiteness]]:
+    """Return a fit with the changes of momentum that its samples show; see `LogState.changes`.
 
-    The third result is the whiteness of each sensor's residuals where nothing changed, with the
+    The second result is the whiteness of each sensor's residuals where nothing changed, with the
     ends of all blocks open: what imitates changes, such as correlated noise, is seen there.
 
     Args:
@@ -71,13 +57,13 @@ def fit_with_events(
     """
     quiet = [replace(log, noise={}, weights=tuple({} for _ in log.blocks)) for log in found.logs]
     if not any(_changes(model, replace(found, logs=quiet), question, rows)):
-        return found, [], {}
+        return found, {}
     now, wide, tests = found, found, dict[str, Whiteness]()
     for last in (False, True):  # whole blocks, then parts of those beside changes
         logs = [log.opened(model, range(len(log.blocks) - 1)) for log in now.logs]
         wide = fit(model, logs, rows=rows, values=now.values, progress=progress)
         if wide.cost > FAR**2 * sum(each.count for each in wide.rolled):
-            return found, [], {}  # changes do not explain the samples
+            return found, {}  # changes do not explain the samples
         changes = _changes(model, wide, question, rows)
         if last or not any(changes):
             break
@@ -85,12 +71,7 @@ def fit_with_events(
         cut = [_cut(model, log, each) for log, each in zip(wide.logs, changes, strict=True)]
         now = replace(wide, logs=cut)
     logs = [log.opened(model, each) for log, each in zip(wide.logs, changes, strict=True)]
-    events = [
-        Event(log.name, float(log.blocks[k].end))
-        for log, each in zip(logs, changes, strict=True)
-        for k in each
-    ]
-    return fit(model, logs, rows=rows, values=wide.values, progress=progress), events, tests
+    return fit(model, logs, rows=rows, values=wide.values, progress=progress), tests
 
 
 def _tests(found: Fit, changes: Sequence[Sequence[int]]) -> dict[str, Whiteness]:

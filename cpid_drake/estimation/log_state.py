@@ -97,6 +97,11 @@ class LogState:
         return replace(self, links=dict.fromkeys(jumps, model.farthest), jumps=jumps)
 
     @property
+    def changes(self) -> list[float]:
+        """Times at the ends of blocks that are open [s]."""
+        return [float(self.blocks[k].end) for k in self.links]
+
+    @property
     def thrust(self) -> Samples:
         """The log of thrust of all blocks."""
         parts = [block.samples.thrust for block in self.blocks]

@@ -86,7 +86,8 @@ def estimate(
             model, found, warnings = other.model, other, (*warnings, BODIES_ACT)
     wrong = contradicted(found.gaussian, found.values, question, model)
     asked = _without(question, wrong)
-    found, events, beside = fit_with_events(model, found, asked, rows, progress)
+    found, beside = fit_with_events(model, found, asked, rows, progress)
+    changes = sorted(time for log in found.logs for time in log.changes)
     wrong = contradicted(found.gaussian, found.values, question, model)  # beside the changes
     question = _without(question, wrong)
     progress("comparing")
@@ -99,7 +100,7 @@ def estimate(
         for log in found.logs
         for name, factor in log.noise.items()
     }
-    warnings = (*warnings, *noise_warnings(noise), *change_warnings([e.time for e in events]))
+    warnings = (*warnings, *noise_warnings(noise), *change_warnings(changes))
     for name in logs:
         key = model.unknown(MOMENTUM).key(name)
         likely = 1.0 if key in wrong else compared.probability.get(key, 0.0)
@@ -118,7 +119,7 @@ def estimate(
         used[source or next(iter(logs))] += count - far
     tests = {name: whiteness(each.value) for name, each in series.items()}
     unexplained = max(far / max(count, 1) for far, count in counts.values())
-    fails = fit_checks(found.converged, unexplained, noise, tests, len(events), len(logs), beside)
+    fails = fit_checks(found.converged, unexplained, noise, tests, len(changes), len(logs), beside)
     result = Identification.of_solution(
         relative_parameterization(model.mass),
         solution_of(model, found.values, gaussian, cost=found.cost, count=used.total()),
@@ -127,7 +128,7 @@ def estimate(
         estimator=NAME,
         residuals=series if len(logs) == 1 else {},
         rejected={name: count for name, count in rejected.items() if count},
-        momentum_changes=tuple(sorted(event.time for event in events)),
+        momentum_changes=tuple(changes),
         warnings=(*warnings, *said),
         checks=(*checks, *failed, *size_checks(model, effects), *fails),
         momentum="unknown" if is_free else (known.momentum or TotalMomentum.zero()).name,

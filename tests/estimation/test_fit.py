@@ -195,10 +195,11 @@ def test_a_firing_inside_of_a_block_is_found(tmp_path, skewed_target):
     time, case = 1.37, make_case(tmp_path, skewed_target, SUITE, None, 2.0)
     firing = Firing(time, np.array([3.0, -2.0, 4.0, 1.0, 0.5, -1.0]))
     closed = fitted(case, samples=fired(case, firing))
-    found, events, _ = fit_with_events(closed.model, closed, AT_REST)
+    found, _ = fit_with_events(closed.model, closed, AT_REST)
     assert found.converged
-    assert 1 <= len(events) <= 2
-    assert min(abs(event.time - time) for event in events) < 0.3
+    [log] = found.logs
+    assert 1 <= len(log.changes) <= 2
+    assert min(abs(each - time) for each in log.changes) < 0.3
     assert nees(case, *target(found.gaussian, found.values)) < 30
     assert nees(case, *target(closed.gaussian, closed.values)) > 2 * 30 or not closed.converged
 
@@ -207,9 +208,9 @@ def test_a_firing_inside_of_a_block_is_found(tmp_path, skewed_target):
 def test_nothing_happened_in_a_clean_log(case):
     for seed in range(2):
         closed = fitted(case, seed)
-        found, events, _ = fit_with_events(closed.model, closed, AT_REST)
+        found, _ = fit_with_events(closed.model, closed, AT_REST)
         assert found is closed
-        assert events == []
+        assert found.logs[0].changes == []
 
 
 @pytest.mark.slow
