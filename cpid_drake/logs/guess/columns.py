@@ -77,7 +77,8 @@ def _find_time(draft: MapDraft, frame_rate: float | None) -> None:
         there = column[np.isfinite(column)]
         increases = there.size > 1 and np.mean(np.diff(there) >= 0) > 0.98 and there[-1] > there[0]
         if (named or is_first) and increases and not words & _NANOSECONDS:
-            candidates.append((bool(words & _OTHER_TIMES), [*named, len(_TIMES)][0], name))
+            rank = [*named, len(_TIMES)][0]
+            candidates.append((not named or bool(words & _OTHER_TIMES), rank, name))
         is_first = False
     if not candidates:
         raise InputError(

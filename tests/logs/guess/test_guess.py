@@ -137,6 +137,11 @@ def test_the_first_column_is_the_time_if_it_increases_and_numbers_are_no_names(c
     columns = in_other_conventions(log, 0)
     given = guess_map(Table({"thing": columns.pop("stamp"), **columns}), craft, "base")
     assert given.column_map.time.column == "thing"
+    counted = {"id": np.arange(len(columns["quat[0]"])) + 1.0, **columns}
+    named = Table({**counted, "recv_time": counted["id"] / 10})
+    received = guess_map(named, craft, "base")
+    assert received.column_map.time.column == "recv_time"
+    assert "time.unit" in guess_map(Table(counted), craft, "base").missing[0]  # a count is open
     numbered = dict(zip(map(str, range(1, 99)), columns.values()))
     with pytest.raises(InputError, match=r"does not name its columns: write a map"):
         guess_map(Table(numbered), craft, "base")
