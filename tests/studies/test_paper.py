@@ -93,7 +93,8 @@ def test_the_tables_are_better_than_the_papers(summary):
     assert summary["table1"]["rounded6"]["max_relative_error"] < 5.2e-2
     errors = {row["decimals"]: row["max_relative_error"] for row in summary["table2"]}
     assert list(errors) == list(range(1, 13))
-    slope = np.polyfit(range(3, 13), [np.log10(errors[d]) for d in range(3, 13)], 1)[0]
+    known = range(4, 13)  # three decimals leave combinations open
+    slope = np.polyfit(known, [np.log10(errors[d]) for d in known], 1)[0]
     assert -1.2 < slope < -0.8
     masses = {row["decimals"]: row["mass"] for row in summary["table2"]}
     assert abs(masses[9] - 100) < min(1e-3, abs(masses[6] - 100) / 100)
