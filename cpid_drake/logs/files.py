@@ -164,7 +164,7 @@ def _format_of(path: str | Path) -> tuple[Path, Format | None]:
         if file.suffix.lower() in kind.endings:
             return file, kind
     raise InputError(
-        f"{path}: telemetry is read from {', '.join(telemetry_endings())} files and bag folders, "
+        f"{path}: logs are read from {', '.join(telemetry_endings())} files and bag folders, "
         f"not from '{file.suffix or file.name}'"
     )
 
@@ -186,7 +186,7 @@ def write_telemetry(path: str | Path, motion: Motion | Log) -> None:
                 kind.write(draft, columns, values)
             return
     endings = ", ".join(telemetry_endings(written=True))
-    raise InputError(f"{path}: telemetry is written as {endings}")
+    raise InputError(f"{path}: logs are written as {endings}")
 
 
 def table_of(motion: Motion | Log) -> tuple[list[str], NDArray[np.float64]]:

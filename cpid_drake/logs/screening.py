@@ -173,10 +173,10 @@ def _arrays(name: str, given: Samples, width: int) -> Samples:
     try:
         time, value = np.asarray(given.time, float), np.asarray(given.value, float)
     except (TypeError, ValueError) as error:
-        raise InputError(f"measurements: '{name}' is not made of numbers: {error}") from error
+        raise InputError(f"log: '{name}' is not made of numbers: {error}") from error
     if time.ndim != 1 or (time.size and value.shape != (time.size, width)):
         raise InputError(
-            f"measurements: '{name}' needs times (N,) and values (N, {width}), "
+            f"log: '{name}' needs times (N,) and values (N, {width}), "
             f"not {time.shape} and {value.shape}"
         )
     return Samples(time, value.reshape(time.size, width))
@@ -228,7 +228,7 @@ def _held(name: str, given: Samples, width: int) -> Samples:
     usable = np.isfinite(log.time) & np.isfinite(log.value).all(axis=1)
     if not usable.all():
         raise InputError(
-            f"measurements: '{name}' at {log.time[(~usable).argmax()]:.6g} s is not finite: give "
+            f"log: '{name}' at {log.time[(~usable).argmax()]:.6g} s is not finite: give "
             "the value that holds from then on"
         )
     again = (np.diff(log.time) == 0) & (log.value[1:] == log.value[:-1]).all(axis=1)
@@ -236,7 +236,7 @@ def _held(name: str, given: Samples, width: int) -> Samples:
     if not (np.diff(log.time) > 0).all():
         k = int((np.diff(log.time) <= 0).argmax())
         raise InputError(
-            f"measurements: '{name}' at {log.time[k + 1]:.6g} s comes after that at "
+            f"log: '{name}' at {log.time[k + 1]:.6g} s comes after that at "
             f"{log.time[k]:.6g} s: give one sample at a time, in the order of time"
         )
     return log

@@ -1,6 +1,6 @@
 """The table of sensors: the quantity, the description of errors and the names of each one.
 
-Suites, measurements, simulated noise, telemetry files, estimators and reports all read `SENSORS`.
+Suites, logs, simulated noise, log files, estimators and reports all read `SENSORS`.
 """
 
 from abc import ABC, abstractmethod
@@ -234,8 +234,8 @@ class Quantity:
     errors: type[SensorErrors]
 
 
-def _angular_velocity_in_B(telemetry: Motion) -> NDArray[np.float64]:
-    return rotate(np.swapaxes(telemetry.R_WB, -1, -2), telemetry.w_WB)
+def _angular_velocity_in_B(motion: Motion) -> NDArray[np.float64]:
+    return rotate(np.swapaxes(motion.R_WB, -1, -2), motion.w_WB)
 
 
 ATTITUDE = Quantity("attitude", "rad", 4, lambda motion: motion.quaternion_WB, AttitudeSensor)
@@ -269,7 +269,7 @@ class Sensor:
         quantity: what it measures; the estimators treat all sensors of one quantity in the same
             way.
         errors: dataclass with the errors' parameters: the keys of the sensor in YAML files.
-        columns: names of its columns in telemetry tables; for joints the prefix of all columns.
+        columns: names of its columns in logs; for joints the prefix of all columns.
         stream: number of the random stream of its white noise, unique among all sensors, so that a
             new sensor does not change the samples of the others.
         slow_stream: another such number, for the bias of a gyro or the zero of an encoder; None for
