@@ -1,6 +1,7 @@
 """Adaptive control of the simulated spacecraft: parameters and tracking errors over time."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,16 +26,24 @@ SIMULATOR = SimulatorConfig(
 
 
 @dataclass(frozen=True, eq=False)
-class ThereAndBack:
-    """A joint motion that is made forth and back again and again."""
+class Repeated:
+    """A joint motion, again and again; forth and back if it does not end at its start."""
 
     motion: JointMotion
     duration: float
+
+    @cached_property
+    def _returns(self) -> bool:
+        """Whether the motion ends at its start."""
+        start, end = self.motion.evaluate(np.array([0.0, self.motion.duration]))[:, 0]
+        return bool(np.allclose(start, end, atol=1e-9))
 
     def evaluate(self, time: ArrayLike) -> Array:
         """Return positions, rates and accelerations (..., 3, J) at times (...)."""
         period = self.motion.duration
         phase = np.mod(np.asarray(time, dtype=float), 2 * period)
+        if self._returns:
+            return self.motion.evaluate(np.mod(phase, period))
         back = phase > period
         values = self.motion.evaluate(np.where(back, 2 * period - phase, phase))
         values[..., 1, :] *= np.where(back, -1.0, 1.0)[..., None]
@@ -64,7 +73,7 @@ def simulate_adaptation(
     is_composite: bool,
 ) -> Adaptation:
     """Simulate Drake's plant with a `PassivityController`, which starts with no target at all."""
-    motion = ThereAndBack(motion, duration)
+    motion = Repeated(motion, duration)
     builder = DiagramBuilder()
     plant = builder.AddSystem(MultibodyPlant(time_step=0.0))
     spacecraft.add_to(plant, target)

@@ -140,7 +140,7 @@ CLAIMS = (
     ),
     Claim(
         "A wrist sensor is less accurate if the momentum techniques have ordinary sensors.",
-        "RMS error with a wrist sensor of 0.1 % (estimated), and by momentum, with `servicer`",
+        "RMS error with a wrist sensor of 0.1 % (estimated), and by momentum, with “servicer”",
         "not given",
         _errors("wrist 0.1 % estimated", "servicer"),
         _is_worse,

@@ -1,5 +1,6 @@
 """All techniques on the same motion, noise and targets, and the paper's claims about them."""
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -231,6 +232,8 @@ def assembled(
 
 def _worker(plan: Plan) -> Callable[[Task], Any]:
     """Return the function that does one task; a cell's truth is computed once in a process."""
+    # Drake warns that it does not enforce joint limits, which prescribed motions do not need.
+    logging.getLogger("drake").setLevel(logging.ERROR)
 
     @cache
     def prepared(k: int) -> tuple[Spacecraft, Truth]:

@@ -66,7 +66,8 @@ def extra(name: str, cases: Mapping[str, Case], steps: int) -> Extra:
 
     Args:
         name: one of `names_of`.
-        cases: by motion; those without a motion in their name use the first one's spacecraft.
+        cases: by motion. Planar relations use the spacecraft of the first, and reactionless motions
+            the posture at the start of the last.
         steps: batches of the network's training.
 
     """
@@ -76,7 +77,8 @@ def extra(name: str, cases: Mapping[str, Case], steps: int) -> Extra:
     if kind == "planar":
         return Extra(name, dict(_planar(spacecraft, {"paper": target, "generic": GENERIC})))
     if kind == "reactionless":
-        return Extra(name, _reactionless(spacecraft, target, first, what))
+        *_, last = cases.values()
+        return Extra(name, _reactionless(spacecraft, target, last, what))
     case = cases[what]
     if kind == "network":
         return Extra(name, _network(spacecraft, case, steps))

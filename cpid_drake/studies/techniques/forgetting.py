@@ -36,8 +36,10 @@ WINDOW, DEGREE = 21, 4
 """Samples and degree of the polynomials that give rates at the window's centre, a tenth of a second
 late at 100 Hz. Encoders and gyro get the same filter, so that all belong to one instant."""
 
-VAGUE = 1e6
-"""σ of the start value in units of each parameter's scale: it determines nothing."""
+VAGUE = 3e4
+"""σ of the start value in units of each parameter's scale, for rows with errors of unit size: that
+of a target's size, for rows with errors of 3e-5 N·m·s. Less would count; more would let the noise
+of the first samples lead astray."""
 
 CUT_OFF = 1e-6
 """Singular values of H below this share of the largest count as zero."""
@@ -138,7 +140,8 @@ def reactionless_motion(
     """Simulate an adaptive reactionless motion at velocity level, and identify from it.
 
     The wanted rates z are two sines for each of the joints, with half of the rate limits; rates
-    rise in the first second and are clipped at the limits. Position limits are not looked at.
+    rise in the first second, and all are smaller if one exceeds its limit. Position limits are
+    not looked at.
 
     Args:
         spacecraft: the known spacecraft.
@@ -173,7 +176,7 @@ def reactionless_motion(
             at_units = BodyDynamics.at(tree, np.tile(q, (len(joints), 1)), units)
             H = at_units.momentum_at_rest(recursion.psi).T
             z = z - np.linalg.pinv(H, rcond=CUT_OFF) @ (H @ z)
-        z = np.clip(z, -limit, limit)
+        z = z / max(np.max(np.abs(z) / limit), 1.0)  # all alike: they remain in the null space
         qdot = z @ units
         measured = qdot + noise[1] * rng.standard_normal(J) * (units.sum(axis=0) > 0)
         both = BodyDynamics.at(tree, np.tile(q, (2, 1)), np.stack([qdot, measured]))
