@@ -6,14 +6,18 @@ from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
+from hardware_draws import KINDS
 from logs import Repeated, World, log_of, save
 from rows import CAUGHT, EXACT, Trial, cli, cli_trial, identified, monte_carlo, row_of, trial_of
 from scipy.spatial.transform import Rotation, Slerp
 
 from cpid_drake import (
+    InertialParameters,
     SensorSuite,
+    Spacecraft,
     TotalMomentum,
     identify,
     load_scenario,
@@ -350,6 +354,30 @@ def spoiled(folder: Path) -> Rows:
     return rows
 
 
+# -- hardware -------------------------------------------------------------------------------------
+
+
+def hardware(kind: str, *seeds: int) -> Callable[[Path], dict]:
+    """Return a case of draws of simulated hardware (hardware_draws.py), by `cpid identify`."""
+
+    def case(folder: Path) -> dict:
+        trials = []
+        for seed in seeds:
+            draw = KINDS[kind](seed, folder / str(seed))
+            names = {"model": draw.urdf, "base": "base", "capture_frame": "capture_point"}
+            world = SimpleNamespace(
+                target=InertialParameters.from_vector(draw.truth),
+                craft=Spacecraft(draw.urdf, base="base", capture_frame="capture_point"),
+                scenario=SimpleNamespace(spacecraft=SimpleNamespace(**names)),
+            )
+            words = "--sensors", draw.sensors, "--momentum", "unknown"
+            trials.append(cli_trial(world, folder, draw.logs[0], *words))
+        what = KINDS[kind].__doc__.splitlines()[0].rstrip(".")
+        return row_of(f"{what}: draws {', '.join(map(str, seeds))}", trials)
+
+    return case
+
+
 # -- size -----------------------------------------------------------------------------------------
 
 
@@ -426,6 +454,9 @@ CASES: dict[str, Callable[[Path], dict]] = {
     "air_bearing": run("air_bearing", "air_bearing", "air_bearing", 4),
     "orbit": run("orbit", "orbit", "orbit", 1, online=0),
     "gaps_5_Hz": gaps,
+    "hardware_valves": hardware("valves", 1, 2),
+    "hardware_floor": hardware("floor", 0, 1),
+    "hardware_pushed": hardware("pushed", 1),
     "two_logs": two_logs,
     "plan": plan,
     "paper_tables": paper,
