@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from hardware import Body, Craft, Joint, Valve, run, sines
-from hardware_draws import KINDS, identified, valves
+from hardware_draws import KINDS, floor, identified, valves
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RotationalInertia, SpatialInertia
@@ -130,3 +130,21 @@ def test_a_platform_that_only_valves_move_is_identified(tmp_path, seed):
     assert not found["changes"]
     assert found["known"] >= 3
     assert found["worst"] < 3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("logs", [1, 3])
+def test_an_arm_on_a_noisy_floor_is_seen_well_enough_at_5_Hz(tmp_path, logs):
+    """With gaps, noise of three times the declared one, and zeros of the joints that are off."""
+    found = identified(floor(6, tmp_path, logs=logs), "--momentum", "unknown")
+    assert found["code"] == 0
+    assert found["known"] == 4
+    assert found["worst"] < 3
+
+
+@pytest.mark.slow
+def test_who_moves_the_base_by_hand_fails_a_check(tmp_path):
+    """By 0.3 m within a second: the floor would have to be 40 times as noisy as declared."""
+    found = identified(floor(5, tmp_path, step=0.3), "--momentum", "unknown")
+    assert found["code"] == 4
+    assert "acceleration noise" in found["text"].split("failed check", 1)[1].split("\n")[0]
