@@ -60,6 +60,22 @@ FITTED = 2 / 3
 """Share of a log that proposes errors; the rest judges them."""
 
 
+def undeclared_forces(model: Model) -> tuple[str, ...]:
+    """Return the warning about errors of thrust and floor that a suite takes for zero."""
+    suite, silent = model.suite, []
+    forces = suite.disturbances or Disturbances()
+    if suite.thrusters is not None and not model.constants.of_thrust:
+        silent.append("force_sigma, delay_ms and loss of the thrusters")
+    on_floor = suite.thrusters is not None or model.tree.normal_B is not None
+    if on_floor and not (forces.acceleration_noise or forces.torque_noise):
+        silent.append("acceleration_noise and torque_noise of the disturbances")
+    if not silent:
+        return ()
+    return (
+        f"the sensors' file has no {', and no '.join(silent)}: what they cause looks like noise",
+    )
+
+
 def contradicted(
     gaussian: Gaussian, values: Values, question: Question, model: Model
 ) -> tuple[str, ...]:

@@ -38,6 +38,7 @@ from cpid_drake.identification.comparison import (
     contradicted,
     size_checks,
     undeclared_errors,
+    undeclared_forces,
     with_bodies,
     with_plausible,
 )
@@ -119,7 +120,11 @@ def estimate(
         used[source or next(iter(logs))] += count - far
     tests = {name: whiteness(each.value) for name, each in series.items()}
     unexplained = max(far / max(count, 1) for far, count in counts.values())
-    fails = fit_checks(found.converged, unexplained, noise, tests, len(changes), len(logs), beside)
+    fails = tuple(
+        fit_checks(found.converged, unexplained, noise, tests, len(changes), len(logs), beside)
+    )
+    if not all(check.passed for check in fails):
+        said = (*said, *undeclared_forces(model))
     result = Identification.of_solution(
         relative_parameterization(model.mass),
         solution_of(model, found.values, gaussian, cost=found.cost, count=used.total()),
