@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
+from cpid_drake.errors import InputError
 from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.likelihood.joint_motion import DEGREE, ORDER, JointPart, spline_basis
 from cpid_drake.logs.log import Samples
@@ -76,9 +77,19 @@ def smooth_joints(
         blocks: successive blocks of one log.
         suite: the sensors' errors.
 
+    Raises:
+        InputError: the samples are too few.
+
     """
-    samples = [_JointSamples(block, suite) for block in blocks]
-    usual = float(np.median([block.length for block in blocks]))
+    try:
+        return _smoothed([_JointSamples(block, suite) for block in blocks])
+    except np.linalg.LinAlgError as error:
+        raise InputError("encoders: too few samples to show how the joints move") from error
+
+
+def _smoothed(samples: Sequence["_JointSamples"]) -> tuple[Smoothness, list[JointPart]]:
+    """Return the smoothness of joints and their motion, from the samples of successive blocks."""
+    usual = float(np.median([each.end - each.start for each in samples]))
     weights = [np.ones(each.values.shape) for each in samples]
     for _ in range(_REWEIGHTINGS):
         splines = _Splines(samples, FINER * _best_rate(samples, usual, weights), weights)
@@ -213,12 +224,9 @@ class _Splines:
         first = self.solved(np.zeros(J))
         self._left, self._c = self._residuals(first), first
         self._expand()
-        middle = len(samples) // 2  # position, rate and acceleration there: parabolas have no jerk
-        free, at = samples[middle], np.array([samples[middle].start])
-        rows = [np.zeros((ORDER, P.shape[1])) for P in self._P]
-        rows[middle] = np.vstack([free.basis(pieces[middle], at, d) for d in range(ORDER)])
-        both = self._banded([np.vstack(each) for each in zip(self._P, rows, strict=True)])
-        volume = _log_det(cholesky_banded(both, check_finite=False))
+        # Without the state at its end, the jerk determines each block by itself.
+        own = [np.diag(np.linalg.qr(P[:, :-ORDER], mode="r")) for P in self._P]
+        volume = 2 * np.sum(np.log(np.abs(np.concatenate(own))))
         self._constant = -volume - 2 * np.sum(np.log(np.concatenate(weights)), axis=0)
         self._freedom = DECLARED + sum(map(len, weights)) - ORDER
 

@@ -5,6 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from cpid_drake.errors import InputError
 from cpid_drake.estimation.block import Block, after
 from cpid_drake.estimation.joints import smooth_joints
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
@@ -182,3 +183,17 @@ def test_a_slow_motion_is_seen_although_no_block_shows_its_jerk():
     rate = evaluated(parts, t, 1)[:, 0] - 0.3 * speed * np.cos(speed * t)
     assert np.sqrt(np.mean(rate**2)) < 0.1 * 0.3 * speed
     assert smoothness.noise[0] == pytest.approx(3.0, rel=0.15)
+
+
+def test_a_long_log_is_smoothed_as_a_short_one_is():
+    """Over 20 minutes a parabola of the whole log is nearly singular."""
+    suite = SensorSuite(encoders=JointSensor(5.0, SIGMA))
+    samples = log(duration=1200.0, rate=5.0, rates=False)
+    smoothness, _ = smooth_joints(blocks_of(samples, 2.0), suite)
+    np.testing.assert_allclose(smoothness.noise, 1.0, rtol=0.1)
+
+
+def test_samples_that_determine_no_motion_are_refused():
+    two = log(duration=0.02, rates=False)
+    with pytest.raises(InputError, match="too few samples"):
+        smooth_joints([Block(-1e-7, 1.0, two)], SUITE)
