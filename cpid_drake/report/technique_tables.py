@@ -166,7 +166,9 @@ def number(value: float) -> str:
     """Return a number with two digits; a dash if there is none."""
     if not np.isfinite(value):
         return "–"
-    return f"{value:.2g}" if 0.01 <= abs(value) < 1000 or not value else f"{value:.1e}"
+    if 100 <= abs(value) < 1e4:
+        return f"{value:.0f}"
+    return f"{value:.2g}" if 0.01 <= abs(value) < 100 or not value else f"{value:.1e}"
 
 
 def as_csv(found: Comparison) -> str:
