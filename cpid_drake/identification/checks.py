@@ -108,26 +108,22 @@ def fit_checks(
         coloured = any(t.lag_one > 0 and not t.is_white for t in (beside or {}).values())
         fails = changes > most or larger or coloured
         yield Check.of("changes of the momentum", sentence, changes, most, not fails)
-    white = [  # forces of the floor have no test: they are means over a time
-        f"that of the {label_of(name)} {factor:.2g} times"
-        for name, factor in noise.items()
-        if factor > MOST_NOISE and name not in tests
-    ]
+    loud = {name: factor for name, factor in noise.items() if factor > MOST_NOISE}
     for name, test in tests.items():
-        factor = noise.get(name, 1.0)
         # A negative correlation shows no cause: unknowns of blocks take what is slow.
-        fails = test.fails or (factor > MOST_NOISE and test.lag_one > 0 and not test.is_white)
+        fails = test.fails or (name in loud and test.lag_one > 0 and not test.is_white)
         sentence = (
             f"the residuals of the {label_of(name)} are correlated from sample to sample "
-            f"({test.lag_one:+.2f}) and weigh as much as {factor:.2g} times "
+            f"({test.lag_one:+.2f}) and weigh as much as {noise.get(name, 1.0):.2g} times "
             "the given noise: their cause is not in the intervals"
         )
         yield Check.of(f"correlation of {name}", sentence, test.lag_one, MOST_CORRELATED, not fails)
-        if factor > MOST_NOISE and not fails:
-            white.append(f"that of the {label_of(name)} {factor:.2g} times")
+        if fails:
+            loud.pop(name, None)
+    parts = [f"that of the {label_of(name)} {factor:.2g} times" for name, factor in loud.items()]
     sentence = "the noise is larger than the sensors' file declares: "
-    sentence += f"{', '.join(white)} the given one"
-    yield Check.of(NOISE, sentence, largest, MOST_NOISE, not white)
+    sentence += f"{', '.join(parts)} the given one"
+    yield Check.of(NOISE, sentence, largest, MOST_NOISE, not loud)
 
 
 def rejection_checks(
