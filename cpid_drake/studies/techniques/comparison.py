@@ -194,8 +194,9 @@ def run_comparison(
                 cells.append(Cell(ONE_JOINT, preset, "paper", case, (FIT,)))
     extras = names_of([cell.motion for cell in cells if cell.target == "generic"], is_fast)
     plan = Plan(tuple(cells), sensors, extras, trials, steps)
-    tasks: list[Task] = [("extra", k, 0) for k in range(len(extras))]
-    tasks += [("cell", k, number) for number in range(-1, trials) for k in range(len(cells))]
+    tasks: list[Task] = [("cell", k, -1) for k in range(len(cells))]  # refuses what is overloaded
+    tasks += [("extra", k, 0) for k in range(len(extras))]
+    tasks += [("cell", k, number) for number in range(trials) for k in range(len(cells))]
     results = dict[Task, Any]()
     for task, result in zip(tasks, shared_work(_worker, plan, tasks, jobs)):
         results[task] = result
