@@ -117,6 +117,8 @@ def with_plausible(
         }
         if name == "joint_rates" or (name == "encoders" and not has_joints):
             own = {}  # they have no errors of their own
+        if name == "attitude" and sensors.thrusters is not None and sensors.thrusters.delay_ms:
+            own.pop("delay_ms", None)  # all sensors late is the thrust early: one is the clock
         setattr(result, name, replace(errors, **own))
     old, forces = sensors.disturbances or Disturbances(), dict(FORCES)
     if not has_thrust or sensors.thrusters is not None:  # valves have their own errors
