@@ -123,7 +123,7 @@ def test_a_seed_draws_the_same_files(kind, tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 4, 8])
 def test_a_platform_that_only_valves_move_is_identified(tmp_path, seed):
-    """In space, and on a floor with and without a joint; one valve dead, thrust late, no changes."""
+    """In space or on a floor; one valve dead, thrust late, and nothing else changes momentum."""
     found = identified(valves(seed, tmp_path), "--momentum", "unknown")
     assert found["code"] in (0, 3)
     assert found["named"]
