@@ -21,11 +21,12 @@ from cpid_drake.errors import InputError
 from cpid_drake.identification.by_rows import complete_samples
 from cpid_drake.identification.checked_log import in_joint_order
 from cpid_drake.identification.description import decimals
-from cpid_drake.identification.identify_files import Evidence
 from cpid_drake.identification.result import Identification
+from cpid_drake.logs.log import Log
 from cpid_drake.logs.noise_estimation import estimate_suite
 from cpid_drake.logs.screening import screen
 from cpid_drake.logs.smoothing import smooth
+from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.scene_visualizer import FRAME_PERIOD, LEGEND, SceneVisualizer, add_bodies
 
@@ -124,23 +125,28 @@ def _numbers(values: np.ndarray, places: int) -> str:
     return " ".join(f"{round(value, places) + 0.0:.{places}f}" for value in values)
 
 
-def motion_of(evidence: Evidence) -> Motion:
+def motion_of(log: Log, spacecraft: Spacecraft, sensors: SensorSuite | None) -> Motion:
     """Return the motion at the beginning of a log: its complete samples, else smoothed ones.
+
+    Args:
+        log: the samples.
+        spacecraft: with the joints of the log.
+        sensors: their errors; None estimates them.
 
     Raises:
         InputError: the log has too few samples, or a sensor that smoothing needs is missing.
 
     """
-    beginning = evidence.log.between(0.0, LONGEST)
-    measurements = screen(in_joint_order(beginning, evidence.inputs.spacecraft)).log
-    with_position = bool(len(measurements.position))
-    if len(measurements.attitude):
+    beginning = log.between(0.0, LONGEST)
+    screened = screen(in_joint_order(beginning, spacecraft)).log
+    with_position = bool(len(screened.position))
+    if len(screened.attitude):
         for rows in ("standard", *([] if with_position else ["relative"])):
-            complete = complete_samples(measurements, row_family(rows))
+            complete = complete_samples(screened, row_family(rows))
             if complete is not None:
                 return complete
-    suite = evidence.found.sensors or estimate_suite(measurements)
-    motion = smooth(measurements, suite, with_position=with_position).telemetry
+    suite = sensors or estimate_suite(screened)
+    motion = smooth(screened, suite, with_position=with_position).telemetry
     # A spline's rates at its ends are known from one side only; their noise looks like momentum.
     inner = np.arange(len(motion)).clip(1, max(len(motion) - 2, 1))
     return replace(motion, **{name: getattr(motion, name)[inner] for name in _RATES})

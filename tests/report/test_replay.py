@@ -1,7 +1,5 @@
 """The replay of a log shows the momenta of the motion, not those of its noise."""
 
-from types import SimpleNamespace
-
 import numpy as np
 
 from cpid_drake import Spacecraft, load_sensors, read_telemetry
@@ -16,9 +14,7 @@ def test_at_rest_the_first_and_the_last_frame_show_no_momentum():
     model = models_directory() / "free_flyer/free_flyer.urdf"
     craft = Spacecraft(model, base="body", capture_frame="capture_point")
     log = read_telemetry(models_directory() / "telemetry/free_flyer.csv")
-    found = SimpleNamespace(sensors=load_sensors("testbed"))
-    inputs = SimpleNamespace(spacecraft=craft)
-    motion = motion_of(SimpleNamespace(inputs=inputs, log=SimpleNamespace(data=log), found=found))
+    motion = motion_of(log, craft, load_sensors("testbed"))
     assert (motion.time[0], motion.time[-1]) == (0.0, 10.0)
     bodies, _ = forward_kinematics(craft.tree, **motion.states)
     momentum = np.linalg.norm(linear_momentum(craft.tree, bodies), axis=1)

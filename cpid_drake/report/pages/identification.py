@@ -67,7 +67,7 @@ def identification_report(findings: Findings, progress: Progress = lambda step: 
         try:
             page = replay_html(
                 evidence.inputs.spacecraft,
-                motion_of(evidence),
+                motion_of(evidence.log, evidence.inputs.spacecraft, evidence.found.sensors),
                 findings.estimates,
                 truth=findings.truth,
                 visual_model=run.scenario.target.visual_model if run else None,
