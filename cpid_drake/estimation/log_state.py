@@ -98,8 +98,14 @@ class LogState:
 
     @property
     def changes(self) -> list[float]:
-        """Times at the ends of blocks that are open [s]."""
-        return [float(self.blocks[k].end) for k in self.links]
+        """Times of changes [s]: of an open end, or the middle of a block of which both are open."""
+        times, ends = list[float](), sorted(self.links, reverse=True)
+        while ends:
+            first = last = ends.pop()
+            if ends and ends[-1] == first + 1:
+                last = ends.pop()
+            times.append(float(self.blocks[first].end + self.blocks[last].end) / 2)
+        return times
 
     @property
     def thrust(self) -> Samples:
