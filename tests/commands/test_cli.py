@@ -53,7 +53,10 @@ def test_wrong_usage_is_one_line(refusal, tmp_path, arguments, cause):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="a folder that nobody can write")
+@pytest.mark.skipif(
+    not Path("/proc/self").is_dir(),
+    reason="needs /proc/self, a folder in which not even root can write",
+)
 def test_a_folder_that_cannot_be_written_is_refused_before_the_study(refusal):
     assert "/proc/self" in refusal("study", "paper", "--out", "/proc/self")
 

@@ -130,10 +130,11 @@ def test_the_base_rests_while_both_arms_identify(craft, case):
 
 def test_planar_relations_know_seven_numbers_from_three_axes(craft):
     """Their model is wrong by per cents where the base tilts; six axes tell all ten."""
-    truth, found = GENERIC.to_vector(), {}
+    truth, found, known = GENERIC.to_vector(), {}, {}
     for axes, motion in ((3, one_joint.best_moves(craft)), (6, one_joint.six_axes(craft))):
         runs = one_joint.planar_runs(craft, GENERIC, motion)
-        found[axes] = one_joint.planar_solution(craft, runs)
+        found[axes], known[axes] = one_joint.planar_solution(craft, runs)
+    assert known == {3: 7, 6: 10}
     assert np.isfinite(found[3][:4]).all()
     assert np.isnan(found[3][4:]).all()
     assert np.isfinite(found[6]).all()

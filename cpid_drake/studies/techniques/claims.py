@@ -91,7 +91,7 @@ CLAIMS = (
         lambda found: {
             "three axes": found.number("planar", "generic, three axes"),
             "six axes": found.number("planar", "generic, six axes"),
-            "parameters": found.number("planar", "known by three axes"),
+            "parameters": found.number("planar", "generic, three axes, known"),
         },
         lambda v: UPHELD if v["parameters"] < 10 and v["six axes"] > 0.01 else REFUTED,
     ),

@@ -104,11 +104,11 @@ def _planar(
         scale = parameter_scale(truth, SCALE_LENGTH)
         for axes, motion in motions.items():
             runs = one_joint.planar_runs(spacecraft, target, motion)
-            found = one_joint.planar_solution(spacecraft, runs)
+            found, known = one_joint.planar_solution(spacecraft, runs)
             relative = np.abs(found - truth) / scale
             yield f"{label}, {axes}", float(np.nanmax(relative))
             yield f"{label}, {axes}, mass", float(relative[0])
-    yield "known by three axes", 7.0
+            yield f"{label}, {axes}, known", float(known)
 
 
 def _reactionless(

@@ -176,8 +176,10 @@ def moving_joint(qdot: Array, names: Sequence[str]) -> int:
     return int(moving[0])
 
 
-def planar_solution(spacecraft: Spacecraft, runs: Sequence[Motion]) -> Array:
+def planar_solution(spacecraft: Spacecraft, runs: Sequence[Motion]) -> tuple[Array, int]:
     """Return the parameters (10,) by the planar relations of runs of one joint each.
+
+    The second result is the number of combinations of the parameters that the runs determine.
 
     Entries that the runs do not determine are NaN: three axes determine m and c, but not all of I;
     six do.
@@ -205,14 +207,17 @@ def planar_solution(spacecraft: Spacecraft, runs: Sequence[Motion]) -> Array:
         rows.append((E, x))
         moments.append((n, x[3]))
     mass = np.mean([x[0] for _, x in rows])
-    h = np.linalg.lstsq(
+    h, _, known_of_h, _ = np.linalg.lstsq(
         np.vstack([E for E, _ in rows]), np.concatenate([x[1:3] for _, x in rows]), rcond=None
-    )[0]
+    )
     of_J = np.array([n @ inertia_operator(n) for n, _ in moments])
-    J, _, rank, _ = np.linalg.lstsq(of_J, np.array([moment for _, moment in moments]), rcond=1e-6)
-    if rank < 6:
+    J, _, known_of_J, _ = np.linalg.lstsq(
+        of_J, np.array([moment for _, moment in moments]), rcond=1e-6
+    )
+    if known_of_J < 6:
         J = np.full(6, np.nan)
-    return STANDARD.to_parameters(np.concatenate([[mass], h, J]))
+    parameters = STANDARD.to_parameters(np.concatenate([[mass], h, J]))
+    return parameters, 1 + int(known_of_h) + int(known_of_J)
 
 
 def planar_runs(
