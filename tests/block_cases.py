@@ -1,7 +1,7 @@
 """Cases of blocks for tests: the small spacecraft of `sensing_cases` with all kinds of sensors."""
 
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -17,13 +17,10 @@ from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
 from cpid_drake.logs.log import Log
 from cpid_drake.sensors.sensors import (
-    ANGULAR_VELOCITY,
-    ATTITUDE,
     SENSORS,
     AttitudeSensor,
     Gyro,
     JointSensor,
-    Sensor,
     VectorSensor,
 )
 from cpid_drake.sensors.suite import SensorSuite
@@ -31,8 +28,8 @@ from cpid_drake.studies import trials
 
 DURATION = 4.0
 ADDED = (
-    Sensor("gyro_2", "second gyro", ANGULAR_VELOCITY, Gyro, ("gx", "gy", "gz"), 20, 21),
-    Sensor("tracker_2", "second tracker", ATTITUDE, AttitudeSensor, ("sw", "sx", "sy", "sz"), 22),
+    replace(SENSORS["gyro"], name="gyro_2"),
+    replace(SENSORS["attitude"], name="tracker_2"),
 )
 CONSTANT = Gyro(10.0, 0.02, 2.0)
 WALKING = Gyro(20.0, 0.005, 1.0, 5.0)

@@ -173,7 +173,7 @@ def log_of(telemetry, decimals=None) -> Log:
     """Return a log of all quantities at common times, rounded to a number of decimals."""
     samples = {}
     for name in SENSORS:
-        value = SENSORS[name].quantity.ideal(telemetry)
+        value = SENSORS[name].ideal(telemetry)
         samples[name] = Samples(
             telemetry.time, value if decimals is None else np.round(value, decimals)
         )

@@ -5,10 +5,8 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cpid_drake.logs.log import THRUST, Log, concatenated
-from cpid_drake.sensors.sensors import Quantity, sensors_of
 from cpid_drake.sensors.suite import SensorSuite
 
 SHORTEST_BLOCK = 1.0
@@ -68,13 +66,6 @@ def after(measurements: Log, start: float, end: float) -> Log:
         first, last = np.searchsorted(samples.time, [start, end], side="right")
         parts[name] = samples.where(slice(first, last))
     return Log(measurements.joint_names, parts)
-
-
-def first_sample(measurements: Log, quantity: Quantity) -> tuple[float, NDArray[np.float64]] | None:
-    """Return time and value of the first sample of a quantity; None if there is none."""
-    samples = [measurements[sensor.name] for sensor in sensors_of(quantity)]
-    first = min((s for s in samples if len(s)), key=lambda each: each.time[0], default=None)
-    return None if first is None else (float(first.time[0]), first.value[0])
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,7 +29,6 @@ from cpid_drake.errors import InputError
 from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.likelihood.joint_motion import DEGREE, ORDER, JointPart, spline_basis
 from cpid_drake.logs.log import Samples
-from cpid_drake.sensors.sensors import JOINT_POSITIONS, JOINT_RATES, sensors_of
 from cpid_drake.sensors.suite import SensorSuite
 
 FINER = 2
@@ -148,10 +147,9 @@ class _JointSamples:
     def __init__(self, block: Block, suite: SensorSuite) -> None:
         self.start, self.end = block.start, block.end
         self._parts: list[tuple[Samples, int, float]] = [
-            (block.samples[sensor.name], derivative, float(suite.sigmas(sensor.name)[0]))
-            for derivative, quantity in enumerate((JOINT_POSITIONS, JOINT_RATES))
-            for sensor in sensors_of(quantity)
-            if sensor.name in suite.present() and len(block.samples[sensor.name])
+            (block.samples[name], derivative, float(suite.sigmas(name)[0]))
+            for derivative, name in enumerate(("encoders", "joint_rates"))
+            if name in suite.present() and len(block.samples[name])
         ]
         values = [samples.value / sigma for samples, _, sigma in self._parts]
         nothing = np.empty((0, len(block.samples.joint_names)))

@@ -7,13 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.errors import InputError
-from cpid_drake.estimation.block import Block, BlockQueue, blocks_of, first_sample
+from cpid_drake.estimation.block import Block, BlockQueue, blocks_of
 from cpid_drake.estimation.joints import Smoothness, smooth_joints
 from cpid_drake.estimation.likelihood.joint_motion import JointPart
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.logs.log import Log, Samples
-from cpid_drake.sensors.sensors import ATTITUDE
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,4 +144,4 @@ class LogState:
 
 
 def _has_attitude(block: Block) -> bool:
-    return first_sample(block.samples, ATTITUDE) is not None
+    return len(block.samples.attitude) > 0

@@ -25,7 +25,7 @@ from cpid_drake.dynamics.kinematics import forward_kinematics
 from cpid_drake.dynamics.plane import NORMAL_W, tilt
 from cpid_drake.dynamics.rotations import exponentials, rotate, skew
 from cpid_drake.errors import InputError
-from cpid_drake.estimation.block import Block, first_sample
+from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.likelihood.actuators import thrust_log
 from cpid_drake.estimation.likelihood.constants import THRUSTERS, VALVE_DELAY
@@ -35,7 +35,6 @@ from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Values
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model, undetermined
 from cpid_drake.logs.log import Samples
-from cpid_drake.sensors.sensors import ANGULAR_VELOCITY, ATTITUDE, POSITION, Quantity, sensors_of
 
 _INSTANTS = 10  # in a block
 _DEGREE = 5  # of the polynomials through the samples of a block
@@ -175,8 +174,9 @@ def _states(
             continue
         time, attitude = motion.time[first], Rotation.from_matrix(R[first])
         place = p[first] + (block.start - time) * v[first]
-        if k == 0 and (seen := first_sample(block.samples, ATTITUDE)) is not None:
-            time, attitude = seen[0], Rotation.from_quat(seen[1], scalar_first=True)
+        seen = block.samples.attitude
+        if k == 0 and len(seen):
+            time, attitude = seen.time[0], Rotation.from_quat(seen.value[0], scalar_first=True)
         attitude = attitude * Rotation.from_rotvec((block.start - time) * w[first])
         turning = L[first]
         if model.tree.normal_B is not None:
@@ -239,10 +239,9 @@ def _motion(model: Model, log: LogState) -> SeenMotion:
         places.append(_places(block, t))
         joints.append(part.evaluate(t))
     if not times:
-        seen = first_sample(log.blocks[0].samples, ATTITUDE)
-        assert seen is not None
+        first = log.blocks[0].samples.attitude.value[:1]
         times, rates = [np.array([log.blocks[0].start])], [np.zeros((1, 3))]
-        attitudes = [Rotation.from_quat(seen[1][None], scalar_first=True).as_matrix()]
+        attitudes = [Rotation.from_quat(first, scalar_first=True).as_matrix()]
         places, joints = [_places(log.blocks[0], times[0])], [log.joints[0].evaluate(times[0])]
     w, q = np.concatenate(rates), np.concatenate(joints)
     normal_B = model.tree.normal_B
@@ -263,7 +262,7 @@ def _motion(model: Model, log: LogState) -> SeenMotion:
 
 def _places(block: Block, t: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return position and velocity (M, 2, 3) of B's origin in W at times; NaN without samples."""
-    place, cheb = _longest(block, POSITION), np.polynomial.chebyshev
+    place, cheb = _enough(block, "position"), np.polynomial.chebyshev
     if place is None:
         return np.full((len(t), 2, 3), np.nan)
     middle, half = (block.start + block.end) / 2, block.length / 2
@@ -284,7 +283,7 @@ def _rates(
         before: a time and the attitude R_WB then, which serves a block without attitude.
 
     """
-    gyro, attitude = _longest(block, ANGULAR_VELOCITY), _longest(block, ATTITUDE)
+    gyro, attitude = _enough(block, "gyro"), _enough(block, "attitude")
 
     def share(times: NDArray[np.float64]) -> NDArray[np.float64]:
         return 2 * (times - block.start) / block.length - 1
@@ -320,11 +319,10 @@ def _rates(
     return w, (middle * Rotation.from_rotvec(turn)).as_matrix(), t
 
 
-def _longest(block: Block, quantity: Quantity) -> Samples | None:
-    """Return the samples of the sensor of a quantity with most of them; None if they are few."""
-    samples = [block.samples[sensor.name] for sensor in sensors_of(quantity)]
-    best = max(samples, key=len, default=None)
-    return best if best is not None and len(best) >= _FEWEST else None
+def _enough(block: Block, name: str) -> Samples | None:
+    """Return the samples of a sensor; None if they are few."""
+    samples = block.samples[name]
+    return samples if len(samples) >= _FEWEST else None
 
 
 def _pushed(

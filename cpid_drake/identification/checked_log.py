@@ -104,7 +104,7 @@ def suite_of(sensors: SensorSuite | None, log: CheckedLog) -> tuple[SensorSuite,
 
 def log_of_states(telemetry: Motion) -> CheckedLog:
     """Return exact states as the samples of ideal sensors, all at the same times."""
-    samples = {n: Samples(telemetry.time, SENSORS[n].quantity.ideal(telemetry)) for n in SENSORS}
+    samples = {n: Samples(telemetry.time, SENSORS[n].ideal(telemetry)) for n in SENSORS}
     return CheckedLog(Log(telemetry.joint_names, samples), states=telemetry)
 
 
@@ -185,7 +185,7 @@ def in_joint_order(measurements: Log, spacecraft: Spacecraft) -> Log:
     of_joints = {
         name: Samples(samples.time, samples.value[:, order])
         for name, samples in measurements.items()
-        if name in measurements.samples and SENSORS[name].quantity.width is None
+        if name in measurements.samples and SENSORS[name].width is None
     }
     everything = {**measurements.samples, **of_joints}
     measurements = Log(wanted, everything, measurements.column_map)
@@ -245,6 +245,6 @@ def _refuse_slow(measurements: Log, sensors: SensorSuite | None) -> None:
     longest = SLOWER / declared[name].rate if name in declared else LONGEST_STEP
     if name and steps[name] > longest:
         raise InputError(
-            f"the samples of {SENSORS[name].label} are {steps[name]:.3g} s apart if the time is in "
-            "seconds: it must be in s (time.unit of a map of columns)"
+            f"the samples of {SENSORS[name].quantity} are {steps[name]:.3g} s apart if the time is "
+            "in seconds: it must be in s (time.unit of a map of columns)"
         )

@@ -178,5 +178,5 @@ def noise_warnings(factors: Mapping[str, float]) -> tuple[str, ...]:
 def label_of(sensor: str) -> str:
     """Return the label of a sensor, or of a "sensor of log"."""
     name, of, log = sensor.partition(" ")
-    label = SENSORS[name].label if name in SENSORS else name.replace("_", " ")
+    label = SENSORS[name].quantity if name in SENSORS else name.replace("_", " ")
     return f"{label}{of}{log}"

@@ -157,7 +157,7 @@ def validate(
         spacecraft = spacecraft.on_table(log.normal_B)
     for name in ("attitude", "encoders"):
         if not log.counts.get(name):
-            raise InputError(f"the log has no samples of {SENSORS[name].label}")
+            raise InputError(f"the log has no samples of {SENSORS[name].quantity}")
     sensors, said = suite_of(sensors, log)
     model = Model(spacecraft.tree, sensors, known_bodies)
     samples = LogState.of(model, log.measurements)
@@ -195,7 +195,7 @@ def validate(
             continue
         size = np.concatenate(sizes)
         sigmas = next(m.scale_of(name) for m in predicted.models if name in m.sensors)
-        factor, unit = _UNITS[SENSORS[name].quantity.unit]
+        factor, unit = _UNITS[SENSORS[name].unit]
         rms, largest = factor * _rms(size), factor * float(size.max())
         noise = factor * float(np.linalg.norm(sigmas))
         errors.append(SensorError(name, unit, len(size), rms, largest, noise, _rms(rest.value)))

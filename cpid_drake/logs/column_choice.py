@@ -117,7 +117,7 @@ def choose_columns(
         ("force", given.thrust.force, THRUST_COLUMNS[3:][in_plane]),
         ("torque", given.thrust.torque, THRUST_COLUMNS[:3][about_normal]),
     ):
-        label = SENSORS[key].label if key in SENSORS else f"the {key} of thrusters"
+        label = SENSORS[key].quantity if key in SENSORS else f"the {key} of thrusters"
         there = [] if columns else [each for each in own if {*each} & {*free}]
         for each in there:
             missing = [name for name in each if name not in free]

@@ -56,7 +56,7 @@ class Samples:
 class Log:
     """The samples of all sensors; those of one sensor are `self[name]`, or the attribute `name`.
 
-    Samples are in SI units and radians, as the sensor's `Quantity` defines. A sensor of the table
+    Samples are in SI units and radians, as `Sensor.unit` says. A sensor of the table
     that is absent has no samples: times (0,) and values (0, width). Logged thrust is no sensor, and
     has samples of the name `THRUST`; see `thrust`.
 
@@ -94,7 +94,7 @@ class Log:
     def __getitem__(self, name: str) -> Samples:
         if name in self.samples:
             return self.samples[name]
-        width = 6 if name == THRUST else SENSORS[name].width(len(self.joint_names))
+        width = 6 if name == THRUST else SENSORS[name].width_of(len(self.joint_names))
         return Samples(np.empty(0), np.empty((0, width)))
 
     def __getattr__(self, name: str) -> Samples:
@@ -265,7 +265,7 @@ def ideal_log(
     for name, errors in sensors.items():
         rows = inverse[start : start + instants[name].size]
         start += rows.size
-        value, weights = SENSORS[name].quantity.ideal(at_instants)[rows], shares[name][1]
+        value, weights = SENSORS[name].ideal(at_instants)[rows], shares[name][1]
         if weights.size > 1:
             value = np.einsum("s,nsi->ni", weights, value.reshape(-1, weights.size, 3))
         samples[name] = Samples(times[name], value)

@@ -13,7 +13,7 @@ from scipy.special import comb
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.errors import InputError
 from cpid_drake.logs.log import Log, Samples, without_flips
-from cpid_drake.sensors.sensors import ATTITUDE, SENSORS
+from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite
 
 _FEWEST = 12
@@ -55,13 +55,13 @@ def sensor_noise(name: str, samples: Samples) -> float:
         InputError: the samples are too few, or too unevenly spaced.
 
     """
-    quantity, value = SENSORS[name].quantity, samples.value
-    if quantity is ATTITUDE and len(value) and value[:, 1:3].any():
+    value = samples.value
+    if name == "attitude" and len(value) and value[:, 1:3].any():
         # A rotation by δ changes the four entries by δ/2 in total, along three directions.
         return 2 * np.sqrt(4 / 3) * noise_level(Samples(samples.time, without_flips(value)))
-    if quantity is ATTITUDE:
+    if name == "attitude":
         value = np.unwrap(2 * np.arctan2(value[:, 3], value[:, 0]))[:, None]
-    elif quantity.width is not None and len(value) and np.ptp(value, axis=0).any():
+    elif SENSORS[name].width is not None and len(value) and np.ptp(value, axis=0).any():
         value = value[:, np.ptp(value, axis=0) > 0]
     return noise_level(Samples(samples.time, value))
 
@@ -111,7 +111,7 @@ def sample_sigmas(samples: Log | Motion) -> NDArray[np.float64]:
         if isinstance(samples, Log) and is_motion and len(value):
             with suppress(InputError):  # too few samples
                 sigma = max(sigma, sensor_noise(name, samples[name]))
-        parts.append(np.full(joints if SENSORS[name].quantity.width is None else 3, sigma))
+        parts.append(np.full(joints if SENSORS[name].width is None else 3, sigma))
     return np.concatenate(parts)
 
 

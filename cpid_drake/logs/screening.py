@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from cpid_drake.errors import InputError
 from cpid_drake.logs.log import THRUST, Log, Samples, concatenated_samples, without_flips
 from cpid_drake.logs.noise_estimation import rounding
-from cpid_drake.sensors.sensors import ATTITUDE, SENSORS
+from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.sensors.thrusters import VALVE
 
@@ -165,7 +165,7 @@ def as_arrays(log: Log) -> Log:
         InputError: samples are not numbers, or their shapes do not match the sensor.
 
     """
-    widths = {name: sensor.width(len(log.joint_names)) for name, sensor in SENSORS.items()}
+    widths = {name: sensor.width_of(len(log.joint_names)) for name, sensor in SENSORS.items()}
     return log.updated({name: _arrays(name, log[name], width) for name, width in widths.items()})
 
 
@@ -313,7 +313,7 @@ def _readable(name: str, samples: Samples, known: bool) -> Samples:
     usable = np.isfinite(time) & np.isfinite(value).all(axis=1)
     if known:
         usable &= (np.abs(value) < LARGEST).all(axis=1)
-    if SENSORS[name].quantity is ATTITUDE:
+    if name == "attitude":
         with np.errstate(over="ignore"):
             norm = np.linalg.norm(value, axis=1)
         usable &= np.abs(norm - 1) < QUATERNION_NORM
@@ -327,7 +327,7 @@ def _unusable(name: str, samples: Samples, suite: SensorSuite) -> NDArray[np.boo
     time, value = samples.time, samples.value
     sigma = float(suite.sigmas(name).max())
     step = max(suite[name].step, 0.0 if suite.decimals is None else 10.0**-suite.decimals)
-    if SENSORS[name].quantity is ATTITUDE:
+    if name == "attitude":
         value = without_flips(value)
         sigma /= 2  # A rotation by δ changes the entries of a quaternion by δ/2 at most.
     bad = _repeated(value, np.resize(suite[name].sigmas, min(value.shape[1], 3)), step)

@@ -3,10 +3,10 @@
 Every sensor has its own stream of random numbers. It depends only on the seed, on the sensor's
 number in the table and on the sample's number. Therefore a Diagram, which computes samples one by
 one, and this module, which computes all samples at once, give the same samples, independent of the
-other sensors. The errors that are the same in all samples are in `constant_errors`.
+other sensors.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,21 +14,47 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.errors import InputError
-from cpid_drake.logs.log import (
-    THRUST,
-    Log,
-    Samples,
-    first_sample,
+from cpid_drake.logs.log import THRUST, Log, Samples, first_sample
+from cpid_drake.sensors.disturbances import SimulatedDisturbance, random_stream
+from cpid_drake.sensors.sensors import (
+    ARCSECOND,
+    SENSORS,
+    AttitudeSensor,
+    Gyro,
+    JointSensor,
+    VectorSensor,
 )
-from cpid_drake.sensors.constant_errors import (
-    KINDS,
-    ConstantErrors,
-    draw_constant_errors,
-    random_stream,
-)
-from cpid_drake.sensors.disturbances import SimulatedDisturbance
-from cpid_drake.sensors.sensors import JOINT_RATES, SENSORS, AttitudeSensor, Gyro
 from cpid_drake.sensors.suite import SensorSuite
+
+_KINDS = ("delay", "mounting", "scale", "misalignment", "lever_arm", "zero", "dropouts")
+"""What has a random stream of its own for each sensor; a place is the second number of its key."""
+
+_STREAMS = {name: k for k, name in enumerate(SENSORS)}
+"""The streams of white noise."""
+
+_SLOW_STREAMS = {"gyro": 6, "encoders": 7, "joint_rates": 8}
+"""The streams of a gyro's bias, and of the place of an encoder's steps."""
+
+
+@dataclass(frozen=True, eq=False)
+class ConstantErrors:
+    """Values of one sensor's constant errors; those that a sensor cannot have are zero.
+
+    Attributes:
+        delay: stamp minus true time of a sample [s].
+        mounting_B: (3,) rotation vector ε in B: the measured attitude is R_WB Exp(ε) [rad].
+        scale: (3, 3) matrix S: the measured angular velocity is (1 + S) ω. Its diagonal has the
+            errors of the axes' scales, its other entries those of their directions.
+        lever_arm_B: (3,) position in B of the measured point, from B's origin [m].
+        zero: (J,) measured minus true joint positions [rad or m].
+
+    """
+
+    delay: float = 0.0
+    mounting_B: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    scale: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3, 3)))
+    lever_arm_B: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    zero: NDArray[np.float64] = field(default_factory=lambda: np.zeros(1))
 
 
 class SensorNoise:
@@ -53,14 +79,15 @@ class SensorNoise:
         self.seed = int(seed)
         self._hardware_seed = self.seed if hardware_seed is None else int(hardware_seed)
         self._tables: dict[int, NDArray[np.float64]] = {}
-        self._biases: dict[str, NDArray[np.float64]] = {}
+        self._biases = np.empty((0, 3))
         self._constants: dict[tuple[str, int], ConstantErrors] = {}
         self._lost: dict[str, NDArray[np.bool_]] = {}
 
     def constants(self, name: str, joint_count: int = 0) -> ConstantErrors:
         """Return the values of a sensor's constant errors.
 
-        Joint rates have the delay of the encoders, to whose clock they belong.
+        Every error has its own stream, so that it does not change the values of the others. Joint
+        rates have the delay of the encoders, to whose clock they belong.
 
         Args:
             name: name of the sensor.
@@ -72,12 +99,30 @@ class SensorNoise:
         """
         key = name, joint_count
         if key not in self._constants:
-            sensor, errors = SENSORS[name], self.suite[name]
-            drawn = draw_constant_errors(sensor, errors, self._hardware_seed, joint_count)
-            if sensor.quantity is JOINT_RATES and self.suite.encoders is not None:
-                drawn = replace(drawn, delay=self.constants("encoders").delay)
-            self._constants[key] = drawn
+            self._constants[key] = self._drawn(name, joint_count)
         return self._constants[key]
+
+    def _drawn(self, name: str, joint_count: int) -> ConstantErrors:
+        errors = self.suite[name]
+
+        def normal(kind: str, *shape: int) -> NDArray[np.float64]:
+            stream = random_stream(self._hardware_seed, _STREAMS[name], _KINDS.index(kind))
+            return stream.standard_normal(shape)
+
+        drawn = ConstantErrors(errors.delay_ms * 1e-3 * float(normal("delay", 1)[0]))
+        if isinstance(errors, AttitudeSensor):
+            mounting = errors.mounting_arcsec * ARCSECOND * normal("mounting", 3)
+            return replace(drawn, mounting_B=mounting)
+        if isinstance(errors, Gyro):
+            scale = errors.misalignment_arcsec * ARCSECOND * normal("misalignment", 3, 3)
+            np.fill_diagonal(scale, errors.scale_ppm * 1e-6 * normal("scale", 3))
+            return replace(drawn, scale=scale)
+        if isinstance(errors, VectorSensor):
+            return replace(drawn, lever_arm_B=errors.lever_arm_mm * 1e-3 * normal("lever_arm", 3))
+        if name == "encoders" and isinstance(errors, JointSensor):
+            return replace(drawn, zero=errors.zero_mrad * 1e-3 * normal("zero", joint_count))
+        has_encoders = self.suite.encoders is not None
+        return replace(drawn, delay=self.constants("encoders").delay) if has_encoders else drawn
 
     def apply(
         self,
@@ -92,7 +137,7 @@ class SensorNoise:
 
         Args:
             name: name of the sensor.
-            ideal: (N, width) ideal samples from `Quantity.ideal`.
+            ideal: (N, width) ideal samples from `Sensor.ideal`.
             first: number of the first sample.
             motion: the true motion at the N samples; only sensors with a lever arm need it.
 
@@ -101,22 +146,33 @@ class SensorNoise:
             InputError: a lever arm without the true motion.
 
         """
-        record, errors, decimals = SENSORS[name], self.suite[name], self.suite.decimals
+        errors, decimals, stream = self.suite[name], self.suite.decimals, _STREAMS[name]
         last, width = first + len(ideal), ideal.shape[1]
-        ideal = self.constants(name, width).change(record, ideal, motion)
+        constant = self.constants(name, width)
         if isinstance(errors, AttitudeSensor):
-            noise = self._normal(record.stream, last, 3)[first:] * errors.sigmas
+            noise = self._normal(stream, last, 3)[first:] * errors.sigmas
             error = Rotation.from_rotvec(noise @ errors.R_BS.T)
-            attitude = Rotation.from_quat(ideal, scalar_first=True) * error
+            attitude = Rotation.from_quat(ideal, scalar_first=True)
+            attitude = attitude * Rotation.from_rotvec(constant.mounting_B) * error
             if decimals is not None:
                 attitude = Rotation.from_euler("ZYX", np.round(attitude.as_euler("ZYX"), decimals))
             return np.asarray(attitude.as_quat(scalar_first=True))
-        value = ideal + errors.sigmas * self._normal(record.stream, last, width)[first:]
+        value = ideal + errors.sigmas * self._normal(stream, last, width)[first:]
         if isinstance(errors, Gyro):
-            value = value + self.gyro_bias(last, name)[first:]
-        if errors.step and record.slow_stream is not None:
+            value += ideal @ constant.scale.T + self.gyro_bias(last)[first:]
+        elif constant.lever_arm_B.any():
+            if motion is None:
+                raise InputError(
+                    f"sensor '{name}': its lever arm needs the true motion at its samples; "
+                    "a log from ideal_log contains it"
+                )
+            arm_W = motion.R_WB @ constant.lever_arm_B
+            value += arm_W if name == "position" else np.cross(motion.w_WB, arm_W)
+        elif isinstance(errors, JointSensor):
+            value += constant.zero
+        if errors.step:
             # With a random zero, rounding errors of the same motion differ from seed to seed.
-            zero = random_stream(self.seed, record.slow_stream).uniform(-0.5, 0.5, width)
+            zero = random_stream(self.seed, _SLOW_STREAMS[name]).uniform(-0.5, 0.5, width)
             value = errors.step * (np.round(value / errors.step - zero) + zero)
         return value if decimals is None else np.round(value, decimals)
 
@@ -132,7 +188,7 @@ class SensorNoise:
         if len(table) < count:
             starts = errors.dropouts / (60 * errors.rate)
             ends = 1 / (errors.dropout_length * errors.rate)
-            stream = random_stream(self.seed, SENSORS[name].stream, KINDS.index("dropouts"))
+            stream = random_stream(self.seed, _STREAMS[name], _KINDS.index("dropouts"))
             numbers = stream.random(max(64, 2 * count))
             lost, states = False, []
             for number in numbers:
@@ -141,18 +197,17 @@ class SensorNoise:
             table = self._lost[name] = np.array(states)
         return table[:count]
 
-    def gyro_bias(self, count: int, name: str = "gyro") -> NDArray[np.float64]:
+    def gyro_bias(self, count: int) -> NDArray[np.float64]:
         """Return the biases of a gyro's first `count` samples, (count, 3) in B [rad/s].
 
         The first is drawn with the σ of the constant part; each later one adds a random step.
         """
-        table = self._biases.get(name, np.empty((0, 3)))
-        gyro, stream = self.suite[name], SENSORS[name].slow_stream
-        if len(table) < count and isinstance(gyro, Gyro) and stream is not None:
+        gyro, stream = self.suite.gyro, _SLOW_STREAMS["gyro"]
+        if len(self._biases) < count and gyro is not None:
             steps = self._normal(stream, 2 * count, 3) * gyro.bias_growth / np.sqrt(gyro.rate)
             steps[0] = gyro.bias_sigma * self._normal(stream, 1, 3)[0]
-            table = self._biases[name] = np.cumsum(steps, axis=0)
-        return table[:count]
+            self._biases = np.cumsum(steps, axis=0)
+        return self._biases[:count]
 
     def _normal(self, stream: int, count: int, width: int) -> NDArray[np.float64]:
         """Return the first `count` rows of a stream, drawn in tables of growing length."""

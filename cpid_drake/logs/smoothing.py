@@ -32,16 +32,6 @@ from cpid_drake.logs.splines import (
     rows,
     solve,
 )
-from cpid_drake.sensors.sensors import (
-    ANGULAR_VELOCITY,
-    ATTITUDE,
-    JOINT_POSITIONS,
-    JOINT_RATES,
-    POSITION,
-    SENSORS,
-    VELOCITY,
-    sensors_of,
-)
 from cpid_drake.sensors.suite import SensorSuite
 
 WINDOW, MARGIN = 30.0, 0.2
@@ -121,10 +111,9 @@ def smooth(
     joints = log.between(log.encoders.time[0], log.encoders.time[-1])
     q, qdot, joint_errors = _smooth_vectors(
         [
-            (joints[sensor.name], derivative, float(suite.sigmas(sensor.name)[0]))
-            for derivative, quantity in enumerate((JOINT_POSITIONS, JOINT_RATES))
-            for sensor in sensors_of(quantity)
-            if len(joints[sensor.name])
+            (joints[name], derivative, float(suite.sigmas(name)[0]))
+            for derivative, name in enumerate(("encoders", "joint_rates"))
+            if len(joints[name])
         ],
         times,
         finer=True,
@@ -209,12 +198,11 @@ def _in_plane(measurements: Log, normal_B: Array) -> Log:
     """Return samples without their components out of the plane, which are noise."""
     samples = dict(measurements.samples)
     for name, given in samples.items():
-        quantity = SENSORS[name].quantity
-        if quantity is ATTITUDE:
+        if name == "attitude":
             samples[name] = replace(given, value=levelled(given.value, normal_B))
-        elif quantity is ANGULAR_VELOCITY:
+        elif name == "gyro":
             samples[name] = replace(given, value=np.outer(given.value @ normal_B, normal_B))
-        elif quantity is POSITION or quantity is VELOCITY:
+        elif name in ("position", "velocity"):
             samples[name] = replace(given, value=given.value * [1.0, 1.0, 0.0])
     return Log(measurements.joint_names, samples)
 

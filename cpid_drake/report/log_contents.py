@@ -23,13 +23,13 @@ def contents(found: LogFile, where: str, comparisons: Sequence[Comparison] = ())
     log = found.log
     lines = [f"{where}: {found.row_count} rows"]
     for name, samples in log.items():
-        lines.append(f"  {SENSORS[name].label:18} {_timing(samples)}")
+        lines.append(f"  {SENSORS[name].quantity:18} {_timing(samples)}")
     if len(log.thrust):
         lines.append(f"  {'thrust':18} {_timing(log.thrust)}")
     joints = log.joint_names
     lines.append(f"  {'joints':18} {len(joints)}: {', '.join(joints)}")
     for name, count in found.partial.items():
-        label = SENSORS[name].label if name in SENSORS else name
+        label = SENSORS[name].quantity if name in SENSORS else name
         lines.append(f"  {count} samples of {label} are there in part only, and not used")
     if found.ignored:
         lines.append(f"  ignored columns: {', '.join(found.ignored[:20])}")

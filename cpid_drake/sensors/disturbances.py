@@ -9,9 +9,21 @@ from annotated_types import Ge
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.orbit import Orbit
-from cpid_drake.sensors.constant_errors import random_stream
 
 Size = Annotated[float, Ge(0)]
+
+
+def random_stream(seed: int, *key: int) -> np.random.Generator:
+    """Return the generator of one stream; it differs from `numpy.random.default_rng(seed)`.
+
+    Args:
+        seed: a whole number >= 0.
+        key: whole numbers >= 0. Keys of different length never give the same stream: one number
+            for errors that differ from sample to sample, two for constant errors of a sensor and
+            its dropouts, and three for disturbances.
+
+    """
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
 
 
 @dataclass

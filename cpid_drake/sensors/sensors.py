@@ -1,4 +1,4 @@
-"""The table of sensors: the quantity, the description of errors and the names of each one.
+"""The table of sensors: what each one measures, its errors, and the names of its columns.
 
 Suites, logs, simulated noise, log files, estimators and reports all read `SENSORS`.
 """
@@ -6,6 +6,7 @@ Suites, logs, simulated noise, log files, estimators and reports all read `SENSO
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import Annotated, Self
 
 import numpy as np
@@ -214,49 +215,8 @@ class JointSensor(_UniformSensor):
 # -- the table ------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Quantity:
-    """A part of a spacecraft's motion that sensors can measure.
-
-    Attributes:
-        name: the name in words.
-        unit: unit of the samples; for attitude, unit of its errors.
-        width: number of entries of a sample; None for one per joint.
-        ideal: returns the samples (N, width) of a sensor without errors, from the true motion.
-        errors: dataclass of the sensors' errors, or the base class of such dataclasses.
-
-    """
-
-    name: str
-    unit: str
-    width: int | None
-    ideal: Callable[[Motion], NDArray[np.float64]]
-    errors: type[SensorErrors]
-
-
 def _angular_velocity_in_B(motion: Motion) -> NDArray[np.float64]:
     return rotate(np.swapaxes(motion.R_WB, -1, -2), motion.w_WB)
-
-
-ATTITUDE = Quantity("attitude", "rad", 4, lambda motion: motion.quaternion_WB, AttitudeSensor)
-"""R_WB as a unit quaternion (w, x, y, z)."""
-
-ANGULAR_VELOCITY = Quantity("angular velocity", "rad/s", 3, _angular_velocity_in_B, Gyro)
-"""w_WB_B: of B in W, expressed in B."""
-
-POSITION = Quantity("position", "m", 3, lambda motion: motion.p_WB, VectorSensor)
-"""p_WBo_W: B's origin in W."""
-
-VELOCITY = Quantity("velocity", "m/s", 3, lambda motion: motion.v_WB, VectorSensor)
-"""v_WBo_W: velocity of B's origin in W."""
-
-JOINT_POSITIONS = Quantity(
-    "joint positions", "rad or m", None, lambda motion: motion.q, JointSensor
-)
-"""q of all joints."""
-
-JOINT_RATES = Quantity("joint rates", "rad/s or m/s", None, lambda motion: motion.qdot, JointSensor)
-"""q̇ of all joints."""
 
 
 @dataclass(frozen=True)
@@ -265,71 +225,83 @@ class Sensor:
 
     Attributes:
         name: key in sensor YAML files, in `SensorSuite` and in `Log`; an identifier.
-        label: name in texts for people.
-        quantity: what it measures; the estimators treat all sensors of one quantity in the same
-            way.
+        quantity: what it measures, in words.
+        unit: unit of the samples; for attitude, unit of its errors.
+        width: number of entries of a sample; None for one per joint.
+        ideal: returns the samples (N, width) of a sensor without errors, from the true motion.
         errors: dataclass with the errors' parameters: the keys of the sensor in YAML files.
         columns: names of its columns in logs; for joints the prefix of all columns.
-        stream: number of the random stream of its white noise, unique among all sensors, so that a
-            new sensor does not change the samples of the others.
-        slow_stream: another such number, for the bias of a gyro or the zero of an encoder; None for
-            sensors without quantization and bias.
         columns_in_W: columns of an angular velocity expressed in W, which a table may have instead;
-            each sample then needs an attitude of the first attitude sensor on its row.
+            each sample then needs an attitude on its row.
 
     """
 
     name: str
-    label: str
-    quantity: Quantity
+    quantity: str
+    unit: str
+    width: int | None
+    ideal: Callable[[Motion], NDArray[np.float64]]
     errors: type[SensorErrors]
     columns: tuple[str, ...]
-    stream: int
-    slow_stream: int | None = None
     columns_in_W: tuple[str, ...] = ()
 
-    def width(self, joint_count: int) -> int:
+    def width_of(self, joint_count: int) -> int:
         """Return the number of entries of a sample."""
-        return joint_count if self.quantity.width is None else self.quantity.width
+        return joint_count if self.width is None else self.width
 
     def columns_of(self, joint_names: tuple[str, ...]) -> tuple[str, ...]:
         """Return the names of the columns of a sample."""
-        if self.quantity.width is None:
+        if self.width is None:
             return tuple(self.columns[0] + joint for joint in joint_names)
         return self.columns
 
     @property
     def description(self) -> str:
-        """The label with the columns, such as "position (x,y,z)", for messages."""
-        if self.quantity.width is None:
-            return f"{self.label} ({self.columns[0]}<joint>)"
+        """The quantity with the columns, such as "position (x,y,z)", for messages."""
+        if self.width is None:
+            return f"{self.quantity} ({self.columns[0]}<joint>)"
         sets = [",".join(columns) for columns in (self.columns, self.columns_in_W) if columns]
-        return f"{self.label} ({' or '.join(sets)})"
+        return f"{self.quantity} ({' or '.join(sets)})"
 
 
 SENSORS: dict[str, Sensor] = {
     sensor.name: sensor
     for sensor in (
-        Sensor("attitude", "attitude", ATTITUDE, AttitudeSensor, ("qw", "qx", "qy", "qz"), 0),
+        Sensor(
+            "attitude",
+            "attitude",
+            "rad",
+            4,
+            attrgetter("quaternion_WB"),
+            AttitudeSensor,
+            ("qw", "qx", "qy", "qz"),
+        ),
         Sensor(
             "gyro",
             "angular velocity",
-            ANGULAR_VELOCITY,
+            "rad/s",
+            3,
+            _angular_velocity_in_B,
             Gyro,
             ("bwx", "bwy", "bwz"),
-            stream=1,
-            slow_stream=6,
-            columns_in_W=("wx", "wy", "wz"),
+            ("wx", "wy", "wz"),
         ),
-        Sensor("position", "position", POSITION, VectorSensor, ("x", "y", "z"), 2),
-        Sensor("velocity", "velocity", VELOCITY, VectorSensor, ("vx", "vy", "vz"), 3),
-        Sensor("encoders", "joint positions", JOINT_POSITIONS, JointSensor, ("q:",), 4, 7),
-        Sensor("joint_rates", "joint rates", JOINT_RATES, JointSensor, ("qd:",), 5, 8),
+        Sensor("position", "position", "m", 3, attrgetter("p_WB"), VectorSensor, ("x", "y", "z")),
+        Sensor(
+            "velocity", "velocity", "m/s", 3, attrgetter("v_WB"), VectorSensor, ("vx", "vy", "vz")
+        ),
+        Sensor(
+            "encoders", "joint positions", "rad or m", None, attrgetter("q"), JointSensor, ("q:",)
+        ),
+        Sensor(
+            "joint_rates",
+            "joint rates",
+            "rad/s or m/s",
+            None,
+            attrgetter("qdot"),
+            JointSensor,
+            ("qd:",),
+        ),
     )
 }
 """All sensors by name. Estimators process samples of equal time in this order."""
-
-
-def sensors_of(quantity: Quantity) -> list[Sensor]:
-    """Return the sensors that measure a quantity, in the order of the table."""
-    return [sensor for sensor in SENSORS.values() if sensor.quantity is quantity]

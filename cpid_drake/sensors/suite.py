@@ -12,7 +12,6 @@ from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.input_files.validation import check_values
 from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.sensors import (
-    JOINT_POSITIONS,
     SENSORS,
     AttitudeSensor,
     Gyro,
@@ -115,7 +114,7 @@ def check_sensors(suite: SensorSuite, where: str) -> None:
     check_values(suite, where, "a sensor suite")
     for name, errors in suite.present().items():
         zero = errors.zero_mrad if isinstance(errors, JointSensor) else 0.0
-        if zero and SENSORS[name].quantity is not JOINT_POSITIONS:
+        if zero and name != "encoders":
             raise InputError(
                 f"{where}: {name}.zero_mrad must be 0, not {zero}; only joint positions have a zero"
             )

@@ -138,7 +138,7 @@ class SensorIdentifier(Identifier):
         self._joint_names, self._suite, self._period = spacecraft.joint_names, suite, period
         joints = len(spacecraft.joint_names)
         self._sample_ports = {
-            name: self.DeclareVectorInputPort(name, 1 + SENSORS[name].width(joints))
+            name: self.DeclareVectorInputPort(name, 1 + SENSORS[name].width_of(joints))
             for name in present
         }
         if reads_thrust:

@@ -19,7 +19,7 @@ from cpid_drake.dynamics.motion import Motion
 from cpid_drake.errors import prefix_errors
 from cpid_drake.logs.log import Log, Samples, first_sample
 from cpid_drake.logs.simulated_noise import SensorNoise
-from cpid_drake.sensors.sensors import ANGULAR_VELOCITY, SENSORS, SensorErrors
+from cpid_drake.sensors.sensors import SENSORS, SensorErrors
 from cpid_drake.sensors.suite import SensorSuite, check_sensors
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.ports import SpacecraftSystem
@@ -83,7 +83,7 @@ class SpacecraftSensors(SpacecraftSystem):
         if self._is_integrating:
             self.DeclareContinuousState(3)  # the integral of w_WB_B [rad]
         for name, errors in suite.present().items():
-            width = SENSORS[name].width(len(spacecraft.joint_names))
+            width = SENSORS[name].width_of(len(spacecraft.joint_names))
             self._declare_sensor(name, errors, width)
 
     def sample_ports(self) -> dict[str, OutputPort]:
@@ -93,7 +93,7 @@ class SpacecraftSensors(SpacecraftSystem):
     def DoCalcTimeDerivatives(self, context: Context, derivatives: ContinuousState) -> None:
         """Set the derivative of the integral of the angular velocity, if a gyro needs it."""
         if self._is_integrating:
-            w_WB_B = ANGULAR_VELOCITY.ideal(self._motion(context, context.get_time()))[0]
+            w_WB_B = SENSORS["gyro"].ideal(self._motion(context, context.get_time()))[0]
             derivatives.get_mutable_vector().SetFromVector(w_WB_B)
 
     def _declare_sensor(self, name: str, errors: SensorErrors, width: int) -> None:
@@ -114,7 +114,7 @@ class SpacecraftSensors(SpacecraftSystem):
                 motion = None
             else:
                 motion = self._motion(context, k / errors.rate, name)
-                [ideal] = SENSORS[name].quantity.ideal(motion)
+                [ideal] = SENSORS[name].ideal(motion)
             if self.noise.is_lost(name, k + 1)[k]:
                 return EventStatus.DidNothing()
             [value] = self.noise.apply(name, ideal[None], k, motion)

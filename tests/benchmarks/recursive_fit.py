@@ -65,7 +65,7 @@ def collector(spacecraft: Spacecraft, suite: SensorSuite) -> Simulator:
     """Return a simulator of an identifier with a new sample of every sensor in each period."""
     builder = DiagramBuilder()
     joints = len(spacecraft.joint_names)
-    clock = builder.AddSystem(Clock({n: SENSORS[n].width(joints) for n in suite.present()}))
+    clock = builder.AddSystem(Clock({n: SENSORS[n].width_of(joints) for n in suite.present()}))
     samples = {name: clock.GetOutputPort(name) for name in suite.present()}
     SensorIdentifier.AddToBuilder(builder, spacecraft, **samples, suite=suite)
     simulator = Simulator(builder.Build())

@@ -215,9 +215,9 @@ def test_products_of_inertia_are_those_of_the_tensor():
 
 def test_a_gyro_shows_the_angular_velocity_in_B_and_a_velocity_sensor_in_W():
     telemetry = seen(R_WB=QUARTER, w_WB=0.3 * Y, v_WB=0.2 * X, p_WB=Z)
-    np.testing.assert_allclose(SENSORS["gyro"].quantity.ideal(telemetry)[0], 0.3 * X, atol=1e-15)
-    np.testing.assert_allclose(SENSORS["velocity"].quantity.ideal(telemetry)[0], 0.2 * X)
-    np.testing.assert_allclose(SENSORS["position"].quantity.ideal(telemetry)[0], Z)
+    np.testing.assert_allclose(SENSORS["gyro"].ideal(telemetry)[0], 0.3 * X, atol=1e-15)
+    np.testing.assert_allclose(SENSORS["velocity"].ideal(telemetry)[0], 0.2 * X)
+    np.testing.assert_allclose(SENSORS["position"].ideal(telemetry)[0], Z)
 
 
 def test_a_quaternion_is_scalar_first_and_takes_B_to_W():
@@ -225,7 +225,7 @@ def test_a_quaternion_is_scalar_first_and_takes_B_to_W():
     half = np.sqrt(0.5)
     np.testing.assert_allclose(telemetry.quaternion_WB[0], [half, 0, 0, half])
     np.testing.assert_allclose(telemetry.R_WB[0] @ X, Y, atol=1e-15)
-    np.testing.assert_allclose(SENSORS["attitude"].quantity.ideal(telemetry)[0], [half, 0, 0, half])
+    np.testing.assert_allclose(SENSORS["attitude"].ideal(telemetry)[0], [half, 0, 0, half])
 
 
 def test_a_tracker_errs_most_about_its_boresight():

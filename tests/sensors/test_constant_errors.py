@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from cpid_drake import InputError, Motion
 from cpid_drake.logs.log import ideal_log
 from cpid_drake.logs.simulated_noise import SensorNoise, add_noise
-from cpid_drake.sensors.constant_errors import random_stream
+from cpid_drake.sensors.disturbances import random_stream
 from cpid_drake.sensors.sensors import (
     ARCSECOND,
     SENSORS,

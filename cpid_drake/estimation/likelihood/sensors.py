@@ -24,15 +24,7 @@ from cpid_drake.estimation.likelihood.constants import Constants
 from cpid_drake.estimation.likelihood.effects import GyroBias, MotionChange
 from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory
 from cpid_drake.logs.log import Log, Samples
-from cpid_drake.sensors.sensors import (
-    ANGULAR_VELOCITY,
-    ATTITUDE,
-    POSITION,
-    SENSORS,
-    VELOCITY,
-    AttitudeSensor,
-    Gyro,
-)
+from cpid_drake.sensors.sensors import SENSORS, AttitudeSensor, Gyro
 from cpid_drake.sensors.suite import SensorSuite
 
 OFF_DIAGONAL = ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))
@@ -366,17 +358,17 @@ def delay_of(name: str, constants: Constants, values: NDArray[np.float64]) -> fl
 
 
 _MODELS: dict[str, type[SensorModel]] = {
-    ATTITUDE.name: AttitudeModel,
-    ANGULAR_VELOCITY.name: GyroModel,
-    POSITION.name: PositionModel,
-    VELOCITY.name: VelocityModel,
+    "attitude": AttitudeModel,
+    "angular velocity": GyroModel,
+    "position": PositionModel,
+    "velocity": VelocityModel,
 }
 
 
 def model_classes(measurements: Log) -> dict[str, type[SensorModel]]:
     """Return the classes of the base's sensors that have samples, in the order of the table."""
     return {
-        name: _MODELS[sensor.quantity.name]
+        name: _MODELS[sensor.quantity]
         for name, sensor in SENSORS.items()
-        if sensor.quantity.name in _MODELS and len(measurements[name])
+        if sensor.quantity in _MODELS and len(measurements[name])
     }

@@ -134,8 +134,8 @@ def sensors_section(evidence: Evidence) -> Section:
         sigma, left = "", found.residuals.get(name)
         if found.sensors is not None and name in found.sensors.present():
             sigma = ", ".join(f"{value:.2g}" for value in np.unique(found.sensors.sigmas(name)))
-        row = [SENSORS[name].label, str(len(samples)), step, str(found.rejected.get(name, 0))]
-        row += [sigma, SENSORS[name].quantity.unit if sigma else ""]
+        row = [SENSORS[name].quantity, str(len(samples)), step, str(found.rejected.get(name, 0))]
+        row += [sigma, SENSORS[name].unit if sigma else ""]
         rows.append([*row, "" if left is None else f"{np.mean(left.value**2):.3f}"])
     if found.sensors is None:
         text = "No noise was assumed: all complete samples have the same weight."

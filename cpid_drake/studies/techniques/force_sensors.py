@@ -14,7 +14,7 @@ from cpid_drake.errors import InputError
 from cpid_drake.input_files.validation import load_yaml
 from cpid_drake.logs.log import Samples
 from cpid_drake.resources import models_directory, resolve_model
-from cpid_drake.sensors.constant_errors import random_stream
+from cpid_drake.sensors.disturbances import random_stream
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 Array = NDArray[np.float64]

@@ -83,8 +83,8 @@ def exact_block(case, telemetry_at, suite):
     samples, parts = case.block(START, END).samples, {}
     for name, old in samples.items():
         record = SENSORS[name]
-        if len(old) and record.quantity.width is not None:
-            parts[name] = Samples(old.time, record.quantity.ideal(telemetry_at(old.time, name)))
+        if len(old) and record.width is not None:
+            parts[name] = Samples(old.time, record.ideal(telemetry_at(old.time, name)))
     samples = samples.updated(parts | {"joint_rates": Samples(np.empty(0), np.empty((0, 4)))})
     exact = replace(suite, encoders=replace(suite.encoders, sigma=0.0, bits=0), joint_rates=None)
     joints = joints_of(Block(START, END, samples), exact)
@@ -175,7 +175,7 @@ def test_an_integrating_gyro_shows_the_mean_over_its_period(case):
     times = samples["gyro_2"].time
     times = times[times >= START + period]
     grid = times[:, None] + period * (points - 1) / 2
-    w = SENSORS["gyro_2"].quantity.ideal(truth(case, grid.ravel())).reshape(len(times), 8, 3)
+    w = SENSORS["gyro_2"].ideal(truth(case, grid.ravel())).reshape(len(times), 8, 3)
     mean = np.einsum("q,mqi->mi", weights / 2, w)
     samples = samples.updated({"gyro_2": Samples(times, mean)})
     assert largest_residual(case, samples, joints, with_values(suite)) < 0.02

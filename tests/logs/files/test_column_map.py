@@ -60,7 +60,7 @@ def in_B(motion, vectors):
 def assert_reads_as(log, motion, tolerance=1e-12):
     """Assert that measurements are this motion."""
     for name in ("attitude", "position", "velocity", "encoders", "joint_rates", "gyro"):
-        ideal = SENSORS[name].quantity.ideal(motion)
+        ideal = SENSORS[name].ideal(motion)
         value = log[name].value
         if name == "attitude":  # q and −q are the same attitude
             value = value * np.sign(np.sum(value * ideal, axis=1))[:, None]
@@ -134,7 +134,7 @@ def test_names_units_frames_and_a_marker_are_converted_in_every_format(tmp_path,
     # 1.7e18 ns has a resolution of 256 ns.
     np.testing.assert_allclose(moved.gyro.time, motion.time, rtol=0, atol=2e-7)
     for name in ("attitude", "position", "velocity", "encoders", "joint_rates", "gyro"):
-        ideal = SENSORS[name].quantity.ideal(motion)
+        ideal = SENSORS[name].ideal(motion)
         np.testing.assert_allclose(moved[name].value, ideal, rtol=0, atol=1e-12)
     assert "arm/finger.pos" in found.ignored
 

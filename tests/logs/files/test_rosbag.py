@@ -122,9 +122,7 @@ def assert_equal(measurements, telemetry, sensors=SENSORS):
             continue
         expected = np.arange(len(telemetry)) * STEP / 1e9
         np.testing.assert_allclose(samples.time, expected, rtol=0, atol=1e-15)
-        np.testing.assert_allclose(
-            samples.value, SENSORS[name].quantity.ideal(telemetry), atol=1e-12
-        )
+        np.testing.assert_allclose(samples.value, SENSORS[name].ideal(telemetry), atol=1e-12)
 
 
 @pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
@@ -190,7 +188,7 @@ def test_an_imu_gives_the_gyro_and_an_attitude_if_it_says_so(write, telemetry):
 def test_the_imu_is_the_gyro_beside_odometry_unless_it_is_left_out(write, telemetry):
     topics = odometry_and_joints(telemetry) | {"/imu": series(imu, telemetry, w_error=0.5)}
     bag = write(topics)
-    gyro = SENSORS["gyro"].quantity.ideal(telemetry)
+    gyro = SENSORS["gyro"].ideal(telemetry)
     measurements = read_telemetry(bag)
     np.testing.assert_allclose(measurements.gyro.value, gyro + 0.5, atol=1e-12)
     np.testing.assert_allclose(measurements.attitude.value, telemetry.quaternion_WB, atol=1e-12)
