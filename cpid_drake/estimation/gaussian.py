@@ -12,7 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cpid_drake.estimation.least_squares import KNOWN, LeastSquaresSolution, triangle
+from cpid_drake.estimation.least_squares import (
+    DEFAULT_RANK_TOLERANCE,
+    KNOWN,
+    LeastSquaresSolution,
+    triangle,
+)
 
 _NEGLIGIBLE = 1e-13  # share of the largest singular value of scaled columns that is rounding error
 
@@ -196,7 +201,7 @@ def solution_of(
     *,
     largest: float = KNOWN,
     weakest: float | None = None,
-    residual_sum: float = np.nan,
+    share: float = 1e-3,
     row_count: int = 0,
 ) -> LeastSquaresSolution:
     """Return the solution of a Gaussian of the target alone.
@@ -212,7 +217,8 @@ def solution_of(
         largest: largest σ of what is known, as a share of its plausible size.
         weakest: smallest σ of a combination about which the target says nothing, likewise. Default,
             and if no entry is known: `largest`.
-        residual_sum, row_count: of the rows themselves, for the record.
+        share: largest part in such combinations of an entry that is known.
+        row_count: number of the rows, for the record.
 
     """
     moved = target.moved(nominal)
@@ -224,7 +230,7 @@ def solution_of(
     is_large = np.diag(covariance) > (largest * scale) ** 2
     for limit in (weakest or largest, largest):
         is_weak = ~seen & (sizes > 1 / limit)
-        is_open = is_large | (np.linalg.norm(axes[~(seen | is_weak)], axis=0) > 1e-3)
+        is_open = is_large | (np.linalg.norm(axes[~(seen | is_weak)], axis=0) > share)
         if not is_open.all():
             break
     rank, unobservable = int(seen.sum()), axes[~seen]
@@ -235,13 +241,45 @@ def solution_of(
         information=target.R.T @ target.R,
         rank=rank,
         singular_values=sizes,
-        condition_number=sizes[0] / sizes[-1] if rank == len(scale) else np.inf,
         unobservable=unobservable,
-        residual_rms=np.sqrt(residual_sum / row_count) if row_count else np.nan,
+        residual_rms=np.nan,
         row_count=row_count,
         values=x,
         unit=scale,
         weak=axes[is_weak],
+    )
+
+
+def solution_of_rows(
+    rows: NDArray[np.float64], row_count: int, tolerance: float = DEFAULT_RANK_TOLERANCE
+) -> LeastSquaresSolution:
+    """Return the solution of rows of equal noise, which their residuals show.
+
+    Columns are scaled to unit length here: nothing is known about plausible sizes.
+
+    Args:
+        rows: (m, n + 1) [A | b], or their triangle.
+        row_count: number of the rows that are not zero.
+        tolerance: see `DEFAULT_RANK_TOLERANCE`.
+
+    """
+    n = rows.shape[1] - 1
+    target = Gaussian.of_rows({"x": n}, rows)
+    norms = np.linalg.norm(target.R, axis=0)
+    # A column that is zero up to rounding must not be scaled to unit length.
+    largest = norms.max(initial=0.0) or 1.0
+    scale = 1 / np.where(norms > 1e-12 * largest, norms, largest)
+    size = float(np.linalg.norm(target.R * scale, 2))
+    known = 1 / (tolerance * size) if size else np.inf
+    found = solution_of(target, np.zeros(n), scale, largest=known, share=1e-6)
+    squares, freedom = target.cost(found.values), row_count - found.rank
+    with np.errstate(over="ignore", invalid="ignore"):  # rows of extreme size
+        covariance = (squares / freedom if freedom > 0 else np.nan) * found.covariance
+    return replace(
+        found,
+        covariance=covariance,
+        residual_rms=np.sqrt(squares / row_count) if row_count > 0 else np.nan,
+        row_count=max(row_count, 0),
     )
 
 

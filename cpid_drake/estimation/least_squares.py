@@ -12,7 +12,7 @@ Factorization Methods for Discrete Sequential Estimation, ch. IV.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,11 +48,9 @@ class LeastSquaresSolution:
         rank: number of independent combinations of the unknowns that the rows determine.
         singular_values: (n,) singular values of the rows with every column scaled to unit length,
             descending.
-        condition_number: ratio of the largest to the smallest singular value; infinite below full
-            rank.
         unobservable: (n − rank, n) orthonormal directions, in column-scaled unknowns, along which
             the unknowns can change without a change of A x.
-        residual_rms: root mean square of A x − b; NaN without rows.
+        residual_rms: root mean square of A x − b; NaN if the rows themselves are not known.
         row_count: number of scalar rows without rows of zeros.
         values: (n,) as `estimate`, with an arbitrary value of each undetermined combination in
             place of NaN.
@@ -66,7 +64,6 @@ class LeastSquaresSolution:
     information: NDArray[np.float64]
     rank: int
     singular_values: NDArray[np.float64]
-    condition_number: float
     unobservable: NDArray[np.float64]
     residual_rms: float
     row_count: int
@@ -79,42 +76,11 @@ class LeastSquaresSolution:
         """Whether the rows determine every unknown."""
         return self.rank == self.estimate.size
 
-
-def among_ten(solution: LeastSquaresSolution, places: NDArray[np.intp]) -> LeastSquaresSolution:
-    """Return the solution of some of the target's ten unknowns as one of all ten.
-
-    Args:
-        solution: in u unknowns.
-        places: (u,) their places among the ten; all others have no effect on the samples.
-
-    """
-    if len(places) == 10:
-        return solution
-    others = np.setdiff1d(np.arange(10), places)
-    estimate, covariance = np.full(10, np.nan), np.full((10, 10), np.nan)
-    information, values, unit = np.zeros((10, 10)), np.zeros(10), np.ones(10)
-    block = np.ix_(places, places)
-    estimate[places], covariance[block] = solution.estimate, solution.covariance
-    information[block] = solution.information
-    values[places], unit[places] = solution.values, solution.unit
-    unobservable = np.vstack([_expanded(solution.unobservable, places), np.eye(10)[others]])
-    return replace(
-        solution,
-        estimate=estimate,
-        covariance=covariance,
-        information=information,
-        singular_values=np.append(solution.singular_values, np.zeros(len(others))),
-        unobservable=unobservable,
-        values=values,
-        unit=unit,
-        weak=_expanded(solution.weak, places),
-    )
-
-
-def _expanded(rows: NDArray[np.float64], places: NDArray[np.intp]) -> NDArray[np.float64]:
-    result = np.zeros((len(rows), 10))
-    result[:, places] = rows
-    return result
+    @property
+    def condition_number(self) -> float:
+        """Ratio of the largest to the smallest singular value; infinite below full rank."""
+        sizes = self.singular_values
+        return float(sizes[0] / sizes[-1]) if self.is_observable else np.inf
 
 
 def empty_information(n: int = 10) -> NDArray[np.float64]:
@@ -140,63 +106,6 @@ def triangle(rows: NDArray[np.float64]) -> NDArray[np.float64]:
         rows = np.vstack([rows, np.zeros((n - m, n))])
     work = int(lapack.dgeqrf_lwork(*rows.shape)[0])
     return np.triu(lapack.dgeqrf(rows, lwork=work)[0][:n])
-
-
-def solve_information(
-    information: NDArray[np.float64],
-    row_count: int,
-    *,
-    eliminated: int = 0,
-    rank_tolerance: float = DEFAULT_RANK_TOLERANCE,
-) -> LeastSquaresSolution:
-    """Solve for the unknowns from the square-root information of `row_count` scalar rows.
-
-    Columns are scaled here, once: QR decomposition itself does not depend on their scale.
-
-    Args:
-        information: (n + 1, n + 1) array from `updated_information`.
-        row_count: number of scalar rows that were added.
-        eliminated: number of leading unknowns to eliminate: the solution contains the other
-            unknowns, for the best values of the eliminated ones.
-        rank_tolerance: see `DEFAULT_RANK_TOLERANCE`.
-
-    """
-    kept = information[eliminated:, eliminated:]
-    A, b, rho, n = kept[:-1, :-1], kept[:-1, -1], kept[-1, -1], len(kept) - 1
-    row_count = max(row_count - eliminated, 0)
-    norms = np.linalg.norm(A, axis=0)
-    # A column that is zero up to rounding must not be scaled to unit length.
-    largest = norms.max(initial=0.0) or 1.0
-    scale = np.where(norms > 1e-12 * largest, norms, largest)
-    U, s, Vt = np.linalg.svd(A / scale)
-    seen = (s > rank_tolerance * s[0]) & (s[0] > 0)
-    rank = int(seen.sum())
-    y = Vt[seen].T @ ((U.T @ b)[seen] / s[seen])
-    unobservable = Vt[~seen]
-    is_open = np.linalg.norm(unobservable, axis=0) > 1e-6
-    residual = A @ (y / scale) - b
-    residual_sum = residual @ residual + rho**2
-    freedom = row_count - rank
-    variance = residual_sum / freedom if freedom > 0 else np.nan
-    with np.errstate(over="ignore", invalid="ignore"):  # rows of extreme size
-        root = (Vt[seen].T / s[seen]) / scale[:, None]
-        covariance = variance * root @ root.T
-    covariance[is_open, :] = covariance[:, is_open] = np.nan
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return LeastSquaresSolution(
-            estimate=np.where(is_open, np.nan, y / scale),
-            covariance=covariance,
-            information=A.T @ A,
-            rank=rank,
-            singular_values=s,
-            condition_number=s[0] / s[-1] if rank == n else np.inf,
-            unobservable=unobservable,
-            residual_rms=np.sqrt(residual_sum / row_count) if row_count else np.nan,
-            row_count=row_count,
-            values=y / scale,
-            unit=1 / scale,
-            weak=np.empty((0, n)),
-        )
 
 
 def describe_unobservable(

@@ -298,9 +298,6 @@ def _identified(known: Known, log: CheckedLog) -> tuple[Identification, Gaussian
         target, nominal, scale, row_count=count - (rows.extra if own.any() else 0)
     )
     x = np.append(own, solution.values[unknowns])  # what is not determined must not explain errors
-    if solution.row_count > 0:
-        rms = float(np.sqrt(rows.residual_sum(x) / solution.row_count))
-        solution = replace(solution, residual_rms=rms)
     if not noise.is_known:
         solution = replace(solution, covariance=np.full((10, 10), np.nan))
     is_shown = solution.rank == len(unknowns) and count > _FEW_ROWS

@@ -127,7 +127,7 @@ def estimate(
         said = (*said, *undeclared_forces(model))
     result = Identification.of_solution(
         relative_parameterization(model.mass),
-        solution_of(model, found.values, gaussian, cost=found.cost, count=used.total()),
+        solution_of(model, found.values, gaussian, count=used.total()),
         sensors=suite,
         sample_count=used.total(),
         estimator=NAME,
@@ -316,20 +316,18 @@ def at_momentum(gaussian: Gaussian, values: Values, momentum: TotalMomentum, log
 
 
 def solution_of(
-    model: Model, values: Values, gaussian: Gaussian, *, cost: float = np.nan, count: int = 0
+    model: Model, values: Values, gaussian: Gaussian, *, count: int = 0
 ) -> LeastSquaresSolution:
     """Return the target's ψ about the nominal mass of the known bodies.
 
     Args:
         model, values, gaussian: as in all functions here, of one log or of many.
-        cost, count: sum of squares of the samples' residuals, and their number.
+        count: number of the samples.
 
     """
     _, sizes = undetermined(model, values[PSI], gaussian)
     target = gaussian.marginal([PSI]).moved(-values[PSI])
-    return gaussians.solution_of(
-        target, values[PSI], sizes, weakest=1.0, residual_sum=cost, row_count=count
-    )
+    return gaussians.solution_of(target, values[PSI], sizes, weakest=1.0, row_count=count)
 
 
 def effects_of(

@@ -19,11 +19,10 @@ from pydrake.systems.framework import (
 from cpid_drake.dynamics.rows import row_family
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
+from cpid_drake.estimation.gaussian import solution_of_rows
 from cpid_drake.estimation.least_squares import (
     DEFAULT_RANK_TOLERANCE,
-    among_ten,
     empty_information,
-    solve_information,
     updated_information,
 )
 from cpid_drake.estimation.momentum_rows import momentum_columns, momentum_rows
@@ -256,14 +255,13 @@ class MomentumIdentifier(Identifier):
         return root.reshape(self._size, self._size)
 
     def _solve(self, context: Context) -> Identification:
-        root = self._root(context)
+        kept = self._root(context)[self._extra :, self._extra :]
         samples, row_count, _ = context.get_discrete_state(self._count_index).value()
-        solution = solve_information(
-            root, int(row_count), eliminated=self._extra, rank_tolerance=self._rank_tolerance
-        )
+        rows = np.zeros((len(kept), 11))
+        rows[:, [*self._spacecraft.tree.unknowns, 10]] = kept
         return Identification.of_solution(
             self._parameterization,
-            among_ten(solution, self._spacecraft.tree.unknowns),
+            solution_of_rows(rows, int(row_count) - self._extra, self._rank_tolerance),
             sample_count=int(samples),
             estimator=NAME,
             rows=self._family.name,

@@ -24,7 +24,8 @@ import pinocchio as pin
 from cpid_drake import HalfCosine, InertialParameters, MomentumIdentifier, Motion, Spacecraft
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.parameterizations import STANDARD, standard_to_relative
-from cpid_drake.estimation.least_squares import empty_information, solve_information
+from cpid_drake.estimation.gaussian import solution_of_rows
+from cpid_drake.estimation.least_squares import empty_information
 from cpid_drake.resources import resolve_model
 
 MODEL = "package://cpid_drake_models/dual_arm_servicer/dual_arm_servicer.urdf"
@@ -125,7 +126,7 @@ def main() -> None:
         ours_eq18 = eq18.update(ours_eq18, state)
         theirs = reference.update(theirs, *reference.state(telemetry, k))
     rows = 6 * len(states)
-    estimate = STANDARD.to_parameters(solve_information(ours, rows).estimate)
+    estimate = STANDARD.to_parameters(solution_of_rows(ours, rows).estimate)
     check = STANDARD.to_parameters(reference.solve(theirs, rows)[0][reference.TO_STANDARD])
     np.testing.assert_allclose(estimate, check, rtol=0, atol=1e-8)
     np.testing.assert_allclose(estimate, target.to_vector(), rtol=0, atol=1e-8)
@@ -144,7 +145,7 @@ def main() -> None:
             "update_eq18": lambda: eq18.update(ours_eq18, state),
             "update_pinocchio": lambda: reference.update(theirs, q, v),
             "update_as_event": event,
-            "solve": lambda: solve_information(ours, rows),
+            "solve": lambda: solution_of_rows(ours, rows),
             "solve_pinocchio": lambda: reference.solve(theirs, rows),
         },
         args.blocks,

@@ -6,7 +6,6 @@ from planar_cases import KNOWN, TARGET, planar_craft
 
 from cpid_drake.dynamics.parameterizations import STANDARD, parameters_to_standard
 from cpid_drake.estimation.gaussian import Gaussian, solution_of
-from cpid_drake.estimation.least_squares import among_ten
 from cpid_drake.identification.consistency import checked
 from cpid_drake.identification.description import describe
 from cpid_drake.identification.result import Identification
@@ -22,10 +21,10 @@ def tree(tmp_path_factory):
 
 def in_plane(m, hx, hy, J33, sigma, tree) -> Identification:
     """Return an identification of the four standard unknowns of motion in the plane."""
-    x, R = np.array([m, hx, hy, J33]), np.diag(1 / np.asarray(sigma, dtype=float))
-    told = Gaussian.of_rows({"x": 4}, np.column_stack([R, R @ x]))
-    four = solution_of(told, x, 1e6 * np.ones(4), row_count=100)
-    ten = among_ten(four, PLACES)
+    x, R = np.zeros(10), np.zeros((4, 10))
+    x[PLACES], R[:, PLACES] = [m, hx, hy, J33], np.diag(1 / np.asarray(sigma, dtype=float))
+    told = Gaussian.of_rows({"x": 10}, np.column_stack([R, R @ x]))
+    ten = solution_of(told, x, 1e6 * np.ones(10), row_count=100)
     known = {"sample_count": 100, "estimator": "least_squares", "sensors": SensorSuite()}
     return checked(Identification.of_solution(STANDARD, ten, **known), tree)
 

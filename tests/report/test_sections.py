@@ -39,7 +39,6 @@ def found():
         np.linalg.inv(covariance),
         rank=10,
         singular_values=np.linspace(10.0, 1.0, 10),
-        condition_number=10.0,
         unobservable=np.empty((0, 10)),
         residual_rms=1.0,
         row_count=16,
