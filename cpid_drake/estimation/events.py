@@ -96,7 +96,7 @@ def _changes(
         for first in range(0, len(log.blocks) - 1, TOGETHER):
             if first > start:
                 parts = log.part(start, first), rolled.part(start, first)
-                before = sweep(model, *parts, found.values, before=before).rows
+                before = sweep(model, *parts, found.values, before=before).end
             start = first
             end = min(first + TOGETHER + LATER + 1, len(log.blocks))
             ends = range(min(TOGETHER, end - first - 1))

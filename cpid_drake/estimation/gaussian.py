@@ -67,6 +67,11 @@ class Gaussian:
         return self.R.shape[1]
 
     @property
+    def rows(self) -> NDArray[np.float64]:
+        """[R | z] (n, n + 1)."""
+        return np.column_stack([self.R, self.z])
+
+    @property
     def sizes(self) -> dict[str, int]:
         """Number of entries of each unknown."""
         return {name: place.stop - place.start for name, place in self.places.items()}
@@ -99,8 +104,10 @@ class Gaussian:
         others = [name for name in self.places if name not in names]
         order = np.concatenate([self.indices(others), self.indices(names)])
         gone = self.size - len(self.indices(names))
-        T = triangle(np.column_stack([self.R[:, order], self.z]))
         sizes = {name: self.sizes[name] for name in names}
+        if np.array_equal(order, np.arange(self.size)):
+            return Gaussian.of_triangle(sizes, self.rows[gone:, gone:], self.rho2)
+        T = triangle(np.column_stack([self.R[:, order], self.z]))
         rho2 = self.rho2 + float(T[-1, -1]) ** 2
         return Gaussian.of_triangle(sizes, T[gone:-1, gone:], rho2)
 

@@ -42,16 +42,6 @@ class Link:
         return f"link {self.time!r}"
 
 
-def linked(model: Model, gaussian: Gaussian, link: Link) -> Gaussian:
-    """Return what is known after a change at the boundary, which is a further unknown."""
-    n = gaussian.size
-    rows = np.zeros((12 + n, n + 13))
-    rows[:12, n : n + 12] = np.diag(1 / model.farthest)
-    rows[12:, :n], rows[12:, n : n + 12] = gaussian.R, -gaussian.R[:, :12]
-    rows[12:, -1] = gaussian.z
-    return Gaussian.of_rows({**gaussian.sizes, link.name: 12}, rows)
-
-
 def judged(model: Model, gaussian: Gaussian, links: Sequence[Link]) -> tuple[Link, ...]:
     """Return the links with the probabilities and sizes that the evidence shows."""
     if not links:

@@ -27,15 +27,9 @@ from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.joints import tracked
 from cpid_drake.estimation.least_squares import KNOWN
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
-from cpid_drake.estimation.links import closed, compared, judged
+from cpid_drake.estimation.links import closed, compared
 from cpid_drake.estimation.log_state import LogState
-from cpid_drake.estimation.online_block import (
-    NAME,
-    Known,
-    at_end,
-    is_likely,
-    solved,
-)
+from cpid_drake.estimation.online_block import NAME, Known, is_likely, solved
 from cpid_drake.estimation.online_state import OnlineState, Recent
 from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import BODIES, PSI, Model
@@ -82,7 +76,7 @@ def step(model: Model, state: OnlineState, block: Block) -> OnlineState:
 def _continued(model: Model, state: OnlineState, block: Block) -> OnlineState:
     """Return the state after one more block, from what is known before it."""
     recent = (*state.recent, Recent(replace(state, recent=()), block))[-KEPT - 1 :]
-    after, is_explained = _after(model, recent[-1], is_judged=True)
+    after, is_explained = _after(model, recent[-1])
     cut = _beside_changes(recent, after)
     if not (is_explained or recent[-1].is_cut):
         cut = {*cut, len(recent) - 1}
@@ -91,12 +85,8 @@ def _continued(model: Model, state: OnlineState, block: Block) -> OnlineState:
         again, after = [], recent[min(cut)].before
         for each in recent[min(cut) :]:
             again.append(replace(each, before=after))
-            after, _ = _after(model, again[-1], is_judged=False)
+            after, _ = _after(model, again[-1])
         recent = (*recent[: min(cut)], *again)
-        known = after.known
-        assert known is not None
-        links = judged(model, known.gaussian, known.links)
-        after = replace(after, known=replace(known, links=links))
     return replace(_settled(model, after, recent[-KEPT:][0].block.start), recent=recent)
 
 
@@ -218,13 +208,11 @@ def _far(found: Fit) -> dict[str, int]:
 def _begun(model: Model, found: Fit) -> Known:
     """Return what a fit of the window knows at its end."""
     log, rolled = found.logs[0], found.rolled[0]
-    swept = sweep(model, log, rolled, found.values)
-    total = prior_of(model, [log], found.values, ()).add(swept.gaussian)
-    total = total.marginal(unknown.key(NAME) for unknown in model.table)
+    end = sweep(model, log, rolled, found.values).end
+    gaussian = end.add(prior_of(model, [log], found.values, ()))
     track = np.zeros((model.joint_count, ORDER, ORDER + 1))
     for part in log.joints:
         track = tracked(track, part)[1]
-    end = rolled.models[-1].motion.end(rolled.trajectories[-1])
     last = replace(
         log,
         blocks=log.blocks[-1:],
@@ -232,16 +220,15 @@ def _begun(model: Model, found: Fit) -> Known:
         bias=(log.bias[-1][model.last_nodes],),
         walks=(),
         weights=({},),
-        start=end,
+        start=rolled.models[-1].motion.end(rolled.trajectories[-1]),
         links={},
         jumps={},
     )
-    gaussian = at_end(model, replace(swept, gaussian=total))
     about = {u.name: found.values[u.name] for u in model.table if u.scope != "log"}
     return Known(found.values, last, gaussian, (), track, about)
 
 
-def _after(model: Model, each: Recent, *, is_judged: bool) -> tuple[OnlineState, bool]:
+def _after(model: Model, each: Recent) -> tuple[OnlineState, bool]:
     """Return the state after a block, and whether noise explains all of it.
 
     A whole block that noise does not explain is not used; a part of a cut one is bridged by its
@@ -256,7 +243,7 @@ def _after(model: Model, each: Recent, *, is_judged: bool) -> tuple[OnlineState,
         assert known is not None
         try:
             if not is_gap:
-                found = solved(model, known, part, is_judged=is_judged)
+                found = solved(model, known, part)
         except (InputError, np.linalg.LinAlgError):
             pass
         is_good = found is not None and is_likely(*found[1:])
@@ -267,7 +254,7 @@ def _after(model: Model, each: Recent, *, is_judged: bool) -> tuple[OnlineState,
             joints = {name: part.samples[name] for name in OF_JOINTS}
             alone = replace(part, samples=replace(part.samples, samples=joints))
             rejected.update({n: len(s) for n, s in part.samples.items() if n not in OF_JOINTS})
-            found = solved(model, known, alone, is_judged=False, is_linked=False)
+            found = solved(model, known, alone, is_linked=False)
         if not (is_gap or is_good):
             is_explained = False
             state = replace(state, bridged=state.bridged + part.length)

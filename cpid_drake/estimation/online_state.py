@@ -11,8 +11,9 @@ from cpid_drake.estimation.evidence import NAMED
 from cpid_drake.estimation.fit import Fit
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.links import closed
-from cpid_drake.estimation.online_block import BOUNDARY, Known
+from cpid_drake.estimation.online_block import Known
 from cpid_drake.estimation.roll import Values
+from cpid_drake.estimation.sweep import BOUNDARY
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.estimation.whiteness import LagSums
 

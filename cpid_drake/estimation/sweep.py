@@ -35,6 +35,9 @@ EXACT = 1e-9
 START = {"attitude": np.pi, "p_Wcm": 1e3}
 """σ of attitude [rad] and centre of mass [m] before the first sample."""
 
+BOUNDARY = "boundary"
+"""Name of what is at the end of a block: attitude, p, L, v, biases and joints."""
+
 
 @dataclass(frozen=True, eq=False)
 class _Change:
@@ -82,24 +85,21 @@ class Swept:
     """A linearized log.
 
     Attributes:
-        gaussian: of the log's, the hardware's and the target's unknowns, about the present values.
-        boundary: (n, n + …) rows of what is known at the end of the last block.
+        end: of what is at the end of the last block, `BOUNDARY`, and then of the log's, the
+            hardware's and the target's unknowns, about the present values.
         steps: what `back` needs, in the order of the sweep.
         absorbed: how many of a sensor's residuals the blocks' own unknowns absorb, by sensor.
 
     """
 
-    gaussian: Gaussian
-    boundary: NDArray[np.float64]
+    end: Gaussian
     steps: list[_Change | _Block]
     absorbed: dict[str, float]
 
     @property
-    def rows(self) -> NDArray[np.float64]:
-        """Rows of all that is known at the end of the last block."""
-        n, found = len(self.boundary), self.gaussian
-        below = np.column_stack([np.zeros((found.size, n)), found.R, found.z])
-        return np.vstack([self.boundary, below])
+    def gaussian(self) -> Gaussian:
+        """Of the log's, the hardware's and the target's unknowns."""
+        return self.end.marginal(name for name in self.end.places if name != BOUNDARY)
 
 
 def sweep(
@@ -109,7 +109,7 @@ def sweep(
     values: Values,
     *,
     carry: Collection[int] = (),
-    before: NDArray[np.float64] | None = None,
+    before: Gaussian | None = None,
 ) -> Swept:
     """Linearize a log about given values.
 
@@ -119,47 +119,31 @@ def sweep(
         rolled: its prediction at these values.
         values: the values.
         carry: the open links whose changes remain unknowns of the result, "link k".
-        before: rows of what is known at the start; default: the priors of a log's start.
+        before: what is known at the start, as `Swept.end`; default: the priors of a log's start.
 
     """
-    carried = known_at_start(model, log, values) if before is None else before
-    n = boundary_size(model)
-    walking, walk_sigma = model.walking_columns, model.walking_sigma
-    steps: list[_Change | _Block] = []
-    rho2, links, absorbed = 0.0, list[int](), dict[str, float]()
-
-    def opened(
-        columns: NDArray[np.intp], sigma: NDArray[np.float64], now: NDArray[np.float64], kind: str
-    ) -> NDArray[np.float64]:
-        T = with_change(carried, columns, sigma, now)
-        m = len(columns)
-        steps.append(_Change(columns, T[:m], kind, k))
-        return T[m : m + len(carried), m:]
-
+    known = known_at_start(model, log, values) if before is None else before
+    walking, pose = boundary_size(model) + model.walking_columns, np.arange(12)
+    steps, absorbed = list[_Change | _Block](), dict[str, float]()
     motions = [part.motion for part in rolled.models]
     for k, trajectory in enumerate(with_joint_changes(motions, rolled.trajectories)):
-        block, carried, rest, own = _eliminated(model, log, k, rolled, trajectory, carried)
+        block, known, own = _eliminated(model, log, k, rolled, trajectory, known)
         steps.append(block)
-        rho2 += rest
         absorbed |= {name: absorbed.get(name, 0.0) + value for name, value in own.items()}
         if k < len(log.walks) and len(walking):
-            sigma = walk_sigma * np.sqrt(log.blocks[k].length)
-            carried = opened(n + walking, sigma, log.walks[k], "walk")
+            sigma = model.walking_sigma * np.sqrt(log.blocks[k].length)
+            known, rows = changed(known, walking, sigma, log.walks[k])
+            steps.append(_Change(walking, rows, "walk", k))
         if k in log.links and k in carry:
-            T = with_change(carried, np.arange(12), log.links[k], log.jumps[k], is_kept=True)
-            carried, rest = T[:-1], T[-1, -1]
-            rho2 += float(rest) ** 2
-            links.append(k)
+            known = linked(known, f"link {k}|{log.name}", log.links[k], log.jumps[k])
         elif k in log.links:
-            carried = opened(np.arange(12), log.links[k], log.jumps[k], "jump")
-    sizes = {u.key(log.name): u.size for u in model.table}
-    sizes |= {f"link {k}|{log.name}": 12 for k in links}
-    gaussian = Gaussian.of_triangle(sizes, carried[n:, n:], rho2)
-    return Swept(gaussian, carried[:n], steps, absorbed)
+            known, rows = changed(known, pose, log.links[k], log.jumps[k])
+            steps.append(_Change(pose, rows, "jump", k))
+    return Swept(known, steps, absorbed)
 
 
-def known_at_start(model: Model, log: LogState, values: Values) -> NDArray[np.float64]:
-    """Return the rows of what is known at the start of a log, about its present values.
+def known_at_start(model: Model, log: LogState, values: Values) -> Gaussian:
+    """Return what is known at the start of a log, about its present values, as `Swept.end`.
 
     L and v are the log's momentum, the biases and what walks have their priors, and joints,
     attitude and centre of mass are open.
@@ -178,7 +162,8 @@ def known_at_start(model: Model, log: LogState, values: Values) -> NDArray[np.fl
     first = np.zeros((len(walking), rows.shape[1]))
     first[np.arange(len(walking)), n + walking] = 1.0
     first[:, -1] = -first_values(model, log, values)
-    return np.vstack([rows, first])
+    sizes = {BOUNDARY: n, **{u.key(log.name): u.size for u in model.table}}
+    return Gaussian.of_rows(sizes, np.vstack([rows, first]))
 
 
 def back(model: Model, log: LogState, swept: Swept, step: Values) -> LogState:
@@ -191,9 +176,9 @@ def back(model: Model, log: LogState, swept: Swept, step: Values) -> LogState:
         step: of all unknowns, by name.
 
     """
-    g = np.concatenate([step[name] for name in swept.gaussian.places])
-    n, tail = boundary_size(model), swept.boundary
-    x = solve_triangular(tail[:, :n], tail[:, -1] - tail[:, n:-1] @ g)
+    g = np.concatenate([step[name] for name in swept.end.places if name != BOUNDARY])
+    n, R, z = boundary_size(model), swept.end.R, swept.end.z
+    x = solve_triangular(R[:n, :n], z[:n] - R[:n, n:] @ g)
     x = np.concatenate([x, g])
     bias, forces, joints = list(log.bias), list(log.forces), list(log.joints)
     walks, jumps, aims = list(log.walks), {**log.jumps}, dict[int, TrajectoryState]()
@@ -237,13 +222,13 @@ def _eliminated(
     k: int,
     rolled: Rolled,
     trajectory: Trajectory,
-    carried: NDArray[np.float64],
-) -> tuple[_Block, NDArray[np.float64], float, dict[str, float]]:
-    """Return block k without what ends with it, the rows known at its end, and what remains.
+    before: Gaussian,
+) -> tuple[_Block, Gaussian, dict[str, float]]:
+    """Return block k without what ends with it, and what is known at its end.
 
     The last value is how many residuals of each sensor the unknowns absorb that end with the block.
     """
-    part = rolled.models[k]
+    part, carried = rolled.models[k], before.rows
     J, end = part.jacobian(trajectory)
     links, rest = part.links(trajectory.state)
     psi, by_psi = part.columns[PSI], rolled.by_psi
@@ -274,31 +259,37 @@ def _eliminated(
     ends = np.cumsum([each.size for each in residuals.values()])
     own = {n: float(x.sum()) for n, x in zip(residuals, np.split(leverage, ends))}
     block = _Block(part, trajectory.state, gone, keep, T[:g].copy(), end)
-    return block, T[g : g + kept, g:], float(np.sum(T[g + kept :, -1] ** 2)), own
+    rho2 = before.rho2 + float(T[-1, -1]) ** 2
+    return block, Gaussian.of_triangle(before.sizes, T[g : g + kept, g:], rho2), own
 
 
-def with_change(
-    carried: NDArray[np.float64],
+def changed(
+    known: Gaussian,
     columns: NDArray[np.intp],
     sigma: NDArray[np.float64],
     now: NDArray[np.float64],
-    *,
-    is_kept: bool = False,
-) -> NDArray[np.float64]:
-    """Return the triangle [u | entries | right side] if some entries change by u ~ N(0, σ²).
+) -> tuple[Gaussian, NDArray[np.float64]]:
+    """Return what is known after a change u ~ N(0, σ²) of some entries.
 
-    If u is kept as a further unknown, it is [entries | u | right side].
+    u has the present value `now`. The second result are its rows [u | entries | right side].
     """
-    m, n = len(columns), carried.shape[1] - 1
-    rows = np.zeros((m + len(carried), m + n + 1))
-    u, rest = (slice(n, n + m), slice(0, n)) if is_kept else (slice(0, m), slice(m, m + n))
-    rows[:m, u], rows[:m, -1] = np.diag(1 / sigma), -now / sigma
-    rows[m:, u], rows[m:, rest], rows[m:, -1] = (
-        -carried[:, columns],
-        carried[:, :-1],
-        carried[:, -1],
-    )
-    return triangle(rows)
+    m, n = len(columns), known.size
+    rows = np.zeros((m + n, m + n + 1))
+    rows[:m, :m], rows[:m, -1] = np.diag(1 / sigma), -now / sigma
+    rows[m:, :m], rows[m:, m:-1], rows[m:, -1] = -known.R[:, columns], known.R, known.z
+    T = triangle(rows)
+    return Gaussian.of_triangle(known.sizes, T[m:-1, m:], known.rho2), T[:m]
+
+
+def linked(
+    known: Gaussian, name: str, sigma: NDArray[np.float64], now: NDArray[np.float64]
+) -> Gaussian:
+    """Return what is known after a change (12,) of attitude, p, L and v, a further unknown."""
+    n = known.size
+    rows = np.zeros((12 + n, n + 13))
+    rows[:12, n:-1], rows[:12, -1] = np.diag(1 / sigma), -now / sigma
+    rows[12:, :n], rows[12:, n:-1], rows[12:, -1] = known.R, -known.R[:, :12], known.z
+    return Gaussian.of_rows({**known.sizes, name: 12}, rows, known.rho2)
 
 
 def boundary_size(model: Model) -> int:

@@ -241,7 +241,7 @@ def test_the_way_back_finds_all_other_unknowns(problem):
 def test_what_is_known_at_the_start_is_its_prior(problem):
     """Nothing is known about the target before the first sample but its prior."""
     model, log, values = problem
-    rows = known_at_start(model, log, values)
+    rows = known_at_start(model, log, values).rows
     n = rows.shape[1] - 1 - sum(u.size for u in model.table)
     psi = model.places[PSI]
     assert not rows[:, n + psi.start : n + psi.stop].any()
