@@ -48,12 +48,9 @@ class Comparison:
     """Which candidates act.
 
     Attributes:
-        alone: log of the Bayes factor of each candidate, alone against none.
         probability: of each candidate to act.
         best: the most probable set.
-        places: places of the kept unknowns in `mean`.
-        mean: (n,) average of the kept unknowns over all sets.
-        covariance: (n, n) their covariance, that between the sets included.
+        gaussian: average of the kept unknowns over all sets, with the differences between them.
         values: (k,) of each candidate in the best set, in its own units.
         sigma: (k,) their σ.
         sizes: of each candidate beside those before it, as shares of its σ; of those that were
@@ -61,24 +58,12 @@ class Comparison:
 
     """
 
-    alone: dict[str, float]
     probability: dict[str, float]
     best: tuple[str, ...]
-    places: dict[str, slice]
-    mean: NDArray[np.float64]
-    covariance: NDArray[np.float64]
+    gaussian: Gaussian
     values: dict[str, NDArray[np.float64]]
     sigma: dict[str, NDArray[np.float64]]
     sizes: dict[str, float]
-
-    @property
-    def gaussian(self) -> Gaussian:
-        """The average of the kept unknowns as a distribution."""
-        scale = np.sqrt(np.diag(self.covariance))
-        L = cholesky(self.covariance / scale / scale[:, None], lower=True)
-        whiten = solve_triangular(L, np.diag(1 / scale), lower=True)
-        rows = np.column_stack([whiten, whiten @ self.mean])
-        return Gaussian.of_rows({n: p.stop - p.start for n, p in self.places.items()}, rows)
 
     @property
     def named(self) -> tuple[str, ...]:
@@ -193,7 +178,7 @@ class _Sets:
     ) -> None:
         self.names = [name for name in gaussian.places if name in candidates]
         both = gaussian.marginal([*kept, *self.names])
-        self.kept_places = {name: both.places[name] for name in kept}
+        self.kept_sizes = {name: both.sizes[name] for name in kept}
         n = len(both.indices(kept))
         sigma = np.concatenate([np.empty(0), *(candidates[name] for name in self.names)])
         scale = np.concatenate([1 / np.linalg.norm(both.R[:, :n], axis=0), sigma])
@@ -230,10 +215,9 @@ class _Sets:
 
     def comparison(self, odds: Mapping[str, float]) -> Comparison:
         """Return the comparison for the logs of all candidates' odds."""
-        alone, some = dict[str, float](), list[str]()
+        some = list[str]()
         while len(some) < MOST and (others := [n for n in self.names if n not in some]):
             gains = self._gains(others, some)
-            alone = alone or {name: float(gain.max()) for name, gain in gains.items()}
             name = max(gains, key=lambda each: gains[each].max() + odds[each])
             if gains[name].max() + odds[name] < np.log(UNLIKELY):
                 break
@@ -263,14 +247,15 @@ class _Sets:
         inverse = solve_triangular(L, np.eye(len(index)), lower=True)
         sigma = self.sigma[index] * np.linalg.norm(inverse, axis=0)
         ends = np.cumsum([len(self.places[name]) for name in free])[:-1]
-        covariance = (square - np.outer(mean, mean)) * scale * scale[:, None]
+        covariance = square - np.outer(mean, mean)
+        own = np.sqrt(np.diag(covariance))
+        root = cholesky(covariance / own / own[:, None], lower=True)
+        whiten = solve_triangular(root, np.diag(1 / own / scale), lower=True)
+        average = np.column_stack([whiten, whiten @ ((nearby + mean) * scale)])
         return Comparison(
-            alone,
             probability,
             tuple(free),
-            self.kept_places,
-            (nearby + mean) * scale,
-            covariance,
+            Gaussian.of_rows(self.kept_sizes, average),
             dict(zip(free, np.split(x, ends), strict=True)) if free else {},
             dict(zip(free, np.split(sigma, ends), strict=True)) if free else {},
             self.size,

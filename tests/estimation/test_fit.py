@@ -185,8 +185,8 @@ def test_a_small_momentum_is_in_the_interval(tmp_path, skewed_target):
         found = fitted(case, 1)
         values = np.concatenate([found.values[name] for name in found.gaussian.places])
         sigma = {f"{OF_LOG}|log": found.model.table[-1].sigma}
-        average = compare(found.gaussian.moved(-values), sigma, [PSI])
-        assert nees(case, average.mean, average.covariance) < 30
+        average = compare(found.gaussian.moved(-values), sigma, [PSI]).gaussian
+        assert nees(case, average.solve(), average.covariance()) < 30
         at_zero = target(found.gaussian, found.values, at_rest=True)
         assert size < 0.1 or nees(case, *at_zero) > 1000
 
