@@ -90,14 +90,7 @@ class RigidBodySet:
 
         NaN if the solver fails.
         """
-        return _Program(self, np.inf).nearest()[0]
-
-    def nearest(self) -> Array:
-        """Return the unknowns (10,) of the rigid body nearest to the estimate; NaN without one.
-
-        Unknowns that are not determined have arbitrary values.
-        """
-        return _Program(self, np.inf).nearest()[1]
+        return _Program(self, np.inf).distance()
 
     def bounds(self) -> Array | None:
         """Return the extreme values (10, 2) of π over all bodies of the set; None if it is empty.
@@ -282,17 +275,11 @@ class _Program:
             found.append(sign * value)
         return found[0], found[1]
 
-    def nearest(self) -> tuple[float, Array]:
-        """Return the smallest |A x − b| in σ, and its unknowns (10,)."""
+    def distance(self) -> float:
+        """Return the smallest |A x − b| in σ; NaN if the solver fails."""
         self._program.AddL2NormCostUsingConicConstraint(self._rows, -self._right, self._z)
         result = self._solve()
-        if not result.is_success():
-            return np.nan, np.full(10, np.nan)
-        z = result.GetSolution(self._z)
-        return (
-            float(np.linalg.norm(self._rows @ z - self._right)),
-            np.asarray(z[:10] * self._bodies.scale),
-        )
+        return float(result.get_optimal_cost()) if result.is_success() else np.nan
 
     def _solve(self) -> "MathematicalProgramResult":
         from pydrake.solvers import ClarabelSolver

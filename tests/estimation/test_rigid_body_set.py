@@ -164,11 +164,3 @@ def test_a_negative_moment_is_no_rigid_body():
     low, high = uncertain.bounds()[6]
     assert low == 0.0
     assert 0.0 < high < 0.011  # −0.05 + 3 σ
-
-
-def test_the_nearest_body_is_the_estimate_if_that_is_possible():
-    pi = random_body(np.random.default_rng(8))
-    for form, unknowns in FORMS.items():
-        x = unknowns(pi)
-        found = bodies(exactly(x, range(10), sigma=1e-2), form, pi[0])
-        np.testing.assert_allclose(found.nearest(), x, atol=1e-4)
