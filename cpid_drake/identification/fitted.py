@@ -36,6 +36,7 @@ from cpid_drake.identification.checks import (
 from cpid_drake.identification.comparison import (
     BODIES_ACT,
     contradicted,
+    part_checks,
     size_checks,
     undeclared_errors,
     undeclared_forces,
@@ -112,6 +113,7 @@ def estimate(
     acting, said, failed = undeclared_errors(found, question, compared, rows)
     effects = (*effects_of(model, found.values, gaussian, *logs), *acting)
     said = (*said, *(f"{e.describe()}: it failed" for e in effects if e.failed_valve))
+    parts = part_checks(found, question, compared, rows)
     series, counts = _residuals(found)
     rejected, used = Counter[str](), Counter[str]()
     for key, (far, count) in counts.items():
@@ -135,7 +137,7 @@ def estimate(
         rejected={name: count for name, count in rejected.items() if count},
         momentum_changes=tuple(changes),
         warnings=(*warnings, *said),
-        checks=(*checks, *failed, *size_checks(model, effects), *fails),
+        checks=(*checks, *failed, *size_checks(model, effects), *parts, *fails),
         momentum="unknown" if is_free else (known.momentum or TotalMomentum.zero()).name,
         noise=noise,
         effects=effects,
