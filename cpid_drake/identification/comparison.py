@@ -262,12 +262,8 @@ def part_checks(
     beginning, _ = _beginning(found, rows, 1 / 2)
     if beginning is None:
         return ()
-    values = dict.fromkeys((n for n in question.candidates if n not in compared.best), 0.0)
-    held = {n: v - found.values[n] for n, v in (values | question.given).items()}
-    first, whole = (
-        g.condition({n: v for n, v in held.items() if n in g.places}).marginal([PSI])
-        for g in (beginning, found.gaussian)
-    )
+    known = question.answer(beginning, found.values).gaussian, compared.gaussian
+    first, whole = (each.marginal([PSI]) for each in known)
     U, ratio, _ = np.linalg.svd(np.linalg.solve(whole.R.T, first.R.T).T)  # of σ after and before
     seen = ratio**2 < 0.99  # less is rounding and bends of the equations
     change = (U.T @ (first.R @ (first.solve() - whole.solve())))[seen]
