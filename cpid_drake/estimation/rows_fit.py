@@ -13,13 +13,10 @@ them weigh the same. Their errors come from the errors of the samples, and are i
   ch. 1 and 2).
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc
 
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.rotations import skew
@@ -218,10 +215,8 @@ class LogRows:
         sums = np.add.reduceat(scores, np.arange(0, len(scores), length), axis=0)
         return np.asarray(self.sample_count / len(scores) * sums.T @ sums)
 
-    def gaussians(
-        self, noise: RowNoise, *, is_zero: bool = False
-    ) -> tuple[Gaussian, Gaussian, Gaussian]:
-        """Return what all rows tell, and what each half tells, about the momentum and ten unknowns.
+    def gaussians(self, noise: RowNoise, *, is_zero: bool = False) -> tuple[Gaussian, Gaussian]:
+        """Return what all rows, and what the first half, tell about momentum and ten unknowns.
 
         Their costs are counted from the minimum of their own rows.
 
@@ -231,23 +226,26 @@ class LogRows:
 
         """
         found, k = [], 0 if is_zero else self.extra
-        for part in range(3):
-            rows = self._compressed(noise, part, self.extra - k)[0]
+        for is_half in (False, True):
+            rows = self._compressed(noise, is_half=is_half, first=self.extra - k)[0]
             whole = np.zeros((len(rows), k + 11))
             whole[:, :k], whole[:, -1] = rows[:, :k], rows[:, -1]
             whole[:, k + self.unknowns] = rows[:, k:-1]
             found.append(Gaussian.of_rows({MOMENTUM: k, TARGET: 10}, whole))
-        return found[0], found[1], found[2]
+        return found[0], found[1]
 
     def _compressed(
-        self, noise: RowNoise, part: int = 0, first: int = 0
+        self, noise: RowNoise, *, is_half: bool = False, first: int = 0
     ) -> tuple[NDArray[np.float64], int]:
-        """Return the rows of `without_bias` of all rows, or of one half (1 or 2).
+        """Return the rows of `without_bias` of all rows, or of the first half.
 
         The unknowns before the first one are zero.
         """
-        weight, share = 1 / np.sqrt(noise.variance * noise.correlation_time), 0.5 if part else 1.0
-        flat = weight * np.vstack(self._halves[part - 1 : part] if part else self._halves)
+        weight, share = (
+            1 / np.sqrt(noise.variance * noise.correlation_time),
+            0.5 if is_half else 1.0,
+        )
+        flat = weight * np.vstack(self._halves[: 1 if is_half else 2])
         E = share * weight**2 * noise.factor * self._errors
         scatter = None
         if noise.scatter is not None:
@@ -348,16 +346,3 @@ def compare_momentum(
     value = to_origin @ found.values.get(MOMENTUM, np.zeros(k))
     root = to_origin * found.sigma.get(MOMENTUM, np.zeros(k))
     return MomentumComparison(found.probability[MOMENTUM], target, value, root @ root.T)
-
-
-def disagreement(parts: Sequence[Gaussian]) -> tuple[float, int, float]:
-    """Return χ², freedom and probability of so large a χ² if all parts have the same unknowns.
-
-    χ² is the least cost with one set of unknowns minus the sum of the least costs of each part.
-    Source: Rao 1973, Linear Statistical Inference and Its Applications, ch. 4.
-    """
-    total = reduce(Gaussian.add, parts)
-    chi_squared = max(total.least_cost - sum(each.least_cost for each in parts), 0.0)
-    freedom = sum(part.rank for part in parts) - total.rank
-    probability = float(chdtrc(freedom, chi_squared)) if freedom else 1.0
-    return chi_squared, freedom, probability

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from scipy.special import chdtri
 
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.parameterizations import Parameterization
@@ -29,7 +28,6 @@ from cpid_drake.estimation.rows_fit import (
     MomentumComparison,
     RowNoise,
     compare_momentum,
-    disagreement,
 )
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.estimation.whiteness import (
@@ -38,7 +36,7 @@ from cpid_drake.estimation.whiteness import (
     whiteness,
 )
 from cpid_drake.identification.checked_log import CheckedLog, Known, suite_of
-from cpid_drake.identification.checks import IMPROBABLE, MOST_NOISE, Check, momentum_words
+from cpid_drake.identification.checks import MOST_NOISE, Check, halves_check, momentum_words
 from cpid_drake.identification.result import Identification, ResidualSeries
 from cpid_drake.identification.together import with_sources
 from cpid_drake.logs.log import Log
@@ -283,7 +281,7 @@ def _identified(known: Known, log: CheckedLog) -> tuple[Identification, Gaussian
     is_zero = is_open and not (likely >= NAMED and rows.extra)
     cannot = "" if rows.extra else family.name
     said, checks = momentum_words(likely, is_given=momentum is not None, cannot=cannot)
-    whole, *halves = rows.gaussians(noise, is_zero=is_zero)
+    whole, first = rows.gaussians(noise, is_zero=is_zero)
     own = np.zeros(rows.extra) if is_zero else whole.solve()[: rows.extra]
     target, fields = whole.marginal([TARGET]), _momentum(rows, whole) if not is_zero else {}
     if compared is not None and rows.extra and (momentum is None or not is_zero):
@@ -317,32 +315,33 @@ def _identified(known: Known, log: CheckedLog) -> tuple[Identification, Gaussian
         residuals=residuals,
         momentum="zero" if is_zero else "unknown" if momentum is None or is_open else momentum.name,
         warnings=(*warnings, *said),
-        checks=(*checks, *_checks(*rows.misfit(x), halves if is_judged else (), tested)),
+        checks=(*checks, *_checks(*rows.misfit(x), (first, whole) if is_judged else None, tested)),
         **fields,
     )
     return found, target
 
 
 def _checks(
-    to_errors: float, to_rows: float, halves: Sequence[Gaussian], white: Whiteness | None
+    to_errors: float,
+    to_rows: float,
+    halves: tuple[Gaussian, Gaussian] | None,
+    white: Whiteness | None,
 ) -> Iterator[Check]:
     """Yield the checks of the rows of a log.
 
     Args:
         to_errors, to_rows: size of the residuals relative to the samples' errors and to the rows.
-        halves: the unknowns by each half of the samples; empty if they cannot be judged.
+        halves: what the first half and all samples tell; None if they cannot be judged.
         white: whiteness of residuals that must be white.
 
     """
     misfit = min(to_errors, to_rows / INTEGRATION)
     text = f"the momentum balance misses the samples by {misfit:.2g} times their errors: {_CAUSE}"
     yield Check.of("misfit", text, misfit, MOST_NOISE)
-    if to_rows <= INTEGRATION or not halves:
+    if to_rows <= INTEGRATION or halves is None:
         return
-    chi_squared, freedom, chance = disagreement(halves)
-    limit = float(chdtri(freedom, IMPROBABLE)) if freedom else None
-    text = f"two halves of the samples have different targets: {_CAUSE}"
-    yield Check.of("halves", text, chi_squared, limit, chance >= IMPROBABLE)
+    first, all_samples = halves
+    yield halves_check(first.marginal([TARGET]), all_samples.marginal([TARGET]), _CAUSE)
     if white is not None:
         fails = white.lag_one > MOST_CORRELATED and to_errors > LARGE
         text = f"the residuals of the rows are large and correlated, which noise is not: {_CAUSE}"

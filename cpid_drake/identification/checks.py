@@ -9,9 +9,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import pdtrik
+from scipy.special import chdtri, pdtrik
 
 from cpid_drake.estimation.evidence import NAMED
+from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.whiteness import MOST_CORRELATED, Whiteness
 from cpid_drake.sensors.sensors import SENSORS
 
@@ -124,6 +125,29 @@ def fit_checks(
     sentence = "the noise is larger than the sensors' file declares: "
     sentence += f"{', '.join(parts)} the given one"
     yield Check.of(NOISE, sentence, largest, MOST_NOISE, not loud)
+
+
+def halves_check(first: Gaussian, whole: Gaussian, cause: str) -> Check:
+    """Return the check that the first half of the samples has the target of all of them.
+
+    Of nested samples, the difference of two estimates has the difference of their covariances as
+    covariance (Hausman 1978, Econometrica 46). What the rest hardly improves is left out.
+
+    Args:
+        first, whole: what is known of the target from the first half, and from all samples.
+        cause: what another target means.
+
+    """
+    scale = np.linalg.norm(whole.R, axis=0)
+    scale[scale == 0] = 1.0
+    by_whole = first.R @ (np.linalg.pinv(whole.R / scale) / scale[:, None])
+    U, ratio, _ = np.linalg.svd(by_whole)  # of σ after and before
+    seen = ratio**2 < 0.99  # less is rounding and bends of the equations
+    change = (U.T @ (first.z - first.R @ whole.solve()))[seen]
+    chi_squared = float(np.sum(change**2 / (1 - ratio[seen] ** 2)))
+    limit = float(chdtri(max(int(seen.sum()), 1), IMPROBABLE))
+    text = f"the first half of the samples has another target than all of them: {cause}"
+    return Check.of("halves", text, chi_squared, limit)
 
 
 def rejection_checks(

@@ -21,7 +21,6 @@ from cpid_drake.estimation.fit import fit
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Rolled, roll
-from cpid_drake.estimation.rows_fit import disagreement
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.identification.checked_log import check_log, suite_of
 from cpid_drake.identification.fitted import HELD, NAME
@@ -228,9 +227,11 @@ def _test(model: Model, own: Identification, target: TargetPrior) -> tuple[float
     combinations = Combinations(form.name, known.values, known.information, model.mass)
     log = TargetPrior("the log", own.parameters, own.covariance, combinations)
     both = [_rows(each, model) for each in (target, log)]
-    chi_squared, freedom, _ = disagreement(both)
+    total = both[0].add(both[1])
+    freedom = both[0].rank + both[1].rank - total.rank
     if not freedom:
         return 0.0, 0, np.inf
+    chi_squared = max(total.least_cost - both[0].least_cost - both[1].least_cost, 0.0)
     psi = both[0].add(_vague(model)).solve()
     mass = form.jacobian(psi)[0] / form.to_parameters(psi)[0]
     variance = sum(mass @ each.add(_vague(model)).covariance() @ mass for each in both)

@@ -139,6 +139,21 @@ class TestNoiseInRegressors:
             assert np.abs(errors_in_sigma(found, skewed_target)).max() < 4
 
 
+@pytest.mark.parametrize(("drift", "passes"), [(0.0, True), (5e-4, False)])
+def test_a_joint_that_drifts_is_another_target_in_the_first_half(
+    craft, suite, skewed_target, drift, passes
+):
+    """By 0.5 mm (a sliding joint) in 10 s: no error of a sensor that the comparison knows."""
+    motion = Sines.drawn(4, seed=101, duration=10.0, size=0.6)
+    samples = measured(craft, motion, skewed_target, suite)
+    time, value = samples.encoders.time, samples.encoders.value
+    moved = value + drift * np.outer(time / 10.0, [0.0, 1.0, 0.0, 0.0])
+    samples = samples.updated({"encoders": Samples(time, moved)})
+    found = identify(craft, add_noise(suite, samples, seed=0), sensors=suite)
+    assert found.check("halves").passed == passes
+    assert passes or "has another target" in " ".join(found.failures)
+
+
 def test_a_momentum_too_small_to_be_noticed_is_in_the_intervals(craft, suite, skewed_target):
     """1.3 mN·m·s are 2.6 σ of the momentum, and 8 σ of a target that is fitted with zero.
 
