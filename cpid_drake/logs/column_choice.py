@@ -1,4 +1,4 @@
-"""Chooses the columns of a file for each quantity, by a map and by the package's own names.
+"""Fills a map of columns with the package's own names, for what a map leaves out.
 
 The package's own columns are the default map, in SI units and radians; either all columns of a
 group are present or none:
@@ -20,8 +20,8 @@ of the others `x`, `y`, `vx`, `vy`, `wz` or `bwz`, "thrust_fx", "thrust_fy" and 
 What the table holds is exactly zero in the samples.
 """
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from copy import deepcopy
 from difflib import get_close_matches
 
 from cpid_drake.errors import InputError
@@ -35,44 +35,18 @@ YAW = "yaw"
 """The column of the angle of B about W's z axis."""
 
 
-@dataclass(frozen=True, eq=False)
-class ChosenColumns:
-    """The columns of a file by their meaning; groups that are absent are empty.
-
-    Attributes:
-        time: the time, and perhaps nanoseconds.
-        groups: columns of the sensors of the base, of "force" and of "torque", and of each valve.
-        in_world: whether the angular velocity is expressed in W.
-        is_planar: whether the base has x, y and yaw only.
-        positions, rates: columns by joint.
-        left_out: joints that the spacecraft does not have.
-
-    """
-
-    time: tuple[str, ...]
-    groups: Mapping[str, tuple[str, ...]]
-    in_world: bool
-    is_planar: bool
-    positions: Mapping[str, str]
-    rates: Mapping[str, str]
-    left_out: tuple[str, ...]
-
-    @property
-    def names(self) -> list[str]:
-        """All chosen columns."""
-        base = [name for group in self.groups.values() for name in group]
-        return [*self.time, *base, *self.positions.values(), *self.rates.values()]
-
-
-def choose_columns(
+def with_own_columns(
     given: ColumnMap,
     table: Table,
     where: str,
     *,
     map_name: str = "the map",
     joints: Collection[str] | None = None,
-) -> ChosenColumns:
-    """Return the columns that a map names, and of its other quantities the package's own columns.
+) -> ColumnMap:
+    """Return a map that names all columns of a file that are read.
+
+    Those of what the given map does not name are the package's own, if they are in the file. Joints
+    that the spacecraft lacks are ignored.
 
     Args: see `read_columns`.
 
@@ -92,7 +66,6 @@ def choose_columns(
         )
     free = [name for name in names if name not in explicit and name not in given.ignore_columns]
     unknown = [name for name in free if not _is_own(name)]
-    _refuse_unreadable([*explicit, *filter(_is_own, free)], table, where)
     for name in explicit:
         if name not in names:
             if name == "time":
@@ -101,24 +74,25 @@ def choose_columns(
                 f"{where}: there is no column '{name}', which {map_name} names; the columns are "
                 f"{shortened(names)}"
             )
-    quaternion, gyro = SENSORS["attitude"].columns, SENSORS["gyro"]
-    is_planar = given.attitude.order == "yaw" or (
-        not given.attitude.columns and YAW in free and not {*quaternion} & {*free}
-    )
+    for name in (*explicit, *filter(_is_own, free)):
+        if name in table.unreadable:
+            raise InputError(f"{where}: the column '{name}' {table.unreadable[name]}")
+    used, quaternion, gyro = deepcopy(given), SENSORS["attitude"].columns, SENSORS["gyro"]
+    if not given.attitude.columns and YAW in free and not {*quaternion} & {*free}:
+        used.attitude.order = "yaw"
+    is_planar = used.attitude.order == "yaw"
     in_plane = slice(0, 2) if is_planar else slice(0, 3)
     about_normal = slice(2, 3) if is_planar else slice(0, 3)
     in_B, in_W = gyro.columns[about_normal], gyro.columns_in_W[about_normal]
-    groups: dict[str, tuple[str, ...]] = {}
-    for key, columns, *own in (
-        ("attitude", given.attitude.columns, (YAW,) if is_planar else quaternion),
-        ("gyro", given.angular_velocity.columns, in_B, in_W),
-        ("position", given.position.columns, SENSORS["position"].columns[in_plane]),
-        ("velocity", given.velocity.columns, SENSORS["velocity"].columns[in_plane]),
-        ("force", given.thrust.force, THRUST_COLUMNS[3:][in_plane]),
-        ("torque", given.thrust.torque, THRUST_COLUMNS[:3][about_normal]),
+    for section, key, label, *own in (
+        (used.attitude, "columns", "attitude", (YAW,) if is_planar else quaternion),
+        (used.angular_velocity, "columns", gyro.quantity, in_B, in_W),
+        (used.position, "columns", "position", SENSORS["position"].columns[in_plane]),
+        (used.velocity, "columns", "velocity", SENSORS["velocity"].columns[in_plane]),
+        (used.thrust, "force", "the force of thrusters", THRUST_COLUMNS[3:][in_plane]),
+        (used.thrust, "torque", "the torque of thrusters", THRUST_COLUMNS[:3][about_normal]),
     ):
-        label = SENSORS[key].quantity if key in SENSORS else f"the {key} of thrusters"
-        there = [] if columns else [each for each in own if {*each} & {*free}]
+        there = [] if getattr(section, key) else [each for each in own if {*each} & {*free}]
         for each in there:
             missing = [name for name in each if name not in free]
             if missing:
@@ -131,42 +105,40 @@ def choose_columns(
                 f"{where}: {label} is there twice, in the body ({', '.join(there[0])}) and in the "
                 f"world ({', '.join(there[1])}); keep one of them"
             )
-        groups[key] = tuple(columns or (there[0] if there else ()))
-    groups |= {name: (name,) for name in free if name.startswith(VALVE)}
-    frame = given.angular_velocity.frame
-    in_world = frame == "world" or (frame is None and groups["gyro"] == in_W)
-    if groups["gyro"] and in_world and not groups["attitude"]:
+        if there:
+            setattr(section, key, list(there[0]))
+    for name in free:
+        if name.startswith(VALVE):
+            used.valves.setdefault(name.removeprefix(VALVE), name)
+    rate = used.angular_velocity
+    rate.frame = rate.frame or ("world" if tuple(rate.columns) == in_W else "body")
+    if rate.columns and rate.frame == "world" and not used.attitude.columns:
         raise InputError(
-            f"{where}: angular velocity in the world ({', '.join(groups['gyro'])}) needs the "
+            f"{where}: angular velocity in the world ({', '.join(rate.columns)}) needs the "
             "attitude (qw, qx, qy, qz) to be rotated into the body; if it is in the body, name it "
             f"{', '.join(in_B)}"
         )
-    positions, rates, left_out = _of_joints(given, free, joints)
-    for joint in given.joint_positions.constant:
-        if joint in positions or joint in rates:
+    _find_joints(used, free, joints)
+    positions, constant = used.joint_positions.columns, used.joint_positions.constant
+    for joint in constant:
+        if joint in positions or joint in used.joint_rates.columns:
             raise InputError(
                 f"{where}: the joint '{joint}' has a column and a constant position "
                 f"(joint_positions.constant of {map_name})"
             )
-    if not positions and not given.joint_positions.constant and (joints is None or joints):
+    if not positions and not constant and (joints is None or joints):
         near = _likely("q:joint", unknown)
         raise InputError(f"{where}: there are no joint positions, columns 'q:<joint>'{near}")
-    for joint in positions if rates else ():
-        if joint not in rates:
+    for name in used.named:
+        if name in table.unreadable:
+            raise InputError(f"{where}: the column '{name}' {table.unreadable[name]}")
+    for joint in positions if used.joint_rates.columns else ():
+        if joint not in used.joint_rates.columns:
             raise InputError(
                 f"{where}: there is a column 'q:{joint}', but no 'qd:{joint}'; give joint rates of "
                 "all joints or of none, or leave the joint out (ignore_joints of a map of columns)"
             )
-    time = (given.time.column, *([given.time.nanoseconds] if given.time.nanoseconds else []))
-    chosen = ChosenColumns(time, groups, in_world, is_planar, positions, rates, left_out)
-    _refuse_unreadable(chosen.names, table, where)
-    return chosen
-
-
-def _refuse_unreadable(names: Sequence[str], table: Table, where: str) -> None:
-    for name in names:
-        if name in table.unreadable:
-            raise InputError(f"{where}: the column '{name}' {table.unreadable[name]}")
+    return used
 
 
 def _is_own(name: str) -> bool:
@@ -186,26 +158,24 @@ def _likely(wanted: str, unknown: Sequence[str]) -> str:
     return f"; ignored columns: {shown}; {remedy}" if unknown else ""
 
 
-def _of_joints(
-    given: ColumnMap, free: Sequence[str], joints: Collection[str] | None
-) -> tuple[dict[str, str], dict[str, str], tuple[str, ...]]:
-    """Return the columns of positions and rates by joint, and joints that the spacecraft lacks.
+def _find_joints(used: ColumnMap, free: Sequence[str], joints: Collection[str] | None) -> None:
+    """Find the columns of positions and rates by joint; ignore joints that the spacecraft lacks.
 
-    The latter have no columns, unless the log lacks one of the spacecraft's joints, which may have
-    one of these names.
+    None is ignored if the log lacks one of the spacecraft's joints, which may have another's name.
     """
-
-    def columns(section: JointPositionColumns | JointRateColumns) -> dict[str, str]:
-        prefix, suffix, found = section.prefix, section.suffix, dict(section.columns)
+    sections: tuple[JointPositionColumns | JointRateColumns, ...]
+    sections = used.joint_positions, used.joint_rates
+    for section in sections:
+        prefix, suffix = section.prefix, section.suffix
         for name in free if prefix or suffix else ():
             is_long = len(name) > len(prefix) + len(suffix)
             if is_long and name.startswith(prefix) and name.endswith(suffix):
-                found.setdefault(name[len(prefix) : len(name) - len(suffix)], name)
-        return {joint: name for joint, name in found.items() if joint not in given.ignore_joints}
-
-    positions, rates = columns(given.joint_positions), columns(given.joint_rates)
-    everything = {**positions, **rates}
-    if joints is None or any(joint not in everything for joint in joints):
-        return positions, rates, ()
-    kept = [{j: name for j, name in part.items() if j in joints} for part in (positions, rates)]
-    return kept[0], kept[1], tuple(joint for joint in everything if joint not in joints)
+                joint = name[len(prefix) : len(name) - len(suffix)]
+                section.columns.setdefault(joint, name)
+    everything = {**used.joint_positions.columns, **used.joint_rates.columns}
+    if joints is not None and all(joint in everything for joint in joints):
+        lacking = [joint for joint in everything if joint not in joints]
+        used.ignore_joints += [joint for joint in lacking if joint not in used.ignore_joints]
+    for section in sections:
+        kept = {j: name for j, name in section.columns.items() if j not in used.ignore_joints}
+        section.columns = kept

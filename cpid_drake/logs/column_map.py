@@ -218,6 +218,7 @@ class ColumnMap:
     Attributes:
         time, attitude, position, velocity, angular_velocity, joint_positions, joint_rates, thrust:
             the columns of each quantity.
+        valves: by valve of the thrusters, the column of its opening where it is not "valve:NAME".
         reversed_joints: joints whose positions and rates have the opposite sign of the model's.
         ignore_joints: joints of the log that are not used, such as those of a gripper.
         ignore_columns: columns of the log that are not used although their names have a meaning.
@@ -232,6 +233,7 @@ class ColumnMap:
     joint_positions: JointPositionColumns = field(default_factory=JointPositionColumns)
     joint_rates: JointRateColumns = field(default_factory=JointRateColumns)
     thrust: ThrustColumns = field(default_factory=ThrustColumns)
+    valves: dict[str, str] = field(default_factory=dict)
     reversed_joints: list[str] = field(default_factory=list)
     ignore_joints: list[str] = field(default_factory=list)
     ignore_columns: list[str] = field(default_factory=list)
@@ -244,7 +246,7 @@ class ColumnMap:
             names += group.columns
         for section in (self.joint_positions, self.joint_rates):
             names += section.columns.values()
-        return [*names, *self.thrust.force, *self.thrust.torque]
+        return [*names, *self.thrust.force, *self.thrust.torque, *self.valves.values()]
 
 
 def with_entries(column_map: ColumnMap, entries: Mapping[str, Any]) -> ColumnMap:

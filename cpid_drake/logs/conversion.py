@@ -14,14 +14,13 @@ from scipy.spatial.transform import Rotation
 from cpid_drake.dynamics.rotations import rotate_by_quaternion
 from cpid_drake.errors import InputError
 from cpid_drake.logs.clock import time_from_rates
-from cpid_drake.logs.column_choice import ChosenColumns, choose_columns
+from cpid_drake.logs.column_choice import with_own_columns
 from cpid_drake.logs.column_map import (
     ColumnMap,
     JointPositionColumns,
     JointRateColumns,
     check_column_map,
     scale_of,
-    with_entries,
 )
 from cpid_drake.logs.log import THRUST, Log, Samples
 from cpid_drake.logs.screening import LARGEST, QUATERNION_NORM
@@ -105,23 +104,23 @@ def read_columns(
             unless the log lacks one of the spacecraft's joints.
 
     Raises:
-        InputError: see `choose_columns`; or there are no samples.
+        InputError: see `with_own_columns`; or there are no samples.
 
     """
     check_column_map(given, map_name)
-    chosen = choose_columns(given, table, where, map_name=map_name, joints=joints)
-    conversion = _Conversion(given, table, chosen)
+    used = with_own_columns(given, table, where, map_name=map_name, joints=joints)
+    conversion = _Conversion(used, table)
     log = conversion.log()
     if not np.isfinite(log.interval[0]) and not conversion.problems:
         raise InputError(f"{where}: the file has no samples")
-    used = set(chosen.names)
+    names = {*used.named}
     return LogFile(
         log,
         len(table) + len(table.problems),
         [text for _, text in sorted(conversion.problems, key=lambda problem: problem[0])],
         {name: count for name, count in conversion.partial.items() if count},
-        tuple(name for name in (*table.columns, *table.unreadable) if name not in used),
-        chosen.left_out,
+        tuple(name for name in (*table.columns, *table.unreadable) if name not in names),
+        tuple(joint for joint in used.ignore_joints if joint not in given.ignore_joints),
     )
 
 
@@ -137,8 +136,8 @@ class _Conversion:
 
     """
 
-    def __init__(self, given: ColumnMap, table: Table, chosen: ChosenColumns) -> None:
-        self._map, self._table, self._chosen = given, table, chosen
+    def __init__(self, used: ColumnMap, table: Table) -> None:
+        self._map, self._table = used, table
         self.problems = list(table.problems)
         self.partial = Counter(table.rejected)
         self._usable = np.ones(len(table), dtype=bool)
@@ -146,58 +145,54 @@ class _Conversion:
 
     def log(self) -> Log:
         """Return the samples without problems; positions of joints with rates only are NaN."""
-        given, chosen = self._map, self._chosen
+        used = self._map
         self._refuse_texts()
         time = self._times()
-        constant = given.joint_positions.constant
-        still = dict.fromkeys(constant, 0.0) if chosen.rates else {}
-        attitude = self._block(chosen.groups["attitude"], given.attitude.unit)
-        gyro = self._block(chosen.groups["gyro"], given.angular_velocity.unit)
-        position = self._block(chosen.groups["position"], given.position.unit)
-        velocity = self._block(chosen.groups["velocity"], given.velocity.unit)
-        force = self._block(chosen.groups["force"], given.thrust.force_unit)
-        torque = self._block(chosen.groups["torque"], given.thrust.torque_unit)
-        encoders = self._joint_block(given.joint_positions, chosen.positions, constant)
-        joint_rates = self._joint_block(given.joint_rates, chosen.rates, still)
+        attitude, gyro, position, velocity = (
+            self._block(part.columns, part.unit)
+            for part in (used.attitude, used.angular_velocity, used.position, used.velocity)
+        )
+        force = self._block(used.thrust.force, used.thrust.force_unit)
+        torque = self._block(used.thrust.torque, used.thrust.torque_unit)
+        constant, rates = used.joint_positions.constant, used.joint_rates
+        encoders = self._joint_block(used.joint_positions, constant)
+        joint_rates = self._joint_block(
+            rates, dict.fromkeys(constant, 0.0) if rates.columns else {}
+        )
         self._refuse_order(time)
         q = self._quaternions(attitude)
         R_WB = q / np.linalg.norm(q, axis=1, keepdims=True)
-        w = _spatial(gyro, last=True) @ given.angular_velocity.R_BS.T
-        if chosen.in_world:
+        w = _spatial(gyro, last=True) @ used.angular_velocity.R_BS.T
+        if used.angular_velocity.frame == "world":
             w = rotate_by_quaternion(R_WB * _INVERSE, w)
         p, v = _spatial(position), _spatial(velocity)
-        if given.position.point_B.any():
-            p = p - rotate_by_quaternion(R_WB, given.position.point_B)
-        if given.velocity.frame == "body":
+        if used.position.point_B.any():
+            p = p - rotate_by_quaternion(R_WB, used.position.point_B)
+        if used.velocity.frame == "body":
             v = rotate_by_quaternion(R_WB, v)
-        if given.velocity.point_B.any():
-            v = v - rotate_by_quaternion(R_WB, np.cross(w, given.velocity.point_B))
-        self._take("attitude", time, q, attitude)
-        self._take("gyro", time, w, gyro)
-        self._take("position", time, p, position)
-        self._take("velocity", time, v, velocity)
-        self._take("encoders", time, encoders, encoders)
-        self._take("joint_rates", time, joint_rates, joint_rates)
-        if force.shape[1] or torque.shape[1]:
-            nothing = np.zeros((len(force), 3))
-            f = _spatial(force) if force.shape[1] else nothing
-            tau = _spatial(torque, last=True) if torque.shape[1] else nothing
-            wrench = np.hstack([tau + np.cross(given.thrust.point_B, f), f])
-            self._take(THRUST, time, wrench, np.hstack([force, torque]))
-        for name, columns in chosen.groups.items():
-            if name.startswith(VALVE):
-                opening = self._block(columns)
-                self._take(name, time, opening, opening)
-        positions = [*chosen.positions, *constant]
-        joints = tuple(dict.fromkeys([*positions, *chosen.rates]))
+        if used.velocity.point_B.any():
+            v = v - rotate_by_quaternion(R_WB, np.cross(w, used.velocity.point_B))
+        f, tau = (
+            _spatial(part, last=part is torque) if part.shape[1] else np.zeros((len(part), 3))
+            for part in (force, torque)
+        )
+        wrench = np.hstack([tau + np.cross(used.thrust.point_B, f), f])
+        parts = {"attitude": (q, attitude), "gyro": (w, gyro)}
+        parts |= {"position": (p, position), "velocity": (v, velocity)}
+        parts |= {"encoders": (encoders, encoders), "joint_rates": (joint_rates, joint_rates)}
+        parts[THRUST] = wrench, np.hstack([force, torque])
+        for valve, column in used.valves.items():
+            parts[VALVE + valve] = 2 * (self._block([column]),)
+        for name, (value, logged) in parts.items():
+            self._take(name, time, value, logged)
+        positions = [*used.joint_positions.columns, *constant]
+        joints = tuple(dict.fromkeys([*positions, *rates.columns]))
         if len(joints) > len(positions):
             samples = self._samples["encoders"]
             value = np.full((len(samples), len(joints)), np.nan)
             value[:, [joints.index(joint) for joint in positions]] = samples.value
             self._samples["encoders"] = Samples(samples.time, value)
-        frame = "world" if chosen.in_world else "body"  # also where names of columns say it
-        used = with_entries(given, {"angular_velocity.frame": frame})
-        found = time_from_rates(self._samples) if given.time.from_rates else self._samples
+        found = time_from_rates(self._samples) if used.time.from_rates else self._samples
         return Log(joints, found, used)
 
     def _take(self, name: str, time: Array, value: Array, logged: Array) -> None:
@@ -223,15 +218,13 @@ class _Conversion:
         return block
 
     def _joint_block(
-        self,
-        section: JointPositionColumns | JointRateColumns,
-        columns: Mapping[str, str],
-        constant: Mapping[str, float],
+        self, section: JointPositionColumns | JointRateColumns, constant: Mapping[str, float]
     ) -> Array:
         """Return the columns of joints in SI units, then those of constant joints."""
-        scales = np.array([scale_of(section.units.get(joint, section.unit)) for joint in columns])
-        scales *= [-1.0 if joint in self._map.reversed_joints else 1.0 for joint in columns]
-        block = self._block([*columns.values()], scales=scales)
+        units = [section.units.get(joint, section.unit) for joint in section.columns]
+        signs = [-1.0 if joint in self._map.reversed_joints else 1.0 for joint in section.columns]
+        scales = np.array([*map(scale_of, units)]) * signs
+        block = self._block([*section.columns.values()], scales=scales)
         return np.hstack([block, np.tile([*constant.values()], (len(block), 1))])
 
     def _quaternions(self, block: Array) -> Array:
@@ -269,7 +262,7 @@ class _Conversion:
         self._usable[row] = False
 
     def _refuse_texts(self) -> None:
-        for name in self._chosen.names:
+        for name in self._map.named:
             for row, cell in self._table.texts.get(name, {}).items():
                 remedy = "give a number with a decimal point"
                 if cell.lower().lstrip("+-") in ("nan", "inf", "infinity"):
@@ -278,7 +271,7 @@ class _Conversion:
 
     def _times(self) -> Array:
         """Return the time (N,) [s]; rows without a plausible one are problems."""
-        given, column = self._map.time, self._chosen.time[0]
+        given, column = self._map.time, self._map.time.column
         ticks = self._table.columns[column] - given.epoch
         time = ticks / given.rate if given.rate else ticks * scale_of(given.unit)
         if given.nanoseconds is not None:
@@ -301,7 +294,7 @@ class _Conversion:
                 np.format_float_positional(t, trim="-") for t in (time[row], latest[row])
             )
             what = "is there twice" if time[row] == latest[row] else f"comes after {before} s"
-            self._refuse(row, self._chosen.time[0], f"time {now} s {what}")
+            self._refuse(row, self._map.time.column, f"time {now} s {what}")
 
 
 def _spatial(block: Array, *, last: bool = False) -> Array:

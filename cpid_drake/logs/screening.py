@@ -5,7 +5,6 @@ repeat themselves, and spikes of many σ. Smaller errors, which only a compariso
 spacecraft's motion can show, are left to the likelihood.
 """
 
-from bisect import bisect_left
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -28,14 +27,7 @@ LARGEST = 1e9
 and larger values are damaged messages whose squares may overflow."""
 
 LONGEST_GAP = 3600.0
-"""Longest time between two samples of one log [s]; with a longer one, a clock was wrong."""
-
-LONGEST_SILENCE = 1.0
-"""A stamp later than all others by more than this time [s], or than five usual steps of its sensor,
-must be confirmed by other stamps; it is longer than the delay between sensors of one spacecraft."""
-
-CONFIRMING = 3
-"""Number of different stamps that confirm each other: a damaged one, or two, cannot end a log."""
+"""Longest time between two samples of a sensor [s]; with a longer one, a clock was wrong."""
 
 SPIKE = 10.0
 """Smallest deviation of a spike, in σ: noise alone deviates so once in 1e12 samples."""
@@ -65,12 +57,10 @@ class ScreeningMemory:
 
     Attributes:
         recent: by sensor, its latest accepted samples, at most `WINDOW`.
-        unconfirmed: the latest stamps that were too late, at most 8 [s].
 
     """
 
     recent: Mapping[str, Samples] = field(default_factory=dict)
-    unconfirmed: Array = field(default_factory=lambda: np.empty(0))
 
     def last(self, name: str) -> float:
         """Return the stamp of a sensor's latest accepted sample [s]; −inf before the first."""
@@ -107,11 +97,8 @@ def screen(
 
     - samples with an entry that is not finite, or that no sensor of the suite can have;
     - attitudes whose quaternion has a norm that differs from 1;
-    - samples later than those of all sensors by more than a silence, until at least `CONFIRMING`
-      different stamps of any sensors are within a silence of each other; without memory, this holds
-      for all but the largest group. A single stamp in the far future removes no later sample;
-    - samples with stamps more than `LONGEST_GAP` from most others of the sensor, and as few others
-      as possible, so that the stamps increase;
+    - samples with stamps more than `LONGEST_GAP` from most others of the sensor, and samples that
+      are not later than all before;
     - samples that repeat the one before more often than noise does;
     - spikes: single samples far from every line through samples on one side or on both sides.
 
@@ -138,11 +125,11 @@ def screen(
     present = suite.present() if suite else {}
     given = as_arrays(with_thrust(log, suite))
     readable = {name: _readable(name, s, name in present) for name, s in given.items()}
-    indices, unconfirmed = _usable_stamps({n: s.time for n, s in readable.items()}, memory)
     kept: dict[str, Samples] = {}
     recent = dict(memory.recent)
     for name, samples in readable.items():
-        samples = samples if indices[name].size == len(samples) else samples.where(indices[name])
+        ordered = _in_order(samples.time, memory.last(name))
+        samples = samples if ordered.all() else samples.where(ordered)
         if len(samples):
             before = [recent[name]] if name in recent else []
             everything = concatenated_samples([*before, samples]) if before else samples
@@ -155,7 +142,7 @@ def screen(
             recent[name] = concatenated_samples([everything.where(slice(-WINDOW, None))])
         kept[name] = samples
     rejected = {name: len(samples) - len(kept[name]) for name, samples in given.items()}
-    return Screened(given.updated(kept), rejected, ScreeningMemory(recent, unconfirmed))
+    return Screened(given.updated(kept), rejected, ScreeningMemory(recent))
 
 
 def as_arrays(log: Log) -> Log:
@@ -245,63 +232,17 @@ def _held(name: str, given: Samples, width: int) -> Samples:
 # -- stamps ---------------------------------------------------------------------------------------
 
 
-def _usable_stamps(
-    stamps: Mapping[str, Array], memory: ScreeningMemory
-) -> tuple[dict[str, NDArray[np.intp]], Array]:
-    """Return the indices of samples with usable stamps, by sensor, and unconfirmed stamps [s]."""
-    newest, indices, unconfirmed = memory.newest, {}, [memory.unconfirmed]
-    known = [newest] if np.isfinite(newest) else []
-    pool = np.unique(np.concatenate([*stamps.values(), memory.unconfirmed, known]))
-    with np.errstate(over="ignore"):  # between absurd stamps, a step is infinite
-        gaps = np.diff(pool)
-    for name, time in stamps.items():
-        history = np.append(memory.recent[name].time, time) if name in memory.recent else time
-        with np.errstate(over="ignore"):
-            steps = np.diff(history)
-        usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
-        group = np.append(0, np.cumsum(gaps > max(LONGEST_SILENCE, 5 * usual)))[: pool.size]
-        count = np.bincount(group)
-        confirmed = count >= CONFIRMING
-        if known:
-            confirmed[: group[np.searchsorted(pool, newest)] + 1] = True
-        elif count.size:
-            confirmed[count.argmax()] = True
-        late = ~confirmed[group[np.searchsorted(pool, time)]]
-        unconfirmed.append(time[late])
-        index = np.flatnonzero(~late & (time > memory.last(name)))
-        index = index[_together(time[index])]
-        indices[name] = index[_increasing(time[index])]
-    return indices, np.concatenate(unconfirmed)[-8:]
-
-
-def _together(time: Array) -> NDArray[np.intp]:
-    """Return the indices, ascending, of the largest group of stamps without a too long gap."""
-    order = np.argsort(time)
-    gaps = np.flatnonzero(time[order][1:] > time[order][:-1] + LONGEST_GAP)
-    ends = np.concatenate([[0], gaps + 1, [time.size]])
-    k = int(np.diff(ends).argmax())
-    return np.sort(order[ends[k] : ends[k + 1]])
-
-
-def _increasing(time: Array) -> NDArray[np.intp]:
-    """Return the indices of the longest strictly increasing subsequence, the first of several."""
-    if (time[1:] > time[:-1]).all():
-        return np.arange(time.size)
-    # The loop goes from the last stamp to the first. For each length of a subsequence, the lists
-    # contain minus its largest possible first stamp, and that stamp's index. `following` links each
-    # stamp to its successor.
-    first: list[float] = []
-    start: list[int] = []
-    following = np.full(time.size, -1)
-    for k in range(time.size - 1, -1, -1):
-        length = bisect_left(first, -time[k])
-        if length:
-            following[k] = start[length - 1]
-        first[length : length + 1], start[length : length + 1] = [-time[k]], [k]
-    series = [start[-1]]
-    while following[series[-1]] >= 0:
-        series.append(following[series[-1]])
-    return np.array(series)
+def _in_order(time: Array, last: float) -> NDArray[np.bool_]:
+    """Return which stamps (N,) have no too long gap between them, and increase from `last` on."""
+    together, later = np.zeros(time.size, dtype=bool), np.flatnonzero(time > last)
+    if later.size:
+        order = later[np.argsort(time[later])]
+        start = last if np.isfinite(last) else time[order[0]]
+        with np.errstate(over="ignore"):  # between absurd stamps, a step is infinite
+            group = np.cumsum(np.diff(time[order], prepend=start) > LONGEST_GAP)
+        together[order] = group == (0 if np.isfinite(last) else np.bincount(group).argmax())
+    latest = np.maximum.accumulate(np.append(last, np.where(together, time, -np.inf)))[:-1]
+    return np.asarray(together & (time > latest))
 
 
 # -- values ---------------------------------------------------------------------------------------
