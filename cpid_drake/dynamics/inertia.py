@@ -2,8 +2,7 @@
 
 `parameterizations` defines the vectors π and φ and every conversion between them. A vector φ is the
 standard vector of a rigid body exactly when its pseudo-inertia [Σ, h; hᵀ, m] is positive
-semidefinite (Wensing et al. 2018). That condition is convex, so the nearest consistent vector is
-unique; a semidefinite program finds it.
+semidefinite (Wensing et al. 2018).
 """
 
 from dataclasses import dataclass
@@ -14,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from cpid_drake.dynamics.parameterizations import (
     REPORT_ORDER,
-    STANDARD,
     TENSOR_ORDER,
     inertia_of_second_moment,
     parameters_to_standard,
@@ -161,28 +159,34 @@ class InertialParameters:
         """Return whether a rigid body can have these parameters."""
         return not self.infeasibilities()
 
-    def nearest_feasible(self, information: ArrayLike | None = None) -> "InertialParameters":
-        """Return the nearest physically consistent parameters, or these if they are consistent.
+    def nearest_feasible(self) -> "InertialParameters":
+        """Return near parameters that are physically consistent, or these if they are.
 
-        Args:
-            information: (10, 10) information matrix of the parameter vector π, up to a factor,
-                that defines the distance; see `nearest_consistent` for the default.
+        The pseudo-inertia, in units of the body's own mass and size, without its negative
+        eigenvalues: the nearest one by the sum of squares of its entries. The mass is at least a
+        thousandth of the size of the given one.
 
         Raises:
-            InputError: `information` is not a finite, symmetric, positive definite matrix, or the
-                mass is exactly zero.
-            RuntimeError: the solver failed.
+            InputError: the mass is exactly zero.
+
+        Source: Wensing et al. 2018; Higham 1988, Computing a nearest symmetric positive
+        semidefinite matrix.
 
         """
         if self.is_feasible():
             return self
         if self.mass == 0:
             raise InputError("parameters of zero mass have no nearest body: c = h/m is undefined")
-        near = InertialParameters.from_standard_vector(
-            nearest_consistent(self.to_standard_vector(), information)
-        )
-        inertia = inside_the_limits(near.mass, near.p_CTcm_C, near.I_TTcm_C)
-        return InertialParameters(near.mass, near.p_CTcm_C, inertia)
+        pseudo, mass = standard_to_pseudo_inertia(self.to_standard_vector()), abs(self.mass)
+        length = max(np.sqrt(np.abs(pseudo[:3, :3]).max() / mass), 1e-6)
+        unit = np.sqrt(mass) * np.array([length, length, length, 1.0])
+        values, axes = np.linalg.eigh(pseudo / np.outer(unit, unit))
+        near = (axes * np.maximum(values, 0.0)) @ axes.T * np.outer(unit, unit)
+        total = max(near[3, 3], 1e-3 * mass)
+        com = near[:3, 3] / total
+        central = near[:3, :3] - total * np.outer(com, com)
+        inertia = inside_the_limits(total, com, inertia_of_second_moment(central))
+        return InertialParameters(total, com, inertia)
 
     def __repr__(self) -> str:
         def row(values: NDArray[np.float64]) -> str:
@@ -208,65 +212,6 @@ def _ten(vector: ArrayLike, what: str) -> NDArray[np.float64]:
 # -- the nearest rigid body ----------------------------------------------------------------------
 
 
-def nearest_consistent(phi: NDArray[np.float64], information: ArrayLike | None) -> NDArray:
-    """Return the standard vector of a rigid body that is nearest to φ̂ (10,), up to rounding.
-
-    It minimizes (φ − φ̂)ᵀ Λ (φ − φ̂) over positive semidefinite pseudo-inertias.
-
-    Args:
-        phi: φ̂, with a mass that is not zero.
-        information: (10, 10) information matrix (inverse covariance, up to a factor) of the
-            parameter vector π, converted to φ at φ̂. Default: mass, m c and J, each divided by its
-            own size, have equal weight.
-
-    Raises:
-        InputError: `information` is not a finite, symmetric, positive definite matrix.
-        RuntimeError: the solver failed.
-
-    Source: Wensing et al. 2018.
-
-    """
-    from pydrake.solvers import ClarabelSolver, MathematicalProgram
-
-    mass = abs(phi[0])
-    length = max(np.sqrt(max(np.abs(phi[4:]).max(), (phi[1:4] ** 2).max()) / mass), 1e-6)
-    scale = mass * np.concatenate([[1.0], 3 * [length], 6 * [length**2]])
-    root = np.eye(10)
-    if information is not None:
-        root = _information_root(information, STANDARD.jacobian(phi) * scale)
-
-    # A violation of 1e-10 must be removed by a change of about 1e-10, not by a change as large as
-    # the solver's tolerance. Therefore the change z is measured in units of the violation, and the
-    # constraint is scaled by congruence (which keeps definiteness) so that every eigenvalue of the
-    # estimate is scaled to one.
-    values, axes = np.linalg.eigh(standard_to_pseudo_inertia(phi / scale))
-    violation = max(-values[0], 1e-14 * np.abs(values).max())
-    congruence = axes / np.sqrt(np.maximum(np.abs(values), violation))
-    matrices = [
-        congruence.T @ standard_to_pseudo_inertia(each) @ congruence
-        for each in (phi / scale, *(violation * np.eye(10)))
-    ]
-    # The norm is better scaled than its square, which has the same minimizer; Clarabel reaches its
-    # tolerance with one of them.
-    for squared in (False, True):
-        program = MathematicalProgram()
-        z = program.NewContinuousVariables(10, "z")
-        program.AddLinearMatrixInequalityConstraint([(m + m.T) / 2 for m in matrices], z)
-        if phi[0] < 0:  # a simulated body needs some mass: a thousandth of the estimate's size
-            least = (1e-3 - phi[0] / scale[0]) / violation
-            program.AddBoundingBoxConstraint(least, np.inf, z[0])
-        if squared:
-            program.AddQuadraticCost(2 * root.T @ root, np.zeros(10), z, is_convex=True)
-        else:
-            program.AddL2NormCostUsingConicConstraint(root, np.zeros(10), z)
-        result = ClarabelSolver().Solve(program)
-        if result.is_success():
-            return phi + scale * violation * result.GetSolution(z)
-    raise RuntimeError(
-        f"Clarabel found no physically consistent parameters: {result.get_solution_result()}"
-    )
-
-
 def inside_the_limits(mass: float, com: NDArray, inertia: NDArray) -> NDArray[np.float64]:
     """Return the inertia (3, 3) changed by about the rounding error, so that Drake accepts it.
 
@@ -284,18 +229,3 @@ def inside_the_limits(mass: float, com: NDArray, inertia: NDArray) -> NDArray[np
     size = np.abs(values).max() + mass * com @ com
     inertia = inertia_of_second_moment(axes @ np.diag(np.maximum(values, 1e-12 * size)) @ axes.T)
     return (inertia + inertia.T) / 2
-
-
-def _information_root(information: ArrayLike, jacobian: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Check that Λ is positive definite; return R (10, 10) with RᵀR = Jᵀ Λ J up to a factor."""
-    information = np.asarray(information, dtype=float)
-    if information.shape == (10, 10) and np.isfinite(information).all():
-        sizes = np.sqrt(np.abs(np.diag(information)))
-        unit = information / np.outer(sizes, sizes).clip(min=1e-300)
-        values, axes = np.linalg.eigh((unit + unit.T) / 2)
-        if (sizes > 0).all() and np.abs(unit - unit.T).max() < 1e-6 and values[0] > -1e-9:
-            root = np.sqrt(np.maximum(values, 0))[:, None] * axes.T * sizes @ jacobian
-            return root / np.abs(root).max()
-    raise InputError(
-        "the information matrix must be finite, symmetric, positive definite and of shape (10, 10)"
-    )

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtri, fdtri
 
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
+from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import LeastSquaresSolution
@@ -51,6 +52,10 @@ def _with_bodies(found: Identification, tree: KinematicTree) -> Identification:
     bodies = _bodies(found, tree)
     if bodies is not None:
         distance = bodies.distance()
+        unknowns = bodies.nearest() if found.is_observable and found.infeasibilities else np.nan
+        if np.isfinite(unknowns).all() and np.any(unknowns):  # in the metric of the information
+            near = InertialParameters.from_vector(form.to_parameters(unknowns))
+            nearest = near.nearest_feasible().to_vector()
         is_possible = distance <= bodies.radius
         intervals = None if np.isnan(distance) else np.full((10, 2), np.nan)
         intervals = _possible(found, bodies) if is_possible else intervals

@@ -304,19 +304,15 @@ class Identification:
 
     @cached_property
     def consistent(self) -> InertialParameters | None:
-        """The rigid body nearest to the estimate, in the metric of its information.
+        """The rigid body nearest to the estimate; see `consistency.checked`.
 
         None unless all ten parameters are known, and if no rigid body is near the estimate.
         """
         if self.nearest is not None:
             return InertialParameters.from_vector(self.nearest)
-        if self.solution is None or self.form is None or not self.is_observable:
+        if self.solution is None or not self.is_observable or not self.parameters[0]:
             return None
-        try:
-            inverse = np.linalg.inv(self.form.jacobian(self.solution.estimate))
-            return self.raw().nearest_feasible(inverse.T @ self.solution.information @ inverse)
-        except (InputError, RuntimeError, np.linalg.LinAlgError):
-            return None
+        return self.raw().nearest_feasible()
 
     def spatial_inertia(self) -> "SpatialInertia":
         """Return the consistent estimate about C's origin, in C; all NaN if there is none."""
