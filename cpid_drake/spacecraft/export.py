@@ -17,7 +17,7 @@ from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.errors import InputError
 from cpid_drake.output_files.drafts import draft_of
 from cpid_drake.output_files.overwriting import check_outputs
-from cpid_drake.spacecraft.model_text import WHAT, WRITERS, Link
+from cpid_drake.spacecraft.model_text import WHAT, Link, model_text
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 FORMATS = {"urdf": ".urdf", "sdf": ".sdf", "mjcf": ".xml", "drake-yaml": ".dmd.yaml"}
@@ -74,10 +74,10 @@ def export_target(
 
     if format != "drake-yaml":
         links = [target] if spacecraft is None else _links(spacecraft, target)
-        texts = {path: WRITERS[format](links)}
+        texts = {path: model_text(format, links)}
     else:
         beside = path.with_name(f"{path.name.removesuffix(ending)}_{name}.urdf")
-        texts = {path: _directives(beside, name, spacecraft), beside: WRITERS["urdf"]([target])}
+        texts = {path: _directives(beside, name, spacecraft), beside: model_text("urdf", [target])}
     known = () if spacecraft is None else (spacecraft.path,)
     check_outputs([("", place) for place in texts], known, force=overwrite)
     with ExitStack() as drafts:  # the last is moved to its place first: the directives refer to it

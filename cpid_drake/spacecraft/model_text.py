@@ -3,8 +3,8 @@
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from xml.etree.ElementTree import Comment, Element, SubElement, indent, tostring
 
+import jinja2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.math import RigidTransform, RollPitchYaw
@@ -13,8 +13,6 @@ from cpid_drake.dynamics.inertia import InertialParameters
 
 WHAT = "The captured target as identified by cpid_drake; its frame is the capture frame."
 """Comment at the beginning of every file."""
-
-_MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,119 +36,40 @@ class Link:
     limits: tuple[float, float, float] = (-np.inf, np.inf, np.inf)
 
     @property
-    def finite_limits(self) -> dict[str, str]:
-        """The limits that are not infinite, by their names in URDF and SDF."""
+    def finite_limits(self) -> list[tuple[str, float]]:
+        """The limits that are not infinite, with their names in URDF and SDF."""
         named = zip(("lower", "upper", "velocity"), self.limits, strict=True)
-        return {name: _numbers(value) for name, value in named if np.isfinite(value)}
+        return [(name, value) for name, value in named if np.isfinite(value)]
+
+    @property
+    def rpy_PL(self) -> NDArray[np.float64]:
+        """(3,) roll, pitch and yaw of the link in its parent."""
+        return np.asarray(RollPitchYaw(self.X_PL.rotation()).vector())
+
+    @property
+    def moments(self) -> list[tuple[str, float]]:
+        """The moments of inertia, with their names in URDF and SDF."""
+        assert self.body is not None
+        names = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+        return list(zip(names, self.body.to_vector()[4:].tolist(), strict=True))
 
 
-def _numbers(*values: ArrayLike) -> str:
-    numbers = np.concatenate([np.ravel(np.asarray(each, dtype=float)) for each in values])
+def model_text(format: str, links: Sequence[Link]) -> str:
+    """Return the text of a model in "urdf", "sdf" or "mjcf"; links are inboard before outboard."""
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("cpid_drake.spacecraft"),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    environment.filters["numbers"] = _numbers
+    return environment.get_template(f"{format}.xml").render(links=links, what=WHAT).lstrip()
+
+
+def _numbers(values: ArrayLike) -> str:
+    numbers = np.ravel(np.asarray(values, dtype=float))
     # Some readers refuse numbers below the smallest normal number.
     numbers = np.where(np.abs(numbers) < sys.float_info.min, 0.0, numbers)
     return " ".join(map(repr, numbers.tolist()))
-
-
-def _pose(X: RigidTransform) -> tuple[str, str]:
-    """Return position, and roll, pitch and yaw."""
-    return _numbers(X.translation()), _numbers(RollPitchYaw(X.rotation()).vector())
-
-
-def _moments(body: InertialParameters) -> dict[str, str]:
-    return dict(zip(_MOMENTS, map(_numbers, body.to_vector()[4:]), strict=True))
-
-
-def _text(root: Element) -> str:
-    root.insert(0, Comment(f" {WHAT} "))
-    indent(root)
-    return f'<?xml version="1.0"?>\n{tostring(root, encoding="unicode")}\n'
-
-
-def _sub(parent: Element, tag: str, text: str) -> None:
-    SubElement(parent, tag).text = text
-
-
-def _urdf(links: Sequence[Link]) -> str:
-    robot = Element("robot", name=links[0].name)
-    for link in links:
-        element = SubElement(robot, "link", name=link.name)
-        if link.body is not None:
-            inertial = SubElement(element, "inertial")
-            SubElement(inertial, "origin", xyz=_numbers(link.body.p_CTcm_C), rpy="0 0 0")
-            SubElement(inertial, "mass", value=_numbers(link.body.mass))
-            SubElement(inertial, "inertia", _moments(link.body))
-        if not link.kind:
-            continue
-        limits = link.finite_limits
-        kind = "continuous" if link.kind == "revolute" and not limits else link.kind
-        joint = SubElement(robot, "joint", name=link.joint, type=kind)
-        SubElement(joint, "parent", link=link.parent)
-        SubElement(joint, "child", link=link.name)
-        xyz, rpy = _pose(link.X_PL)
-        SubElement(joint, "origin", xyz=xyz, rpy=rpy)
-        if link.axis_L is not None:
-            SubElement(joint, "axis", xyz=_numbers(link.axis_L))
-        if limits:  # URDF requires an effort; 0 means that none is stated
-            SubElement(joint, "limit", limits | {"effort": "0"})
-    return _text(robot)
-
-
-def _sdf(links: Sequence[Link]) -> str:
-    sdf = Element("sdf", version="1.9")
-    model = SubElement(sdf, "model", name=links[0].name)
-    for link in links:
-        if link.kind == "fixed" and link.body is None:  # readers give a link without mass 1 kg
-            frame = SubElement(model, "frame", {"name": link.name, "attached_to": link.parent})
-            _sub(frame, "pose", " ".join(_pose(link.X_PL)))
-            continue
-        element = SubElement(model, "link", name=link.name)
-        if link.kind:
-            pose = SubElement(element, "pose", relative_to=link.parent)
-            pose.text = " ".join(_pose(link.X_PL))
-        if link.body is not None:
-            inertial = SubElement(element, "inertial")
-            _sub(inertial, "pose", _numbers(link.body.p_CTcm_C, np.zeros(3)))
-            _sub(inertial, "mass", _numbers(link.body.mass))
-            inertia = SubElement(inertial, "inertia")
-            for key, value in _moments(link.body).items():
-                _sub(inertia, key, value)
-        if not link.kind:
-            continue
-        joint = SubElement(model, "joint", name=link.joint, type=link.kind)
-        _sub(joint, "parent", link.parent)
-        _sub(joint, "child", link.name)
-        if link.axis_L is not None:
-            axis = SubElement(joint, "axis")
-            _sub(axis, "xyz", _numbers(link.axis_L))
-            limit = SubElement(axis, "limit")
-            for key, value in link.finite_limits.items():
-                _sub(limit, key, value)
-    return _text(sdf)
-
-
-def _mjcf(links: Sequence[Link]) -> str:
-    mujoco = Element("mujoco", model=links[0].name)
-    SubElement(mujoco, "compiler", angle="radian")
-    bodies = {"": SubElement(mujoco, "worldbody")}
-    for link in links:
-        body = bodies[link.name] = SubElement(bodies[link.parent], "body", name=link.name)
-        if link.kind:
-            body.set("pos", _numbers(link.X_PL.translation()))
-            body.set("quat", _numbers(link.X_PL.rotation().ToQuaternion().wxyz()))
-        else:
-            SubElement(body, "freejoint")
-        if link.axis_L is not None:
-            kind = "hinge" if link.kind == "revolute" else "slide"
-            axis = _numbers(link.axis_L)
-            joint = SubElement(body, "joint", name=link.joint, type=kind, axis=axis)
-            if np.isfinite(link.limits[:2]).all():
-                joint.attrib |= {"limited": "true", "range": _numbers(link.limits[:2])}
-        if link.body is not None:
-            mass, *_ = vector = link.body.to_vector()
-            inertial = SubElement(body, "inertial", pos=_numbers(vector[1:4]), mass=_numbers(mass))
-            inertial.set("fullinertia", _numbers(vector[4:]))
-    return _text(mujoco)
-
-
-WRITERS = {"urdf": _urdf, "sdf": _sdf, "mjcf": _mjcf}
-"""By format, the function from links, inboard before outboard, to text."""
