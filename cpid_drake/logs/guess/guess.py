@@ -21,14 +21,29 @@ from cpid_drake.logs.conversion import read_columns
 from cpid_drake.logs.guess.columns import find_columns
 from cpid_drake.logs.guess.draft import MapDraft
 from cpid_drake.logs.log import Log, Samples
-from cpid_drake.logs.score import Instants, compare_momentum, compare_rates, instants_of
+from cpid_drake.logs.score import (
+    MOMENTUM,
+    Instants,
+    compare_momentum,
+    compare_rates,
+    instants_of,
+)
 from cpid_drake.logs.screening import screen
 from cpid_drake.logs.table import Table
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 _ATTITUDE = {"attitude.order", "attitude.direction"}
+_JOINTS, _GYRO_AXES = {"joint_positions.unit", "joint_rates.unit"}, "angular_velocity.R_BS"
 
-Residual = Callable[[Instants], float | None]
+_STAGES = (
+    ("q:", "joint_rates", ({"joint_rates.unit"}, {"joint_positions.unit"})),
+    ("attitude", "attitude", (_ATTITUDE | {"angular_velocity.unit", "angular_velocity.frame"},)),
+    (MOMENTUM, "position", (_ATTITUDE, _JOINTS, {"position.unit", "position.point_B"})),
+    ("position", "velocity", ({"velocity.frame"}, {"velocity.unit"})),
+)
+"""Comparisons that decide about conventions, one after the other: the names of what they compare,
+the section of the map that shows the reason, and keys of which one group each may change."""
+
 Choice = tuple[float, ColumnMap]
 
 
@@ -87,10 +102,10 @@ def guess_map(
         )
     draft = MapDraft(columns, texts, spacecraft, base)
     find_columns(draft, frame_rate)
-    missing = _choose_time_unit(draft)
+    missing = _settle_time_unit(draft)
     if not draft.map.attitude.columns:
         missing.append("no columns are an attitude (attitude.columns)")
-    missing += _choose_conventions(draft)
+    missing += _settle_conventions(draft)
     unused = read_columns(draft.map, table, "the log").ignored
     if unused:
         more = f" and {len(unused) - 20} more" if len(unused) > 20 else ""
@@ -101,117 +116,101 @@ def guess_map(
 # -- conventions ----------------------------------------------------------------------------------
 
 
-def _choose_time_unit(draft: MapDraft) -> list[str]:
+def _settle_time_unit(draft: MapDraft) -> list[str]:
     """Choose the unit of time in which any positions and rates agree, or say that it is open."""
     before, units = draft.map, [draft.map.time.unit, *draft.time_units]
     for name in ("q:", "attitude", "position") if draft.time_units else ():
-        found = _choose(draft, _rates(draft, name), {"time.unit"}, draft.free - {"time.unit"})
+        found = _choose(draft, name, {"time.unit"}, draft.free - {"time.unit"})
+        unit, draft.map = draft.map.time.unit, before
         if found and found[0][0] < AGREES:
-            draft.map = with_entries(before, {"time.unit": draft.map.time.unit})
-            draft.say("time", f"in {draft.map.time.unit}: positions and rates then agree")
+            draft.map = with_entries(before, {"time.unit": unit})
+            draft.say("time", f"in {unit}: positions and rates then agree")
             return []
-        draft.map = before
     return [f"the time may be in {' or '.join(units)} (time.unit)"] if draft.time_units else []
 
 
-def _choose_conventions(draft: MapDraft) -> list[str]:
-    """Choose the conventions that names leave open, and return those that stay so."""
-    free, missing, has_attitude = draft.free, [], bool(draft.map.attitude.columns)
-    found = _choose(draft, _rates(draft, "q:"), {"joint_rates.unit"}, {"joint_positions.unit"})
-    if found:
-        rate_unit, is_named = draft.map.joint_rates.unit, "joint_rates.unit" not in free
-        draft.say("joint_rates", f"in {rate_unit}: {_differ('the positions', found)}")
-        if found[0][0] < AGREES and (
-            is_named or rate_unit != f"{draft.map.joint_positions.unit}/s"
-        ):
-            free.discard("joint_positions.unit")
-    before = draft.map
-    gyro = {"angular_velocity.unit", "angular_velocity.frame"}
-    found = _choose(draft, _rates(draft, "attitude"), _ATTITUDE | gyro)
-    if found and found[0][0] > AGREES:
-        draft.map, free_axes = before, {*free, "angular_velocity.R_BS"}
-        turned = _choose(
-            replace(draft, free=free_axes), _rates(draft, "attitude"), {"angular_velocity.R_BS"}
-        )
-        if turned and turned[0][0] < AGREES:
-            draft.map, found = turned[0][1], turned
-            draft.say("angular_velocity", "the gyro has other axes than the attitude (R_BS)")
-    if found and found[0][0] > DIFFERS:  # momentum cannot help: the gyro contradicts everything
-        missing.append(
-            "the attitude does not turn at the angular velocity in any convention (they differ "
-            f"by {found[0][0]:.0%} at least): order and direction of the attitude, or the axes of "
-            "one of the sensors, are not determined"
-        )
-    elif found:
-        given, rate = draft.map.attitude, draft.map.angular_velocity
-        draft.say("attitude", f"{given.order}, {given.direction}: {_differ('the gyro', found)}")
-        draft.say("angular_velocity", f"in {rate.unit}, axes of the {rate.frame}: they then agree")
-    if found:
-        free -= _ATTITUDE
-    joints = {"joint_positions.unit", "joint_rates.unit"} & free
-    joints = joints if "joint_positions.unit" in free else set()
-    before, groups = draft.map, (_ATTITUDE, joints, {"position.unit", "position.point_B"})
-    found = _choose(draft, _momentum(draft), *groups) if has_attitude else []
-    if has_attitude and "attitude.direction" in free:
-        given = draft.map.attitude
-        explained = max(1 - found[0][0], 0.0) if found else 0.0
-        draft.say(
-            "attitude",
-            f"{given.order}, {given.direction}: conservation of momentum then explains "
-            f"{explained:.2%} of the base's motion",
-        )
-        if not found or found[0][0] > DIFFERS:
-            missing.append(
-                f"order and direction of the attitude are not determined: {given.order} and "
-                f"{given.direction} explain only {explained:.0%} of the base's motion "
-                "(attitude.order, attitude.direction)"
-            )
-            draft.map = before
-    if joints:
-        missing += _joint_unit(draft, found)
-    if draft.map.position.columns and found:
-        unit, explained = draft.map.position.unit, max(1 - found[0][0], 0.0)
-        text = f"conservation of momentum then explains {explained:.2%} of the base's motion"
-        draft.say("position", f"in {unit}: {text}")
-    if draft.map.velocity.columns:
-        if draft.map.angular_velocity.columns:
+def _settle_conventions(draft: MapDraft) -> list[str]:
+    """Choose the conventions that names leave open, and return those that stay so.
+
+    A key is settled if every other value of it leaves a clearly larger residual.
+    """
+    missing, has_attitude = [], bool(draft.map.attitude.columns)
+    explained = "nothing moves"
+    for name, section, groups in _STAGES:
+        if section == "velocity" and draft.map.angular_velocity.columns:
             draft.map.velocity.point_B = draft.map.position.point_B
-        found = _choose(draft, _rates(draft, "position"), {"velocity.frame"}, {"velocity.unit"})
-        speed, why = draft.map.velocity, _differ("the position's changes", found)
-        draft.say("velocity", f"in {speed.unit}, axes of the {speed.frame}: {why}")
+        if name == MOMENTUM and not has_attitude:
+            continue
+        before, found = draft.map, _choose(draft, name, *groups)
+        if name == "attitude" and found and found[0][0] > AGREES:
+            draft.map, draft.free = before, draft.free | {_GYRO_AXES}
+            turned = _choose(draft, name, {_GYRO_AXES})
+            found = turned if turned[0][0] < AGREES else found
+        if not found:
+            continue
+        residual, adopted = found[0]
+        if residual > DIFFERS:
+            draft.map = before
+        if name == "attitude" and residual > DIFFERS:  # the gyro contradicts everything
+            missing.append(
+                "the attitude does not turn at the angular velocity in any convention (they differ "
+                f"by {residual:.0%} at least): order and direction of the attitude, or the axes of "
+                "one of the sensors, are not determined"
+            )
+        elif residual <= DIFFERS:
+            what = "what conservation of momentum allows" if name == MOMENTUM else "its rates"
+            what = what if name in (MOMENTUM, "attitude") else "the changes of positions"
+            draft.say(section, f"then differs from {what} by {residual:.2%}")
+        if name == MOMENTUM:
+            explained = f"momentum leaves {min(residual, 1.0):.0%} of the base's motion unexplained"
+        for key in set().union(*groups) & draft.free if residual <= DIFFERS else ():
+            others = [r for r, each in found if _entry(each, key) != _entry(adopted, key)]
+            if min(others, default=np.inf) > WORSE * residual:
+                draft.free.discard(key)
+        if name == "attitude":  # momentum cannot decide against the gyro
+            draft.free -= _ATTITUDE
+    at = draft.map.attitude
+    if has_attitude and "attitude.direction" in draft.free:
+        missing.append(
+            f"order and direction of the attitude are not determined: {at.order}, {at.direction} "
+            f"are assumed ({explained}) (attitude.order, attitude.direction)"
+        )
+    if "joint_positions.unit" in draft.free:
+        missing += _joint_unit(draft)
     return missing
 
 
-def _joint_unit(draft: MapDraft, found: Sequence[Choice]) -> list[str]:
-    """Decide on the unit of joint positions by momentum or their size; return it if it is open."""
+def _joint_unit(draft: MapDraft) -> list[str]:
+    """Decide on the unit of joint positions by their size; return it if it is open."""
     given = draft.map.joint_positions
     size = draft.largest(given.columns.values())
-    others = [residual for residual, other in found if other.joint_positions.unit != given.unit]
-    missing = []
-    if found and found[0][0] < DIFFERS and min(others, default=0.0) > WORSE * found[0][0]:
-        why = "conservation of momentum says so"
-    elif size > 4 * np.pi:
-        given.unit, why = "deg", "in rad they would be more than two turns"
-    else:
-        why = "assumed; they are within the joints' limits"
-        missing.append("the joint positions may be in rad or deg (joint_positions.unit)")
-    draft.say("joint_positions", f"in {given.unit}, the largest is {size:.4g}: {why}")
-    return missing
+    if size > 4 * np.pi:
+        given.unit = "deg"
+        draft.say("joint_positions", f"in deg: in rad, {size:.4g} would be more than two turns")
+        return []
+    draft.say("joint_positions", f"in {given.unit}: assumed")
+    return ["the joint positions may be in rad or deg (joint_positions.unit)"]
 
 
-def _choose(draft: MapDraft, residual: Residual, *groups: set[str]) -> list[Choice]:
+def _entry(column_map: ColumnMap, key: str) -> str:
+    section, _, name = key.partition(".")
+    return str(getattr(getattr(column_map, section), name))
+
+
+def _choose(draft: MapDraft, name: str, *groups: set[str]) -> list[Choice]:
     """Adopt a convention of small residual; return all that were compared, the adopted one first.
 
     Of conventions that are about as good, the first is chosen: what is usual comes first.
 
     Args:
         draft: the map, which is changed.
-        residual: the comparison.
+        name: beginning of the comparisons' names; the residual is the mean of theirs.
         groups: keys of the map; of those that are free, one alternative of each group, or none.
 
     """
     compared: list[Choice] = []
     keys = [group & draft.free for group in groups]
+    tree, names = draft.spacecraft.tree.lumped, draft.spacecraft.joint_names
     orders: tuple[Order, ...] = (draft.map.attitude.order,)
     if orders == ("rotation_vector",) and any("attitude.order" in group for group in keys):
         orders = ("rotation_vector", "euler_xyz")  # no change of a quaternion gives the other
@@ -219,9 +218,10 @@ def _choose(draft: MapDraft, residual: Residual, *groups: set[str]) -> list[Choi
         column_map = replace(draft.map, attitude=replace(draft.map.attitude, order=order))
         given = instants_of(_read(replace(draft, map=column_map)))
         for other, log in () if given is None else _options(draft, column_map, given, keys):
-            value = residual(log)
-            if value is not None:
-                compared.append((value, other))
+            found = compare_momentum(log, tree) if name == MOMENTUM else compare_rates(log, names)
+            values = [each.residual for each in found if each.name.startswith(name)]
+            if values:
+                compared.append((float(np.mean(values)), other))
     if compared:
         least = min(value for value, _ in compared)
         best = next(each for each in compared if each[0] <= WORSE * least + 1e-9)
@@ -245,29 +245,6 @@ def _options(
         if each.entries and is_possible:
             changed = with_entries(column_map, each.entries)
             yield from _options(draft, changed, each.log, groups[1:])
-
-
-def _rates(draft: MapDraft, name: str) -> Residual:
-    """Return the comparison of positions and rates of a name, or of all joints for "q:"."""
-
-    def residual(log: Instants) -> float | None:
-        found = compare_rates(log, draft.spacecraft.joint_names)
-        values = [c.residual for c in found if c.name.startswith(name)]
-        return float(np.mean(values)) if values else None
-
-    return residual
-
-
-def _momentum(draft: MapDraft) -> Residual:
-    def residual(log: Instants) -> float | None:
-        found = compare_momentum(log, draft.spacecraft.tree.lumped)
-        return found[0].residual if found else None
-
-    return residual
-
-
-def _differ(what: str, found: Sequence[Choice]) -> str:
-    return f"differs from {what} by {found[0][0]:.2%}" if found else "assumed"
 
 
 def _read(draft: MapDraft) -> Log:
