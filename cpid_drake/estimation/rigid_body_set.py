@@ -85,12 +85,13 @@ class RigidBodySet:
 
     # -- the parameters ------------------------------------------------------------------------
 
-    def distance(self) -> float:
-        """Return the smallest |A x − b| of a rigid body, in σ: at most the radius if there is one.
+    def nearest(self) -> tuple[float, Array]:
+        """Return the smallest |A x − b| of a rigid body, in σ, and the unknowns (10,) of this body.
 
-        NaN if the solver fails.
+        It is at most the radius if there is a body in the set. NaN if the solver fails. Unknowns
+        that are not determined have arbitrary values.
         """
-        return _Program(self, np.inf).distance()
+        return _Program(self, np.inf).nearest()
 
     def bounds(self) -> Array | None:
         """Return the extreme values (10, 2) of π over all bodies of the set; None if it is empty.
@@ -275,11 +276,14 @@ class _Program:
             found.append(sign * value)
         return found[0], found[1]
 
-    def distance(self) -> float:
-        """Return the smallest |A x − b| in σ; NaN if the solver fails."""
+    def nearest(self) -> tuple[float, Array]:
+        """Return the smallest |A x − b| in σ, and its unknowns (10,); NaN if the solver fails."""
         self._program.AddL2NormCostUsingConicConstraint(self._rows, -self._right, self._z)
         result = self._solve()
-        return float(result.get_optimal_cost()) if result.is_success() else np.nan
+        if not result.is_success():
+            return np.nan, np.full(10, np.nan)
+        z = result.GetSolution(self._z)
+        return float(result.get_optimal_cost()), np.asarray(z[:10] * self._bodies.scale)
 
     def _solve(self) -> "MathematicalProgramResult":
         from pydrake.solvers import ClarabelSolver

@@ -51,11 +51,10 @@ def _with_bodies(found: Identification, tree: KinematicTree) -> Identification:
     combinations, intervals, distance = None, None, np.nan
     bodies = _bodies(found, tree)
     if bodies is not None:
-        distance = bodies.distance()
-        unknowns = bodies.nearest() if found.is_observable and found.infeasibilities else np.nan
-        if np.isfinite(unknowns).all() and np.any(unknowns):  # in the metric of the information
+        distance, unknowns = bodies.nearest()
+        if found.is_observable and found.infeasibilities and np.isfinite(distance):
             near = InertialParameters.from_vector(form.to_parameters(unknowns))
-            nearest = near.nearest_feasible().to_vector()
+            nearest = near.nearest_feasible().to_vector()  # the solver rounds
         is_possible = distance <= bodies.radius
         intervals = None if np.isnan(distance) else np.full((10, 2), np.nan)
         intervals = _possible(found, bodies) if is_possible else intervals

@@ -61,7 +61,7 @@ def test_the_truth_is_always_inside(form):
         A = rng.normal(size=(rng.integers(1, 11), 10)) * 10 / np.maximum(np.abs(x), 0.05)
         noise = rng.normal(size=len(A))
         found = bodies(rows_of(A, A @ x + noise), form, pi[0], 1.0, np.linalg.norm(noise))
-        assert found.distance() <= found.radius * (1 + 1e-6)
+        assert found.nearest()[0] <= found.radius * (1 + 1e-6)
         low, high = found.bounds().T
         slack = 1e-5 * np.array([pi[0], 1, 1, 1, *6 * [pi[0]]])
         assert (low <= pi + slack).all()
@@ -159,8 +159,20 @@ def test_a_negative_moment_is_no_rigid_body():
     x[[0, 9]] = 1.0, -0.05
     negative = bodies(exactly(x, [0, 1, 2, 9], sigma=0.01), "standard", radius=3.0)
     assert negative.bounds() is None
-    assert negative.distance() == pytest.approx(5.0, rel=1e-3)  # 0.05 / 0.01
+    assert negative.nearest()[0] == pytest.approx(5.0, rel=1e-3)  # 0.05 / 0.01
     uncertain = bodies(exactly(x, [0, 1, 2, 9], sigma=0.02), "standard", radius=3.0)
     low, high = uncertain.bounds()[6]
     assert low == 0.0
     assert 0.0 < high < 0.011  # −0.05 + 3 σ
+
+
+def test_the_nearest_body_keeps_what_is_known_best():
+    """The moments (σ 0.1) give way to the triangle inequality, not the mass (σ 1e-4)."""
+    x = np.array([1.0, 0, 0, 0, 0.2, 0, 0, 0.2, 0, 0.5])
+    A = np.diag([1e4, 1e4, 1e4, 1e4, *6 * [10.0]])
+    distance, near = bodies(rows_of(A, A @ x), "standard").nearest()
+    assert distance == pytest.approx(10 * 0.1 / np.sqrt(3), rel=1e-3)
+    np.testing.assert_allclose(near[:4], x[:4], atol=1e-4)
+    np.testing.assert_allclose(
+        near[[4, 7, 9]], x[[4, 7, 9]] + [0.1 / 3, 0.1 / 3, -0.1 / 3], atol=1e-4
+    )
