@@ -43,7 +43,7 @@ def test_every_command_says_of_itself_what_the_list_says(cpid, name):
         (["study", "accuracy", "paper", "--out", "x", "--sensors", "fligth"], "fligth"),
         (["study", "accuracy", "paper", "--out", "x", "--estimator", "kalman"], "'kalman'; choose"),
         (["study", "accuracy", "paper", "--out", "x", "--trials", "0"], "at least 1"),
-        (["study", "techniques", "air_bearing", "--out", "x"], "no gyro"),
+        (["study", "techniques", "air_bearing", "--out", "x"], "floats freely"),
         (["study", "techniques", "tumbling_capture", "--out", "x"], "without momentum"),
         (["study", "techniques", "paper", "--out", "x", "--force-sensors", "no.yaml"], "no.yaml"),
     ],

@@ -22,19 +22,19 @@ def error(parameters, target):
 
 def test_composite_adaptation_knows_the_target_after_a_second(case):
     craft, target, motion = case
-    run = simulate_adaptation(craft, target, motion, 1.0, is_composite=True)
-    assert np.isnan(run.parameters[0]).all()  # nothing at first
-    assert error(run.parameters[-1], target) < 1e-3
-    assert run.tracking.max() < 1e-3
+    found, tracking = simulate_adaptation(craft, target, motion, 1.0, is_composite=True)
+    assert np.isnan(found[0]).all()  # nothing at first
+    assert error(found[-1], target) < 1e-3
+    assert tracking.max() < 1e-3
 
 
 def test_tracking_does_not_wait_for_the_parameters(case):
     """Without momentum the joints follow within three degrees while the target is still unknown."""
     craft, target, motion = case
-    run = simulate_adaptation(craft, target, motion, 4.0, is_composite=False)
-    assert run.tracking.max() < np.radians(3.0)
-    assert run.tracking[-1] < 0.5 * run.tracking.max()
-    assert 0.02 < error(run.parameters[-1], target) < 0.5 * error(run.parameters[5], target)
+    found, tracking = simulate_adaptation(craft, target, motion, 4.0, is_composite=False)
+    assert tracking.max() < np.radians(3.0)
+    assert tracking[-1] < 0.5 * tracking.max()
+    assert 0.02 < error(found[-1], target) < 0.5 * error(found[5], target)
 
 
 def test_all_state_is_in_the_context(case):

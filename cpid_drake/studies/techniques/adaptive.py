@@ -1,7 +1,6 @@
 """Adaptive control of the simulated spacecraft: parameters and tracking errors over time."""
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,7 +12,6 @@ from pydrake.systems.primitives import LogVectorOutput
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.spacecraft.spacecraft import Spacecraft
-from cpid_drake.studies.techniques.rows import worst_error
 from cpid_drake.systems.joint_motion_source import JointMotionSource
 from cpid_drake.systems.passivity_controller import PassivityController
 
@@ -26,42 +24,23 @@ SIMULATOR = SimulatorConfig(
 
 
 @dataclass(frozen=True, eq=False)
-class Repeated:
-    """A joint motion, again and again; forth and back if it does not end at its start."""
+class ForthAndBack:
+    """A joint motion forth and back, again and again, for a duration [s]."""
 
     motion: JointMotion
     duration: float
-
-    @cached_property
-    def _returns(self) -> bool:
-        """Whether the motion ends at its start."""
-        start, end = self.motion.evaluate(np.array([0.0, self.motion.duration]))[:, 0]
-        return bool(np.allclose(start, end, atol=1e-9))
 
     def evaluate(self, time: ArrayLike) -> Array:
         """Return positions, rates and accelerations (..., 3, J) at times (...)."""
         period = self.motion.duration
         phase = np.mod(np.asarray(time, dtype=float), 2 * period)
-        if self._returns:
-            return self.motion.evaluate(np.mod(phase, period))
-        back = phase > period
-        values = self.motion.evaluate(np.where(back, 2 * period - phase, phase))
-        values[..., 1, :] *= np.where(back, -1.0, 1.0)[..., None]
+        values = self.motion.evaluate(np.minimum(phase, 2 * period - phase))
+        values[..., 1, :] *= np.where(phase > period, -1.0, 1.0)[..., None]
         return values
 
     def instants(self) -> Array:
         """Return the instants of the motion [s]."""
         return self.motion.instants()
-
-
-@dataclass(frozen=True, eq=False)
-class Adaptation:
-    """A run: times (N,) [s], parameters (N, 10), their worst error and that of the joints [rad]."""
-
-    time: Array
-    parameters: Array
-    error: Array
-    tracking: Array
 
 
 def simulate_adaptation(
@@ -71,9 +50,14 @@ def simulate_adaptation(
     duration: float,
     *,
     is_composite: bool,
-) -> Adaptation:
-    """Simulate Drake's plant with a `PassivityController`, which starts with no target at all."""
-    motion = Repeated(motion, duration)
+) -> tuple[Array, Array]:
+    """Simulate Drake's plant with a `PassivityController`, which starts with no target at all.
+
+    Returns:
+        At steps of 0.1 s, the parameters (N, 10) and the largest error of the joints (N,) [rad].
+
+    """
+    motion = ForthAndBack(motion, duration)
     builder = DiagramBuilder()
     plant = builder.AddSystem(MultibodyPlant(time_step=0.0))
     spacecraft.add_to(plant, target)
@@ -97,9 +81,6 @@ def simulate_adaptation(
     plant.SetPositionsAndVelocities(plant_context, spacecraft.initial_state(target, motion))
     simulator.AdvanceTo(duration)
     parameters, states = (log.FindLog(root_context) for log in logs)
-    time = states.sample_times()
     q = states.data()[spacecraft.state_columns["q"]].T
-    tracking = np.abs(q - motion.evaluate(time)[:, 0]).max(axis=1)
-    found = parameters.data().T
-    error = np.array([worst_error(each, target.to_vector()) for each in found])
-    return Adaptation(time, found, error, tracking)
+    tracking = np.abs(q - motion.evaluate(states.sample_times())[:, 0]).max(axis=1)
+    return parameters.data().T, tracking

@@ -1,38 +1,28 @@
 """Sensors of forces, torques and accelerations: what the momentum techniques do not need."""
 
-from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from itertools import repeat
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from annotated_types import Ge, Gt, MinLen
+from annotated_types import Ge, Gt, Len, MinLen
 from numpy.typing import NDArray
 
 from cpid_drake.errors import InputError
 from cpid_drake.input_files.validation import load_yaml
-from cpid_drake.logs.log import Samples
 from cpid_drake.resources import models_directory, resolve_model
-from cpid_drake.sensors.disturbances import random_stream
-from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 Array = NDArray[np.float64]
 Size = Annotated[float, Ge(0)]
-Positive = Annotated[float, Gt(0)]
+Sizes = Annotated[list[Size], MinLen(1)]
+Pair = Annotated[list[Annotated[float, Gt(0)]], Len(2, 2)]
 
 RATE = 100.0
 """Samples per second of these sensors [Hz]: the rate of the encoders of the shipped suites, so that
 no technique has more samples than another."""
 
-ACCELERATION, WRENCH, EFFORTS = "acceleration", "wrench", "efforts"
-"""Names of their samples: of B's origin in B (N, 3), of the arm on the target about C's origin in C
-(N, 6) as [n; f], and of the joints (N, J)."""
-
 SHIPPED = "laboratory"
 """The shipped file of these sensors."""
-
-_STREAM = 100  # random streams that no sensor of a suite has
 
 
 @dataclass
@@ -42,47 +32,24 @@ class Accelerometer:
     noise_density: Size
     bias: Size
 
-    @property
-    def sigma(self) -> float:
-        """Noise of one sample [m/s²]."""
-        return self.noise_density * float(np.sqrt(RATE))
-
 
 @dataclass
 class Wrist:
-    """A force/torque sensor at the capture point: ranges, noise of a sample, σ of the zeros."""
+    """A force/torque sensor at the capture point: of torque and force each, the range, σ.
+
+    σ is that of the noise of a sample and that of the zero.
+    """
 
     name: Annotated[str, MinLen(1)]
-    force_range: Positive
-    torque_range: Positive
-    force_noise: Positive
-    torque_noise: Positive
-    force_zero: Size
-    torque_zero: Size
-
-    @property
-    def ranges(self) -> Array:
-        """(6,) of [n; f] [N·m, N]."""
-        return np.repeat([self.torque_range, self.force_range], 3)
-
-    @property
-    def noise(self) -> Array:
-        """(6,) σ of one sample of [n; f]."""
-        return np.repeat([self.torque_noise, self.force_noise], 3)
-
-    @property
-    def zeros(self) -> Array:
-        """(6,) σ of the zeros of [n; f]."""
-        return np.repeat([self.torque_zero, self.force_zero], 3)
+    range: Pair
+    noise: Pair
+    zero: Pair
 
     @property
     def ratios(self) -> Array:
         """(6, 6) ratios of the ranges: a calibration error of the same size in each entry."""
-        return self.ranges[:, None] / self.ranges
-
-    def overload(self, wrench: Array) -> float:
-        """Return the largest of a wrench (N, 6) as a share of the range."""
-        return float(np.max(np.abs(wrench) / self.ranges))
+        ranges = np.repeat(self.range, 3)
+        return ranges[:, None] / ranges
 
 
 @dataclass
@@ -98,12 +65,12 @@ class ForceSensors:
     """
 
     accelerometer: Accelerometer
-    joint_torques: Annotated[list[Size], MinLen(1)]
+    joint_torques: Sizes
     wrists: Annotated[list[Wrist], MinLen(1)]
-    calibrations: Annotated[list[Size], MinLen(1)] = field(default_factory=lambda: [0.0])
+    calibrations: Sizes = field(default_factory=lambda: [0.0])
 
     def wrist_for(self, wrench: Array) -> Wrist:
-        """Return the smallest wrist sensor that measures a wrench (N, 6).
+        """Return the smallest wrist sensor that measures a wrench (N, 6), [n; f].
 
         A larger range has more noise; a smaller one would make the technique look better than it
         can be.
@@ -112,55 +79,15 @@ class ForceSensors:
             InputError: the largest is overloaded.
 
         """
+        torque, force = np.abs(wrench[:, :3]).max(), np.abs(wrench[:, 3:]).max()
         for wrist in self.wrists:
-            if (overload := wrist.overload(wrench)) <= 1.0:
+            if (overload := max(torque / wrist.range[0], force / wrist.range[1])) <= 1.0:
                 return wrist
         raise InputError(
             f"wrist sensor '{wrist.name}' is overloaded by a factor of {overload:.2g}: the motion "
-            f"needs {np.abs(wrench[:, 3:]).max():.3g} N, {np.abs(wrench[:, :3]).max():.3g} N·m; "
-            "choose a sensor of a larger range, or a slower motion"
+            f"needs {force:.3g} N, {torque:.3g} N·m; choose a sensor of a larger range, or a slower"
+            " motion"
         )
-
-    def measured(
-        self, ideal: Mapping[str, Samples], spacecraft: Spacecraft, seed: int | None
-    ) -> dict[str, Samples]:
-        """Return what the sensors measure; the seed determines the errors, None is for none.
-
-        Efforts and wrenches of all errors come from the same random numbers. Names are those of
-        `effort_name` and `wrench_name`.
-        """
-        draws: Iterator[Callable[..., Array]] = repeat(np.zeros, 3)
-        if seed is not None:
-            draws = (random_stream(seed, _STREAM + k).standard_normal for k in range(3))
-        found, accelerometer = {}, self.accelerometer
-        for (name, exact), draw in zip(ideal.items(), draws, strict=True):
-            noise = draw(exact.value.shape)
-            zero, calibration = draw(exact.value.shape[1]), draw((6, 6))
-            if name == ACCELERATION:
-                value = exact.value + accelerometer.sigma * noise + accelerometer.bias * zero
-                found[name] = Samples(exact.time, value)
-            elif name == EFFORTS:
-                for share in self.joint_torques:
-                    error = share * spacecraft.limits.efforts * (noise + zero)
-                    found[effort_name(share)] = Samples(exact.time, exact.value + error)
-            else:
-                wrist = self.wrist_for(exact.value)
-                error = noise * wrist.noise + zero * wrist.zeros
-                for size in self.calibrations:
-                    K = size * wrist.ratios * calibration
-                    value = exact.value @ (np.eye(6) + K).T + error
-                    found[wrench_name(size)] = Samples(exact.time, value)
-        return found
-
-
-def effort_name(share: float) -> str:
-    """Return the name of the joint torques with this error."""
-    return f"{EFFORTS} {100 * share:g} %"
-
-
-def wrench_name(calibration: float) -> str:
-    """Return the name of the wrench with this error of the calibration."""
-    return f"{WRENCH} {100 * calibration:g} %"
 
 
 def load_force_sensors(name_or_path: str | Path = SHIPPED) -> ForceSensors:

@@ -21,10 +21,7 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.inertia import InertialParameters
-from cpid_drake.dynamics.parameterizations import (
-    parameter_scale,
-    relative_parameterization,
-)
+from cpid_drake.dynamics.parameterizations import parameter_scale, relative_parameterization
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.errors import InputError
 from cpid_drake.spacecraft.spacecraft import Spacecraft
@@ -37,21 +34,23 @@ WINDOW, DEGREE = 21, 4
 late at 100 Hz. Encoders and gyro get the same filter, so that all belong to one instant."""
 
 VAGUE = 3e4
-"""σ of the start value in units of each parameter's scale, for rows with errors of unit size: that
-of a target's size, for rows with errors of 3e-5 N·m·s. Less would count; more would let the noise
-of the first samples lead astray."""
+"""σ of the start value in units of a target's size, for rows with errors of unit size instead of
+3e-5 N·m·s. Less would count; more would let the noise of the first samples lead astray."""
 
 CUT_OFF = 1e-6
 """Singular values of H below this share of the largest count as zero."""
 
 
 class ForgettingLeastSquares:
-    """The recursion; its start value is vague in units of the scale of a target (10,)."""
+    """The recursion for a spacecraft of a known mass [kg], with a factor λ per sample.
 
-    def __init__(self, known_mass: float, of_scale: Array, forgetting: float = 1.0) -> None:
-        self.form = relative_parameterization(known_mass)
-        scale = parameter_scale(of_scale)
-        scale[1:4] *= scale[0]
+    It starts at zero, with a σ of the size of a target of a tenth of this mass.
+    """
+
+    def __init__(self, known_mass: float, forgetting: float = 1.0) -> None:
+        self.form, mass = relative_parameterization(known_mass), known_mass / 10
+        scale = parameter_scale(np.array([mass, 0, 0, 0, *3 * [mass / 10], 0, 0, 0]))
+        scale[1:4] *= mass
         self.psi, self.P = np.zeros(10), np.diag((VAGUE * scale) ** 2)
         self._forgetting = forgetting
 
@@ -82,7 +81,7 @@ def forgetting_estimate(trial: Trial, memory: float = np.inf) -> Array:
         memory: time after which a sample has lost the weight 1 − 1/e [s].
 
     Raises:
-        InputError: the gyro and the encoders have different times, or measure a mean.
+        InputError: the gyro and the encoders have different times, or the gyro measures a mean.
 
     """
     gyro, encoders = trial.log.gyro, trial.log.encoders
@@ -91,18 +90,16 @@ def forgetting_estimate(trial: Trial, memory: float = np.inf) -> Array:
     if not np.array_equal(gyro.time, encoders.time):
         raise InputError("recursive least squares needs a gyro and encoders of the same rate")
     period = float(np.median(np.diff(gyro.time)))
-    middle = slice(WINDOW // 2, -(WINDOW // 2))
-    q, qdot = (
-        savgol_filter(encoders.value, WINDOW, DEGREE, derivative, delta=period, axis=0)[middle]
-        for derivative in (0, 1)
+
+    def filtered(values: Array, derivative: int = 0) -> Array:
+        found = savgol_filter(values, WINDOW, DEGREE, derivative, delta=period, axis=0)
+        return np.asarray(found[WINDOW // 2 : -(WINDOW // 2)])
+
+    known = BodyDynamics.at(
+        trial.spacecraft.tree.lumped, filtered(encoders.value), filtered(encoders.value, 1)
     )
-    w_B = savgol_filter(gyro.value, WINDOW, DEGREE, axis=0)[middle]
-    known = BodyDynamics.at(trial.spacecraft.tree.lumped, q, qdot)
-    forgetting = float(np.exp(-period / memory))
-    mass = trial.spacecraft.mass
-    guess = np.array([mass / 10, 0, 0, 0, *3 * [mass / 100], 0, 0, 0])  # of the size of a target
-    recursion = ForgettingLeastSquares(mass, guess, forgetting)
-    for A, b in zip(*rows_of(known, w_B)):
+    recursion = ForgettingLeastSquares(trial.spacecraft.mass, float(np.exp(-period / memory)))
+    for A, b in zip(*rows_of(known, filtered(gyro.value))):
         recursion.update(A, b)
     return recursion.parameters
 
@@ -149,7 +146,7 @@ def reactionless_motion(
         joints: the joints that may move.
         q: (J,) joint positions at the start.
         noise: σ of a sample of the gyro and of the joint rates [rad/s].
-        seed: of the noise and of the sines.
+        seed: of the noise.
         duration: [s].
         rate: samples per second.
         is_free: whether the joints make the same sines without regard to the base.
@@ -158,40 +155,25 @@ def reactionless_motion(
     tree, rng, joints = spacecraft.tree.lumped, np.random.default_rng(seed), list(joints)
     phases = np.random.default_rng(0).uniform(0, 2 * np.pi, (2, len(joints)))
     frequencies = np.random.default_rng(2).uniform(0.1, 0.4, (2, len(joints)))
-    mass, J = spacecraft.mass, len(q)
-    guess = np.array([mass / 10, 0, 0, 0, *3 * [mass / 100], 0, 0, 0])
-    recursion = ForgettingLeastSquares(mass, guess)
+    recursion = ForgettingLeastSquares(spacecraft.mass)
     psi = recursion.form.from_parameters(target.to_vector())
-    attitude, poses, turns = np.array([1.0, 0, 0, 0]), [], [0.0]
-    q, limit, units = np.array(q, dtype=float), spacecraft.limits.rates[joints], np.eye(J)[joints]
-    for k in range(int(duration * rate)):
-        time = k / rate
-        z = (
-            min(time, 1.0)
-            * 0.5
-            * limit
-            * np.sin(2 * np.pi * frequencies * time + phases).sum(axis=0)
-        )
+    attitude, poses = Rotation.identity(), []
+    limit, units = spacecraft.limits.rates[joints], np.eye(len(q))[joints]
+    for time in np.arange(int(duration * rate)) / rate:
+        sines = np.sin(2 * np.pi * frequencies * time + phases).sum(axis=0)
+        z = min(time, 1.0) * 0.5 * limit * sines
         if not is_free:
             at_units = BodyDynamics.at(tree, np.tile(q, (len(joints), 1)), units)
             H = at_units.momentum_at_rest(recursion.psi).T
             z = z - np.linalg.pinv(H, rcond=CUT_OFF) @ (H @ z)
         z = z / max(np.max(np.abs(z) / limit), 1.0)  # all alike: they remain in the null space
         qdot = z @ units
-        measured = qdot + noise[1] * rng.standard_normal(J) * (units.sum(axis=0) > 0)
+        measured = qdot + noise[1] * rng.standard_normal(len(q)) * units.any(axis=0)
         both = BodyDynamics.at(tree, np.tile(q, (2, 1)), np.stack([qdot, measured]))
         w_B = both.part(slice(0, 1)).base_twist(psi)[0]
         A, b = rows_of(both.part(slice(1, 2)), w_B + noise[0] * rng.standard_normal(3))
         recursion.update(A[0], b[0])
-        q = q + qdot / rate
-        attitude = _turned(attitude, w_B[0] / rate)
-        poses.append((q, attitude))
-        turns.append(2 * float(np.arccos(np.clip(abs(attitude[0]), 0, 1))))
-    joint_path, attitudes = (np.array(each) for each in zip(*poses))
-    return Reactionless(recursion.parameters, max(turns), joint_path, attitudes)
-
-
-def _turned(quaternion: Array, rotation: Array) -> Array:
-    """Return a quaternion after a small rotation (3,) in the body."""
-    turn = Rotation.from_quat(quaternion, scalar_first=True) * Rotation.from_rotvec(rotation)
-    return np.asarray(turn.as_quat(scalar_first=True))
+        q, attitude = q + qdot / rate, attitude * Rotation.from_rotvec(w_B[0] / rate)
+        poses.append((q, attitude.as_quat(scalar_first=True), attitude.magnitude()))
+    path, attitudes, turns = (np.array(each) for each in zip(*poses))
+    return Reactionless(recursion.parameters, float(turns.max()), path, attitudes)

@@ -16,8 +16,8 @@ from scipy.spatial.transform import Rotation
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.dynamics.parameterizations import (
-    REPORT_ORDER,
     moved_moments,
+    standard_to_parameters,
     standard_to_relative,
     tensor_to_vector,
 )
@@ -148,10 +148,10 @@ def train(
 
 def _outputs(phi: Array) -> Array:
     """Return log m, c and I/m (M, 10) of standard vectors."""
-    mass, com = phi[:, :1], phi[:, 1:4] / phi[:, :1]
-    _, shift = moved_moments(mass[:, 0], np.zeros((len(phi), 3, 3)), np.eye(3), com)
-    central = (phi[:, 4:] - tensor_to_vector(shift))[:, REPORT_ORDER]
-    return np.concatenate([np.log(mass), com, central / mass], axis=1)
+    found = standard_to_parameters(phi)
+    return np.concatenate(
+        [np.log(found[:, :1]), found[:, 1:4], found[:, 4:] / found[:, :1]], axis=1
+    )
 
 
 def _parameters(outputs: Array) -> Array:

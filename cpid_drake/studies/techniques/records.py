@@ -1,4 +1,4 @@
-"""The techniques that are compared on the same log. A new one needs its record here."""
+"""The techniques that are compared. A new one needs its record here."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,122 +10,118 @@ from numpy.typing import NDArray
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
 from cpid_drake.identification.identify import identify
-from cpid_drake.studies.techniques import rows
+from cpid_drake.studies.techniques import experiments, rows
 from cpid_drake.studies.techniques.force_sensors import ForceSensors
 from cpid_drake.studies.techniques.forgetting import forgetting_estimate
 from cpid_drake.studies.techniques.rows import Design
-from cpid_drake.studies.techniques.trial import Trial
+from cpid_drake.studies.techniques.trial import Trial, Truth
 
-Array = NDArray[np.float64]
+FIT, ONLINE = "momentum, trajectory fit", "momentum, recursive fit"
+"""The fits, in batch and online."""
 
-FIT, ONLINE = "trajectory_fit", "recursive_fit"
-"""The fits; the first also identifies from the motion of one joint after another."""
+PLANAR = "one joint at a time, planar"
+"""The relations that take the motion of two bodies as planar."""
+
+
+Experiment = Callable[[Truth], dict[str, float]]
+"""Returns numbers by name."""
 
 
 @dataclass(frozen=True)
 class Technique:
-    """A record of a technique.
+    """A record of a technique, which has an `estimate`, a `design` or an `experiment`.
 
     Attributes:
-        name: in the table of numbers.
-        label: in reports.
+        name: in tables.
         reference: where it is from.
         measures: what it needs besides attitude, gyro and encoders; empty for nothing.
         estimate: its function, which returns the parameters (10,). It raises an `InputError` if
             the trial lacks something.
-        design: its rows, if their bound for an exact motion can be told from them; else its bound
-            is that of the momentum's likelihood, or none.
-        has_bound: whether it has one of the two.
-        uses_rates: whether it reads `Trial.rates`, which are exact with exact data; else samples.
+        design: its rows, if it is least squares on rows of smoothed motion. They are exact with
+            exact data; other techniques filter samples.
+        bound: "momentum", the bound of its likelihood, or "rows", that of the design for an exact
+            motion; empty for none.
+        experiment: its function, if it has a motion, a training or a
+            simulation of its own.
+        is_slow: whether a fast run leaves it out.
 
     """
 
     name: str
-    label: str
     reference: str
-    measures: str
-    estimate: Callable[[Trial], Array]
+    measures: str = ""
+    estimate: Callable[[Trial], NDArray[np.float64]] | None = None
     design: Design | None = None
-    has_bound: bool = True
-    uses_rates: bool = False
+    bound: str = "momentum"
+    experiment: Experiment | None = None
+    is_slow: bool = False
 
 
-def _identified(name: str, trial: Trial) -> Array:
+def techniques(sensors: ForceSensors) -> tuple[Technique, ...]:
+    """Return all techniques, with these sensors of forces."""
+    ning, murotsu, sharf = "Ning et al. 2016", "Murotsu et al. 1993", "Nguyen-Huynh and Sharf 2013"
+    slotine, ours, by_rows = "Slotine and Li 1987, 1989", "this package", rows.momentum_rows
+    any_momentum = by_rows("standard", is_unknown=True)
+    measured = rows.accelerometer(sensors.accelerometer)
+    found = [
+        _of("momentum, the paper's rows", ning, "position", by_rows("eq18")),
+        _of("momentum, standard rows", ning, "position", by_rows("standard")),
+        _of("momentum, standard rows, any momentum", ours, "position", any_momentum),
+        _of("angular momentum, relative rows", "Yoshida and Abiko 2002", "", by_rows("relative")),
+        Technique(FIT, ours, "", partial(_identified, "trajectory_fit")),
+        Technique(ONLINE, ours, "", partial(_identified, "recursive_fit")),
+        _of("accelerations, relative", murotsu, "", rows.accelerations),
+        _of("accelerations, naive", murotsu, "position", rows.naive_accelerations, ""),
+        _of("accelerations, accelerometer", murotsu, "position, accelerometer", measured, ""),
+    ]
+    for share in sensors.joint_torques:
+        name, design = f"joint torques, {100 * share:g} % of full scale", rows.joint_torques(share)
+        found.append(_of(name, "Rackl et al. 2013", "torque sensors", design, "rows"))
+    for size in sensors.calibrations:
+        for is_estimated in (False, True) if size else (False,):
+            word = "estimated" if is_estimated else "ignored"
+            name = f"wrist sensor, {100 * size:g} % {word}" if size else "wrist sensor, perfect"
+            design = rows.wrist(sensors, size, is_estimated=is_estimated)
+            found.append(_of(name, "Atkeson et al. 1986", "wrist sensor", design, "rows"))
+    for name, memory in (("no forgetting", np.inf), ("memory 1 s", 1.0), ("memory 0.33 s", 0.33)):
+        estimate = partial(forgetting_estimate, memory=memory)
+        found.append(Technique(f"recursive least squares, {name}", sharf, "", estimate))
+    own = experiments
+    runs: list[tuple[str, str, str, Experiment]] = [
+        (f"reactionless motion, {arms}", sharf, "", partial(own.reactionless, arms))
+        for arms in own.ARMS
+    ]
+    runs += [
+        (PLANAR, murotsu, "position", own.planar),
+        ("momentum, only some joints move", ning, "", own.some_joints),
+        ("the paper's Table 1, simulated", ning, "", own.resimulated),
+        ("adaptive control", slotine, "base twist", partial(own.adaptive, False)),
+        ("adaptive control, composite", slotine, "base twist", partial(own.adaptive, True)),
+        ("neural network", "Ning et al. 2016, reference 6", "", own.network_errors),
+    ]
+    for name, reference, measures, run in runs:
+        is_slow = name.startswith(("adaptive", "neural"))
+        found.append(Technique(name, reference, measures, experiment=run, is_slow=is_slow))
+    return tuple(found)
+
+
+def _of(
+    name: str, reference: str, measures: str, design: Design, bound: str = "momentum"
+) -> Technique:
+    estimate = partial(rows.estimate, design)
+    return Technique(name, reference, measures, estimate, design, bound)
+
+
+def _identified(estimator: str, trial: Trial) -> NDArray[np.float64]:
     """Return the parameters by one of the package's estimators."""
     found = identify(
         trial.spacecraft,
         trial.log,
-        estimator=name,
+        estimator=estimator,
         sensors=trial.suite,
         momentum=TotalMomentum.zero(),
         known_bodies=trial.known_bodies,
     )
     if not found.converged:
-        raise InputError(f"{name} did not converge")
+        raise InputError(f"{estimator} did not converge")
     return found.parameters
-
-
-def _of_rows(
-    name: str, label: str, reference: str, measures: str, design: Design, bound: str = "momentum"
-) -> Technique:
-    """Return a technique of rows, with the bound of momentum, of its own rows or with none."""
-    own = design if bound == "rows" else None
-    estimate = partial(rows.estimate, design)
-    return Technique(name, label, reference, measures, estimate, own, bound != "none", True)
-
-
-def techniques(sensors: ForceSensors) -> tuple[Technique, ...]:
-    """Return the techniques that use a log as it is, with these sensors of forces."""
-    momentum, position = rows.momentum_rows, "position"
-    ning, yoshida = "Ning et al. 2016, Eq. 18", "Yoshida and Abiko 2002"
-    murotsu, torque = "Murotsu et al. 1993", "Rackl et al. 2013"
-    atkeson, sharf = "Atkeson et al. 1986", "Nguyen-Huynh and Sharf 2013"
-    found = [
-        _of_rows("eq18", "momentum, the paper's rows", ning, position, momentum("eq18")),
-        _of_rows("standard", "momentum, standard rows", ning, position, momentum("standard")),
-        _of_rows("relative", "angular momentum, relative rows", yoshida, "", momentum("relative")),
-        Technique(FIT, "momentum, trajectory fit", "this package", "", partial(_identified, FIT)),
-        Technique(
-            ONLINE,
-            "momentum, recursive fit (online)",
-            "this package",
-            "",
-            partial(_identified, ONLINE),
-        ),
-        _of_rows("accelerations", "accelerations, relative form", murotsu, "", rows.accelerations),
-        _of_rows(
-            "accelerations_naive",
-            "accelerations, naive form",
-            murotsu,
-            position,
-            rows.naive_accelerations,
-            bound="none",
-        ),
-        _of_rows(
-            "accelerometer",
-            "accelerations, naive form with accelerometer",
-            murotsu,
-            "position, accelerometer",
-            rows.accelerometer,
-            bound="none",
-        ),
-    ]
-    for share in sensors.joint_torques:
-        design, percent = rows.joint_torques(share), f"{100 * share:g} %"
-        label = f"joint torques of {percent} FS, relative form"
-        found.append(_of_rows(f"torques {percent}", label, torque, "torques", design, "rows"))
-    for size in sensors.calibrations:
-        percent = f"{100 * size:g} %"
-        for is_estimated in (False, True) if size else (False,):
-            word = "estimated" if is_estimated else "ignored" if size else "perfect"
-            design = rows.wrist(size, is_estimated=is_estimated)
-            label = (
-                f"wrist sensor, calibration {percent} {word}" if size else "wrist sensor, perfect"
-            )
-            name = f"wrist {percent} {word}"
-            found.append(_of_rows(name, label, atkeson, "wrist sensor", design, "rows"))
-    for name, memory in (("rls", np.inf), ("rls 1 s", 1.0), ("rls 0.33 s", 0.33)):
-        label = "RLS without forgetting" if name == "rls" else f"RLS with a memory of {name[4:]}"
-        estimate = partial(forgetting_estimate, memory=memory)
-        found.append(Technique(name, f"{label}, relative rows", sharf, "", estimate))
-    return tuple(found)

@@ -1,20 +1,18 @@
 """Techniques that are linear least squares on rows of a smoothed motion.
 
-All get the best weights there are: the covariance of a sample's rows is that of their residuals
-(feasible generalized least squares), and for momentum rows, whose errors change most from sample
-to sample, that of the smoothed motion before. Their rows are in ψ = (μ, μc, I_*), the *relative
-form* of `dynamics.newton_euler`, unless a technique is called naive.
+All get weights from residuals: the covariance of a sample's rows is that of their residuals
+(feasible generalized least squares). Their rows are in ψ = (μ, μc, I_*), the *relative form* of
+`dynamics.newton_euler`, unless a technique is called naive.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.multibody.tree import JacobianWrtVariable, MultibodyForces
 
 from cpid_drake.dynamics.momentum import momentum_samples
+from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.newton_euler import newton_euler_regressor
 from cpid_drake.dynamics.parameterizations import (
     SCALE_LENGTH,
@@ -26,8 +24,9 @@ from cpid_drake.dynamics.parameterizations import (
 from cpid_drake.dynamics.rotations import cross, rotate, skew
 from cpid_drake.dynamics.rows import ROW_FAMILIES
 from cpid_drake.estimation.momentum_rows import changed
+from cpid_drake.logs.log import Samples
 from cpid_drake.logs.splines import regression_spline
-from cpid_drake.studies.techniques.force_sensors import ACCELERATION, effort_name, wrench_name
+from cpid_drake.studies.techniques.force_sensors import RATE, Accelerometer, ForceSensors
 from cpid_drake.studies.techniques.trial import Trial
 
 Array = NDArray[np.float64]
@@ -38,11 +37,13 @@ ITERATIONS = 4
 THINNED = 10
 """Every so many instants give momentum rows: smoothed motion has no more information."""
 
+VAGUE = 1e3
+"""σ of an unknown momentum [N·m·s or N·s]: that of a target that tumbles by a turn a second."""
+
 
 def worst_error(parameters: Array, truth: Array) -> float:
     """Return the largest error of parameters (10,), relative to m, 0.5 m and the trace of I."""
-    scale = parameter_scale(truth, SCALE_LENGTH)
-    return float(np.abs((parameters - truth) / scale).max())
+    return float(np.abs((parameters - truth) / parameter_scale(truth, SCALE_LENGTH)).max())
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,43 +64,53 @@ class Rows:
     sigma: Array | None = None
 
 
-Design = Callable[[Trial], Callable[[Array], Rows]]
+Design = Callable[[Trial, Array], Rows]
 """Rows of a trial; columns may depend on the unknowns (10,) of the iteration before."""
 
 
 def estimate(design: Design, trial: Trial) -> Array:
     """Return the parameters (10,) with weights from residuals."""
-    x, rows_at = np.zeros(10), design(trial)
-    root = np.diag(1 / np.abs(rows_at(x).b).max(axis=0))
+    x, rows = np.zeros(10), design(trial, np.zeros(10))
+    root = np.diag(1 / np.abs(rows.b).max(axis=0))
     for _ in range(ITERATIONS):
-        rows = rows_at(x)
+        rows = design(trial, x)
         solution, _ = _solve(rows, root)
         residual = rows.b - rows.A @ solution
-        least = 1e-14 * np.abs(rows.b).max()  # weights are never those of rounding alone
+        least = 1e-10 * np.abs(rows.b).max()  # weights of rounding alone would hide the priors
         covariance = residual.T @ residual / len(residual) + least**2 * np.eye(len(root))
         root, x = np.linalg.inv(np.linalg.cholesky(covariance)), solution[:10]
     return np.asarray(rows.form.to_parameters(x))
 
 
-def bound(design: Design, exact: Trial, parameters: Array) -> Array:
-    """Return the σ (10,) of the true parameters for an exact motion: (Σ Yᵀ R⁻¹ Y)⁻¹.
+def bound(design: Design, exact: Trial, parameters: Array) -> float:
+    """Return the σ of the worst of the true parameters for an exact motion: (Σ Yᵀ R⁻¹ Y)⁻¹.
 
     The other unknowns, such as zeros of sensors, are eliminated.
     """
-    form = relative_parameterization(exact.spacecraft.mass)
-    x = form.from_parameters(parameters)
-    rows = design(exact)(x)
+    x = relative_parameterization(exact.spacecraft.mass).from_parameters(parameters)
+    rows = design(exact, x)
     assert rows.sigma is not None
     _, root = _solve(rows, np.diag(1 / rows.sigma))
-    return np.asarray(np.linalg.norm(rows.form.jacobian(x) @ root, axis=1))
+    sigma = np.linalg.norm(rows.form.jacobian(x) @ root, axis=1)
+    return float((sigma / parameter_scale(parameters, SCALE_LENGTH)).max())
+
+
+def instants(design: Design, exact: Trial) -> int:
+    """Return the least number of instants whose rows tell all ten; 0 if ten do not."""
+    A = design(exact, np.zeros(10)).A[..., :10]
+    for count in range(1, 11):
+        some = A[np.linspace(0.2 * len(A), 0.8 * len(A), count).astype(int)].reshape(-1, 10)
+        some = some / np.maximum(np.linalg.norm(some, axis=0), 1e-300)
+        if np.linalg.matrix_rank(some, tol=1e-8) == 10:
+            return count
+    return 0
 
 
 def _solve(rows: Rows, whiten: Array) -> tuple[Array, Array]:
     """Return x, and a root whose square is the covariance of the target's unknowns."""
     width = rows.A.shape[2]
-    A = (whiten @ rows.A).reshape(-1, width)
-    prior = np.eye(width)[10:]
-    A, b = np.vstack([A, prior]), np.append((rows.b @ whiten.T).ravel(), np.zeros(width - 10))
+    A = np.vstack([(whiten @ rows.A).reshape(-1, width), np.eye(width)[10:]])
+    b = np.append((rows.b @ whiten.T).ravel(), np.zeros(width - 10))
     scale = np.linalg.norm(A, axis=0)
     scale = np.where(scale > 0, scale, 1.0)
     U, s, Vt = np.linalg.svd(A / scale, full_matrices=False)
@@ -107,155 +118,105 @@ def _solve(rows: Rows, whiten: Array) -> tuple[Array, Array]:
     return root @ (U.T @ b), root[:10]
 
 
-# -- momentum ------------------------------------------------------------------------------------
+def momentum_rows(name: str, *, is_unknown: bool = False) -> Design:
+    """Return the rows of a row family, at a momentum of zero or at any up to about `VAGUE`.
 
-
-def momentum_rows(name: str) -> Design:
-    """Return the rows of a row family, with weights from the covariance of the smoothed motion."""
+    Their errors change most from sample to sample: they are weighted by the covariance of the
+    smoothed motion.
+    """
     family, step = ROW_FAMILIES[name], 1e-6
 
-    def design(trial: Trial) -> Callable[[Array], Rows]:
+    def design(trial: Trial, x: Array) -> Rows:
         tree, part = trial.spacecraft.tree, slice(None, None, THINNED)
-        form, motion = family.parameterization(tree.mass), trial.rates.motion.select(part)
-        A, b = family.rows(momentum_samples(tree, motion))
-        if trial.covariance is None:
-            return lambda x: Rows(form, A, b)
-        C = trial.covariance[part]
-        shifts = np.repeat(step * np.eye(C.shape[1]), len(motion), axis=0)
-        moved_A, moved_b = family.rows(momentum_samples(tree, changed(motion, shifts)))
-        by_A, by_b = moved_A.reshape(-1, *A.shape) - A, moved_b.reshape(-1, *b.shape) - b
+        motion, form = trial.rates.motion.select(part), family.parameterization(tree.mass)
 
-        def at(x: Array) -> Rows:
-            if not x.any():
-                return Rows(form, A, b)
-            by = np.moveaxis((by_A @ x - by_b) / step, 0, -1)
+        def rows(motion: Motion) -> Array:
+            found = family.full_rows(momentum_samples(tree, motion), is_unknown)
+            return found.reshape(len(motion), family.rows_per_sample, -1)
+
+        found, whiten = rows(motion), np.eye(family.rows_per_sample)
+        if trial.covariance is not None and x.any():
+            C = trial.covariance[part]
+            shifts = np.repeat(step * np.eye(C.shape[1]), len(motion), axis=0)
+            moved = rows(changed(motion, shifts))[..., -11:] @ np.append(x, -1.0)
+            here = found[..., -11:] @ np.append(x, -1.0)
+            by = np.moveaxis((moved.reshape(-1, *here.shape) - here) / step, 0, -1)
             covariance = by @ C @ np.swapaxes(by, 1, 2)
-            size = np.trace(covariance, axis1=1, axis2=2)[:, None, None]
-            whiten = np.linalg.inv(
-                np.linalg.cholesky(covariance + 1e-9 * size * np.eye(len(by[0])))
-            )
-            return Rows(form, whiten @ A, rotate(whiten, b))
-
-        return at
+            least = 1e-9 * np.trace(covariance, axis1=1, axis2=2)[:, None, None] * whiten
+            whiten = np.linalg.inv(np.linalg.cholesky(covariance + least))
+        found = whiten @ found
+        A = np.concatenate([found[..., -11:-1], VAGUE * found[..., :-11]], axis=2)
+        return Rows(form, A, found[..., -1])
 
     return design
 
 
-# -- accelerations -------------------------------------------------------------------------------
-
-
-def accelerations(trial: Trial) -> Callable[[Array], Rows]:
+def accelerations(trial: Trial, x: Array) -> Rows:
     """Relative form, torque about K: (Y_n + s̃ Y_f) ψ = −L̇_K."""
     r = trial.rates
-    Y = newton_euler_regressor(r.s_ddot, r.alpha, r.w)
-    form = relative_parameterization(trial.spacecraft.mass)
-    rows = Rows(form, Y[:, :3] + skew(r.s) @ Y[:, 3:], -r.K_rate)
-    return lambda x: rows
+    A = r.wrench[:, :3] + skew(r.s) @ r.wrench[:, 3:]
+    return Rows(relative_parameterization(trial.spacecraft.mass), A, -r.K_rate)
 
 
-def naive_accelerations(trial: Trial) -> Callable[[Array], Rows]:
+def naive_accelerations(trial: Trial, x: Array) -> Rows:
     """Y φ = −[L̇ + v × P; Ṗ]: the base's position is differentiated twice."""
     r = trial.rates
-    rows = Rows(STANDARD, newton_euler_regressor(r.a, r.alpha, r.w), -r.momentum_rate)
-    return lambda x: rows
+    return Rows(STANDARD, newton_euler_regressor(r.a, r.alpha, r.w), -r.momentum_rate)
 
 
-def accelerometer(trial: Trial) -> Callable[[Array], Rows]:
-    """Rows of the naive form with a measured acceleration of the base, whose bias is estimated.
+def accelerometer(sensor: Accelerometer) -> Design:
+    """Return rows of the naive form with a measured acceleration, whose bias is estimated.
 
     An error δ of the base's acceleration changes a by δ, Ṗ by m_k δ and L̇ by −m_k s × δ.
     """
-    r, mass, bias = trial.rates, trial.spacecraft.mass, trial.force_sensors.accelerometer.bias
-    R_CW = np.swapaxes(r.samples.motion.R_WC, 1, 2)
-    smoothed = regression_spline(trial.forces[ACCELERATION])(r.motion.time)
-    measured = rotate(r.motion.R_WB, smoothed)
-    change = rotate(R_CW, measured - r.vdot[:, 3:6])
-    A = newton_euler_regressor(r.a + change, r.alpha, r.w)
-    b = -r.momentum_rate - mass * np.hstack([-cross(r.s, change), change])
-    R_CB = R_CW @ r.motion.R_WB
 
-    def at(x: Array) -> Rows:
-        moment, total = skew(x[1:4] - mass * r.s) @ R_CB, (x[0] + mass) * R_CB
-        columns = -bias * np.concatenate([moment, total], axis=1)
+    def design(trial: Trial, x: Array) -> Rows:
+        r, mass = trial.rates, trial.spacecraft.mass
+        values = trial.acceleration.by(sensor.noise_density * np.sqrt(RATE), sensor.bias)
+        smoothed = regression_spline(Samples(r.motion.time, values))(r.motion.time)
+        change = rotate(r.R_CB, smoothed) - r.a_B
+        A = newton_euler_regressor(r.a + change, r.alpha, r.w)
+        b = -r.momentum_rate - mass * np.hstack([-cross(r.s, change), change])
+        moment, total = skew(x[1:4] - mass * r.s) @ r.R_CB, (x[0] + mass) * r.R_CB
+        columns = -sensor.bias * np.concatenate([moment, total], axis=1)
         return Rows(STANDARD, np.concatenate([A, columns], axis=2), b)
 
-    return at
-
-
-# -- joint torques -------------------------------------------------------------------------------
+    return design
 
 
 def joint_torques(share: float) -> Design:
     """Return the rows of joint torques with an error of this share of full scale.
 
-    (J_WCᵀ Y − M_J,lin R_WC Y_f/m_k) ψ = τ − ID_J(a_Bo = 0) + M_J,lin a_K0, with ID the inverse
-    dynamics of the known plant and a_K0 the acceleration of K for a_Bo = 0. The torques' zeros are
-    estimated.
+    See `Rates.efforts`; the torques' zeros are estimated.
     """
 
-    def design(trial: Trial) -> Callable[[Array], Rows]:
-        A, known = _joint_rows(trial)
+    def design(trial: Trial, x: Array) -> Rows:
+        A, known = trial.rates.efforts
         sigma = share * trial.spacecraft.limits.efforts
         zeros = np.tile(np.diag(sigma), (len(A), 1, 1))
-        b = trial.forces[effort_name(share)].value - known
-        form = relative_parameterization(trial.spacecraft.mass)
-        rows = Rows(form, np.concatenate([A, zeros], axis=2), b, sigma)
-        return lambda x: rows
+        form, b = relative_parameterization(trial.spacecraft.mass), trial.efforts.by(sigma, sigma)
+        return Rows(form, np.concatenate([A, zeros], axis=2), b - known, sigma)
 
     return design
 
 
-@lru_cache(maxsize=1)  # sensors of all errors have the same rows
-def _joint_rows(trial: Trial) -> tuple[Array, Array]:
-    """Return the columns (N, J, 10) of ψ, and the known torques (N, J)."""
-    craft, r, plant = trial.spacecraft, trial.rates, trial.spacecraft.plant
-    Y, context = newton_euler_regressor(r.s_ddot, r.alpha, r.w), plant.CreateDefaultContext()
-    columns = {k: c - plant.num_positions() for k, c in craft.state_columns.items()}
-    joints, linear = columns["qdot"], columns["v_WB"]
-    order = np.concatenate([columns["w_WB"], linear, joints])
-    no_force, world = MultibodyForces(plant), plant.world_frame()
-    A, known = [], []
-    for k, (state, R_WC) in enumerate(zip(craft.to_states(r.motion), r.samples.motion.R_WC)):
-        plant.SetPositionsAndVelocities(context, state)
-        vdot = np.zeros(len(order))
-        vdot[order] = r.vdot[k]
-        vdot[linear] = 0.0
-        force = plant.CalcInverseDynamics(context, vdot, no_force)
-        M = plant.CalcMassMatrix(context)[np.ix_(joints, linear)]
-        jacobian = plant.CalcJacobianSpatialVelocity(
-            context, JacobianWrtVariable.kV, craft.capture_frame, np.zeros(3), world, world
-        )[:, joints]
-        in_C = np.vstack([R_WC.T @ jacobian[:3], R_WC.T @ jacobian[3:]])
-        A.append(in_C.T @ Y[k] - M @ R_WC @ Y[k, 3:] / craft.mass)
-        known.append(force[joints] - M @ force[linear] / craft.mass)
-    return np.array(A), np.array(known)
-
-
-# -- wrist sensor --------------------------------------------------------------------------------
-
-
-def wrist(calibration: float, *, is_estimated: bool) -> Design:
+def wrist(sensors: ForceSensors, size: float, *, is_estimated: bool) -> Design:
     """Return the rows of a wrist sensor: y = (1 + K) Y ψ + z + noise.
 
-    The zeros z, and if told the calibration's errors K, are unknowns with the sensor's σ as prior.
-    The columns of K are those of the wrench Y ψ with the ψ before: with the measured one, ψ = 0 and
-    K = −1 would be an exact solution.
+    The zeros z, and if told the calibration's errors K of this relative size, are unknowns with the
+    sensor's σ as prior. The columns of K are those of the wrench Y ψ with the ψ before: with the
+    measured one, ψ = 0 and K = −1 would be an exact solution.
     """
 
-    def design(trial: Trial) -> Callable[[Array], Rows]:
-        y, r = trial.forces[wrench_name(calibration)].value, trial.rates
-        sensor = trial.force_sensors.wrist_for(y)
-        Y = newton_euler_regressor(r.s_ddot, r.alpha, r.w)
-        known = np.concatenate([Y, np.tile(np.diag(sensor.zeros), (len(Y), 1, 1))], axis=2)
-        form = relative_parameterization(trial.spacecraft.mass)
-
-        def at(x: Array) -> Rows:
-            if not is_estimated:
-                return Rows(form, known, y, sensor.noise)
-            wrench, sizes = Y @ x if x.any() else y, calibration * sensor.ratios
-            errors = np.einsum("ik,ij,nj->nkij", np.eye(6), sizes, wrench).reshape(len(Y), 6, 36)
-            return Rows(form, np.concatenate([known, errors], axis=2), y, sensor.noise)
-
-        return at
+    def design(trial: Trial, x: Array) -> Rows:
+        sensor, Y = sensors.wrist_for(trial.wrench.exact), trial.rates.wrench
+        noise, zero = np.repeat([sensor.noise, sensor.zero], 3, axis=1)
+        sizes = size * sensor.ratios
+        y = trial.wrench.by(noise, zero, sizes)
+        A = np.concatenate([Y, np.tile(np.diag(zero), (len(Y), 1, 1))], axis=2)
+        if is_estimated:
+            errors = np.einsum("ik,ij,nj->nkij", np.eye(6), sizes, Y @ x if x.any() else y)
+            A = np.concatenate([A, errors.reshape(len(Y), 6, 36)], axis=2)
+        return Rows(relative_parameterization(trial.spacecraft.mass), A, y, noise)
 
     return design
