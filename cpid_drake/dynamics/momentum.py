@@ -98,10 +98,10 @@ def target_momentum(
     return P, L
 
 
-def momentum_samples(tree: KinematicTree, telemetry: Motion) -> MomentumSamples:
-    """Return the momentum samples of N telemetry samples; welded bodies are treated as one body."""
+def momentum_samples(tree: KinematicTree, motion: Motion) -> MomentumSamples:
+    """Return the momentum samples of a motion; welded bodies are treated as one body."""
     tree = tree.lumped
-    bodies, capture = forward_kinematics(tree, **telemetry.states)
+    bodies, capture = forward_kinematics(tree, **motion.states)
     return MomentumSamples(
         capture,
         linear_momentum(tree, bodies),
@@ -112,7 +112,7 @@ def momentum_samples(tree: KinematicTree, telemetry: Motion) -> MomentumSamples:
 
 
 def total_momentum(
-    tree: KinematicTree, target: InertialParameters, telemetry: Motion
+    tree: KinematicTree, target: InertialParameters, motion: Motion
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return linear [N·s] and angular momentum [N·m·s] of spacecraft and target, (N, 3), in W.
 
@@ -120,7 +120,7 @@ def total_momentum(
 
     Source: Ning et al. 2016, Eqs. 5 and 9.
     """
-    samples = momentum_samples(tree, telemetry)
+    samples = momentum_samples(tree, motion)
     P_T, L_T = target_momentum(target, samples.motion)
     P = samples.P + P_T
     return P, samples.L + L_T + cross(samples.motion.p_WC, P)

@@ -47,28 +47,24 @@ class Motion:
             try:
                 values = np.array(getattr(self, name), dtype=float)
             except (TypeError, ValueError) as error:
-                raise InputError(
-                    f"telemetry: '{name}' must be an array of numbers: {error}"
-                ) from None
+                raise InputError(f"motion: '{name}' must be an array of numbers: {error}") from None
             if values.shape != (count, *width):
                 raise InputError(
-                    f"telemetry: '{name}' must have shape {(count, *width)}, not {values.shape}"
+                    f"motion: '{name}' must have shape {(count, *width)}, not {values.shape}"
                 )
             bad = ~np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
             if bad.any():
-                raise InputError(f"telemetry: '{name}' is not finite in sample {bad.argmax()}")
+                raise InputError(f"motion: '{name}' is not finite in sample {bad.argmax()}")
             object.__setattr__(self, name, values)
         backwards = np.diff(self.time) <= 0
         if backwards.any():
             k = int(backwards.argmax()) + 1
             raise InputError(
-                f"telemetry: time does not increase at sample {k} (t = {self.time[k]:g} s)"
+                f"motion: time does not increase at sample {k} (t = {self.time[k]:g} s)"
             )
         off = np.abs(np.linalg.norm(self.quaternion_WB, axis=1) - 1) > 1e-3
         if off.any():
-            raise InputError(
-                f"telemetry: quaternion_WB is not of unit norm in sample {off.argmax()}"
-            )
+            raise InputError(f"motion: quaternion_WB is not of unit norm in sample {off.argmax()}")
 
     def __len__(self) -> int:
         return self.time.size
@@ -101,7 +97,7 @@ class Motion:
         return replace(self, **{name: getattr(self, name)[samples] for name in ("time", *_ARRAYS)})
 
     def rounded(self, decimals: int) -> "Motion":
-        """Return the telemetry with all numbers but the times rounded, in SI units and radians.
+        """Return the motion with all numbers but the times rounded, in SI units and radians.
 
         The attitude is rounded as 3-2-1 Euler angles: the paper's sensors give attitude angles
         (Ning et al. 2016, "Identification results and analysis").

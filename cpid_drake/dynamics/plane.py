@@ -62,23 +62,23 @@ def mean_normal(quaternion_WB: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(mean / np.linalg.norm(mean))
 
 
-def in_plane(telemetry: Motion, normal_B: NDArray[np.float64]) -> Motion:
+def in_plane(motion: Motion, normal_B: NDArray[np.float64]) -> Motion:
     """Return motion without its components out of the plane, which are noise.
 
     The attitude is turned by the smallest angle so that the base's normal is W's z axis.
 
     Args:
-        telemetry: the motion.
+        motion: the motion.
         normal_B: (3,) the table's normal in B.
 
     """
-    w_B = rotate(np.swapaxes(telemetry.R_WB, -1, -2), telemetry.w_WB)
+    w_B = rotate(np.swapaxes(motion.R_WB, -1, -2), motion.w_WB)
     return replace(
-        telemetry,
-        quaternion_WB=levelled(telemetry.quaternion_WB, normal_B),
-        p_WB=telemetry.p_WB * [1.0, 1.0, 0.0],
+        motion,
+        quaternion_WB=levelled(motion.quaternion_WB, normal_B),
+        p_WB=motion.p_WB * [1.0, 1.0, 0.0],
         w_WB=np.outer(w_B @ normal_B, NORMAL_W),
-        v_WB=telemetry.v_WB * [1.0, 1.0, 0.0],
+        v_WB=motion.v_WB * [1.0, 1.0, 0.0],
     )
 
 

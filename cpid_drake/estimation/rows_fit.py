@@ -33,8 +33,7 @@ from cpid_drake.estimation.least_squares import (
 )
 from cpid_drake.estimation.momentum_rows import error_square, momentum_columns, row_blocks
 from cpid_drake.estimation.whiteness import whiteness
-from cpid_drake.logs.log import Samples
-from cpid_drake.logs.thinning import EvenSelection
+from cpid_drake.logs.log import Samples, concatenated_samples
 
 TARGET, MOMENTUM = "target", "momentum"
 """The unknowns of a log's Gaussian."""
@@ -97,7 +96,8 @@ class LogRows:
         self._halves = [empty_information(size), empty_information(size)]  # of all parts
         self._errors = np.zeros((size + 1, size + 1))  # E[δᵀ δ] of the errors of the rows
         self._first: list[Samples] = []
-        self._shown = EvenSelection(_MOST_SHOWN)
+        self._shown: list[Samples] = []  # every k-th sample
+        self._every = 1
         self._p_WB = np.zeros(3)  # at the first sample
         self.sample_count = self.row_count = 0
 
@@ -139,7 +139,11 @@ class LogRows:
                 self._errors += len(rows) / len(part) * error_square(part, C, *self._problem)
             kept = samples.where(slice(0, max(_MOST_KEPT - self.sample_count, 0)))
             self._first += [kept] if len(kept) else []
-            self._shown.add(samples)
+            shown = samples.where(slice(-self.sample_count % self._every, None, self._every))
+            self._shown.append(Samples(shown.time.copy(), shown.value.copy()))
+            while sum(map(len, self._shown)) > _MOST_SHOWN:
+                self._shown = [concatenated_samples(self._shown).where(slice(None, None, 2))]
+                self._every *= 2
             self.sample_count += len(rows)
 
     def misfit(self, x: NDArray[np.float64]) -> tuple[float, float]:
@@ -165,13 +169,13 @@ class LogRows:
 
         Each with the number k of which every k-th is shown, and the first ones without selection.
         """
-        shown, unit = self._shown.samples(), np.append(x, -1.0)
-        if shown is None:
+        if not self._shown:
             return []
+        shown, unit = concatenated_samples(self._shown), np.append(x, -1.0)
         m = shown.value.shape[1]
         linear, angular = slice(0, m - self._angular), slice(m - self._angular, m)
         first = np.concatenate([-(part.value @ unit) for part in self._first])
-        every, time, value = self._shown.every, shown.time, -(shown.value @ unit)
+        every, time, value = self._every, shown.time, -(shown.value @ unit)
         if self.sample_count <= _MOST_KEPT:
             every, time, value = 1, np.concatenate([part.time for part in self._first]), first
         return [(Samples(time, value[:, k]), every, first[:, k]) for k in (linear, angular)]

@@ -235,7 +235,7 @@ def _motion(
         for each in smooth_windows(
             log.measurements, suite, with_position=position, normal_B=normal_B
         ):
-            yield each.telemetry, each.covariance
+            yield each.motion, each.covariance
 
 
 def _form(known: Known) -> Parameterization:

@@ -49,20 +49,20 @@ class SmoothedMotion:
     """Motion at N common times, and its errors.
 
     Attributes:
-        telemetry: the motion.
+        motion: the motion.
         covariance: (N, n, n) of attitude (3, right perturbation, in B), angular velocity (3, in B),
             position (3) and velocity (3) in W, joint positions (J) and joint rates (J).
         gyro_bias: (3,) estimated gyro bias, in B [rad/s].
 
     """
 
-    telemetry: Motion
+    motion: Motion
     covariance: Array
     gyro_bias: Array
 
 
 def smooth(
-    measurements: Log,
+    given: Log,
     suite: SensorSuite,
     times: ArrayLike | None = None,
     *,
@@ -73,7 +73,7 @@ def smooth(
     """Return the motion at common times, smoothed from samples of different rates.
 
     Args:
-        measurements: samples of the sensors; attitude, position and encoders are required. Samples
+        given: samples of the sensors; attitude, position and encoders are required. Samples
             of sensors that the suite lacks are left out.
         suite: the sensors' errors.
         times: (N,) [s]; default: ten per second where all sensors have samples.
@@ -87,8 +87,8 @@ def smooth(
 
     """
     present = suite.present()
-    kept = {name: s for name, s in measurements.samples.items() if name in present}
-    log = Log(measurements.joint_names, kept)
+    kept = {name: s for name, s in given.samples.items() if name in present}
+    log = Log(given.joint_names, kept)
     if normal_B is not None:
         log = _in_plane(log, normal_B)
     needed = [log.encoders, log.attitude, *([log.position] if with_position else [])]
@@ -146,7 +146,7 @@ def smooth(
 
 
 def smooth_windows(
-    measurements: Log,
+    given: Log,
     suite: SensorSuite,
     *,
     with_position: bool = True,
@@ -159,7 +159,7 @@ def smooth_windows(
     sensor are left out.
 
     Args:
-        measurements: samples of the sensors.
+        given: samples of the sensors.
         suite: the sensors' errors.
         with_position: whether to compute the base's position and velocity, else they are zero.
         normal_B: see `smooth`.
@@ -168,15 +168,15 @@ def smooth_windows(
         InputError: all windows have too few samples of a required sensor.
 
     """
-    start, end = measurements.interval
+    start, end = given.interval
     needed = ["encoders", "attitude", *(["position"] if with_position else [])]
-    steps = [np.median(np.diff(measurements[n].time)) for n in needed if len(measurements[n]) > 1]
+    steps = [np.median(np.diff(given[n].time)) for n in needed if len(given[n]) > 1]
     seconds = max(WINDOW, FEWEST * float(max(steps, default=0.0)))
     starts = np.arange(start, end, seconds) if end - start > 2 * WINDOW else np.array([start])
     refused, is_empty = None, True
     for first in starts.tolist():
         last = first + seconds if first < starts[-1] else np.inf
-        around = measurements.between(first - MARGIN * seconds, last + MARGIN * seconds)
+        around = given.between(first - MARGIN * seconds, last + MARGIN * seconds)
         try:
             motion = smooth(
                 around,
@@ -194,9 +194,9 @@ def smooth_windows(
         raise refused
 
 
-def _in_plane(measurements: Log, normal_B: Array) -> Log:
+def _in_plane(log: Log, normal_B: Array) -> Log:
     """Return samples without their components out of the plane, which are noise."""
-    samples = dict(measurements.samples)
+    samples = dict(log.samples)
     for name, given in samples.items():
         if name == "attitude":
             samples[name] = replace(given, value=levelled(given.value, normal_B))
@@ -204,7 +204,7 @@ def _in_plane(measurements: Log, normal_B: Array) -> Log:
             samples[name] = replace(given, value=np.outer(given.value @ normal_B, normal_B))
         elif name in ("position", "velocity"):
             samples[name] = replace(given, value=given.value * [1.0, 1.0, 0.0])
-    return Log(measurements.joint_names, samples)
+    return Log(log.joint_names, samples)
 
 
 def _smooth_vectors(

@@ -225,10 +225,10 @@ class Spacecraft:
     # -- states ------------------------------------------------------------------------------
 
     def to_telemetry(self, time: ArrayLike, states: ArrayLike) -> Motion:
-        """Return plant states x = [q; v] (N, nx) at times (N,) [s] as telemetry.
+        """Return plant states x = [q; v] (N, nx) at times (N,) [s] as a motion.
 
         Raises:
-            InputError: the times or states are not valid telemetry.
+            InputError: the times or states are no valid motion.
 
         """
         states = np.atleast_2d(np.asarray(states, dtype=float))
@@ -268,25 +268,25 @@ class Spacecraft:
         """
         return self.to_states(self.predicted_motion(target, motion, [0.0], momentum_W))[0]
 
-    def require_joints(self, telemetry: Motion) -> None:
-        """Refuse telemetry of another spacecraft.
+    def require_joints(self, motion: Motion) -> None:
+        """Refuse a motion of another spacecraft.
 
         Raises:
             InputError: its joints are not this spacecraft's joints, in this order.
 
         """
-        if telemetry.joint_names != self.joint_names:
+        if motion.joint_names != self.joint_names:
             raise InputError(
-                f"the telemetry has joints {', '.join(telemetry.joint_names)}, but the "
+                f"the motion has joints {', '.join(motion.joint_names)}, but the "
                 f"spacecraft has joints {', '.join(self.joint_names)}"
             )
 
-    def to_states(self, telemetry: Motion) -> NDArray[np.float64]:
-        """Return the plant states x = [q; v] (N, nx) of telemetry; raises as `require_joints`."""
-        self.require_joints(telemetry)
-        states = np.zeros((len(telemetry), self.plant.num_multibody_states()))
+    def to_states(self, motion: Motion) -> NDArray[np.float64]:
+        """Return the plant states x = [q; v] (N, nx) of a motion; raises as `require_joints`."""
+        self.require_joints(motion)
+        states = np.zeros((len(motion), self.plant.num_multibody_states()))
         for name, columns in self.state_columns.items():
-            states[:, columns] = getattr(telemetry, name)
+            states[:, columns] = getattr(motion, name)
         return states
 
     def configuration(self, angles: Mapping[str, float], where: str) -> NDArray[np.float64]:

@@ -56,7 +56,7 @@ def scene(craft, motion, skewed_target):
 
 def errors(smoothed, truth):
     """Return the errors (N, quantities) of smoothed motion in the order of its covariance."""
-    ours, true = smoothed.telemetry, truth(smoothed.telemetry.time)
+    ours, true = smoothed.motion, truth(smoothed.motion.time)
     R, R_true = (Rotation.from_quat(t.quaternion_WB, scalar_first=True) for t in (ours, true))
     return np.hstack(
         [
@@ -77,7 +77,7 @@ def normalized(suite, perfect, truth, seeds=SEEDS, change=lambda measurements: m
         smoothed = smooth(change(add_noise(suite, perfect, seed)), suite)
         sigma = np.sqrt(np.diagonal(smoothed.covariance, axis1=1, axis2=2))
         result.append(errors(smoothed, truth) / sigma)
-    return np.array(result), smoothed.telemetry.time
+    return np.array(result), smoothed.motion.time
 
 
 def assert_consistent(z, **highest) -> None:
@@ -149,7 +149,7 @@ def test_noise_free_motion_comes_back_through_whole_turns(scene, rate, integrate
     suite = coarse_suite(gyro=Gyro(50.0, integrates=integrates), attitude=AttitudeSensor(rate))
     perfect, truth = scene(suite, TUMBLE)
     smoothed = smooth(perfect, suite)
-    true = truth(smoothed.telemetry.time)
+    true = truth(smoothed.motion.time)
     assert np.linalg.norm(true.w_WB, axis=1).mean() * DURATION > 2 * np.pi
     e = errors(smoothed, truth)
     assert np.abs(e[:, GROUPS["attitude"]]).max() < 1e-6
@@ -178,8 +178,8 @@ def test_attitude_knows_no_preferred_direction(scene, turn):
         attitude = Rotation.from_quat(samples.value, scalar_first=True)
         return Samples(samples.time, (R * attitude).as_quat(scalar_first=True))
 
-    plain = smooth(noisy, suite).telemetry
-    other = smooth(replace(noisy, attitude=turned(noisy.attitude)), suite).telemetry
+    plain = smooth(noisy, suite).motion
+    other = smooth(replace(noisy, attitude=turned(noisy.attitude)), suite).motion
     np.testing.assert_allclose(other.R_WB, R.as_matrix() @ plain.R_WB, rtol=0, atol=1e-9)
     np.testing.assert_allclose(other.w_WB, R.apply(plain.w_WB), rtol=0, atol=1e-9)
 
@@ -207,6 +207,6 @@ def test_no_times_are_in_a_gap_and_beside_it_the_errors_are_known(scene, name):
 def test_angular_velocity_is_given_in_the_world(scene):
     suite = coarse_suite(gyro=Gyro(20.0))
     perfect, _ = scene(suite, TUMBLE)
-    t = smooth(perfect, suite, perfect.gyro.time[20:60]).telemetry
+    t = smooth(perfect, suite, perfect.gyro.time[20:60]).motion
     in_base = rotate(np.swapaxes(t.R_WB, -1, -2), t.w_WB)
     np.testing.assert_allclose(in_base, perfect.gyro.value[20:60], rtol=0, atol=1e-5)

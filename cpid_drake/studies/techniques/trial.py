@@ -217,7 +217,7 @@ class Truth:
         log = add_noise(self.suite, ideal, noise)
         has_position = self.suite.position is not None
         smoothed = smooth(log, self.suite, rates.around.time, with_position=has_position)
-        trial = self._trial(log, rates, Rates(self.spacecraft.tree, smoothed.telemetry), noise)
+        trial = self._trial(log, rates, Rates(self.spacecraft.tree, smoothed.motion), noise)
         return replace(trial, covariance=smoothed.covariance[1::3])
 
     def exact_trial(self) -> Trial:
