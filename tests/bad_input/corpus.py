@@ -260,8 +260,6 @@ TELEMETRY = {
     # Not a text, or not this text.
     "binary": (file("t.csv", bytes(range(256)) * 40), "line 1 holds binary data"),
     # The header.
-    "no_time": (file("t.csv", named("time", "t")), "line 1: there is no column 'time'"),
-    "no_joints": (file("t.csv", without(*(f"q:{j}" for j in JOINTS))), "line 1", "q:<joint>"),
     "long_line": (file("t.csv", lambda: csv() + "1" * 3_000_000), "line 103 is longer than"),
     # Separators and quotes.
     "decimal_commas": (file("t.csv", put(7, "x", "0,5")), "line 7", "decimals written with commas"),
@@ -269,11 +267,6 @@ TELEMETRY = {
     # Cells.
     "text": (file("t.csv", put(4, "vx", "fast")), "line 4, column 'vx'", "'fast'"),
     "too_large": (file("t.csv", put(4, "x", "1e300")), "line 4, column 'x'", "1e+300"),
-    "time_repeated": (
-        file("t.csv", put(9, "time", cells()[7][0])),
-        "line 9, column 'time'",
-        "twice",
-    ),
     "no_quaternion": (file("t.csv", put(6, "qw", "0")), "line 6: the quaternion's norm"),
     "million_rows": (file("t.csv", million_rows), "line 1000002, column 'q:shoulder': '1e'"),
     # NPZ.
@@ -396,11 +389,6 @@ MODELS = {
         "m.xml: the file includes itself",
     ),
     # Numbers.
-    "negative_mass": (
-        file("m.urdf", urdf(link("hand", -1))),
-        HAND,
-        "the mass -1",
-    ),
     "mass_comma": (file("m.urdf", urdf(link("hand", "1,5"))), HAND, "1,5 is not a"),
     "inertia_misspelt": (file("m.urdf", rebuilt("ixx", "Ixx")), "line 2", "no attribute 'ixx'"),
     # Structure.

@@ -89,64 +89,37 @@ def folder(tmp_path_factory) -> Path:
     return path
 
 
-@pytest.fixture(scope="module")
-def craft(folder) -> Spacecraft:
-    return Spacecraft(folder / "arm.urdf", base="bus", capture_frame="hand")
+def as_model(path: Path) -> Spacecraft:
+    return Spacecraft(path, base="bus", capture_frame="hand")
 
 
-@few(40)
-@given(content=st.binary(max_size=200))
-@pytest.mark.parametrize("ending", ["csv", "npz", "db3", "mcap"])
-def test_any_bytes_as_telemetry(folder, ending, content):
-    path = folder / f"bytes.{ending}"
-    path.write_bytes(content)
-    refused_or(read_fully, path)
-
-
-@few(80)
-@given(content=damaged(SHORT_CSV.encode()))
-def test_a_damaged_table(folder, content):
-    path = folder / "damaged.csv"
-    path.write_bytes(content)
-    refused_or(read_fully, path)
-
-
-@pytest.mark.parametrize(("ending", "make"), [("npz", npz()), ("parquet", parquet())])
-def test_damaged_arrays(folder, ending, make):
-    data, path = make(), folder / f"damaged.{ending}"
-
-    @few(40)
-    @given(content=damaged(data))
+@pytest.mark.parametrize(
+    ("name", "make", "read", "count"),
+    [
+        ("damaged.csv", lambda: SHORT_CSV.encode(), read_fully, 80),
+        ("damaged.npz", npz(), read_fully, 40),
+        ("damaged.parquet", parquet(), read_fully, 40),
+        ("damaged.mcap", lambda: b"no bag", read_fully, 20),
+        ("damaged.yaml", lambda: scenario()().encode(), load_scenario, 20),
+        ("damaged.urdf", lambda: urdf().encode(), as_model, 50),
+    ],
+)
+def test_a_damaged_file_is_refused_or_read(folder, name, make, read, count):
+    @few(count)
+    @given(content=damaged(make()))
     def check(content):
-        path.write_bytes(content)
-        refused_or(read_fully, path)
+        (folder / name).write_bytes(content)
+        refused_or(read, folder / name)
 
     check()
 
 
-@few(20)
-@given(content=damaged(scenario()().encode()))
-def test_a_damaged_scenario(folder, content):
-    path = folder / "damaged.yaml"
-    path.write_bytes(content)
-    refused_or(load_scenario, path)
-
-
-@few(50)
-@given(content=damaged(urdf().encode()))
-def test_a_damaged_model(folder, content):
-    path = folder / "damaged.urdf"
-    path.write_bytes(content)
-    refused_or(lambda model: Spacecraft(model, base="bus", capture_frame="hand"), path)
-
-
-def test_a_targets_looks_are_looked_into_as_well(folder, craft):
+def test_a_targets_looks_are_looked_into_as_well(folder):
     plant, scene_graph = MultibodyPlant(time_step=0.0), SceneGraph()
     plant.RegisterAsSourceForSceneGraph(scene_graph)
     path = folder / "looks.urdf"
     path.write_text(urdf(link("hand", "1,5")))
     with pytest.raises(InputError, match=r"looks\.urdf: line 5: "):
-        craft.add_to(plant, TARGET, scene_graph=scene_graph, target_visual_model=path)
-
-
-# -- what must not matter -------------------------------------------------------------------------
+        as_model(folder / "arm.urdf").add_to(
+            plant, TARGET, scene_graph=scene_graph, target_visual_model=path
+        )

@@ -72,23 +72,6 @@ def fast(t):
     return telemetry(t, q, qdot, **base)
 
 
-def tumble(t):
-    """The base turns by 30°/s and more, about an axis that moves."""
-    q, qdot = swing(t)
-    turned = Rotation.from_rotvec(t[:, None] * [0, 0, 0.5]) * Rotation.from_rotvec(
-        t[:, None] * [0.3, 0.1, 0.0]
-    )
-    w = np.stack([0.3 + 0 * t, 0.1 + 0 * t, 0.5 + 0 * t], axis=1)
-    return telemetry(t, q, qdot, turned, w, p=t[:, None] * [0.1, 0.0, 0.2])
-
-
-def wheel(t):
-    """One joint swings; the other is a wheel at 3000 rpm that speeds up."""
-    q, qdot = swing(t)
-    q[:, 1], qdot[:, 1] = 314.0 * t + 0.5 * t**2, 314.0 + t
-    return telemetry(t, q, qdot)
-
-
 def rest(t):
     """Nothing moves; the positions are not zero."""
     return telemetry(t, np.tile([0.4, -0.3], (t.size, 1)), np.zeros((t.size, 2)))
@@ -105,13 +88,6 @@ def stop_and_go(t, start=0.0, end=np.inf):
     return telemetry(t, s[:, None] * move, rate[:, None] * move, **base)
 
 
-def one_joint(t):
-    """One joint swings and the other is locked; the base turns about one axis."""
-    q, qdot = swing(t)
-    q[:, 1], qdot[:, 1] = 0.7, 0.0
-    return telemetry(t, q, qdot, **turn_about([0, 0, 1], -0.1 * q[:, 0], -0.1 * qdot[:, 0]))
-
-
 def firings(t):
     """Thrusters change the base's rates: at once, in a short burn, and back again."""
     q, qdot = swing(t)
@@ -126,7 +102,7 @@ def firings(t):
     return telemetry(t, q, qdot, p=angle[:, None] * along, v=rate[:, None] * along, **base)
 
 
-MOTIONS = [slow, fast, tumble, wheel, rest, stop_and_go, one_joint, firings]
+MOTIONS = [slow, fast, rest, stop_and_go, firings]
 
 
 def at_rate(suite: SensorSuite, rate: float) -> SensorSuite:

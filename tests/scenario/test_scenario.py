@@ -67,12 +67,6 @@ def test_keys_left_out_keep_their_defaults(paper_yaml, write):
     make_simulation(scenario)
 
 
-# -- what is no scenario -------------------------------------------------------------------------
-
-
-# -- what cannot be built ------------------------------------------------------------------------
-
-
 # -- kinds of joint motion -----------------------------------------------------------------------
 
 SINES = {

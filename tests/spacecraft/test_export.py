@@ -1,7 +1,5 @@
 """Exported models: every reader finds the target in them that was meant, and nothing else new."""
 
-import re
-
 import numpy as np
 import pytest
 from pydrake.multibody.parsing import Parser
@@ -127,30 +125,6 @@ URDF = f"""\
 """
 
 
-def sdf(version="1.9", poses=True) -> str:
-    def link(name, pose):
-        values = re.sub(r'(\w+)="(\S+)"', r"<\1>\2</\1>", INERTIA)
-        return (
-            f'<link name="{name}"><pose>{pose}</pose><inertial><pose>0.1 -0.2 0.3 0.2 0.1 -0.3'
-            f"</pose><mass>10</mass><inertia>{values}</inertia></inertial></link>"
-        )
-
-    frame = f'<frame name="hand" attached_to="arm"><pose>0.1 0.2 0.3 {PITCHED}</pose></frame>'
-    return f"""\
-<?xml version="1.0"?>
-<sdf version="{version}">
-  <!-- a file's own words -->
-  <model name="mine">
-    {link("base", "1 2 3 0 0 0")}
-    {link("arm", "0.5 -0.1 0.2 0.3 -0.2 0.4")}
-    <joint name="j" type="revolute"><parent>base</parent><child>arm</child>
-      <axis><xyz>0.6 0 0.8</xyz></axis></joint>
-    {frame if poses else ""}
-  </model>
-</sdf>
-"""
-
-
 MJCF = """\
 <mujoco model="mine">
   <compiler angle="degree"/><!-- a file's own words -->
@@ -170,14 +144,9 @@ MJCF = """\
 </mujoco>
 """
 MODELS = {
-    "urdf, its frame": ("mine.urdf", URDF, "hand"),
+    "urdf, a frame": ("mine.urdf", URDF, "hand"),
     "urdf, a link": ("mine.urdf", URDF, "arm"),
-    "sdf, its frame": ("mine.sdf", sdf(), "hand"),
-    "sdf, a link": ("mine.sdf", sdf(), "arm"),
-    "sdf 1.4": ("mine.sdf", sdf("1.4", poses=False), "arm"),
-    "sdf 1.7": ("mine.sdf", sdf("1.7"), "hand"),
     "mjcf, an empty body": ("mine.xml", MJCF, "hand"),
-    "mjcf, a full body": ("mine.xml", MJCF, "tip"),
     "mjcf, a joint beside its body's origin": (
         "mine.xml",
         MJCF.replace('axis="0.6 0 0.8"', 'axis="0.6 0 0.8" pos="0.1 -0.2 0.05"'),
@@ -249,7 +218,7 @@ def test_directives_add_the_target_to_any_model(load, file, text, frame, skewed_
 def test_mujoco_and_pinocchio_find_the_target_at_its_place(load, skewed_target, tmp_path):
     """The known bodies and the target have one centre of mass in all readers."""
     mujoco, pinocchio = pytest.importorskip("mujoco"), pytest.importorskip("pinocchio")
-    urdf, mjcf = (load(*MODELS[name]) for name in ("urdf, its frame", "mjcf, a full body"))
+    urdf, mjcf = (load(*MODELS[name]) for name in ("urdf, a frame", "mjcf, an empty body"))
     path = out_file(tmp_path, "urdf")
     export_target(skewed_target, path, format="urdf", spacecraft=urdf)
     model = pinocchio.buildModelFromUrdf(str(path), pinocchio.JointModelFreeFlyer())

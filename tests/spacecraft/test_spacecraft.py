@@ -284,20 +284,6 @@ def test_a_moving_link_with_a_geometry_needs_an_inertia(refusal, load):
     load(urdf(*parts, *between, u_joint("l", "tube", "hand")), capture_frame="arm")
 
 
-@pytest.mark.parametrize(("parent", "child"), [("base", "hand"), ("hand", "base")])
-@pytest.mark.parametrize("kind", ["revolute", "fixed"])
-def test_a_closed_loop_is_refused(refusal, parent, child, kind):
-    parts = [
-        s_link("base"),
-        s_link("arm", pose=ARM_POSE),
-        s_link("hand", pose=HAND_POSE),
-        s_joint("j", "base", "arm"),
-        s_joint("k", "arm", "hand"),
-        s_joint("l", parent, child, kind),
-    ]
-    assert "closed loop" in refusal(sdf(*parts), ".sdf")
-
-
 @pytest.mark.parametrize(
     "equality",
     [
@@ -329,9 +315,6 @@ def test_an_inertia_that_no_body_has_is_refused(refusal, name):
     assert "inertia" in message
     parts = [s_link("base"), s_link("arm", pose=ARM_POSE, **changes), s_joint("j", "base", "arm")]
     assert "inertia" in refusal(sdf(*parts), ".sdf")
-
-
-# -- states --------------------------------------------------------------------------------------
 
 
 # -- plants with a target ------------------------------------------------------------------------
