@@ -152,12 +152,3 @@ class TestCheck:
         assert (code, stdout) == cpid("identify", SAMPLE, *CRAFT)[:2]
         Path("map.yaml").write_text("position: {unit: mm}\n")
         assert cpid("log", "check", "mm.csv", *CRAFT, "--columns", "map.yaml")[0] == 0
-
-    def test_joints_are_compared_with_the_model(self, cpid):
-        code, stdout, _ = cpid("log", "check", SAMPLE, "--scenario", "paper")
-        assert code == 2
-        assert "; the spacecraft's joints are capture_arm_joint1" in stdout
-
-    def test_a_model_needs_its_frames(self, refusal):
-        message = refusal("log", "check", SAMPLE, "--base", "bus")
-        assert "give --scenario, or all of --spacecraft" in message

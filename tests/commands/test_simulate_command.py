@@ -14,7 +14,7 @@ from cpid_drake.commands.main import main
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.errors import InputError
 from cpid_drake.logs.files import read_telemetry
-from cpid_drake.report.run_folder import read_run, simulated_section
+from cpid_drake.report.run_folder import read_run
 from cpid_drake.resources import models_directory
 from cpid_drake.scenario.files import dump_scenario
 
@@ -97,14 +97,6 @@ def test_a_run_with_a_log_that_was_cut_off_is_refused(sensed, tmp_path, name):
 
 
 @pytest.mark.slow
-def test_the_complete_scenario_gives_the_same_run(sensed, cpid, tmp_path):
-    _, _, stderr = cpid("simulate", sensed / "scenario.yaml", "--out", "again")
-    assert "6 files in again" in stderr
-    for name in ("telemetry.csv", "scenario.yaml"):
-        assert (tmp_path / "again" / name).read_text() == (sensed / name).read_text()
-
-
-@pytest.mark.slow
 def test_the_printed_command_identifies_from_the_run(short, cpid):
     """Also with spaces in the path, and with everything that the scenario says of the momentum."""
     scenario = short("printed.yaml", ("unknown_momentum: false", "unknown_momentum: true"))
@@ -123,13 +115,6 @@ EXACT = (
     ("  suite: flight #", '  suite: "" #'),
     ("estimator: recursive_fit #", "estimator: least_squares #"),
 )
-
-
-def test_a_possible_motion_has_no_warning(sensed):
-    limits = read_json(sensed / "run.json")["limits"]
-    assert limits["exceeded"] == []
-    assert " m between " in limits["closest"]
-    assert not simulated_section(read_run(sensed)).warnings
 
 
 def test_an_input_is_not_overwritten(short, refusal, tmp_path):
@@ -200,7 +185,3 @@ class TestCheck:
         message = refusal("simulate", "mine.yaml", "--check")
         assert "mine.yaml: " in message
         assert cause in message
-
-    def test_a_name_of_no_scenario_is_answered_with_the_nearest(self, refusal):
-        assert "did you mean 'paper'? choose from air" in refusal("simulate", "papr", "--check")
-        assert "give --out FOLDER, or --check" in refusal("simulate", "paper")

@@ -5,7 +5,6 @@ import pytest
 
 from cpid_drake import InputError
 from cpid_drake.planning.motion_family import MotionFamily
-from cpid_drake.planning.search import candidates
 
 NAMES = ("shoulder", "elbow", "wrist")
 START, END = np.array([0.1, -0.4, 0.0]), np.array([0.5, -0.4, -0.3])
@@ -59,13 +58,6 @@ def test_a_motion_that_uses_all_its_room_touches_a_limit():
             family.usage_of(motion)[:, family.moving].max(axis=0), 1.0, rtol=0.01
         )
         assert (A @ each.ravel() - b).max() == pytest.approx(0.0, abs=1e-12)
-
-
-def test_candidates_keep_the_limits_of_joints():
-    family = make_family()
-    usage = family.usage(candidates(family, 64, 1))
-    assert 0.2 < usage.min() < 0.4
-    assert 0.9 < usage.max() <= 1.0
 
 
 @pytest.mark.parametrize(

@@ -44,19 +44,6 @@ def parameters(planner, count, seed=3):
 # -- the criterion ---------------------------------------------------------------------------------
 
 
-def test_the_least_favourable_target_and_its_worst_parameter_decide(planner):
-    x = parameters(planner, 2)
-    objective = planner.objective
-    each = [
-        replace(objective, targets=objective.targets[[k]], weights=objective.weights[[k]]).sigmas(x)
-        for k in range(len(objective.targets))
-    ]
-    np.testing.assert_allclose(objective.sigmas(x), np.concatenate(each, axis=1))
-    values = objective.values(x)
-    sigmas = objective.sigmas(x).reshape(len(x), -1)
-    np.testing.assert_allclose(np.exp(values[:, : sigmas.shape[1]]), sigmas)
-
-
 def test_gradients_are_those_of_central_differences(planner):
     objective = replace(planner.objective, demanding=planner.checked_targets[:2])
     objective = objective.with_limits({"base attitude": 0.5, "base displacement": 0.1})
@@ -67,22 +54,6 @@ def test_gradients_are_those_of_central_differences(planner):
         later, before = (objective.values((x + s * h * d)[None])[0] for s in (1, -1))
         expected, found = (later - before) / (2 * h), gradient @ d.ravel()
         np.testing.assert_allclose(found, expected, atol=1e-3 * np.abs(expected).max())
-
-
-def test_the_weights_let_all_targets_count_alike(planner):
-    """The best of many motions for each target has the same weighted σ, however often weighted."""
-    x = parameters(planner, 40)
-    objective = planner.objective
-    for _ in range(2):
-        objective = objective.weighted(objective.sigmas(x).max(axis=2))
-        least = objective.sigmas(x).max(axis=2).min(axis=0)
-        np.testing.assert_allclose(least, least[0])
-
-
-def test_without_limits_only_sigma_counts(planner):
-    [x] = parameters(planner, 1)
-    free = replace(planner.objective, demanding=planner.checked_targets[:0])
-    assert len(free.evaluate(x)[0]) == free.sigmas(x[None]).size
 
 
 def test_what_is_known_before_adds_to_what_a_motion_teaches(planner, scenario):
@@ -97,13 +68,6 @@ def test_what_is_known_before_adds_to_what_a_motion_teaches(planner, scenario):
     np.testing.assert_allclose(found[1e-7], 1e-7, rtol=1e-2)
     assert (found[1e-5] < np.minimum(found[1.0], 1e-5)).all()
     assert found[1.0].max() > 1e-6
-
-
-def test_moving_less_teaches_less(planner):
-    """Limits decide the precision: a tenth of the motion is much less certain."""
-    [x] = parameters(planner, 1)
-    full, tenth = planner.objective.sigmas(np.stack([x, x / 10])).max(axis=(1, 2))
-    assert tenth > 5 * full
 
 
 # -- a plan ----------------------------------------------------------------------------------------
@@ -187,12 +151,6 @@ def test_an_interrupt_leaves_a_motion_within_all_limits(scenario):
 def test_impossible_choices_are_refused(changes, message, scenario):
     with pytest.raises(InputError, match=message):
         Planner(scenario, load_sensors("flight"), replace(SMALL, **changes)).run()
-
-
-def test_a_transfer_may_take_longer(scenario):
-    options = replace(SMALL, opportunistic=2.0)
-    family = Planner(scenario, load_sensors("flight"), options).family
-    assert family.duration == scenario.simulation.duration + 2.0
 
 
 @pytest.mark.slow

@@ -52,12 +52,6 @@ def test_a_prior_comes_first_with_its_information():
     assert 0 < spread < 25
 
 
-def test_what_a_prior_does_not_give_is_free():
-    target = plausible_targets(700.0, 1.2, 1, 1, prior(0.1, slice(0, 1)))[0]
-    assert target[0] == 50.0
-    assert np.count_nonzero(prior_information(prior(0.1, slice(0, 1)))) == 1
-
-
 def test_a_prior_that_knows_nothing_is_none():
     """A log may determine not one parameter, and a next motion is planned all the same."""
     nothing = plausible_targets(700.0, 1.2, 3, 1, prior(0.1, slice(0, 0)))

@@ -17,7 +17,6 @@ from cpid_drake.identification.result_files import write_result
 from cpid_drake.report.findings import Findings
 from cpid_drake.report.page import Table
 from cpid_drake.report.pages.identification import identification_report
-from cpid_drake.report.replay import estimate_text
 from cpid_drake.report.sections.data import checks_section
 from cpid_drake.report.sections.estimate import result_section
 from cpid_drake.sensors.presets import load_sensors
@@ -84,11 +83,6 @@ class TestIntervals:
         table = result_section(found, None).tables[0]
         half = np.array(column(table, "± 95 %"), dtype=float)
         np.testing.assert_allclose(half, factor * SIGMA, rtol=0.02)
-
-    def test_in_the_replay(self, case):
-        found, factor = case
-        line = next(line for line in estimate_text(found).splitlines() if line.startswith("m 10.0"))
-        assert float(line.split("±")[1]) == pytest.approx(factor * 0.4, rel=0.05)
 
 
 def test_the_error_is_estimate_minus_truth_in_sigma(found):

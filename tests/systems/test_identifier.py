@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
@@ -12,7 +11,6 @@ from sensing_cases import true_telemetry
 
 from cpid_drake import HalfCosine, InputError, MomentumIdentifier, identify
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.systems.identifier import DIAGNOSTICS
 
 
 @pytest.fixture(scope="module")
@@ -31,16 +29,6 @@ def take(identifier, context, state) -> None:
 def outputs(identifier, context) -> dict:
     names = ("parameters", "covariance", "diagnostics")
     return {name: identifier.GetOutputPort(name).Eval(context) for name in names}
-
-
-def test_ports_are_as_documented(servicer):
-    identifier = MomentumIdentifier(servicer)
-    assert identifier.GetInputPort("state").size() == 37
-    sizes = {"parameters": 10, "covariance": 100, "diagnostics": len(DIAGNOSTICS)}
-    for name, size in sizes.items():
-        assert identifier.GetOutputPort(name).size() == size
-    inertia = identifier.GetOutputPort("spatial_inertia").Allocate().get_value()
-    assert isinstance(inertia, SpatialInertia)
 
 
 @pytest.mark.parametrize("rows", ["eq18", "standard"])

@@ -47,16 +47,6 @@ def joint_errors(simulation, telemetry):
     return telemetry.q - desired[:, 0], telemetry.qdot - desired[:, 1]
 
 
-def test_source_gives_the_motion_at_the_contexts_time():
-    motion = HalfCosine([0.0, 1.0], [1.0, -1.0], duration=4.0)
-    source = JointMotionSource(motion)
-    context = source.CreateDefaultContext()
-    for time in (0.0, 1.7, 4.0, 9.0):
-        context.SetTime(time)
-        value = source.GetOutputPort("desired_motion").Eval(context).reshape(3, 2)
-        np.testing.assert_array_equal(value, motion.evaluate(time))
-
-
 def test_drakes_source_of_trajectories_has_the_same_layout():
     """Positions, rates, accelerations: either drives a `JointController`."""
     motion = Spline(np.array([[0.0, 1.0]] * 3 + [[0.4, -0.2]] * 3 + [[0.7, 0.3]] * 3), 4.0)
@@ -229,25 +219,30 @@ def constant_force(servicer, inputs, target=None):
     return controller.GetOutputPort("generalized_force").Eval(context)
 
 
-def test_before_the_estimate_the_model_is_the_spacecraft_alone(servicer, inputs):
+def test_a_known_estimate_becomes_the_models_target_and_stays(
+    servicer, inputs, skewed_target, paper_target
+):
+    """The efforts are those without any target before, then those of a controller that knows it."""
     controller = JointController(servicer, reads_estimate=True)
     context = fixed(controller, inputs)
-    update(controller, context)
-    assert not target_of(controller, context).any()
-    expected = constant_force(servicer, inputs)
-    np.testing.assert_allclose(force(controller, context), expected, rtol=1e-11, atol=1e-11)
-
-
-def test_a_known_estimate_becomes_the_models_target(servicer, inputs, skewed_target):
-    """The efforts are then those of a controller that knows the target."""
-    controller = JointController(servicer, reads_estimate=True)
-    context = fixed(controller, inputs, skewed_target, PRECISE)
+    expected = dict(rtol=1e-11, atol=1e-11)
     update(controller, context)
     np.testing.assert_allclose(
-        target_of(controller, context), skewed_target.to_vector(), atol=1e-12
+        force(controller, context), constant_force(servicer, inputs), **expected
     )
-    expected = constant_force(servicer, inputs, skewed_target)
-    np.testing.assert_allclose(force(controller, context), expected, rtol=1e-11, atol=1e-11)
+    for estimate, sigma, target in (
+        (skewed_target, PRECISE, skewed_target),
+        (None, np.nan, skewed_target),
+        (paper_target, 0.5, skewed_target),
+        (paper_target, PRECISE, paper_target),
+    ):
+        give(controller, context, estimate, sigma)
+        update(controller, context)
+        found = target_of(controller, context)
+        np.testing.assert_allclose(found, target.to_vector(), atol=1e-12)
+        np.testing.assert_allclose(
+            force(controller, context), constant_force(servicer, inputs, target), **expected
+        )
 
 
 @pytest.mark.parametrize("entry", [0, 3, 9])
@@ -264,19 +259,6 @@ def test_one_parameter_that_is_not_known_well_enough_keeps_the_model(
     give(controller, context, skewed_target, sigma)
     update(controller, context)
     assert not target_of(controller, context).any()
-
-
-def test_an_estimate_that_is_lost_stays_in_use(servicer, inputs, skewed_target, paper_target):
-    controller = JointController(servicer, reads_estimate=True)
-    context = fixed(controller, inputs, skewed_target, PRECISE)
-    update(controller, context)
-    for estimate, sigma in ((None, np.nan), (paper_target, 0.5)):
-        give(controller, context, estimate, sigma)
-        update(controller, context)
-        assert target_of(controller, context)[0] == pytest.approx(skewed_target.mass)
-    give(controller, context, paper_target, PRECISE)
-    update(controller, context)
-    assert target_of(controller, context)[0] == pytest.approx(paper_target.mass)
 
 
 def test_the_model_is_state_of_the_context(servicer, inputs, skewed_target):

@@ -102,16 +102,6 @@ def latest(sensors, context) -> dict:
     return {name: sensors.GetOutputPort(name).Eval(context) for name in sensors.suite.present()}
 
 
-def test_ports_are_as_documented(servicer, suite):
-    sensors = SpacecraftSensors(servicer, suite)
-    assert sensors.GetInputPort("state").size() == 37
-    sizes = dict(zip(SENSORS, (5, 4, 4, 4, 13, 13)))
-    assert sensors.num_output_ports() == len(sizes)
-    for name, size in sizes.items():
-        assert sensors.GetOutputPort(name).size() == size
-    assert not sensors.HasAnyDirectFeedthrough()
-
-
 @pytest.mark.parametrize("per_step", [False, True])
 @pytest.mark.parametrize("digits", [None, 4])
 def test_samples_are_those_of_the_array_model(servicer, suite, motion, diagram, per_step, digits):
@@ -183,26 +173,6 @@ def test_constant_errors_are_those_of_the_array_model(servicer, suite, motion, d
     assert found.encoders.time[0] == delays["encoders"]
     assert 3 < len(found.position) < 14, "some samples are lost, some are not"
     assert 10 < len(found.gyro) < 99
-
-
-def test_the_last_sample_needs_the_pending_events(diagram):
-    system, sensors, _ = diagram()
-    simulator = Simulator(system)
-    simulator.AdvanceTo(1.0)
-    context = sensors.GetMyContextFromRoot(simulator.get_context())
-    assert latest(sensors, context)["attitude"][0] == 0.75
-    simulator.AdvancePendingEvents()
-    assert latest(sensors, context)["attitude"][0] == 1.0
-    assert latest(sensors, context)["gyro"][0] == 1.0
-
-
-def test_a_replay_gives_the_same_samples_and_another_seed_others(diagram):
-    system, sensors, logs = diagram(seed=5)
-    one, again = (measurements_from_logs(sensors, logs, run(system)) for _ in range(2))
-    assert_same(one, again, atol=0)
-    system, sensors, logs = diagram(seed=6)
-    other = measurements_from_logs(sensors, logs, run(system))
-    assert (one.gyro.value != other.gyro.value).all()
 
 
 def test_all_state_is_in_the_context(diagram):

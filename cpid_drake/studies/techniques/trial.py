@@ -6,19 +6,20 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import JointMotion
-from cpid_drake.dynamics.kinematics import BodyMotion, forward_kinematics
-from cpid_drake.dynamics.momentum import momenta, momentum_samples
+from cpid_drake.dynamics.momentum import momentum_samples
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.newton_euler import newton_euler_regressor
+from cpid_drake.dynamics.outboard import Outboard
 from cpid_drake.dynamics.parameterizations import (
     SCALE_LENGTH,
     parameter_scale,
     relative_parameterization,
 )
 from cpid_drake.dynamics.propagation import propagate
-from cpid_drake.dynamics.rotations import cross, rotate
+from cpid_drake.dynamics.rotations import cross, rotate, skew
 from cpid_drake.dynamics.sensitivity import perturbed
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
@@ -89,39 +90,39 @@ class Rates:
     def efforts(self) -> tuple[Array, Array]:
         """A (N, J, 10) and b (N, J) of the joints' efforts A ψ + b.
 
-        With K as the origin, a joint's effort balances the rate of momentum of the bodies that it
-        carries, the wrench on the target, and the force m (a_WK = −f/m_k) of what it carries.
+        With K at rest, a joint's effort balances the rate of momentum of the bodies that it carries
+        (b; see `BaseMotion.efforts`), the wrench on the target, and the force of a_WK = −f/m_k.
         """
-        tree = self.tree.lumped
-        bodies, capture = forward_kinematics(tree, **self.around.states)
-        r_K, v_K = (
-            np.sum(tree.masses[..., None] * each, axis=0) / tree.mass
-            for each in (bodies.r, bodies.v)
+        tree, around, middle = self.tree.lumped, self.around, slice(1, None, 3)
+        known = BodyDynamics.at(tree, around.q, around.qdot)
+        w = rotate(np.swapaxes(around.R_WB, 1, 2), around.w_WB)
+        v = -(cross(w, known.p_BK) + known.v_BK)
+        outboard = Outboard.at(tree, around.q, around.qdot, w, v)
+        bodies = tree.jointed
+        S = np.stack([outboard.joint_screw(k)[middle] for k in bodies], axis=1)
+        momentum, w, v = np.moveaxis(outboard.momentum[bodies], 0, 1), w[middle], v[middle]
+        L, P = np.split(momentum[middle], 2, axis=-1)
+        w, v = w[:, None], v[:, None]
+        turned = np.concatenate([cross(w, L) + cross(v, P), cross(w, P)], axis=-1)
+        shifts = np.concatenate([np.zeros((3, 3)), np.eye(3)], axis=1)
+        inertia = np.stack(
+            [outboard.momentum_by(bodies, np.broadcast_to(e, (1, 1, 6))) for e in shifts], axis=-1
         )
-        seen = BodyMotion(bodies.R, bodies.r - r_K, bodies.w, bodies.v - v_K)
-        masses = np.broadcast_to(tree.masses[..., None], (*seen.r.shape[:2], 1))
-        carried = np.concatenate([*momenta(tree, seen), masses * seen.r, masses], axis=2)
-        holds = np.arange(len(tree.bodies)) == tree.capture_body
-        for k in range(len(tree.bodies) - 1, 0, -1):
-            carried[tree.bodies[k].parent] += carried[k]
-            holds[tree.bodies[k].parent] |= holds[k]
-        F = np.concatenate([self._R_WC @ self.wrench[:, :3], self._R_WC @ self.wrench[:, 3:]], 1)
-        p_KC, (N, J) = (capture.p_WC - r_K)[1::3], self.motion.q.shape
-        A, b = np.zeros((N, J, 10)), np.zeros((N, J))
-        for k in tree.jointed:
-            body, R = tree.bodies[k], bodies.R[k, 1::3]
-            axis, p = rotate(R, body.axis_F), seen.r[k, 1::3] - rotate(R, body.p_BBcm)
-            (P_rate, L_rate), arm = np.split(_rates(carried[k][:, :6]), 2, axis=1), p_KC - p
-            first, mass = carried[k, 1::3, 6:9] - carried[k, 1::3, 9:] * p, carried[k, 1::3, 9:]
-            if body.prismatic:
-                b[:, body.joint] = np.sum(axis * P_rate, axis=1)
-                by_n, by_f, by_a = 0.0 * axis, axis, mass * axis
-            else:
-                b[:, body.joint] = np.sum(axis * (L_rate - cross(p, P_rate)), axis=1)
-                by_n, by_f, by_a = axis, cross(axis, arm), cross(axis, first)
-            columns = np.concatenate([by_n * holds[k], by_f * holds[k] - by_a / tree.mass], axis=1)
-            A[:, body.joint] = np.einsum("ni,nij->nj", columns, F)
-        return A, b
+        R_BC, p_BC = known.R_BC[middle], (known.p_BK + rotate(known.R_BC, known.s))[middle]
+        n, f = R_BC @ self.wrench[:, :3], R_BC @ self.wrench[:, 3:]
+        wrench = np.concatenate([n + skew(p_BC) @ f, f], axis=1)
+        chain, k = [], tree.capture_body
+        while k > 0:
+            chain.append(k)
+            k = tree.bodies[k].parent
+        loads = np.isin(bodies, chain)[:, None, None] * wrench[:, None]
+        loads = loads - np.moveaxis(inertia[:, middle], 0, 1) @ f[:, None] / tree.mass
+        order = np.argsort([tree.bodies[k].joint for k in bodies])
+        A, b = (
+            np.einsum("nji,njik->njk", S, loads),
+            np.sum(S * (_rates(momentum) + turned), axis=-1),
+        )
+        return A[:, order], b[:, order]
 
 
 def _rates(values: Array) -> Array:
