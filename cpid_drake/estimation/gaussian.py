@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 from cpid_drake.estimation.least_squares import (
     DEFAULT_RANK_TOLERANCE,
     KNOWN,
-    LeastSquaresSolution,
     triangle,
 )
 
@@ -201,6 +200,58 @@ class Gaussian:
         return -0.5 * self.rho2 - float(np.sum(np.log(np.abs(np.diag(self.R)))))
 
 
+@dataclass(frozen=True, eq=False)
+class LeastSquaresSolution:
+    """The least-squares solution of A x = b in n unknowns, and measures of its quality.
+
+    Attributes:
+        estimate: (n,) unknowns; NaN in every entry that the rows do not determine.
+        covariance: (n, n) s² (AᵀA)⁻¹ with s² the residual sum of squares over the degrees of
+            freedom, for rows of equal uncertainty; NaN in rows and columns of undetermined entries,
+            and in all entries if there are no degrees of freedom.
+        known: what is known: the determined combinations, and those about which something is known,
+            about as much as a unit.
+        rank: number of independent combinations of the unknowns that the rows determine.
+        singular_values: (n,) singular values of the rows with every column scaled to unit length,
+            descending.
+        unobservable: (n − rank, n) orthonormal directions, in column-scaled unknowns, along which
+            the unknowns can change without a change of A x.
+        residual_rms: root mean square of A x − b; NaN if the rows themselves are not known.
+        row_count: number of scalar rows without rows of zeros.
+        values: (n,) as `estimate`, with an arbitrary value of each undetermined combination in
+            place of NaN.
+        unit: (n,) the unit of each unknown in `unobservable`: unknown = unit × column-scaled one.
+
+    """
+
+    estimate: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    known: Gaussian
+    rank: int
+    singular_values: NDArray[np.float64]
+    unobservable: NDArray[np.float64]
+    residual_rms: float
+    row_count: int
+    values: NDArray[np.float64]
+    unit: NDArray[np.float64]
+
+    @property
+    def is_observable(self) -> bool:
+        """Whether the rows determine every unknown."""
+        return self.rank == self.estimate.size
+
+    @property
+    def information(self) -> NDArray[np.float64]:
+        """(n, n) inverse covariance of what is known."""
+        return self.known.R.T @ self.known.R
+
+    @property
+    def condition_number(self) -> float:
+        """Ratio of the largest to the smallest singular value; infinite below full rank."""
+        sizes = self.singular_values
+        return float(sizes[0] / sizes[-1]) if self.is_observable else np.inf
+
+
 def solution_of(
     target: Gaussian,
     nominal: NDArray[np.float64],
@@ -240,20 +291,19 @@ def solution_of(
         is_open = is_large | (np.linalg.norm(axes[~(seen | is_weak)], axis=0) > share)
         if not is_open.all():
             break
-    rank, unobservable = int(seen.sum()), axes[~seen]
+    A = np.vstack([sizes[seen, None] * axes[seen], axes[is_weak]]) / scale
     covariance[is_open, :] = covariance[:, is_open] = np.nan
     return LeastSquaresSolution(
         estimate=np.where(is_open, np.nan, x),
         covariance=covariance,
-        information=target.R.T @ target.R,
-        rank=rank,
+        known=Gaussian.of_rows(target.sizes, np.column_stack([A, A @ x])),
+        rank=int(seen.sum()),
         singular_values=sizes,
-        unobservable=unobservable,
+        unobservable=axes[~seen],
         residual_rms=np.nan,
         row_count=row_count,
         values=x,
         unit=scale,
-        weak=axes[is_weak],
     )
 
 
@@ -277,14 +327,18 @@ def solution_of_rows(
     largest = norms.max(initial=0.0) or 1.0
     scale = 1 / np.where(norms > 1e-12 * largest, norms, largest)
     size = float(np.linalg.norm(target.R * scale, 2))
-    known = 1 / (tolerance * size) if size else np.inf
-    found = solution_of(target, np.zeros(n), scale, largest=known, share=1e-6)
+    least = 1 / (tolerance * size) if size else np.inf
+    found = solution_of(target, np.zeros(n), scale, largest=least, share=1e-6)
     squares, freedom = target.cost(found.values), row_count - found.rank
+    variance = squares / freedom if freedom > 0 else np.nan
+    factor = 1 / np.sqrt(variance) if variance > 0 else 1.0
+    known = replace(found.known, R=factor * found.known.R, z=factor * found.known.z)
     with np.errstate(over="ignore", invalid="ignore"):  # rows of extreme size
-        covariance = (squares / freedom if freedom > 0 else np.nan) * found.covariance
+        covariance = variance * found.covariance
     return replace(
         found,
         covariance=covariance,
+        known=known,
         residual_rms=np.sqrt(squares / row_count) if row_count > 0 else np.nan,
         row_count=max(row_count, 0),
     )

@@ -12,7 +12,6 @@ Factorization Methods for Discrete Sequential Estimation, ch. IV.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,54 +32,6 @@ KNOWN = 0.2
 
 At rest the noise of a coarse suite looks like knowledge of 0.28 of a size.
 """
-
-
-@dataclass(frozen=True)
-class LeastSquaresSolution:
-    """The least-squares solution of A x = b in n unknowns, and measures of its quality.
-
-    Attributes:
-        estimate: (n,) unknowns; NaN in every entry that the rows do not determine.
-        covariance: (n, n) s² (AᵀA)⁻¹ with s² the residual sum of squares over the degrees of
-            freedom, for rows of equal uncertainty; NaN in rows and columns of undetermined entries,
-            and in all entries if there are no degrees of freedom.
-        information: (n, n) AᵀA: the inverse covariance up to the factor s².
-        rank: number of independent combinations of the unknowns that the rows determine.
-        singular_values: (n,) singular values of the rows with every column scaled to unit length,
-            descending.
-        unobservable: (n − rank, n) orthonormal directions, in column-scaled unknowns, along which
-            the unknowns can change without a change of A x.
-        residual_rms: root mean square of A x − b; NaN if the rows themselves are not known.
-        row_count: number of scalar rows without rows of zeros.
-        values: (n,) as `estimate`, with an arbitrary value of each undetermined combination in
-            place of NaN.
-        unit: (n,) the unit of each unknown in `unobservable`: unknown = unit × column-scaled one.
-        weak: those of `unobservable` about which something is known: about as much as a unit.
-
-    """
-
-    estimate: NDArray[np.float64]
-    covariance: NDArray[np.float64]
-    information: NDArray[np.float64]
-    rank: int
-    singular_values: NDArray[np.float64]
-    unobservable: NDArray[np.float64]
-    residual_rms: float
-    row_count: int
-    values: NDArray[np.float64]
-    unit: NDArray[np.float64]
-    weak: NDArray[np.float64]
-
-    @property
-    def is_observable(self) -> bool:
-        """Whether the rows determine every unknown."""
-        return self.rank == self.estimate.size
-
-    @property
-    def condition_number(self) -> float:
-        """Ratio of the largest to the smallest singular value; infinite below full rank."""
-        sizes = self.singular_values
-        return float(sizes[0] / sizes[-1]) if self.is_observable else np.inf
 
 
 def empty_information(n: int = 10) -> NDArray[np.float64]:

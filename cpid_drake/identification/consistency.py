@@ -15,10 +15,7 @@ from scipy.special import chdtri, fdtri
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.tree import KinematicTree
-from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.least_squares import LeastSquaresSolution
 from cpid_drake.estimation.rigid_body_set import RigidBodySet
-from cpid_drake.estimation.rows_fit import TARGET
 from cpid_drake.identification.checks import IMPROBABLE, NEAREST, NOISE, Check
 from cpid_drake.identification.result import Combinations, Identification
 
@@ -59,8 +56,7 @@ def _with_bodies(found: Identification, tree: KinematicTree) -> Identification:
         intervals = None if np.isnan(distance) else np.full((10, 2), np.nan)
         intervals = _possible(found, bodies) if is_possible else intervals
     if not found.is_observable:
-        known = _determined(solution)
-        combinations = Combinations(form.name, solution.values, known.R.T @ known.R, tree.mass)
+        combinations = Combinations(form.name, solution.values, solution.information, tree.mass)
     return replace(
         found,
         nearest=nearest,
@@ -102,41 +98,11 @@ def _bodies(found: Identification, tree: KinematicTree) -> RigidBodySet | None:
         if freedom < 1:
             return None
         radius = solution.rank * float(fdtri(solution.rank, freedom, 1 - IMPROBABLE))
-    known = _determined(solution)
+    known = solution.known
     if not (np.isfinite(known.R).all() and np.isfinite(known.z).all()):
         return None
     mass, size = _plausible(found, tree)
     return RigidBodySet(known, float(np.sqrt(radius)), form.name, tree.mass, mass, size)
-
-
-def _determined(solution: LeastSquaresSolution) -> Gaussian:
-    """Return the determined combinations of a solution.
-
-    The covariance of the solution is used. If the solution does not determine all unknowns, its
-    information is used instead, divided by the factor by which the covariance of the determined
-    unknowns is larger than the inverse of the information; weak combinations are known to their
-    plausible size.
-    """
-    unit, n = solution.unit, len(solution.unit)
-    if solution.is_observable and np.isfinite(solution.covariance).all():
-        own = np.sqrt(np.maximum(np.diag(solution.covariance), np.finfo(float).tiny))
-        correlation = solution.covariance / own / own[:, None]
-        sizes, axes = np.linalg.eigh((correlation + correlation.T) / 2)
-        A = (axes / np.sqrt(np.maximum(sizes, 1e-15))).T / own
-        return Gaussian.of_rows({TARGET: n}, np.column_stack([A, A @ solution.values]))
-    open_part = solution.unobservable
-    axes = np.linalg.svd(open_part, full_matrices=True)[2][len(open_part) :]
-    scaled = solution.information * unit * unit[:, None]
-    sizes, turn = np.linalg.eigh(axes @ scaled @ axes.T)
-    kept = sizes > 0
-    A = np.sqrt(sizes[kept])[:, None] * (turn[:, kept].T @ axes) / unit
-    A = np.vstack([A, solution.weak / unit])
-    covariance = np.linalg.pinv(A * unit) @ np.linalg.pinv(A * unit).T if len(A) else np.eye(n)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.diag(solution.covariance) / (np.diag(covariance) * unit**2)
-    ratio = ratio[np.isfinite(ratio) & np.isfinite(solution.estimate)]
-    A = A / np.sqrt(ratio.max() if len(ratio) else 1.0)
-    return Gaussian.of_rows({TARGET: n}, np.column_stack([A, A @ solution.values]))
 
 
 def _possible(found: Identification, bodies: RigidBodySet) -> NDArray[np.float64]:

@@ -17,8 +17,7 @@ from cpid_drake.estimation import gaussian as gaussians
 from cpid_drake.estimation.events import fit_with_events
 from cpid_drake.estimation.evidence import NAMED, Comparison, Question
 from cpid_drake.estimation.fit import Fit, fit, prior_of
-from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.least_squares import LeastSquaresSolution
+from cpid_drake.estimation.gaussian import Gaussian, LeastSquaresSolution
 from cpid_drake.estimation.likelihood.constants import Constants
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Values

@@ -9,8 +9,7 @@ from scipy.linalg import solve_triangular
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.fit import Fit, prior_of
-from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.least_squares import LeastSquaresSolution
+from cpid_drake.estimation.gaussian import Gaussian, LeastSquaresSolution
 from cpid_drake.estimation.roll import Values, roll
 from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import BODIES, PSI, Model

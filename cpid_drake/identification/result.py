@@ -18,11 +18,8 @@ from cpid_drake.dynamics.parameterizations import (
 )
 from cpid_drake.dynamics.plane import parallel_axis
 from cpid_drake.errors import InputError
-from cpid_drake.estimation.least_squares import (
-    LeastSquaresSolution,
-    describe_unobservable,
-    quantile_95,
-)
+from cpid_drake.estimation.gaussian import LeastSquaresSolution
+from cpid_drake.estimation.least_squares import describe_unobservable, quantile_95
 from cpid_drake.identification.checks import CONVERGENCE, NEAREST, Check
 from cpid_drake.identification.effects import EffectEstimate
 from cpid_drake.identification.request import Source, SpacecraftReference

@@ -13,8 +13,8 @@ import numpy as np
 from scipy.special import chdtrc, chdtri
 
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
-from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.least_squares import LeastSquaresSolution, quantile_95
+from cpid_drake.estimation.gaussian import Gaussian, LeastSquaresSolution
+from cpid_drake.estimation.least_squares import quantile_95
 from cpid_drake.identification.checks import AGREEMENT, IMPROBABLE, Check
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import Identification

@@ -9,7 +9,7 @@ from scipy.stats import norm, t
 
 from cpid_drake import InertialParameters
 from cpid_drake.dynamics.parameterizations import STANDARD
-from cpid_drake.estimation.least_squares import LeastSquaresSolution
+from cpid_drake.estimation.gaussian import Gaussian, LeastSquaresSolution
 from cpid_drake.identification.checks import Check
 from cpid_drake.identification.request import Request, Source, SpacecraftReference
 from cpid_drake.identification.result import Identification
@@ -32,10 +32,11 @@ def found():
     estimate = STANDARD.from_parameters(TARGET.to_vector())
     inverse = np.linalg.inv(STANDARD.jacobian(estimate))
     covariance = inverse @ np.diag(SIGMA**2) @ inverse.T
+    root = np.linalg.cholesky(np.linalg.inv(covariance)).T
     solution = LeastSquaresSolution(
         estimate,
         covariance,
-        np.linalg.inv(covariance),
+        Gaussian.of_rows({"x": 10}, np.column_stack([root, root @ estimate])),
         rank=10,
         singular_values=np.linspace(10.0, 1.0, 10),
         unobservable=np.empty((0, 10)),
@@ -43,7 +44,6 @@ def found():
         row_count=16,
         values=estimate,
         unit=np.ones(10),
-        weak=np.empty((0, 10)),
     )
     return Identification.of_solution(
         STANDARD,
