@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from block_cases import fired, make_case
 from scipy.stats import chi2
-from sensing_cases import MOMENTUM, Sines, coarse_suite, measured, small_craft, true_psi
+from sensing_cases import Sines, coarse_suite, measured, small_craft, true_psi
 
 from cpid_drake.estimation.events import fit_with_events
-from cpid_drake.estimation.evidence import Question, compare
+from cpid_drake.estimation.evidence import Question
 from cpid_drake.estimation.fit import fit
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.log_state import LogState
@@ -18,7 +18,7 @@ from cpid_drake.estimation.unknowns import PSI, Model, undetermined
 from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.logs.log import Log, Samples
 from cpid_drake.logs.simulated_noise import add_noise
-from cpid_drake.sensors.sensors import AttitudeSensor, Gyro, JointSensor
+from cpid_drake.sensors.sensors import AttitudeSensor, JointSensor
 from cpid_drake.studies.trials import Firing
 
 SUITE = coarse_suite()
@@ -29,11 +29,6 @@ AT_REST = Question({}, {f"{OF_LOG}|log": np.zeros(6)})
 @pytest.fixture(scope="module")
 def case(tmp_path_factory, skewed_target):
     return make_case(tmp_path_factory.mktemp("craft"), skewed_target, SUITE, None, 6.0)
-
-
-@pytest.fixture(scope="module")
-def tumbling(tmp_path_factory, skewed_target):
-    return make_case(tmp_path_factory.mktemp("craft"), skewed_target, SUITE, MOMENTUM, 6.0)
 
 
 def fitted(case, seed=0, samples=None, suite=None, **options):
@@ -113,28 +108,6 @@ def test_the_minimum_does_not_depend_on_the_start(case, found, factor):
     assert np.abs((again - psi) / np.sqrt(np.diag(covariance))).max() < 0.05
 
 
-@pytest.mark.slow
-def test_two_logs_share_the_target_and_keep_their_momenta(case, tumbling):
-    """Together they know what the sum of their information is."""
-    model = Model(case.craft.tree, SUITE)
-    logs = [
-        LogState.of(model, add_noise(SUITE, each.samples, k), f"log {k}")
-        for k, each in enumerate((case, tumbling))
-    ]
-    both = fit(model, logs)
-    assert both.converged
-    assert nees(case, *target(both.gaussian, both.values)) < 30
-    alone = [fit(model, [log]) for log in logs]
-    prior = np.diag(next(u.sigma for u in model.table if u.name == PSI) ** -2.0)
-    information = [np.linalg.inv(target(each.gaussian, each.values)[1]) for each in alone]
-    expected = np.linalg.inv(sum(information) - prior)
-    found = target(both.gaussian, both.values)[1]
-    np.testing.assert_allclose(np.diag(found), np.diag(expected), rtol=0.05)
-    names = {name for name in both.values if name.startswith(OF_LOG)}
-    assert names == {"momentum|log 0", "momentum|log 1"}
-    assert np.linalg.norm(both.values["momentum|log 1"][:3]) > 10
-
-
 def test_a_slow_log_with_gaps_and_larger_noise_is_fitted(tmp_path, skewed_target):
     """5 Hz, gaps of 1 to 2 s in the joints, noise three times the declared one, no gyro."""
     declared = coarse_suite(
@@ -176,21 +149,6 @@ def test_what_the_motion_leaves_open_stays_where_it_was(tmp_path, skewed_target)
     assert chi_squared < chi2.ppf(0.999, len(seen))
 
 
-@pytest.mark.slow
-def test_a_small_momentum_is_in_the_interval(tmp_path, skewed_target):
-    """Free or zero, each by its evidence: no momentum makes the target wrong by many σ."""
-    for size in (1e-3, 1e-2, 0.3):
-        momentum_W = size * np.array([-0.35, -0.64, -1.08, 0.0, 0.0, 0.0])
-        case = make_case(tmp_path, skewed_target, SUITE, momentum_W, 5.0)
-        found = fitted(case, 1)
-        values = np.concatenate([found.values[name] for name in found.gaussian.places])
-        sigma = {f"{OF_LOG}|log": found.model.table[-1].sigma}
-        average = compare(found.gaussian.moved(-values), sigma, [PSI]).gaussian
-        assert nees(case, average.solve(), average.covariance()) < 30
-        at_zero = target(found.gaussian, found.values, at_rest=True)
-        assert size < 0.1 or nees(case, *at_zero) > 1000
-
-
 def test_a_firing_inside_of_a_block_is_found(tmp_path, skewed_target):
     time, case = 1.37, make_case(tmp_path, skewed_target, SUITE, None, 2.0)
     firing = Firing(time, np.array([3.0, -2.0, 4.0, 1.0, 0.5, -1.0]))
@@ -202,23 +160,3 @@ def test_a_firing_inside_of_a_block_is_found(tmp_path, skewed_target):
     assert min(abs(each - time) for each in log.changes) < 0.3
     assert nees(case, *target(found.gaussian, found.values)) < 30
     assert nees(case, *target(closed.gaussian, closed.values)) > 2 * 30 or not closed.converged
-
-
-@pytest.mark.slow
-def test_nothing_happened_in_a_clean_log(case):
-    for seed in range(2):
-        closed = fitted(case, seed)
-        found, _ = fit_with_events(closed.model, closed, AT_REST)
-        assert found is closed
-        assert found.logs[0].changes == []
-
-
-@pytest.mark.slow
-def test_a_bias_that_walks_has_values_at_both_ends_of_every_block(tmp_path, skewed_target):
-    """50 times as fast as that of the other logs."""
-    suite = coarse_suite(gyro=Gyro(20.0, 0.005, 1.0, 50.0))
-    case = make_case(tmp_path, skewed_target, suite, None, 5.0)
-    found = fitted(case, 1)
-    assert found.converged
-    assert all(len(bias) == 2 for bias in found.logs[0].bias)
-    assert nees(case, *target(found.gaussian, found.values)) < 30

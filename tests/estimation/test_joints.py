@@ -88,13 +88,6 @@ def test_noise_and_errors_are_those_of_the_log(noise):
     assert np.sqrt(np.mean(errors**2)) < 0.5 * noise * SIGMA
 
 
-def test_a_faster_joint_has_a_larger_jerk():
-    smoothness, _ = smooth_joints(blocks_of(log()), SUITE)
-    size = np.sqrt(np.mean(motion(np.arange(0, 6, 0.01), 3) ** 2, axis=0))
-    assert (np.diff(smoothness.jerk) > 0).all()
-    assert ((smoothness.jerk > 0.2 * size) & (smoothness.jerk < 5 * size)).all()
-
-
 def test_a_drawn_jerk_and_its_noise_are_found():
     """Eight joints with a jerk that is white noise, so slow that splines of few pieces follow."""
     rng, J, h, jerk = np.random.default_rng(0), 8, 0.02, 0.02

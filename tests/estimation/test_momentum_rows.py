@@ -4,12 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import norm, t
 
 from cpid_drake import InertialParameters, TotalMomentum, identify
 from cpid_drake.dynamics.momentum import momentum_samples, total_momentum
 from cpid_drake.dynamics.rows import RELATIVE_ROWS, ROW_FAMILIES, STANDARD_ROWS
-from cpid_drake.estimation.least_squares import quantile_95
 from cpid_drake.estimation.momentum_rows import momentum_rows
 from cpid_drake.estimation.rows_fit import LogRows
 
@@ -64,12 +62,6 @@ def test_samples_at_rest_are_not_counted(servicer, skewed_target, zero_momentum_
         rows.add(each, np.zeros((1, 1, 1)))
         counts.append(rows.row_count)
     assert counts == [6 * family.rows_per_sample, 0]
-
-
-def test_intervals_are_two_sided():
-    """A share of 2.5 % lies beyond each end."""
-    assert norm.sf(quantile_95()) == pytest.approx(0.025, rel=1e-12)
-    assert t.sf(quantile_95(7), 7) == pytest.approx(0.025, rel=1e-12)
 
 
 def test_all_rows_of_a_long_log_count(servicer, zero_momentum_motion, skewed_target):

@@ -11,8 +11,6 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.block import BlockQueue, blocks_of
 from cpid_drake.estimation.fit import fit
-from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.links import Link, closed, judged
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.online import LONGEST, run, step
 from cpid_drake.estimation.online_state import OnlineState
@@ -143,55 +141,3 @@ def test_stored_blocks_are_few(case, model):
     assert state.events == ()
     found = identification_of_state(model, state, TotalMomentum.zero())
     assert np.isnan(found.parameters).all()
-
-
-# -- links -----------------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def linked_gaussian(model):
-    """Return rows about ψ and a change, and the change."""
-    link = Link(1.0)
-    rng = np.random.default_rng(0)
-    unit = np.concatenate([model.plausible, 1e-3 * model.farthest])
-    rows = np.column_stack([rng.normal(size=(40, 22)) / unit, rng.normal(size=40)])
-    prior = np.column_stack([np.zeros((12, 10)), np.diag(1 / model.farthest), np.zeros(12)])
-    gaussian = Gaussian.of_rows({PSI: 10, link.name: 12}, np.vstack([rows, prior]))
-    return gaussian, link
-
-
-def test_a_change_that_does_not_act_is_zero(model, linked_gaussian):
-    gaussian, link = linked_gaussian
-    found = closed(model, gaussian, replace(link, probability=0.0))
-    expected = gaussian.condition({link.name: 0.0})
-    np.testing.assert_allclose(found.solve(), expected.solve(), rtol=1e-6)
-    np.testing.assert_allclose(found.covariance(), expected.covariance(), rtol=1e-6)
-
-
-def test_a_change_that_acts_is_free(model, linked_gaussian):
-    gaussian, link = linked_gaussian
-    found = closed(model, gaussian, replace(link, probability=1.0, size=1.0))
-    expected = gaussian.marginal([PSI])
-    np.testing.assert_allclose(found.solve(), expected.solve(), rtol=1e-4)
-    np.testing.assert_allclose(found.covariance(), expected.covariance(), rtol=1e-4)
-
-
-def test_a_doubtful_change_widens_the_interval(model, linked_gaussian):
-    """It lies between that without the change and that with it."""
-    gaussian, link = linked_gaussian
-    widths = []
-    for probability, size in ((0.0, 1.0), (0.5, 1e-3), (1.0, 1.0)):
-        at = replace(link, probability=probability, size=size)
-        widths.append(np.sqrt(np.diag(closed(model, gaussian, at).covariance())))
-    assert (widths[0] < widths[1]).all()
-    assert (widths[1] < widths[2]).all()
-
-
-def test_evidence_judges_a_change(model, linked_gaussian):
-    """Rows of noise show none; rows of a change ten times as large as its σ show it."""
-    gaussian, link = linked_gaussian
-    (none,) = judged(model, gaussian, [link])
-    assert none.probability < 0.1
-    step_ = np.concatenate([np.zeros(10), 1e-2 * model.farthest])
-    (acts,) = judged(model, gaussian.moved(-step_), [link])
-    assert acts.probability > 0.99

@@ -14,7 +14,7 @@ from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import roll
 from cpid_drake.estimation.start import start_of
-from cpid_drake.estimation.sweep import back, known_at_start, sweep
+from cpid_drake.estimation.sweep import back, sweep
 from cpid_drake.estimation.unknowns import MOMENTUM as MOMENTUM_OF_LOG
 from cpid_drake.estimation.unknowns import PSI, Model, psi_about
 from cpid_drake.logs.simulated_noise import add_noise
@@ -236,16 +236,6 @@ def test_the_way_back_finds_all_other_unknowns(problem):
     predicted = total.cost(step)
     assert predicted < found + 1
     assert found - predicted < 0.02 * (before - predicted)
-
-
-def test_what_is_known_at_the_start_is_its_prior(problem):
-    """Nothing is known about the target before the first sample but its prior."""
-    model, log, values = problem
-    rows = known_at_start(model, log, values).rows
-    n = rows.shape[1] - 1 - sum(u.size for u in model.table)
-    psi = model.places[PSI]
-    assert not rows[:, n + psi.start : n + psi.stop].any()
-    assert not np.abs(rows[:, n:-1]).sum(axis=0)[psi].any()
 
 
 @pytest.mark.parametrize("mass", [0.9, 1.0, 1.3])

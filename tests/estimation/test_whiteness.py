@@ -14,28 +14,18 @@ def test_the_band_is_3_3_sigma_of_white_noise(channels):
     assert np.std([each.lag_one / each.band for each in found]) == pytest.approx(1 / 3.3, rel=0.1)
 
 
-@pytest.mark.parametrize("memory", [0.0, 0.5, 0.9])
-def test_the_correlation_time_is_that_of_noise_with_memory(memory):
-    """Of first order: (1 + ρ)/(1 − ρ) samples count as one, and neighbours correlate by ρ."""
+@pytest.mark.parametrize("memory", [-0.4, 0.0, 0.5, 0.9])
+def test_correlation_and_its_time_are_those_of_noise_with_memory(memory):
+    """Of first order: (1 + ρ)/(1 − ρ) samples count as one; by all samples, or block by block."""
     steps = np.random.default_rng(6).normal(size=(200_000, 3))
-    noise = lfilter([1.0], [1.0, -memory], steps, axis=0)
-    found = whiteness(noise)
-    assert found.lag_one == pytest.approx(memory, abs=0.02)
-    assert found.correlation_time == pytest.approx((1 + memory) / (1 - memory), rel=0.1)
-
-
-@pytest.mark.parametrize("memory", [-0.4, 0.0, 0.7])
-def test_sums_over_blocks_give_the_correlation_of_the_whole(memory):
-    steps = np.random.default_rng(8).normal(size=(20_000, 3))
-    noise = lfilter([1.0], [1.0, -memory], steps, axis=0)
-    sums = LagSums()
-    for block in np.split(noise, 1000):
+    noise, sums = lfilter([1.0], [1.0, -memory], steps, axis=0), LagSums()
+    for block in np.split(noise, 200):
         sums = sums.added(block)
-    found = sums.whiteness
-    assert found.lag_one == pytest.approx(memory, abs=0.03)
-    assert found.correlation_time == pytest.approx(max((1 + memory) / (1 - memory), 1), rel=0.1)
-    assert found.rms == pytest.approx(np.std(noise), rel=0.02)
-    assert found.is_white == (memory == 0.0)
+    for found in (whiteness(noise), sums.whiteness):
+        assert found.lag_one == pytest.approx(memory, abs=0.02)
+        assert found.correlation_time == pytest.approx(max((1 + memory) / (1 - memory), 1), rel=0.1)
+        assert found.rms == pytest.approx(np.std(noise), rel=0.02)
+        assert found.is_white == (memory == 0.0)
 
 
 def test_a_spike_does_not_hide_correlation():

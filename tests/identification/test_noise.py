@@ -4,17 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from block_cases import fired, make_case
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
-from sensing_cases import Sines, acting, coarse_suite, measured, nees, sigmas
+from sensing_cases import Sines, acting, coarse_suite, measured, nees
 
 from cpid_drake import TotalMomentum, identify
 from cpid_drake.logs.log import Samples
 from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import Gyro, JointSensor, VectorSensor
-from cpid_drake.studies.trials import Firing
 
 ZERO = TotalMomentum.zero()
 FAST_GYRO = Gyro(50.0, 0.005, 1.0, 0.1)
@@ -142,27 +140,3 @@ def test_intervals_hold(craft, ideal, skewed_target, errors, least):
     assert len(squares) >= least
     assert np.sum(squares) < chi2.isf(1e-3, 10 * len(squares))
     assert np.sum(squares) > chi2.ppf(1e-6, 10 * len(squares))
-
-
-@pytest.mark.slow
-def test_what_is_left_out_does_not_widen_intervals(tmp_path, skewed_target):
-    """A firing, whose samples are left out, and spikes of the attitude and of the gyro."""
-    suite = coarse_suite(gyro=Gyro(100.0, 0.005, 1.0), encoders=JointSensor(50.0, 1e-5))
-    case = make_case(tmp_path, skewed_target, suite, duration=8.0)
-    firing = Firing(4.0, np.array([0.6, -0.4, 0.5, 3.0, -2.0, 2.0]))
-    spikes = {}
-    for name, numbers, size in (("attitude", [7, 20], 0.05), ("gyro", [111, 402, 633], 0.3)):
-        value = case.samples[name].value.copy()
-        value[numbers, 1] += size
-        if name == "attitude":
-            value /= np.linalg.norm(value, axis=1)[:, None]
-        spikes[name] = Samples(case.samples[name].time, value)
-    widths, widest = [], 0.0
-    for samples in (case.samples, fired(case, firing), case.samples.updated(spikes)):
-        found = identify(case.craft, add_noise(suite, samples, 5), sensors=suite)
-        widths.append(sigmas(found))
-        error = found.parameters - skewed_target.to_vector()
-        widest = max(widest, np.abs(error / widths[-1]).max())
-    assert np.all(widths[1] < 2.5 * widths[0])  # an unknown momentum after the firing
-    assert np.all(widths[2] < 1.1 * widths[0])
-    assert widest < 4

@@ -18,7 +18,6 @@ from cpid_drake.logs.log import Log, Samples
 from cpid_drake.logs.simulated_noise import SensorNoise, add_noise
 from cpid_drake.sensors.sensors import JointSensor
 
-ZERO = TotalMomentum.zero()
 PUSH = np.array([1e-3, -5e-4, 0.0])
 HIDDEN = {
     "attitude.delay": ("attitude", "delay_ms", 30.0),

@@ -41,16 +41,6 @@ def errors_in_sigma(found, target):
 
 
 class TestMomentum:
-    @pytest.mark.parametrize("estimator", SECOND_IS_SLOW)
-    def test_a_forgotten_tumble_is_estimated(self, craft, motion, suite, skewed_target, estimator):
-        samples = measured(craft, motion, skewed_target, suite, momentum_W=MOMENTUM)
-        samples = add_noise(suite, samples, seed=3)
-        found = identify(craft, samples, sensors=suite, estimator=estimator)
-        assert found.momentum == "unknown"
-        assert found.passed
-        assert any("momentum was estimated" in warning for warning in found.warnings)
-        assert np.abs(errors_in_sigma(found, skewed_target)).max() < 5
-
     @pytest.mark.parametrize("momentum_W", [None, MOMENTUM])
     def test_standard_rows_test_the_momentum_for_eq18(
         self, craft, motion, suite, skewed_target, momentum_W
