@@ -32,8 +32,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cpid_drake.dynamics.outboard import Outboard, cross_force, cross_motion
 from cpid_drake.dynamics.parameterizations import moved_moments, tensor_to_vector
-from cpid_drake.dynamics.rotations import cross, rotate, skew
+from cpid_drake.dynamics.rotations import rotate, skew
 from cpid_drake.dynamics.rows import inertia_operator
 from cpid_drake.dynamics.tree import KinematicTree
 
@@ -79,20 +80,14 @@ def skew_consistent_regressor(A_r: ArrayLike, V_r: ArrayLike, V: ArrayLike) -> A
         V: (..., 6) twist.
 
     """
-    return momentum_regressor(A_r) + _reference_cross(np.asarray(V_r)) @ momentum_regressor(V)
+    V_r, Y = np.asarray(V_r)[..., None, :], momentum_regressor(V)
+    added = cross_force(V_r, np.swapaxes(Y, -1, -2))
+    return momentum_regressor(A_r) + np.swapaxes(added, -1, -2)
 
 
 def spatial_inertia(phi: Array) -> Array:
     """Return G (..., 6, 6) of standard vectors φ (..., 10): the momentum is G V."""
     return np.asarray(np.einsum("uij,...j->...iu", momentum_regressor(np.eye(6)), phi))
-
-
-def _reference_cross(V_r: Array) -> Array:
-    """Return [ω̃_r  ṽ_r; 0  ω̃_r] (..., 6, 6)."""
-    result = np.zeros((*V_r.shape[:-1], 6, 6))
-    result[..., :3, :3] = result[..., 3:, 3:] = skew(V_r[..., :3])
-    result[..., :3, 3:] = skew(V_r[..., 3:])
-    return result
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,33 +120,38 @@ class ReferenceDynamics:
             v_r: (6 + J,) reference velocities.
 
         """
-        bodies, J = tree.bodies, np.zeros((len(tree.bodies) + 1, 6, 6 + len(q)))  # the last is C's
-        joints = np.array([body.joint for body in bodies])
-        X, S = _transforms(tree, np.where(joints < 0, 0.0, q[joints]))
-        for k, body in enumerate(bodies):
-            J[k] = X[k] @ J[body.parent] if body.parent >= 0 else np.eye(6, J.shape[2])
+        # All bodies in B, about its origin: screws of the joints, and which bodies they move.
+        known = Outboard.at(tree, q[None], v[None, 6:], v[None, :3], v[None, 3:6])
+        joints, V = tree.jointed, known.V[:, 0]
+        moves = np.zeros((len(V), len(q)))
+        for k, body in enumerate(tree.bodies):
+            moves[k] = moves[body.parent] if body.parent >= 0 else 0.0
             if body.joint >= 0:
-                J[k, :, 6 + body.joint] += S[k]
-        J[-1] = X[-1] @ J[tree.capture_body]
-        own, moved = J[:-1], S * np.where(joints < 0, 0.0, v[6 + joints])[:, None]
-        V_r = own @ v_r
-        # The derivative of a twist's components in a frame that turns and moves by `moved`.
-        added = np.concatenate(
-            [cross(V_r[:, :3], moved[:, :3]), cross(V_r[:, :3], moved[:, 3:])], 1
+                moves[k, body.joint] = 1.0
+        S, inboard = np.zeros((len(q), 6)), np.zeros((len(q), 6))
+        for k in joints:
+            S[tree.bodies[k].joint] = known.joint_screw(k)[0]
+            inboard[tree.bodies[k].joint] = V[tree.bodies[k].parent]
+        J = np.concatenate(
+            [np.tile(np.eye(6), (len(V), 1, 1)), np.swapaxes(moves[..., None] * S, 1, 2)], axis=2
         )
-        added[:, 3:] += cross(V_r[:, 3:], moved[:, :3])
-        bias = np.zeros((len(J), 6))
-        for k, body in enumerate(bodies):
-            bias[k] = added[k] + X[k] @ bias[body.parent] if body.parent >= 0 else added[k]
-        bias[-1] = X[-1] @ bias[tree.capture_body]
-        G = _inertias(tree)
-        F = G @ bias[:-1, :, None] + _reference_cross(V_r) @ G @ (own @ v)[..., None]
-        turned = np.swapaxes(own, 1, 2)
+        V_r = J @ v_r
+        # A screw moves with its inboard body; derivatives are those that each body sees.
+        rates = v_r[6:, None] * cross_motion(inboard - V[0], S)
+        bias = moves @ rates - cross_motion(V - V[0], V_r)
+        moments = moved_moments(tree.masses, tree.inertias, known.bodies.R, known.bodies.r)
+        h, inertia = (each[:, 0] for each in moments)
+        G = spatial_inertia(np.concatenate([tree.masses, h, tensor_to_vector(inertia)], axis=1))
+        F = rotate(G, bias) + cross_force(V_r, rotate(G, V))
+        turned, C = np.swapaxes(J, 1, 2), tree.capture_body
+        R, r = known.bodies.R[C, 0], known.bodies.r[C, 0]
+        R_BC, p_BC = R @ tree.R_BC, r + R @ (tree.p_BC - tree.bodies[C].p_BBcm)
+        X_CB = np.block([[R_BC.T, np.zeros((3, 3))], [-R_BC.T @ skew(p_BC), R_BC.T]])
         return cls(
-            M=(turned @ G @ own).sum(axis=0),
-            Cv_r=(turned @ F).sum(axis=0)[:, 0],
-            J_C=J[-1],
-            bias_C=bias[-1],
+            M=(turned @ G @ J).sum(axis=0),
+            Cv_r=rotate(turned, F).sum(axis=0),
+            J_C=X_CB @ J[C],
+            bias_C=X_CB @ bias[C],
         )
 
     def with_target(self, phi: Array, v: Array, v_r: Array) -> tuple[Array, Array]:
@@ -159,30 +159,3 @@ class ReferenceDynamics:
         J, G = self.J_C, spatial_inertia(phi)
         F = skew_consistent_regressor(self.bias_C, J @ v_r, J @ v) @ phi
         return self.M + J.T @ G @ J, self.Cv_r + J.T @ F
-
-
-def _transforms(tree: KinematicTree, q: Array) -> tuple[Array, Array]:
-    """Return X (K + 1, 6, 6) from twists of each body's parent to its own, and screws (K, 6).
-
-    The last X is C's. Positions q (K,) are those of the bodies' joints.
-    """
-    R_PF, p_PF, axis = (
-        np.stack([getattr(body, name) for body in tree.bodies])
-        for name in ("R_PF", "p_PF", "axis_F")
-    )
-    slides, K = np.array([[body.prismatic] for body in tree.bodies]), skew(axis)
-    angle = np.where(slides[:, 0], 0.0, q)[:, None, None]
-    R = R_PF @ (np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K)
-    p = p_PF + rotate(R_PF, axis * np.where(slides, q[:, None], 0.0))
-    R_BP = np.swapaxes(np.concatenate([R, tree.R_BC[None]]), 1, 2)
-    X = np.zeros((len(R_BP), 6, 6))
-    X[:, :3, :3] = X[:, 3:, 3:] = R_BP
-    X[:, 3:, :3] = -R_BP @ skew(np.concatenate([p, tree.p_BC[None]]))
-    return X, np.concatenate([axis * ~slides, axis * slides], axis=1)
-
-
-def _inertias(tree: KinematicTree) -> Array:
-    """Return the spatial inertias (K, 6, 6) of the bodies about their frames' origins."""
-    masses, coms = tree.masses, np.stack([body.p_BBcm for body in tree.bodies])
-    h, moments = moved_moments(masses[:, 0], tree.inertias[:, 0], np.eye(3), coms)
-    return spatial_inertia(np.concatenate([masses, h, tensor_to_vector(moments)], axis=1))

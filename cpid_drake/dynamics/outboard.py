@@ -85,8 +85,8 @@ class Outboard:
         """
         S = np.moveaxis(S, -1, 0)
         inboard = self.V[[self.tree.bodies[k].parent for k in which]]
-        change = _cross_force(S, self.momentum[list(which)])
-        change -= self.momentum_by(which, _cross_motion(S, inboard))
+        change = cross_force(S, self.momentum[list(which)])
+        change -= self.momentum_by(which, cross_motion(S, inboard))
         return np.moveaxis(change, 0, -1), np.moveaxis(self.momentum_by(which, S), 0, -1)
 
     def joint_screw(self, k: int) -> NDArray[np.float64]:
@@ -123,7 +123,7 @@ def _summed(tree: KinematicTree, each: NDArray[np.float64]) -> NDArray[np.float6
     return result
 
 
-def _cross_motion(S: NDArray[np.float64], V: NDArray[np.float64]) -> NDArray[np.float64]:
+def cross_motion(S: NDArray[np.float64], V: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return S × V of twists [ω; v] (N, 6)."""
     w, v = S[..., :3], S[..., 3:]
     return np.concatenate(
@@ -131,7 +131,7 @@ def _cross_motion(S: NDArray[np.float64], V: NDArray[np.float64]) -> NDArray[np.
     )
 
 
-def _cross_force(S: NDArray[np.float64], F: NDArray[np.float64]) -> NDArray[np.float64]:
+def cross_force(S: NDArray[np.float64], F: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return S ×* F of a twist [ω; v] and a momentum [L; P] (N, 6)."""
     w, v = S[..., :3], S[..., 3:]
     return np.concatenate(
