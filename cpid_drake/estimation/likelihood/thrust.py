@@ -55,7 +55,7 @@ class Push:
     ) -> None:
         self.in_world, self.to = actuators.in_world, to(times)
         arm = np.broadcast_to(actuators.position, (len(times), *actuators.position.shape))
-        along, self.moment = actuators.direction[None], actuators.moment
+        along, self._moment = actuators.direction[None], actuators.moment
         on = actuators.on_target
         if on.any():
             R_BC, p_BC = pose(times)
@@ -63,7 +63,7 @@ class Push:
             arm = np.where(on[:, None], p_BC[:, None] + turned, arm)
             turned = actuators.direction @ np.swapaxes(R_BC, -1, -2)
             along = np.where((on & ~self.in_world)[:, None], turned, along)
-        self.in_frames = arm, np.broadcast_to(along, arm.shape)
+        self._arm, self._along = arm, np.broadcast_to(along, arm.shape)
 
     def rotations(self, R: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return R_WB (Q, 3, 3), from those at the nodes (N, 3, 3)."""
@@ -71,70 +71,18 @@ class Push:
 
     def forces(self, R: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return f (Q, V, 3) in W."""
-        along = self.in_frames[1]
-        turned = along @ np.swapaxes(self.rotations(R), -1, -2)
-        return np.where(self.in_world[:, None], along, turned)
+        turned = self._along @ np.swapaxes(self.rotations(R), -1, -2)
+        return np.where(self.in_world[:, None], self._along, turned)
+
+    def arms(self, R: NDArray[np.float64], com: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the points (Q, V, 3) from the system's centre of mass, in W."""
+        rho = np.asarray(self.to @ com)[:, None]
+        return (self._arm - rho) @ np.swapaxes(self.rotations(R), -1, -2)
 
     def torques(self, R: NDArray[np.float64], com: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the torques (Q, V, 3) about the system's centre of mass, in W."""
-        Rt, arm = np.swapaxes(self.rotations(R), -1, -2), self.in_frames[0]
-        rho = np.asarray(self.to @ com)[:, None]
-        return self.moment @ Rt + cross((arm - rho) @ Rt, self.forces(R))
-
-
-class Total:
-    """The sum of all actuators of given amplitudes at Q instants.
-
-    Those in B and C are one torque and one force in B; those in W are the matrix Σ a fᵀ of points
-    in B and forces in W, and the sum of the forces.
-
-    Args:
-        push: the actuators.
-        size: (Q, V) amplitudes.
-
-    """
-
-    def __init__(self, push: Push, size: NDArray[np.float64]) -> None:
-        self._push, arm, along = push, *push.in_frames
-        body, world = ~push.in_world, push.in_world
-        force = np.where(body[:, None], along, 0.0)
-        moment = push.moment + cross(arm, force)
-        self._force_B = np.einsum("qv,qvi->qi", size, force)
-        self._torque_B = np.einsum("qv,qvi->qi", size, moment)
-        self._pairs = None
-        if world.any():
-            given = size[:, world, None] * along[:, world]
-            self._pairs = np.swapaxes(arm[:, world], -1, -2) @ given
-            self._force_W = given.sum(axis=1)
-
-    def force(self, R: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the force (Q, 3) in W, from R_WB (Q, 3, 3)."""
-        turning = self.turning_force(R)
-        return turning if self._pairs is None else turning + self._force_W
-
-    def turning_force(self, R: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the part (Q, 3) of the force that turns with the base, in W."""
-        return rotate(R, self._force_B)
-
-    def torque(self, R: NDArray[np.float64], rho: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the torque (Q, 3) about the centre of mass ρ (Q, 3), in W."""
-        torque = rotate(R, self._torque_B - cross(rho, self._force_B))
-        if self._pairs is None:
-            return torque
-        N = self._in_world(R, rho)
-        return torque + np.stack([N[:, i, j] - N[:, j, i] for i, j in ((1, 2), (2, 0), (0, 1))], 1)
-
-    def by_attitude(self, R: NDArray[np.float64], rho: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the derivative (Q, 3, 3) of the torque by a rotation ξ in W."""
-        by_turn = -skew(rotate(R, self._torque_B - cross(rho, self._force_B)))
-        if self._pairs is None:
-            return by_turn
-        N = self._in_world(R, rho)
-        return by_turn + N - np.trace(N, axis1=1, axis2=2)[:, None, None] * np.eye(3)
-
-    def _in_world(self, R: NDArray[np.float64], rho: NDArray[np.float64]) -> NDArray[np.float64]:
-        assert self._pairs is not None
-        return R @ (self._pairs - rho[:, :, None] * self._force_W[:, None])
+        turned = self._moment @ np.swapaxes(self.rotations(R), -1, -2)
+        return turned + cross(self.arms(R, com), self.forces(R))
 
 
 class BlockThrust:
@@ -189,12 +137,12 @@ class BlockThrust:
         ends = np.concatenate([ends, switches])[order]
         self._before = np.searchsorted(ends, times, side="right")
         self._push = Push(log.actuators, points, interpolation, pose)
-        self._total = Total(self._push, size)
+        self._size = size
         self._drift = transition(nodes[0], times, orbit)
         self._pulled_back = np.linalg.inv(transition(nodes[0], points, orbit))[:, :, 3:]
         self._switches = switches
         self._at_switches = Push(log.actuators, switches, interpolation, pose)
-        self._jump = Total(self._at_switches, jumps)
+        self._jumps = jumps
 
     # -- the motion --------------------------------------------------------------------------------
 
@@ -206,14 +154,15 @@ class BlockThrust:
             psi: (10,) relative unknowns of the target.
 
         """
-        return self._accumulated(self._turns * self._total.torque(*self._at_points(R, psi)))
+        torques = self._push.torques(R, self._grid.com(psi))
+        return self._accumulated(self._turns * _sum(self._size, torques))
 
     def travel(self, R: NDArray[np.float64], psi: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return what the thrust adds to position [m] and velocity [m/s] of the centre of mass.
 
         (U, 6) in W; the arguments are those of `momentum`.
         """
-        force = self._moves * self._total.force(self._push.rotations(R))
+        force = self._moves * _sum(self._size, self._push.forces(R))
         return self._travelled(self._inverse_mass(psi) * force[..., None])[..., 0]
 
     def spline(
@@ -232,8 +181,8 @@ class BlockThrust:
 
         """
         push = self._at_switches
-        turned, rho = push.rotations(R), np.asarray(push.to @ self._grid.com(psi))
-        torque = rotate(np.swapaxes(turned, -1, -2), self._jump.torque(turned, rho))
+        torque = _sum(self._jumps, push.torques(R, self._grid.com(psi)))
+        torque = rotate(np.swapaxes(push.rotations(R), -1, -2), torque)
         J_inverse = (push.to @ inverse.reshape(-1, 9)).reshape(-1, 3, 3)
         step = self._nodes[1] - self._nodes[0]
         slopes = rotate(J_inverse, torque)
@@ -258,7 +207,7 @@ class BlockThrust:
         """
         n, turned = com.shape[-1], self._push.rotations(R)
         moved = (self._push.to @ com.reshape(len(com), -1)).reshape(-1, 3, n)
-        rate = skew(self._total.force(turned)) @ (turned @ moved)
+        rate = skew(_sum(self._size, self._push.forces(R))) @ (turned @ moved)
         if len(errors):
             rate += self._by_errors(self._push.torques(R, self._grid.com(psi))) @ errors
         return self._accumulated(self._turns[:, None] * rate)
@@ -267,7 +216,12 @@ class BlockThrust:
         self, R: NDArray[np.float64], psi: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """Return the mean derivative (N − 1, 3, 3) of L' by ξ in each step; see `momentum`."""
-        by_turn = self._total.by_attitude(*self._at_points(R, psi))
+        push, com = self._push, self._grid.com(psi)
+        by_turn = -skew(_sum(self._size * ~push.in_world, push.torques(R, com)))
+        if push.in_world.any():  # these turn the point, and not the force
+            given = self._size * push.in_world
+            f, r = skew(push.forces(R)), skew(push.arms(R, com))
+            by_turn += np.einsum("qv,qvij->qij", given, f @ r)
         added = self._accumulated(self._turns[:, None] * by_turn)[: len(self._nodes)]
         return np.diff(added, axis=0) / (self._nodes[1] - self._nodes[0])
 
@@ -287,22 +241,16 @@ class BlockThrust:
             inverse_mass: (n,) change of 1/m.
 
         """
-        at_points = self._push.rotations(R)
+        forces, turning = self._push.forces(R), self._size * ~self._push.in_world
         turned = (self._push.to @ xi.reshape(len(xi), -1)).reshape(-1, 3, xi.shape[-1])
-        rate = -skew(self._total.turning_force(at_points)) @ turned
+        rate = -skew(_sum(turning, forces)) @ turned
         if len(errors):
-            rate += self._by_errors(self._push.forces(R)) @ errors
+            rate += self._by_errors(forces) @ errors
         rate *= self._inverse_mass(psi)
-        rate += self._total.force(at_points)[..., None] * inverse_mass
+        rate += _sum(self._size, forces)[..., None] * inverse_mass
         return self._travelled(self._moves[:, None] * rate)
 
     # -- at the points -----------------------------------------------------------------------------
-
-    def _at_points(
-        self, R: NDArray[np.float64], psi: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return R_WB (Q, 3, 3) and ρ (Q, 3)."""
-        return self._push.rotations(R), np.asarray(self._push.to @ self._grid.com(psi))
 
     def _inverse_mass(self, psi: NDArray[np.float64]) -> float:
         return inverse_mass(self._grid.mass, float(psi[0]))
@@ -320,6 +268,11 @@ class BlockThrust:
     def _travelled(self, rates: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return what accelerations (Q, 3, n) do to position and velocity, (U, 6, n)."""
         return self._drift @ self._accumulated(self._pulled_back @ rates)
+
+
+def _sum(size: NDArray[np.float64], units: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the sums (Q, 3) over all actuators (Q, V, 3), of amplitudes (Q, V)."""
+    return np.asarray(np.einsum("qv,qvi->qi", size, units))
 
 
 def transition(
