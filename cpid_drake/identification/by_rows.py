@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from scipy.special import chdtri
 
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.parameterizations import Parameterization
@@ -30,13 +31,8 @@ from cpid_drake.estimation.rows_fit import (
     compare_momentum,
 )
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
-from cpid_drake.estimation.whiteness import (
-    MOST_CORRELATED,
-    Whiteness,
-    whiteness,
-)
 from cpid_drake.identification.checked_log import CheckedLog, Known, suite_of
-from cpid_drake.identification.checks import MOST_NOISE, Check, halves_check, momentum_words
+from cpid_drake.identification.checks import IMPROBABLE, Check, halves_check, momentum_words
 from cpid_drake.identification.result import Identification, ResidualSeries
 from cpid_drake.identification.together import with_sources
 from cpid_drake.logs.log import Log
@@ -47,11 +43,6 @@ from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 INTEGRATION = 1e-5
 """Residuals below this share of the momentum contradict nothing: integration leaves as much."""
-
-LARGE = 2.0
-"""Size of correlated residuals, relative to the errors of smoothed samples, above which they are no
-noise. Smoothing correlates noise, too: of 160 right logs the largest was 1.6, and not correlated.
-"""
 
 NAME = "least_squares"
 """The estimator's name."""
@@ -300,10 +291,6 @@ def _identified(known: Known, log: CheckedLog) -> tuple[Identification, Gaussian
         solution = replace(solution, covariance=np.full((10, 10), np.nan))
     is_shown = solution.rank == len(unknowns) and count > _FEW_ROWS
     residuals = _residuals(rows, x, family) if is_shown else {}
-    neighbours = [each.neighbours for each in residuals.values()]
-    white = whiteness(np.hstack(neighbours)) if is_shown else None
-    # Other rows contain the slope of a few positions, whose errors are correlated.
-    tested = None if suite is None or family.uses_base_position else white
     is_judged = solution.rank == len(unknowns) and noise.is_known
     found = Identification.of_solution(
         form,
@@ -315,7 +302,10 @@ def _identified(known: Known, log: CheckedLog) -> tuple[Identification, Gaussian
         residuals=residuals,
         momentum="zero" if is_zero else "unknown" if momentum is None or is_open else momentum.name,
         warnings=(*warnings, *said),
-        checks=(*checks, *_checks(*rows.misfit(x), (first, whole) if is_judged else None, tested)),
+        checks=(
+            *checks,
+            *_checks(*rows.misfit(x), (first, whole) if is_judged else None, tree),
+        ),
         **fields,
     )
     return found, target
@@ -325,27 +315,27 @@ def _checks(
     to_errors: float,
     to_rows: float,
     halves: tuple[Gaussian, Gaussian] | None,
-    white: Whiteness | None,
+    tree: KinematicTree,
 ) -> Iterator[Check]:
     """Yield the checks of the rows of a log.
 
     Args:
-        to_errors, to_rows: size of the residuals relative to the samples' errors and to the rows.
+        to_errors, to_rows: size of the residuals relative to the samples' errors, which are as
+            large as the samples of each sensor show, and to the rows.
         halves: what the first half and all samples tell; None if they cannot be judged.
-        white: whiteness of residuals that must be white.
+        tree: the known bodies.
 
     """
+    # The errors of a log are at least as many as the axes of a gyro, whose bias is in all samples.
+    axes = 3 if tree.normal_B is None else 1
+    limit = float(np.sqrt(chdtri(axes, IMPROBABLE) / axes))
     misfit = min(to_errors, to_rows / INTEGRATION)
     text = f"the momentum balance misses the samples by {misfit:.2g} times their errors: {_CAUSE}"
-    yield Check.of("misfit", text, misfit, MOST_NOISE)
+    yield Check.of("misfit", text, misfit, limit)
     if to_rows <= INTEGRATION or halves is None:
         return
     first, all_samples = halves
     yield halves_check(first.marginal([TARGET]), all_samples.marginal([TARGET]), _CAUSE)
-    if white is not None:
-        fails = white.lag_one > MOST_CORRELATED and to_errors > LARGE
-        text = f"the residuals of the rows are large and correlated, which noise is not: {_CAUSE}"
-        yield Check.of("correlation", text, white.lag_one, MOST_CORRELATED, not fails)
 
 
 def _residuals(
