@@ -38,6 +38,7 @@ from cpid_drake.identification.together import with_sources
 from cpid_drake.logs.log import Log
 from cpid_drake.logs.noise_estimation import sample_sigmas
 from cpid_drake.logs.smoothing import smooth_windows
+from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
@@ -47,6 +48,10 @@ INTEGRATION = 1e-5
 NAME = "least_squares"
 """The estimator's name."""
 
+_FORCES = (
+    "the sensors' file declares forces, and rows assume a constant momentum: identify with "
+    "--estimator trajectory_fit"
+)
 _CAUSE = "the spacecraft, a frame, a sign or a clock is not as assumed, or forces acted"
 _MOMENTA = ("zero", "known", "unknown")
 _FEW_ROWS = 20  # fewer rows show no correlation in time
@@ -272,6 +277,8 @@ def _identified(known: Known, log: CheckedLog) -> tuple[Identification, Gaussian
     is_zero = is_open and not (likely >= NAMED and rows.extra)
     cannot = "" if rows.extra else family.name
     said, checks = momentum_words(likely, is_given=momentum is not None, cannot=cannot)
+    if suite is not None and (suite.disturbances or Disturbances()) != Disturbances():
+        checks = (*checks, Check("forces", _FORCES))
     whole, first = rows.gaussians(noise, is_zero=is_zero)
     own = np.zeros(rows.extra) if is_zero else whole.solve()[: rows.extra]
     target, fields = whole.marginal([TARGET]), _momentum(rows, whole) if not is_zero else {}

@@ -21,6 +21,7 @@ from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.parameterizations import standard_to_relative
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.logs.simulated_noise import add_noise
+from cpid_drake.sensors.disturbances import Disturbances
 
 SAMPLES = 4000
 
@@ -122,6 +123,12 @@ class TestMomentum:
             found = identify(craft, noisy(seed, size * MOMENTUM), rows=rows, sensors=suite)
             total += nees(found, skewed_target)
         assert total < chi2.ppf(0.999, 10 * count)
+
+
+def test_rows_cannot_explain_declared_forces(craft, suite, noisy):
+    pushed = replace(suite, disturbances=Disturbances(acceleration_noise=1e-4))
+    found = identify(craft, noisy(0), rows="standard", sensors=pushed)
+    assert "rows assume a constant momentum" in found.failures[0]
 
 
 @pytest.mark.parametrize("joint", [0, 3])
