@@ -2,9 +2,7 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.common.eigen_geometry import Quaternion
 from pydrake.common.value import AbstractValue, Value
-from pydrake.math import RotationMatrix
 from pydrake.systems.framework import (
     BasicVector,
     Context,
@@ -137,11 +135,11 @@ class PassivityController(SpacecraftSystem):
 
     def _velocities(self, context: Context) -> tuple[Array, Array]:
         """Return joint positions (J,) and velocities v (6 + J,) with the base's twist in B."""
-        x, columns = self.GetInputPort("state").Eval(context), self._spacecraft.state_columns
-        quaternion = x[columns["quaternion_WB"]]
-        R_BW = RotationMatrix(Quaternion(quaternion / np.linalg.norm(quaternion))).matrix().T
-        twist = (R_BW @ x[columns["w_WB"]], R_BW @ x[columns["v_WB"]])
-        return x[columns["q"]], np.concatenate([*twist, x[columns["qdot"]]])
+        state = self.GetInputPort("state").Eval(context)
+        motion = self._spacecraft.to_telemetry(context.get_time(), state)
+        R_BW = motion.R_WB[0].T
+        twist = R_BW @ motion.w_WB[0], R_BW @ motion.v_WB[0]
+        return motion.q[0], np.concatenate([*twist, motion.qdot[0]])
 
     def _calc_control(self, context: Context, result: AbstractValue) -> None:
         q, v = self._velocities(context)

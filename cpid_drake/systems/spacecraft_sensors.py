@@ -4,7 +4,6 @@ from collections.abc import Mapping
 
 import numpy as np
 from pydrake.systems.framework import (
-    BasicVector,
     Context,
     ContinuousState,
     DiagramBuilder,
@@ -122,15 +121,10 @@ class SpacecraftSensors(SpacecraftSystem):
             discrete_state.set_value(index, np.append(stamp, value))
             return EventStatus.Succeeded()
 
-        def calc(context: Context, output: BasicVector) -> None:
-            output.SetFromVector(context.get_discrete_state(index).value())
-
         self.DeclarePeriodicDiscreteUpdateEvent(
             period_sec=1 / errors.rate, offset_sec=0.0, update=update
         )
-        self.DeclareVectorOutputPort(
-            name=name, size=1 + width, calc=calc, prerequisites_of_calc={self.xd_ticket()}
-        )
+        self.DeclareStateOutputPort(name, index)
 
     def _motion(self, context: Context, time: float, name: str = "motion") -> Motion:
         """Return the true motion of the current state, stamped with a time [s]."""
