@@ -63,6 +63,7 @@ def simulate(scenario, source, seed):
         desired_motion=desired_motion,
         generalized_force=plant.get_applied_generalized_force_input_port(),
         **{name: identifier.GetOutputPort(name) for name in used},
+        reads_estimate=bool(used),
     )
     states = LogVectorOutput(state, builder, publish_period=0.05)
     models = LogVectorOutput(controller.GetOutputPort("model_target"), builder, 0.05)

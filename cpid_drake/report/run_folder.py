@@ -3,26 +3,16 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.errors import InputError
-from cpid_drake.input_files.validation import Numbers, from_tree, load_json
+from cpid_drake.input_files.validation import from_tree, load_json
 from cpid_drake.output_files.drafts import refuse_unfinished
 from cpid_drake.report.page import Section, Table
 from cpid_drake.scenario.files import load_scenario
 from cpid_drake.scenario.limits import LimitCheck
 from cpid_drake.scenario.schema import Scenario
-
-
-@dataclass(frozen=True, eq=False)
-class TruthFile:
-    """The keys of `truth.json`."""
-
-    mass: float
-    com: Annotated[Any, Numbers(3)]
-    inertia: Annotated[Any, Numbers(6)]
-    inertia_entries: list[str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,13 +62,11 @@ def read_run(folder: Path) -> Run:
     for name in ("run.json", "truth.json", "scenario.yaml", "telemetry.csv"):
         if not (folder / name).is_file():
             raise InputError(f"{folder}: not a run: there is no {name}")
-    texts, trees = {}, {}
-    for name in ("truth", "run"):
-        path = folder / f"{name}.json"
-        trees[name] = load_json(path.read_bytes(), str(path))
-        texts[name] = path.read_text(encoding="utf-8-sig")
-    true = from_tree(TruthFile, trees["truth"], f"{folder}/truth.json", "a target")
-    about = from_tree(RunFile, trees["run"], f"{folder}/run.json", "the record of a run")
+    texts = {name: (folder / f"{name}.json").read_text("utf-8-sig") for name in ("truth", "run")}
+    where = f"{folder}/run.json"
+    about = from_tree(
+        RunFile, load_json(texts["run"].encode(), where), where, "the record of a run"
+    )
     for name, size in about.bytes.items():
         path = folder / Path(name).name
         found = path.stat().st_size if path.is_file() else 0
@@ -87,8 +75,8 @@ def read_run(folder: Path) -> Run:
                 f"{path}: has {found} of {size} bytes: it was cut off; copy the run again, or give "
                 "the log itself"
             )
-    truth = InertialParameters.from_vector([true.mass, *true.com, *true.inertia])
-    return Run(folder, load_scenario(folder / "scenario.yaml"), truth, about, texts)
+    scenario = load_scenario(folder / "scenario.yaml")
+    return Run(folder, scenario, scenario.target_truth(), about, texts)
 
 
 def simulated_section(run: Run) -> Section:

@@ -1,7 +1,5 @@
 """Computed torque for a tree of joints on a free base, with a fixed or an identified target."""
 
-from typing import Any
-
 import numpy as np
 from pydrake.common.value import Value
 from pydrake.multibody.plant import MultibodyPlant
@@ -9,7 +7,6 @@ from pydrake.multibody.tree import SpatialInertia, UnitInertia
 from pydrake.systems.framework import (
     BasicVector,
     Context,
-    DiagramBuilder,
     EventStatus,
     State,
 )
@@ -70,7 +67,8 @@ class JointController(SpacecraftSystem):
             sprung masses.
         natural_frequency: ω of the joint errors [rad/s].
         damping_ratio: ζ of the joint errors.
-        reads_estimate: whether the target of the model follows an identifier's estimate.
+        reads_estimate: whether the target of the model follows an identifier's estimate, which then
+            has two ports here.
         tolerance: the largest σ of an estimate that is used, relative to the scale of each
             parameter (see `parameterizations.parameter_scale`).
         period: time between two readings of the estimate [s].
@@ -141,18 +139,6 @@ class JointController(SpacecraftSystem):
             calc=self._calc_model_target,
             prerequisites_of_calc={self.xa_ticket()},
         )
-
-    @classmethod
-    def AddToBuilder(
-        cls, builder: DiagramBuilder, spacecraft: Spacecraft, **given: Any
-    ) -> "JointController":
-        """Add a controller as `SpacecraftSystem.AddToBuilder` does.
-
-        It reads an estimate if it is given an identifier's ports. The output `generalized_force`
-        drives `MultibodyPlant.get_applied_generalized_force_input_port()`.
-        """
-        reads = not {"covariance", "spatial_inertia"}.isdisjoint(given)
-        return super().AddToBuilder(builder, spacecraft, reads_estimate=reads, **given)
 
     def _model_inertia(self, context: Context) -> SpatialInertia:
         return context.get_abstract_state(self._target_index).get_value()

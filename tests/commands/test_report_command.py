@@ -96,7 +96,7 @@ def test_a_run_s_report_has_the_truth_and_figures(cpid, folder):
         (["--out", "r.html"], "give one of LOG, --result FILE and --run FOLDER"),
         ([SAMPLE, "--base", "body", "--out", "r.html"], "give --scenario, or all of --spacecraft"),
         (["--run", "empty", "--out", "r.html"], "not a run: there is no run.json"),
-        (["--run", "broken", "--out", "r.html"], "truth.json: mass is missing"),
+        (["--run", "broken", "--out", "r.html"], "run.json: "),
         (["--result", "result.json", "--out", "nowhere/r.html"], "there is no folder nowhere"),
         (["--result", "result.json", "--out", "empty"], "is a folder; name a file"),
     ],

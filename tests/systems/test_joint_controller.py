@@ -294,6 +294,7 @@ def test_an_estimate_with_the_wrong_momentum_is_not_used():
         desired_motion=builder.AddSystem(JointMotionSource(motion)).get_output_port(),
         covariance=identifier.GetOutputPort("covariance"),
         spatial_inertia=identifier.GetOutputPort("spatial_inertia"),
+        reads_estimate=True,
         generalized_force=plant.get_applied_generalized_force_input_port(),
     )
     simulator = Simulator(builder.Build())
