@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.inertia import InertialParameters
-from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS, second_moment
+from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from cpid_drake.identification.identify_files import Estimates
 from cpid_drake.logs.log import Log
-from cpid_drake.report.pictures import COLORS, INK, Picture, curves, label_axes, legend_below
+from cpid_drake.report.pictures import COLORS, Picture, curves, label_axes
 
 
 def convergence_pictures(
@@ -59,38 +59,6 @@ def motion_pictures(log: Log) -> list[Picture]:
     return [curves(*each) for each in found]
 
 
-def ellipsoid_pictures(
-    target: InertialParameters, truth: InertialParameters | None
-) -> list[Picture]:
-    """Return the solid ellipsoid of equal mass and inertia, seen along each axis of C."""
-    return [
-        Picture(
-            f"the solid ellipsoid of the same inertia, {'xyz'[i]} and {'xyz'[j]}",
-            partial(_draw_ellipsoid, target, truth, (i, j)),
-            (3.7, 3.2),
-        )
-        for i, j in ((0, 1), (0, 2), (1, 2))
-    ]
-
-
-def ellipse(body: InertialParameters, plane: tuple[int, int]) -> NDArray[np.float64]:
-    """Return the outline (2, N) of a body's ellipsoid of equal inertia, seen along an axis [m].
-
-    Its second moments of mass are those of the body, Σ = (tr(I)/2) 1 − I; those of a solid
-    ellipsoid of semi-axes a are m a²/5.
-
-    Args:
-        body: the body.
-        plane: the two axes of C that are seen.
-
-    """
-    moments = second_moment(body.I_TTcm_C)
-    values, axes = np.linalg.eigh(5 / body.mass * moments[np.ix_(plane, plane)])
-    angle = np.linspace(0, 2 * np.pi, 121)
-    circle = np.stack([np.cos(angle), np.sin(angle)])
-    return (axes * np.sqrt(np.maximum(values, 0.0))) @ circle
-
-
 def _draw_parameter(estimates: Estimates, true: float, i: int, axes: Axes) -> None:
     time = np.array([time for time, _ in estimates])
     value = np.array([found.parameters[i] for _, found in estimates])
@@ -112,24 +80,3 @@ def _draw_parameter(estimates: Estimates, true: float, i: int, axes: Axes) -> No
     low, high = np.nanmin(shown), np.nanmax(shown)
     margin = 0.08 * (high - low) or 1e-3 * max(abs(high), 1e-9)
     axes.set_ylim(low - margin, high + margin)
-
-
-def _draw_ellipsoid(
-    target: InertialParameters,
-    truth: InertialParameters | None,
-    plane: tuple[int, int],
-    axes: Axes,
-) -> None:
-    bodies = [(target, COLORS[0], "-", "estimate")]
-    if truth is not None:
-        bodies.append((truth, COLORS[1], "--", "truth"))
-    for body, color, line, name in bodies:
-        middle = body.p_CTcm_C[list(plane)]
-        axes.plot(*(middle[:, None] + ellipse(body, plane)), line, color=color, label=name)
-        axes.plot(*middle, "+", color=color, markersize=7)
-    axes.plot(0.0, 0.0, "s", color=INK, markersize=4, label="capture frame")
-    x, y = ("xyz"[k] for k in plane)
-    label_axes(axes, "Ellipsoid of the same inertia", f"{x} in C [m]", f"{y} in C [m]")
-    axes.margins(0.08)
-    axes.set_aspect("equal", adjustable="datalim")
-    legend_below(axes)

@@ -8,7 +8,7 @@ from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNI
 from cpid_drake.estimation.least_squares import quantile_95
 from cpid_drake.identification.description import agreement_words, decimals
 from cpid_drake.identification.result import Identification
-from cpid_drake.report.figures import ellipsoid_pictures, singular_value_picture
+from cpid_drake.report.figures import singular_value_picture
 from cpid_drake.report.page import Section, Table
 
 
@@ -23,14 +23,11 @@ def result_section(result: Identification, truth: InertialParameters | None) -> 
         )
     else:
         text = "All ten parameters are known, and they are physically consistent."
-    # A body of zero mass has no ellipsoid.
-    pictures = ellipsoid_pictures(nearest, truth) if nearest and nearest.mass > 0 else []
     return Section(
         "Result",
         texts=[text, *([] if result.is_observable else result.gap())],
         warnings=[f"Failed check: {failure}." for failure in result.failures],
         tables=[_parameters(result, truth)],
-        pictures=pictures,
     )
 
 
