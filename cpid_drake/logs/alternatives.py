@@ -5,7 +5,7 @@ axes, a sign, the clock, or which joint is which. Attitude and gyro are one conv
 together they agree.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations, permutations, product
@@ -27,7 +27,6 @@ _LENGTHS, _SPEEDS = ("m", "mm", "cm", "in", "ft"), ("m/s", "mm/s", "cm/s", "in/s
 _ANGLES, _TURNS = ("rad", "deg"), ("rad/s", "deg/s", "rpm")
 
 Array = NDArray[np.float64]
-Change = Callable[[Array], Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,16 +92,6 @@ Reading = tuple[str, Instants, Mapping[str, Any]]
 """What is wrong, what the log then says, and the entries of the map."""
 
 
-def _changed(given: Instants, **changes: Change) -> Instants:
-    """Return what a log says with changed quantities; q, p, quaternion with their derivatives."""
-    new: dict[str, Any] = {}
-    for name, change in changes.items():
-        for each in (name, f"{name}_rate") if name in ("q", "p", "quaternion") else (name,):
-            value = getattr(given, each)
-            new[each] = None if value is None else change(value)
-    return replace(given, **new)
-
-
 def _units(
     given: Instants, text: str, key: str, now: str, units: tuple[str, ...], *quantities: str
 ) -> Iterator[Reading]:
@@ -110,7 +99,7 @@ def _units(
     for unit in units:
         if unit != now:
             scaled = partial(np.multiply, scale_of(unit) / scale_of(now))
-            log = _changed(given, **dict.fromkeys(quantities, scaled))
+            log = given.changed(**dict.fromkeys(quantities, scaled))
             yield f"{text} in {_word(unit)}", log, {key: unit}
 
 
@@ -122,11 +111,10 @@ def _clocks(given: Instants, column_map: ColumnMap) -> Iterator[Reading]:
     now = column_map.time.unit
     for unit in ("s", "ms", "us", "ns") if now != "frame" else ():
         if unit != now:
-            size, log = scale_of(unit) / scale_of(now), given
-            rates = ("q_rate", "p_rate", "quaternion_rate")
-            log = _changed(given, **dict.fromkeys(rates, partial(np.multiply, 1 / size)))
+            size = scale_of(unit) / scale_of(now)
+            rates = {name: rate / size for name, rate in given.rates.items()}
             text = f"positions and rates agree if the time is in {_word(unit)}"
-            yield text, replace(log, time=size * given.time), {"time.unit": unit}
+            yield text, replace(given, time=size * given.time, rates=rates), {"time.unit": unit}
 
 
 def _joints(
@@ -134,6 +122,7 @@ def _joints(
 ) -> Iterator[Reading]:
     """Yield units and signs of all turning joints, of all wheels and of each joint; exchanges."""
     at, rate_at, count = column_map.joint_positions, column_map.joint_rates, len(names)
+    has_rates = "joint_rates" in given.values
     rotors, sliding = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
     if tree is not None:
         rotors[:] = [tree.is_rotor(k) for k in range(count)]
@@ -152,24 +141,28 @@ def _joints(
             scaled = partial(np.multiply, np.where(chosen, scale_of(unit) / scale_of(now), 1.0))
             entries = {f"joint_positions.{key}": unit for key in keys}
             if unit != now and label != "<wheel>":  # the angle of a wheel has no effect
-                yield f"q:{label} is in {_word(unit)}", _changed(given, q=scaled), entries
+                yield f"q:{label} is in {_word(unit)}", given.changed(encoders=scaled), entries
                 entries = {**entries, **{f"joint_rates.{key}": f"{unit}/s" for key in keys}}
-                both = _changed(given, q=scaled, qdot=scaled)
-                if given.qdot is not None:
+                both = given.changed(encoders=scaled, joint_rates=scaled)
+                if has_rates:
                     yield f"q:{label} and qd:{label} are in {_word(unit)}", both, entries
-        for unit in (_SPEEDS if slides else _TURNS) if given.qdot is not None else ():
+        for unit in (_SPEEDS if slides else _TURNS) if has_rates else ():
             size = np.where(chosen, scale_of(unit) / scale_of(rate_now), 1.0)
             entries = {f"joint_rates.{key}": unit for key in keys}
-            log = _changed(given, qdot=partial(np.multiply, size))
+            log = given.changed(joint_rates=partial(np.multiply, size))
             if unit != rate_now:
                 yield f"qd:{label} is in {_word(unit)}", log, entries
         signs = partial(np.multiply, np.where(chosen, -1.0, 1.0))
-        if given.qdot is not None:
+        if has_rates:
             text = f"qd:{label} is the rate of q:{label} with the opposite sign"
-            yield text, _changed(given, qdot=signs), {}
+            yield text, given.changed(joint_rates=signs), {}
         if label in names and not rotors[which[0]]:
             text = f"q:{label} has the opposite sign of the model's joint"
-            yield text, _changed(given, q=signs, qdot=signs), {"reversed_joints": [label]}
+            yield (
+                text,
+                given.changed(encoders=signs, joint_rates=signs),
+                {"reversed_joints": [label]},
+            )
     moving, orders = np.flatnonzero(~rotors).tolist(), {}
     for a, b in combinations(moving, 2):
         order = list(range(count))
@@ -181,18 +174,18 @@ def _joints(
         orders[text] = [*range(half, count), *range(half)]
     for text, order in orders.items():
         pick = partial(np.take, indices=order, axis=1)
-        yield text, _changed(given, q=pick, qdot=pick), {}
+        yield text, given.changed(encoders=pick, joint_rates=pick), {}
 
 
 def _attitudes(given: Instants, column_map: ColumnMap) -> Iterator[Reading]:
     """Yield orders and directions of the attitude with units and frames of the gyro."""
-    at, gyro, w_B = column_map.attitude, column_map.angular_velocity, given.w_B
+    at, gyro, w_B = column_map.attitude, column_map.angular_velocity, given.values.get("gyro")
     is_plain = at.order in QUATERNION_ORDERS and np.array_equal(at.R_BS, np.eye(3))
     frame_now = "world" if gyro.frame == "world" else "body"
     orders: tuple[str, ...] = QUATERNION_ORDERS if is_plain else (at.order,)
     directions: tuple[str, ...] = ("R_WB", "R_BW")
     frames: tuple[str, ...] = ("body", "world") if w_B is not None else (frame_now,)
-    if given.quaternion is None:
+    if "attitude" not in given.values:
         orders, directions, frames = (at.order,), (at.direction,), (frame_now,)
     logged = w_B
     if w_B is not None and frame_now == "world":
@@ -217,42 +210,43 @@ def _attitudes(given: Instants, column_map: ColumnMap) -> Iterator[Reading]:
         if not entries:
             continue
         reordered = partial(_reordered, now=at.order, order=order, turns=direction != at.direction)
-        log = _changed(given, quaternion=reordered)
+        log = given.changed(attitude=reordered)
         if logged is not None:
             R_BW = np.swapaxes(log.R_WB, 1, 2)
             w = rotate(R_BW, logged) if frame == "world" else logged
-            log = replace(log, w_B=scale_of(unit) / scale_of(gyro.unit) * w)
+            w = scale_of(unit) / scale_of(gyro.unit) * w
+            log = replace(log, values={**log.values, "gyro": w})
         yield "; and ".join(texts), log, entries
 
 
 def _axes(given: Instants, column_map: ColumnMap) -> Iterator[Reading]:
     """Yield other axes of attitude, gyro and position, and mirrored logs."""
-    if given.quaternion is None:
+    if "attitude" not in given.values:
         return
     at, gyro = column_map.attitude.R_BS, column_map.angular_velocity.R_BS
-    has_place = given.p is not None or given.v is not None
+    has_place = bool({"position", "velocity"} & given.values.keys())
     for axes, M in _signed_axes():
         names = f"{', '.join(axes)} are x, y, z"
         in_axes = partial(rotate, M)
-        turned = _changed(given, w_B=in_axes)
-        entries = {"angular_velocity.R_BS": (M @ gyro).tolist()} if given.w_B is not None else {}
+        turned = given.changed(gyro=in_axes)
+        entries = {"angular_velocity.R_BS": (M @ gyro).tolist()} if "gyro" in given.values else {}
         if entries:
             yield f"the gyro has other axes than the base: its {names}", turned, entries
         if np.linalg.det(M) > 0:
             text = "attitude and angular velocity belong to other axes of the base than the model's"
             turn = Rotation.from_matrix(M).inv().as_quat(scalar_first=True)
-            log = _changed(turned, quaternion=partial(_product, b=turn))
+            log = turned.changed(attitude=partial(_product, b=turn))
             yield f"{text}: their {names}", log, {"attitude.R_BS": (M @ at).tolist(), **entries}
         if has_place:
             text = "the position is expressed in other axes than the attitude"
-            yield f"{text}: its {names}", _changed(given, p=in_axes, v=in_axes), {}
+            yield f"{text}: its {names}", given.changed(position=in_axes, velocity=in_axes), {}
     for k, name in enumerate("xyz" if has_place else ""):
         mirror = np.where(np.arange(3) == k, -1.0, 1.0)
-        changes = dict.fromkeys(("p", "v"), partial(np.multiply, mirror))
-        changes["quaternion"] = partial(np.multiply, np.append(1.0, -mirror))
-        changes["w_B"] = partial(np.multiply, -mirror)
+        changes = dict.fromkeys(("position", "velocity"), partial(np.multiply, mirror))
+        changes["attitude"] = partial(np.multiply, np.append(1.0, -mirror))
+        changes["gyro"] = partial(np.multiply, -mirror)
         text = f"the axes are left-handed: the log is mirrored along {name}"
-        yield text, _changed(given, **changes), {}
+        yield text, given.changed(**changes), {}
 
 
 def _places(
@@ -260,47 +254,54 @@ def _places(
 ) -> Iterator[Reading]:
     """Yield units, points and frames of the position and the velocity."""
     at, speed = column_map.position, column_map.velocity
-    R_WB, p, spin = given.R_WB, given.p, given.turning
-    text = "the position is"
-    scaled = [("", given, {}), *_units(given, text, "position.unit", at.unit, _LENGTHS, "p")]
-    for unit, log, entries in scaled if p is not None else ():
+    R_WB, spin, text = given.R_WB, given.turning, "the position is"
+    has_position = "position" in given.values
+    scaled = [
+        ("", given, {}),
+        *_units(given, text, "position.unit", at.unit, _LENGTHS, "position"),
+    ]
+    for unit, log, entries in scaled if has_position else ():
         if unit:
             unit += ", or masses of the model are wrong"
             yield unit, log, entries
-        found = None
-        if tree is not None and spin is not None:
-            found = centre_of_mass(log, momentum_of(log, tree), has_free_point=True)
-        if found is None or not found.is_possible:
+        if tree is None or spin is None:
             continue
-        if spin is None or np.linalg.norm(found.point_B) < FAR * found.reach:
+        samples = momentum_of(log, tree)
+        found = centre_of_mass(log, samples, has_free_point=True)
+        reach = np.linalg.norm(samples.motion.p_WC, axis=1).max()
+        if found is None or not found[2] or np.linalg.norm(found[0]) < FAR * reach:
             continue
-        place = np.round(at.point_B + found.point_B, 4).tolist()
+        place = np.round(at.point_B + found[0], 4).tolist()
         of_point = (
             f"the position is that of the point {_plain(place)} m in B instead of B's origin, or "
             "the model's base has another mass or centre of mass"
         )
-        assert log.p is not None
-        assert log.p_rate is not None
-        moved = replace(
+        moved = _with_position(
             log,
-            p=log.p - rotate(R_WB, found.point_B),
-            p_rate=log.p_rate - rotate(R_WB, np.cross(spin, found.point_B)),
+            log.values["position"] - rotate(R_WB, found[0]),
+            log.rates["position"] - rotate(R_WB, np.cross(spin, found[0])),
         )
         texts = [unit, of_point] if unit else [of_point]
         yield "; and ".join(texts), moved, {**entries, "position.point_B": place}
-    if p is not None and given.p_rate is not None and spin is not None:
-        in_W = rotate(R_WB, p), rotate(R_WB, given.p_rate + np.cross(spin, p))
+    if has_position and spin is not None:
+        p, p_rate = given.values["position"], given.rates["position"]
+        in_W = rotate(R_WB, p), rotate(R_WB, p_rate + np.cross(spin, p))
         text = "the position is expressed in B's axes: it must be in W's axes"
-        yield text, replace(given, p=in_W[0], p_rate=in_W[1]), {}
-    if given.v is None:
+        yield text, _with_position(given, *in_W), {}
+    if "velocity" not in given.values:
         return
-    yield from _units(given, "the velocity is", "velocity.unit", speed.unit, _SPEEDS, "v")
-    if given.quaternion is not None:
+    yield from _units(given, "the velocity is", "velocity.unit", speed.unit, _SPEEDS, "velocity")
+    if "attitude" in given.values:
         is_in_W = speed.frame == "world"
         text = f"the velocity is expressed in {'B' if is_in_W else 'W'}'s axes"
         R = R_WB if is_in_W else np.swapaxes(R_WB, 1, 2)
         entries = {"velocity.frame": "body" if is_in_W else "world"}
-        yield text, replace(given, v=rotate(R, given.v)), entries
+        yield text, given.changed(velocity=partial(rotate, R)), entries
+
+
+def _with_position(given: Instants, p: Array, rate: Array) -> Instants:
+    values, rates = {**given.values, "position": p}, {**given.rates, "position": rate}
+    return replace(given, values=values, rates=rates)
 
 
 def _reordered(quaternion: Array, now: str, order: str, turns: bool) -> Array:

@@ -20,7 +20,6 @@ from cpid_drake.logs.score import (
     MOMENTUM,
     Comparison,
     Instants,
-    compare,
     compare_momentum,
     compare_rates,
     instants_of,
@@ -113,7 +112,7 @@ def check_conventions(
     given = instants_of(log)
     if given is None:
         return Findings(unchecked=("units, signs and frames (too few samples)",))
-    found = compare(given, log.joint_names, tree)
+    found = compare_rates(given, log.joint_names) + compare_momentum(given, tree)
     failed = [c for c in found if c.residual > (EXPLAINS if c.name == MOMENTUM else AGREES)]
     better: list[Alternative] = []
     if is_bad or any(by_momentum or c.name != MOMENTUM for c in failed):
@@ -152,7 +151,8 @@ def better_conventions(
 
     """
     tree = None if tree is None else tree.lumped
-    now, rows = {c.name: c.residual for c in compare(given, names, tree)}, []
+    before = compare_rates(given, names) + compare_momentum(given, tree)
+    now, rows = {c.name: c.residual for c in before}, []
 
     def contradicts(then: Mapping[str, float]) -> bool:
         return any(v > WORSE * now.get(n, np.inf) and v > EXPLAINS for n, v in then.items())
@@ -161,8 +161,7 @@ def better_conventions(
         then = {c.name: c.residual for c in compare_rates(each.log, names)}
         if contradicts(then):  # the momentum takes longer
             continue
-        momentum = [] if each.tree is None else compare_momentum(each.log, each.tree)
-        then |= {c.name: c.residual for c in momentum}
+        then |= {c.name: c.residual for c in compare_momentum(each.log, each.tree)}
         better = [n for n, value in then.items() if CLEARLY * value < now.get(n, 0.0)]
         explained = all(then[n] < (EXPLAINS if n == MOMENTUM else AGREES) for n in better)
         if better and explained and not contradicts(then):

@@ -18,7 +18,8 @@ unknowns. The angular momentum about the centre of mass is linear in the target,
 Source: Ning et al. 2016, Eqs. 5 and 9.
 """
 
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,56 +44,58 @@ _ROUNDING = 1e-6  # residuals below this share of the motion are errors of the s
 _MODEL_ERROR = 0.02  # share of the total mass by which errors of the model make a mass impossible
 _LEAST = 1e-9  # smallest motion [rad, m, rad/s, m/s]
 _RATES = ("gyro", "velocity", "joint_rates")
+_MOVED = ("attitude", "position", "encoders")
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class Instants:
-    """What a log says at common instants; quantities that it lacks are None.
+    """What a log says at common instants.
 
     Attributes:
         time: (N,) [s].
-        q, q_rate: (N, J) joint positions, and their derivatives.
-        quaternion, quaternion_rate: (N, 4) attitude, scalar first, and its derivative.
-        p, p_rate: (N, 3) position in W, and its derivative.
-        qdot: (N, J) measured joint rates.
-        w_B: (N, 3) measured angular velocity in B.
-        v: (N, 3) measured velocity in W.
+        values: by sensor, (N, width); attitudes are quaternions of any length, scalar first.
+        rates: of encoders, attitude and position, their derivatives.
         moving: names of the sensors whose samples show a motion, and of the joints.
         is_free: whether no thruster fires, so that momentum is conserved.
 
     """
 
     time: Array
-    q: Array
-    q_rate: Array
-    quaternion: Array | None
-    quaternion_rate: Array | None
-    p: Array | None
-    p_rate: Array | None
-    qdot: Array | None
-    w_B: Array | None
-    v: Array | None
+    values: Mapping[str, Array]
+    rates: Mapping[str, Array]
     moving: frozenset[str]
     is_free: bool
 
+    def changed(self, **changes: Callable[[Array], Array]) -> "Instants":
+        """Return what a log says with other values of some sensors, and their derivatives."""
+
+        def new(parts: Mapping[str, Array]) -> dict[str, Array]:
+            found = {name: change(parts[name]) for name, change in changes.items() if name in parts}
+            return {**parts, **found}
+
+        return replace(self, values=new(self.values), rates=new(self.rates))
+
+    @property
+    def quaternion(self) -> Array:
+        """(N, 4) attitudes; B's axes are those of W without an attitude."""
+        still = np.tile([1.0, 0.0, 0.0, 0.0], (len(self.time), 1))
+        return self.values.get("attitude", still)
+
     @property
     def R_WB(self) -> Array:
-        """(N, 3, 3) attitudes; B's axes are those of W without an attitude."""
-        if self.quaternion is None:
-            return np.broadcast_to(np.eye(3), (len(self.time), 3, 3))
+        """(N, 3, 3) attitudes."""
         return np.asarray(Rotation.from_quat(self.quaternion, scalar_first=True).as_matrix())
 
     @property
     def turning(self) -> Array | None:
         """(N, 3) angular velocity in B that follows from the attitude."""
-        if self.quaternion is None or self.quaternion_rate is None:
+        if "attitude" not in self.values:
             return None
-        w, x = self.quaternion[:, :1], self.quaternion[:, 1:]
-        dw, dx = self.quaternion_rate[:, :1], self.quaternion_rate[:, 1:]
-        square = np.sum(self.quaternion**2, axis=1, keepdims=True)
-        return np.asarray(2 * (w * dx - dw * x - np.cross(x, dx)) / square)
+        q, rate = self.quaternion, self.rates["attitude"]
+        w, x, dw, dx = q[:, :1], q[:, 1:], rate[:, :1], rate[:, 1:]
+        return np.asarray(2 * (w * dx - dw * x - np.cross(x, dx)) / np.sum(q**2, 1, keepdims=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,26 +116,6 @@ class Comparison:
     time: Array
     values: tuple[Array, Array]
     residual: float
-
-
-@dataclass(frozen=True, eq=False)
-class CentreOfMass:
-    """How well a motion agrees with a centre of mass that moves evenly.
-
-    Attributes:
-        point_B: (3,) p_BP_B of the point whose positions are logged [m].
-        reach: largest distance of C's origin from B's [m].
-        is_possible: whether a target with its mass, and a point near the base, can exist.
-        residual: relative to the motion.
-        values: (N, 3) logged and explained positions or velocities.
-
-    """
-
-    point_B: Array
-    reach: float
-    is_possible: bool
-    residual: float
-    values: tuple[Array, Array]
 
 
 def instants_of(log: Log) -> Instants | None:
@@ -175,64 +158,48 @@ def instants_of(log: Log) -> Instants | None:
     if not (end > start and time.size >= _FEWEST):
         return None
 
-    def at(name: str, derivative: int = 0) -> Array | None:
-        return splines[name](time, derivative) if name in splines else None
-
-    q, q_rate = splines["encoders"](time), splines["encoders"](time, 1)
-    attitude = at("attitude"), at("attitude", 1)
-    position = at("position"), at("position", 1)
-    rates = at("joint_rates"), at("gyro"), at("velocity")
-    clock = time - time[0]
-    return Instants(clock, q, q_rate, *attitude, *position, *rates, frozenset(moving), is_free)
+    values = {name: spline(time) for name, spline in splines.items()}
+    rates = {name: splines[name](time, 1) for name in _MOVED if name in splines}
+    return Instants(time - time[0], values, rates, frozenset(moving), is_free)
 
 
-def compare(
-    given: Instants, names: tuple[str, ...], tree: KinematicTree | None
-) -> list[Comparison]:
-    """Return all comparisons of the quantities of a log.
+def compare_rates(given: Instants, names: tuple[str, ...]) -> list[Comparison]:
+    """Return the comparisons of positions that move with measured rates.
 
     Args:
         given: what the log says.
         names: the joints.
-        tree: the known spacecraft; None to compare positions with rates only.
 
     """
-    momentum = [] if tree is None else compare_momentum(given, tree)
-    return [*compare_rates(given, names), *momentum]
-
-
-def compare_rates(given: Instants, names: tuple[str, ...]) -> list[Comparison]:
-    """Return the comparisons of positions that move with measured rates; see `compare`."""
-    found = []
-    if given.qdot is not None:
-        for k, joint in enumerate(names):
-            if {f"encoders {joint}", f"joint_rates {joint}"} <= given.moving:
-                sides = given.q_rate[:, [k]], given.qdot[:, [k]]
-                found.append(_compared(given.time, f"q:{joint}", f"qd:{joint}", *sides))
-    p_rate, turning = given.p_rate, given.turning
-    if p_rate is not None and given.v is not None and {"position", "velocity"} <= given.moving:
-        found.append(_compared(given.time, "position", "velocity", p_rate, given.v))
-    if turning is not None and given.w_B is not None and {"attitude", "gyro"} <= given.moving:
-        found.append(_compared(given.time, "attitude", "angular velocity", turning, given.w_B))
+    found, values = [], given.values
+    for k, joint in enumerate(names if "joint_rates" in values else ()):
+        if {f"encoders {joint}", f"joint_rates {joint}"} <= given.moving:
+            sides = given.rates["encoders"][:, [k]], values["joint_rates"][:, [k]]
+            found.append(_compared(given.time, f"q:{joint}", f"qd:{joint}", *sides))
+    if {"position", "velocity"} <= given.moving:
+        sides = given.rates["position"], values["velocity"]
+        found.append(_compared(given.time, "position", "velocity", *sides))
+    turning = given.turning
+    if turning is not None and {"attitude", "gyro"} <= given.moving:
+        sides = turning, values["gyro"]
+        found.append(_compared(given.time, "attitude", "angular velocity", *sides))
     return found
 
 
-def compare_momentum(given: Instants, tree: KinematicTree) -> list[Comparison]:
+def compare_momentum(given: Instants, tree: KinematicTree | None) -> list[Comparison]:
     """Return the comparison with the conservation of momentum, if one is possible."""
-    if (
-        not given.moving
-        or not given.is_free
-        or (tree.normal_B is not None and tree.normal_C is None)
-    ):
-        return []  # on a table, the centre of mass of a craft that is not planar may rise
+    is_tilted = tree is not None and tree.normal_B is not None and tree.normal_C is None
+    # On a table, the centre of mass of a craft that is not planar may rise.
+    if tree is None or is_tilted or not (given.moving and given.is_free):
+        return []
     samples = momentum_of(given, tree)
     place = centre_of_mass(given, samples)
-    parts = [] if place is None else [(place.residual, place.is_possible)]
+    parts = [] if place is None else [place[1:3]]
     if tree.normal_B is None:  # the plane has too few equations
         parts.append(_angular(given, samples))
     if not parts:
         return []
-    values = (np.empty((0, 3)), np.empty((0, 3))) if place is None else place.values
+    values = (np.empty((0, 3)), np.empty((0, 3))) if place is None else place[3]
     residual = float(np.exp(np.mean([np.log(residual) for residual, _ in parts])))
     if not all(is_possible for _, is_possible in parts):
         residual = max(residual, 1.0)  # an impossible target explains nothing
@@ -242,20 +209,17 @@ def compare_momentum(given: Instants, tree: KinematicTree) -> list[Comparison]:
 
 def momentum_of(given: Instants, tree: KinematicTree) -> MomentumSamples:
     """Return the momentum samples of a motion in which the base's origin rests at zero."""
-    turning = given.w_B if given.w_B is not None else given.turning
-    w_B = np.zeros((len(given.time), 3)) if turning is None else turning
-    turned, count = given.quaternion, len(given.time)
-    if turned is None:
-        turned = np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
+    count, q = len(given.time), given.values["encoders"]
+    zeros, turning = np.zeros((count, 3)), given.values.get("gyro", given.turning)
     still = Motion(
-        tuple(map(str, range(given.q.shape[1]))),
+        tuple(map(str, range(q.shape[1]))),
         np.arange(count, dtype=float),
-        quaternion_WB=turned / np.linalg.norm(turned, axis=1, keepdims=True),
-        p_WB=np.zeros((count, 3)),
-        w_WB=rotate(given.R_WB, w_B),
-        v_WB=np.zeros((count, 3)),
-        q=given.q,
-        qdot=given.q_rate if given.qdot is None else given.qdot,
+        quaternion_WB=given.quaternion / np.linalg.norm(given.quaternion, axis=1, keepdims=True),
+        p_WB=zeros,
+        w_WB=zeros if turning is None else rotate(given.R_WB, turning),
+        v_WB=zeros,
+        q=q,
+        qdot=given.values.get("joint_rates", given.rates["encoders"]),
     )
     return momentum_samples(tree, still)
 
@@ -265,7 +229,7 @@ def _angular(given: Instants, samples: MomentumSamples) -> tuple[float, bool]:
 
     Also whether a target with this share of the mass can exist.
     """
-    rows = RELATIVE_ROWS.full_rows(samples, given.quaternion is not None)
+    rows = RELATIVE_ROWS.full_rows(samples, "attitude" in given.values)
     A, b = rows[:, :-1], rows[:, -1]
     k = A.shape[1] - 10
     size = np.linalg.norm(b - A[:, :k] @ np.linalg.lstsq(A[:, :k], b, rcond=None)[0])
@@ -277,32 +241,34 @@ def _angular(given: Instants, samples: MomentumSamples) -> tuple[float, bool]:
 
 def centre_of_mass(
     given: Instants, samples: MomentumSamples, *, has_free_point: bool = False
-) -> CentreOfMass | None:
+) -> tuple[Array, float, bool, tuple[Array, Array]] | None:
     """Return how well the base's motion agrees with the conservation of linear momentum.
-
-    None without attitudes, without positions and velocities, or if the base does not move.
 
     Args:
         given: what a log says.
         samples: see `momentum_of`.
         has_free_point: whether the positions may be those of another point than B's origin.
 
+    Returns:
+        The place (3,) in B of the point whose positions are logged [m]; the residual relative to
+        the motion; whether a target with its mass, and a point near the base, can exist; the
+        logged and the explained positions or velocities (N, 3). None without attitudes, without
+        positions and velocities, or if the base does not move.
+
     """
-    if given.quaternion is None or (given.p is None and given.v is None):
+    has_position = "position" in given.values
+    y = given.values.get("position", given.values.get("velocity"))
+    if "attitude" not in given.values or y is None:
         return None
     C, R_WB = samples.motion, given.R_WB
     clock = given.time / max(given.time[-1], 1e-300)
-    has_position = given.p is not None
     if has_position:
-        y = given.p
         powers = [np.ones_like(clock), clock, clock**2]
         known, arm, moment = samples.p_WKcm, C.p_WC - samples.p_WKcm, -C.R_WC
     else:
-        y = given.v
         powers = [np.ones_like(clock), clock]
         known = samples.P / samples.mass
         arm, moment = C.v_WC - known, -skew(C.w_WC) @ C.R_WC
-    assert y is not None
     drift = np.stack(powers, axis=1)
     size = _rms(y - drift @ np.linalg.lstsq(drift, y, rcond=None)[0])
     if not size > _LEAST * max(np.abs(y).max(), 1e-3):
@@ -316,13 +282,9 @@ def centre_of_mass(
     point_B = x[4:7] if is_free else np.zeros(3)
     reach = float(np.linalg.norm(C.p_WC, axis=1).max())
     is_near = np.linalg.norm(point_B) < 2 * reach + 1.0
-    return CentreOfMass(
-        point_B,
-        reach,
-        bool(-margin < x[0] < 1 + margin and is_near),
-        max(_rms(error) / size, _ROUNDING),
-        (y, y - error.reshape(y.shape)),
-    )
+    is_possible = bool(-margin < x[0] < 1 + margin and is_near)
+    residual = max(_rms(error) / size, _ROUNDING)
+    return point_B, residual, is_possible, (y, y - error.reshape(y.shape))
 
 
 def _least_squares(A: Array, b: Array, place: int) -> tuple[Array, float, Array]:
