@@ -32,6 +32,10 @@ class Orbit:
         nadir_W: (3,) direction from W's origin to the centre of the orbit at t = 0.
         normal_W: (3,) direction of the orbital angular momentum, perpendicular to the nadir.
 
+    Raises:
+        InputError: not exactly one of altitude and rate; a direction of no length; directions that
+            are not perpendicular.
+
     """
 
     altitude_km: Annotated[float, Interval(gt=0, le=1e6)] | None = None
@@ -43,14 +47,7 @@ class Orbit:
         default_factory=lambda: np.array([0.0, 1.0, 0.0])
     )
 
-    def check(self) -> None:
-        """Refuse an orbit that is not determined.
-
-        Raises:
-            InputError: not exactly one of altitude and rate; a direction of no length; directions
-                that are not perpendicular.
-
-        """
+    def __post_init__(self) -> None:
         if (self.altitude_km is None) == (self.rate is None):
             raise InputError("give one of altitude_km and rate")
         lengths = [float(np.linalg.norm(v)) for v in (self.nadir_W, self.normal_W)]

@@ -9,6 +9,7 @@ from annotated_types import Ge
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.orbit import Orbit
+from cpid_drake.errors import InputError
 
 Size = Annotated[float, Ge(0)]
 
@@ -53,6 +54,9 @@ class Disturbances:
         orbit: orbit of W's origin, whose gravity gradient turns the system and moves its centre of
             mass; None for none. It is known, and has no σ.
 
+    Raises:
+        InputError: a random walk without the σ at its start.
+
     """
 
     acceleration: Size = 0.0
@@ -65,6 +69,11 @@ class Disturbances:
     compliance_urad: Size = 0.0
     translational_compliance_um: Size = 0.0
     orbit: Orbit | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("acceleration", "torque"):
+            if getattr(self, f"{name}_walk") and not getattr(self, name):
+                raise InputError(f"{name}_walk needs {name}, the σ at the start")
 
 
 WALK_PERIOD = 0.5

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.rotations import rotate
+from cpid_drake.errors import InputError
 from cpid_drake.input_files.validation import Numbers
 
 ARCSECOND = np.pi / (180 * 3600)
@@ -76,6 +77,9 @@ class AttitudeSensor(SensorErrors):
         boresight_B: (3,) direction of the boresight in B, of any length.
         mounting_arcsec: σ of the error of the mounting, a constant turn about each axis of B.
 
+    Raises:
+        InputError: the boresight has no length.
+
     """
 
     rate: Rate = 4.0
@@ -85,6 +89,12 @@ class AttitudeSensor(SensorErrors):
         default_factory=lambda: np.array([0.0, 0.0, 1.0])
     )
     mounting_arcsec: Noise = 0.0
+
+    def __post_init__(self) -> None:
+        if not 1e-100 < np.abs(self.boresight_B).max() < 1e100:
+            raise InputError(
+                f"boresight_B must be a direction of finite length, not {self.boresight_B}"
+            )
 
     @classmethod
     def with_noise(cls, rate: float, sigma: float) -> Self:

@@ -8,7 +8,7 @@ from annotated_types import Interval
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.orbit import Orbit
-from cpid_drake.errors import InputError, prefix_errors
+from cpid_drake.errors import InputError
 from cpid_drake.input_files.validation import check_values
 from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.sensors import (
@@ -107,22 +107,15 @@ def check_sensors(suite: SensorSuite, where: str) -> None:
 
     Raises:
         InputError: a value is of the wrong type or out of the limits that its class declares; no
-            encoders; a boresight vector that has no direction; a zero or a delay of joint rates; a
-            random walk of a disturbance without its σ; an orbit that is not determined.
+            encoders; a zero or a delay of joint rates.
 
     """
     check_values(suite, where, "a sensor suite")
     for name, errors in suite.present().items():
-        zero = errors.zero_mrad if isinstance(errors, JointSensor) else 0.0
-        if zero and name != "encoders":
+        if isinstance(errors, JointSensor) and errors.zero_mrad and name != "encoders":
             raise InputError(
-                f"{where}: {name}.zero_mrad must be 0, not {zero}; only joint positions have a zero"
-            )
-        direction = errors.boresight_B if isinstance(errors, AttitudeSensor) else np.ones(1)
-        if not 1e-100 < np.abs(direction).max() < 1e100:
-            raise InputError(
-                f"{where}: {name}.boresight_B must be a direction of finite length, not zero, "
-                f"not {direction}"
+                f"{where}: {name}.zero_mrad must be 0, not {errors.zero_mrad}; only joint "
+                "positions have a zero"
             )
     if suite.encoders is None:
         raise InputError(
@@ -134,15 +127,3 @@ def check_sensors(suite: SensorSuite, where: str) -> None:
             f"{where}: joint_rates.delay_ms must be 0: their stamps belong to the clock of the "
             "encoders; give encoders.delay_ms"
         )
-    if suite.thrusters is not None:
-        with prefix_errors(f"{where}: thrusters"):
-            suite.thrusters.check()
-    if suite.disturbances is not None and suite.disturbances.orbit is not None:
-        with prefix_errors(f"{where}: disturbances.orbit"):
-            suite.disturbances.orbit.check()
-    walks = suite.disturbances
-    for name in ("acceleration", "torque"):
-        if walks is not None and getattr(walks, f"{name}_walk") and not getattr(walks, name):
-            raise InputError(
-                f"{where}: disturbances.{name}_walk needs disturbances.{name}, the σ at the start"
-            )

@@ -37,6 +37,9 @@ class Valve:
         on: "body" for the base, in its frame B; "target" for the capture frame C.
         axes: frame of the direction: "body" for that of the position, or "world".
 
+    Raises:
+        InputError: the direction has no length.
+
     """
 
     position: Vector = field(default_factory=lambda: np.zeros(3))
@@ -45,6 +48,10 @@ class Valve:
     force_sigma: Annotated[float, Ge(0)] = 0.0
     on: Literal["body", "target"] = "body"
     axes: Literal["body", "world"] = "body"
+
+    def __post_init__(self) -> None:
+        if not 1e-100 < np.linalg.norm(self.direction) < 1e100:
+            raise InputError("direction must be of finite length, not zero")
 
 
 @dataclass
@@ -56,21 +63,15 @@ class Thrusters:
         delay_ms: σ of the delay of all forces after the log [ms].
         loss: σ of the share of the force that each further open valve costs.
 
+    Raises:
+        InputError: there are no valves.
+
     """
 
     valves: dict[str, Valve] = field(default_factory=dict)
     delay_ms: Annotated[float, Ge(0)] = 0.0
     loss: Annotated[float, Ge(0)] = 0.0
 
-    def check(self) -> None:
-        """Refuse thrusters without valves, and valves without a direction.
-
-        Raises:
-            InputError: for these reasons.
-
-        """
+    def __post_init__(self) -> None:
         if not self.valves:
             raise InputError("valves are missing: give position, direction and force of each")
-        for name, valve in self.valves.items():
-            if not 1e-100 < np.linalg.norm(valve.direction) < 1e100:
-                raise InputError(f"valves.{name}.direction must be of finite length, not zero")

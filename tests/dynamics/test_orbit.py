@@ -67,14 +67,14 @@ def test_the_torque_is_that_of_the_tide_on_the_masses():
 
 
 @pytest.mark.parametrize(
-    ("orbit", "problem"),
+    ("given", "problem"),
     [
-        (Orbit(), "give one of altitude_km and rate"),
-        (Orbit(altitude_km=500.0, rate=0.001), "give one of altitude_km and rate"),
-        (Orbit(rate=0.001, nadir_W=np.zeros(3)), "directions, not zero"),
-        (Orbit(rate=0.001, nadir_W=np.array([0, 1.0, -1.0])), "perpendicular; .* 45.0°"),
+        ({}, "give one of altitude_km and rate"),
+        ({"altitude_km": 500.0, "rate": 0.001}, "give one of altitude_km and rate"),
+        ({"rate": 0.001, "nadir_W": np.zeros(3)}, "directions, not zero"),
+        ({"rate": 0.001, "nadir_W": np.array([0, 1.0, -1.0])}, "perpendicular; .* 45.0°"),
     ],
 )
-def test_an_orbit_that_is_not_determined(orbit, problem):
+def test_an_orbit_that_is_not_determined(given, problem):
     with pytest.raises(InputError, match=problem):
-        orbit.check()
+        Orbit(**given)
