@@ -18,7 +18,7 @@ from cpid_drake.logs.score import Comparison
 from cpid_drake.logs.screening import screen
 from cpid_drake.output_files.drafts import write_text
 from cpid_drake.output_files.overwriting import check_outputs
-from cpid_drake.report.log_contents import contents, draw_comparisons
+from cpid_drake.report.log_contents import contents
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 log = typer.Typer(
@@ -37,11 +37,6 @@ def check(
     file: options.LogArgument,
     craft: options.SpacecraftOptions,
     reading: options.ReadingOptions,
-    figure: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="PNG file to draw both sides of each comparison in."),
-    ] = None,
-    force: options.ForceOption = False,
 ) -> int:
     """List the contents and all problems of a log, and what was not checked.
 
@@ -50,13 +45,10 @@ def check(
 
     Exit codes: 0 no problem; 2 at least one problem.
     """
-    check_outputs([("--figure", figure)], [file, reading.columns], force=force)
     spacecraft = craft.make() if craft.is_given else None
     joints = None if spacecraft is None else spacecraft.joint_names
     found = inspect_telemetry(file, topics=reading.topics(), columns=reading.columns, joints=joints)
     errors, warnings, unchecked, comparisons = _comparisons(found, spacecraft)
-    if figure is not None:
-        draw_comparisons(comparisons, figure)
     count = len(found.problems) + len(errors)
     hidden = max(len(found.problems) - _SHOWN, 0)
     out = Console(markup=False, highlight=False, soft_wrap=True)

@@ -105,15 +105,13 @@ class Comparison:
     Attributes:
         name: of the quantity: "q:<joint>", "position", "attitude" or `MOMENTUM`.
         sides: what the two sides are, in words.
-        time: (N,) from the first instant that is compared [s].
-        values: (N, k) each.
+        values: (N, k) each, at the common instants.
         residual: their difference relative to the larger one.
 
     """
 
     name: str
     sides: tuple[str, str]
-    time: Array
     values: tuple[Array, Array]
     residual: float
 
@@ -175,14 +173,14 @@ def compare_rates(given: Instants, names: tuple[str, ...]) -> list[Comparison]:
     for k, joint in enumerate(names if "joint_rates" in values else ()):
         if {f"encoders {joint}", f"joint_rates {joint}"} <= given.moving:
             sides = given.rates["encoders"][:, [k]], values["joint_rates"][:, [k]]
-            found.append(_compared(given.time, f"q:{joint}", f"qd:{joint}", *sides))
+            found.append(_compared(f"q:{joint}", f"qd:{joint}", *sides))
     if {"position", "velocity"} <= given.moving:
         sides = given.rates["position"], values["velocity"]
-        found.append(_compared(given.time, "position", "velocity", *sides))
+        found.append(_compared("position", "velocity", *sides))
     turning = given.turning
     if turning is not None and {"attitude", "gyro"} <= given.moving:
         sides = turning, values["gyro"]
-        found.append(_compared(given.time, "attitude", "angular velocity", *sides))
+        found.append(_compared("attitude", "angular velocity", *sides))
     return found
 
 
@@ -204,7 +202,7 @@ def compare_momentum(given: Instants, tree: KinematicTree | None) -> list[Compar
     if not all(is_possible for _, is_possible in parts):
         residual = max(residual, 1.0)  # an impossible target explains nothing
     sides = "motion of the base", "motion that the conservation of momentum allows"
-    return [Comparison(MOMENTUM, sides, given.time[: len(values[0])], values, residual)]
+    return [Comparison(MOMENTUM, sides, values, residual)]
 
 
 def momentum_of(given: Instants, tree: KinematicTree) -> MomentumSamples:
@@ -301,10 +299,10 @@ def _least_squares(A: Array, b: Array, place: int) -> tuple[Array, float, Array]
     return x, noise * float(np.linalg.norm(Vt[kept, place] / s[kept])) / scale[place], error
 
 
-def _compared(time: Array, name: str, rate: str, moved: Array, measured: Array) -> Comparison:
+def _compared(name: str, rate: str, moved: Array, measured: Array) -> Comparison:
     size = max(np.sum(moved**2), np.sum(measured**2), 1e-300)
     residual = max(float(np.sqrt(np.sum((moved - measured) ** 2) / size)), _ROUNDING)
-    return Comparison(name, (f"changes of {name}", rate), time, (moved, measured), residual)
+    return Comparison(name, (f"changes of {name}", rate), (moved, measured), residual)
 
 
 def _liveliest(log: Log) -> Log:

@@ -1,17 +1,12 @@
-"""A description of a telemetry file in words, and a figure of its comparisons."""
+"""A description of a telemetry file in words."""
 
 from collections.abc import Sequence
-from functools import partial
-from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from cpid_drake.logs.conversion import LogFile
 from cpid_drake.logs.log import Samples
 from cpid_drake.logs.score import Comparison
-from cpid_drake.output_files.drafts import draft_of
-from cpid_drake.report.pictures import COLORS, WIDE, Picture, save_pictures
 from cpid_drake.sensors.sensors import SENSORS
 
 
@@ -37,34 +32,6 @@ def contents(found: LogFile, where: str, comparisons: Sequence[Comparison] = ())
         first, second = each.sides
         lines.append(f"  {first} and {second} differ by {each.residual:.2%} of the motion")
     return lines
-
-
-def draw_comparisons(comparisons: Sequence[Comparison], path: Path) -> None:
-    """Draw both sides of each comparison over time: a wrong sign or unit is seen at once.
-
-    Args:
-        comparisons: those without samples are left out.
-        path: a file whose name ends in `.png`; not written if there is nothing to draw.
-
-    Raises:
-        InputError: the file cannot be written.
-
-    """
-    pictures = [
-        Picture(each.name, partial(_draw, each), WIDE) for each in comparisons if len(each.time)
-    ]
-    if pictures:
-        with draft_of(path) as draft:
-            save_pictures(draft, "png", pictures)
-
-
-def _draw(comparison: Comparison, axes: Axes) -> None:
-    axes.set_title(f"{comparison.name}: {comparison.residual:.2%} unexplained")
-    for k, pair in enumerate(zip(*(values.T for values in comparison.values))):
-        for values, line, label in zip(pair, ("-", ":"), comparison.sides):
-            axes.plot(comparison.time, values, line, color=COLORS[k], label=None if k else label)
-    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
-    axes.set_xlabel("time [s]")
 
 
 def _timing(samples: Samples) -> str:
