@@ -21,7 +21,6 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.gaussian import solution_of_rows
 from cpid_drake.estimation.least_squares import (
-    DEFAULT_RANK_TOLERANCE,
     empty_information,
     updated_information,
 )
@@ -146,12 +145,11 @@ class MomentumIdentifier(Identifier):
         period: time between samples [s]; the paper's is 1 s.
         offset: time of the first sample [s]; the paper's is 1 s, because samples at rest contain no
             information.
-        rank_tolerance: see `least_squares.DEFAULT_RANK_TOLERANCE`.
 
     Raises:
-        InputError: no such rows, a period that is not positive, a negative offset, or a tolerance
-            not between 0 and 1; and, when a sample is taken, a state that is not finite or whose
-            quaternion is not of unit norm (to 1e-3).
+        InputError: no such rows, a period that is not positive, or a negative offset; and, when a
+            sample is taken, a state that is not finite or whose quaternion is not of unit norm (to
+            1e-3).
 
     """
 
@@ -163,7 +161,6 @@ class MomentumIdentifier(Identifier):
         momentum: TotalMomentum | None = None,
         period: float = 1.0,
         offset: float = 1.0,
-        rank_tolerance: float = DEFAULT_RANK_TOLERANCE,
     ) -> None:
         super().__init__()
         self.set_name("momentum_identifier")
@@ -171,8 +168,6 @@ class MomentumIdentifier(Identifier):
             raise InputError(f"identification period must be > 0 s, not {period}")
         if not (is_number(offset) and offset >= 0):
             raise InputError(f"identification offset must be >= 0 s, not {offset}")
-        if not (is_number(rank_tolerance) and 0 < rank_tolerance < 1):
-            raise InputError(f"rank_tolerance must be between 0 and 1, not {rank_tolerance}")
         self._spacecraft = spacecraft
         self._momentum = momentum or TotalMomentum.zero()
         if self._momentum.name == "known":
@@ -181,7 +176,6 @@ class MomentumIdentifier(Identifier):
         self._parameterization = self._family.parameterization(spacecraft.mass)
         self._extra = momentum_columns(spacecraft.tree, self._family, self._momentum)
         self._size = self._extra + len(spacecraft.tree.unknowns) + 1
-        self._rank_tolerance = rank_tolerance
         self._quaternion = spacecraft.state_columns["quaternion_WB"]
         self._scratch = PlantScratch(spacecraft.plant)
 
@@ -197,13 +191,6 @@ class MomentumIdentifier(Identifier):
         )
         self.DeclareForcedDiscreteUpdateEvent(self._take_sample_if_due)
         self._declare_outputs(self.xd_ticket())
-
-    def update(self, root: NDArray[np.float64], state: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the square-root information (11, 11) after adding one sample x = [q; v] to `root`.
-
-        An unknown momentum adds leading unknowns: (17, 17), or (14, 14) with relative rows.
-        """
-        return updated_information(root, self.rows(state))
 
     def rows(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the rows [A | b] of one sample x = [q; v]; columns of an unknown momentum lead."""
@@ -261,7 +248,7 @@ class MomentumIdentifier(Identifier):
         rows[:, [*self._spacecraft.tree.unknowns, 10]] = kept
         return Identification.of_solution(
             self._parameterization,
-            solution_of_rows(rows, int(row_count) - self._extra, self._rank_tolerance),
+            solution_of_rows(rows, int(row_count) - self._extra),
             sample_count=int(samples),
             estimator=NAME,
             rows=self._family.name,

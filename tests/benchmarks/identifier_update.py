@@ -25,7 +25,7 @@ from cpid_drake import HalfCosine, InertialParameters, MomentumIdentifier, Motio
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.parameterizations import STANDARD, standard_to_relative
 from cpid_drake.estimation.gaussian import solution_of_rows
-from cpid_drake.estimation.least_squares import empty_information
+from cpid_drake.estimation.least_squares import empty_information, updated_information
 from cpid_drake.resources import resolve_model
 
 MODEL = "package://cpid_drake_models/dual_arm_servicer/dual_arm_servicer.urdf"
@@ -122,8 +122,8 @@ def main() -> None:
     reference = PinocchioRoute(spacecraft)
     ours, ours_eq18, theirs = empty_information(), empty_information(), empty_information()
     for k, state in enumerate(states):
-        ours = identifier.update(ours, state)
-        ours_eq18 = eq18.update(ours_eq18, state)
+        ours = updated_information(ours, identifier.rows(state))
+        ours_eq18 = updated_information(ours_eq18, eq18.rows(state))
         theirs = reference.update(theirs, *reference.state(telemetry, k))
     rows = 6 * len(states)
     estimate = STANDARD.to_parameters(solution_of_rows(ours, rows).estimate)
@@ -141,8 +141,8 @@ def main() -> None:
 
     times = medians(
         {
-            "update": lambda: identifier.update(ours, state),
-            "update_eq18": lambda: eq18.update(ours_eq18, state),
+            "update": lambda: updated_information(ours, identifier.rows(state)),
+            "update_eq18": lambda: updated_information(ours_eq18, eq18.rows(state)),
             "update_pinocchio": lambda: reference.update(theirs, q, v),
             "update_as_event": event,
             "solve": lambda: solution_of_rows(ours, rows),
