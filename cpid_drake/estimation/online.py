@@ -119,13 +119,6 @@ def finish(model: Model, state: OnlineState) -> OnlineState:
     return _grown(model, replace(state, next_fit=0))
 
 
-def _counted(state: OnlineState, block: Block) -> OnlineState:
-    """Return the state with the samples of one more block."""
-    count = Counter({name: len(samples) for name, samples in block.samples.items()})
-    start = block.start if np.isnan(state.start) else state.start
-    return replace(state, processed=Counter(state.processed) + count, start=start)
-
-
 def _beside_changes(recent: Sequence[Recent], after: OnlineState) -> set[int]:
     """Return the whole blocks before and after those times at which something changed."""
     assert after.known is not None
@@ -160,10 +153,8 @@ def _grown(model: Model, state: OnlineState) -> OnlineState:
         return _restarted(state, changes)
     if not found.converged:
         return replace(later, first=found, is_free=is_full or state.is_free)
-    state = replace(state, first=found, processed={}, rejected=_far(found), lags={}, start=np.nan)
-    state = state.with_residuals(found.rolled[0].all_residuals())
-    for block in window:
-        state = _counted(state, block)
+    state = replace(state, first=found, used={}, rejected={}, lags={}, length=0.0)
+    state = state.observed(found.logs[0], found.rolled[0])
     if error > (KNOWN if is_full else WELL_KNOWN):
         return replace(state, window=later.window)
     return replace(state, window=(), known=_begun(model, found), first=None)
@@ -197,14 +188,6 @@ def _changes(model: Model, found: Fit) -> list[int]:
     return [k for k, name in zip(ends, names, strict=True) if acting[name] >= NAMED]
 
 
-def _far(found: Fit) -> dict[str, int]:
-    """Return the number of samples that weigh less than others, by sensor."""
-    far = Counter[str]()
-    for weights in found.logs[0].weights:
-        far.update({name: int(np.sum(w < 1)) for name, w in weights.items()})
-    return dict(far)
-
-
 def _begun(model: Model, found: Fit) -> Known:
     """Return what a fit of the window knows at its end."""
     log, rolled = found.logs[0], found.rolled[0]
@@ -214,15 +197,10 @@ def _begun(model: Model, found: Fit) -> Known:
     for part in log.joints:
         track = tracked(track, part)[1]
     last = replace(
-        log,
-        blocks=log.blocks[-1:],
-        joints=log.joints[-1:],
+        log.part(len(log.blocks) - 1, len(log.blocks)),
         bias=(log.bias[-1][model.last_nodes],),
-        walks=(),
         weights=({},),
         start=rolled.models[-1].motion.end(rolled.trajectories[-1]),
-        links={},
-        jumps={},
     )
     about = {u.name: found.values[u.name] for u in model.table if u.scope != "log"}
     return Known(found.values, last, gaussian, (), track, about)
@@ -234,10 +212,9 @@ def _after(model: Model, each: Recent) -> tuple[OnlineState, bool]:
     A whole block that noise does not explain is not used; a part of a cut one is bridged by its
     joints alone. So is a gap of the encoders: what is guessed of the joints is not linear.
     """
-    state, parts = _counted(each.before, each.block), [each.block]
+    state, parts, is_explained = each.before, [each.block], True
     if each.is_cut and len(each.block.samples.encoders) > 1:
         parts = each.block.cut()
-    is_explained = True
     for part in parts:
         known, is_gap, found = state.known, not len(part.samples.encoders), None
         assert known is not None
@@ -249,20 +226,17 @@ def _after(model: Model, each: Recent) -> tuple[OnlineState, bool]:
         is_good = found is not None and is_likely(*found[1:])
         if not (is_good or is_gap or each.is_cut):
             return state, False
-        rejected = Counter(state.rejected)
         if found is None or not is_good:
             joints = {name: part.samples[name] for name in OF_JOINTS}
             alone = replace(part, samples=replace(part.samples, samples=joints))
-            rejected.update({n: len(s) for n, s in part.samples.items() if n not in OF_JOINTS})
+            others = {n: len(s) for n, s in part.samples.items() if n not in OF_JOINTS}
+            state = replace(state, rejected=Counter(state.rejected) + Counter(others))
             found = solved(model, known, alone, is_linked=False)
         if not (is_gap or is_good):
             is_explained = False
             state = replace(state, bridged=state.bridged + part.length)
         after, log, rolled = found
-        if is_good:
-            rejected.update({name: int(np.sum(w < 1)) for name, w in log.weights[0].items()})
-        state = replace(state, rejected=rejected, known=replace(after, is_lost=is_gap))
-        state = state.with_residuals(rolled.residuals[0])
+        state = replace(state, known=replace(after, is_lost=is_gap)).observed(log, rolled)
     return state, is_explained
 
 

@@ -1,18 +1,19 @@
 """The state of the online fit: a value; see `online`."""
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.evidence import NAMED
 from cpid_drake.estimation.fit import Fit
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.links import closed
+from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.online_block import Known
-from cpid_drake.estimation.roll import Values
+from cpid_drake.estimation.roll import Rolled, Values
 from cpid_drake.estimation.sweep import BOUNDARY
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.estimation.whiteness import LagSums
@@ -28,11 +29,10 @@ class OnlineState:
         known: what is known at the end of the last block; None while blocks are stored.
         first: the latest fit of the window; None before the first.
         settled: times at which the momentum changed [s], of links that are no unknowns any more.
-        processed, rejected: number of samples, and of those that weigh less or not at all, by
-            sensor.
+        used, rejected: number of samples, and of those that weigh less or not at all, by sensor.
         lags: sums over the residuals of every sensor and over products of neighbours.
         bridged: length of the pieces that nothing explains [s].
-        start: of the first block that is fitted [s].
+        length: of all blocks that are fitted [s].
         is_free: whether the momentum has changed before the first block that is fitted.
         recent: the last blocks, each with the state before it.
 
@@ -43,11 +43,11 @@ class OnlineState:
     known: Known | None = None
     first: Fit | None = None
     settled: tuple[float, ...] = ()
-    processed: Mapping[str, int] = field(default_factory=dict)
+    used: Mapping[str, int] = field(default_factory=dict)
     rejected: Mapping[str, int] = field(default_factory=dict)
     lags: Mapping[str, LagSums] = field(default_factory=dict)
     bridged: float = 0.0
-    start: float = np.nan
+    length: float = 0.0
     is_free: bool = False
     recent: tuple["Recent", ...] = ()
 
@@ -57,10 +57,18 @@ class OnlineState:
         links = () if self.known is None else self.known.links
         return (*self.settled, *(link.time for link in links if link.probability >= NAMED))
 
-    def with_residuals(self, residuals: Mapping[str, NDArray[np.float64]]) -> "OnlineState":
-        """Return the state after more residuals of each sensor."""
-        added = {n: self.lags.get(n, LagSums()).added(rest) for n, rest in residuals.items()}
-        return replace(self, lags={**self.lags, **added})
+    def observed(self, log: LogState, rolled: Rolled) -> "OnlineState":
+        """Return the state with the numbers of samples and the residuals of the blocks of a log."""
+        used, rejected, lags = Counter(self.used), Counter(self.rejected), dict(self.lags)
+        for block, weights in zip(log.blocks, log.weights, strict=True):
+            for name, samples in block.samples.items():
+                far = int(np.sum(weights.get(name, np.ones(1)) < 1))
+                used[name] += len(samples) - far
+                rejected[name] += far
+        for name, rest in rolled.all_residuals().items():
+            lags[name] = lags.get(name, LagSums()).added(rest)
+        length = self.length + sum(block.length for block in log.blocks)
+        return replace(self, used=used, rejected=rejected, lags=lags, length=length)
 
     @property
     def noise(self) -> dict[str, float]:
@@ -73,12 +81,6 @@ class OnlineState:
     def converged(self) -> bool:
         """Whether the estimate is the best fit of the stored blocks."""
         return self.first is None or self.first.converged
-
-    @property
-    def length(self) -> float:
-        """Length of the log [s]."""
-        blocks = self.window if self.known is None else self.known.log.blocks
-        return blocks[-1].end - self.start if blocks else 0.0
 
     def gaussian(self, model: Model) -> Gaussian | None:
         """Return what is known of all unknowns but the block's, about `values`; None if nothing."""

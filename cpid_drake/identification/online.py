@@ -127,13 +127,12 @@ def identification_of_state(
             gaussian = at_momentum(gaussian, values, assumed, LOG)
         elif momentum is None:
             assumed = TotalMomentum.unknown()
-    present = model.suite.present()
     change = change_beyond_linear(model, state)
     said, failed = momentum_words(1.0 if wrong else 0.0, is_given=momentum is not None)
     effects = effects_of(model, values, gaussian, LOG)
     tests = {name: sums.whiteness for name, sums in state.lags.items()}
     unexplained = state.bridged / state.length if state.length else 0.0
-    used = {n: state.processed.get(n, 0) - state.rejected.get(n, 0) for n in present}
+    used = {name: state.used.get(name, 0) for name in model.suite.present()}
     return Identification.of_solution(
         relative_parameterization(model.mass),
         solution_of(model, values, gaussian),

@@ -106,7 +106,7 @@ def main() -> None:
         states.append(step(model, states[-1], each))
         beginning.append((time.perf_counter() - start) * 1e3)
     blocks, states = blocks[-BLOCKS:], states[-BLOCKS - 1 :]
-    used = [sum(state.processed.values()) for state in (states[0], states[-1])]
+    used = [sum(state.used.values()) for state in (states[0], states[-1])]
     given = sum(len(s) for each in blocks for _, s in each.samples.items())
     if states[0].known is None or used[1] - used[0] != given:
         raise SystemExit("the fit does not solve every block on its own")

@@ -107,7 +107,7 @@ def diagnostics(identifier, context) -> dict:
     counts = {"momentum_changes": len(found.momentum_changes)}
     for name in SENSORS:
         counts[f"{name}_rejected"] = found.rejected.get(name, 0)
-        counts[f"{name}_used"] = state.processed.get(name, 0) - state.rejected.get(name, 0)
+        counts[f"{name}_used"] = state.used.get(name, 0)
     return counts
 
 
