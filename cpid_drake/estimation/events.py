@@ -29,9 +29,6 @@ TOGETHER = 12
 LATER = 8
 """So many blocks after these ends are used to judge them."""
 
-HELD = (0, 1, 5, 6, 7, 11)
-"""Entries that a table holds: tilt, height, and their momenta."""
-
 
 def fit_with_events(
     model: Model,
@@ -126,8 +123,7 @@ def _compared(
     values = found.values | {name: log.jumps[k] for name, k in names.items()}
     values = {name: values.get(name, np.zeros(size)) for name, size in total.sizes.items()}
     candidates = {name: log.links[k] for name, k in names.items()}
-    held = {} if model.tree.normal_B is None else dict.fromkeys(names, HELD)
-    return question.answer(total, values, candidates, held)
+    return question.answer(total, values, candidates)
 
 
 def _cut(model: Model, log: LogState, changes: Sequence[int]) -> LogState:

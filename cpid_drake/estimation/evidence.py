@@ -75,7 +75,6 @@ def compare(
     gaussian: Gaussian,
     candidates: Mapping[str, NDArray[np.float64]],
     kept: Sequence[str],
-    held: Mapping[str, Sequence[int]] | None = None,
     odds: Mapping[str, float] | None = None,
 ) -> Comparison:
     """Compare all sets of candidates.
@@ -85,12 +84,11 @@ def compare(
             N(0, σ²) included.
         candidates: σ of each candidate's entries.
         kept: the unknowns that are averaged; all others are marginalized.
-        held: entries of candidates that nothing can change.
         odds: of candidates before the samples; default: one of all candidates acts.
 
     """
     known = dict.fromkeys(candidates, 1 / max(len(candidates), 1)) | dict(odds or {})
-    return _Sets(gaussian, candidates, kept, held or {}).comparison(
+    return _Sets(gaussian, candidates, kept).comparison(
         {name: float(np.log(value)) for name, value in known.items()}
     )
 
@@ -142,7 +140,6 @@ class Question:
         gaussian: Gaussian,
         values: Mapping[str, NDArray[np.float64]],
         further: Mapping[str, NDArray[np.float64]] | None = None,
-        held: Mapping[str, Sequence[int]] | None = None,
     ) -> Comparison:
         """Compare all sets of candidates.
 
@@ -150,7 +147,6 @@ class Question:
             gaussian: of all unknowns about their values.
             values: of the unknowns.
             further: more candidates with their σ.
-            held: entries of candidates that nothing can change.
 
         """
         x = np.concatenate([values[name] for name in gaussian.places])
@@ -159,7 +155,7 @@ class Question:
         sigma = self.candidates | dict(further or {})
         kept = [name for name in found.places if name not in sigma]
         even = {name: 1.0 for name in sigma if name.startswith(f"{MOMENTUM}|")}
-        return compare(found, sigma, kept, held, even)
+        return compare(found, sigma, kept, even)
 
 
 class _Sets:
@@ -174,7 +170,6 @@ class _Sets:
         gaussian: Gaussian,
         candidates: Mapping[str, NDArray[np.float64]],
         kept: Sequence[str],
-        held: Mapping[str, Sequence[int]],
     ) -> None:
         self.names = [name for name in gaussian.places if name in candidates]
         both = gaussian.marginal([*kept, *self.names])
@@ -195,8 +190,7 @@ class _Sets:
         ends = np.cumsum([0, *(places[name] for name in self.names)])
         self.places = {}
         for name, start, end in zip(self.names, ends[:-1], ends[1:], strict=True):
-            fixed = start + np.array(held.get(name, ()), dtype=int)
-            self.places[name] = np.setdiff1d(np.arange(start, end), fixed)
+            self.places[name] = np.arange(start, end)
         self.size: dict[str, float] = {}
 
     def evidence(

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.estimation.events import HELD
 from cpid_drake.estimation.evidence import Comparison, compare
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.sweep import EXACT
@@ -55,18 +54,13 @@ def judged(model: Model, gaussian: Gaussian, links: Sequence[Link]) -> tuple[Lin
 
 def compared(model: Model, gaussian: Gaussian, names: Sequence[str]) -> Comparison:
     """Return the comparison of changes that are unknowns of these names."""
-    held = {} if model.tree.normal_B is None else dict.fromkeys(names, HELD)
-    odds = dict.fromkeys(names, ODDS)
-    return compare(gaussian, dict.fromkeys(names, model.farthest), [PSI], held, odds)
+    sigma, odds = dict.fromkeys(names, model.farthest), dict.fromkeys(names, ODDS)
+    return compare(gaussian, sigma, [PSI], odds)
 
 
 def _prior_sigma(model: Model, link: Link) -> NDArray[np.float64]:
     """Return σ (12,) of a change that acts with its probability, and has its size."""
-    sigma = model.farthest
-    share = np.full(12, np.sqrt(link.probability) * link.size)
-    if model.tree.normal_B is not None:
-        share[list(HELD)] = 0.0
-    return sigma * np.maximum(share, EXACT)
+    return model.farthest * max(np.sqrt(link.probability) * link.size, EXACT)
 
 
 def with_links(model: Model, gaussian: Gaussian, links: Sequence[Link]) -> Gaussian:
