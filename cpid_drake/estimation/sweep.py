@@ -30,7 +30,7 @@ from cpid_drake.estimation.roll import Rolled, Values, first_values, jumped
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 
 EXACT = 1e-9
-"""σ of what is conserved, as a share of the σ of an unknown momentum."""
+"""σ of what is conserved, or held while the rest is fitted, as a share of its plausible size."""
 
 START = {"attitude": np.pi, "p_Wcm": 1e3}
 """σ of attitude [rad] and centre of mass [m] before the first sample."""

@@ -21,7 +21,7 @@ from cpid_drake.estimation.gaussian import Gaussian, LeastSquaresSolution
 from cpid_drake.estimation.likelihood.constants import Constants
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Values
-from cpid_drake.estimation.sweep import sweep
+from cpid_drake.estimation.sweep import EXACT, sweep
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model, undetermined
 from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.identification.checked_log import CheckedLog, Known, suite_of
@@ -52,9 +52,6 @@ from cpid_drake.sensors.suite import SensorSuite
 
 NAME = "trajectory_fit"
 """The estimator's name."""
-
-HELD = 1e-9
-"""σ of an unknown that is held while the rest is fitted, as a share of its plausible size."""
 
 
 def estimate(
@@ -290,7 +287,7 @@ def cramer_rao_bound(
     """
     model = Model(tree, sensors, known_bodies)
     log = LogState.of(model, measurements)
-    R = np.diag(1 / (HELD * model.plausible))
+    R = np.diag(1 / (EXACT * model.plausible))
     held = Gaussian.of_rows({PSI: 10}, np.column_stack([R, R @ psi]))
     fitted = fit(model, [log], rows=[held], values={PSI: np.asarray(psi)})
     [log], [rolled], values = fitted.logs, fitted.rolled, fitted.values

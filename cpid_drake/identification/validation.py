@@ -21,12 +21,13 @@ from cpid_drake.estimation.fit import fit
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Rolled, roll
+from cpid_drake.estimation.sweep import EXACT
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.identification.checked_log import check_log, suite_of
-from cpid_drake.identification.fitted import HELD, NAME
+from cpid_drake.identification.fitted import NAME
 from cpid_drake.identification.identify import identify
 from cpid_drake.identification.prior import TargetPrior
-from cpid_drake.identification.result import Combinations, Identification
+from cpid_drake.identification.result import Identification
 from cpid_drake.logs.log import Log
 from cpid_drake.processes import one_thread
 from cpid_drake.sensors.sensors import SENSORS
@@ -179,7 +180,7 @@ def validate(
     if own.momentum != "unknown":
         used = momentum or TotalMomentum.zero()
         value = np.concatenate([used.L_WScm_W, used.v_WScm_W])
-        model = model.with_prior(MOMENTUM, value, HELD * model.unknown(MOMENTUM).sigma)
+        model = model.with_prior(MOMENTUM, value, EXACT * model.unknown(MOMENTUM).sigma)
     given = _rows(target, model).add(_vague(model))
     predicted = _predicted(model, samples, own.residuals, first, given)
     errors = []
@@ -224,9 +225,7 @@ def _test(model: Model, own: Identification, target: TargetPrior) -> tuple[float
         return np.inf, 10, np.inf
     form, known = relative_parameterization(model.mass), own.solution
     assert known is not None
-    combinations = Combinations(form.name, known.values, known.information, model.mass)
-    log = TargetPrior("the log", own.parameters, own.covariance, combinations)
-    both = [_rows(each, model) for each in (target, log)]
+    both = [_rows(target, model), known.known]
     total = both[0].add(both[1])
     freedom = both[0].rank + both[1].rank - total.rank
     if not freedom:
