@@ -5,7 +5,7 @@ repeat themselves, and spikes of many σ. Smaller errors, which only a compariso
 spacecraft's motion can show, are left to the likelihood.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -28,6 +28,13 @@ and larger values are damaged messages whose squares may overflow."""
 
 LONGEST_GAP = 3600.0
 """Longest time between two samples of a sensor [s]; with a longer one, a clock was wrong."""
+
+LONGEST_SILENCE = 1.0
+"""A stamp later than all others by more than this time [s], or than five steps of the slowest
+sensor, must be confirmed by other stamps; it is longer than the delay between sensors."""
+
+CONFIRMING = 3
+"""Number of different stamps that confirm each other: a damaged one, or two, cannot end a log."""
 
 SPIKE = 10.0
 """Smallest deviation of a spike, in σ: noise alone deviates so once in 1e12 samples."""
@@ -97,8 +104,9 @@ def screen(
 
     - samples with an entry that is not finite, or that no sensor of the suite can have;
     - attitudes whose quaternion has a norm that differs from 1;
-    - samples with stamps more than `LONGEST_GAP` from most others of the sensor, and samples that
-      are not later than all before;
+    - samples after a silence of all sensors, unless at least `CONFIRMING` different stamps follow
+      it; samples with stamps more than `LONGEST_GAP` from most others of the sensor; and samples
+      that are not later than all before;
     - samples that repeat the one before more often than noise does;
     - spikes: single samples far from every line through samples on one side or on both sides.
 
@@ -125,10 +133,12 @@ def screen(
     present = suite.present() if suite else {}
     given = as_arrays(with_thrust(log, suite))
     readable = {name: _readable(name, s, name in present) for name, s in given.items()}
+    confirmed = _confirmed([samples.time for samples in readable.values()], memory.newest)
     kept: dict[str, Samples] = {}
     recent = dict(memory.recent)
     for name, samples in readable.items():
-        ordered = _in_order(samples.time, memory.last(name))
+        ordered = np.isin(samples.time, confirmed)
+        ordered[ordered] = _in_order(samples.time[ordered], memory.last(name))
         samples = samples if ordered.all() else samples.where(ordered)
         if len(samples):
             before = [recent[name]] if name in recent else []
@@ -230,6 +240,23 @@ def _held(name: str, given: Samples, width: int) -> Samples:
 
 
 # -- stamps ---------------------------------------------------------------------------------------
+
+
+def _confirmed(stamps: Sequence[Array], newest: float) -> Array:
+    """Return the stamps of all sensors that confirm each other, or that are not late."""
+    known = [newest] if np.isfinite(newest) else []
+    pool = np.unique(np.concatenate([*stamps, known]))
+    with np.errstate(over="ignore"):  # between absurd stamps, a step is infinite
+        steps = [np.median(np.abs(np.diff(time))) for time in stamps if time.size > 1]
+        silence = max(LONGEST_SILENCE, 5 * float(max(steps, default=0.0)))
+        group = np.append(0, np.cumsum(np.diff(pool) > silence))[: pool.size]
+    count = np.bincount(group)
+    is_good = count >= CONFIRMING
+    if known:
+        is_good[: group[np.searchsorted(pool, newest)] + 1] = True
+    elif count.size:
+        is_good[count.argmax()] = True
+    return np.asarray(pool[is_good[group]])
 
 
 def _in_order(time: Array, last: float) -> NDArray[np.bool_]:
