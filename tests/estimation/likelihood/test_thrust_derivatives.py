@@ -34,7 +34,9 @@ OPENINGS = Samples(
     np.array([[1, 0, 0], [1, 1, 0], [0, 1.0, 1], [1, 1, 1], [0, 0, 0.5]]),
 )
 UNKNOWNS = ["attitude", "momentum", "psi", "forces"]
+SUITE.encoders = replace(SUITE.encoders, zero_mrad=2.0)
 ERRORS = ["a.force", "b.force", "c.force", "thrusters.loss", "thrusters.valve_delay"]
+ERRORS += ["encoders.zero"]
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +73,9 @@ def changed(state, constants, name, entry, h):
     if name == "momentum":
         key = "L" if entry < 3 else "v_Wcm"
         return replace(state, **{key: getattr(state, key) + h * np.eye(3)[entry % 3]})
-    key, place = ("constants", constants.place(name).start) if name in ERRORS else (name, entry)
+    key, place = (
+        ("constants", constants.place(name).start + entry) if name in ERRORS else (name, entry)
+    )
     value = getattr(state, key)
     return replace(state, **{key: value + h * np.eye(len(value))[place]})
 
@@ -84,9 +88,8 @@ def test_derivatives_are_those_of_differences(block, name):
     columns = {"attitude": "start", "forces": "torque_noise"}
     first = model.columns[columns.get(name, name)].start
     J = model.jacobian(trajectory)[0]
-    for entry in range(
-        {"attitude": 3, "momentum": 6, "psi": 10, "forces": len(state.forces)}.get(name, 1)
-    ):
+    sizes = {"attitude": 3, "momentum": 6, "psi": 10, "encoders.zero": 4}
+    for entry in range({**sizes, "forces": len(state.forces)}.get(name, 1)):
         up, down = (predicted(changed(state, constants, name, entry, h))[0] for h in (1e-4, -1e-4))
         expected = (down - up) / 2e-4
         if name == "psi":  # the readings of white torques are the last but one
