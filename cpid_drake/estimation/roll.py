@@ -137,7 +137,7 @@ def roll(model: Model, log: LogState, values: Values, near: Rolled | None = None
             state, psi=psi, bias=log.bias[k], constants=nominal[k], forces=log.forces[k]
         )
         aim = log.aims.get(k + 1)
-        trajectory = part.motion.trajectory(first, near and near.trajectories[k])
+        trajectory = part.motion.trajectory(first, near.trajectories[k] if near else None)
         if aim is not None and k not in log.links and len(log.forces[k]):
             trajectory = _aimed(part.motion, trajectory, aim)
             log.forces[k][:] = trajectory.state.forces
