@@ -145,7 +145,6 @@ def trial_of(case: Case, *firings: trials.Firing) -> trials.Case:
     """Return the inputs of a trial of a case."""
     momentum_W = np.zeros(6) if case.momentum_W is None else case.momentum_W
     return trials.Case(
-        spacecraft=None,
         truth=case.target,
         motion=case.motion,
         duration=case.motion.duration,
@@ -154,6 +153,5 @@ def trial_of(case: Case, *firings: trials.Firing) -> trials.Case:
         firings=firings,
         known_bodies=None,
         suite=case.suite,
-        estimators=(),
         seed=0,
     )

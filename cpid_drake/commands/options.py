@@ -6,7 +6,8 @@ does not wait for Drake.
 
 import inspect
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, get_args, get_type_hints
@@ -335,6 +336,17 @@ def _option(annotation: Any) -> Any:
     shown = text.replace("[", "\\[")
     default = "Default: " not in text
     return Annotated[kind, typer.Option(help=shown, rich_help_panel=group, show_default=default)]
+
+
+@contextmanager
+def extra(name: str) -> Iterator[None]:
+    """Say how to install the package of an optional part that cannot be imported inside."""
+    try:
+        yield
+    except ImportError as error:
+        raise InputError(
+            f"this command needs {error.name}: `pip install 'cpid-drake[{name}]'`"
+        ) from error
 
 
 def log_console(quiet: bool = False) -> Console:

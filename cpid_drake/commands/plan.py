@@ -31,7 +31,7 @@ class Choices(planning.PlanOptions):
     sensors: Annotated[
         str | None,
         typer.Option(
-            help="Sensors. Default: the scenario's, else the first of its accuracy presets.",
+            help="Sensors. Default: the scenario's, else flight.",
             metavar="PRESET|YAML",
             rich_help_panel=_KNOWN,
         ),

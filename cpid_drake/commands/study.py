@@ -1,7 +1,8 @@
-"""`cpid study`: the paper's study, many trials of all estimators, other techniques."""
+"""`cpid study`: the paper's study, campaigns of many trials, other techniques."""
 
 import os
 import time
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -10,10 +11,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from cpid_drake.commands import options
 from cpid_drake.errors import prefix_errors
 from cpid_drake.output_files.drafts import draft_folder
-from cpid_drake.output_files.overwriting import check_folder
+from cpid_drake.output_files.overwriting import check_folder, check_outputs
 from cpid_drake.report.page import Report
 from cpid_drake.report.pages.study import (
-    accuracy_report,
     paper_report,
     technique_report,
     write_study,
@@ -23,9 +23,6 @@ from cpid_drake.report.terminal import print_table
 from cpid_drake.resources import find_scenario
 from cpid_drake.scenario.files import files_of, load_scenario
 from cpid_drake.scenario.limits import check_limits
-from cpid_drake.scenario.simulation import make_simulation
-from cpid_drake.studies.accuracy import run_accuracy
-from cpid_drake.studies.accuracy import summarize as summarize_accuracy
 from cpid_drake.studies.paper import run_paper_study, summarize
 from cpid_drake.studies.paper_values import EXCITING
 from cpid_drake.studies.techniques.comparison import run_comparison
@@ -33,7 +30,7 @@ from cpid_drake.studies.techniques.force_sensors import SHIPPED, load_force_sens
 
 study = typer.Typer(
     no_args_is_help=True,
-    help="Reproduce the paper's study, or compare estimators and techniques on many noisy logs.",
+    help="Reproduce the paper's study, run campaigns of many trials, or compare techniques.",
 )
 
 
@@ -69,61 +66,72 @@ def paper(
 
 
 @study.command()
-def accuracy(
-    scenario: options.ScenarioArgument,
+def campaign(
+    campaign: Annotated[
+        str,
+        typer.Argument(metavar="CAMPAIGN", help="YAML file of a campaign; see models/campaigns."),
+    ],
     out: options.OutFolder,
-    trials: Annotated[
-        int | None, typer.Option(help="Trials for each suite. Default: the scenario's number.")
-    ] = None,
-    sensors: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="PRESET|YAML", help="Sensors; may be repeated. Default: the scenario's presets."
-        ),
-    ] = None,
-    estimator: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME", help="Estimator; may be repeated. Default: all estimators."),
-    ] = None,
-    seed: Annotated[
-        int | None, typer.Option(help="Seed of the noise. Default: the scenario's seed.")
-    ] = None,
-    jobs: Annotated[
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Continue the campaign in the folder.")
+    ] = False,
+    workers: Annotated[
         int | None, typer.Option(help="Number of processes. Default: one for each processor.")
     ] = None,
-    force: options.ForceOption = False,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS", help="A running scheduler of dask.distributed, such as tcp://…"
+        ),
+    ] = None,
+    chunk: Annotated[int | None, typer.Option(help="Trials of a task and of a file.")] = None,
     quiet: options.QuietOption = False,
 ) -> None:
-    """Compare the estimators on many simulated logs with sensor noise.
-
-    Reports the error, the Cramér-Rao bound, the bias and the coverage of the 95 % intervals.
-    """
-    start = time.perf_counter()
-    path = find_scenario(scenario)
-    loaded = load_scenario(path)
-    suites = sensors or loaded.accuracy.presets
-    check_folder("--out", out, [path, *files_of(loaded), *suites], force=force)
-    with prefix_errors(scenario):
-        options.print_warnings(check_limits(make_simulation(loaded)).exceeded)
+    """Run many simulated trials, on this machine or on a cluster; nothing finished is lost."""
+    with options.extra("campaign"):
+        from cpid_drake.studies.campaign import run
     log = options.log_console(quiet)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
     with Progress(*columns, TimeRemainingColumn(), console=log, disable=not log.is_terminal) as bar:
-        tasks = {name: bar.add_task(name) for name in suites}
-        found = run_accuracy(
-            loaded,
-            trials=trials,
-            presets=suites,
-            estimators=estimator or (),
-            seed=seed,
-            jobs=(os.cpu_count() or 1) if jobs is None else jobs,
-            progress=lambda name, done, total: bar.update(tasks[name], completed=done, total=total),
+        task = bar.add_task("trials")
+
+        def progress(state: run.State) -> None:
+            if not state.new and state.dashboard:
+                log.print(f"dashboard: {state.dashboard}")
+            rate = f"{state.new / state.seconds:.3g} trials/s" if state.new else "trials"
+            text = f"{rate}, {state.failed} without estimate"
+            bar.update(task, completed=state.done, total=state.total, description=text)
+
+        ended = run.run_campaign(
+            campaign,
+            out,
+            resume=resume,
+            workers=workers,
+            scheduler=scheduler,
+            chunk=run.CHUNK if chunk is None else chunk,
+            progress=progress,
         )
-    summary = {"scenario": scenario} | summarize_accuracy(found, time.perf_counter() - start)
-    page = accuracy_report(found, scenario)
-    with draft_folder(out) as draft:
-        write_study(draft, page, summary)
+    failed = f", {ended.failed} without estimate" if ended.failed else ""
+    log.print(f"{out}: {ended.done} trials, {ended.new} now in {ended.seconds:.1f} s{failed}")
+    log.print(f"report: cpid study report {out}")
+
+
+@study.command()
+def report(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="The folder of a campaign.")],
+    force: options.ForceOption = False,
+    quiet: options.QuietOption = False,
+) -> None:
+    """Report a campaign: errors, coverage, checks, worst cases, verdicts on its requirements."""
+    with options.extra("campaign"):
+        from cpid_drake.report.pages.campaign import campaign_report, write_campaign
+        from cpid_drake.studies.campaign.statistics import statistics_of
+    check_outputs([("", folder / "report.html")], force=force)
+    found = statistics_of(folder)
+    page = campaign_report(found, folder)
+    with draft_folder(folder) as draft:
+        write_campaign(draft, page, found)
     _print(page, quiet)
-    log.print(f"{out}: {summary['wall_seconds']:.1f} s")
 
 
 @study.command(name="techniques")

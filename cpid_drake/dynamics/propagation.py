@@ -61,8 +61,8 @@ class Wrench:
     """Forces and torques on spacecraft and target from outside.
 
     Attributes:
-        disturbance_W: (6,) torque about the system's centre of mass Scm, and acceleration of this
-            centre, in W [N·m, m/s²].
+        disturbance_W: (..., 6) torque about the system's centre of mass Scm, and acceleration of
+            this centre, in W [N·m, m/s²]; of each target, or of all.
         constant_W: (6,) moment about W's origin and force, in W [N·m, N].
         constant_B: (6,) torque about B's origin and force of thrusters, in B [N·m, N].
         orbit: the orbit of W's origin; None for no gravity gradient.
@@ -85,7 +85,7 @@ class Wrench:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return torque about Scm and force (..., 3), in W, of a system with inertia J about it."""
         (torque, acceleration), (moment, force), (torque_B, force_B) = (
-            np.split(np.asarray(values, dtype=float), 2)
+            np.split(np.asarray(values, dtype=float), 2, axis=-1)
             for values in (self.disturbance_W, self.constant_W, self.constant_B)
         )
         torque_B = torque_B - cross(p_BScm_B, force_B)

@@ -335,7 +335,7 @@ def load_planner(
 
     Args:
         path: the file.
-        sensors: a preset or a file; None for the scenario's, else the first of its accuracy study.
+        sensors: a preset or a file; None for the scenario's, else "flight".
         options: the choices of the user.
         prior: file about the target, see `identification.prior.load_prior`; default: none.
 
@@ -345,7 +345,7 @@ def load_planner(
     """
     scenario = load_scenario(path)
     own = scenario.make_suite() if sensors is None else None
-    suite = own or load_sensors(sensors or scenario.accuracy.presets[0])
+    suite = own or load_sensors(sensors or "flight")
     planner = Planner(scenario, suite, options)
     if prior is not None:
         frame = scenario.spacecraft.capture_frame

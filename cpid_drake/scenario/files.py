@@ -19,18 +19,9 @@ def load_scenario(path: str | Path) -> Scenario:
     """
     file = resolve_model(path)
     scenario = load_yaml(Scenario, file, str(path), "a scenario", MOTION_TAGS)
-    spacecraft, target = scenario.spacecraft, scenario.target
     with prefix_errors(str(path)):
-        spacecraft.model = _from_folder(file.parent, spacecraft.model)
-        spacecraft.packages = {
-            name: _from_folder(file.parent, folder) for name, folder in spacecraft.packages.items()
-        }
-        if target.visual_model is not None:
-            target.visual_model = _from_folder(file.parent, target.visual_model)
-        if isinstance(scenario.joint_motion, MotionFile):
-            scenario.joint_motion.file = _from_folder(file.parent, scenario.joint_motion.file)
-            load_motion(scenario.joint_motion.file)
-    _find_suites(scenario, file.parent, str(path))
+        resolve_files(scenario, file.parent)
+        check_files(scenario)
     return scenario
 
 
@@ -42,37 +33,59 @@ def dump_scenario(scenario: Scenario) -> str:
     return dump_yaml(scenario, MOTION_TAGS)
 
 
-def _from_folder(folder: Path, path: str) -> str:
-    """Resolve a path that a scenario's file contains; relative paths start at the file's folder."""
+def resolve_files(scenario: Scenario, folder: Path) -> None:
+    """Make the paths in a scenario absolute; relative ones start at a folder.
+
+    Raises:
+        InputError: a path names a user that does not exist.
+
+    """
+    spacecraft, target, sensors = scenario.spacecraft, scenario.target, scenario.sensors
+    spacecraft.model = from_folder(folder, spacecraft.model)
+    spacecraft.packages = {
+        name: from_folder(folder, place) for name, place in spacecraft.packages.items()
+    }
+    if target.visual_model is not None:
+        target.visual_model = from_folder(folder, target.visual_model)
+    if isinstance(scenario.joint_motion, MotionFile):
+        scenario.joint_motion.file = from_folder(folder, scenario.joint_motion.file)
+    if sensors.suite:
+        sensors.suite = suite_from_folder(folder, sensors.suite)
+
+
+def check_files(scenario: Scenario) -> None:
+    """Refuse a scenario whose motion or sensors cannot be read; its paths are absolute.
+
+    Otherwise an unknown suite would stop a study that has been running for a while.
+    """
+    if isinstance(scenario.joint_motion, MotionFile):
+        load_motion(scenario.joint_motion.file)
+    if scenario.sensors.suite:
+        with prefix_errors("sensors.suite"):
+            load_sensors(scenario.sensors.suite)
+
+
+def suite_from_folder(folder: Path, suite: str) -> str:
+    """Return the name of a preset as it is, and the path of another suite from a folder."""
+    return suite if suite in sensor_presets() else from_folder(folder, suite)
+
+
+def from_folder(folder: Path, path: str) -> str:
+    """Return a path that a file contains; relative paths start at the file's folder.
+
+    Raises:
+        InputError: the path names a user that does not exist.
+
+    """
     try:
         return path if "://" in path else str(folder / Path(path).expanduser())
     except RuntimeError as error:  # the user in ~user does not exist
         raise InputError(f"{path:.200}: {error}") from error
 
 
-def _find_suites(scenario: Scenario, folder: Path, where: str) -> None:
-    """Resolve the paths of the sensor suites from the folder, and check that all can be read.
-
-    Otherwise an unknown suite would stop a study that has been running for a while.
-    """
-    known = sensor_presets()
-
-    def find(suite: str, key: str) -> str:
-        with prefix_errors(f"{where}: {key}"):
-            found = suite if suite in known else _from_folder(folder, suite)
-            load_sensors(found)
-        return found
-
-    if scenario.sensors.suite:
-        scenario.sensors.suite = find(scenario.sensors.suite, "sensors.suite")
-    presets = scenario.accuracy.presets
-    presets[:] = [find(suite, f"accuracy.presets[{k}]") for k, suite in enumerate(presets)]
-
-
 def files_of(scenario: Scenario) -> list[Path]:
     """Return the files that a scenario names and that exist; packages' folders are left out."""
-    presets = [scenario.sensors.suite, *scenario.accuracy.presets]
-    names = [scenario.spacecraft.model, scenario.target.visual_model, *presets]
+    names = [scenario.spacecraft.model, scenario.target.visual_model, scenario.sensors.suite]
     if isinstance(scenario.joint_motion, MotionFile):
         names.append(scenario.joint_motion.file)
     folders = package_folders(scenario.spacecraft.packages)

@@ -6,7 +6,7 @@ in `__post_init__`. `simulation` turns a scenario into a Drake Diagram.
 
 import json
 from dataclasses import dataclass, field
-from typing import Annotated
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Interval, Le, MinLen
@@ -16,6 +16,7 @@ from pydrake.common.yaml import yaml_load_typed
 from pydrake.systems.analysis import SimulatorConfig
 
 from cpid_drake.dynamics.inertia import InertialParameters
+from cpid_drake.dynamics.parameterizations import inertia_of_second_moment
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError
 from cpid_drake.identification.online import check_guess
@@ -95,10 +96,45 @@ class BodyConfig:
 
 
 @dataclass
-class TargetConfig(BodyConfig):
-    """The true target of the simulated plant, and a model of its appearance."""
+class SolidConfig:
+    """A homogeneous solid, with its extent along the axes of C [m]; a cylinder's axis is C's z."""
 
+    shape: Literal["box", "cylinder", "ellipsoid"]
+    size: Annotated[NDArray[np.float64], Numbers(3)]
+
+    def inertia(self, mass: float) -> NDArray[np.float64]:
+        """Return the inertia (3, 3) about the centre of mass [kg·m²]."""
+        parts = {"box": [12, 12, 12], "cylinder": [16, 16, 12], "ellipsoid": [20, 20, 20]}
+        return inertia_of_second_moment(np.diag(mass * self.size**2 / parts[self.shape]))
+
+
+@dataclass
+class TargetConfig(BodyConfig):
+    """The true target of the simulated plant, and a model of its appearance.
+
+    The inertia is given, or is that of a `solid`.
+    """
+
+    I_TTcm_C: Annotated[NDArray[np.float64], Numbers(3, 3)] | None = None  # type: ignore[assignment]
     visual_model: str | None = None
+    solid: SolidConfig | None = None
+
+    def __post_init__(self) -> None:
+        if (self.I_TTcm_C is None) == (self.solid is None):
+            raise InputError("I_TTcm_C and solid: give one of the two")
+        self.body()  # refuses millimetres
+
+    def body(self) -> BodyConfig:
+        """Return the target with its inertia, without its appearance."""
+        inertia = self.I_TTcm_C
+        if inertia is None:
+            assert self.solid is not None
+            inertia = self.solid.inertia(self.mass)
+        return BodyConfig(self.mass, self.p_CTcm_C, inertia)
+
+    def parameters(self) -> InertialParameters:
+        """Return the target; it need not be physically consistent."""
+        return self.body().parameters()
 
 
 @dataclass
@@ -178,35 +214,6 @@ class IdentificationConfig:
     prior: PriorConfig | None = None
 
 
-@dataclass
-class FiringConfig:
-    """A thruster firing: its time [s], and the momentum [L; P] that it adds about W's origin, in W.
-
-    Units: N·m·s and N·s.
-    """
-
-    time: float
-    momentum_W: Momentum
-
-
-@dataclass
-class AccuracyConfig:
-    """Monte Carlo trials with noisy sensors.
-
-    `presets` are sensor suites, named as in `SensorsConfig`. If `momentum_known` is true, the
-    estimators get the momentum in `SimulationConfig.momentum_W`; otherwise they estimate the
-    momentum.
-    """
-
-    presets: Annotated[list[str], MinLen(1)] = field(
-        default_factory=lambda: ["flight", "servicer", "testbed", "coarse"]
-    )
-    trials: Annotated[int, Ge(1)] = 200
-    seed: Annotated[int, Ge(0)] = 2016
-    momentum_known: bool = False
-    firing: FiringConfig | None = None
-
-
 def default_simulator() -> SimulatorConfig:
     """Return Drake's settings of a simulation that conserves momentum to about 1e-8 N·s."""
     return SimulatorConfig(
@@ -266,7 +273,7 @@ class SimulationConfig:
 
     `momentum_W` is the total momentum [L; P] about W's origin, in W, at the start; not zero if the
     target was tumbling at capture. `disturbance` and `burns` act in the Diagram and in the trials
-    of `AccuracyConfig`. The estimators read a log of the burns if `burns_logged` is true; it has
+    of a campaign. The estimators read a log of the burns if `burns_logged` is true; it has
     the error of scale that the seed gives with the σ in `SensorSuite.disturbances`. `wrist` is
     null for a rigid grasp.
     """
@@ -283,6 +290,16 @@ class SimulationConfig:
         default_factory=default_simulator
     )
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the members, with Drake's settings as a mapping, which can be pickled."""
+        names = [each.name for each in SimulatorConfig.__fields__]
+        simulator = {name: getattr(self.simulator, name) for name in names}
+        return {**vars(self), "simulator": simulator}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take the members of `__getstate__`."""
+        vars(self).update(state | {"simulator": SimulatorConfig(**state["simulator"])})
+
 
 @dataclass
 class Scenario:
@@ -298,7 +315,6 @@ class Scenario:
     identification: IdentificationConfig = field(default_factory=IdentificationConfig)
     known_bodies: BodyUncertainty = field(default_factory=BodyUncertainty)
     simulation: SimulationConfig = field(default_factory=SimulationConfig)
-    accuracy: AccuracyConfig = field(default_factory=AccuracyConfig)
 
     def __post_init__(self) -> None:
         """Refuse values that contradict each other, by an InputError that names them."""
@@ -324,8 +340,6 @@ class Scenario:
                 "recursive_fit, or leave prior out"
             )
         times = {f"simulation.burns[{k}]": burn.time for k, burn in enumerate(simulation.burns)}
-        if self.accuracy.firing is not None:
-            times["accuracy.firing"] = self.accuracy.firing.time
         for name, time in times.items():
             if not 0 <= time < duration:
                 raise InputError(

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -82,6 +83,7 @@ class Spacecraft:
     ) -> None:
         self.model = str(model)
         self._capture_name = capture_frame
+        self._read_with = base, capture_frame, dict(packages or {})
         self._file = ModelFile(model, package_folders(packages))
         self.plant = MultibodyPlant(time_step=0.0)
         self.add_alone_to(self.plant)
@@ -106,6 +108,10 @@ class Spacecraft:
             "q": np.array([joint.position_start() for joint in self._joints], dtype=int),
             "qdot": np.array([nq + joint.velocity_start() for joint in self._joints], dtype=int),
         }
+
+    def __reduce__(self) -> tuple[Callable[..., "Spacecraft"], tuple[Any, ...]]:
+        """Return what it was read from: a plant cannot be pickled."""
+        return _read_again, (self.model, *self._read_with, self.tree.normal_B)
 
     @property
     def path(self) -> Path:
@@ -331,3 +337,15 @@ class Spacecraft:
         )
         P, L = L_WC.translational()[None], L_WC.rotational()[None]
         return MomentumSamples(motion, P, L, p_WKcm[None], self.mass)
+
+
+def _read_again(
+    model: str,
+    base: str,
+    capture_frame: str,
+    packages: Mapping[str, str | Path],
+    normal_B: NDArray[np.float64] | None,
+) -> Spacecraft:
+    """Return a spacecraft that was pickled."""
+    found = Spacecraft(model, base=base, capture_frame=capture_frame, packages=packages)
+    return found if normal_B is None else found.on_table(normal_B)

@@ -1,5 +1,6 @@
-"""The truth of Monte Carlo trials of one scenario, and the draws of their samples."""
+"""The truth of Monte Carlo trials, of many at once, and the draws of their samples."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -23,7 +24,7 @@ from cpid_drake.logs.log import (
     ideal_log,
 )
 from cpid_drake.logs.simulated_noise import add_noise
-from cpid_drake.scenario.schema import Scenario, SpacecraftConfig
+from cpid_drake.scenario.schema import Scenario
 from cpid_drake.sensors.disturbances import SimulatedDisturbance
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
@@ -61,7 +62,6 @@ class Case:
     """Inputs of a trial; they can be sent to another process.
 
     Attributes:
-        spacecraft: the nominal spacecraft, which the estimators use.
         truth: the target.
         motion: the motion of the joints.
         duration: duration of the motion [s].
@@ -70,7 +70,6 @@ class Case:
         firings: the firings of thrusters, in order of time.
         known_bodies: uncertainty of the nominal spacecraft; None if it is exact.
         suite: the sensors.
-        estimators: their names.
         seed: seed of the study.
         torque_W, acceleration_W: (3,) constant disturbance, see `SimulatedDisturbance`; None for a
             random one in every trial, of the size that `suite` gives.
@@ -79,7 +78,6 @@ class Case:
 
     """
 
-    spacecraft: SpacecraftConfig
     truth: InertialParameters
     motion: JointMotion
     duration: float
@@ -88,7 +86,6 @@ class Case:
     firings: tuple[Firing, ...]
     known_bodies: BodyUncertainty | None
     suite: SensorSuite
-    estimators: tuple[str, ...]
     seed: int
     torque_W: NDArray[np.float64] | None = None
     acceleration_W: NDArray[np.float64] | None = None
@@ -110,30 +107,21 @@ def make_case(
     spacecraft: Spacecraft,
     truth: InertialParameters,
     suite: SensorSuite,
-    estimators: tuple[str, ...],
     seed: int,
 ) -> Case:
-    """Return the case of a scenario with these sensors and estimators."""
+    """Return the case of a scenario with these sensors."""
     momentum = np.asarray(scenario.simulation.momentum_W, dtype=float)
     motion = scenario.make_joint_motion(spacecraft)
     unknown = bool(momentum.any() or scenario.identification.unknown_momentum)
-    if scenario.accuracy.momentum_known:
-        q = motion.evaluate(0.0)[0]
-        given = TotalMomentum.with_base_at_origin(spacecraft.tree, truth, q, momentum)
-    else:
-        given = TotalMomentum.unknown() if unknown else TotalMomentum.zero()
-    firing = scenario.accuracy.firing
     return Case(
-        spacecraft=scenario.spacecraft,
         truth=truth,
         motion=motion,
         duration=scenario.simulation.duration,
         momentum_W=momentum,
-        momentum=given,
-        firings=() if firing is None else (Firing(firing.time, np.asarray(firing.momentum_W)),),
+        momentum=TotalMomentum.unknown() if unknown else TotalMomentum.zero(),
+        firings=(),
         known_bodies=scenario.body_uncertainty(),
         suite=suite,
-        estimators=estimators,
         seed=seed,
         torque_W=scenario.simulation.disturbance.torque_W,
         acceleration_W=scenario.simulation.disturbance.acceleration_W,
@@ -152,16 +140,31 @@ def ideal_samples(
 
     The other arguments are those of `base_trajectory`.
     """
+    return ideal_logs([case], tree, joint_names, [disturbance or case.disturbance()])[0]
 
-    def motion(times: NDArray[np.float64]) -> Motion:
-        base = base_trajectory(case, tree, times, disturbance)
-        return base.to_telemetry(joint_names, times, case.motion)
 
-    ideal = ideal_log(case.suite, joint_names, motion, case.duration)
-    if not (case.burns and case.logs_thrust):
-        return ideal
-    samples = {**ideal.samples, THRUST: log_of_burns(case.burns)}
-    return Log(joint_names, samples, motion=ideal.motion)
+def ideal_logs(
+    cases: Sequence[Case],
+    tree: KinematicTree,
+    joint_names: tuple[str, ...],
+    disturbances: Sequence[SimulatedDisturbance],
+) -> list[Log]:
+    """Return the ideal samples of cases that differ as those of `base_trajectories` may."""
+    found: list[BaseTrajectory] = []
+    logs = []
+    for number, case in enumerate(cases):
+
+        def motion(times: NDArray[np.float64], number: int = number) -> Motion:
+            if not found:  # the times are those of all cases
+                found.append(base_trajectories(cases, tree, times, disturbances))
+            return found[0].to_telemetry(joint_names, times, cases[number].motion, number)
+
+        ideal = ideal_log(case.suite, joint_names, motion, case.duration)
+        if case.burns and case.logs_thrust:
+            samples = {**ideal.samples, THRUST: log_of_burns(case.burns)}
+            ideal = Log(joint_names, samples, motion=ideal.motion)
+        logs.append(ideal)
+    return logs
 
 
 def base_trajectory(
@@ -179,13 +182,28 @@ def base_trajectory(
         disturbance: external forces and torques; default: the constant ones of the case.
 
     """
-    phi = case.truth.to_standard_vector()
-    disturbance = case.disturbance() if disturbance is None else disturbance
+    found = base_trajectories([case], tree, times, [disturbance or case.disturbance()])
+    return BaseTrajectory(**{name: values[0] for name, values in vars(found).items()})
+
+
+def base_trajectories(
+    cases: Sequence[Case],
+    tree: KinematicTree,
+    times: NDArray[np.float64],
+    disturbances: Sequence[SimulatedDisturbance],
+) -> BaseTrajectory:
+    """Return the true motion of the base in T cases, each with its disturbance, as (T, N, ...).
+
+    The cases may differ in target, momentum and disturbance only; of all else, the first counts.
+    """
+    case = cases[0]
+    phi = np.array([each.truth.to_standard_vector() for each in cases])
     thrust, begin = log_of_burns(case.burns), times[0]
-    edges = {t for f in case.firings for t in (f.time, f.end)}
-    edges |= {*disturbance.changes(begin, times[-1]), *thrust.time.tolist()}
+    edges = {t for f in case.firings for t in (f.time, f.end)} | {*thrust.time.tolist()}
+    edges |= {t for each in disturbances for t in each.changes(begin, times[-1])}
     bounds = [begin, *sorted(t for t in edges if begin < t < times[-1]), times[-1]]
-    momentum_W = case.momentum_W + sum(f.momentum_W * f.share_before(begin) for f in case.firings)
+    before = sum(f.momentum_W * f.share_before(begin) for f in case.firings)
+    momentum_W = np.array([each.momentum_W for each in cases]) + before
     parts, pose = [], dict[str, NDArray[np.float64]]()
     for start, end in pairwise(bounds):
         inside = times[(times > start) & (times < end)]
@@ -196,23 +214,24 @@ def base_trajectory(
                 momentum_W = momentum_W + firing.momentum_W
             elif firing.time <= start < firing.end:
                 wrench_W = wrench_W + firing.momentum_W / firing.duration
+        external_W = np.array([each.at(start) for each in disturbances])
         part = propagate(
             tree,
             case.motion,
             phi,
             grid,
             momentum_W=momentum_W,
-            wrench=Wrench(disturbance.at(start), wrench_W, thrust.held_at(start), case.suite.orbit),
+            wrench=Wrench(external_W, wrench_W, thrust.held_at(start), case.suite.orbit),
             max_step=0.02,
             **pose,
         )
-        momentum_W = part.momentum_W[-1]
+        momentum_W = part.momentum_W[:, -1]
         # A sample at the end of a part belongs to the next part.
         kept = np.isin(grid, times) & ((grid < end) | (end == times[-1]))
-        parts.append({name: values[kept] for name, values in vars(part).items()})
-        pose = {"quaternion_WB": part.quaternion_WB[-1], "p_WB": part.p_WB[-1]}
+        parts.append({name: values[:, kept] for name, values in vars(part).items()})
+        pose = {"quaternion_WB": part.quaternion_WB[:, -1], "p_WB": part.p_WB[:, -1]}
     return BaseTrajectory(
-        **{name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+        **{name: np.concatenate([part[name] for part in parts], axis=1) for name in parts[0]}
     )
 
 
@@ -239,21 +258,41 @@ def bound_of(case: Case, spacecraft: Spacecraft, ideal: Log) -> NDArray[np.float
     return np.sqrt(np.diag(covariance))
 
 
-def draw(case: Case, spacecraft: Spacecraft, ideal: Log, number: int) -> Log:
-    """Return the samples of one trial: one draw of all errors, disturbances and uncertain bodies.
+def draw(case: Case, spacecraft: Spacecraft, number: int) -> Log:
+    """Return the samples of one trial of the nominal spacecraft; see `draws`."""
+    return draws([case], spacecraft.tree, spacecraft.joint_names, [number])[0]
+
+
+def draws(
+    cases: Sequence[Case],
+    tree: KinematicTree,
+    joint_names: tuple[str, ...],
+    numbers: Sequence[int],
+) -> list[Log]:
+    """Return the samples of trials: draws of all errors, disturbances and uncertain bodies.
 
     Args:
-        case: inputs of the trials; its seed and the trial's number determine the draw.
-        spacecraft: the nominal spacecraft.
-        ideal: samples of the nominal spacecraft without noise and random disturbances.
-        number: number of the trial, from 0.
+        cases: inputs of the trials, which differ as those of `base_trajectories` may; the seed and
+            a trial's number determine its draw.
+        tree: the spacecraft around which the bodies are drawn.
+        joint_names: its joints.
+        numbers: the trials' numbers, from 0.
 
     """
-    sequence = np.random.SeedSequence(case.seed, spawn_key=(number,))
-    noise_seed, body_seed = sequence.generate_state(2)
-    tree, disturbance = spacecraft.tree, case.disturbance(int(noise_seed))
-    if case.known_bodies is not None:
-        tree = perturbed(tree, case.known_bodies, np.random.default_rng(body_seed))
-    if case.known_bodies is not None or case.suite.disturbances is not None:
-        ideal = ideal_samples(case, tree, spacecraft.joint_names, disturbance)
-    return add_noise(case.suite, ideal, int(noise_seed))
+    seeds = [seeds_of(case.seed, number) for case, number in zip(cases, numbers, strict=True)]
+    disturbances = [case.disturbance(noise) for case, (noise, _) in zip(cases, seeds)]
+    if cases[0].known_bodies is None:
+        ideal = ideal_logs(cases, tree, joint_names, disturbances)
+    else:
+        ideal = []
+        for case, disturbance, (_, body_seed) in zip(cases, disturbances, seeds):
+            assert case.known_bodies is not None
+            own = perturbed(tree, case.known_bodies, np.random.default_rng(body_seed))
+            ideal.append(ideal_samples(case, own, joint_names, disturbance))
+    return [add_noise(c.suite, log, noise) for c, log, (noise, _) in zip(cases, ideal, seeds)]
+
+
+def seeds_of(seed: int, number: int) -> tuple[int, int]:
+    """Return the seeds of the noise and of the bodies in a trial of a study."""
+    noise, bodies = np.random.SeedSequence(seed, spawn_key=(number,)).generate_state(2)
+    return int(noise), int(bodies)

@@ -109,9 +109,10 @@ def paper(folder: Path) -> None:
 
 def accuracy(folder: Path) -> None:
     """Draw the comparison of the estimators, and print its table."""
-    study = ("study", "accuracy", "exciting_motion", "--sensors", "flight")
-    print(cpid(*study, "--out", folder / "accuracy"))
-    shutil.copy(folder / "accuracy/figures.png", HERE / "accuracy_flight.png")
+    campaign = HERE.parents[1] / "models/campaigns/estimators.yaml"
+    cpid("study", "campaign", campaign, "--out", folder / "accuracy")
+    print(cpid("study", "report", folder / "accuracy"))
+    shutil.copy(folder / "accuracy/errors.png", HERE / "accuracy_flight.png")
 
 
 def adaptive_control(folder: Path) -> None:

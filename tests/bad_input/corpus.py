@@ -477,10 +477,9 @@ SCENARIOS = {
         added("sensors: {explicit: {encoders: {rate: -1.0}}}"),
         "sensors.explicit.encoders.rate must be greater than or equal to 0.001, not -1.0",
     ),
-    "preset_unknown": (scenario("testbed", "nothing"), "accuracy.presets[2]: no sensors: "),
-    "firing_late": (
-        scenario("seed: 2016", "firing: {time: 10.5, momentum_W: [1, 1, 1, 1, 1, 1]}"),
-        "accuracy.firing.time must be within the simulation's duration, 10 s, not 10.5",
+    "burn_late": (
+        scenario("log_period", "burns: [{time: 10.5, duration: 1.0}]\n  log_period"),
+        "simulation.burns[0].time must be within the simulation's duration, 10 s, not 10.5",
     ),
     "estimator_unknown": (scenario("rows: eq18", "estimator: guess"), "must be one of least_squ"),
     "sensors_missing": (scenario("rows: eq18", "estimator: recursive_fit"), "needs sensors; give"),

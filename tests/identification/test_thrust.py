@@ -40,10 +40,8 @@ class Flight:
         self.suite.disturbances = Disturbances(thrust_scale=scale)
         self.craft = config.spacecraft.make()
         self.target = config.target_truth().to_vector()
-        self.case = make_case(config, self.craft, config.target_truth(), self.suite, (), 11)
-        tree = self.craft.tree
-        ideal = ideal_samples(self.case, tree, self.craft.joint_names)
-        self.log = draw(self.case, self.craft, ideal, 0)
+        self.case = make_case(config, self.craft, config.target_truth(), self.suite, 11)
+        self.log = draw(self.case, self.craft, 0)
 
     def identify(self, log, **options):
         return identify(self.craft, log, sensors=self.suite, **options)

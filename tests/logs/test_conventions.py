@@ -318,7 +318,7 @@ def test_the_sign_of_a_joint_that_hardly_matters_is_named_in_an_exact_log_only(k
     suite = SensorSuite(
         attitude=AttitudeSensor(16.0), position=VectorSensor(16.0), encoders=JointSensor(16.0)
     )
-    case = make_case(scenario, craft, scenario.target_truth(), suite, (), 1)
+    case = make_case(scenario, craft, scenario.target_truth(), suite, 1)
     signs = np.where(np.arange(len(craft.joint_names)) == k, -1, 1)
     for tree, is_named in ((craft.tree, True), (heavier("bus", 1.2)(craft.tree), False)):
         log = ideal_samples(case, tree, craft.joint_names)

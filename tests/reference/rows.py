@@ -27,6 +27,7 @@ from cpid_drake import (
     read_telemetry,
     shipped_scenario,
 )
+from cpid_drake.studies.trials import bound_of, ideal_samples, make_case
 
 FLOOR = 1e-8
 """Error that is rounding, relative to m, to 0.5 m and to the trace of I."""
@@ -267,7 +268,7 @@ def monte_carlo(what: str, name: str, folder: Path, sensors: str | SensorSuite =
         sensors: those that the estimator knows: a preset or a suite.
         seeds: number of runs, the first `online` of which are also identified online.
         online: see `seeds`.
-        bound: whether the bound is that of `cpid study accuracy`.
+        bound: whether to compute the Cramér-Rao bound.
         uncertain: whether the bodies of the spacecraft are drawn at random.
         change: returns another world in place of the scenario's.
         true: the true sensors; None for `sensors`.
@@ -288,9 +289,8 @@ def monte_carlo(what: str, name: str, folder: Path, sensors: str | SensorSuite =
         trials.append(identified(world, log, suite, seed < online, **options))
     limit = None
     if bound:
-        out, one = folder / "accuracy", ["--trials", "1", "--estimator", "standard", "--jobs", "1"]
-        cli("study", "accuracy", name, "--sensors", str(sensors), *one, "--out", out, "--quiet")
-        summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
-        limit = np.array(summary["results"][0]["crlb"], dtype=float)
+        craft = scenario.spacecraft.make()
+        case = make_case(scenario, craft, scenario.target_truth(), suite, 0)
+        limit = bound_of(case, craft, ideal_samples(case, craft.tree, craft.joint_names))
     what = f"{what}, {seeds} seeds"
     return row_of(what, trials, bound=limit, is_spoiled=is_spoiled, why=why, words=words)

@@ -59,9 +59,7 @@ def test_the_base_moves_as_momentum_says(run):
     """The plant's base, and that of the trials, whose momentum is integrated without a plant."""
     simulation, context = run
     telemetry, scenario = simulation.telemetry(context), simulation.scenario
-    case = make_case(
-        scenario, simulation.spacecraft, simulation.truth, scenario.make_suite(), (), 0
-    )
+    case = make_case(scenario, simulation.spacecraft, simulation.truth, scenario.make_suite(), 0)
     base = base_trajectory(case, simulation.spacecraft.tree, telemetry.time)
     # The joints do not follow the desired motion exactly.
     np.testing.assert_allclose(telemetry.p_WB, base.p_WB, rtol=0, atol=2e-4)
@@ -85,13 +83,13 @@ def test_the_log_has_the_error_of_its_scale(run):
 def test_trials_draw_the_error_of_the_scale():
     scenario = with_burn()
     craft, suite = scenario.spacecraft.make(), scenario.make_suite()
-    case = make_case(scenario, craft, scenario.target_truth(), suite, (), 5)
+    case = make_case(scenario, craft, scenario.target_truth(), suite, 5)
     ideal = ideal_samples(case, craft.tree, craft.joint_names)
-    sizes = [draw(case, craft, ideal, k).thrust.value[0, 3] / FORCE[0] for k in range(2)]
+    sizes = [draw(case, craft, k).thrust.value[0, 3] / FORCE[0] for k in range(2)]
     assert sizes[0] != sizes[1]
     np.testing.assert_allclose(ideal.thrust.value[0, 3:], FORCE)
     scenario.simulation.burns_logged = False
-    case = make_case(scenario, craft, scenario.target_truth(), suite, (), 5)
+    case = make_case(scenario, craft, scenario.target_truth(), suite, 5)
     assert not len(ideal_samples(case, craft.tree, craft.joint_names).thrust)
 
 

@@ -141,7 +141,7 @@ def test_samples_at_the_very_end_count(paper_scenario, period, offset, count):
     assert times[-1] <= 10.0 + 1e-9
 
 
-# -- sensors, uncertainty and accuracy -----------------------------------------------------------
+# -- sensors and uncertainty -----------------------------------------------------------------------
 
 
 def test_sensors_may_be_written_into_the_scenario(write, paper_yaml):
@@ -185,13 +185,10 @@ def test_a_suite_of_ones_own_starts_at_the_scenarios_folder(
     write, paper_yaml, tmp_path, monkeypatch
 ):
     (tmp_path / "mine.yaml").write_text("encoders: {rate: 20.0}\n")
-    file = write(
-        paper_yaml | {"sensors": {"suite": "mine.yaml"}, "accuracy": {"presets": ["mine.yaml"]}}
-    )
+    file = write(paper_yaml | {"sensors": {"suite": "mine.yaml"}})
     monkeypatch.chdir("/")
     scenario = load_scenario(file)
     assert scenario.make_suite().encoders.rate == 20.0
-    assert load_sensors(scenario.accuracy.presets[0]).encoders.rate == 20.0
     uri = "package://cpid_drake_models/sensors/flight.yaml"
     assert load_scenario(write(paper_yaml | {"sensors": {"suite": uri}})).make_suite() is not None
 

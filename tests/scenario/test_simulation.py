@@ -296,9 +296,7 @@ def test_a_table_holds_height_and_tilt_and_nothing_in_the_plane():
     expected = simulation.expected_momentum(context)
     np.testing.assert_allclose(P[:, :2], expected[:, 3:5], atol=1e-6)
     np.testing.assert_allclose(L[:, 2], expected[:, 2], atol=2e-6)
-    case = make_case(
-        scenario, simulation.spacecraft, simulation.truth, scenario.make_suite(), (), 1
-    )
+    case = make_case(scenario, simulation.spacecraft, simulation.truth, scenario.make_suite(), 1)
     base = base_trajectory(case, simulation.spacecraft.tree, telemetry.time)
     np.testing.assert_allclose(telemetry.p_WB[:, :2], base.p_WB[:, :2], atol=2e-5)
     free = replace(scenario.spacecraft, on_table=False)

@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from cpid_drake.output_files.drafts import write_text
-from cpid_drake.report import accuracy_tables, paper_figures, paper_tables, technique_tables
+from cpid_drake.report import paper_figures, paper_tables, technique_tables
 from cpid_drake.report.page import Report, Section
 from cpid_drake.report.sections.data import written_by
-from cpid_drake.studies.accuracy import AccuracyStudy
 from cpid_drake.studies.paper import PaperStudy
 from cpid_drake.studies.techniques.comparison import Comparison
 
@@ -20,21 +19,6 @@ def paper_report(study: PaperStudy, scenario: str) -> Report:
     introduction = Section("The paper and this study", texts=paper_tables.INTRODUCTION)
     sections = [introduction, *paper_tables.sections(study), *paper_figures.sections(study)]
     return _report("Study of Ning et al. 2016", f"Scenario {scenario}", sections, scenario, words)
-
-
-def accuracy_report(study: AccuracyStudy, scenario: str) -> Report:
-    """Return the report of an accuracy study on a scenario of this name or path."""
-    words = ["cpid", "study", "accuracy", scenario, "--trials", str(study.trials)]
-    words += ["--seed", str(study.seed)]
-    for option, name in (("--sensors", "preset"), ("--estimator", "estimator")):
-        for value in dict.fromkeys(getattr(result, name) for result in study.results):
-            words += [option, value]
-    sections = [
-        Section("Tables", texts=[accuracy_tables.LEGEND], tables=accuracy_tables.tables(study)),
-        Section("Figures", pictures=accuracy_tables.pictures(study)),
-    ]
-    subtitle = f"Scenario {scenario}, {study.trials} trials, seed {study.seed}"
-    return _report("Accuracy of the estimators", subtitle, sections, scenario, words)
 
 
 def technique_report(found: Comparison, scenarios: Sequence[str], words: Sequence[str]) -> Report:
