@@ -64,7 +64,7 @@ def step(model: Model, state: OnlineState, block: Block) -> OnlineState:
         block: the samples that follow.
 
     """
-    if state.known is None:
+    if state.window or state.known is None:
         return _grown(model, replace(state, window=(*state.window, block)))
     try:
         return _continued(model, state, block)
@@ -112,9 +112,8 @@ def finish(model: Model, state: OnlineState) -> OnlineState:
         state: after the last block.
 
     """
-    if state.known is not None or not state.window:
-        return state
-    if state.first is not None and len(state.first.logs[0].blocks) == len(state.window):
+    window, known = state.window, state.known
+    if not window or (known is not None and known.log.blocks[-1] is window[-1]):
         return state
     return _grown(model, replace(state, next_fit=0))
 
@@ -147,17 +146,17 @@ def _grown(model: Model, state: OnlineState) -> OnlineState:
         found = fit(model, [LogState.of_blocks(model, window, NAME)])
         changes = _changes(model, found)
         error = _inertia_error(model, found.logs[0], found.gaussian, found.values[PSI])
+        known = _begun(model, found)
     except (InputError, np.linalg.LinAlgError):
         return later
     if changes:
         return _restarted(state, changes)
     if not found.converged:
-        return replace(later, first=found, is_free=is_full or state.is_free)
-    state = replace(state, first=found, used={}, rejected={}, lags={}, length=0.0)
-    state = state.observed(found.logs[0], found.rolled[0])
-    if error > (KNOWN if is_full else WELL_KNOWN):
-        return replace(state, window=later.window)
-    return replace(state, window=(), known=_begun(model, found), first=None)
+        return replace(later, known=known, is_free=is_full or state.is_free)
+    is_stored = error > (KNOWN if is_full else WELL_KNOWN)
+    state = replace(state, window=later.window if is_stored else (), known=known)
+    state = replace(state, used={}, rejected={}, lags={}, length=0.0)
+    return state.observed(found.logs[0], found.rolled[0])
 
 
 def _restarted(state: OnlineState, changes: Sequence[int]) -> OnlineState:
@@ -166,7 +165,7 @@ def _restarted(state: OnlineState, changes: Sequence[int]) -> OnlineState:
     first = [k for k in changes if k - 1 not in changes]  # one change can open several ends
     settled = (*state.settled, *(window[k].end for k in first))
     later = window[changes[-1] + 2 :]
-    return replace(state, window=later, next_fit=0, settled=settled, first=None, is_free=True)
+    return replace(state, window=later, next_fit=0, settled=settled, known=None, is_free=True)
 
 
 def _changes(model: Model, found: Fit) -> list[int]:
@@ -203,7 +202,7 @@ def _begun(model: Model, found: Fit) -> Known:
         start=rolled.models[-1].motion.end(rolled.trajectories[-1]),
     )
     about = {u.name: found.values[u.name] for u in model.table if u.scope != "log"}
-    return Known(found.values, last, gaussian, (), track, about)
+    return Known(found.values, last, gaussian, (), track, about, converged=found.converged)
 
 
 def _after(model: Model, each: Recent) -> tuple[OnlineState, bool]:
@@ -256,19 +255,15 @@ def _settled(model: Model, state: OnlineState, oldest: float) -> OnlineState:
     return replace(state, known=replace(known, gaussian=gaussian, links=links), settled=settled)
 
 
-def change_beyond_linear(model: Model, state: OnlineState) -> float:
+def change_beyond_linear(model: Model, known: Known) -> float:
     """Return the relative change d of the system's inertia since the first block that is linear.
 
-    It is 0 while blocks are stored, and if its second-order effect d² is below the error of the
-    inertia.
+    It is 0 if its second-order effect d² is below the error of the inertia.
     """
-    gaussian = state.gaussian(model)
-    if state.known is None or gaussian is None:
-        return 0.0
-    log, psi = state.known.log, state.known.values[PSI]
+    log, psi = known.log, known.values[PSI]
     B = _by_inertia(model, log, psi)
-    change = float(np.linalg.norm(B @ (psi - state.known.about[PSI])) / len(B) ** 0.25)
-    return change if change**2 > _inertia_error(model, log, gaussian, psi) else 0.0
+    change = float(np.linalg.norm(B @ (psi - known.about[PSI])) / len(B) ** 0.25)
+    return change if change**2 > _inertia_error(model, log, known.unknowns(model), psi) else 0.0
 
 
 def _inertia_error(

@@ -12,10 +12,10 @@ from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.joints import joint_part, tracked
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
-from cpid_drake.estimation.links import Link, judged, with_links
+from cpid_drake.estimation.links import Link, closed, judged, with_links
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Rolled, Values, jump_between, roll
-from cpid_drake.estimation.sweep import back, boundary_size, changed, linked, sweep
+from cpid_drake.estimation.sweep import BOUNDARY, back, boundary_size, changed, linked, sweep
 from cpid_drake.estimation.unknowns import Model
 
 NAME = "online"
@@ -40,6 +40,7 @@ class Known:
         track: (J, ORDER, ORDER + 1) rows about the joints, by their own sensors alone.
         about: values of the target and the hardware about which all rows are linear.
         is_lost: whether the base is not known any more, because the joints were not.
+        converged: whether this is the best fit of the blocks so far.
 
     """
 
@@ -50,6 +51,14 @@ class Known:
     track: NDArray[np.float64]
     about: Values
     is_lost: bool = False
+    converged: bool = True
+
+    def unknowns(self, model: Model) -> Gaussian:
+        """Return what is known of all unknowns but the block's, about `values`."""
+        found = self.gaussian
+        for link in self.links:
+            found = closed(model, found, link)
+        return found.marginal(name for name in found.places if name != BOUNDARY)
 
 
 def is_likely(log: LogState, rolled: Rolled) -> bool:

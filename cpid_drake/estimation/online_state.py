@@ -8,14 +8,9 @@ import numpy as np
 
 from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.evidence import NAMED
-from cpid_drake.estimation.fit import Fit
-from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.links import closed
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.online_block import Known
-from cpid_drake.estimation.roll import Rolled, Values
-from cpid_drake.estimation.sweep import BOUNDARY
-from cpid_drake.estimation.unknowns import Model
+from cpid_drake.estimation.roll import Rolled
 from cpid_drake.estimation.whiteness import LagSums
 
 
@@ -26,8 +21,7 @@ class OnlineState:
     Attributes:
         window: stored blocks, until the target is well known.
         next_fit: number of blocks at which the window is fitted.
-        known: what is known at the end of the last block; None while blocks are stored.
-        first: the latest fit of the window; None before the first.
+        known: what is known at the end of the last block that is fitted; None before the first.
         settled: times at which the momentum changed [s], of links that are no unknowns any more.
         used, rejected: number of samples, and of those that weigh less or not at all, by sensor.
         lags: sums over the residuals of every sensor and over products of neighbours.
@@ -41,7 +35,6 @@ class OnlineState:
     window: tuple[Block, ...] = ()
     next_fit: int = 0
     known: Known | None = None
-    first: Fit | None = None
     settled: tuple[float, ...] = ()
     used: Mapping[str, int] = field(default_factory=dict)
     rejected: Mapping[str, int] = field(default_factory=dict)
@@ -69,34 +62,6 @@ class OnlineState:
             lags[name] = lags.get(name, LagSums()).added(rest)
         length = self.length + sum(block.length for block in log.blocks)
         return replace(self, used=used, rejected=rejected, lags=lags, length=length)
-
-    @property
-    def noise(self) -> dict[str, float]:
-        """Factors of the sensors' declared σ."""
-        if self.known is not None:
-            return self.known.log.noise
-        return {} if self.first is None else self.first.logs[0].noise
-
-    @property
-    def converged(self) -> bool:
-        """Whether the estimate is the best fit of the stored blocks."""
-        return self.first is None or self.first.converged
-
-    def gaussian(self, model: Model) -> Gaussian | None:
-        """Return what is known of all unknowns but the block's, about `values`; None if nothing."""
-        if self.known is None:
-            return None if self.first is None else self.first.gaussian
-        found = self.known.gaussian
-        for link in self.known.links:
-            found = closed(model, found, link)
-        return found.marginal(name for name in found.places if name != BOUNDARY)
-
-    @property
-    def values(self) -> Values | None:
-        """The values of all unknowns; None before the first fit."""
-        if self.known is not None:
-            return self.known.values
-        return None if self.first is None else self.first.values
 
 
 @dataclass(frozen=True, eq=False)

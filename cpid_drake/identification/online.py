@@ -112,14 +112,15 @@ def identification_of_state(
             else unknown. It is unknown after a change before the target was known.
 
     """
-    wrong: tuple[str, ...] = ()
+    known, wrong, change = state.known, tuple[str, ...](), 0.0
     assumed = TotalMomentum.unknown() if state.is_free else momentum or TotalMomentum.zero()
-    values, gaussian, noise = state.values, state.gaussian(model), state.noise
-    if values is None or gaussian is None:
+    if known is None:
         values, noise = model.start([LOG]), {}
         rows = np.column_stack([np.diag(1 / model.unknown(PSI).sigma), np.zeros(10)])
         gaussian = Gaussian.of_rows({PSI: 10}, rows)
     else:
+        values, noise, gaussian = known.values, known.log.noise, known.unknowns(model)
+        change = change_beyond_linear(model, known)
         given = np.concatenate([assumed.L_WScm_W, assumed.v_WScm_W])
         question = Question({}, {} if assumed.is_unknown else {f"{MOMENTUM}|{LOG}": given})
         wrong = contradicted(gaussian, values, question, model)
@@ -127,7 +128,6 @@ def identification_of_state(
             gaussian = at_momentum(gaussian, values, assumed, LOG)
         elif momentum is None:
             assumed = TotalMomentum.unknown()
-    change = change_beyond_linear(model, state)
     said, failed = momentum_words(1.0 if wrong else 0.0, is_given=momentum is not None)
     effects = effects_of(model, values, gaussian, LOG)
     tests = {name: sums.whiteness for name, sums in state.lags.items()}
@@ -146,7 +146,7 @@ def identification_of_state(
             *failed,
             *((Check("linearity", NOT_LINEAR.format(100 * change)),) if change else ()),
             *size_checks(model, effects),
-            *fit_checks(state.converged, unexplained, noise, tests),
+            *fit_checks(known is None or known.converged, unexplained, noise, tests),
             *rejection_checks(state.rejected, used),
         ),
         momentum=assumed.name,
@@ -173,6 +173,6 @@ def estimate(
     progress("fitting")
     state = run(model, log.measurements.blocks())
     found = identification_of_state(model, state, known.momentum)
-    if state.known is None:
+    if state.window:
         warnings = (*warnings, NOT_STARTED)
     return replace(found, warnings=(*warnings, *found.warnings))

@@ -108,7 +108,7 @@ def main() -> None:
     blocks, states = blocks[-BLOCKS:], states[-BLOCKS - 1 :]
     used = [sum(state.used.values()) for state in (states[0], states[-1])]
     given = sum(len(s) for each in blocks for _, s in each.samples.items())
-    if states[0].known is None or used[1] - used[0] != given:
+    if states[0].window or used[1] - used[0] != given:
         raise SystemExit("the fit does not solve every block on its own")
     if any(states[-1].rejected.values()) or states[-1].events:
         raise SystemExit("samples were left out, or a change of momentum was found")

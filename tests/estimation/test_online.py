@@ -53,7 +53,7 @@ def test_it_is_the_fit_of_all_samples(case, bias_walk):
     state = run(model, [samples])
     found = fit(model, [LogState.of(model, samples)])
     psi, covariance = target(found.gaussian, found.values, "log")
-    again, same = target(state.gaussian(model), state.values)
+    again, same = target(state.known.unknowns(model), state.known.values)
     sigma = np.sqrt(np.diag(covariance))
     assert np.abs((again - psi) / sigma).max() < 0.1
     ratio = np.sqrt(np.diag(same)) / sigma
@@ -69,8 +69,8 @@ def test_a_change_of_any_size_leaves_the_target_right(case, model, size, time):
     """A fit that does not know of it is confidently wrong."""
     samples = add_noise(SUITE, fired(case, Firing(time, size * MOMENTUM)), 3)
     state = run(model, [samples])
-    assert state.known is not None
-    assert nees(case, *target(state.gaussian(model), state.values)) < 30
+    assert not state.window
+    assert nees(case, *target(state.known.unknowns(model), state.known.values)) < 30
     if size < 0.01:
         return
     assert len(state.events) == 1
@@ -87,7 +87,9 @@ def test_after_a_change_at_the_beginning_the_momentum_is_not_what_was_given(case
     assert found.momentum == "unknown"
     assert len(found.momentum_changes) == 1
     unknown = TotalMomentum.unknown()
-    assert nees(case, *target(state.gaussian(model), state.values, momentum=unknown)) < 30
+    assert (
+        nees(case, *target(state.known.unknowns(model), state.known.values, momentum=unknown)) < 30
+    )
     sigma = np.sqrt(np.diag(found.momentum_covariance))
     assert (np.abs(found.momentum_estimate) > 5 * sigma).any()
 
@@ -106,8 +108,8 @@ def test_what_no_motion_tells_stays_unknown(case):
     """Where C is in the target; derivatives at other values in every block would tell it."""
     model = Model(case.craft.tree, SUITE, BodyUncertainty(grasp_mm=5.0))
     state = run(model, [add_noise(SUITE, case.samples, 1)])
-    assert state.known is not None
-    grasp = state.gaussian(model).marginal([BODIES]).covariance()
+    assert not state.window
+    grasp = state.known.unknowns(model).marginal([BODIES]).covariance()
     assert (np.sqrt(np.diag(grasp)) > 0.99).all()
 
 
@@ -118,7 +120,7 @@ def test_a_sensor_that_fails_is_not_used_any_more(case, model):
     size = 100 * float(np.std(gyro.value - case.samples["gyro"].value))
     value = gyro.value + size * (gyro.time > 4.0)[:, None] * rng.normal(size=gyro.value.shape)
     state = run(model, [samples.updated({"gyro": Samples(gyro.time, value)})])
-    assert nees(case, *target(state.gaussian(model), state.values)) < 30
+    assert nees(case, *target(state.known.unknowns(model), state.known.values)) < 30
     found = identification_of_state(model, state, TotalMomentum.zero())
     assert found.check("unexplained share").statistic > 0.2
 

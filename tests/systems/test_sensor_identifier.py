@@ -114,10 +114,10 @@ def diagnostics(identifier, context) -> dict:
 def known(identifier, context) -> np.ndarray:
     """Return what is known at the end of the last block, as one vector."""
     state = identifier.online_state(context)
-    if state.known is None:
+    if state.window or state.known is None:
         return np.array([len(state.window)])
     gaussian = state.known.gaussian
-    return np.concatenate([state.values[PSI], gaussian.z, gaussian.R.ravel()])
+    return np.concatenate([state.known.values[PSI], gaussian.z, gaussian.R.ravel()])
 
 
 # -- samples -------------------------------------------------------------------------------------
@@ -177,7 +177,7 @@ def test_it_equals_the_estimator_on_the_logged_samples(simulation, finished, sam
     """Every sample of the run is used, those of its very end too."""
     identifier, suite = simulation.identifier, simulation.sensors.suite
     context = identifier.GetMyContextFromRoot(finished)
-    assert identifier.online_state(context).known is not None
+    assert identifier.online_state(context).window == ()
     found = identifier.identification(context)
     assert found.sample_count == sum(len(samples[name]) for name in SENSORS)
     batch = identify(simulation.spacecraft, samples, sensors=suite, estimator="recursive_fit")
