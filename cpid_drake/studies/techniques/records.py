@@ -66,7 +66,7 @@ def techniques(sensors: ForceSensors) -> tuple[Technique, ...]:
     found = [
         _of("momentum, the paper's rows", ning, "position", by_rows("eq18")),
         _of("momentum, standard rows", ning, "position", by_rows("standard")),
-        _of("momentum, standard rows, any momentum", ours, "position", any_momentum),
+        _of("momentum, standard rows, any momentum", ours, "position", any_momentum, ""),
         _of("angular momentum, relative rows", "Yoshida and Abiko 2002", "", by_rows("relative")),
         Technique(FIT, ours, "", partial(_identified, "trajectory_fit")),
         Technique(ONLINE, ours, "", partial(_identified, "recursive_fit")),
