@@ -12,8 +12,8 @@ not explain is bridged by its joints alone.
 """
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,9 +30,10 @@ from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.estimation.links import closed, compared
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.online_block import NAME, Known, is_likely, solved
-from cpid_drake.estimation.online_state import OnlineState, Recent
+from cpid_drake.estimation.roll import Rolled
 from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import BODIES, PSI, Model
+from cpid_drake.estimation.whiteness import LagSums
 from cpid_drake.logs.log import Log
 
 WELL_KNOWN = 1e-3
@@ -49,6 +50,72 @@ MOST_LINKS = 6
 
 OF_JOINTS = ("encoders", "joint_rates", "thrust")
 """What is used of a part of a block that noise does not explain."""
+
+
+@dataclass(frozen=True, eq=False)
+class OnlineState:
+    """The state of the online fit.
+
+    Attributes:
+        window: stored blocks, until the target is well known.
+        next_fit: number of blocks at which the window is fitted.
+        known: what is known at the end of the last block that is fitted; None before the first.
+        settled: times at which the momentum changed [s], of links that are no unknowns any more.
+        used, rejected: number of samples, and of those that weigh less or not at all, by sensor.
+        lags: sums over the residuals of every sensor and over products of neighbours.
+        bridged: length of the pieces that nothing explains [s].
+        length: of all blocks that are fitted [s].
+        is_free: whether the momentum has changed before the first block that is fitted.
+        recent: the last blocks, each with the state before it.
+
+    """
+
+    window: tuple[Block, ...] = ()
+    next_fit: int = 0
+    known: Known | None = None
+    settled: tuple[float, ...] = ()
+    used: Mapping[str, int] = field(default_factory=dict)
+    rejected: Mapping[str, int] = field(default_factory=dict)
+    lags: Mapping[str, LagSums] = field(default_factory=dict)
+    bridged: float = 0.0
+    length: float = 0.0
+    is_free: bool = False
+    recent: tuple["Recent", ...] = ()
+
+    @property
+    def events(self) -> tuple[float, ...]:
+        """Times at which the momentum changed [s]."""
+        links = () if self.known is None else self.known.links
+        return (*self.settled, *(link.time for link in links if link.probability >= NAMED))
+
+    def observed(self, log: LogState, rolled: Rolled) -> "OnlineState":
+        """Return the state with the numbers of samples and the residuals of the blocks of a log."""
+        used, rejected, lags = Counter(self.used), Counter(self.rejected), dict(self.lags)
+        for block, weights in zip(log.blocks, log.weights, strict=True):
+            for name, samples in block.samples.items():
+                far = int(np.sum(weights.get(name, np.ones(1)) < 1))
+                used[name] += len(samples) - far
+                rejected[name] += far
+        for name, rest in rolled.all_residuals().items():
+            lags[name] = lags.get(name, LagSums()).added(rest)
+        length = self.length + sum(block.length for block in log.blocks)
+        return replace(self, used=used, rejected=rejected, lags=lags, length=length)
+
+
+@dataclass(frozen=True, eq=False)
+class Recent:
+    """A block that is solved once more if something changed beside it.
+
+    Attributes:
+        before: the state before it.
+        block: the block.
+        is_cut: whether it is solved in two halves.
+
+    """
+
+    before: OnlineState
+    block: Block
+    is_cut: bool = False
 
 
 def step(model: Model, state: OnlineState, block: Block) -> OnlineState:

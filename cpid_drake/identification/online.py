@@ -12,9 +12,8 @@ from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.evidence import Question
 from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.online import change_beyond_linear, run
+from cpid_drake.estimation.online import OnlineState, change_beyond_linear, run
 from cpid_drake.estimation.online_block import NAME as LOG
-from cpid_drake.estimation.online_state import OnlineState
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.identification.checked_log import CheckedLog, Known, suite_of
 from cpid_drake.identification.checks import (

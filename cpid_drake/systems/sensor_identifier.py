@@ -18,8 +18,7 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.block import BlockQueue, after
-from cpid_drake.estimation.online import finish, step
-from cpid_drake.estimation.online_state import OnlineState
+from cpid_drake.estimation.online import OnlineState, finish, step
 from cpid_drake.identification.online import identification_of_state, model_of
 from cpid_drake.identification.result import Identification
 from cpid_drake.logs.log import THRUST, Log, Samples

@@ -37,8 +37,7 @@ from cpid_drake import (
 )
 from cpid_drake.dynamics.propagation import propagate
 from cpid_drake.estimation.block import BlockQueue, blocks_of
-from cpid_drake.estimation.online import step
-from cpid_drake.estimation.online_state import OnlineState
+from cpid_drake.estimation.online import OnlineState, step
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.logs.log import ideal_log
 from cpid_drake.logs.simulated_noise import add_noise

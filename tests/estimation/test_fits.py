@@ -17,8 +17,7 @@ from sensing_cases import (
 
 from cpid_drake import InertialParameters, TotalMomentum, identify
 from cpid_drake.estimation.block import BlockQueue, blocks_of
-from cpid_drake.estimation.online import run, step
-from cpid_drake.estimation.online_state import OnlineState
+from cpid_drake.estimation.online import OnlineState, run, step
 from cpid_drake.identification.fitted import cramer_rao_bound
 from cpid_drake.identification.online import identification_of_state, model_of
 from cpid_drake.logs.log import Log, Samples

@@ -12,8 +12,7 @@ from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.block import BlockQueue, blocks_of
 from cpid_drake.estimation.fit import fit
 from cpid_drake.estimation.log_state import LogState
-from cpid_drake.estimation.online import LONGEST, run, step
-from cpid_drake.estimation.online_state import OnlineState
+from cpid_drake.estimation.online import LONGEST, OnlineState, run, step
 from cpid_drake.estimation.unknowns import BODIES, PSI, Model
 from cpid_drake.identification.fitted import at_momentum
 from cpid_drake.identification.online import identification_of_state
