@@ -81,7 +81,9 @@ def _errors(found: Comparison, cell: Cell) -> Table:
         if "rms" in values:
             shown = [number(values.get(each, np.nan)) for each in _QUANTITIES]
             rows.append([name, *shown])
-    title = f"{cell.motion} ({cell.truth.duration:.3g} s), {cell.sensors}, {cell.target} target"
+    title = (
+        f"{cell.motion} ({cell.truth.case.duration:.3g} s), {cell.sensors}, {cell.target} target"
+    )
     return Table(["", *_QUANTITIES], rows, f"{title}, {found.trials} trials")
 
 

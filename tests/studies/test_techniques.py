@@ -24,6 +24,7 @@ from cpid_drake.studies.techniques.forgetting import (
 from cpid_drake.studies.techniques.records import FIT, techniques
 from cpid_drake.studies.techniques.rows import estimate, instants, worst_error, wrist
 from cpid_drake.studies.techniques.trial import Truth
+from cpid_drake.studies.trials import make_case
 
 SENSORS = load_force_sensors()
 TECHNIQUES = {each.name: each for each in techniques(SENSORS)}
@@ -38,7 +39,8 @@ def scenario():
 def truth(scenario):
     """Four seconds of the motion, a target without symmetry."""
     config, suite = scenario.spacecraft, load_sensors("flight")
-    return Truth(config, GENERIC, scenario.make_joint_motion(config.make()), 4.0, suite, None, 5)
+    case = make_case(scenario, config.make(), GENERIC, suite, 5)
+    return Truth(config, replace(case, duration=4.0))
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +63,7 @@ def test_forces_are_drakes(craft, truth, exact):
     plant, motion = craft.make_simulation_plant(GENERIC), exact.rates.motion
     context, dynamics = plant.CreateDefaultContext(), FreeFloatingDynamics(craft, plant)
     some = np.arange(0, len(motion), 60)
-    qddot = truth.motion.evaluate(motion.time[some])[:, 2]
+    qddot = truth.case.motion.evaluate(motion.time[some])[:, 2]
     states = craft.to_states(motion.select(some))
     efforts = dynamics.joint_efforts(context, states, qddot)
     np.testing.assert_allclose(exact.efforts.exact[some], efforts, atol=1e-6 * np.ptp(efforts))
@@ -114,7 +116,7 @@ def test_without_forgetting_the_recursion_is_least_squares(exact):
 
 def test_the_base_rests_while_both_arms_identify(craft, truth):
     """Both arms in the null space of the estimated coupling; the same sines turn it by degrees."""
-    q, options = truth.motion.evaluate(0.0)[0], {"duration": 4.0, "rate": 25.0}
+    q, options = truth.case.motion.evaluate(0.0)[0], {"duration": 4.0, "rate": 25.0}
     both = reactionless_motion(craft, GENERIC, range(12), q, **options)
     free = reactionless_motion(craft, GENERIC, range(12), q, **options, is_free=True)
     assert worst_error(both.parameters, GENERIC.to_vector()) < 1e-8
@@ -156,12 +158,12 @@ def test_the_range_of_a_wrist_sensor_covers_the_motion(exact):
 
 def test_a_network_learns_its_motion_and_no_other(craft, truth):
     gyro = Gyro(100.0, angle_random_walk=0.001)
-    trained = network.train(craft, truth.motion, gyro, 10.0, targets=3000, steps=1200)
+    trained = network.train(craft, truth.case.motion, gyro, 10.0, targets=3000, steps=1200)
     phi = network.training_targets(100, np.random.default_rng(8))
     targets = STANDARD.to_parameters(phi)
 
     def median(shift):
-        found = trained.parameters(network.responses(craft, truth.motion, phi, 10.0, shift))
+        found = trained.parameters(network.responses(craft, truth.case.motion, phi, 10.0, shift))
         return np.median([worst_error(*each) for each in zip(found, targets)])
 
     assert median(0.0) < 0.25  # the mean of all targets has 0.9

@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from time import perf_counter
 from typing import Any
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.inertia import InertialParameters
+from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
 from cpid_drake.processes import shared_work
 from cpid_drake.scenario.schema import Scenario
@@ -21,6 +22,7 @@ from cpid_drake.studies.techniques import one_joint, rows
 from cpid_drake.studies.techniques.force_sensors import ForceSensors
 from cpid_drake.studies.techniques.records import FIT, ONLINE, PLANAR, Technique, techniques
 from cpid_drake.studies.techniques.trial import Truth
+from cpid_drake.studies.trials import make_case
 
 Array = NDArray[np.float64]
 Numbers = dict[str, float]
@@ -194,10 +196,12 @@ def _cells(
                 names = (*estimators, *own)
             if motion == ONE_JOINT:
                 names = (PLANAR,) if target == GENERIC else (FIT, PLANAR) if is_first else (FIT,)
-            moving, suite = motions[motion], load_sensors(sensors)
-            duration = moving.duration if motion == ONE_JOINT else scenario.simulation.duration
-            what = (scenario.spacecraft, targets[target], moving, duration, suite, bodies, seed)
-            cells.append(Cell(motion, sensors, target, Truth(*what), names))
+            made = make_case(scenario, spacecraft, targets[target], load_sensors(sensors), seed)
+            moving = motions[motion]
+            length = moving.duration if motion == ONE_JOINT else made.duration
+            case = replace(made, motion=moving, duration=length, momentum=TotalMomentum.zero())
+            truth = Truth(scenario.spacecraft, case)
+            cells.append(Cell(motion, sensors, target, truth, names))
     return cells
 
 
@@ -236,7 +240,7 @@ def _worker(
             start, error, problem = perf_counter(), np.nan, ""
             assert each.estimate is not None
             try:
-                error = rows.worst_error(each.estimate(trial), truth.target.to_vector())
+                error = rows.worst_error(each.estimate(trial), truth.case.truth.to_vector())
                 problem = "" if np.isfinite(error) else "some parameters are not determined"
             except (InputError, np.linalg.LinAlgError) as raised:
                 problem = str(raised)
@@ -249,7 +253,7 @@ def _worker(
 
 def _exact(truth: Truth, chosen: Sequence[Technique]) -> dict[str, Numbers]:
     """Return each technique's error with exact data, its bound, and the instants that it needs."""
-    parameters, momentum, found = truth.target.to_vector(), truth.bound(), dict[str, Numbers]()
+    parameters, momentum, found = truth.case.truth.to_vector(), truth.bound(), dict[str, Numbers]()
     trial = truth.exact_trial()
     for each in chosen:
         own = {"bound": momentum if each.bound == "momentum" else np.nan}

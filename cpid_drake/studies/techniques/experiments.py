@@ -37,11 +37,11 @@ TESTED = 1000
 
 def planar(truth: Truth) -> Numbers:
     """Return errors of the planar relations with exact data, and how many parameters they tell."""
-    target, numbers = truth.target.to_vector(), Numbers()
+    target, numbers = truth.case.truth.to_vector(), Numbers()
     for label, order in (("three", (2, 1, 0)), ("six", (2, 1, 0, 2, 1, 2))):
         runs = one_joint.best_moves(truth.spacecraft, order)
         found, known = one_joint.planar_solution(
-            truth.spacecraft, one_joint.planar_runs(truth.spacecraft, truth.target, runs)
+            truth.spacecraft, one_joint.planar_runs(truth.spacecraft, truth.case.truth, runs)
         )
         errors = np.abs(found - target) / parameter_scale(target, SCALE_LENGTH)
         numbers[f"error, {label} axes"] = float(np.nanmax(errors))
@@ -56,16 +56,16 @@ def reactionless(arms: str, truth: Truth) -> Numbers:
     runs = [
         reactionless_motion(
             truth.spacecraft,
-            truth.target,
+            truth.case.truth,
             joints,
-            truth.motion.evaluate(0.0)[0],
+            truth.case.motion.evaluate(0.0)[0],
             noise=FREE_NOISE,
             seed=draw,
             is_free="free" in arms,
         )
         for draw in range(FREE_SEEDS)
     ]
-    errors = [worst_error(run.parameters, truth.target.to_vector()) for run in runs]
+    errors = [worst_error(run.parameters, truth.case.truth.to_vector()) for run in runs]
     turn, error = max(run.turn for run in runs), np.sqrt(np.mean(np.square(errors)))
     return {"error": float(error), "turn [°]": float(np.degrees(turn))}
 
@@ -74,22 +74,22 @@ def adaptive(is_composite: bool, truth: Truth) -> Numbers:
     """Return errors of the parameters over time, and the largest of the joints."""
     times = (1, 10) if is_composite else (10, 20, 30)
     found, tracking = simulate_adaptation(
-        truth.spacecraft, truth.target, truth.motion, times[-1], is_composite=is_composite
+        truth.spacecraft, truth.case.truth, truth.case.motion, times[-1], is_composite=is_composite
     )
-    target = truth.target.to_vector()
+    target = truth.case.truth.to_vector()
     errors = {f"error after {t} s": worst_error(found[10 * t], target) for t in times}
     return errors | {"tracking [rad]": float(tracking.max())}
 
 
 def network_errors(truth: Truth) -> Numbers:
     """Return errors of a network for targets in its range, for other joints, for a heavy target."""
-    gyro, rng = truth.suite.gyro, np.random.default_rng(truth.seed)
+    gyro, rng = truth.case.suite.gyro, np.random.default_rng(truth.case.seed)
     assert gyro is not None
-    trained = network.train(truth.spacecraft, truth.motion, gyro, truth.duration)
+    trained = network.train(truth.spacecraft, truth.case.motion, gyro, truth.case.duration)
     sigma = gyro.sigma / np.sqrt(gyro.rate * network.BIN)
 
     def answers(phi: Array, shift: float = 0.0) -> Array:
-        w = network.responses(truth.spacecraft, truth.motion, phi, truth.duration, shift)
+        w = network.responses(truth.spacecraft, truth.case.motion, phi, truth.case.duration, shift)
         return trained.parameters(w + sigma * rng.standard_normal(w.shape))
 
     def errors(shift: float) -> Array:
@@ -110,7 +110,7 @@ def network_errors(truth: Truth) -> Numbers:
 def some_joints(truth: Truth) -> Numbers:
     """Return the bound of momentum if only some joints move; NaN if they do not tell all ten."""
     arm, numbers = one_joint.arm_joints(truth.spacecraft), Numbers()
-    start, middle = truth.motion.evaluate(np.array([0.0, truth.duration / 2]))[:, 0]
+    start, middle = truth.case.motion.evaluate(np.array([0.0, truth.case.duration / 2]))[:, 0]
     half, joints = len(arm) // 2, np.arange(len(start))
     for label, chosen in (
         ("capture arm", arm),
@@ -119,20 +119,20 @@ def some_joints(truth: Truth) -> Numbers:
         ("other joints", np.setdiff1d(joints, arm)),
     ):
         end = np.where(np.isin(joints, chosen), 2 * middle - start, start)
-        motion = HalfCosine(start, end, truth.duration)  # the paper's, if that is its motion
-        numbers[f"bound, {label}"] = replace(truth, motion=motion).bound()
+        motion = HalfCosine(start, end, truth.case.duration)  # the paper's, if that is its motion
+        numbers[f"bound, {label}"] = replace(truth, case=replace(truth.case, motion=motion)).bound()
     return numbers
 
 
 def resimulated(truth: Truth) -> Numbers:
     """Return the errors of the motion with the parameters that Ning et al. 2016 print (Fig. 7)."""
-    times, tree = np.linspace(0.0, truth.duration, 101), truth.spacecraft.tree
+    times, tree = np.linspace(0.0, truth.case.duration, 101), truth.spacecraft.tree
 
     def base(target: InertialParameters) -> Motion:
-        found = propagate(tree, truth.motion, target.to_standard_vector(), times)
-        return found.to_telemetry(truth.spacecraft.joint_names, times, truth.motion)
+        found = propagate(tree, truth.case.motion, target.to_standard_vector(), times)
+        return found.to_telemetry(truth.spacecraft.joint_names, times, truth.case.motion)
 
-    true, other = base(truth.target), base(PAPER_TABLE_1)
+    true, other = base(truth.case.truth), base(PAPER_TABLE_1)
     return {
         "attitude": peak_relative_error(other.euler_321 - true.euler_321, true.euler_321),
         "position": peak_relative_error(other.p_WB - true.p_WB, true.p_WB),

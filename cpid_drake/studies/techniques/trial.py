@@ -7,8 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
-from cpid_drake.dynamics.inertia import InertialParameters
-from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.dynamics.momentum import momentum_samples
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.newton_euler import newton_euler_regressor
@@ -18,13 +16,11 @@ from cpid_drake.dynamics.parameterizations import (
     parameter_scale,
     relative_parameterization,
 )
-from cpid_drake.dynamics.propagation import propagate
 from cpid_drake.dynamics.rotations import cross, rotate, skew
 from cpid_drake.dynamics.sensitivity import perturbed
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.identification.fitted import cramer_rao_bound
-from cpid_drake.logs.log import Log, ideal_log, sample_times
+from cpid_drake.logs.log import Log, sample_times
 from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.logs.smoothing import smooth
 from cpid_drake.scenario.schema import SpacecraftConfig
@@ -32,6 +28,7 @@ from cpid_drake.sensors.disturbances import random_stream
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.studies.techniques.force_sensors import RATE
+from cpid_drake.studies.trials import Case, base_trajectory, bound_of, ideal_samples, seeds_of
 
 Array = NDArray[np.float64]
 
@@ -191,12 +188,7 @@ class Truth:
     """
 
     config: SpacecraftConfig
-    target: InertialParameters
-    motion: JointMotion
-    duration: float
-    suite: SensorSuite
-    known_bodies: BodyUncertainty | None
-    seed: int
+    case: Case
 
     @cached_property
     def spacecraft(self) -> Spacecraft:
@@ -208,16 +200,14 @@ class Truth:
 
         Every technique gets the same numbers: those of the seed and the trial's number.
         """
-        sequence = np.random.SeedSequence(self.seed, spawn_key=(number,))
-        noise, bodies = (int(each) for each in sequence.generate_state(2))
-        if self.known_bodies is None:
-            ideal, rates = self.exact
-        else:
-            rng = np.random.default_rng(bodies)
-            ideal, rates = self._observed(perturbed(self.spacecraft.tree, self.known_bodies, rng))
-        log = add_noise(self.suite, ideal, noise)
-        has_position = self.suite.position is not None
-        smoothed = smooth(log, self.suite, rates.around.time, with_position=has_position)
+        suite, bodies = self.case.suite, self.case.known_bodies
+        noise, body_seed = seeds_of(self.case.seed, number)
+        ideal, rates = self.exact
+        if bodies is not None:
+            rng = np.random.default_rng(body_seed)
+            ideal, rates = self._observed(perturbed(self.spacecraft.tree, bodies, rng))
+        log, has_position = add_noise(suite, ideal, noise), suite.position is not None
+        smoothed = smooth(log, suite, rates.around.time, with_position=has_position)
         trial = self._trial(log, rates, Rates(self.spacecraft.tree, smoothed.motion), noise)
         return replace(trial, covariance=smoothed.covariance[1::3])
 
@@ -236,32 +226,23 @@ class Truth:
 
         NaN if the motion does not determine all of them.
         """
-        parameters = self.target.to_vector()
-        psi = relative_parameterization(self.spacecraft.mass).from_parameters(parameters)
-        covariance = cramer_rao_bound(
-            self.spacecraft.tree, psi, self.exact[0], self.suite, known_bodies=self.known_bodies
-        )
-        return float(
-            (np.sqrt(np.diag(covariance)) / parameter_scale(parameters, SCALE_LENGTH)).max()
-        )
+        scale = parameter_scale(self.case.truth.to_vector(), SCALE_LENGTH)
+        return float((bound_of(self.case, self.spacecraft, self.exact[0]) / scale).max())
 
     def _observed(self, tree: KinematicTree) -> tuple[Log, Rates]:
-        def motion(times: Array) -> Motion:
-            base = propagate(tree, self.motion, phi, times, max_step=0.02)
-            return base.to_telemetry(names, times, self.motion)
-
-        names, phi = self.spacecraft.joint_names, self.target.to_standard_vector()
-        times = sample_times(RATE, self.duration)
-        kept = (times >= LEFT_OUT - 1e-9) & (times <= self.duration - LEFT_OUT + 1e-9)
+        names, case = self.spacecraft.joint_names, self.case
+        times = sample_times(RATE, case.duration)
+        kept = (times >= LEFT_OUT - 1e-9) & (times <= case.duration - LEFT_OUT + 1e-9)
         around = (times[kept][:, None] + STEP * np.array([-1.0, 0.0, 1.0])).ravel()
-        near = motion(np.append(0.0, around)).select(slice(1, None))
-        return ideal_log(self.suite, names, motion, self.duration), Rates(tree, near)
+        base = base_trajectory(case, tree, np.append(0.0, around))
+        near = base.to_telemetry(names, np.append(0.0, around), case.motion).select(slice(1, None))
+        return ideal_samples(case, tree, names), Rates(tree, near)
 
     def _trial(self, log: Log, true: Rates, rates: Rates, seed: int | None) -> Trial:
         tree, (A, b) = true.tree, true.efforts
-        psi = relative_parameterization(tree.mass).from_parameters(self.target.to_vector())
+        psi = relative_parameterization(tree.mass).from_parameters(self.case.truth.to_vector())
         a_B = rotate(np.swapaxes(true.R_CB, 1, 2), true.a_B)
         exact = (a_B, A @ psi + b, true.wrench @ psi)
         acceleration, efforts, wrench = (Measured.of(v, seed, k) for k, v in enumerate(exact))
-        what = (self.spacecraft, self.suite, log, rates, self.known_bodies)
+        what = (self.spacecraft, self.case.suite, log, rates, self.case.known_bodies)
         return Trial(*what, acceleration, efforts, wrench)
