@@ -1,6 +1,6 @@
 """The truth of Monte Carlo trials, of many at once, and the draws of their samples."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -215,13 +215,15 @@ def base_trajectories(
             elif firing.time <= start < firing.end:
                 wrench_W = wrench_W + firing.momentum_W / firing.duration
         external_W = np.array([each.at(start) for each in disturbances])
+        thrust_B, orbit = thrust.held_at(start), case.suite.orbit
+        is_free = orbit is None and not (external_W.any() or wrench_W.any() or thrust_B.any())
         part = propagate(
             tree,
             case.motion,
             phi,
             grid,
             momentum_W=momentum_W,
-            wrench=Wrench(external_W, wrench_W, thrust.held_at(start), case.suite.orbit),
+            wrench=None if is_free else Wrench(external_W, wrench_W, thrust_B, orbit),
             max_step=0.02,
             **pose,
         )
@@ -279,17 +281,43 @@ def draws(
         numbers: the trials' numbers, from 0.
 
     """
+    ideal = list[Log]()
+    for together, own, disturbances in _together(cases, tree, numbers):
+        ideal += ideal_logs(together, own, joint_names, disturbances)
+    seeds = [seeds_of(case.seed, number)[0] for case, number in zip(cases, numbers)]
+    return [add_noise(c.suite, log, seed) for c, log, seed in zip(cases, ideal, seeds)]
+
+
+def true_motions(
+    cases: Sequence[Case],
+    tree: KinematicTree,
+    joint_names: tuple[str, ...],
+    numbers: Sequence[int],
+    times: NDArray[np.float64],
+) -> list[Motion]:
+    """Return the exact motion of trials at times (N,) [s]; the other arguments are `draws`'s."""
+    found = list[Motion]()
+    for together, own, disturbances in _together(cases, tree, numbers):
+        base = base_trajectories(together, own, times, disturbances)
+        found += [
+            base.to_telemetry(joint_names, times, case.motion, k) for k, case in enumerate(together)
+        ]
+    return found
+
+
+def _together(
+    cases: Sequence[Case], tree: KinematicTree, numbers: Sequence[int]
+) -> Iterator[tuple[Sequence[Case], KinematicTree, list[SimulatedDisturbance]]]:
+    """Yield cases that can be propagated together, with their spacecraft and disturbances."""
     seeds = [seeds_of(case.seed, number) for case, number in zip(cases, numbers, strict=True)]
     disturbances = [case.disturbance(noise) for case, (noise, _) in zip(cases, seeds)]
     if cases[0].known_bodies is None:
-        ideal = ideal_logs(cases, tree, joint_names, disturbances)
-    else:
-        ideal = []
-        for case, disturbance, (_, body_seed) in zip(cases, disturbances, seeds):
-            assert case.known_bodies is not None
-            own = perturbed(tree, case.known_bodies, np.random.default_rng(body_seed))
-            ideal.append(ideal_samples(case, own, joint_names, disturbance))
-    return [add_noise(c.suite, log, noise) for c, log, (noise, _) in zip(cases, ideal, seeds)]
+        yield cases, tree, disturbances
+        return
+    for case, disturbance, (_, body_seed) in zip(cases, disturbances, seeds):
+        assert case.known_bodies is not None
+        own = perturbed(tree, case.known_bodies, np.random.default_rng(body_seed))
+        yield [case], own, [disturbance]
 
 
 def seeds_of(seed: int, number: int) -> tuple[int, int]:

@@ -19,7 +19,7 @@ from cpid_drake.studies.campaign import store
 from cpid_drake.studies.campaign.schema import Plan, load_campaign
 from cpid_drake.studies.campaign.trial import failed_rows, run_chunk, schema_of
 
-CHUNK = 50
+CHUNK = 100
 """Number of trials of a task: a task costs about 5 ms, and is lost whole with its worker."""
 
 AHEAD = 3

@@ -156,7 +156,8 @@ class Trial(Scenario):
     """The scenario of one trial.
 
     `tumble_C` is the angular velocity with which the target turned about its own centre of mass
-    before the capture, in C [rad/s]; its angular momentum is added to `SimulationConfig.momentum_W`.
+    before the capture, in C [rad/s]; its angular momentum is added to that of
+    `SimulationConfig.momentum_W`.
     """
 
     tumble_C: Vector = field(default_factory=lambda: np.zeros(3))

@@ -36,9 +36,10 @@ from cpid_drake.studies.trials import (
     ideal_samples,
     make_case,
     seeds_of,
+    true_motions,
 )
 
-BATCH = 50
+BATCH = 100
 """Number of trials that are propagated together; more are hardly faster and need more memory."""
 
 _BATCHED = ("target.", "target", "tumble_C", "simulation.momentum_W")
@@ -189,13 +190,10 @@ def _data(plan: Plan, jobs: Sequence[_Job]) -> list[tuple[Log | Motion | Excepti
 def _propagated(jobs: Sequence[_Job]) -> list[Log | Motion]:
     job = jobs[0]
     tree, names = true_tree(job.spacecraft.tree, job.trial.errors), job.spacecraft.joint_names
+    cases, numbers = [each.case for each in jobs], [each.number for each in jobs]
     if job.suite is None:
-        times, found = _instants(job.trial), list[Log | Motion]()
-        for each in jobs:
-            base = base_trajectory(each.case, tree, times)
-            found.append(base.to_telemetry(names, times, each.case.motion))
-        return found
-    logs = draws([each.case for each in jobs], tree, names, [each.number for each in jobs])
+        return [*true_motions(cases, tree, names, numbers, _instants(job.trial))]
+    logs = draws(cases, tree, names, numbers)
     return [with_sensor_errors(log, each.trial.errors) for log, each in zip(logs, jobs)]
 
 
