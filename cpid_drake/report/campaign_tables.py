@@ -2,6 +2,7 @@
 
 import csv
 import shlex
+from dataclasses import replace
 from functools import partial
 from io import StringIO
 
@@ -38,7 +39,8 @@ def sections(found: Statistics) -> list[Section]:
     ]
     if not found.plan.campaign.requirements:
         result = result[1:]
-    return [each for each in result if not each.tables or any(t.rows for t in each.tables)]
+    result = [replace(each, tables=[t for t in each.tables if t.rows]) for each in result]
+    return [each for each in result if each.tables or each.texts]
 
 
 def requirements(found: Statistics) -> Table:
@@ -112,7 +114,7 @@ def failures(found: Statistics) -> Table:
         for (name, is_right), count in tally.checks.items():
             counts.setdefault((estimator, name), [0, 0])[is_right] += count
     rows = [[check, name, *map(str, count)] for (name, check), count in sorted(counts.items())]
-    return Table(["", "estimator", "rightly", "wrongly"], rows, "Failed checks" if rows else "")
+    return Table(["", "estimator", "rightly", "wrongly"], rows, "Failed checks")
 
 
 def axes(found: Statistics) -> Table:
