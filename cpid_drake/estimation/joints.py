@@ -62,10 +62,6 @@ class Smoothness:
     jerk: NDArray[np.float64]
     noise: NDArray[np.float64]
 
-    def pieces(self, length: float) -> int:
-        """Return the number of pieces in a block of this length [s]."""
-        return max(1, round(self.rate * length))
-
 
 def smooth_joints(
     blocks: Sequence[Block], suite: SensorSuite
@@ -155,6 +151,10 @@ class _JointSamples:
         nothing = np.empty((0, len(block.samples.joint_names)))
         self.values = np.concatenate([nothing, *values])
 
+    def pieces(self, rate: float) -> int:
+        """Return the number of pieces at this rate [1/s]; no more than samples, as in a gap."""
+        return max(1, min(round(rate * (self.end - self.start)), len(self.values)))
+
     def design(self, pieces: int) -> NDArray[np.float64]:
         """Return A (N, K) of the samples in units of σ."""
         times = [(np.empty(0), 0, 1.0), *((s.time, d, sigma) for s, d, sigma in self._parts)]
@@ -176,7 +176,7 @@ class _JointSamples:
 
     def part(self, smoothness: Smoothness, weights: NDArray[np.float64]) -> JointPart:
         """Return what samples of weights (N, J) and the jerk tell, about a motion of zero."""
-        pieces = smoothness.pieces(self.end - self.start)
+        pieces = self.pieces(smoothness.rate)
         P, A = self.penalty(pieces), self.design(pieces)
         jerk = np.column_stack([P, np.zeros(len(P))]) / smoothness.jerk[:, None, None]
         data = np.dstack([weights.T[..., None] * A, (weights * self.values).T])
@@ -204,7 +204,7 @@ class _Splines:
         self, samples: Sequence[_JointSamples], rate: float, weights: list[NDArray[np.float64]]
     ) -> None:
         self.rate, self._weights = rate, weights
-        pieces = [max(1, round(rate * (each.end - each.start))) for each in samples]
+        pieces = [each.pieces(rate) for each in samples]
         starts = np.cumsum([0, *(n + DEGREE - ORDER for n in pieces)]).tolist()
         self.places = [slice(a, a + n + DEGREE) for a, n in zip(starts, pieces)]
         self.size, J = starts[-1] + ORDER, weights[0].shape[1]

@@ -311,8 +311,13 @@ def _liveliest(log: Log) -> Log:
     if len(time) < _FEWEST or time[-1] - time[0] <= LONGEST:
         return log
     # The time may be in another unit: a part has many samples in any case.
-    count = max(int(LONGEST / np.median(np.diff(time))), 20 * _FEWEST)
-    parts = np.array_split(np.arange(len(time)), max(len(time) // count, 1))
+    step = float(np.median(np.diff(time)))
+    count = max(int(LONGEST / step), 20 * _FEWEST)
+    pieces = np.split(np.arange(len(time)), np.flatnonzero(np.diff(time) > count * step) + 1)
+    cut = (np.array_split(piece, max(len(piece) // count, 1)) for piece in pieces)
+    parts = [part for each in cut for part in each if len(part) >= _FEWEST]
+    if not parts:
+        return log
     spread = np.array([np.std(q[part], axis=0) for part in parts])
     scaled = spread / np.maximum(spread.max(axis=0, initial=0.0), 1e-300)
     most = parts[int(scaled.sum(axis=1).argmax())]

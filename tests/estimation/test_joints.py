@@ -190,3 +190,15 @@ def test_samples_that_determine_no_motion_are_refused():
     two = log(duration=0.02, rates=False)
     with pytest.raises(InputError, match="too few samples"):
         smooth_joints([Block(-1e-7, 1.0, two)], SUITE)
+
+
+def test_a_pause_of_minutes_is_one_piece_that_disturbs_no_sample():
+    given = log(duration=6.0)
+    parts = {n: Samples(s.time + 1000.0 * (s.time > 3), s.value) for n, s in given.samples.items()}
+    paused = given.updated(parts)
+    edges = [-1e-7, 1.0, 2.0, 3.0, 1003.0, 1004.0, 1005.0, 1006.1]
+    blocks = [Block(a, b, after(paused, a, b)) for a, b in pairwise(edges)]
+    _, found = smooth_joints(blocks, SUITE)
+    assert found[3].size < found[2].size
+    shown = evaluated(found, paused.encoders.time)
+    assert np.abs(shown - paused.encoders.value).max() < 6 * SIGMA

@@ -359,6 +359,13 @@ def test_gaps_are_not_bridged_and_the_part_that_moves_is_compared(craft, noisy):
     )
 
 
+def test_a_pause_of_minutes_is_no_reason_to_compare_nothing(craft, noisy):
+    paused = {n: Samples(s.time + 500.0 * (s.time > 1.5), s.value) for n, s in noisy.items()}
+    found = check_conventions(noisy.updated(paused), craft.tree)
+    assert {c.name for c in found.comparisons} == {"attitude", BY_MOMENTUM}
+    assert not found.failures
+
+
 def test_the_momentum_finds_the_point_of_the_position(craft, skewed_target):
     motion, suite = Sines.drawn(len(craft.joint_names), 3, 10.0), coarse_suite()
     log = measured(craft, motion, skewed_target, suite)
