@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from model_parts import BALANCED, joint, link
 
 from cpid_drake import InertialParameters, InputError, Spacecraft
 from cpid_drake.spacecraft.clearance import Clearance
@@ -9,33 +10,26 @@ from cpid_drake.spacecraft.clearance import Clearance
 BALL = InertialParameters(5.0, np.zeros(3), 0.1 * np.eye(3))
 
 
-def link(name: str, shape: str = "", z: float = 0.0) -> str:
+def part(name: str, shape: str = "", z: float = 0.0) -> str:
     collision = f'<collision><origin xyz="0 0 {z}"/><geometry>{shape}</geometry></collision>'
-    return (
-        f'<link name="{name}"><inertial><mass value="2"/><inertia ixx="1" iyy="1" izz="1" ixy="0" '
-        f'ixz="0" iyz="0"/></inertial>{collision if shape else ""}</link>'
-    )
+    return link(name, 2, collision if shape else "", **BALANCED)
 
 
-def joint(name: str, parent: str, child: str, xyz: str, kind: str = "revolute") -> str:
-    return (
-        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-        f'<origin xyz="{xyz}"/><axis xyz="0 1 0"/>'
-        '<limit lower="-3" upper="3" effort="9" velocity="9"/></joint>'
-    )
+def about_y(name: str, parent: str, child: str, xyz: str) -> str:
+    return joint(name, parent, child, "revolute", "0 1 0", xyz, "0 0 0", (-3, 3))
 
 
 SPHERE = '<sphere radius="0.1"/>'
 # An arm of three joints about y, 1 m and 1.1 m apart along z, with spheres of 0.1 m. The upper
 # arm's sphere overlaps the base's, and the hand's overlaps the forearm's: these are neighbours.
 PARTS = {
-    "base": link("base", SPHERE),
-    "upper": link("upper", SPHERE, 0.05),
-    "fore": link("fore", SPHERE, 0.95),
-    "hand": link("hand", SPHERE),
-    "shoulder": joint("shoulder", "base", "upper", "0 0 0"),
-    "elbow": joint("elbow", "upper", "fore", "0 0 1"),
-    "wrist": joint("wrist", "fore", "hand", "0 0 1.1"),
+    "base": part("base", SPHERE),
+    "upper": part("upper", SPHERE, 0.05),
+    "fore": part("fore", SPHERE, 0.95),
+    "hand": part("hand", SPHERE),
+    "shoulder": about_y("shoulder", "base", "upper", "0 0 0"),
+    "elbow": about_y("elbow", "upper", "fore", "0 0 1"),
+    "wrist": about_y("wrist", "fore", "hand", "0 0 1.1"),
 }
 
 
@@ -97,7 +91,7 @@ def test_overlaps_have_their_depth_and_sample(craft):
 def test_the_target_has_the_collision_geometry_of_its_model(craft, tmp_path):
     """Its sphere is 0.5 m below the hand of the stretched arm, nearer to the base."""
     model = tmp_path / "target.urdf"
-    model.write_text(f'<robot name="target">{link("target", SPHERE, -0.5)}</robot>')
+    model.write_text(f'<robot name="target">{part("target", SPHERE, -0.5)}</robot>')
     spacecraft = craft()
     clearance = Clearance(spacecraft, BALL, model)
     assert clearance.shapeless == ()
@@ -107,6 +101,6 @@ def test_the_target_has_the_collision_geometry_of_its_model(craft, tmp_path):
 
 
 def test_geometry_that_cannot_be_read_is_refused(craft):
-    spacecraft = craft(fore=link("fore", '<mesh filename="package://nowhere/fore.obj"/>'))
+    spacecraft = craft(fore=part("fore", '<mesh filename="package://nowhere/fore.obj"/>'))
     with pytest.raises(InputError, match="nowhere"):
         Clearance(spacecraft, BALL)

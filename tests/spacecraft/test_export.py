@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from model_parts import joint, link, urdf
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from scipy.spatial.transform import Rotation
@@ -100,34 +101,14 @@ def test_drake_reads_what_was_meant(target, format, tmp_path):
 
 # -- attached to a spacecraft --------------------------------------------------------------------
 
-INERTIA = 'ixx="2" iyy="3" izz="4" ixy="0.1" ixz="-0.2" iyz="0.3"'
-PITCHED = "0.3 -1.5707963267948966 0.4"  # roll and yaw are about one axis here
-
-
-def u_link(name, inner="") -> str:
-    return (
-        f'<link name="{name}"><inertial><origin xyz="0.1 -0.2 0.3" rpy="0.2 0.1 -0.3"/>'
-        f'<mass value="10"/><inertia {INERTIA}/></inertial>{inner}</link>'
-    )
-
-
-URDF = f"""\
-<?xml version='1.0' encoding="utf-8"?>
-<!-- Größe: a file's own words -->
-<robot name='mine'>
-  {u_link("base")}
-  {u_link("arm", "<visual><geometry><mesh filename='meshes/a &amp; b.obj'/></geometry></visual>")}
-  <joint name="j" type="revolute"><parent link="base"/><child link="arm"/>
-    <origin xyz="0.5 -0.1 0.2" rpy="0.3 -0.2 0.4"/><axis xyz="0.6 0 0.8"/>
-    <limit lower="-2" upper="2.5" effort="10" velocity="0.7"/></joint>
-  <frame name="hand" link="arm" xyz="0.1 0.2 0.3" rpy="{PITCHED}"/><!-- here --></robot>
-<!-- the end -->
-"""
+# Roll and yaw of this frame are about one axis.
+HAND = '<frame name="hand" link="arm" xyz="0.1 0.2 0.3" rpy="0.3 -1.5707963267948966 0.4"/>'
+URDF = urdf(link("base"), link("arm"), joint("j", "base", "arm"), HAND)
 
 
 MJCF = """\
 <mujoco model="mine">
-  <compiler angle="degree"/><!-- a file's own words -->
+  <compiler angle="degree"/>
   <worldbody>
     <body name="base"><freejoint/>
       <inertial pos="0.1 -0.2 0.3" mass="10" fullinertia="2 3 4 0.1 -0.2 0.3"/>
@@ -163,7 +144,7 @@ def load(tmp_path):
     def make(file, text, frame) -> Spacecraft:
         folder = tmp_path / "models"
         folder.mkdir(exist_ok=True)
-        (folder / file).write_text(text, "utf-8", "surrogateescape")
+        (folder / file).write_text(text)
         return Spacecraft(folder / file, base="base", capture_frame=frame)
 
     return make
@@ -218,12 +199,12 @@ def test_directives_add_the_target_to_any_model(load, file, text, frame, skewed_
 def test_mujoco_and_pinocchio_find_the_target_at_its_place(load, skewed_target, tmp_path):
     """The known bodies and the target have one centre of mass in all readers."""
     mujoco, pinocchio = pytest.importorskip("mujoco"), pytest.importorskip("pinocchio")
-    urdf, mjcf = (load(*MODELS[name]) for name in ("urdf, a frame", "mjcf, an empty body"))
+    by_urdf, mjcf = (load(*MODELS[name]) for name in ("urdf, a frame", "mjcf, an empty body"))
     path = out_file(tmp_path, "urdf")
-    export_target(skewed_target, path, format="urdf", spacecraft=urdf)
+    export_target(skewed_target, path, format="urdf", spacecraft=by_urdf)
     model = pinocchio.buildModelFromUrdf(str(path), pinocchio.JointModelFreeFlyer())
     com = pinocchio.centerOfMass(model, model.createData(), pinocchio.neutral(model))
-    np.testing.assert_allclose(com, default_com(urdf, skewed_target), atol=1e-14)
+    np.testing.assert_allclose(com, default_com(by_urdf, skewed_target), atol=1e-14)
     path = out_file(tmp_path, "mjcf")
     export_target(skewed_target, path, format="mjcf", spacecraft=mjcf)
     model = mujoco.MjModel.from_xml_path(str(path))

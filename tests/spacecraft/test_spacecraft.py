@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from model_parts import INERTIA, joint, link, urdf
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
@@ -15,33 +16,7 @@ from cpid_drake.resources import models_directory
 
 # -- models --------------------------------------------------------------------------------------
 
-INERTIA = {"ixx": 2.0, "iyy": 3.0, "izz": 4.0, "ixy": 0.1, "ixz": -0.2, "iyz": 0.3}
-
-
-def entries(**changes) -> str:
-    return " ".join(f'{key}="{value}"' for key, value in (INERTIA | changes).items())
-
-
-def u_link(name, mass=10.0, inner="", **inertia) -> str:
-    return (
-        f'<link name="{name}"><inertial><origin xyz="0.1 -0.2 0.3" rpy="0.2 0.1 -0.3"/>'
-        f'<mass value="{mass}"/><inertia {entries(**inertia)}/></inertial>{inner}</link>'
-    )
-
-
-def u_joint(name, parent, child, kind="revolute", axis="0.6 0 0.8", inner="") -> str:
-    return (
-        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-        f'<origin xyz="0.5 -0.1 0.2" rpy="0.3 -0.2 0.4"/><axis xyz="{axis}"/>'
-        f'<limit lower="-2" upper="2.5" effort="10" velocity="0.7"/>{inner}</joint>'
-    )
-
-
-def urdf(*parts, name="two") -> str:
-    return f'<?xml version="1.0"?><robot name="{name}">{"".join(parts)}</robot>'
-
-
-TWO_LINKS = urdf(u_link("base", 50.0), u_link("arm"), u_joint("j", "base", "arm"))
+TWO_LINKS = urdf(link("base", 50.0), link("arm"), joint("j", "base", "arm"))
 
 
 def s_link(name, mass=10.0, pose="0 0 0 0 0 0", **inertia) -> str:
@@ -143,15 +118,15 @@ def assert_drake_agrees(spacecraft):
 
 def test_fixed_joints_and_massless_bodies_agree_with_drake(load):
     parts = [
-        u_link("base", 50.0),
-        u_link("panel", 5.0),
+        link("base", 50.0),
+        link("panel", 5.0),
         '<link name="bracket"/>',
-        u_link("arm"),
+        link("arm"),
         '<link name="tip"/>',
-        u_joint("f", "base", "panel", "fixed"),
-        u_joint("g", "base", "bracket", "fixed"),
-        u_joint("j", "bracket", "arm"),
-        u_joint("h", "arm", "tip", "fixed"),
+        joint("f", "base", "panel", "fixed"),
+        joint("g", "base", "bracket", "fixed"),
+        joint("j", "bracket", "arm"),
+        joint("h", "arm", "tip", "fixed"),
     ]
     spacecraft = load(urdf(*parts), capture_frame="tip")
     assert spacecraft.joint_names == ("j",)
@@ -161,11 +136,11 @@ def test_fixed_joints_and_massless_bodies_agree_with_drake(load):
 
 def test_a_branched_tree_agrees_with_drake(load):
     """Two arms, one of them with a sliding joint; C is on the second."""
-    parts = [u_link("base", 50.0)]
+    parts = [link("base", 50.0)]
     parent = {"a": "base", "b": "a", "c": "base", "d": "c", "e": "c"}
     for k, (name, inboard) in enumerate(parent.items()):
         kind = "prismatic" if name in "bd" else "revolute"
-        parts += [u_link(name, 3.0 + k), u_joint(f"j_{name}", inboard, name, kind)]
+        parts += [link(name, 3.0 + k), joint(f"j_{name}", inboard, name, kind)]
     spacecraft = load(urdf(*parts), capture_frame="d")
     assert set(spacecraft.joint_names) == {f"j_{name}" for name in parent}
     assert_drake_agrees(spacecraft)
@@ -218,7 +193,7 @@ TWO_ARMS = """directives:
 @pytest.fixture
 def two_arms(load, tmp_path):
     """Return a function that loads two instances of one arm model on one bus."""
-    arm = urdf(u_link("root", 1.0), u_link("tip", 2.0), u_joint("turn", "root", "tip"), name="arm")
+    arm = urdf(link("root", 1.0), link("tip", 2.0), joint("turn", "root", "tip"), name="arm")
     (tmp_path / "arm.urdf").write_text(arm)
     (tmp_path / "model.urdf").write_text(TWO_LINKS)
 
@@ -275,13 +250,13 @@ def test_mjcf_that_changes_masses_or_inertias_is_refused(refusal, attribute):
 def test_a_moving_link_with_a_geometry_needs_an_inertia(refusal, load):
     box = '<visual><geometry><box size="1 1 1"/></geometry></visual>'
     hollow = f'<link name="tube">{box}</link>'
-    parts = u_link("base", 50.0), u_link("arm"), u_joint("j", "base", "arm")
-    moving = urdf(*parts, hollow, u_joint("k", "arm", "tube"))
+    parts = link("base", 50.0), link("arm"), joint("j", "base", "arm")
+    moving = urdf(*parts, hollow, joint("k", "arm", "tube"))
     assert "link 'tube' moves and has a geometry but no <inertial>" in refusal(moving)
     # A cover that is fixed to a link, and a link between two joints, have no mass of their own.
-    load(urdf(*parts, hollow, u_joint("k", "arm", "tube", "fixed")), capture_frame="arm")
-    between = '<link name="tube"/>', u_link("hand"), u_joint("k", "arm", "tube")
-    load(urdf(*parts, *between, u_joint("l", "tube", "hand")), capture_frame="arm")
+    load(urdf(*parts, hollow, joint("k", "arm", "tube", "fixed")), capture_frame="arm")
+    between = '<link name="tube"/>', link("hand"), joint("k", "arm", "tube")
+    load(urdf(*parts, *between, joint("l", "tube", "hand")), capture_frame="arm")
 
 
 @pytest.mark.parametrize(
@@ -311,7 +286,7 @@ IMPOSSIBLE = {
 def test_an_inertia_that_no_body_has_is_refused(refusal, name):
     """Drake puts another inertia in its place and only warns; the answer would be wrong."""
     changes = IMPOSSIBLE[name]
-    message = refusal(urdf(u_link("base"), u_link("arm", **changes), u_joint("j", "base", "arm")))
+    message = refusal(urdf(link("base"), link("arm", **changes), joint("j", "base", "arm")))
     assert "inertia" in message
     parts = [s_link("base"), s_link("arm", pose=ARM_POSE, **changes), s_joint("j", "base", "arm")]
     assert "inertia" in refusal(sdf(*parts), ".sdf")
@@ -357,11 +332,11 @@ def test_gravity_is_off_everywhere(load, paper_target):
 
 BOX = '<collision><geometry><box size="2 2 2"/></geometry></collision>'
 OVERLAPPING = urdf(
-    u_link("base", inner=BOX),
-    u_link("arm"),
-    u_link("hand", inner=BOX),
-    u_joint("j", "base", "arm"),
-    u_joint("k", "arm", "hand"),
+    link("base", inner=BOX),
+    link("arm"),
+    link("hand", inner=BOX),
+    joint("j", "base", "arm"),
+    joint("k", "arm", "hand"),
 )
 
 
