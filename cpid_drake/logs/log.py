@@ -224,9 +224,9 @@ def first_sample(errors: SensorErrors) -> int:
     return int(isinstance(errors, Gyro) and errors.integrates)
 
 
-def sample_times(rate: float, duration: float, start: float = 0.0) -> NDArray[np.float64]:
-    """Return a sensor's sampling times from `start` to `duration`, both included [s]."""
-    return start + np.arange(int(np.floor((duration - start) * rate + 1e-9)) + 1) / rate
+def sample_times(rate: float, duration: float) -> NDArray[np.float64]:
+    """Return a sensor's sampling times from zero to `duration`, both included [s]."""
+    return np.arange(int(np.floor(duration * rate + 1e-9)) + 1) / rate
 
 
 def ideal_log(

@@ -63,21 +63,17 @@ class SensorNoise:
     Args:
         suite: the sensors.
         seed: a whole number >= 0. Streams differ from those of `numpy.random.default_rng(seed)`.
-        hardware_seed: seed of the sensors' constant errors: runs with the same one have the same
-            sensors. Default: `seed`.
 
     Raises:
-        InputError: a seed is not such a number.
+        InputError: the seed is not such a number.
 
     """
 
-    def __init__(self, suite: SensorSuite, seed: int, hardware_seed: int | None = None) -> None:
-        for each in (seed, 0 if hardware_seed is None else hardware_seed):
-            if not isinstance(each, int | np.integer) or each < 0:
-                raise InputError(f"a seed must be a whole number >= 0, not {each!r}")
+    def __init__(self, suite: SensorSuite, seed: int) -> None:
+        if not isinstance(seed, int | np.integer) or seed < 0:
+            raise InputError(f"a seed must be a whole number >= 0, not {seed!r}")
         self.suite = suite
         self.seed = int(seed)
-        self._hardware_seed = self.seed if hardware_seed is None else int(hardware_seed)
         self._tables: dict[int, NDArray[np.float64]] = {}
         self._biases = np.empty((0, 3))
         self._constants: dict[tuple[str, int], ConstantErrors] = {}
@@ -106,7 +102,7 @@ class SensorNoise:
         errors = self.suite[name]
 
         def normal(kind: str, *shape: int) -> NDArray[np.float64]:
-            stream = random_stream(self._hardware_seed, _STREAMS[name], _KINDS.index(kind))
+            stream = random_stream(self.seed, _STREAMS[name], _KINDS.index(kind))
             return stream.standard_normal(shape)
 
         drawn = ConstantErrors(errors.delay_ms * 1e-3 * float(normal("delay", 1)[0]))
@@ -218,7 +214,7 @@ class SensorNoise:
         return table[:count]
 
 
-def add_noise(suite: SensorSuite, ideal: Log, seed: int, hardware_seed: int | None = None) -> Log:
+def add_noise(suite: SensorSuite, ideal: Log, seed: int) -> Log:
     """Return a log with the errors of a suite's sensors; the seed determines them.
 
     Args:
@@ -226,13 +222,12 @@ def add_noise(suite: SensorSuite, ideal: Log, seed: int, hardware_seed: int | No
         ideal: samples without errors, and the true thrust. If a sensor has a lever arm, they must
             be those that `ideal_log` returned for this suite.
         seed: a whole number >= 0.
-        hardware_seed: seed of the sensors' constant errors; default: `seed`.
 
     Raises:
-        InputError: a seed is not such a number, or the motion that a lever arm needs is missing.
+        InputError: the seed is not such a number, or the motion that a lever arm needs is missing.
 
     """
-    noise, joints = SensorNoise(suite, seed, hardware_seed), len(ideal.joint_names)
+    noise, joints = SensorNoise(suite, seed), len(ideal.joint_names)
     samples = {}
     for name, errors in suite.present().items():
         exact, first = ideal[name], first_sample(errors)
