@@ -36,13 +36,13 @@ _ATTITUDE = {"attitude.order", "attitude.direction"}
 _JOINTS, _GYRO_AXES = {"joint_positions.unit", "joint_rates.unit"}, "angular_velocity.R_BS"
 
 _STAGES = (
-    ("q:", "joint_rates", ({"joint_rates.unit"}, {"joint_positions.unit"})),
-    ("attitude", "attitude", (_ATTITUDE | {"angular_velocity.unit", "angular_velocity.frame"},)),
-    (MOMENTUM, "position", (_ATTITUDE, _JOINTS, {"position.unit", "position.point_B"})),
-    ("position", "velocity", ({"velocity.frame"}, {"velocity.unit"})),
+    ("q:", ({"joint_rates.unit"}, {"joint_positions.unit"})),
+    ("attitude", (_ATTITUDE | {"angular_velocity.unit", "angular_velocity.frame"},)),
+    (MOMENTUM, (_ATTITUDE, _JOINTS, {"position.unit", "position.point_B"})),
+    ("position", ({"velocity.frame"}, {"velocity.unit"})),
 )
-"""Comparisons that decide about conventions, one after the other: the names of what they compare,
-the section of the map that shows the reason, and keys of which one group each may change."""
+"""Comparisons that decide about conventions, one after the other: the beginning of their names, and
+groups of keys of which they may change one each."""
 
 Choice = tuple[float, ColumnMap]
 
@@ -136,8 +136,8 @@ def _settle_conventions(draft: MapDraft) -> list[str]:
     """
     missing, has_attitude = [], bool(draft.map.attitude.columns)
     explained = "nothing moves"
-    for name, section, groups in _STAGES:
-        if section == "velocity" and draft.map.angular_velocity.columns:
+    for name, groups in _STAGES:
+        if name == "position" and draft.map.angular_velocity.columns:
             draft.map.velocity.point_B = draft.map.position.point_B
         if name == MOMENTUM and not has_attitude:
             continue
@@ -157,16 +157,19 @@ def _settle_conventions(draft: MapDraft) -> list[str]:
                 f"by {residual:.0%} at least): order and direction of the attitude, or the axes of "
                 "one of the sensors, are not determined"
             )
-        elif residual <= DIFFERS:
-            what = "what conservation of momentum allows" if name == MOMENTUM else "its rates"
-            what = what if name in (MOMENTUM, "attitude") else "the changes of positions"
-            draft.say(section, f"then differs from {what} by {residual:.2%}")
         if name == MOMENTUM:
             explained = f"momentum leaves {min(residual, 1.0):.0%} of the base's motion unexplained"
-        for key in set().union(*groups) & draft.free if residual <= DIFFERS else ():
-            others = [r for r, each in found if _entry(each, key) != _entry(adopted, key)]
+        what = "positions and rates"
+        if name == MOMENTUM:
+            what = "the motion of the base and what conservation of momentum allows"
+        keys = {_GYRO_AXES}.union(*groups) & draft.free
+        for key in sorted(keys) if residual <= DIFFERS else ():
+            value = _entry(adopted, key)
+            others = [r for r, each in found if _entry(each, key) != value]
             if min(others, default=np.inf) > WORSE * residual:
                 draft.free.discard(key)
+                section, _, entry = key.partition(".")
+                draft.say(section, f"{entry} {value}: {what} then differ by {residual:.2%}")
         if name == "attitude":  # momentum cannot decide against the gyro
             draft.free -= _ATTITUDE
     at = draft.map.attitude
