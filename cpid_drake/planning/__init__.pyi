@@ -1,4 +1,4 @@
-from .comparison import reference_motions, trial_errors
+from .comparison import reference_motions
 from .pareto import front
 from .plan_options import PlanOptions
 from .planner import Plan, Planner, load_planner
@@ -10,5 +10,4 @@ __all__ = [
     "front",
     "load_planner",
     "reference_motions",
-    "trial_errors",
 ]

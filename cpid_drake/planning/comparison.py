@@ -1,19 +1,11 @@
-"""Motions to compare a plan with, and what a fit really finds from noisy logs of a motion."""
+"""Motions to compare a plan with."""
 
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cpid_drake.dynamics.joint_motion import HalfCosine, JointMotion
-from cpid_drake.dynamics.parameterizations import SCALE_LENGTH, parameter_scale
-from cpid_drake.dynamics.sensitivity import perturbed
-from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.errors import InputError
-from cpid_drake.identification.identify import identify
-from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.planning.planner import Planner
-from cpid_drake.planning.prediction import MotionSetting
 
 
 def reference_motions(planner: Planner) -> Iterator[tuple[str, JointMotion]]:
@@ -43,44 +35,3 @@ def reference_motions(planner: Planner) -> Iterator[tuple[str, JointMotion]]:
             yield f"{name}, beyond limits", family.make(full)
         else:
             yield name, plan.motion
-
-
-def trial_errors(
-    setting: MotionSetting,
-    motion: JointMotion,
-    parameters: NDArray[np.float64],
-    trials: int,
-    seed: int,
-) -> Iterator[NDArray[np.float64]]:
-    """Yield the errors (10,) of the fit, in units of the scale, in trials with drawn errors.
-
-    The noise of all sensors is drawn, and the known bodies if they are uncertain. The errors are
-    NaN where the fit finds no target.
-
-    Args:
-        setting: spacecraft and sensors.
-        motion: of the joints.
-        parameters: (10,) π of the target.
-        trials: their number.
-        seed: determines the draws.
-
-    """
-    craft, bodies, ideal = setting.spacecraft, setting.known_bodies, None
-    scale = parameter_scale(parameters, SCALE_LENGTH)
-    momentum = TotalMomentum.unknown() if setting.is_unknown else TotalMomentum.zero()
-    for number in range(trials):
-        sequence = np.random.SeedSequence(seed, spawn_key=(number,))
-        noise_seed, body_seed = sequence.generate_state(2).tolist()
-        if ideal is None or bodies is not None:
-            rng = np.random.default_rng(body_seed)
-            tree = None if bodies is None else perturbed(craft.tree, bodies, rng)
-            ideal = setting.ideal(motion, parameters, tree)
-        log = add_noise(setting.suite, ideal, noise_seed)
-        try:
-            found = identify(
-                craft, log, sensors=setting.suite, momentum=momentum, known_bodies=bodies
-            )
-        except InputError:
-            yield np.full(10, np.nan)
-            continue
-        yield (found.parameters - parameters) / scale

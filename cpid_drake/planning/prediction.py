@@ -17,10 +17,9 @@ from cpid_drake.dynamics.parameterizations import (
 )
 from cpid_drake.dynamics.propagation import propagate
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.identification.fitted import cramer_rao_bound
-from cpid_drake.logs.log import Log, ideal_log
+from cpid_drake.logs.log import ideal_log
 from cpid_drake.scenario.schema import Scenario
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.free_floating import FreeFloatingDynamics
@@ -96,52 +95,28 @@ class MotionSetting:
     def predict(self, motion: JointMotion, parameters: NDArray[np.float64]) -> Prediction:
         """Return what is expected of a motion with a target of parameters π (10,)."""
         target, tree = InertialParameters.from_vector(parameters), self.spacecraft.tree
+
+        def at(times: NDArray[np.float64]) -> Motion:
+            return self.telemetries(motion, parameters[None], times)[0]
+
         covariance = cramer_rao_bound(
             tree,
             relative_parameterization(tree.mass).from_parameters(parameters),
-            self.ideal(motion, parameters),
+            ideal_log(self.suite, self.spacecraft.joint_names, at, motion.duration),
             self.suite,
             momentum=self.momentum(target, motion.evaluate(0.0)[0]),
             known_bodies=self.known_bodies,
         )
-        base = self.telemetries(motion, parameters[None], motion.instants())[0]
+        base = at(motion.instants())
         scale = parameter_scale(parameters, SCALE_LENGTH)
         return Prediction(np.sqrt(np.diag(covariance)), scale, *_base_lengths(base))
 
-    def ideal(
-        self,
-        motion: JointMotion,
-        parameters: NDArray[np.float64],
-        tree: KinematicTree | None = None,
-    ) -> Log:
-        """Return the samples of the sensors without errors, with a target of π (10,).
-
-        Args:
-            motion: of the joints.
-            parameters: of the target.
-            tree: the true spacecraft; default: the known one.
-
-        """
-
-        def at(times: NDArray[np.float64]) -> Motion:
-            return self.telemetries(motion, parameters[None], times, tree)[0]
-
-        return ideal_log(self.suite, self.spacecraft.joint_names, at, motion.duration)
-
     def telemetries(
-        self,
-        motion: JointMotion,
-        targets: NDArray[np.float64],
-        times: NDArray[np.float64],
-        tree: KinematicTree | None = None,
+        self, motion: JointMotion, targets: NDArray[np.float64], times: NDArray[np.float64]
     ) -> list[Motion]:
-        """Return the motion of base and joints at times (N,) [s] with each of T targets π (T, 10).
-
-        Other arguments as for `ideal`.
-        """
+        """Return the motion at times (N,) [s] with each of T targets π (T, 10)."""
         phi = np.stack([parameters_to_standard(parameters) for parameters in targets])
-        tree = tree or self.spacecraft.tree
-        base = propagate(tree, motion, phi, times, momentum_W=self.momentum_W)
+        base = propagate(self.spacecraft.tree, motion, phi, times, momentum_W=self.momentum_W)
         names = self.spacecraft.joint_names
         return [base.to_telemetry(names, times, motion, k) for k in range(len(targets))]
 

@@ -33,11 +33,12 @@ def sections(found: Comparison) -> list[Section]:
     """Return the page's sections: claims, errors of each cell, other results, failures."""
     needs = [[each.name, each.measures or "nothing", each.reference] for each in found.records]
     failures = [f"{', '.join(key)}: {problem}" for key, problem in found.problems.items()]
+    errors = [_errors(found, cell) for cell in found.cells]
     return [
         Section("What is compared", texts=INTRODUCTION),
         Section("The paper’s claims", facts=claims(found)),
         Section("Errors at a glance", pictures=pictures(found)),
-        Section("Errors of each technique", tables=[_errors(found, cell) for cell in found.cells]),
+        Section("Errors of each technique", tables=[each for each in errors if each.rows]),
         Section("Motions, training and control of their own", tables=[_experiments(found)]),
         Section(
             "What each needs",

@@ -10,13 +10,19 @@ from numpy.typing import NDArray
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.dynamics.motion import Motion
-from cpid_drake.dynamics.parameterizations import relative_parameterization
+from cpid_drake.dynamics.parameterizations import (
+    SCALE_LENGTH,
+    parameter_scale,
+    relative_parameterization,
+)
 from cpid_drake.dynamics.propagation import BaseTrajectory, Wrench, propagate
 from cpid_drake.dynamics.sensitivity import perturbed
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
+from cpid_drake.errors import InputError
 from cpid_drake.identification.fitted import cramer_rao_bound
+from cpid_drake.identification.identify import identify
 from cpid_drake.logs.burns import Burn, log_of_burns
 from cpid_drake.logs.log import (
     THRUST,
@@ -318,6 +324,24 @@ def _together(
         assert case.known_bodies is not None
         own = perturbed(tree, case.known_bodies, np.random.default_rng(body_seed))
         yield [case], own, [disturbance]
+
+
+def fit_errors(case: Case, spacecraft: Spacecraft, trials: int) -> Iterator[NDArray[np.float64]]:
+    """Yield the errors (10,) of the default fit in trials, in units of the scale.
+
+    They are NaN where the fit finds no target.
+    """
+    truth, bodies = case.truth.to_vector(), case.known_bodies
+    for number in range(trials):
+        log = draw(case, spacecraft, number)
+        try:
+            found = identify(
+                spacecraft, log, sensors=case.suite, momentum=case.momentum, known_bodies=bodies
+            )
+        except InputError:
+            yield np.full(10, np.nan)
+            continue
+        yield (found.parameters - truth) / parameter_scale(truth, SCALE_LENGTH)
 
 
 def seeds_of(seed: int, number: int) -> tuple[int, int]:

@@ -13,12 +13,13 @@ from cpid_drake import (
     load_sensors,
     shipped_scenario,
 )
-from cpid_drake.planning.comparison import reference_motions, trial_errors
+from cpid_drake.planning.comparison import reference_motions
 from cpid_drake.planning.pareto import front
 from cpid_drake.planning.plan_options import PlanOptions
 from cpid_drake.planning.planner import Planner
 from cpid_drake.scenario.limits import check_limits
 from cpid_drake.scenario.simulation import make_simulation
+from cpid_drake.studies.trials import fit_errors, make_case
 
 ARM = [f"capture_arm_joint{k}" for k in range(1, 7)]
 SMALL = PlanOptions(frequency=0.3, candidates=64, iterations=12, targets=3, joint=ARM)
@@ -184,8 +185,10 @@ def test_random_and_broadband_motions_move_as_much_as_the_limits_allow(planner):
 def test_the_errors_of_fits_are_as_large_as_predicted(name):
     """With an uncertain spacecraft its bodies are drawn, too."""
     planner = Planner(load_scenario(shipped_scenario(name)), load_sensors("flight"))
-    target = planner.targets[0]
-    errors = np.array([*trial_errors(planner.setting, planner.own_motion, target, 6, 1)])
+    target, craft = planner.targets[0], planner.spacecraft
+    body = InertialParameters.from_vector(target)
+    case = make_case(planner.scenario, craft, body, planner.suite, 1)
+    errors = np.array([*fit_errors(case, craft, 6)])
     prediction = planner.setting.predict(planner.own_motion, target)
     ratio = np.sqrt(np.mean(errors**2, axis=0)) / (prediction.sigma / prediction.scale)
     assert 0.6 < np.sqrt(np.mean(ratio**2)) < 1.5

@@ -108,19 +108,23 @@ def network_errors(truth: Truth) -> Numbers:
 
 
 def some_joints(truth: Truth) -> Numbers:
-    """Return the bound of momentum if only some joints move; NaN if they do not tell all ten."""
+    """Return the bound of momentum if only some joints move from the start of a motion to its end.
+
+    It is NaN if they do not tell all ten. There are no numbers if the motion ends where it starts.
+    """
     arm, numbers = one_joint.arm_joints(truth.spacecraft), Numbers()
-    start, middle = truth.case.motion.evaluate(np.array([0.0, truth.case.duration / 2]))[:, 0]
+    start, end = truth.case.motion.evaluate(np.array([0.0, truth.case.duration]))[:, 0]
     half, joints = len(arm) // 2, np.arange(len(start))
-    for label, chosen in (
-        ("capture arm", arm),
-        ("its outer half", arm[:half]),
-        ("its inner half", arm[half:]),
-        ("other joints", np.setdiff1d(joints, arm)),
-    ):
-        end = np.where(np.isin(joints, chosen), 2 * middle - start, start)
-        motion = HalfCosine(start, end, truth.case.duration)  # the paper's, if that is its motion
-        numbers[f"bound, {label}"] = replace(truth, case=replace(truth.case, motion=motion)).bound()
+    for label, chosen in {
+        "capture arm": arm,
+        "its outer half": arm[:half],
+        "its inner half": arm[half:],
+        "other joints": np.setdiff1d(joints, arm),
+    }.items():
+        if not np.allclose(start, end):
+            moved = start + np.isin(joints, chosen) * (end - start)
+            case = replace(truth.case, motion=HalfCosine(start, moved, truth.case.duration))
+            numbers[f"bound, {label}"] = replace(truth, case=case).bound()
     return numbers
 
 
