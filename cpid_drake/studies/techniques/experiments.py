@@ -112,7 +112,7 @@ def some_joints(truth: Truth) -> Numbers:
 
     It is NaN if they do not tell all ten. There are no numbers if the motion ends where it starts.
     """
-    arm, numbers = one_joint.arm_joints(truth.spacecraft), Numbers()
+    arm, numbers = np.array(one_joint.arm_joints(truth.spacecraft)), Numbers()
     start, end = truth.case.motion.evaluate(np.array([0.0, truth.case.duration]))[:, 0]
     half, joints = len(arm) // 2, np.arange(len(start))
     for label, chosen in {
