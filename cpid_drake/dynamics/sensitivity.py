@@ -39,12 +39,14 @@ class MotionSensitivity:
         w: (N, 3, n) derivatives of the base's angular velocity, in B.
         com: (N, 3, n) derivatives of the system's centre of mass from B's origin, in B.
         v: (N, 3, n) derivatives of the base's velocity in W, in B, for a centre of mass at rest.
+        screw: (N, 6, n) small screws that displace the target, at B's origin, in B.
 
     """
 
     w: NDArray[np.float64]
     com: NDArray[np.float64]
     v: NDArray[np.float64]
+    screw: NDArray[np.float64]
 
 
 def joint_sensitivity(
@@ -63,10 +65,10 @@ def joint_sensitivity(
     screws = [outboard.joint_screw(k) for k in moving]
     S = np.stack(screws, axis=-1) if screws else np.zeros((len(dynamics.h_K), 6, 0))
     change, by_rates = outboard.displaced(moving, S)
-    moved = by_rates[:, 3:] / tree.mass
+    moved, inboard = by_rates[:, 3:] / tree.mass, np.isin(moving, outboard.inboard_of_target)
     return (
-        _motion_sensitivity(change, moved, psi, dynamics),
-        _motion_sensitivity(by_rates, np.zeros_like(moved), psi, dynamics),
+        _motion_sensitivity(change, moved, S * inboard, psi, dynamics),
+        _motion_sensitivity(by_rates, np.zeros_like(moved), np.zeros_like(S), psi, dynamics),
     )
 
 
@@ -92,10 +94,10 @@ def uncertain_sensitivity(
         _by_bodies(outboard, dynamics.com(psi), bodies, of_bodies),
         _by_geometry(outboard, joints, grasp, of_geometry),
     ]
-    momentum, com = (
+    momentum, com, screws = (
         np.concatenate(each, axis=-1) * sigmas[sigmas > 0] for each in zip(*parts, strict=True)
     )
-    return _motion_sensitivity(momentum, com, psi, dynamics)
+    return _motion_sensitivity(momentum, com, screws, psi, dynamics)
 
 
 def _by_geometry(
@@ -103,8 +105,8 @@ def _by_geometry(
     joints: NDArray[np.float64],
     grasp: NDArray[np.float64],
     wanted: NDArray[np.bool_],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the derivatives of momentum and centre of mass by errors of the geometry.
+) -> tuple[NDArray[np.float64], ...]:
+    """Return the derivatives of momentum and centre of mass by errors of the geometry, and screws.
 
     They are a joint's place on its inboard body, in this body's frame, and small turns about the
     two `axis_normals`, in the joint's inboard frame; last C's place and a small turn, both in C.
@@ -118,8 +120,10 @@ def _by_geometry(
     of_C = outboard.frame_screws(target, right_jacobian(grasp[3:]))
     of_C[:, 3:, :3] = of_C[:, 3:, :3] @ tree.bodies[target].R_PF @ exponentials(-grasp[3:])
     which = np.array([*np.repeat(moving, 5), *6 * [target]])[wanted].tolist()
-    change, moved = outboard.displaced(which, np.concatenate([*S, of_C], axis=-1)[..., wanted])
-    return change, moved[:, 3:] / tree.mass
+    screws = np.concatenate([*S, of_C], axis=-1)[..., wanted]
+    change, moved = outboard.displaced(which, screws)
+    inboard = np.isin(which, outboard.inboard_of_target)
+    return change, moved[:, 3:] / tree.mass, screws * inboard
 
 
 def _by_bodies(
@@ -127,7 +131,7 @@ def _by_bodies(
     rho: NDArray[np.float64],
     errors: NDArray[np.float64],
     wanted: NDArray[np.bool_],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[NDArray[np.float64], ...]:
     """Return the same by errors (K, 10) of the first K bodies, in the order of their `sigmas`.
 
     They are the relative mass, the centre of mass along three axes, and the stretch E along six
@@ -152,7 +156,8 @@ def _by_bodies(
             dL[..., 4 + i] = rotate(R, w_B @ change)
         shift[..., 0], shift[..., 1:4] = nominal / total * (r - rho), mass / total * axes
         momentum[:, :, k], com[:, :, k] = np.concatenate([dL, dP], axis=1), shift
-    return momentum.reshape(N, 6, -1)[..., wanted], com.reshape(N, 3, -1)[..., wanted]
+    found = momentum.reshape(N, 6, -1)[..., wanted]
+    return found, com.reshape(N, 3, -1)[..., wanted], np.zeros_like(found)
 
 
 def error_directions(
@@ -236,14 +241,15 @@ def _errors_of(
 def _motion_sensitivity(
     momentum: NDArray[np.float64],
     com: NDArray[np.float64],
+    screws: NDArray[np.float64],
     psi: NDArray[np.float64],
     dynamics: BodyDynamics,
 ) -> MotionSensitivity:
     """Return the derivatives of the motion from those of [L; P] about B's origin, and of ρ.
 
-    The former (N, 6, n) are at constant base twist.
+    The former (N, 6, n) are at constant base twist; the screws are those of the target.
     """
     rho = skew(dynamics.com(psi))
     dL, dP = momentum[:, :3], momentum[:, 3:]
     w = -dynamics.mobility(psi) @ (dL - rho @ dP)
-    return MotionSensitivity(w, com, rho @ w - dP / dynamics.total_mass(psi))
+    return MotionSensitivity(w, com, rho @ w - dP / dynamics.total_mass(psi), screws)

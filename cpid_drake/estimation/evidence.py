@@ -186,11 +186,7 @@ class _Sets:
         self.covariance_k = inverse @ inverse.T
         C = R[n:, n:]
         self.H, self.b = C.T @ C - np.eye(len(sigma)), C.T @ both.z[n:]
-        places = gaussian.sizes
-        ends = np.cumsum([0, *(places[name] for name in self.names)])
-        self.places = {}
-        for name, start, end in zip(self.names, ends[:-1], ends[1:], strict=True):
-            self.places[name] = np.arange(start, end)
+        self.places = {name: both.indices([name]) - n for name in self.names}
         self.size: dict[str, float] = {}
 
     def evidence(

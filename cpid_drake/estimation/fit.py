@@ -162,9 +162,12 @@ def reweighted(model: Model, log: LogState, rolled: Rolled, absorbed: dict[str, 
 
 
 def _correlation(rest: NDArray[np.float64]) -> float:
-    """Return the correlation time of noise of which residuals, if they are small, are a part."""
-    part = min(1.0, float(np.mean(rest**2))) if rest.size else 0.0
-    return 1 + part * (whiteness(rest).correlation_time - 1)
+    """Return the correlation time of noise of which residuals, if they are small, are a part.
+
+    Neighbours of opposite signs show that unknowns of the blocks follow the samples.
+    """
+    part, found = min(1.0, float(np.mean(rest**2))) if rest.size else 0.0, whiteness(rest)
+    return 1 + part * (found.correlation_time - 1) if found.lag_one > 0 else 1.0
 
 
 def weights_of(rest: NDArray[np.float64], noise: float = 1.0) -> NDArray[np.float64]:
@@ -224,7 +227,7 @@ def prior_of(
 def _cost(found: Fit, rows: Sequence[Gaussian], weighed_at: Values) -> float:
     """Return the sum of squares of all rows at the values of a fit."""
     prior = prior_of(found.model, found.logs, found.values, rows, weighed_at)
-    step = found.values[PSI] - weighed_at[PSI]
+    step = {name: value - weighed_at[name] for name, value in found.values.items()}
     samples = sum(r.cost(log, step) for log, r in zip(found.logs, found.rolled, strict=True))
     return samples + prior.cost(np.zeros(prior.size))
 
@@ -240,9 +243,11 @@ def _stepped(
         for log in logs:
             assert log.start is not None
             values[f"{MOMENTUM}|{log.name}"] = np.concatenate([log.start.L, log.start.v_Wcm])
-        rolled, total = [roll(model, log, values) for log in logs], now.gaussian.moved(step)
+        both = zip(logs, now.rolled, strict=True)
+        rolled = [roll(model, log, values, before) for log, before in both]
     except (InputError, np.linalg.LinAlgError):
         return None
+    total = now.gaussian.moved(step)
     there = replace(now, values=values, logs=logs, rolled=rolled, gaussian=total)
     cost = _cost(there, rows, now.values)
     return replace(there, cost=cost) if np.isfinite(cost) else None

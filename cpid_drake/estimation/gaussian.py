@@ -307,9 +307,7 @@ def solution_of(
     )
 
 
-def solution_of_rows(
-    rows: NDArray[np.float64], row_count: int, tolerance: float = DEFAULT_RANK_TOLERANCE
-) -> LeastSquaresSolution:
+def solution_of_rows(rows: NDArray[np.float64], row_count: int) -> LeastSquaresSolution:
     """Return the solution of rows of equal noise, which their residuals show.
 
     Columns are scaled to unit length here: nothing is known about plausible sizes.
@@ -317,7 +315,6 @@ def solution_of_rows(
     Args:
         rows: (m, n + 1) [A | b], or their triangle.
         row_count: number of the rows that are not zero.
-        tolerance: see `DEFAULT_RANK_TOLERANCE`.
 
     """
     n = rows.shape[1] - 1
@@ -327,7 +324,7 @@ def solution_of_rows(
     largest = norms.max(initial=0.0) or 1.0
     scale = 1 / np.where(norms > 1e-12 * largest, norms, largest)
     size = float(np.linalg.norm(target.R * scale, 2))
-    least = 1 / (tolerance * size) if size else np.inf
+    least = 1 / (DEFAULT_RANK_TOLERANCE * size) if size else np.inf
     found = solution_of(target, np.zeros(n), scale, largest=least, share=1e-6)
     squares, freedom = target.cost(found.values), row_count - found.rank
     variance = squares / freedom if freedom > 0 else np.nan

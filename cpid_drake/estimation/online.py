@@ -45,9 +45,6 @@ LONGEST = 8
 KEPT = 4
 """A change at the start of a block remains an unknown until so many blocks have followed."""
 
-MOST_LINKS = 6
-"""So many links are unknowns at most, after the last block."""
-
 OF_JOINTS = ("encoders", "joint_rates", "thrust")
 """What is used of a part of a block that noise does not explain."""
 
@@ -307,14 +304,10 @@ def _after(model: Model, each: Recent) -> tuple[OnlineState, bool]:
 
 
 def _settled(model: Model, state: OnlineState, oldest: float) -> OnlineState:
-    """Return the state in which old links, and the least probable of too many, are no unknowns."""
+    """Return the state in which old links are no unknowns."""
     known, settled = state.known, state.settled
     assert known is not None
-    last = sorted(
-        known.links, key=lambda each: (each.time < known.links[-1].time, -each.probability)
-    )
-    gone = [each for each in known.links if each.time < oldest or each in last[MOST_LINKS:]]
-    gaussian = known.gaussian
+    gaussian, gone = known.gaussian, [each for each in known.links if each.time < oldest]
     for each in gone:
         gaussian = closed(model, gaussian, each)
         settled = (*settled, each.time) if each.probability >= NAMED else settled

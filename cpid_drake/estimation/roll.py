@@ -17,6 +17,7 @@ Values = dict[str, NDArray[np.float64]]
 
 
 _AIMED = 2  # Newton steps to a state: the first one leaves a miss of second order
+_REACHED = 1e-3  # change of a white force that does not matter, in units of its σ
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,24 +55,26 @@ class Rolled:
         """Number of all residuals."""
         return sum(rest.size for block in self.residuals for rest in block.values())
 
-    def cost(self, log: LogState, step: NDArray[np.float64] | None = None) -> float:
+    def cost(self, log: LogState, step: Values | None = None) -> float:
         """Return the sum of squares of all rows of a log.
 
         Args:
             log: the log.
-            step: (10,) by which the target has moved since white torques were linear in it.
+            step: of all unknowns since white torques were linear in the inertia.
 
         """
         return self.start + self.cost_inside(log, step)
 
-    def cost_inside(self, log: LogState, step: NDArray[np.float64] | None = None) -> float:
+    def cost_inside(self, log: LogState, step: Values | None = None) -> float:
         """Return the sum of squares of all rows of a log but those at its start; see `cost`."""
         total = self.links
         for k, block in enumerate(self.residuals):
             for name, rest in block.items():
                 sensor = self.models[k].sensors[name]
                 if step is not None and isinstance(sensor, WhiteReading):
-                    rest = rest - sensor.by_target(self.trajectories[k]) @ (self.by_psi @ step)
+                    for effect, by in sensor.by_inertia(self.trajectories[k]).items():
+                        by = by @ self.by_psi if effect == PSI else by
+                        rest = rest - by @ step[effect]
                 total += float(np.sum(log.weighted(k, name, rest) ** 2))
         return total
 
@@ -87,7 +90,7 @@ def constants_of(model: Model, log: LogState, values: Values) -> NDArray[np.floa
     return np.concatenate([np.empty(0), *parts])
 
 
-def roll(model: Model, log: LogState, values: Values) -> Rolled:
+def roll(model: Model, log: LogState, values: Values, near: Rolled | None = None) -> Rolled:
     """Predict all samples of a log.
 
     White forces and changes between blocks follow from the states at which the log aims, as far as
@@ -97,6 +100,7 @@ def roll(model: Model, log: LogState, values: Values) -> Rolled:
         model: the unknowns.
         log: the log; its jumps and white forces become those that reach its aims.
         values: of the unknowns.
+        near: the prediction of the same blocks at similar values; it saves time.
 
     Raises:
         InputError: no rigid body has these values.
@@ -133,7 +137,7 @@ def roll(model: Model, log: LogState, values: Values) -> Rolled:
             state, psi=psi, bias=log.bias[k], constants=nominal[k], forces=log.forces[k]
         )
         aim = log.aims.get(k + 1)
-        trajectory = part.motion.trajectory(first)
+        trajectory = part.motion.trajectory(first, near.trajectories[k] if near else None)
         if aim is not None and k not in log.links and len(log.forces[k]):
             trajectory = _aimed(part.motion, trajectory, aim)
             log.forces[k][:] = trajectory.state.forces
@@ -162,8 +166,10 @@ def _aimed(motion: BaseMotion, trajectory: Trajectory, aim: TrajectoryState) -> 
     for _ in range(_AIMED):
         miss = jump_between(motion.end(trajectory), aim)
         change = np.linalg.lstsq(motion.end_by_white(trajectory), miss)[0]
+        if np.abs(change).max() < _REACHED:
+            break
         state = replace(trajectory.state, forces=trajectory.state.forces + change)
-        trajectory = motion.trajectory(state)
+        trajectory = motion.trajectory(state, trajectory)
     return trajectory
 
 

@@ -294,30 +294,13 @@ def without_bias(
     return triangle(table)[1 : len(table), 1:], int(seen.sum())
 
 
-@dataclass(frozen=True, eq=False)
-class MomentumComparison:
-    """What the comparison of zero with an unknown momentum says.
-
-    Attributes:
-        probability: of a momentum.
-        target: the target, averaged over zero and a momentum.
-        momentum: (k,) the momentum, in the rows' unknowns.
-        covariance: (k, k) of the momentum.
-
-    """
-
-    probability: float
-    target: Gaussian
-    momentum: NDArray[np.float64]
-    covariance: NDArray[np.float64]
-
-
 def compare_momentum(
     rows: LogRows, noise: RowNoise, sigma: NDArray[np.float64]
-) -> MomentumComparison | None:
+) -> tuple[float, Gaussian, dict[str, NDArray[np.float64]]] | None:
     """Compare a momentum of zero with an unknown one; None if the rows show nothing of the target.
 
-    See `evidence`.
+    The result is the probability of a momentum, the average of the target (see `evidence`), and the
+    fields of the momentum in an identification.
 
     Args:
         rows: of a log, with columns of an unknown momentum.
@@ -349,4 +332,5 @@ def compare_momentum(
     to_origin = rows.about_base()[:k, :k]
     value = to_origin @ found.values.get(MOMENTUM, np.zeros(k))
     root = to_origin * found.sigma.get(MOMENTUM, np.zeros(k))
-    return MomentumComparison(found.probability[MOMENTUM], target, value, root @ root.T)
+    fields = {"momentum_estimate": value, "momentum_covariance": root @ root.T}
+    return found.probability[MOMENTUM], target, fields

@@ -23,11 +23,10 @@ from cpid_drake.estimation.likelihood.effects import GyroBias, with_joint_change
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.estimation.likelihood.motion import Trajectory, TrajectoryState
-from cpid_drake.estimation.likelihood.priors import FASTEST_DRIFT
 from cpid_drake.estimation.likelihood.white_effects import White
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Rolled, Values, first_values, jumped
-from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
+from cpid_drake.estimation.unknowns import FASTEST_DRIFT, MOMENTUM, PSI, Model
 
 EXACT = 1e-9
 """σ of what is conserved, or held while the rest is fitted, as a share of its plausible size."""

@@ -21,19 +21,21 @@ from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import KNOWN
 from cpid_drake.estimation.likelihood.constants import OF_GRASP, VALVE_FORCE, Constants
-from cpid_drake.estimation.likelihood.priors import (
-    FASTEST_DRIFT,
-    FASTEST_TUMBLE,
-    plausible_psi,
-    plausible_sizes,
-    psi_scale,
-)
 from cpid_drake.estimation.likelihood.white_force import white_forces
 from cpid_drake.sensors.sensors import Gyro
 from cpid_drake.sensors.suite import SensorSuite
 
 WIDE = 1e3
 """σ of a target of which nothing is known, in sizes of a target like the spacecraft."""
+
+FASTEST_TUMBLE = 2.0
+"""σ of an unknown angular velocity of the system [rad/s]."""
+
+FASTEST_DRIFT = 10.0
+"""σ of an unknown velocity of the system's centre of mass [m/s]."""
+
+LARGEST = 100.0
+"""Largest radius of gyration of a target, in radii of gyration of the spacecraft."""
 
 PSI, BODIES, MOMENTUM = "psi", "bodies", "momentum"
 """Names of the target's unknowns, of the known bodies' errors, and of a log's momentum."""
@@ -119,7 +121,7 @@ class Model:
     @cached_property
     def plausible(self) -> NDArray[np.float64]:
         """(10,) sizes of ψ of a target as heavy and as large as the spacecraft."""
-        return psi_scale(self.mass, self._known.I_K[0])
+        return _magnitudes(self.mass / 2, np.sqrt(np.trace(self._known.I_K[0]) / 2 / self.mass))
 
     @cached_property
     def table(self) -> tuple[Unknown, ...]:
@@ -132,7 +134,8 @@ class Model:
             scope: Scope = "hardware" if has else "log"
             fails = error.kind == VALVE_FORCE
             table.append(Unknown(error.name, error.size, zero, one, scope, walk, fails))
-        mean = plausible_psi(self.mass, self._known.I_K[0])
+        # A solid sphere about C's origin of a tenth of the spacecraft's mass.
+        mean = 0.2 / 1.1 * self.plausible * [1, 0, 0, 0, 0.4, 0, 0, 0.4, 0, 0.4]
         table.append(Unknown(PSI, 10, mean, WIDE * self.plausible, "target"))
         if self.known_bodies is not None:
             c = self.known_bodies.count(self.tree.wheels, self.joint_count)
@@ -250,9 +253,24 @@ def undetermined(
     psi = psi + target.solve()
     sigma = np.sqrt(np.diag(target.covariance()))
     least = np.sign(psi) * np.maximum(np.abs(psi) - 2 * sigma, 0.0)  # its size as far as known
-    sizes = plausible_sizes(least, model.plausible)
+    sizes = _sizes(least, model.plausible)
     _, s, Vt = np.linalg.svd(target.R * sizes)
     return Vt[s < 1 / KNOWN] / sizes, sizes
+
+
+def _magnitudes(mass: float, radius: float) -> NDArray[np.float64]:
+    """Return (10,) magnitudes of ψ for a reduced mass and a radius of gyration."""
+    return mass * np.concatenate([[1.0], 3 * [radius], 6 * [radius**2]])
+
+
+def _sizes(psi: NDArray[np.float64], least: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (10,) magnitudes for a target as heavy and large as one with ψ, but not below some."""
+    if not psi[0] > 0:
+        return least
+    moments = psi[[4, 7, 9]]
+    spread = max(float(moments.sum()) / 2, float(moments.max()), 0.0)  # Σ m r²: some may be unknown
+    radius = min(np.sqrt(spread / psi[0]), LARGEST * np.sqrt(least[4] / least[0]))
+    return np.maximum(_magnitudes(psi[0], radius), least)
 
 
 def psi_about(

@@ -26,7 +26,6 @@ from cpid_drake.estimation.least_squares import KNOWN
 from cpid_drake.estimation.rows_fit import (
     TARGET,
     LogRows,
-    MomentumComparison,
     RowNoise,
     compare_momentum,
 )
@@ -273,7 +272,7 @@ def _identified(known: Known, log: CheckedLog) -> tuple[Identification, Gaussian
         other = rows_of(STANDARD_ROWS)
         tester = other, other.noise()
     compared = _compared(spacecraft, *tester) if is_open and tester[0].extra else None
-    likely = 0.0 if compared is None else compared.probability
+    likely = 0.0 if compared is None else compared[0]
     is_zero = is_open and not (likely >= NAMED and rows.extra)
     cannot = "" if rows.extra else family.name
     said, checks = momentum_words(likely, is_given=momentum is not None, cannot=cannot)
@@ -283,10 +282,10 @@ def _identified(known: Known, log: CheckedLog) -> tuple[Identification, Gaussian
     own = np.zeros(rows.extra) if is_zero else whole.solve()[: rows.extra]
     target, fields = whole.marginal([TARGET]), _momentum(rows, whole) if not is_zero else {}
     if compared is not None and rows.extra and (momentum is None or not is_zero):
-        target = compared.target
+        target = compared[1]
     if compared is not None and not is_zero:
-        own = compared.momentum
-        fields = {"momentum_estimate": own, "momentum_covariance": compared.covariance}
+        fields = compared[2]
+        own = fields["momentum_estimate"]
 
     form, unknowns, count = _form(known), tree.unknowns, rows.row_count
     nominal, scale = plausible(spacecraft, form, target)
@@ -359,7 +358,9 @@ def _residuals(
     }
 
 
-def _compared(spacecraft: Spacecraft, rows: LogRows, noise: RowNoise) -> MomentumComparison | None:
+def _compared(
+    spacecraft: Spacecraft, rows: LogRows, noise: RowNoise
+) -> tuple[float, Gaussian, dict[str, NDArray[np.float64]]] | None:
     """Return the comparison of zero with an unknown momentum; None if the rows show nothing."""
     zero = rows.gaussians(noise, is_zero=True)[0]
     x = np.append(np.zeros(rows.extra), zero.solve()[rows.unknowns])

@@ -27,7 +27,7 @@ from cpid_drake.estimation.unknowns import BODIES, MOMENTUM, PSI, Model
 from cpid_drake.identification.checks import IMPROBABLE, Check, halves_check
 from cpid_drake.identification.effects import LEARNED, EffectEstimate
 from cpid_drake.sensors.disturbances import Disturbances
-from cpid_drake.sensors.sensors import SENSORS
+from cpid_drake.sensors.sensors import SENSORS, Gyro
 from cpid_drake.sensors.suite import SensorSuite
 
 PLAUSIBLE = {
@@ -98,33 +98,36 @@ def contradicted(
 
 
 def with_plausible(
-    sensors: SensorSuite, *, has_thrust: bool = False, has_joints: bool = True
+    sensors: SensorSuite, *, has_thrust: bool = False, joints_move: bool = True
 ) -> SensorSuite:
     """Return sensors in which every constant error has a plausible σ, if it had none.
 
     Args:
         sensors: the sensors.
         has_thrust: whether thrusters fired, whose log may have an error of its scale.
-        has_joints: whether encoders have anything to measure.
+        joints_move: whether encoders have anything to measure.
 
     """
-    result = copy(sensors)
+    result, forces = copy(sensors), sensors.disturbances or Disturbances()
+    no_delay = {"attitude"} if sensors.thrusters and sensors.thrusters.delay_ms else set()
+    if forces.torque_noise:  # a torque in every sample of a gyro takes what its delay does
+        no_delay |= {name for name, each in sensors.present().items() if isinstance(each, Gyro)}
     for name, errors in sensors.present().items():
         own = {
             each.name: PLAUSIBLE[each.name]
             for each in fields(errors)
             if each.name in PLAUSIBLE and not getattr(errors, each.name)
         }
-        if name == "joint_rates" or (name == "encoders" and not has_joints):
-            own = {}  # they have no errors of their own
-        if name == "attitude" and sensors.thrusters is not None and sensors.thrusters.delay_ms:
-            own.pop("delay_ms", None)  # all sensors late is the thrust early: one is the clock
+        if name == "joint_rates" or (name == "encoders" and not joints_move):
+            own = {}  # they have no errors of their own, or none that anything shows
+        if name in no_delay:  # all sensors late is the thrust early: attitude is the clock
+            own.pop("delay_ms", None)
         setattr(result, name, replace(errors, **own))
-    old, forces = sensors.disturbances or Disturbances(), dict(FORCES)
+    sizes = dict(FORCES)
     if not has_thrust or sensors.thrusters is not None:  # valves have their own errors
-        del forces["thrust_scale"]
-    larger: dict[str, Any] = {n: getattr(old, n) or sigma for n, sigma in forces.items()}
-    result.disturbances = replace(old, **larger)
+        del sizes["thrust_scale"]
+    larger: dict[str, Any] = {n: getattr(forces, n) or sigma for n, sigma in sizes.items()}
+    result.disturbances = replace(forces, **larger)
     return result
 
 

@@ -65,8 +65,10 @@ def estimate(
     """
     suite, warnings = suite_of(known.sensors, next(iter(logs.values())))
     has_thrust = any(log.has_thrust for log in logs.values())
-    has_joints = bool(known.spacecraft.joint_names)
-    candidates = with_plausible(suite, has_thrust=has_thrust, has_joints=has_joints)
+    far = MOST_NOISE * float(suite.sigmas("encoders")[0])
+    q = [log.measurements.encoders.value for log in logs.values()]
+    moves = any(float(np.std(each, axis=0).max(initial=0.0)) > far for each in q)
+    candidates = with_plausible(suite, has_thrust=has_thrust, joints_move=moves)
     model = Model(known.spacecraft.tree, candidates, known.known_bodies)
     where = {name: f"{name}: " if len(logs) > 1 else "" for name in logs}
     states = []

@@ -17,10 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.rotations import rotate, skew
 from cpid_drake.dynamics.tree import KinematicTree
-from cpid_drake.estimation.likelihood.priors import psi_scale
+from cpid_drake.estimation.unknowns import Model
 from cpid_drake.planning.base_motion import BaseMotion
 from cpid_drake.sensors.suite import SensorSuite
 
@@ -40,9 +39,7 @@ class InformationModel:
 
     def __init__(self, tree: KinematicTree, suite: SensorSuite) -> None:
         self.suite = suite
-        still = np.zeros((1, sum(body.joint >= 0 for body in tree.bodies)))
-        known = BodyDynamics.at(tree, still, still)
-        self._sizes = VAGUE * psi_scale(known.mass, known.I_K[0])
+        self._sizes = VAGUE * Model(tree, suite).plausible
 
     def covariance(
         self, motion: BaseMotion, information: NDArray[np.float64] | None = None

@@ -59,7 +59,7 @@ def test_exact_data_give_the_exact_target(name, exact):
 
 
 def test_forces_are_drakes(craft, truth, exact):
-    """Joint efforts and the acceleration of the base; the wrench see `test_newton_euler`."""
+    """Joint efforts, the acceleration of the base, and the wrench in the weld at the grasp."""
     plant, motion = craft.make_simulation_plant(GENERIC), exact.rates.motion
     context, dynamics = plant.CreateDefaultContext(), FreeFloatingDynamics(craft, plant)
     some = np.arange(0, len(motion), 60)
@@ -67,7 +67,8 @@ def test_forces_are_drakes(craft, truth, exact):
     states = craft.to_states(motion.select(some))
     efforts = dynamics.joint_efforts(context, states, qddot)
     np.testing.assert_allclose(exact.efforts.exact[some], efforts, atol=1e-6 * np.ptp(efforts))
-    base = plant.GetBodyByName(craft.base.name())
+    base, target = (plant.GetBodyByName(n) for n in (craft.base.name(), "captured_target"))
+    [weld] = [j for j in plant.GetJointIndices() if plant.get_joint(j).child_body() is target]
     for k, state, acceleration in zip(some, states, qddot):
         plant.SetPositionsAndVelocities(context, state)
         force = dynamics.generalized_force(context, acceleration)
@@ -75,6 +76,9 @@ def test_forces_are_drakes(craft, truth, exact):
         found = base.EvalSpatialAccelerationInWorld(context).translational()
         expected = motion.R_WB[k].T @ found
         np.testing.assert_allclose(exact.acceleration.exact[k], expected, atol=1e-7)
+        F = plant.get_reaction_forces_output_port().Eval(context)[int(weld)]
+        wrench = np.concatenate([F.rotational(), F.translational()])
+        np.testing.assert_allclose(exact.wrench.exact[k], wrench, atol=1e-6 * np.abs(wrench).max())
 
 
 @pytest.mark.parametrize(

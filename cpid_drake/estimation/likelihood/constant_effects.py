@@ -59,7 +59,7 @@ def _torque(motion: BaseMotion, trajectory: Trajectory, sigma: float, change: Mo
 def _zeros(motion: BaseMotion, trajectory: Trajectory, sigma: float, change: MotionChange) -> None:
     """Write that of the joints' zeros: the measured positions are the true ones plus these."""
     by_q, _ = joint_changes(motion, trajectory)
-    less = MotionSensitivity(*(-sigma * value for value in (by_q.w, by_q.com, by_q.v)))
+    less = MotionSensitivity(*(-sigma * value for value in vars(by_q).values()))
     write_change(change, less, motion, trajectory)
 
 

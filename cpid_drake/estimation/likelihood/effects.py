@@ -20,6 +20,7 @@ from cpid_drake.dynamics.sensitivity import (
     joint_sensitivity,
     uncertain_sensitivity,
 )
+from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.estimation.likelihood.motion import (
@@ -40,6 +41,7 @@ class MotionChange:
         w: (U, 3, n) change of the angular velocity at unchanged attitude, in B.
         com: (U, 3, n) change of the centre of mass ρ from B's origin, in B.
         com_rate: (U, 3, n) change of the rate of ρ as seen from B, in B.
+        screw: (U, 6, n) small screws that displace the target against B, at B's origin, in B.
         attitude: (3, n) change of the attitude at the start, a rotation in W.
         L: (3, n) change of the angular momentum at the end at unchanged attitude, in W.
         p_Wcm: (3, n) change of the system's centre of mass at the start, in W.
@@ -55,6 +57,7 @@ class MotionChange:
     w: NDArray[np.float64]
     com: NDArray[np.float64]
     com_rate: NDArray[np.float64]
+    screw: NDArray[np.float64]
     attitude: NDArray[np.float64]
     L: NDArray[np.float64]
     p_Wcm: NDArray[np.float64]
@@ -69,9 +72,11 @@ class MotionChange:
     def zeros(cls, instants: int, n: int, of_thrust: int = 0) -> "MotionChange":
         """Return no change by n quantities, with so many errors of the thrust."""
         w, com, com_rate, position, velocity = np.zeros((5, instants, 3, n))
-        attitude, L, p, v, a = np.zeros((5, 3, n))
-        thrust = np.zeros((of_thrust, n))
-        return cls(w, com, com_rate, attitude, L, p, v, a, np.zeros(n), thrust, position, velocity)
+        screw, (attitude, L, p, v, a) = np.zeros((instants, 6, n)), np.zeros((5, 3, n))
+        inverse, thrust = np.zeros(n), np.zeros((of_thrust, n))
+        return cls(
+            w, com, com_rate, screw, attitude, L, p, v, a, inverse, thrust, position, velocity
+        )
 
     def columns(self, part: slice) -> "MotionChange":
         """Return views of some columns."""
@@ -218,18 +223,11 @@ class JointErrors(Effect):
             both = (
                 q[..., None] * self._B[:, None, None] + qdot[..., None] * self._B_dot[:, None, None]
             )
-            return both.reshape(len(both), 3, -1)
+            return both.reshape(*both.shape[:2], -1)
 
-        write_change(
-            change,
-            MotionSensitivity(
-                by_errors(by_q.w, by_qdot.w),
-                by_errors(by_q.com, by_qdot.com),
-                by_errors(by_q.v, by_qdot.v),
-            ),
-            self._motion,
-            trajectory,
-        )
+        both = zip(vars(by_q).values(), vars(by_qdot).values(), strict=True)
+        by = MotionSensitivity(*(by_errors(q, qdot) for q, qdot in both))
+        write_change(change, by, self._motion, trajectory)
 
     def links(self, state: TrajectoryState) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the information of the block's own joint sensors."""
@@ -269,6 +267,42 @@ def bodies_effect(
     return Effect("bodies", size, change_motion)
 
 
+def inertia_changes(
+    motion: BaseMotion,
+    nodes: NDArray[np.intp],
+    psi: NDArray[np.float64],
+    acceleration: NDArray[np.float64],
+    uncertainty: BodyUncertainty | None = None,
+    errors: NDArray[np.float64] | None = None,
+) -> dict[str, NDArray[np.float64]]:
+    """Return the derivatives (M, 3, n) of J α by ψ, the joints' zeros and the bodies' errors.
+
+    Args:
+        motion: the base's motion, with the constant errors.
+        nodes: (M,) nodes at which the inertia J is that of spacecraft and target.
+        psi: (10,) relative unknowns of the target.
+        acceleration: (M, 3) the angular accelerations α, in B.
+        uncertainty, errors: see `bodies_effect`.
+
+    """
+    grid, tree = motion.grid.part(nodes), motion.tree
+    found = {"psi": grid.inertia_regressor(acceleration)}
+    zeros = [error for error in motion.constants.errors.values() if error.kind == "zero"]
+    if not zeros and uncertainty is None:
+        return found
+    q = motion.joint_motion(motion.nodes[nodes])[:, 0]
+    turning = acceleration, -cross(acceleration, grid.com(psi))
+    outboard = Outboard.at(_with_target(tree, psi, grid), q, 0 * q, *turning)
+    J = -grid.inertia(psi)
+    if zeros:
+        by_q = joint_sensitivity(outboard, psi, grid)[0].w
+        found |= {error.name: -error.sigma * (J @ by_q) for error in zeros}
+    if uncertainty is not None:
+        present = np.zeros(uncertainty.count(tree.wheels, q.shape[1])) if errors is None else errors
+        found["bodies"] = J @ uncertain_sensitivity(outboard, psi, grid, uncertainty, present).w
+    return found
+
+
 def joint_changes(
     motion: BaseMotion, trajectory: Trajectory
 ) -> tuple[MotionSensitivity, MotionSensitivity]:
@@ -304,7 +338,7 @@ def write_change(
 ) -> None:
     """Write a sensitivity into `change`; v = −(ω × ρ + ρ') is solved for the change of ρ'."""
     rho = motion.dynamics.com(trajectory.state.psi)
-    change.w[:], change.com[:] = by.w, by.com
+    change.w[:], change.com[:], change.screw[:] = by.w, by.com, by.screw
     change.com_rate[:] = skew(rho) @ by.w - skew(trajectory.w) @ by.com - by.v
 
 
@@ -314,9 +348,16 @@ def _relative_to_base(
     """Return all motions of the bodies and the target, and of the bodies, seen from the base."""
     psi, tree = trajectories[0].state.psi, motions[0].tree
     dynamics = BodyDynamics.concatenate([motion.dynamics for motion in motions])
-    phi = parameters_to_standard(relative_parameterization(dynamics.mass).to_parameters(psi))
     joints = np.concatenate([motion.joint_motion(motion.times) for motion in motions])
     w = np.concatenate([trajectory.w for trajectory in trajectories])
     v = -(cross(w, dynamics.com(psi)) + dynamics.com_rate(psi))
-    outboard = Outboard.at(tree.with_target(phi), joints[:, 0], joints[:, 1], w, v)
-    return outboard, dynamics
+    with_target = _with_target(tree, psi, dynamics)
+    return Outboard.at(with_target, joints[:, 0], joints[:, 1], w, v), dynamics
+
+
+def _with_target(
+    tree: KinematicTree, psi: NDArray[np.float64], dynamics: BodyDynamics
+) -> KinematicTree:
+    """Return the known bodies with a target."""
+    parameters = relative_parameterization(dynamics.mass).to_parameters(psi)
+    return tree.with_target(parameters_to_standard(parameters))

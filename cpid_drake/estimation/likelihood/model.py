@@ -98,7 +98,8 @@ class BlockModel:
             samples, bias = measurements[name], biases.get(name)
             self.sensors[name] = model(name, samples, suite, self.motion, at, bias, delays[name])
             first += count
-        self.sensors |= {force.name: WhiteReading(self.motion, force) for force in white}
+        bodies = known_bodies, errors
+        self.sensors |= {each.name: WhiteReading(self.motion, each, *bodies) for each in white}
         self.effects: list[Effect] = [start_effect(), momentum_effect(), *biases.values()]
         self.effects += [JointErrors(self.motion)]
         self.effects += [White(self.motion, force) for force in white]
@@ -137,7 +138,8 @@ class BlockModel:
                 part = rows[:, :, self.columns[effect.name]]
                 effect.change_reading(name, sensor.samples.time, part)
             if isinstance(sensor, WhiteReading):
-                rows[:, :, self.columns["psi"]] += sensor.by_target(trajectory)
+                for effect_name, by in sensor.by_inertia(trajectory).items():
+                    rows[:, :, self.columns[effect_name]] += by
             parts.append(sensor.whitened(rows).reshape(-1, n))
         rows, held = np.vstack(parts), self.held
         # What a table holds has no effect but for rounding, which would grow from block to block.
@@ -191,7 +193,8 @@ class BlockModel:
         motion, psi, N = self.motion, trajectory.state.psi, len(self.motion.nodes)
         R, thrust, L = trajectory.R, motion.thrust, change.L
         if thrust is not None:
-            by = thrust.momentum_change(R[:N], psi, change.com[:N], change.thrust)
+            moved = change.com[:N], change.screw[:N], change.thrust
+            by = thrust.momentum_change(R[:N], psi, *moved)
             change.w[:] += trajectory.inverse @ np.swapaxes(R, -1, -2) @ by
             L = L + by[N - 1]
         ends, change.w[:N] = motion.pose_change(trajectory, change.w[:N], change.attitude)
@@ -205,7 +208,7 @@ class BlockModel:
             -1, 6, change.w.shape[2]
         )
         if thrust is not None:
-            both += thrust.travel_change(R[:N], psi, xi, change.inverse_mass, change.thrust)
+            both += thrust.travel_change(R[:N], psi, xi, change.inverse_mass, *moved[1:])
         position = change.position + both[:, :3] + change.a_Wcm * elapsed**2 / 2
         velocity = change.velocity + both[:, 3:] + change.a_Wcm * elapsed
         change = replace(change, position=position, velocity=velocity)

@@ -197,11 +197,12 @@ class BaseMotion:
         samples = self.joints.evaluate(times)
         return np.stack([samples[:, 0] - self.zeros, samples[:, 1]], axis=1)
 
-    def trajectory(self, state: TrajectoryState) -> Trajectory:
+    def trajectory(self, state: TrajectoryState, near: Trajectory | None = None) -> Trajectory:
         """Integrate the base's attitude over the grid.
 
         Args:
             state: the unknowns.
+            near: the motion for similar unknowns, if it is known: it saves time.
 
         Raises:
             InputError: the system's inertia is not positive definite for this target.
@@ -210,7 +211,7 @@ class BaseMotion:
         dynamics, N = self.dynamics, len(self.nodes)
         inverse, h = dynamics.mobility(state.psi), dynamics.momentum_at_rest(state.psi)
         step, first = self.nodes[1] - self.nodes[0], state.attitude.as_matrix()
-        R = first
+        R = first if near is None else first @ near.R[0].T @ near.R[:N]
         L, torque = state.L, self.constants.value(state.constants, "torque")
         if torque is not None:
             L = L + torque * (self.times - self.joints.start)[:, None]

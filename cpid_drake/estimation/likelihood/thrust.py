@@ -56,7 +56,7 @@ class Push:
         self.in_world, self.to = actuators.in_world, to(times)
         arm = np.broadcast_to(actuators.position, (len(times), *actuators.position.shape))
         along, self._moment = actuators.direction[None], actuators.moment
-        on = actuators.on_target
+        self.on_target = on = actuators.on_target
         if on.any():
             R_BC, p_BC = pose(times)
             turned = actuators.position @ np.swapaxes(R_BC, -1, -2)
@@ -195,6 +195,7 @@ class BlockThrust:
         R: NDArray[np.float64],
         psi: NDArray[np.float64],
         com: NDArray[np.float64],
+        screw: NDArray[np.float64],
         errors: NDArray[np.float64],
     ) -> NDArray[np.float64]:
         """Return the change (U, 3, n) of the angular momentum at unchanged attitude, in W.
@@ -202,12 +203,14 @@ class BlockThrust:
         Args:
             R, psi: see `momentum`.
             com: (N, 3, n) change of ρ at the nodes, in B.
+            screw: (N, 6, n) of the target at the nodes; see `MotionChange`.
             errors: (P, n) change of the errors of the thrust.
 
         """
         n, turned = com.shape[-1], self._push.rotations(R)
         moved = (self._push.to @ com.reshape(len(com), -1)).reshape(-1, 3, n)
         rate = skew(_sum(self._size, self._push.forces(R))) @ (turned @ moved)
+        rate += self._by_screw(R, psi, screw)[0]
         if len(errors):
             rate += self._by_errors(self._push.torques(R, self._grid.com(psi))) @ errors
         return self._accumulated(self._turns[:, None] * rate)
@@ -231,19 +234,20 @@ class BlockThrust:
         psi: NDArray[np.float64],
         xi: NDArray[np.float64],
         inverse_mass: NDArray[np.float64],
+        screw: NDArray[np.float64],
         errors: NDArray[np.float64],
     ) -> NDArray[np.float64]:
         """Return the changes (U, 6, n) of position and velocity of the centre of mass, in W.
 
         Args:
-            R, psi, errors: see `momentum_change`.
+            R, psi, screw, errors: see `momentum_change`.
             xi: (N, 3, n) change of the attitude at the nodes, a rotation in W.
             inverse_mass: (n,) change of 1/m.
 
         """
         forces, turning = self._push.forces(R), self._size * ~self._push.in_world
         turned = (self._push.to @ xi.reshape(len(xi), -1)).reshape(-1, 3, xi.shape[-1])
-        rate = -skew(_sum(turning, forces)) @ turned
+        rate = self._by_screw(R, psi, screw)[1] - skew(_sum(turning, forces)) @ turned
         if len(errors):
             rate += self._by_errors(forces) @ errors
         rate *= self._inverse_mass(psi)
@@ -251,6 +255,24 @@ class BlockThrust:
         return self._travelled(self._moves[:, None] * rate)
 
     # -- at the points -----------------------------------------------------------------------------
+
+    def _by_screw(
+        self, R: NDArray[np.float64], psi: NDArray[np.float64], screw: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64] | float, NDArray[np.float64] | float]:
+        """Return the changes (Q, 3, n) of torque and force by screws (N, 6, n) of the target.
+
+        A screw [θ; d] moves a point a of the target by θ × a + d, and turns its forces.
+        """
+        push, com, on = self._push, self._grid.com(psi), self._push.on_target
+        if not on.any():
+            return 0.0, 0.0
+        at_points = (push.to @ screw.reshape(len(screw), -1)).reshape(-1, 6, screw.shape[-1])
+        turn, move = (push.rotations(R) @ part for part in np.split(at_points, 2, axis=1))
+        f = skew(self._size[:, on, None] * push.forces(R)[:, on])
+        turned = f * ~push.in_world[on, None, None]
+        a, r = (skew(push.arms(R, each)[:, on]) for each in (0 * com, com))
+        torque = (f @ a - r @ turned).sum(axis=1) @ turn - f.sum(axis=1) @ move
+        return torque, -turned.sum(axis=1) @ turn
 
     def _inverse_mass(self, psi: NDArray[np.float64]) -> float:
         return inverse_mass(self._grid.mass, float(psi[0]))

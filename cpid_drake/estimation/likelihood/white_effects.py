@@ -4,7 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.rotations import rotate
-from cpid_drake.estimation.likelihood.effects import Effect, MotionChange
+from cpid_drake.dynamics.uncertainty import BodyUncertainty
+from cpid_drake.estimation.likelihood.effects import Effect, MotionChange, inertia_changes
 from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory
 from cpid_drake.estimation.likelihood.white_force import TORQUE_NOISE, WhiteForce
 from cpid_drake.logs.log import Samples
@@ -42,14 +43,21 @@ class WhiteReading:
 
     Torques of a given size turn a lighter system more. Their prior as unknowns would therefore
     prefer small inertia and weak thrusters, which need smaller torques for the same motion. The
-    prior is that of the angular accelerations: with the present target's inertia J, a torque τ
-    reads J J_new⁻¹ τ for another one.
+    prior is that of the angular accelerations: with the present inertia J, a torque τ reads
+    J J_new⁻¹ τ for that of another target, of joints elsewhere, or of other known bodies.
     """
 
     at_instants = False
 
-    def __init__(self, motion: BaseMotion, force: WhiteForce) -> None:
+    def __init__(
+        self,
+        motion: BaseMotion,
+        force: WhiteForce,
+        known_bodies: BodyUncertainty | None = None,
+        errors: NDArray[np.float64] | None = None,
+    ) -> None:
         self._force, self._motion = force, motion
+        self._known_bodies, self._errors = known_bodies, errors
         shape = force.pieces, force.size // force.pieces
         zeros = np.zeros(shape)
         self.samples = Samples(np.asarray(force.middles, dtype=np.float64), zeros)
@@ -59,17 +67,27 @@ class WhiteReading:
         forces = trajectory.state.forces[self._force.rows]
         return np.asarray(-forces.reshape(self.samples.value.shape))
 
-    def by_target(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        """Return the derivative (M, d, 10) of the readings by ψ; zero for accelerations."""
-        forces = trajectory.state.forces[self._force.rows]
+    def by_inertia(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:
+        """Return the derivatives (M, d, n) of the readings by ψ, the joints' zeros and the bodies.
+
+        They are in units of σ, by effect; there are none of accelerations.
+        """
         if self._force.name != TORQUE_NOISE:
-            return np.zeros((*self.samples.value.shape, 10))
+            return {}
+        forces = trajectory.state.forces[self._force.rows]
         nodes = np.searchsorted(self._motion.nodes, self.samples.time)
         R, axes = trajectory.R[nodes], self._force.axes
         torque = rotate(np.swapaxes(R, -1, -2), forces.reshape(self.samples.value.shape) @ axes)
         acceleration = rotate(trajectory.inverse[nodes], torque)
-        by_psi = self._motion.grid.part(nodes).inertia_regressor(acceleration)
-        return np.asarray(-axes @ R @ by_psi)
+        by = inertia_changes(
+            self._motion,
+            nodes,
+            trajectory.state.psi,
+            acceleration,
+            self._known_bodies,
+            self._errors,
+        )
+        return {name: -axes @ R @ value for name, value in by.items()}
 
     def whitened(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """See `SensorModel`."""

@@ -24,16 +24,19 @@ SIMULATOR = SimulatorConfig(
 
 
 @dataclass(frozen=True, eq=False)
-class ForthAndBack:
-    """A joint motion forth and back, again and again, for a duration [s]."""
+class Repeated:
+    """A joint motion, again and again; forth and back if it does not end at its start."""
 
     motion: JointMotion
     duration: float
 
     def evaluate(self, time: ArrayLike) -> Array:
         """Return positions, rates and accelerations (..., 3, J) at times (...)."""
-        period = self.motion.duration
-        phase = np.mod(np.asarray(time, dtype=float), 2 * period)
+        period, time = self.motion.duration, np.asarray(time, dtype=float)
+        start, end = self.motion.evaluate(np.array([0.0, period]))[:, 0]
+        if np.allclose(start, end, atol=1e-9):
+            return self.motion.evaluate(np.mod(time, period))
+        phase = np.mod(time, 2 * period)
         values = self.motion.evaluate(np.minimum(phase, 2 * period - phase))
         values[..., 1, :] *= np.where(phase > period, -1.0, 1.0)[..., None]
         return values
@@ -57,7 +60,7 @@ def simulate_adaptation(
         At steps of 0.1 s, the parameters (N, 10) and the largest error of the joints (N,) [rad].
 
     """
-    motion = ForthAndBack(motion, duration)
+    motion = Repeated(motion, duration)
     builder = DiagramBuilder()
     plant = builder.AddSystem(MultibodyPlant(time_step=0.0))
     spacecraft.add_to(plant, target)

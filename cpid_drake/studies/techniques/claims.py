@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpid_drake.studies.techniques.comparison import ONE_JOINT, SUITES, Comparison
+from cpid_drake.studies.techniques.comparison import GENERIC, ONE_JOINT, SUITES, Comparison
 from cpid_drake.studies.techniques.experiments import ARMS
 from cpid_drake.studies.techniques.records import FIT, PLANAR
 
@@ -84,8 +84,8 @@ CLAIMS = (
         "A two-body model that turns in a plane has shortcomings.",
         "three runs for all parameters",
         {
-            "error with exact data, six axes": (PLANAR, ONE_JOINT, "error, six axes"),
-            "parameters from three axes": (PLANAR, ONE_JOINT, "parameters, three axes"),
+            f"{quantity}, exact data": (PLANAR, ONE_JOINT, quantity, SUITES[0], GENERIC)
+            for quantity in ("error, six axes", "parameters, three axes")
         },
         lambda error, parameters: _is(parameters < 10 and error > 0.01),
     ),

@@ -8,6 +8,7 @@ from block_cases import joints_of, make_case
 from scipy.spatial.transform import Rotation
 from sensing_cases import MOMENTUM, coarse_suite
 
+from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.estimation.likelihood.constants import Constants
 from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.estimation.likelihood.white_force import white_forces
@@ -34,7 +35,9 @@ OPENINGS = Samples(
     np.array([[1, 0, 0], [1, 1, 0], [0, 1.0, 1], [1, 1, 1], [0, 0, 0.5]]),
 )
 UNKNOWNS = ["attitude", "momentum", "psi", "forces"]
+SUITE.encoders = replace(SUITE.encoders, zero_mrad=2.0)
 ERRORS = ["a.force", "b.force", "c.force", "thrusters.loss", "thrusters.valve_delay"]
+ERRORS += ["encoders.zero"]
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +74,9 @@ def changed(state, constants, name, entry, h):
     if name == "momentum":
         key = "L" if entry < 3 else "v_Wcm"
         return replace(state, **{key: getattr(state, key) + h * np.eye(3)[entry % 3]})
-    key, place = ("constants", constants.place(name).start) if name in ERRORS else (name, entry)
+    key, place = (
+        ("constants", constants.place(name).start + entry) if name in ERRORS else (name, entry)
+    )
     value = getattr(state, key)
     return replace(state, **{key: value + h * np.eye(len(value))[place]})
 
@@ -84,28 +89,34 @@ def test_derivatives_are_those_of_differences(block, name):
     columns = {"attitude": "start", "forces": "torque_noise"}
     first = model.columns[columns.get(name, name)].start
     J = model.jacobian(trajectory)[0]
-    for entry in range(
-        {"attitude": 3, "momentum": 6, "psi": 10, "forces": len(state.forces)}.get(name, 1)
-    ):
+    sizes = {"attitude": 3, "momentum": 6, "psi": 10, "encoders.zero": 4}
+    for entry in range({**sizes, "forces": len(state.forces)}.get(name, 1)):
         up, down = (predicted(changed(state, constants, name, entry, h))[0] for h in (1e-4, -1e-4))
         expected = (down - up) / 2e-4
-        if name == "psi":  # the readings of white torques are the last but one
+        if name in ("psi", "encoders.zero"):  # the readings of white torques are the last but one
             rows = slice(len(expected) - len(state.forces), len(expected) - 6)
-            torques = expected[rows] = torques_by_psi(model, trajectory, entry)
+            torques = expected[rows] = torques_by_inertia(model, trajectory, name, entry)
             assert np.allclose(J[rows, first + entry], torques, atol=1e-6 + 0.02 * abs(torques))
         error = np.linalg.norm(J[:, first + entry] - expected) / np.linalg.norm(expected)
         assert error < (0.15 if name == "thrusters.valve_delay" else 2e-3)
 
 
-def torques_by_psi(model, trajectory, entry):
-    """Return the derivative of R J J_new⁻¹ Rᵀ u by an entry of ψ in J_new, for white torques u."""
+def torques_by_inertia(model, trajectory, name, entry):
+    """Return the derivative of R J J_new⁻¹ Rᵀ u by what J_new depends on, for white torques u."""
     force = model.motion.white[0]
     nodes = np.searchsorted(model.motion.nodes, force.middles)
     grid, R = model.motion.grid.part(nodes), trajectory.R[nodes]
     u = np.swapaxes(R, 1, 2) @ trajectory.state.forces[force.rows].reshape(-1, 3, 1)
 
+    q = model.motion.joint_motion(model.motion.nodes[nodes])[:, 0]
+    size = 1.0 if name == "psi" else model.motion.constants.errors[name].sigma
+
     def read(h):
-        psi = trajectory.state.psi + h * np.eye(10)[entry]
-        return (R @ grid.inertia(trajectory.state.psi) @ grid.mobility(psi) @ u).ravel()
+        psi, new = trajectory.state.psi, grid
+        if name == "psi":
+            psi = psi + h * np.eye(10)[entry]
+        else:
+            new = BodyDynamics.at(model.motion.tree, q - h * size * np.eye(4)[entry], 0 * q)
+        return (R @ grid.inertia(trajectory.state.psi) @ new.mobility(psi) @ u).ravel()
 
     return (read(1e-4) - read(-1e-4)) / 2e-4
