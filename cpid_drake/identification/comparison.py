@@ -40,8 +40,9 @@ PLAUSIBLE = {
 }
 """σ of each kind of error of a sensor that is looked for, in the units of its field."""
 
-FORCES = {"acceleration": 1e-3, "torque": 1e-2, "thrust_scale": 0.1}
-"""The same of an acceleration [m/s²], a torque [N·m] and the scale of logged thrust."""
+FORCES = {"acceleration": 1e-3, "torque": 1e-2, "wheel": 1e-2, "thrust_scale": 0.1}
+"""The same of an acceleration [m/s²], a torque [N·m], the angular momentum of a wheel in the base
+that nobody knows of [N·m·s], and the scale of logged thrust."""
 
 PLAUSIBLE_BODIES = BodyUncertainty(mass=0.01, com=0.005, inertia=0.01)
 """The same of the bodies of a spacecraft whose uncertainty nobody declares."""

@@ -17,6 +17,7 @@ LEARNED = 0.5
 _WORDS = {
     "acceleration": "an external acceleration of {}, in W",
     "torque": "an external torque of {} about the centre of mass, in W",
+    "wheel": "rotors in the base that the model has not have the angular momentum {}, in B",
     "thrust_scale": "the true thrust differs from the logged one by {}",
     "force": "the force of valve {sensor} is off by {}",
     "loss": "each further open valve costs {} of the force",

@@ -51,6 +51,8 @@ class Disturbances:
             wrist of their own.
         translational_compliance_um: the same along each axis of C: the target moves against C by so
             much per force [10⁻⁶ m/N].
+        wheel: σ of each coordinate, in B, of the constant angular momentum of rotors in the base
+            that the spacecraft's model has not [N·m·s]. No seed draws it.
         orbit: orbit of W's origin, whose gravity gradient turns the system and moves its centre of
             mass; None for none. It is known, and has no σ.
 
@@ -68,6 +70,7 @@ class Disturbances:
     thrust_scale: Size = 0.0
     compliance_urad: Size = 0.0
     translational_compliance_um: Size = 0.0
+    wheel: Size = 0.0
     orbit: Orbit | None = None
 
     def __post_init__(self) -> None:

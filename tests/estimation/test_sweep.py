@@ -164,6 +164,7 @@ SUITES = {
             acceleration=1e-4,
             torque=0.02,
             torque_walk=0.01,
+            wheel=0.02,
             compliance_urad=3.0,
             translational_compliance_um=10.0,
         ),

@@ -10,10 +10,21 @@ from planar_cases import TARGET as TABLE_TARGET
 from planar_cases import errors as planar_errors
 from planar_cases import motion as planar_motion
 from planar_cases import planar_craft
+from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
-from sensing_cases import MOMENTUM, Sines, acting, coarse_suite, measured, nees, sigmas
+from sensing_cases import (
+    MOMENTUM,
+    RPY,
+    Sines,
+    acting,
+    coarse_suite,
+    measured,
+    nees,
+    sigmas,
+    small_craft,
+)
 
-from cpid_drake import TotalMomentum, identify
+from cpid_drake import Spacecraft, TotalMomentum, identify
 from cpid_drake.logs.log import Log, Samples
 from cpid_drake.logs.simulated_noise import SensorNoise, add_noise
 from cpid_drake.sensors.sensors import JointSensor
@@ -170,6 +181,37 @@ class TestUndeclared:
 
 @pytest.mark.slow
 class TestForces:
+    def test_a_wheel_that_the_model_takes_for_fixed_is_named(self, tmp_path, suite, skewed_target):
+        """Spun up before the log: 3 to 10 σ off without it, and nothing failed."""
+        true, h = small_craft(tmp_path, wheels=True), 0.01
+        text = (tmp_path / "craft.urdf").read_text().replace("continuous", "fixed")
+        (tmp_path / "fixed.urdf").write_text(text)
+        craft = Spacecraft(tmp_path / "fixed.urdf", base="base", capture_frame="hand")
+        arm, names = Sines.drawn(4, seed=101, duration=8.0, size=0.6), true.joint_names
+        is_arm = np.isin(names, craft.joint_names)
+        rate = np.where(np.array(names) == "spin_x", h / 0.04, 0.0)
+
+        class Motion:
+            duration = arm.duration
+
+            def evaluate(self, time):
+                found = np.zeros((*np.shape(time), 3, len(names)))
+                found[..., 0, :], found[..., 1, :] = np.multiply.outer(time, rate), rate
+                found[..., is_arm] = arm.evaluate(time)
+                return found
+
+        h_B = h * Rotation.from_euler("xyz", RPY).as_matrix()[:, 0]
+        momentum_W = np.concatenate([h_B, np.zeros(3)])
+        samples = measured(true, Motion(), skewed_target, suite, momentum_W)
+        encoders = samples.encoders
+        encoders = Samples(encoders.time, encoders.value[:, is_arm])
+        samples = Log(craft.joint_names, {**samples.samples, "encoders": encoders})
+        found = identify(craft, add_noise(suite, samples, 1), sensors=suite)
+        [effect] = acting(found)
+        assert effect.name == "wheel"
+        assert np.all(np.abs(effect.value - h_B) < 4 * effect.sigma)
+        assert nees(found, skewed_target) < chi2.isf(1e-3, 10)
+
     def test_one_is_named_with_its_log(self, craft, log, suite, skewed_target):
         logs = {"a": log(seed=10), "b": log(seed=10, motion=102)}
         clean = identify(craft, logs, sensors=suite)

@@ -10,7 +10,7 @@ import numpy as np
 
 from cpid_drake.dynamics.sensitivity import MotionSensitivity
 from cpid_drake.estimation.likelihood.compliance import write_shifts, write_turns
-from cpid_drake.estimation.likelihood.constants import COMPLIANCE, OF_THRUST, STRETCH
+from cpid_drake.estimation.likelihood.constants import COMPLIANCE, OF_THRUST, STRETCH, WHEEL
 from cpid_drake.estimation.likelihood.effects import (
     Effect,
     MotionChange,
@@ -56,6 +56,16 @@ def _torque(motion: BaseMotion, trajectory: Trajectory, sigma: float, change: Mo
     change.L[:] = sigma * elapsed[len(motion.nodes) - 1] * np.eye(3)
 
 
+def _wheel(motion: BaseMotion, trajectory: Trajectory, sigma: float, change: MotionChange) -> None:
+    """Write that of the angular momentum of rotors in the base, which turns with it.
+
+    That of the other bodies is counted at the start, so that a wheel alone is no momentum.
+    """
+    R, end = trajectory.R, len(motion.nodes) - 1
+    change.w[:] = sigma * trajectory.inverse @ (np.swapaxes(R, -1, -2) @ R[0] - np.eye(3))
+    change.L[:] = sigma * (R[0] - R[end])
+
+
 def _zeros(motion: BaseMotion, trajectory: Trajectory, sigma: float, change: MotionChange) -> None:
     """Write that of the joints' zeros: the measured positions are the true ones plus these."""
     by_q, _ = joint_changes(motion, trajectory)
@@ -66,6 +76,7 @@ def _zeros(motion: BaseMotion, trajectory: Trajectory, sigma: float, change: Mot
 _WRITE: dict[str, Write] = {
     "acceleration": _acceleration,
     "torque": _torque,
+    WHEEL: _wheel,
     COMPLIANCE: write_turns,
     STRETCH: write_shifts,
     "zero": _zeros,

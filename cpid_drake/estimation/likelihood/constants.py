@@ -24,6 +24,9 @@ VALVE_FORCE, VALVE_LOSS, VALVE_DELAY = "force", "loss", "valve_delay"
 OF_THRUST = (THRUST_SCALE, VALVE_FORCE, VALVE_LOSS, VALVE_DELAY)
 """Kinds that change the thrust."""
 
+WHEEL = "wheel"
+"""Name of the angular momentum of rotors in the base, in B."""
+
 COMPLIANCE = "compliance"
 """Name of the compliance of the grasp about the axes of C."""
 
@@ -39,8 +42,8 @@ class ConstantError:
     """One constant error.
 
     Attributes:
-        name: "acceleration", "torque", `THRUST_SCALE`, `COMPLIANCE` or `STRETCH`, or a sensor and a
-            kind, such as "attitude.delay".
+        name: "acceleration", "torque", `THRUST_SCALE`, `WHEEL`, `COMPLIANCE` or `STRETCH`, or a
+            sensor and a kind, such as "attitude.delay".
         size: number of entries.
         sigma: σ of each entry [SI units, rad].
         unit: unit in texts.
@@ -96,6 +99,7 @@ def _of_forces(suite: SensorSuite) -> list[ConstantError]:
         ConstantError("acceleration", 3, size.acceleration, "m/s²", 1.0, size.acceleration_walk),
         ConstantError("torque", 3, size.torque, "N·m", 1.0, size.torque_walk),
         ConstantError(THRUST_SCALE, 1, size.thrust_scale, "%", 0.01),
+        ConstantError(WHEEL, 3, size.wheel, "N·m·s", 1.0),
         ConstantError(COMPLIANCE, 3, 1e-6 * size.compliance_urad, "µrad/(N·m)", 1e-6),
         ConstantError(STRETCH, 3, 1e-6 * size.translational_compliance_um, "µm/N", 1e-6),
     ]

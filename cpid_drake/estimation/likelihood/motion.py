@@ -32,7 +32,7 @@ from cpid_drake.estimation.likelihood.attitude_steps import (
     step_angles,
     step_changes,
 )
-from cpid_drake.estimation.likelihood.constants import Constants
+from cpid_drake.estimation.likelihood.constants import WHEEL, Constants
 from cpid_drake.estimation.likelihood.joint_motion import JointPart
 from cpid_drake.estimation.likelihood.thrust import BlockThrust, transition
 from cpid_drake.estimation.likelihood.uniform_spline import (
@@ -92,7 +92,8 @@ class Trajectory:
         w: (U, 3) angular velocity, in B [rad/s].
         inverse: (U, 3, 3) inverse of the system's inertia, in B; see `BodyDynamics.mobility`.
         spline: w between the nodes.
-        L: (U, 3) angular momentum about the centre of mass, in W; (3,) if it is constant [N·m·s].
+        L: (U, 3) angular momentum about the centre of mass, in W, with that of a hidden wheel; (3,)
+            if it is constant [N·m·s].
         travel: (U, 6) what logged thrust adds to position [m] and velocity [m/s] of the centre of
             mass, in W; None without thrust.
         by_joints: derivatives of the motion by joint positions and rates; None if not yet needed.
@@ -212,12 +213,15 @@ class BaseMotion:
         inverse, h = dynamics.mobility(state.psi), dynamics.momentum_at_rest(state.psi)
         step, first = self.nodes[1] - self.nodes[0], state.attitude.as_matrix()
         R = first if near is None else first @ near.R[0].T @ near.R[:N]
-        L, torque = state.L, self.constants.value(state.constants, "torque")
+        L = state.L
+        torque, wheel = (self.constants.value(state.constants, n) for n in ("torque", WHEEL))
         if torque is not None:
             L = L + torque * (self.times - self.joints.start)[:, None]
         for force in self.white:
             if force.name == TORQUE_NOISE:
                 L = L + force.impulse(self.times) @ state.forces[force.rows]
+        if wheel is not None:  # which turns with the base; L is that of the other bodies
+            h, L = h + wheel, L + first @ wheel
         at_nodes = L if L.ndim == 1 else L[:N]
         J = None if self.orbit is None else self.grid.inertia(state.psi)
         added, pushed = np.zeros(3), None
@@ -290,13 +294,16 @@ class BaseMotion:
     def end(self, trajectory: Trajectory) -> TrajectoryState:
         """Return the state at the end of a trajectory, with the gyros' biases of all nodes."""
         state, L, last = trajectory.state, trajectory.L, len(self.nodes) - 1
+        L, wheel = L if L.ndim == 1 else L[last], self.constants.value(state.constants, WHEEL)
+        if wheel is not None:
+            L = L - trajectory.R[last] @ wheel
         p, v = np.split(self.com_motion(trajectory, slice(last, last + 1))[0], 2)
         return replace(
             state,
             attitude=Rotation.from_matrix(trajectory.R[last]),
             p_Wcm=p,
             v_Wcm=v,
-            L=L if L.ndim == 1 else L[last],
+            L=L,
         )
 
     def end_by_white(self, trajectory: Trajectory) -> NDArray[np.float64]:

@@ -37,7 +37,7 @@ def suite_with_all():
     for sensor, errors in SIGMAS.items():
         for name, value in errors.items():
             setattr(suite[sensor], name, value)
-    suite.disturbances = Disturbances(acceleration=0.01, torque=1.0)
+    suite.disturbances = Disturbances(acceleration=0.01, torque=1.0, wheel=0.5)
     return suite
 
 
