@@ -207,30 +207,46 @@ def undeclared_errors(
     return effects, tuple(warnings), tuple(checks)
 
 
-def size_checks(model: Model, effects: Sequence[EffectEstimate]) -> tuple[Check, ...]:
+def size_checks(
+    model: Model, values: Values, gaussian: Gaussian, effects: Sequence[EffectEstimate]
+) -> tuple[Check, ...]:
     """Return the check of errors that are too large for their declared or plausible σ.
 
-    An estimate with σ after and σ₀ before the samples has the variance σ₀² − σ² if σ₀ is right.
-    What the samples do not determine well, errors that walk, and what may fail are left out. An
-    error that nobody declares may have the largest of the compared sizes.
+    If the declared covariance 1 (in units of σ) is right, estimates with the covariance P have the
+    covariance 1 − P. Combinations that the samples do not determine well, errors that walk, and
+    what may fail are left out. An error that nobody declares may have the largest of the compared
+    sizes.
+
+    Args:
+        model, values, gaussian: all unknowns, their values, and what is known about these values.
+        effects: the constant errors, and those that act although nobody has declared them.
+
     """
-    steady = {each.name for each in model.table if not (each.walk or each.may_fail)}
-    chi_squared, freedom = 0.0, 0
-    for effect in effects:
-        unit = effect.prior_sigma * (SIZES.max() if effect.declaration else 1.0)
-        value, left = effect.value / unit, effect.sigma / effect.prior_sigma
-        seen = (left < LEARNED) & (effect.name in steady)
-        chi_squared += float(np.sum(value[seen] ** 2 / (1 - left[seen] ** 2)))
-        freedom += int(seen.sum())
+    steady = {u.name for u in model.table if not (u.walk or u.may_fail)}
+    steady &= {*model.constants.errors, BODIES}
+    known = gaussian.marginal([n for n in gaussian.places if n.partition("|")[0] in steady])
+    value = np.concatenate([np.empty(0), *(values[name] for name in known.places)])
+    left, axes = np.linalg.eigh(known.covariance())
+    parts = [(axes.T @ (value + known.solve()), left)]
+    acting = [e for e in effects if e.declaration and e.name in steady]
+    parts += [
+        (e.value / e.prior_sigma / SIZES.max(), (e.sigma / e.prior_sigma) ** 2) for e in acting
+    ]
+    x, left = (np.concatenate(each) for each in zip(*parts, strict=True))
+    seen = left < LEARNED**2
+    freedom = int(seen.sum())
     if not freedom:
         return ()
-    largest = max(effects, key=lambda each: float(np.abs(each.value).max()) / each.prior_sigma)
+    chi_squared = float(np.sum(x[seen] ** 2 / (1 - left[seen])))
     sentence = (
-        "the errors of the sensors, or the forces, are about "
-        f"{np.sqrt(chi_squared / freedom):.2g} times as large as their declared sigma, such as: "
-        f"{largest.describe()}, with a sigma of {largest.prior_sigma:.3g} {largest.unit}; declare "
-        "what the hardware can have, or look for another cause"
+        "the errors of the sensors or the bodies, or the forces, are about "
+        f"{np.sqrt(chi_squared / freedom):.2g} times as large as their declared sigma"
     )
+    if effects:
+        largest = max(effects, key=lambda each: float(np.abs(each.value).max()) / each.prior_sigma)
+        sentence += f", such as: {largest.describe()}, with a sigma of {largest.prior_sigma:.3g} "
+        sentence += largest.unit
+    sentence += "; declare what the hardware can have, or look for another cause"
     return (Check.of("declared sizes", sentence, chi_squared, float(chdtri(freedom, IMPROBABLE))),)
 
 

@@ -111,6 +111,7 @@ def estimate(
     acting, said, failed = undeclared_errors(found, question, compared, rows)
     effects = (*effects_of(model, found.values, gaussian, *logs), *acting)
     said = (*said, *(f"{e.describe()}: it failed" for e in effects if e.failed_valve))
+    sizes = size_checks(model, found.values, gaussian, effects)
     parts = part_checks(found, question, compared, rows)
     series, counts = _residuals(found)
     rejected, used = Counter[str](), Counter[str]()
@@ -135,7 +136,7 @@ def estimate(
         rejected={name: count for name, count in rejected.items() if count},
         momentum_changes=tuple(changes),
         warnings=(*warnings, *said),
-        checks=(*checks, *failed, *size_checks(model, effects), *parts, *fails),
+        checks=(*checks, *failed, *sizes, *parts, *fails),
         momentum="unknown" if is_free else (known.momentum or TotalMomentum.zero()).name,
         noise=noise,
         effects=effects,

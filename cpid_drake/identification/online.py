@@ -144,7 +144,7 @@ def identification_of_state(
         checks=(
             *failed,
             *((Check("linearity", NOT_LINEAR.format(100 * change)),) if change else ()),
-            *size_checks(model, effects),
+            *size_checks(model, values, gaussian, effects),
             *fit_checks(known is None or known.converged, unexplained, noise, tests),
             *rejection_checks(state.rejected, used),
         ),

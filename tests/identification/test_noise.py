@@ -125,11 +125,13 @@ def spoiled(ideal, suite, errors, seed):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("errors", "least"),
-    [(coloured, 2), (lambda rng, shape: rng.standard_t(4, shape), 3)],
+    [(coloured, 1), (lambda rng, shape: rng.standard_t(4, shape), 3)],
     ids=["correlated", "outliers"],
 )
 def test_intervals_hold(craft, ideal, skewed_target, errors, least):
-    """Correlated noise looks like changes of momentum in some logs, and then fails a check."""
+    """Of each log that passes. Correlated noise looks like changes of momentum or of the target in
+    two logs of five, which fail a check.
+    """
     suite = coarse_suite(gyro=Gyro(50.0, 0.005, 1.0), encoders=JointSensor(50.0, 1e-5))
     exact, trials = ideal(suite, 6.0), 4
     found = [
@@ -138,5 +140,6 @@ def test_intervals_hold(craft, ideal, skewed_target, errors, least):
     ]
     squares = [nees(each, skewed_target) for each in found if each.passed]
     assert len(squares) >= least
+    assert max(squares) < chi2.isf(1e-3, 10)
     assert np.sum(squares) < chi2.isf(1e-3, 10 * len(squares))
     assert np.sum(squares) > chi2.ppf(1e-6, 10 * len(squares))
