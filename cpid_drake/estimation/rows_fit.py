@@ -61,7 +61,7 @@ class RowNoise:
         is_known: whether there are more rows than unknowns, so that residuals show the errors.
         scatter: (k + u, k + u) covariance of Aᵀ (A x − b), from sums of residuals over successive
             samples that are correlated; None if it is not known. It contains what the variance
-            misses, such as errors that grow with the motion.
+            misses, such as errors that grow with the motion, or differ from row to row.
 
     """
 
@@ -208,16 +208,31 @@ class LogRows:
             squares, expected = np.sum((root @ unit) ** 2), float(unit @ self._errors @ unit)
             variance = larger * float(squares) / self.row_count
             factor = variance * self.row_count / expected if expected > 0 else 0.0
-            scatter = larger * self._scatter(rests, int(np.ceil(time)))
+            scatter = larger * self._scatter(rests, time)
             noise = RowNoise(max(variance, least), time, factor, True, scatter)
         return noise
 
-    def _scatter(self, rests: NDArray[np.float64], length: int) -> NDArray[np.float64]:
-        """Return `RowNoise.scatter`, from residuals (N, m) that are correlated in time."""
+    def _scatter(self, rests: NDArray[np.float64], time: float) -> NDArray[np.float64]:
+        """Return `RowNoise.scatter`, from residuals (N, m) with a correlation time in samples.
+
+        It is that of independent rows with the errors of each of a sample's m rows, and larger
+        where sums of successive rows show more.
+        """
         A = np.concatenate([part.value[..., :-1] for part in self._first])
+        flat = (A * np.sqrt(time * np.mean(rests**2, axis=0))[:, None]).reshape(-1, A.shape[-1])
         scores = np.einsum("nmc,nm->nc", A, rests)
-        sums = np.add.reduceat(scores, np.arange(0, len(scores), length), axis=0)
-        return np.asarray(self.sample_count / len(scores) * sums.T @ sums)
+        starts = np.arange(0, len(scores), int(np.ceil(time)))
+        sums = np.add.reduceat(scores, starts, axis=0)
+        norms = np.linalg.norm(flat, axis=0)
+        norms[norms == 0] = 1.0
+        _, s, Vt = np.linalg.svd(flat / norms, full_matrices=False)
+        seen = s > DEFAULT_RANK_TOLERANCE * s[:1]
+        by_root = sums / norms @ (Vt[seen] / s[seen, None]).T
+        sizes, turn = np.linalg.eigh(by_root.T @ by_root)
+        root = norms * (
+            np.sqrt(np.maximum(sizes, 1.0))[:, None] * turn.T @ (s[seen, None] * Vt[seen])
+        )
+        return np.asarray(self.sample_count / len(scores) * root.T @ root)
 
     def gaussians(self, noise: RowNoise, *, is_zero: bool = False) -> tuple[Gaussian, Gaussian]:
         """Return what all rows, and what the first half, tell about momentum and ten unknowns.
@@ -267,7 +282,7 @@ def without_bias(
     Args:
         rows: (n, c + 1) rows [A | b] with errors of unit size.
         E: (c + 1, c + 1) expectation of δᵀ δ for their errors δ.
-        scatter: (c, c) covariance of Aᵀ (A x − b), if it is larger than AᵀA.
+        scatter: (c, c) covariance of Aᵀ (A x − b), if it is not AᵀA.
 
     """
     A, b = rows[:, :-1], rows[:, -1]
@@ -283,7 +298,7 @@ def without_bias(
     whiten = axes = Q.T[shares < _NOISE]
     if scatter is not None:
         sizes, turn = np.linalg.eigh(axes @ X.T @ scatter @ X @ axes.T)
-        whiten = turn.T @ axes / np.sqrt(np.maximum(sizes, 1.0))[:, None]
+        whiten = turn.T @ axes / np.sqrt(np.maximum(sizes, ROUNDING))[:, None]
     left = whiten - whiten @ X.T @ E[:-1, :-1] @ X
     right = whiten @ (y - X.T @ E[:-1, -1])
     # The bias, times an unknown of unit σ, is eliminated.

@@ -75,7 +75,7 @@ def test_no_rigid_body_is_nearer_than_the_feasible_one(
     servicer, zero_momentum_motion, paper_target, rows
 ):
     """The distance is that of the covariance of what is reported, to first order."""
-    samples = zero_momentum_motion(paper_target, 12, 5).rounded(4)
+    samples = zero_momentum_motion(paper_target, 12, 7).rounded(4)
     found = identify(servicer, samples, rows=rows)
     assert found.raw().infeasibilities()
     information = np.linalg.inv(found.covariance)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
-from sensing_cases import MOMENTUM, Sines, measured, nees
+from sensing_cases import MOMENTUM, Sines, log_of, measured, nees, sigmas, true_telemetry
 
 from cpid_drake import (
     Motion,
@@ -88,6 +88,17 @@ def test_errors_of_rounded_states_have_no_bias_and_the_size_of_the_covariance(cr
     assert total < chi2.ppf(0.999, 10 * count)
     scatter = np.std(errors, axis=0, ddof=1) / np.sqrt(count)
     assert np.all(np.abs(np.mean(errors, axis=0)) < 5 * scatter)
+
+
+def test_rows_of_other_units_do_not_widen_the_interval_of_a_mass(craft, skewed_target):
+    """1/m is in the linear rows of Eq. 18 only, whose errors are small beside the angular ones."""
+    motion, errors = Sines.drawn(4, seed=101, duration=8.0, size=0.6), []
+    for phase in np.linspace(0.0, 0.09, 10):
+        times = np.arange(phase, 8.0, 0.1)
+        exact = true_telemetry(craft.tree, craft.joint_names, motion, skewed_target, times)
+        found = identify(craft, log_of(exact, decimals=4), rows="eq18")
+        errors.append((found.parameters[0] - skewed_target.mass) / sigmas(found)[0])
+    assert 0.3 < np.sqrt(np.mean(np.square(errors))) < 2.0
 
 
 @pytest.mark.parametrize("seed", range(3))
