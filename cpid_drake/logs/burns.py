@@ -1,28 +1,43 @@
 """Burns of thrusters that are fixed on the base, and their log."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Ge, Gt
 from numpy.typing import NDArray
 
+from cpid_drake.input_files.validation import Numbers
 from cpid_drake.logs.log import Samples
 
+Vector = Annotated[NDArray[np.float64], Numbers(3)]
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(eq=False)
 class Burn:
-    """A burn with constant thrust.
+    """A burn of thrusters on the base, with constant thrust.
 
     Attributes:
         time: its start [s].
         duration: its length [s].
-        wrench_B: (6,) torque about B's origin, and force, in B [N·m, N].
+        force_B: (3,) force in B [N].
+        p_BF_B: (3,) the point of the base at which the force acts, from B's origin in B [m].
+        torque_B: (3,) torque that acts besides, in B [N·m].
 
     """
 
-    time: float
-    duration: float
-    wrench_B: NDArray[np.float64]
+    time: Annotated[float, Ge(0)]
+    duration: Annotated[float, Gt(0)]
+    force_B: Vector = field(default_factory=lambda: np.zeros(3))
+    p_BF_B: Vector = field(default_factory=lambda: np.zeros(3))
+    torque_B: Vector = field(default_factory=lambda: np.zeros(3))
+
+    @property
+    def wrench_B(self) -> NDArray[np.float64]:
+        """(6,) torque about B's origin, and force, in B [N·m, N]."""
+        torque = self.torque_B + np.cross(self.p_BF_B, self.force_B)
+        return np.concatenate([torque, self.force_B])
 
     @property
     def end(self) -> float:

@@ -249,25 +249,6 @@ class DisturbanceConfig:
 
 
 @dataclass
-class BurnConfig:
-    """A burn of thrusters on the base: start and duration [s], and constant thrust in B.
-
-    `force_B` acts at the point `p_BF_B` of the base; `torque_B` acts besides. Units: N, N·m, m.
-    """
-
-    time: NotNegative
-    duration: Positive
-    force_B: Vector = field(default_factory=lambda: np.zeros(3))
-    p_BF_B: Vector = field(default_factory=lambda: np.zeros(3))
-    torque_B: Vector = field(default_factory=lambda: np.zeros(3))
-
-    def make(self) -> Burn:
-        """Return the burn, with its torque about B's origin."""
-        torque = self.torque_B + np.cross(self.p_BF_B, self.force_B)
-        return Burn(self.time, self.duration, np.concatenate([torque, self.force_B]))
-
-
-@dataclass
 class SimulationConfig:
     """Duration of the simulation and logging period [s], and the settings of Drake's Simulator.
 
@@ -283,7 +264,7 @@ class SimulationConfig:
     disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
     sprung_masses: list[SprungMass] = field(default_factory=list)
     wrist: CompliantWrist | None = None
-    burns: list[BurnConfig] = field(default_factory=list)
+    burns: list[Burn] = field(default_factory=list)
     burns_logged: bool = True
     log_period: Positive = 0.0625
     simulator: Annotated[SimulatorConfig, PlainValidator(_read_simulator)] = field(
@@ -402,10 +383,6 @@ class Scenario:
             self.sensors.seed,
             **vars(self.simulation.disturbance),
         )
-
-    def make_burns(self) -> tuple[Burn, ...]:
-        """Return the burns of thrusters."""
-        return tuple(burn.make() for burn in self.simulation.burns)
 
     def body_uncertainty(self) -> BodyUncertainty | None:
         """Return the uncertainty of the spacecraft, or None if it is known exactly."""

@@ -337,7 +337,7 @@ def _add_forces(
     """Add the forces from outside, if there are any; return them and the log of thrust."""
     disturbance, suite = scenario.make_disturbance(), scenario.make_suite()
     orbit = None if suite is None else suite.orbit
-    scale, burns = 1 + disturbance.thrust_scale, log_of_burns(scenario.make_burns())
+    scale, burns = 1 + disturbance.thrust_scale, log_of_burns(scenario.simulation.burns)
     thrust = Samples(burns.time, burns.value / scale)
     on_table = spacecraft.tree.normal_B is not None
     if disturbance.is_zero and orbit is None and not len(thrust) and not on_table:

@@ -131,7 +131,7 @@ def make_case(
         seed=seed,
         torque_W=scenario.simulation.disturbance.torque_W,
         acceleration_W=scenario.simulation.disturbance.acceleration_W,
-        burns=scenario.make_burns(),
+        burns=tuple(scenario.simulation.burns),
         logs_thrust=scenario.simulation.burns_logged,
     )
 

@@ -18,14 +18,13 @@ from cpid_drake.identification.validation import validate
 from cpid_drake.logs.burns import Burn, log_of_burns
 from cpid_drake.logs.log import THRUST, Samples, ideal_log
 from cpid_drake.logs.simulated_noise import add_noise
-from cpid_drake.scenario.schema import BurnConfig
 from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.presets import load_sensors
 from cpid_drake.studies.trials import draw, ideal_samples, make_case
 
 BURNS = [
-    BurnConfig(3.1, 1.3, np.array([0.6, -0.4, 0.3]), np.array([0.2, 0.15, -0.1])),
-    BurnConfig(5.0, 0.4, torque_B=np.array([0.0, 0.1, -0.1])),
+    Burn(3.1, 1.3, np.array([0.6, -0.4, 0.3]), np.array([0.2, 0.15, -0.1])),
+    Burn(5.0, 0.4, torque_B=np.array([0.0, 0.1, -0.1])),
 ]
 
 
@@ -126,7 +125,7 @@ def test_an_exact_log_is_fitted_exactly(flight):
 def test_many_pulses_are_no_noise():
     """Fifteen in six seconds: the thrust is never steady for long."""
     force, point = np.array([4.0, -3.0, 2.0]), np.array([0.5, 0.4, -0.6])
-    pulses = [BurnConfig(1.0 + 0.4 * k, 0.05, force, point) for k in range(15)]
+    pulses = [Burn(1.0 + 0.4 * k, 0.05, force, point) for k in range(15)]
     flight = Flight("exciting_motion", "flight", pulses)
     found = flight.identify(flight.log)
     assert not any("noise" in text for text in (*found.warnings, *found.failures))
@@ -155,7 +154,7 @@ def test_a_log_with_thrust_is_predicted(flight):
 def test_thrusters_on_a_table(tmp_path):
     """Force in the plane and torque about its normal push; the table holds the rest."""
     craft = planar_craft(tmp_path)
-    burn = Burn(4.03, 2.0, np.array([0.5, 0.5, 0.12, 0.5, -0.3, 2.0]))
+    burn = Burn(4.03, 2.0, np.array([0.5, -0.3, 2.0]), torque_B=np.array([0.5, 0.5, 0.12]))
     suite = replace(SUITE, disturbances=Disturbances(thrust_scale=0.05))
 
     def motion_of(times):

@@ -8,7 +8,8 @@ import pytest
 from cpid_drake import identify, load_scenario, make_simulation, shipped_scenario
 from cpid_drake.dynamics.momentum import total_momentum
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.scenario.schema import BurnConfig, DisturbanceConfig
+from cpid_drake.logs.burns import Burn
+from cpid_drake.scenario.schema import DisturbanceConfig
 from cpid_drake.sensors.disturbances import Disturbances, SimulatedDisturbance
 from cpid_drake.sensors.presets import load_sensors
 from cpid_drake.studies.trials import base_trajectory, draw, ideal_samples, make_case
@@ -26,7 +27,7 @@ def with_burn(duration=3.0):
     scenario.simulation.duration = duration
     scenario.simulation.simulator.accuracy = 1e-8
     scenario.simulation.momentum_W = np.array([0.02, -0.03, 0.04, 0.1, -0.2, 0.3])
-    scenario.simulation.burns = [BurnConfig(0.73, 1.1, FORCE, POINT, TORQUE)]
+    scenario.simulation.burns = [Burn(0.73, 1.1, FORCE, POINT, TORQUE)]
     suite = load_sensors("testbed")
     suite.disturbances = Disturbances(thrust_scale=SCALE)
     scenario.sensors.suite, scenario.sensors.explicit = "", suite

@@ -24,8 +24,8 @@ from cpid_drake.studies.trials import base_trajectory, ideal_samples
 
 START, END = 1.0, 2.5
 BURNS = (
-    Burn(1.313, 0.71, np.array([0.3, -0.2, 0.4, 1.5, -2.0, 1.0])),
-    Burn(1.777, 2.0, np.array([0.0, 0.3, 0.0, 0.0, 1.0, -1.0])),
+    Burn(1.313, 0.71, np.array([1.5, -2.0, 1.0]), torque_B=np.array([0.3, -0.2, 0.4])),
+    Burn(1.777, 2.0, np.array([0.0, 1.0, -1.0]), torque_B=np.array([0.0, 0.3, 0.0])),
 )
 ORBIT = Orbit(rate=0.03, nadir_W=np.array([0.6, 0.0, -0.8]), normal_W=np.array([0.8, 0.0, 0.6]))
 SCALE = 0.05

@@ -16,8 +16,8 @@ from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.sensors.thrusters import Thrusters, Valve
 
 BURNS = (
-    Burn(0.73, 1.1, np.array([0.3, -0.2, 0.4, 1.5, -2.0, 1.0])),
-    Burn(1.5, 0.8, np.array([0.0, 0.0, 0.1, 0.0, 1.0, 0.0])),
+    Burn(0.73, 1.1, np.array([1.5, -2.0, 1.0]), torque_B=np.array([0.3, -0.2, 0.4])),
+    Burn(1.5, 0.8, np.array([0.0, 1.0, 0.0]), torque_B=np.array([0.0, 0.0, 0.1])),
 )
 TIMES = np.linspace(0.0, 3.9, 391)
 
