@@ -154,7 +154,8 @@ def compared(found: Statistics) -> str:
         f"{found.compared} of {found.done} trials were repeated with Drake's plant of the nominal "
         f"spacecraft: the base's pose differs by at most {found.position:.2g} m and "
         f"{found.angle:.2g} rad. Drake takes {found.drake_seconds:.3g} s of the processor for a "
-        f"trial, the propagator {1e3 * found.truth_seconds:.3g} ms, {ratio:.0f} times less."
+        f"trial, the propagator {1e3 * found.truth_seconds:.3g} ms, {ratio:.0f} times less. Where "
+        "forces act from outside, the plant's joints do not follow their motion exactly."
     )
 
 

@@ -18,7 +18,7 @@ from cpid_drake.studies.campaign import store  # noqa: E402
 from cpid_drake.studies.campaign.run import run_campaign  # noqa: E402
 from cpid_drake.studies.campaign.schema import Axis, load_campaign  # noqa: E402
 from cpid_drake.studies.campaign.statistics import statistics_of, verdict  # noqa: E402
-from cpid_drake.studies.campaign.trial import run_chunk, schema_of  # noqa: E402
+from cpid_drake.studies.campaign.trial import replayed, run_chunk, schema_of  # noqa: E402
 
 EXACT = """
 scenario: paper
@@ -102,6 +102,12 @@ def test_a_wrong_campaign_is_refused(plan, old, new, cause):
         plan(text)
 
 
+@pytest.mark.parametrize("name", ["estimators", "mission"])
+def test_shipped_campaigns_can_be_run(name):
+    found = load_campaign(f"package://cpid_drake_models/campaigns/{name}.yaml")
+    assert replayed(found, found.total - 1).target_truth().mass > 0
+
+
 def test_axes_are_drawn_as_they_say(plan):
     text = (
         EXACT
@@ -128,8 +134,6 @@ def test_a_solid_and_a_tumble_become_inertia_and_momentum(plan):
     trial = found.trial({"target.mass": 60.0})
     expected = 5.0 * np.diag([0.6**2 + 0.3**2, 1.2**2 + 0.3**2, 1.2**2 + 0.6**2])
     np.testing.assert_allclose(trial.target_truth().I_TTcm_C, expected)
-    from cpid_drake.studies.campaign.trial import replayed
-
     scenario = replayed(found, 0)
     craft, truth = scenario.spacecraft.make(), scenario.target_truth()
     motion = scenario.make_joint_motion(craft)

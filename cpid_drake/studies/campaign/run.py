@@ -43,7 +43,7 @@ class State:
     Attributes:
         total: number of all trials.
         done: number of trials in the folder.
-        failed: number of trials without an estimate among those of this run.
+        failed: number of trials of this run in which no estimator gave an estimate.
         dashboard: address of the page that shows what the workers do; empty if there is none.
         seconds: time since the start of this run [s].
         new: number of trials of this run.
@@ -105,7 +105,7 @@ def run_campaign(
             store.write_chunk(folder, plan, first, table, last)
             state.done, state.new = state.done + last - first, state.new + last - first
             errors = zip(table["trial"].to_pylist(), table["error"].to_pylist())
-            state.failed += len({trial for trial, error in errors if error})
+            state.failed += last - first - len({trial for trial, error in errors if not error})
             state.seconds = monotonic() - start
             progress(state)
     if state.done < state.total:
