@@ -70,10 +70,10 @@ Design = Callable[[Trial, Array], Rows]
 
 def estimate(design: Design, trial: Trial) -> Array:
     """Return the parameters (10,) with weights from residuals."""
-    x, rows = np.zeros(10), design(trial, np.zeros(10))
-    root = np.diag(1 / np.abs(rows.b).max(axis=0))
+    x, root = np.zeros(10), None
     for _ in range(ITERATIONS):
         rows = design(trial, x)
+        root = np.diag(1 / np.abs(rows.b).max(axis=0)) if root is None else root
         solution, _ = _solve(rows, root)
         residual = rows.b - rows.A @ solution
         least = 1e-10 * np.abs(rows.b).max()  # weights of rounding alone would hide the priors
