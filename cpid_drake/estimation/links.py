@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cpid_drake.estimation.evidence import Comparison, compare
 from cpid_drake.estimation.gaussian import Gaussian
@@ -58,21 +57,18 @@ def compared(model: Model, gaussian: Gaussian, names: Sequence[str]) -> Comparis
     return compare(gaussian, sigma, [PSI], odds)
 
 
-def _prior_sigma(model: Model, link: Link) -> NDArray[np.float64]:
-    """Return σ (12,) of a change that acts with its probability, and has its size."""
-    return model.farthest * max(np.sqrt(link.probability) * link.size, EXACT)
-
-
 def with_links(model: Model, gaussian: Gaussian, links: Sequence[Link]) -> Gaussian:
     """Return what is known if the links are as large as their evidence shows."""
     if not links:
         return gaussian
-    sigma = np.concatenate([_prior_sigma(model, link) for link in links])
+    shares = [max(np.sqrt(link.probability) * link.size, EXACT) for link in links]
+    sigma = np.concatenate([share * model.farthest for share in shares])
     rows = np.column_stack([np.diag(1 / sigma), np.zeros(len(sigma))])
     return gaussian.add(Gaussian.of_rows({link.name: 12 for link in links}, rows))
 
 
-def closed(model: Model, gaussian: Gaussian, link: Link) -> Gaussian:
-    """Return what is known of the others if a link is as large as its evidence shows."""
-    others = [name for name in gaussian.places if name != link.name]
-    return with_links(model, gaussian, [link]).marginal(others)
+def closed(model: Model, gaussian: Gaussian, links: Sequence[Link]) -> Gaussian:
+    """Return what is known of the others if some links are as large as their evidence shows."""
+    names = [link.name for link in links]
+    others = [name for name in gaussian.places if name not in names]
+    return with_links(model, gaussian, links).marginal(others)

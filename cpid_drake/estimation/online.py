@@ -307,12 +307,11 @@ def _settled(model: Model, state: OnlineState, oldest: float) -> OnlineState:
     """Return the state in which old links are no unknowns."""
     known, settled = state.known, state.settled
     assert known is not None
-    gaussian, gone = known.gaussian, [each for each in known.links if each.time < oldest]
-    for each in gone:
-        gaussian = closed(model, gaussian, each)
-        settled = (*settled, each.time) if each.probability >= NAMED else settled
+    gone = [each for each in known.links if each.time < oldest]
+    settled = (*settled, *(each.time for each in gone if each.probability >= NAMED))
     links = tuple(each for each in known.links if each not in gone)
-    return replace(state, known=replace(known, gaussian=gaussian, links=links), settled=settled)
+    known = replace(known, gaussian=closed(model, known.gaussian, gone), links=links)
+    return replace(state, known=known, settled=settled)
 
 
 def change_beyond_linear(model: Model, known: Known) -> float:

@@ -55,9 +55,7 @@ class Known:
 
     def unknowns(self, model: Model) -> Gaussian:
         """Return what is known of all unknowns but the block's, about `values`."""
-        found = self.gaussian
-        for link in self.links:
-            found = closed(model, found, link)
+        found = closed(model, self.gaussian, self.links)
         return found.marginal(name for name in found.places if name != BOUNDARY)
 
 

@@ -142,22 +142,14 @@ def target_effect(motion: BaseMotion) -> Effect:
 
 
 def start_effect() -> Effect:
-    """Return that of the attitude of the base and of the centre of mass at the start, in W."""
+    """Return that of attitude, centre of mass, L about it and its velocity at the start, in W."""
 
     def change_motion(trajectory: Trajectory, change: MotionChange) -> None:
-        change.attitude[:, :3] = change.p_Wcm[:, 3:] = np.eye(3)
+        change.attitude[:, :3] = change.p_Wcm[:, 3:6] = np.eye(3)
+        change.w[:, :, 6:9] = trajectory.inverse @ np.swapaxes(trajectory.R, -1, -2)
+        change.L[:, 6:9] = change.v_Wcm[:, 9:] = np.eye(3)
 
-    return Effect("start", 6, change_motion)
-
-
-def momentum_effect() -> Effect:
-    """Return that of L about the system's centre of mass and of its velocity, in W."""
-
-    def change_motion(trajectory: Trajectory, change: MotionChange) -> None:
-        change.w[:, :, :3] = trajectory.inverse @ np.swapaxes(trajectory.R, -1, -2)
-        change.L[:, :3] = change.v_Wcm[:, 3:] = np.eye(3)
-
-    return Effect("momentum", 6, change_motion)
+    return Effect("start", 12, change_motion)
 
 
 class GyroBias(Effect):

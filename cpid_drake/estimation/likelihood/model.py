@@ -19,7 +19,6 @@ from cpid_drake.estimation.likelihood.effects import (
     JointErrors,
     MotionChange,
     bodies_effect,
-    momentum_effect,
     start_effect,
     target_effect,
 )
@@ -100,7 +99,7 @@ class BlockModel:
             first += count
         bodies = known_bodies, errors
         self.sensors |= {each.name: WhiteReading(self.motion, each, *bodies) for each in white}
-        self.effects: list[Effect] = [start_effect(), momentum_effect(), *biases.values()]
+        self.effects: list[Effect] = [start_effect(), *biases.values()]
         self.effects += [JointErrors(self.motion)]
         self.effects += [White(self.motion, force) for force in white]
         self.effects += [constant_effect(self.motion, name) for name in constants.errors]
@@ -225,8 +224,7 @@ class BlockModel:
         """Columns of the quantities that a table holds; none without a table."""
         if self.motion.tree.normal_B is None:
             return np.empty(0, dtype=np.intp)
-        start, momentum = self.columns["start"].start, self.columns["momentum"].start
-        firsts = {"attitude": start, "p_Wcm": start + 3, "L": momentum, "v_Wcm": momentum + 3}
+        firsts = {"attitude": 0, "p_Wcm": 3, "L": 6, "v_Wcm": 9}
         firsts |= {name: place.start for name, place in self.columns.items()}
         places = [firsts[name] + np.array(HELD[name]) for name in HELD.keys() & firsts.keys()]
         return np.concatenate(places)

@@ -86,8 +86,8 @@ def test_derivatives_are_those_of_differences(block, name):
     """A delay moves steps of the rate, which splines through the nodes round off."""
     predicted, state, constants = block
     _, model, trajectory = predicted(state)
-    columns = {"attitude": "start", "forces": "torque_noise"}
-    first = model.columns[columns.get(name, name)].start
+    firsts = {"attitude": 0, "momentum": 6, "forces": model.columns["torque_noise"].start}
+    first = firsts[name] if name in firsts else model.columns[name].start
     J = model.jacobian(trajectory)[0]
     sizes = {"attitude": 3, "momentum": 6, "psi": 10, "encoders.zero": 4}
     for entry in range({**sizes, "forces": len(state.forces)}.get(name, 1)):
