@@ -9,14 +9,13 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from cpid_drake import planning, report
+import cpid_drake as cpid
+from cpid_drake import planning, report, studies
 from cpid_drake.commands import options
-from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.output_files.drafts import draft_folder, draft_of, write_text
 from cpid_drake.output_files.overwriting import check_folder, check_outputs
 from cpid_drake.resources import find_scenario
-from cpid_drake.studies.trials import fit_errors, make_case
 
 plan = typer.Typer(
     no_args_is_help=True,
@@ -159,12 +158,12 @@ def rank(
         planner = planning.load_planner(path, chosen.sensors, chosen, chosen.prior)
         given = {file.name: planner.load_motion(file) for file in files or []}
         target, craft, found = planner.targets[0], planner.spacecraft, {}
-        body = InertialParameters.from_vector(target)
-        case = make_case(planner.scenario, craft, body, planner.suite, chosen.seed)
+        body = cpid.InertialParameters.from_vector(target)
+        case = studies.make_case(planner.scenario, craft, body, planner.suite, chosen.seed)
         for name, each in {**dict(planning.reference_motions(planner)), **given}.items():
             errors = []
             moving = replace(case, motion=each, duration=each.duration)
-            for error in fit_errors(moving, craft, trials):
+            for error in studies.fit_errors(moving, craft, trials):
                 errors.append(error)
                 status.update(f"{name}: {len(errors)} of {trials} trials")
             found[name] = replace(
