@@ -349,7 +349,6 @@ class BaseMotion:
         A = R @ coupling
         theta = step_angles(trajectory.spline.steps(), trajectory.w[:N], h)
         turned = step_changes(R, trajectory.w[:N], theta, w, h)
-        first, last = A[:-1], A[1:]
         if self.orbit is not None or self.thrust is not None:
             coupling = np.concatenate([coupling, mobility], axis=-1)
             torque = np.zeros((N, 3, 3))
@@ -359,7 +358,7 @@ class BaseMotion:
             below = np.concatenate([torque, np.zeros_like(torque)], axis=-1)
             A = np.concatenate([R @ coupling, below], axis=-2)
             turned = np.concatenate([turned, np.zeros_like(turned)], axis=-2)
-            first, last = A[:-1], A[1:]
+        first, last = A[:-1], A[1:]
         if self.thrust is not None:  # it may change within a step: both ends have its mean
             mean = self.thrust.torque_by_attitude(R, trajectory.state.psi)
             first, last = first.copy(), last.copy()
