@@ -19,7 +19,6 @@ from cpid_drake.dynamics.parameterizations import (
     point_mass_inertia,
     second_moment,
     standard_to_parameters,
-    standard_to_pseudo_inertia,
     tensor_to_vector,
     vector_to_tensor,
 )
@@ -35,7 +34,7 @@ class InertialParameters:
 
     The parameters need not be physically consistent: an estimate from noisy data can have values
     that no rigid body has. `infeasibilities()` lists the reasons, and `nearest_feasible()`
-    returns the nearest parameters that a simulator accepts.
+    returns near parameters that a simulator accepts.
 
     Attributes:
         mass: m [kg].
@@ -160,11 +159,11 @@ class InertialParameters:
         return not self.infeasibilities()
 
     def nearest_feasible(self) -> "InertialParameters":
-        """Return near parameters that are physically consistent, or these if they are.
+        """Return the nearest physically consistent inertia, or these parameters if they are.
 
-        The pseudo-inertia, in units of the body's own mass and size, without its negative
-        eigenvalues: the nearest one by the sum of squares of its entries. The mass is at least a
-        thousandth of the size of the given one.
+        The centre of mass stays, and the mass, which becomes a thousandth of its size if it is
+        negative. The second moment about the centre of mass loses its negative eigenvalues: the
+        nearest one by the sum of squares of its entries.
 
         Raises:
             InputError: the mass is exactly zero.
@@ -177,16 +176,9 @@ class InertialParameters:
             return self
         if self.mass == 0:
             raise InputError("parameters of zero mass have no nearest body: c = h/m is undefined")
-        pseudo, mass = standard_to_pseudo_inertia(self.to_standard_vector()), abs(self.mass)
-        length = max(np.sqrt(np.abs(pseudo[:3, :3]).max() / mass), 1e-6)
-        unit = np.sqrt(mass) * np.array([length, length, length, 1.0])
-        values, axes = np.linalg.eigh(pseudo / np.outer(unit, unit))
-        near = (axes * np.maximum(values, 0.0)) @ axes.T * np.outer(unit, unit)
-        total = max(near[3, 3], 1e-3 * mass)
-        com = near[:3, 3] / total
-        central = near[:3, :3] - total * np.outer(com, com)
-        inertia = inside_the_limits(total, com, inertia_of_second_moment(central))
-        return InertialParameters(total, com, inertia)
+        mass = max(self.mass, -1e-3 * self.mass)
+        inertia = inside_the_limits(mass, self.p_CTcm_C, self.I_TTcm_C)
+        return InertialParameters(mass, self.p_CTcm_C, inertia)
 
     def __repr__(self) -> str:
         def row(values: NDArray[np.float64]) -> str:

@@ -10,6 +10,7 @@ from cpid_drake.dynamics.parameterizations import (
     STANDARD,
     point_mass_inertia,
     relative_parameterization,
+    second_moment,
     standard_to_pseudo_inertia,
     tensor_to_vector,
     vector_to_tensor,
@@ -141,6 +142,22 @@ def test_a_small_violation_costs_a_small_change(paper_target, violation):
     assert feasible.to_spatial_inertia().IsPhysicallyValid()
     # 1e-12 of the body's size is the margin that keeps rounding out of Drake's own check.
     assert np.abs(feasible.to_vector() - vector).max() < 2 * violation + 1e-10
+
+
+def test_the_nearest_inertia_is_nearer_than_others_of_rigid_bodies():
+    """By the second moment, of which random rigid bodies about the same point are no nearer."""
+    rng = np.random.default_rng(3)
+    raw = InertialParameters(10.0, [0.1, 0.2, -0.1], np.diag([2.0, 1.0, 4.0]))
+    near = raw.nearest_feasible()
+    assert (near.mass, near.p_CTcm_C.tolist()) == (10.0, [0.1, 0.2, -0.1])
+
+    def distance(inertia):
+        return np.linalg.norm(second_moment(inertia) - second_moment(raw.I_TTcm_C))
+
+    for _ in range(300):
+        share = rng.uniform(1e-4, 1.0)
+        other = (1 - share) * near.I_TTcm_C + share * random_body(rng).I_TTcm_C
+        assert distance(near.I_TTcm_C) < distance(other) + 1e-9
 
 
 def test_a_body_nearest_to_one_of_negative_mass_has_some_mass():
