@@ -18,6 +18,7 @@ import yaml
 from hardware import ARCSEC, Array, Body, Craft, Joint, Valve, run, sines
 from rows import cli
 from scipy.spatial.transform import Rotation
+from scipy.special import chdtrc
 
 X, Y, Z = np.eye(3)
 
@@ -304,11 +305,11 @@ def pushed(seed: int, folder: Path, *, planar: bool | None = None, on: str | Non
     times = np.arange(int(duration * rate)) / rate
     width = 2 if planar else 3
     place = 0.1 * rng.standard_normal(3) * ([1, 1, 0] if planar else 1)
-    share = 1 + 0.05 * rng.standard_normal(width)
+    share = 1 + 0.05 * rng.standard_normal((width, 2))  # each is off by itself, as declared
     fitted = [
-        Valve(place, sign * np.eye(3)[k], 1.0, share[k], on, "world")
+        Valve(place, sign * np.eye(3)[k], 1.0, share[k, j], on, "world")
         for k in range(width)
-        for sign in (1, -1)
+        for j, sign in enumerate((1, -1))
     ]
     phase, speed = rng.uniform(0, 6.28, (width, 2)), rng.uniform(0.3, 1.5, (width, 2))
     force = mass * rng.uniform(0.005, 0.02, width)
@@ -376,6 +377,10 @@ def identified(draw: Draw, *words: str) -> dict:
         if known.any():
             row |= {"worst": float(np.abs(error[known]).max()), "mass": float(error[0])}
             row |= {"relative": float(sigma[0] / draw.truth[0])}
+            # Parameters of one draw err together: NEES of n known ones is χ² with n degrees.
+            both = np.array(found["covariance"], dtype=float)[np.ix_(known, known)]
+            off = (estimate - draw.truth)[known]
+            row["nees"] = float(off @ np.linalg.solve(both, off))
         row["changes"] = len(found.get("momentum_changes") or [])
     return row
 
@@ -385,13 +390,15 @@ def table(rows: dict[int, dict]) -> str:
     order = sorted(
         rows, key=lambda s: (-rows[s]["code"], -np.nan_to_num(rows[s]["worst"], nan=99.0))
     )
-    lines = ["seed exit worst/σ m err/σ σ(m)/m   in  changes dead   s  draw"]
+    lines = ["seed exit worst/σ m err/σ σ(m)/m   in   NEES  p(NEES) changes dead   s  draw"]
     for seed in order:
         r = rows[seed]
         lines.append(
             f"{seed:4} {r['code']:4} {r['worst']:7.2f} {r['mass']:7.2f} "
             f"{100 * r.get('relative', np.nan):5.1f}% "
-            f"{r['inside']:2}/{r['known']:<2} {r['changes']:5} {'named' if r['named'] else '-':>6} "
+            f"{r['inside']:2}/{r['known']:<2} {r.get('nees', np.nan):6.1f} "
+            f"{chdtrc(r['known'], r.get('nees', np.nan)):7.3f} {r['changes']:5} "
+            f"{'named' if r['named'] else '-':>6} "
             f"{r['seconds']:5.1f}  {r['what']}"
         )
     good = [r for r in rows.values() if r["code"] in (0, 3)]

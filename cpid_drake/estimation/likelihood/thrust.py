@@ -133,9 +133,9 @@ class BlockThrust:
         points = np.concatenate([points, switches])[order]
         size = np.concatenate([samples.value[each], 0 * jumps])[order]
         self._by = np.concatenate([log.by[each], late])[order]
-        self._weights = np.concatenate([weights, np.ones(len(switches))])[order]
+        weights = np.concatenate([weights, np.ones(len(switches))])[order]
         ends = np.concatenate([ends, switches])[order]
-        self._before = np.searchsorted(ends, times, side="right")
+        self._weights = weights * (ends <= times[:, None])
         self._push = Push(log.actuators, points, interpolation, pose)
         self._size = size
         self._drift = transition(nodes[0], times, orbit)
@@ -209,7 +209,7 @@ class BlockThrust:
         """
         n, turned = com.shape[-1], self._push.rotations(R)
         moved = (self._push.to @ com.reshape(len(com), -1)).reshape(-1, 3, n)
-        rate = skew(_sum(self._size, self._push.forces(R))) @ (turned @ moved)
+        rate = skew(_sum(self._size, self._push.forces(R))) @ turned @ moved
         rate += self._by_screw(R, psi, screw)[0]
         if len(errors):
             rate += self._by_errors(self._push.torques(R, self._grid.com(psi))) @ errors
@@ -283,9 +283,8 @@ class BlockThrust:
 
     def _accumulated(self, rates: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the integrals (U, ...) of rates (Q, ...) from the start to the instants."""
-        weights = self._weights.reshape(-1, *[1] * (rates.ndim - 1))
-        sums = np.cumsum(weights * rates, axis=0)
-        return np.concatenate([np.zeros_like(rates[:1]), sums])[self._before]
+        sums = self._weights @ rates.reshape(len(rates), -1)
+        return np.asarray(sums.reshape(-1, *rates.shape[1:]))
 
     def _travelled(self, rates: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return what accelerations (Q, 3, n) do to position and velocity, (U, 6, n)."""
