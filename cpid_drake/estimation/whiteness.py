@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 NEGLIGIBLE = 0.5
-"""Size of residuals, in units of the assumed noise, below which their correlation is ignored."""
+"""Size of a mean of residuals, in units of that of the assumed noise, below which their correlation
+is ignored."""
 
 MOST_CORRELATED = 0.7
 """Correlation of residuals from sample to sample above which a check fails."""
@@ -44,14 +45,14 @@ class Whiteness:
         return bool(abs(self.lag_one) <= max(self.band, 0.1))
 
     @property
-    def is_negligible(self) -> bool:
-        """Whether residuals in σ are so small that their correlation does not matter."""
-        return self.rms < NEGLIGIBLE
-
-    @property
     def fails(self) -> bool:
-        """Whether residuals in σ are so correlated that they are no noise."""
-        return self.lag_one > MOST_CORRELATED and not self.is_negligible
+        """Whether residuals in σ are so correlated that they are no noise.
+
+        What is correlated over T samples weighs as much in their mean as white noise of √T the
+        size: small residuals fail, too, if they are slow enough.
+        """
+        size = self.rms * np.sqrt(self.correlation_time)
+        return bool(self.lag_one > MOST_CORRELATED and size >= NEGLIGIBLE)
 
 
 @dataclass(frozen=True, eq=False)
