@@ -35,7 +35,9 @@ def test_a_spike_does_not_hide_correlation():
     assert not LagSums().added(noise).whiteness.is_white
 
 
-@pytest.mark.parametrize("memory, size, fails", [(0.95, 0.2, 1), (0.95, 0.02, 0), (0.6, 1.0, 0)])
+@pytest.mark.parametrize(
+    ("memory", "size", "fails"), [(0.95, 0.2, 1), (0.95, 0.02, 0), (0.6, 1.0, 0)]
+)
 def test_slow_residuals_fail_though_they_are_smaller_than_the_noise(memory, size, fails):
     noise = lfilter([1.0], [1.0, -memory], np.random.default_rng(7).normal(size=(3000, 3)), axis=0)
     assert whiteness(size * noise / noise.std()).fails == bool(fails)
