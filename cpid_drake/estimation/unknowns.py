@@ -70,6 +70,12 @@ class Unknown:
     walk: float = 0.0
     may_fail: bool = False
 
+    @property
+    def prior(self) -> Gaussian:
+        """What is known of it before the first sample."""
+        rows = np.column_stack([np.diag(1 / self.sigma), self.mean / self.sigma])
+        return Gaussian.of_rows({self.name: self.size}, rows)
+
     def key(self, log: str) -> str:
         """Return the name of this unknown of a log, among those of all logs."""
         return f"{self.name}|{log}" if self.scope == "log" else self.name

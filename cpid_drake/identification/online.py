@@ -11,7 +11,6 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.evidence import Question
-from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.online import OnlineState, change_beyond_linear, run
 from cpid_drake.estimation.online_block import NAME as LOG
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
@@ -115,8 +114,7 @@ def identification_of_state(
     assumed = TotalMomentum.unknown() if state.is_free else momentum or TotalMomentum.zero()
     if known is None:
         values, noise = model.start([LOG]), {}
-        rows = np.column_stack([np.diag(1 / model.unknown(PSI).sigma), np.zeros(10)])
-        gaussian = Gaussian.of_rows({PSI: 10}, rows)
+        gaussian = model.unknown(PSI).prior.moved(values[PSI])
     else:
         values, noise, gaussian = known.values, known.log.noise, known.unknowns(model)
         change = change_beyond_linear(model, known)

@@ -181,7 +181,7 @@ def validate(
         used = momentum or TotalMomentum.zero()
         value = np.concatenate([used.L_WScm_W, used.v_WScm_W])
         model = model.with_prior(MOMENTUM, value, EXACT * model.unknown(MOMENTUM).sigma)
-    given = _rows(target, model).add(_vague(model))
+    given = _rows(target, model).add(model.unknown(PSI).prior)
     predicted = _predicted(model, samples, own.residuals, first, given)
     errors = []
     for name, rest in own.residuals.items():
@@ -211,14 +211,6 @@ def _rows(target: TargetPrior, model: Model) -> Gaussian:
     return target.gaussian(PSI, form, at, model.plausible)
 
 
-def _vague(model: Model) -> Gaussian:
-    """Return what is known of a target's ψ before the samples."""
-    psi = model.unknown(PSI)
-    return Gaussian.of_rows(
-        {PSI: 10}, np.column_stack([np.diag(1 / psi.sigma), psi.mean / psi.sigma])
-    )
-
-
 def _test(model: Model, own: Identification, target: TargetPrior) -> tuple[float, int, float]:
     """Return χ², freedom and `heavier` of the test of a target by a log's own estimate."""
     if not own.converged:
@@ -231,9 +223,9 @@ def _test(model: Model, own: Identification, target: TargetPrior) -> tuple[float
     if not freedom:
         return 0.0, 0, np.inf
     chi_squared = max(total.least_cost - both[0].least_cost - both[1].least_cost, 0.0)
-    psi = both[0].add(_vague(model)).solve()
+    psi = both[0].add(model.unknown(PSI).prior).solve()
     mass = form.jacobian(psi)[0] / form.to_parameters(psi)[0]
-    variance = sum(mass @ each.add(_vague(model)).covariance() @ mass for each in both)
+    variance = sum(mass @ each.add(model.unknown(PSI).prior).covariance() @ mass for each in both)
     needed = chndtrinc(chdtri(freedom, FALSE_ALARM), freedom, 1 - POWER)
     return chi_squared, freedom, float(np.sqrt(needed * variance))
 
