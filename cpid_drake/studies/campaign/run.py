@@ -20,7 +20,8 @@ from cpid_drake.studies.campaign.schema import Plan, load_campaign
 from cpid_drake.studies.campaign.trial import failed_rows, run_chunk, schema_of
 
 CHUNK = 100
-"""Number of trials of a task: a task costs about 5 ms, and is lost whole with its worker."""
+"""Number of trials of a task, which are propagated together: a task costs about 5 ms, is lost whole
+with its worker, and needs memory for its trials."""
 
 AHEAD = 3
 """Number of tasks of each worker that are submitted: enough to keep it busy, and few to hold."""

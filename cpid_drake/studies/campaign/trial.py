@@ -39,9 +39,6 @@ from cpid_drake.studies.trials import (
     true_motions,
 )
 
-BATCH = 100
-"""Number of trials that are propagated together; more are hardly faster and need more memory."""
-
 _BATCHED = ("target.", "target", "tumble_C", "simulation.momentum_W")
 _REPEATED, _BOUND = 2, 3  # purposes of random numbers; `Plan.values` has 1
 
@@ -108,15 +105,13 @@ def run_chunk(text: str, first: int, last: int) -> pa.Table:
         except Exception as error:
             rows[number] = failed_rows(plan, number, error)
     for group in groups.values():
-        for start in range(0, len(group), BATCH):
-            jobs = group[start : start + BATCH]
-            for job, (data, seconds) in zip(jobs, _data(plan, jobs)):
-                try:
-                    if isinstance(data, Exception):
-                        raise data
-                    rows[job.number] = _rows(plan, job, data, seconds)
-                except Exception as error:
-                    rows[job.number] = failed_rows(plan, job.number, error)
+        for job, (data, seconds) in zip(group, _data(plan, group)):
+            try:
+                if isinstance(data, Exception):
+                    raise data
+                rows[job.number] = _rows(plan, job, data, seconds)
+            except Exception as error:
+                rows[job.number] = failed_rows(plan, job.number, error)
     return pa.Table.from_pylist([r for n in sorted(rows) for r in rows[n]], schema_of(plan))
 
 
