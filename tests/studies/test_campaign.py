@@ -35,9 +35,10 @@ axes:
 
 NOISY = EXACT.replace("fixed: {", "fixed: {sensors.explicit: SUITE, ").replace(
     "SUITE",
-    "{encoders: {rate: 20, sigma: 1e-6}, attitude: {rate: 20}, position: {rate: 20, sigma: 1e-5}}",
+    "{disturbances: {torque: 0.01, torque_walk: 0.01, acceleration: 1e-4}, "
+    "encoders: {rate: 20, sigma: 1e-6}, attitude: {rate: 20}, position: {rate: 20, sigma: 1e-5}}",
 )
-"""The same with the noise of slow sensors."""
+"""The same with the noise of slow sensors, and forces."""
 
 
 @pytest.fixture
