@@ -207,7 +207,10 @@ def test_a_campaign_is_continued_and_its_folder_protected(plan, tmp_path, schedu
     (folder / ".trials-draft").write_text("half")
     with pytest.raises(InputError, match="continue it with --resume"):
         run_campaign(found, folder, scheduler=scheduler)
-    ended = run_campaign(found, folder, scheduler=scheduler, resume=True, chunk=1)
+    elsewhere = tmp_path / "moved" / "campaign.yaml"
+    elsewhere.parent.mkdir()
+    elsewhere.write_text(EXACT)
+    ended = run_campaign(elsewhere, folder, scheduler=scheduler, resume=True, chunk=1)
     assert (ended.new, ended.done) == (2, 4)
     assert rows(folder, found) == whole
     assert not list(folder.glob(".*"))

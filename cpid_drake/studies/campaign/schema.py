@@ -245,8 +245,9 @@ class Plan:
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256 of the text."""
-        return sha256(self.text.encode()).hexdigest()
+        """SHA-256 of the text without the place of the campaign's file."""
+        tree = {**json.loads(self.text), "folder": ""}
+        return sha256(json.dumps(tree).encode()).hexdigest()
 
     @property
     def total(self) -> int:
@@ -327,20 +328,19 @@ def load_campaign(path: str | Path) -> Plan:
         beside = file.parent / name
         source = str(beside) if beside.is_file() else find_scenario(name)
     scenario = load_scenario(source)
-    data = Path(resolve_model(source)).read_bytes()
     tree = parse_yaml(dump_yaml(scenario, MOTION_TAGS).encode(), name, MOTION_TAGS)
     extra = {each.name for each in fields(Trial)} - {each.name for each in fields(Scenario)}
     more = parse_yaml(dump_yaml(Trial(scenario.spacecraft, scenario.target)).encode(), name)
     assert isinstance(tree, dict)
     assert isinstance(more, dict)
     tree |= {each: more[each] for each in sorted(extra)}
-    named = {str(each): sha256(each.read_bytes()).hexdigest() for each in files_of(scenario)}
+    named = sorted((p.name, sha256(p.read_bytes()).hexdigest()) for p in files_of(scenario))
     text = {
         "version": VERSION,
         "campaign": parse_yaml(dump_yaml(campaign).encode(), name, MOTION_TAGS),
         "scenario": tree,
         "folder": str(file.parent),
-        "files": {**named, name: sha256(data).hexdigest()},
+        "files": named,
     }
     plan = Plan(json.dumps(text, indent=1, sort_keys=False))
     with prefix_errors(str(path)):
