@@ -3,7 +3,7 @@
 import logging
 from collections import deque
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic
@@ -12,6 +12,7 @@ from uuid import uuid4
 import dask
 import pyarrow as pa
 from distributed import Client, LocalCluster, as_completed
+from distributed.comm import CommClosedError
 from distributed.scheduler import KilledWorker
 
 from cpid_drake.errors import InputError
@@ -120,7 +121,8 @@ def run_campaign(
 @contextmanager
 def _client(workers: int | None, scheduler: str | None) -> Iterator[Client]:
     """Yield a client of the given scheduler, or of a new one with worker processes here."""
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # the folder tells what is lost
+    for name in ("distributed", "distributed.client"):  # the folder tells what is lost
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     if scheduler is not None:
         try:
             client = Client(scheduler, set_as_default=False)
@@ -152,17 +154,18 @@ def _tables(
     others; if it is blamed again, it is split, down to the trial that kills its worker.
     """
     running, chunks = as_completed(loop=client.loop, raise_errors=False), dict[str, Chunk]()
-    blamed = deque[Chunk]()
+    blamed, is_alone = deque[Chunk](), False
     while True:
-        room = AHEAD * max(len(client.nthreads()), 1) if client.status == "running" else 0
-        is_alone = not (waiting or chunks) and bool(room and blamed)
-        if is_alone:
-            waiting.append(blamed.popleft())
-        while waiting and len(chunks) < room:
-            chunk = waiting.popleft()
-            key = f"trials-{chunk[0]}-{chunk[1]}-{uuid4().hex}"
-            chunks[key] = chunk
-            running.add(client.submit(run_chunk, plan.text, *chunk, key=key, pure=False))
+        with suppress(CommClosedError):  # the scheduler is lost: its futures are cancelled
+            room = AHEAD * max(len(client.nthreads()), 1) if client.status == "running" else 0
+            is_alone = not (waiting or chunks) and bool(room and blamed)
+            if is_alone:
+                waiting.append(blamed.popleft())
+            while waiting and len(chunks) < room:
+                chunk = waiting.popleft()
+                key = f"trials-{chunk[0]}-{chunk[1]}-{uuid4().hex}"
+                running.add(client.submit(run_chunk, plan.text, *chunk, key=key, pure=False))
+                chunks[key] = chunk
         if not chunks:
             return
         future = next(running)
