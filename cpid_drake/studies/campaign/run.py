@@ -31,6 +31,7 @@ AHEAD = 3
 CONFIG = {
     "distributed.scheduler.allowed-failures": 1,  # the second death of a worker blames its tasks
     "distributed.deploy.lost-worker-timeout": "1h",  # a new process may take long to import
+    "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": 2**28,  # no memory back and forth
 }
 """Settings of a cluster of processes on this machine."""
 
