@@ -148,7 +148,10 @@ def scenario_name(trial: int) -> str:
 def compared(found: Statistics) -> str:
     """Return a sentence on how the propagated trials compare with Drake's simulation."""
     if not found.compared:
-        return f"A trial's simulation takes {1e3 * found.truth_seconds:.3g} ms of the processor."
+        return (
+            "No trial was repeated with Drake's plant. The propagator takes "
+            f"{1e3 * found.truth_seconds:.3g} ms of the processor for a trial."
+        )
     ratio = found.drake_seconds / found.truth_seconds
     return (
         f"{found.compared} of {found.done} trials were repeated with Drake's plant of the nominal "
