@@ -12,7 +12,6 @@ from uuid import uuid4
 import dask
 import pyarrow as pa
 from distributed import Client, LocalCluster, as_completed
-from distributed.comm import CommClosedError
 from distributed.scheduler import KilledWorker
 
 from cpid_drake.errors import InputError
@@ -101,7 +100,8 @@ def run_campaign(
     if not waiting:
         progress(state)
         return state
-    with _client(workers, scheduler) as client:
+    # An OSError is the end of the scheduler: errors of files are InputErrors.
+    with _client(workers, scheduler) as client, suppress(OSError):
         state.dashboard = client.dashboard_link or ""
         progress(state)
         for first, last, table in _tables(client, plan, waiting):
@@ -155,18 +155,17 @@ def _tables(
     others; if it is blamed again, it is split, down to the trial that kills its worker.
     """
     running, chunks = as_completed(loop=client.loop, raise_errors=False), dict[str, Chunk]()
-    blamed, is_alone = deque[Chunk](), False
+    blamed = deque[Chunk]()
     while True:
-        with suppress(CommClosedError):  # the scheduler is lost: its futures are cancelled
-            room = AHEAD * max(len(client.nthreads()), 1) if client.status == "running" else 0
-            is_alone = not (waiting or chunks) and bool(room and blamed)
-            if is_alone:
-                waiting.append(blamed.popleft())
-            while waiting and len(chunks) < room:
-                chunk = waiting.popleft()
-                key = f"trials-{chunk[0]}-{chunk[1]}-{uuid4().hex}"
-                running.add(client.submit(run_chunk, plan.text, *chunk, key=key, pure=False))
-                chunks[key] = chunk
+        room = AHEAD * max(len(client.nthreads()), 1) if client.status == "running" else 0
+        is_alone = not (waiting or chunks) and bool(room and blamed)
+        if is_alone:
+            waiting.append(blamed.popleft())
+        while waiting and len(chunks) < room:
+            chunk = waiting.popleft()
+            key = f"trials-{chunk[0]}-{chunk[1]}-{uuid4().hex}"
+            chunks[key] = chunk
+            running.add(client.submit(run_chunk, plan.text, *chunk, key=key, pure=False))
         if not chunks:
             return
         future = next(running)
@@ -184,6 +183,8 @@ def _tables(
             else:
                 rows = failed_rows(plan, first, "the process of its worker died")
                 yield first, last, pa.Table.from_pylist(rows, schema_of(plan))
+        except OSError:  # the end of the scheduler
+            raise
         except Exception as error:  # not of a trial, but of a worker without the package
             raise InputError(f"trials {first} to {last - 1}: {error}") from error
         finally:
