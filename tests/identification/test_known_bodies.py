@@ -28,6 +28,15 @@ def test_an_error_is_as_large_as_its_sigma(craft, suite, skewed_target):
     assert nees(found, skewed_target) < chi2.isf(1e-3, 10)
 
 
+def test_bodies_with_errors_far_above_their_sigma_fail_a_check(craft, suite, skewed_target):
+    motion = Sines.drawn(4, seed=101, duration=4.0, size=0.6)
+    tree = perturbed(craft.tree, UNCERTAINTY, np.random.default_rng(7))
+    samples = measured(craft, motion, skewed_target, suite, tree=tree)
+    small = BodyUncertainty(mass=0.001, com=0.00025, inertia=0.002)  # a twentieth
+    found = identify(craft, samples, sensors=suite, known_bodies=small)
+    assert "declared sizes" in [each.name for each in found.checks if not each.passed]
+
+
 @pytest.mark.slow
 def test_a_model_that_is_taken_for_exact_fails_a_check(craft, suite, skewed_target):
     """The sensors' own errors are far smaller than those of the model: the answer is far off."""
