@@ -12,7 +12,7 @@ The public names, in order of their dependencies:
 - `validate`: predicts a log that was not used to identify a target;
 - `TotalMomentum`: zero, unknown or known;
 - `SensorSuite`, `load_sensors`, `Log`: sensors and their samples, each at its own rate;
-- `read_telemetry`, `write_telemetry`, `from_columns`: logs as files, or from columns in memory;
+- `read_log`, `write_log`, `from_columns`: logs as files, or from columns in memory;
 - `MomentumIdentifier`, `SpacecraftSensors`, `SensorIdentifier`, `JointController`,
   `PassivityController`, `JointMotionSource`, `SceneVisualizer`: Drake systems;
 - `HalfCosine`, `MultiSine`, `Spline`: joint motions;

@@ -13,7 +13,7 @@ from .identification.result import Identification
 from .identification.result_files import read_result, write_result
 from .identification.validation import validate
 from .logs.conversion import from_columns as from_columns
-from .logs.files import read_telemetry, write_telemetry
+from .logs.files import read_log, write_log
 from .logs.log import Log
 from .report.pages.identification import write_report
 from .resources import shipped_scenario
@@ -67,11 +67,11 @@ __all__ = [
     "load_scenario",
     "load_sensors",
     "make_simulation",
+    "read_log",
     "read_result",
-    "read_telemetry",
     "shipped_scenario",
     "validate",
+    "write_log",
     "write_report",
     "write_result",
-    "write_telemetry",
 ]

@@ -8,7 +8,7 @@ import argparse
 
 from pydrake.multibody.tree import BodyIndex
 
-from cpid_drake import InputError, Spacecraft, identify, load_sensors, read_telemetry
+from cpid_drake import InputError, Spacecraft, identify, load_sensors, read_log
 from cpid_drake.resources import models_directory
 
 
@@ -24,7 +24,7 @@ def main() -> None:
     try:
         # The inputs: the known spacecraft, the log and the sensors.
         spacecraft = Spacecraft(args.spacecraft, base=args.base, capture_frame=args.capture_frame)
-        log, sensors = read_telemetry(args.telemetry), load_sensors(args.sensors)
+        log, sensors = read_log(args.telemetry), load_sensors(args.sensors)
         found = identify(spacecraft, log, sensors=sensors)
         print(found.explain())
         target = found.consistent  # InertialParameters that a rigid body can have

@@ -112,7 +112,7 @@ def true_telemetry(tree, joint_names, motion, target, times, momentum_W=None) ->
     phi = target.to_standard_vector()
     momentum_W = np.zeros(6) if momentum_W is None else momentum_W
     base = propagate(tree, motion, phi, times, momentum_W=momentum_W, max_step=0.04)
-    return base.to_telemetry(joint_names, times, motion).select(slice(later, None))
+    return base.to_motion(joint_names, times, motion).select(slice(later, None))
 
 
 def measured(

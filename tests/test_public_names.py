@@ -31,6 +31,6 @@ def test_the_package_itself_loads_nothing_heavy():
 
 
 def test_a_name_loads_its_own_module():
-    modules = modules_after("from cpid_drake import read_telemetry")
+    modules = modules_after("from cpid_drake import read_log")
     assert "numpy" in modules
     assert not modules & {"pydrake", "matplotlib"}

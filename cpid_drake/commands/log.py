@@ -12,7 +12,7 @@ from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.identification.checked_log import check_log, left_out_warnings
 from cpid_drake.logs.conventions import check_conventions
 from cpid_drake.logs.conversion import LogFile
-from cpid_drake.logs.files import inspect_telemetry, read_table, read_telemetry, write_telemetry
+from cpid_drake.logs.files import inspect_log, read_log, read_table, write_log
 from cpid_drake.logs.guess.guess import guess_map
 from cpid_drake.logs.score import Comparison
 from cpid_drake.logs.screening import screen
@@ -47,7 +47,7 @@ def check(
     """
     spacecraft = craft.make() if craft.is_given else None
     joints = None if spacecraft is None else spacecraft.joint_names
-    found = inspect_telemetry(file, topics=reading.topics(), columns=reading.columns, joints=joints)
+    found = inspect_log(file, topics=reading.topics(), columns=reading.columns, joints=joints)
     errors, warnings, unchecked, comparisons = _comparisons(found, spacecraft)
     count = len(found.problems) + len(errors)
     hidden = max(len(found.problems) - _SHOWN, 0)
@@ -150,8 +150,8 @@ def convert(
     Angular velocities are written in the body's axes, as gyros measure them.
     """
     check_outputs([("--out", out)], [file, reading.columns], force=force)
-    found = read_telemetry(
+    found = read_log(
         file, leave_out_bad=leave_out_bad, topics=reading.topics(), columns=reading.columns
     )
-    write_telemetry(out, found)
+    write_log(out, found)
     options.log_console().print(f"{out}: written, {len(found.joint_names)} joints")

@@ -65,7 +65,7 @@ def view(
         estimates.append((context.get_time(), simulation.identification(context)))
         page = replay_html(
             simulation.spacecraft,
-            simulation.telemetry(context),
+            simulation.motion(context),
             estimates,
             truth=simulation.truth,
             visual_model=loaded.target.visual_model,

@@ -41,7 +41,7 @@ class BaseTrajectory:
     v_WB: NDArray[np.float64]
     momentum_W: NDArray[np.float64]
 
-    def to_telemetry(
+    def to_motion(
         self,
         joint_names: tuple[str, ...],
         times: ArrayLike,

@@ -55,7 +55,7 @@ def identify(
     Args:
         spacecraft: the known spacecraft.
         data: exact states at common times, or samples of sensors, each at its own times, as from
-            `read_telemetry`; of several logs by their names. The joints of measurements may be in
+            `read_log`; of several logs by their names. The joints of measurements may be in
             any order. Exact states may belong to unconnected instants; measurements must belong to
             one motion.
         estimator: name of an estimator (`cpid_drake.identification.estimators.ESTIMATORS`) or of a

@@ -21,7 +21,7 @@ from cpid_drake.identification.request import Request, Source
 from cpid_drake.identification.result import Identification
 from cpid_drake.input_files.validation import from_tree, load_yaml, parse_yaml
 from cpid_drake.logs.conversion import LogFile
-from cpid_drake.logs.files import inspect_telemetry, refuse_problems
+from cpid_drake.logs.files import inspect_log, refuse_problems
 from cpid_drake.logs.log import Log
 from cpid_drake.resources import resolve_model, version_of
 from cpid_drake.sensors.presets import load_sensors
@@ -168,7 +168,7 @@ def open_log(request: Request, joints: tuple[str, ...]) -> tuple[Source, LogFile
     # A window of a single time is allowed: a result can come from one sample.
     if not first <= last:
         raise InputError(f"--from {first:g} --to {last:g}: the interval is empty")
-    file = inspect_telemetry(
+    file = inspect_log(
         request.telemetry, topics=request.topics, columns=request.columns, joints=joints
     )
     if not request.leave_out_bad:

@@ -49,13 +49,13 @@ BAG_ENDINGS = (".mcap", ".db3")
 """Endings of ROS 2 bags, which can be folders too."""
 
 
-def telemetry_endings(*, written: bool = False) -> tuple[str, ...]:
+def log_endings(*, written: bool = False) -> tuple[str, ...]:
     """Return the endings of log files that can be read, or that can be written."""
     endings = [e for each in FORMATS for e in each.endings if each.write or not written]
     return (*endings, *(() if written else BAG_ENDINGS))
 
 
-def inspect_telemetry(
+def inspect_log(
     path: str | Path,
     *,
     topics: Mapping[str, str] | None = None,
@@ -104,7 +104,7 @@ def read_table(path: str | Path, topics: Mapping[str, str] | None = None) -> Tab
     return read_rosbag(file, topics or {})
 
 
-def read_telemetry(
+def read_log(
     path: str | Path,
     *,
     leave_out_bad: bool = False,
@@ -120,11 +120,11 @@ def read_telemetry(
         columns: a map of the file's columns, or the map's YAML file.
 
     Raises:
-        InputError: for the same reasons as `inspect_telemetry`; also for the first bad row, unless
+        InputError: for the same reasons as `inspect_log`; also for the first bad row, unless
             bad rows are left out.
 
     """
-    found = inspect_telemetry(path, topics=topics, columns=columns)
+    found = inspect_log(path, topics=topics, columns=columns)
     if not leave_out_bad:
         refuse_problems(found.problems, str(path))
     return found.log
@@ -164,12 +164,12 @@ def _format_of(path: str | Path) -> tuple[Path, Format | None]:
         if file.suffix.lower() in kind.endings:
             return file, kind
     raise InputError(
-        f"{path}: logs are read from {', '.join(telemetry_endings())} files and bag folders, "
+        f"{path}: logs are read from {', '.join(log_endings())} files and bag folders, "
         f"not from '{file.suffix or file.name}'"
     )
 
 
-def write_telemetry(path: str | Path, motion: Motion | Log) -> None:
+def write_log(path: str | Path, motion: Motion | Log) -> None:
     """Write a motion or a log to a file; the ending chooses the format.
 
     All digits are kept.
@@ -185,7 +185,7 @@ def write_telemetry(path: str | Path, motion: Motion | Log) -> None:
             with draft_of(path) as draft:
                 kind.write(draft, columns, values)
             return
-    endings = ", ".join(telemetry_endings(written=True))
+    endings = ", ".join(log_endings(written=True))
     raise InputError(f"{path}: logs are written as {endings}")
 
 

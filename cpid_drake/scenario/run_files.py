@@ -11,7 +11,7 @@ from pydrake.systems.framework import Context
 
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.input_files.validation import dump_yaml, nulls
-from cpid_drake.logs.files import write_telemetry
+from cpid_drake.logs.files import write_log
 from cpid_drake.output_files.drafts import draft_folder
 from cpid_drake.resources import version_of
 from cpid_drake.scenario.files import dump_scenario
@@ -56,7 +56,7 @@ def write_run(
         InputError: a file cannot be written; the files of an earlier run are then unchanged.
 
     """
-    truth, sensors = simulation.telemetry(root_context), simulation.sensors
+    truth, sensors = simulation.motion(root_context), simulation.sensors
     scenario = simulation.scenario
     mass, *rest = simulation.truth.to_vector().tolist()
     names = list(PARAMETER_NAMES[4:])
@@ -69,7 +69,7 @@ def write_run(
         texts["sensors.yaml"] = dump_yaml(sensors.suite)
     texts["scenario.yaml"] = dump_scenario(scenario)
     logs = {
-        "telemetry.csv": simulation.measurements(root_context) if sensors else truth,
+        "telemetry.csv": simulation.log(root_context) if sensors else truth,
         "truth.csv": truth,
     }
     names = [*logs, *texts, "run.json"]
@@ -85,7 +85,7 @@ def write_run(
     }
     with draft_folder(folder, RUN_FILES) as draft:
         for name, log in logs.items():
-            write_telemetry(draft / name, log)
+            write_log(draft / name, log)
         for name, text in texts.items():
             (draft / name).write_text(text, encoding="utf-8")
         # A log that was cut off when the folder was copied still looks like a log.

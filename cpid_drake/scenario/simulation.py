@@ -132,7 +132,7 @@ class Simulation:
             states.append(self.plant.GetPositionsAndVelocities(context)[self.state_columns])
         simulator.AdvancePendingEvents()  # the samples that are due at the end
         self.identifier.Finish(simulator.get_mutable_context())
-        sampled = self.spacecraft.to_telemetry(times, np.array(states)[:-1])
+        sampled = self.spacecraft.to_motion(times, np.array(states)[:-1])
         return root_context.Clone(), sampled
 
     def identification(self, root_context: Context) -> Identification:
@@ -144,10 +144,10 @@ class Simulation:
         text = THRUST_NOT_USED.format(f"{self.thrust.time[0]:.4g}", found.estimator)
         return replace(found, checks=(Check("thrust", text), *found.checks))
 
-    def telemetry(self, root_context: Context) -> Motion:
+    def motion(self, root_context: Context) -> Motion:
         """Return the logged motion of a run."""
         times, states = _entries(self.state_log, root_context)
-        return self.spacecraft.to_telemetry(times, states[:, self.state_columns])
+        return self.spacecraft.to_motion(times, states[:, self.state_columns])
 
     def momentum(self, root_context: Context) -> NDArray[np.float64]:
         """Return the momentum [L; P] of all bodies about W's origin, in W, (N, 6), in the log."""
@@ -166,7 +166,7 @@ class Simulation:
             return np.tile(momentum_W, (len(_entries(self.state_log, root_context)[0]), 1))
         return momentum_W + _entries(self.impulse_log, root_context)[1]
 
-    def measurements(self, root_context: Context) -> Log:
+    def log(self, root_context: Context) -> Log:
         """Return the samples of the sensors in a run, and the log of thrust if there is one.
 
         Raises:

@@ -230,7 +230,7 @@ class Spacecraft:
 
     # -- states ------------------------------------------------------------------------------
 
-    def to_telemetry(self, time: ArrayLike, states: ArrayLike) -> Motion:
+    def to_motion(self, time: ArrayLike, states: ArrayLike) -> Motion:
         """Return plant states x = [q; v] (N, nx) at times (N,) [s] as a motion.
 
         Raises:
@@ -259,7 +259,7 @@ class Spacecraft:
         """
         phi = target.to_standard_vector()
         base = propagate(self.tree, motion, phi, times, momentum_W=momentum_W)
-        return base.to_telemetry(self.joint_names, times, motion)
+        return base.to_motion(self.joint_names, times, motion)
 
     def initial_state(
         self,

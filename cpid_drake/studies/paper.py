@@ -126,7 +126,7 @@ def run_paper_study(
     simulation = make_simulation(scenario)
     spacecraft, truth = simulation.spacecraft, simulation.truth
     context, samples = simulation.run_sampled(sampling_times(scenario))
-    telemetry = simulation.telemetry(context)
+    telemetry = simulation.motion(context)
     momentum = TotalMomentum(is_unknown=scenario.identification.unknown_momentum)
 
     def identified(data: Motion) -> Identification:
@@ -162,7 +162,7 @@ def run_paper_study(
         drift=_largest(momentum - momentum[0] for momentum in exact_momentum),
         rounded_momentum=_largest(six_momentum),
         resimulated_target=feasible,
-        resimulated=again.telemetry(again.run()),
+        resimulated=again.motion(again.run()),
     )
 
 

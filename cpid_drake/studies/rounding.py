@@ -102,7 +102,7 @@ def exciting_motion(
     def at(instants: NDArray[np.float64]) -> Motion:
         grid = np.union1d(0.0, instants)  # the base is at the world's origin at 0 s
         base = propagate(spacecraft.tree, motion, phi, grid, max_step=0.02)
-        whole = base.to_telemetry(spacecraft.joint_names, grid, motion)
+        whole = base.to_motion(spacecraft.joint_names, grid, motion)
         return whole.select(np.flatnonzero(np.isin(grid, instants)))
 
     samples, log = at(times), at(np.arange(0.0, config.duration + 1e-9, config.log_period))

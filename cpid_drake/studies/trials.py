@@ -163,7 +163,7 @@ def ideal_logs(
         def motion(times: NDArray[np.float64], number: int = number) -> Motion:
             if not found:  # the times are those of all cases
                 found.append(base_trajectories(cases, tree, times, disturbances))
-            return found[0].to_telemetry(joint_names, times, cases[number].motion, number)
+            return found[0].to_motion(joint_names, times, cases[number].motion, number)
 
         ideal = ideal_log(case.suite, joint_names, motion, case.duration)
         if case.burns and case.logs_thrust:
@@ -306,7 +306,7 @@ def true_motions(
     for together, own, disturbances in _together(cases, tree, numbers):
         base = base_trajectories(together, own, times, disturbances)
         found += [
-            base.to_telemetry(joint_names, times, case.motion, k) for k, case in enumerate(together)
+            base.to_motion(joint_names, times, case.motion, k) for k, case in enumerate(together)
         ]
     return found
 

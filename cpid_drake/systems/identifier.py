@@ -195,7 +195,7 @@ class MomentumIdentifier(Identifier):
     def rows(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the rows [A | b] of one sample x = [q; v]; columns of an unknown momentum lead."""
         if self._spacecraft.tree.normal_B is not None:
-            telemetry = self._spacecraft.to_telemetry(0.0, state)
+            telemetry = self._spacecraft.to_motion(0.0, state)
             return momentum_rows(self._spacecraft.tree, telemetry, self._family, self._momentum)
         context = self._scratch.context
         self._spacecraft.plant.SetPositionsAndVelocities(context, state)

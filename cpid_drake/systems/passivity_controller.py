@@ -136,7 +136,7 @@ class PassivityController(SpacecraftSystem):
     def _velocities(self, context: Context) -> tuple[Array, Array]:
         """Return joint positions (J,) and velocities v (6 + J,) with the base's twist in B."""
         state = self.GetInputPort("state").Eval(context)
-        motion = self._spacecraft.to_telemetry(context.get_time(), state)
+        motion = self._spacecraft.to_motion(context.get_time(), state)
         R_BW = motion.R_WB[0].T
         twist = R_BW @ motion.w_WB[0], R_BW @ motion.v_WB[0]
         return motion.q[0], np.concatenate([*twist, motion.qdot[0]])

@@ -130,7 +130,7 @@ class SpacecraftSensors(SpacecraftSystem):
         """Return the true motion of the current state, stamped with a time [s]."""
         state = self._state_port.Eval(context)
         with prefix_errors(f"{self.GetSystemPathname()}: {name} at t = {time:g} s"):
-            return self.spacecraft.to_telemetry(time, state)
+            return self.spacecraft.to_motion(time, state)
 
 
 def log_samples(builder: DiagramBuilder, sensors: SpacecraftSensors) -> dict[str, VectorLogSink]:

@@ -135,7 +135,7 @@ def motion() -> Motion:
     joints = HalfCosine(np.array([0.0, 0.5, -0.3]), np.array([1.5, -0.9, 1.2]), 10.0)
     time = np.linspace(0.0, 10.0, 101)
     base = propagate(craft.tree, joints, TARGET.to_standard_vector(), time)
-    return base.to_telemetry(craft.joint_names, time, joints)
+    return base.to_motion(craft.joint_names, time, joints)
 
 
 def cells() -> list[list[str]]:

@@ -14,7 +14,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from cpid_drake import InputError, Log, Spacecraft, load_scenario
 from cpid_drake.logs.conventions import check_conventions
 from cpid_drake.logs.files import (
-    inspect_telemetry,
+    inspect_log,
 )
 from cpid_drake.sensors.sensors import SENSORS
 
@@ -44,7 +44,7 @@ def refused_or(read, path: Path):
 
 def read_fully(path: Path) -> Log:
     """Read telemetry, and look at all of it."""
-    found = inspect_telemetry(path)
+    found = inspect_log(path)
     for name in SENSORS:
         samples = getattr(found.log, name)
         assert np.isfinite(samples.time).all()

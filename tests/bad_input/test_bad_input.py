@@ -15,7 +15,7 @@ from cpid_drake import (
     load_scenario,
     load_sensors,
     make_simulation,
-    read_telemetry,
+    read_log,
 )
 from cpid_drake.commands.main import main
 from cpid_drake.errors import prefix_errors
@@ -58,7 +58,7 @@ def folder(tmp_path, monkeypatch):
 def read(kind: str, name: str) -> None:
     """Read a file of this kind, and use what it holds."""
     if kind == "telemetry":
-        identify(craft(), read_telemetry(name))
+        identify(craft(), read_log(name))
     elif kind == "model":
         craft(name)
     elif kind == "scenario":
@@ -142,7 +142,7 @@ ODD = {
 def test_a_log_that_only_looks_odd_says_the_same(name, folder):
     text = (folder / "log.csv").read_text()
     (folder / "odd.csv").write_bytes(ODD[name](text).encode())
-    plain, odd = read_telemetry("log.csv"), read_telemetry("odd.csv")
+    plain, odd = read_log("log.csv"), read_log("odd.csv")
     order = [odd.joint_names.index(joint) for joint in plain.joint_names]
     for sensor in SENSORS:
         columns = order if sensor in ("encoders", "joint_rates") else slice(None)

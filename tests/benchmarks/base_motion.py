@@ -36,7 +36,7 @@ def main() -> None:
         return propagate(tree, motion, phi, times).p_WB[0, -1]
 
     def simulate() -> np.ndarray:
-        return simulation.telemetry(simulation.run()).p_WB[-1]
+        return simulation.motion(simulation.run()).p_WB[-1]
 
     np.testing.assert_allclose(run_propagation(), simulate(), rtol=0, atol=1e-7)
     seconds = {}

@@ -43,8 +43,8 @@ def main() -> None:
         return context
 
     context = run()
-    telemetry, found = plain.telemetry(context), plain.identification(context)
-    recorded = drawn.telemetry(recorded_run())
+    telemetry, found = plain.motion(context), plain.identification(context)
+    recorded = drawn.motion(recorded_run())
     np.testing.assert_allclose(telemetry.p_WB, recorded.p_WB, rtol=0, atol=1e-7)
 
     def replay():

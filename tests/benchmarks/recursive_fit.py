@@ -92,7 +92,7 @@ def main() -> None:
 
     def motion(times: np.ndarray) -> Motion:
         base = propagate(spacecraft.tree, arms, target.to_standard_vector(), times)
-        return base.to_telemetry(spacecraft.joint_names, times, arms)
+        return base.to_motion(spacecraft.joint_names, times, arms)
 
     end = SEEN + BLOCKS
     ideal = ideal_log(suite, spacecraft.joint_names, motion, end)

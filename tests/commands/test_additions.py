@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cpid_drake import read_telemetry, write_telemetry
+from cpid_drake import read_log, write_log
 from cpid_drake.dynamics.rows import RELATIVE_ROWS, ROW_FAMILIES, STANDARD_ROWS
 from cpid_drake.identification import by_rows
 from cpid_drake.identification.estimators import ESTIMATORS, Estimator
@@ -48,7 +48,7 @@ def added(cpid, monkeypatch):
     grams = replace(STANDARD_ROWS, name="grams", momentum_columns=None)
     monkeypatch.setitem(ROW_FAMILIES, "grams", grams)
     monkeypatch.setattr(files, "FORMATS", [*FORMATS, Format((".json",), read_json, write_json)])
-    write_telemetry("log.json", read_telemetry(SAMPLE))
+    write_log("log.json", read_log(SAMPLE))
 
 
 def identified(cpid, log, *options):

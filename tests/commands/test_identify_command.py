@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cpid_drake import InertialParameters, read_telemetry, write_telemetry
+from cpid_drake import InertialParameters, read_log, write_log
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.identification.description import principal_axes
 from cpid_drake.identification.result_files import read_result
@@ -30,16 +30,16 @@ CAD = "mass: 8\np_CTcm_C: [0.3, 0, 0]\nI_TTcm_C: [[0.2, 0, 0], [0, 0.2, 0], [0, 
 @pytest.fixture
 def exact(cpid, zero_momentum_motion, skewed_target):
     """A log of the servicer without any error: 60 states at random."""
-    write_telemetry("exact.csv", zero_momentum_motion(skewed_target, 60, 4))
+    write_log("exact.csv", zero_momentum_motion(skewed_target, 60, 4))
     return Path("exact.csv")
 
 
 @pytest.fixture
 def halves(cpid):
     """The sample log in two files."""
-    log = read_telemetry(SAMPLE)
-    write_telemetry("first.csv", log.between(0.0, 4.999))
-    write_telemetry("second.csv", log.between(4.999, 20.0))
+    log = read_log(SAMPLE)
+    write_log("first.csv", log.between(0.0, 4.999))
+    write_log("second.csv", log.between(4.999, 20.0))
     return "first.csv", "second.csv"
 
 
@@ -47,7 +47,7 @@ def halves(cpid):
 def two_samples(cpid, zero_momentum_motion, skewed_target):
     """Two logs of two exact samples each: both leave one combination open."""
     for seed in (1, 2):
-        write_telemetry(f"{seed}.csv", zero_momentum_motion(skewed_target, 2, seed))
+        write_log(f"{seed}.csv", zero_momentum_motion(skewed_target, 2, seed))
     return "1.csv", "2.csv"
 
 
@@ -203,8 +203,8 @@ class TestSeveralLogs:
 
     def test_logs_of_two_targets_fail_a_check(self, cpid, zero_momentum_motion, skewed_target):
         other = InertialParameters(61.0, skewed_target.p_CTcm_C, skewed_target.I_TTcm_C)
-        write_telemetry("a.csv", zero_momentum_motion(skewed_target, 40, 1))
-        write_telemetry("b.csv", zero_momentum_motion(other, 40, 2))
+        write_log("a.csv", zero_momentum_motion(skewed_target, 40, 1))
+        write_log("b.csv", zero_momentum_motion(other, 40, 2))
         code, stdout, _ = cpid("identify", "a.csv", "b.csv", *SERVICER, "--json", "x.json")
         assert code == 4
         stdout = " ".join(stdout.split())  # lines may be as long as the terminal is wide

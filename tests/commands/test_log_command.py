@@ -7,7 +7,7 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
-from cpid_drake import load_scenario, read_result, read_telemetry, shipped_scenario, write_telemetry
+from cpid_drake import load_scenario, read_log, read_result, shipped_scenario, write_log
 from cpid_drake.dynamics.propagation import propagate
 from cpid_drake.resources import models_directory
 
@@ -28,7 +28,7 @@ def vicon(cpid):
     joint_motion = scenario.make_joint_motion(craft)
     phi = scenario.target_truth().to_standard_vector()
     base = propagate(craft.tree, joint_motion, phi, time)
-    motion = base.to_telemetry(craft.joint_names, time, joint_motion)
+    motion = base.to_motion(craft.joint_names, time, joint_motion)
     rotation = Rotation.from_quat(motion.quaternion_WB, scalar_first=True).as_rotvec(degrees=True)
     marker = motion.p_WB + np.einsum("nij,j->ni", motion.R_WB, MARKER)
     target = np.zeros((len(motion), 6))
@@ -130,9 +130,9 @@ class TestCheck:
         assert stderr == "cpid: error: bad.csv: 2 problems found, listed above\n"
 
     def test_contradictions_are_problems(self, cpid):
-        log = read_telemetry(SAMPLE)
+        log = read_log(SAMPLE)
         log.gyro.value[:] = np.degrees(log.gyro.value)
-        write_telemetry("degrees.csv", log)
+        write_log("degrees.csv", log)
         code, stdout, _ = cpid("log", "check", "degrees.csv")
         assert code == 2
         assert "angular_velocity.unit: deg/s" in stdout
@@ -140,9 +140,9 @@ class TestCheck:
 
     def test_positions_in_millimetres_are_named(self, cpid):
         """Rows do not use positions: their answer is right, with a warning."""
-        log = read_telemetry(SAMPLE)
+        log = read_log(SAMPLE)
         log.position.value[:] *= 1000
-        write_telemetry("mm.csv", log)
+        write_log("mm.csv", log)
         code, stdout, stderr = cpid("log", "check", "mm.csv", *CRAFT)
         assert code == 2
         assert "the position is in millimetres" in stdout + stderr

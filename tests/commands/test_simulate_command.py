@@ -13,7 +13,7 @@ from cpid_drake import identify, load_scenario, load_sensors
 from cpid_drake.commands.main import main
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.errors import InputError
-from cpid_drake.logs.files import read_telemetry
+from cpid_drake.logs.files import read_log
 from cpid_drake.report.run_folder import read_run
 from cpid_drake.resources import models_directory
 from cpid_drake.scenario.files import dump_scenario
@@ -67,7 +67,7 @@ def test_what_the_sensors_gave_identifies_the_target_that_is_said_to_be_true(sen
     np.testing.assert_array_equal(pi, [60, 0.5, 0.05, -0.1, 6, 9, 8, -0.4, 0.2, 0.5])
     suite = load_sensors(sensed / "sensors.yaml")
     assert repr(suite) == repr(load_sensors("flight"))
-    result = identify(spacecraft, read_telemetry(sensed / "telemetry.csv"), sensors=suite)
+    result = identify(spacecraft, read_log(sensed / "telemetry.csv"), sensors=suite)
     error = result.parameters - pi
     assert error @ np.linalg.solve(result.covariance, error) < 30  # χ² of 10: 1 in 1000
     assert np.sqrt(result.covariance[0, 0]) < 0.6

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cpid_drake import read_telemetry, write_telemetry
+from cpid_drake import read_log, write_log
 from cpid_drake.identification.result_files import read_result, write_result
 from cpid_drake.resources import models_directory
 
@@ -31,9 +31,9 @@ def cpid(run_cpid, monkeypatch, folder):
     """Return a function that runs `cpid` in a folder with a result and another log."""
     monkeypatch.chdir(folder)
     if not Path("result.json").exists():
-        log = read_telemetry(SAMPLE)
-        write_telemetry("first.csv", log.between(0.0, 4.999))
-        write_telemetry("second.csv", log.between(4.999, 20.0))
+        log = read_log(SAMPLE)
+        write_log("first.csv", log.between(0.0, 4.999))
+        write_log("second.csv", log.between(4.999, 20.0))
         run_cpid("identify", "first.csv", *FREE_FLYER, "--json", "result.json", "--quiet")
     return run_cpid
 

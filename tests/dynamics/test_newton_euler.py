@@ -80,7 +80,7 @@ def test_the_relative_form_needs_no_acceleration_of_the_base(craft, moving):
             moved[:4] /= np.linalg.norm(moved[:4])
             moved[nq:] += sign * h * rate
             states.append(moved)
-        m = momentum_samples(craft.tree, craft.to_telemetry(np.arange(len(x)), states))
+        m = momentum_samples(craft.tree, craft.to_motion(np.arange(len(x)), states))
         ends.append((m.motion.v_WC - m.P / m.mass, m.motion.R_WC))
     s_ddot = rotate(np.swapaxes(ends[1][1], 1, 2), (ends[2][0] - ends[0][0]) / (2 * h))
     psi = standard_to_relative(PHI, craft.mass)
@@ -101,7 +101,7 @@ def test_the_skew_consistent_form_is_newton_euler_for_its_own_twist(moving):
 
 def in_B(craft, x, vdot):
     """Return q, v and v̇ with the base's twist in B, of a state and accelerations of Drake's."""
-    telemetry = craft.to_telemetry(0.0, x)
+    telemetry = craft.to_motion(0.0, x)
     columns = {k: c - craft.plant.num_positions() for k, c in craft.state_columns.items()}
     R = telemetry.R_WB[0].T
     w, u = R @ telemetry.w_WB[0], R @ telemetry.v_WB[0]

@@ -142,7 +142,7 @@ def test_momentum_changes_by_the_forces_on_all_bodies(craft, motion, skewed_targ
         max_step=0.02,
         **POSE,
     )
-    telemetry = found.to_telemetry(craft.joint_names, [0.0, *times], motion).select(slice(1, None))
+    telemetry = found.to_motion(craft.joint_names, [0.0, *times], motion).select(slice(1, None))
     bodies, _ = forward_kinematics(full, **telemetry.states)
     P = linear_momentum(full, bodies)
     L = angular_momentum(full, bodies, np.zeros(3))

@@ -63,7 +63,7 @@ def simulated(kind="", *, duration=10.0, sensors=""):
 @pytest.fixture(scope="module", params=KINDS)
 def flexible(request):
     simulation, context, compliances = simulated(request.param, sensors="servicer")
-    measurements = simulation.measurements(context)
+    measurements = simulation.log(context)
     return request.param, simulation, measurements, compliances[request.param]
 
 

@@ -173,7 +173,7 @@ def test_thrusters_on_a_table(tmp_path):
                 name: getattr(base, name)[-1] for name in ("momentum_W", "quaternion_WB", "p_WB")
             }
         whole = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-        return BaseTrajectory(**whole).to_telemetry(craft.joint_names, times, joints)
+        return BaseTrajectory(**whole).to_motion(craft.joint_names, times, joints)
 
     ideal = ideal_log(suite, craft.joint_names, motion_of, planar_motion().duration)
     log = add_noise(suite, ideal.updated({THRUST: log_of_burns([burn])}), 0)

@@ -52,7 +52,7 @@ def drake(servicer, skewed_target, motion):
     simulator.AdvanceTo(10.0)
     log = logger.FindLog(simulator.get_context())
     states = log.data().T
-    return plant, states, servicer.to_telemetry(log.sample_times(), states)
+    return plant, states, servicer.to_motion(log.sample_times(), states)
 
 
 def test_drake_conserves_the_momentum(drake):
@@ -91,7 +91,7 @@ def test_momentum_is_what_it_should_be_throughout(servicer, skewed_target, motio
     times = np.linspace(0.0, 10.0, 21)
     phi = skewed_target.to_standard_vector()
     base = propagate(servicer.tree, motion, phi, times, momentum_W=momentum)
-    telemetry = base.to_telemetry(servicer.joint_names, times, motion)
+    telemetry = base.to_motion(servicer.joint_names, times, motion)
     P, L = total_momentum(servicer.tree, skewed_target, telemetry)
     np.testing.assert_allclose(np.hstack([L, P]), np.tile(momentum, (21, 1)), atol=1e-10)
 

@@ -31,7 +31,7 @@ def papers():
     spacecraft, times = scenario.spacecraft.make(), sampling_times(scenario)
     motion, phi = scenario.make_joint_motion(spacecraft), scenario.target_truth()
     base = propagate(spacecraft.tree, motion, phi.to_standard_vector(), [0.0, *times])
-    whole = base.to_telemetry(spacecraft.joint_names, [0.0, *times], motion)
+    whole = base.to_motion(spacecraft.joint_names, [0.0, *times], motion)
     return whole.select(slice(1, None))
 
 

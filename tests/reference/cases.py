@@ -22,7 +22,7 @@ from cpid_drake import (
     identify,
     load_scenario,
     load_sensors,
-    read_telemetry,
+    read_log,
     shipped_scenario,
 )
 
@@ -189,7 +189,7 @@ def two_logs(folder: Path) -> Rows:
                 scenario.known_bodies = bodies
                 world = World(scenario, np.random.default_rng([3, seed]) if options else None)
                 path = log_of(world, suite, 10 * seed + k, folder / "log.npz", hardware=seed)
-                logs[motion] = read_telemetry(path)
+                logs[motion] = read_log(path)
             found = identify(world.craft, logs, sensors=suite, **options)
             trials.append(trial_of(found, world))
         what = f"{name}: exciting_motion and paper together, flight, {seeds} seeds"

@@ -24,7 +24,7 @@ from cpid_drake import (
     identify,
     load_scenario,
     load_sensors,
-    read_telemetry,
+    read_log,
     shipped_scenario,
 )
 from cpid_drake.studies.trials import bound_of, ideal_samples, make_case
@@ -242,7 +242,7 @@ def identified(
     options = {"sensors": suite, "planar": True if world.planar else None, **options}
     begin = time.process_time()
     try:
-        data = read_telemetry(log)
+        data = read_log(log)
         found = identify(world.craft, data, **options)
     except InputError as error:
         return Trial(2, str(error), time.process_time() - begin)

@@ -8,7 +8,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from cpid_drake import write_telemetry
+from cpid_drake import write_log
 from cpid_drake.identification.estimators import ESTIMATORS
 from cpid_drake.identification.identify_files import converge, identify_files
 from cpid_drake.identification.request import Request, SpacecraftReference
@@ -65,7 +65,7 @@ def quick():
 @pytest.fixture
 def exact(tmp_path, zero_momentum_motion, skewed_target):
     """A log without any error, of 60 samples that have nothing to do with another."""
-    write_telemetry(tmp_path / "exact.csv", zero_momentum_motion(skewed_target, 60, 4))
+    write_log(tmp_path / "exact.csv", zero_momentum_motion(skewed_target, 60, 4))
     return tmp_path / "exact.csv"
 
 
@@ -83,7 +83,7 @@ def result_file(evidence, tmp_path):
 @pytest.fixture(scope="module")
 def html(tmp_path_factory, zero_momentum_motion, skewed_target):
     folder = tmp_path_factory.mktemp("report")
-    write_telemetry(folder / "exact.csv", zero_momentum_motion(skewed_target, 60, 4))
+    write_log(folder / "exact.csv", zero_momentum_motion(skewed_target, 60, 4))
     found = identify_files([Request(str(folder / "exact.csv"), SERVICER)])
     write_result(folder / "result.json", found.found)
     return identification_report(findings_of_file(folder / "result.json")).html()

@@ -46,7 +46,7 @@ def run():
 def test_the_plant_gets_the_momentum_of_the_burn(run):
     """Its force times its length, and the moment of the force at its point."""
     simulation, context = run
-    telemetry = simulation.telemetry(context)
+    telemetry = simulation.motion(context)
     P, L = total_momentum(simulation.spacecraft.tree, simulation.truth, telemetry)
     expected = simulation.expected_momentum(context)
     np.testing.assert_allclose(np.hstack([L, P]), expected, rtol=0, atol=2e-6)
@@ -59,7 +59,7 @@ def test_the_plant_gets_the_momentum_of_the_burn(run):
 def test_the_base_moves_as_momentum_says(run):
     """The plant's base, and that of the trials, whose momentum is integrated without a plant."""
     simulation, context = run
-    telemetry, scenario = simulation.telemetry(context), simulation.scenario
+    telemetry, scenario = simulation.motion(context), simulation.scenario
     case = make_case(scenario, simulation.spacecraft, simulation.truth, scenario.make_suite(), 0)
     base = base_trajectory(case, simulation.spacecraft.tree, telemetry.time)
     # The joints do not follow the desired motion exactly.
@@ -71,7 +71,7 @@ def test_the_base_moves_as_momentum_says(run):
 def test_the_log_has_the_error_of_its_scale(run):
     """The seed determines it; the true thrust is the logged one times one plus the error."""
     simulation, context = run
-    log = simulation.measurements(context).thrust
+    log = simulation.log(context).thrust
     noise = simulation.sensors.noise
     error = SimulatedDisturbance(noise.suite.disturbances, noise.seed).thrust_scale
     assert 0.01 < abs(error) < 4 * SCALE
@@ -109,7 +109,7 @@ def test_online_and_offline_identify_with_the_log_of_the_burn():
         online = simulation.identification(context)
         offline = identify(
             simulation.spacecraft,
-            simulation.measurements(context),
+            simulation.log(context),
             estimator="recursive_fit",
             sensors=scenario.make_suite(),
             momentum=TotalMomentum.unknown(),
@@ -132,5 +132,5 @@ def test_an_estimator_without_thrust_is_doubted():
     simulation = make_simulation(scenario)
     context = simulation.run()
     assert "does not use the log of thrust" in simulation.identification(context).failures[0]
-    found = identify(simulation.spacecraft, simulation.measurements(context), rows="standard")
+    found = identify(simulation.spacecraft, simulation.log(context), rows="standard")
     assert "thrusters fired from 0.73 s on" in found.failures[0]

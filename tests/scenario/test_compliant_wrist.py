@@ -45,7 +45,7 @@ def compliant():
 def test_a_compliant_wrist_conserves_momentum(compliant):
     """That of all bodies, as Drake computes it; in the rigid model the target does not move."""
     simulation, context = compliant
-    telemetry, expected = simulation.telemetry(context), simulation.expected_momentum(context)
+    telemetry, expected = simulation.motion(context), simulation.expected_momentum(context)
     np.testing.assert_allclose(simulation.momentum(context), expected, rtol=0, atol=1e-7)
     P, L = total_momentum(simulation.spacecraft.tree, simulation.truth, telemetry)
     relative = np.abs(np.hstack([L, P]) - expected)
@@ -56,7 +56,7 @@ def test_a_compliant_wrist_conserves_momentum(compliant):
 def test_the_joints_follow_their_motion(compliant):
     """The controller knows the wrist, so the spring disturbs no joint."""
     simulation, context = compliant
-    telemetry = simulation.telemetry(context)
+    telemetry = simulation.motion(context)
     expected = simulation.joint_motion.evaluate(telemetry.time)[:, 0]
     np.testing.assert_allclose(telemetry.q, expected, rtol=0, atol=1e-8)
 

@@ -69,7 +69,7 @@ def test_a_tumbling_capture_is_identified_with_its_momentum():
     scenario.simulation.duration = 5.0
     simulation = make_simulation(scenario)
     root_context = simulation.run()
-    telemetry = simulation.telemetry(root_context)
+    telemetry = simulation.motion(root_context)
     P, L = total_momentum(simulation.spacecraft.tree, simulation.truth, telemetry)
     momentum = np.tile(scenario.simulation.momentum_W, (len(telemetry), 1))
     np.testing.assert_allclose(np.hstack([L, P]), momentum, rtol=0, atol=1e-7)
@@ -145,7 +145,7 @@ def test_a_disturbance_changes_the_momentum_as_newtons_laws_say(walk):
     scenario.identification.estimator = "least_squares"
     simulation = make_simulation(scenario)
     context = simulation.run()
-    telemetry = simulation.telemetry(context)
+    telemetry = simulation.motion(context)
     P, L = total_momentum(simulation.spacecraft.tree, simulation.truth, telemetry)
     expected = simulation.expected_momentum(context)
     np.testing.assert_allclose(np.hstack([L, P]), expected, atol=2e-7)
@@ -172,7 +172,7 @@ def test_an_orbit_turns_and_moves_the_plant_as_it_does_the_base():
     scenario.identification.estimator = "least_squares"
     simulation = make_simulation(scenario)
     context = simulation.run()
-    telemetry = simulation.telemetry(context)
+    telemetry = simulation.motion(context)
     P, L = total_momentum(simulation.spacecraft.tree, simulation.truth, telemetry)
     expected = simulation.expected_momentum(context)
     np.testing.assert_allclose(np.hstack([L, P]), expected, rtol=0, atol=1e-6)
@@ -216,7 +216,7 @@ def sloshing():
 def test_sprung_masses_conserve_momentum(sloshing):
     """That of all bodies, as Drake computes it; the rigid model exchanges some with the masses."""
     simulation, context = sloshing
-    telemetry, expected = simulation.telemetry(context), simulation.expected_momentum(context)
+    telemetry, expected = simulation.motion(context), simulation.expected_momentum(context)
     np.testing.assert_allclose(simulation.momentum(context), expected, rtol=0, atol=1e-7)
     P, L = total_momentum(simulation.spacecraft.tree, simulation.truth, telemetry)
     exchanged = np.abs(np.hstack([L, P]) - expected)
@@ -288,7 +288,7 @@ def test_a_table_holds_height_and_tilt_and_nothing_in_the_plane():
     )
     simulation = make_simulation(scenario)
     context = simulation.run()
-    telemetry = simulation.telemetry(context)
+    telemetry = simulation.motion(context)
     assert np.abs(telemetry.p_WB[:, 2]).max() < 1e-4
     tilt = telemetry.R_WB[:, :2, 2]
     assert np.abs(tilt).max() < 1e-4
@@ -301,5 +301,5 @@ def test_a_table_holds_height_and_tilt_and_nothing_in_the_plane():
     np.testing.assert_allclose(telemetry.p_WB[:, :2], base.p_WB[:, :2], atol=2e-5)
     free = replace(scenario.spacecraft, on_table=False)
     loose = make_simulation(replace(scenario, spacecraft=free))
-    tilted = loose.telemetry(loose.run()).R_WB[:, :2, 2]
+    tilted = loose.motion(loose.run()).R_WB[:, :2, 2]
     assert np.abs(tilted).max() > 30 * np.abs(tilt).max()

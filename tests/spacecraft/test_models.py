@@ -69,7 +69,7 @@ def uncertainty(scenario) -> float:
     spacecraft, truth = scenario.spacecraft.make(), scenario.target_truth()
     motion, times = scenario.make_joint_motion(spacecraft), np.linspace(0.0, 10.0, 101)
     base = propagate(spacecraft.tree, motion, truth.to_standard_vector(), times)
-    telemetry = base.to_telemetry(spacecraft.joint_names, times, motion)
+    telemetry = base.to_motion(spacecraft.joint_names, times, motion)
     A = RELATIVE_ROWS.rows(momentum_samples(spacecraft.tree, telemetry))[0].reshape(-1, 10)
     parameterization = relative_parameterization(spacecraft.mass)
     jacobian = parameterization.jacobian(parameterization.from_parameters(truth.to_vector()))

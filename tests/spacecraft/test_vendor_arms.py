@@ -137,7 +137,7 @@ def test_a_target_is_identified_on_a_vendors_arm(on_carrier, box, arm):
         simulation=SimulationConfig(duration=3.0),
     )
     simulation = make_simulation(scenario)
-    telemetry = simulation.telemetry(simulation.run())
+    telemetry = simulation.motion(simulation.run())
     result = identify(simulation.spacecraft, telemetry, rows="standard")
     assert result.is_observable
     scale = np.repeat([box.mass, 0.5, np.trace(box.I_TTcm_C)], [1, 3, 6])

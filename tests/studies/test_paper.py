@@ -36,7 +36,7 @@ def test_the_papers_samples_give_its_target(servicer, paper_target):
     scenario = load_scenario(shipped_scenario("paper"))
     motion, time = scenario.make_joint_motion(servicer), np.arange(0.0, 11.0)
     base = propagate(servicer.tree, motion, paper_target.to_standard_vector(), time)
-    exact = base.to_telemetry(servicer.joint_names, time, motion).select(slice(1, None))
+    exact = base.to_motion(servicer.joint_names, time, motion).select(slice(1, None))
     ranks = [errors_of(servicer, exact.select(slice(0, n)), paper_target)[0] for n in range(1, 5)]
     assert ranks == [6, 9, 10, 10]
     _, error = errors_of(servicer, exact, paper_target)

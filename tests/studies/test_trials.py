@@ -39,7 +39,7 @@ def case(skewed_target) -> Case:
 def momenta(case, craft, disturbance):
     """Return P, L about the centre of mass, and this centre (N, 3), by sums over the bodies."""
     base = base_trajectory(case, craft.tree, TIMES, disturbance)
-    telemetry = base.to_telemetry(craft.joint_names, TIMES, case.motion)
+    telemetry = base.to_motion(craft.joint_names, TIMES, case.motion)
     P, L = total_momentum(craft.tree, case.truth, telemetry)
     mass = case.truth.mass + craft.mass
     still = replace(telemetry, w_WB=0 * telemetry.w_WB, v_WB=np.zeros_like(P), qdot=0 * telemetry.q)

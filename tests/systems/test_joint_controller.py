@@ -38,7 +38,7 @@ def run(request):
     scenario.controller.nominal_mass = 60.0
     simulation = make_simulation(scenario)
     context = simulation.run()
-    return request.param, simulation, simulation.telemetry(context)
+    return request.param, simulation, simulation.motion(context)
 
 
 def joint_errors(simulation, telemetry):

@@ -47,7 +47,7 @@ def finished(simulation):
 @pytest.fixture(scope="module")
 def samples(simulation, finished) -> Log:
     """Return all samples of the run."""
-    return simulation.measurements(finished)
+    return simulation.log(finished)
 
 
 @pytest.fixture

@@ -141,7 +141,7 @@ def test_samples_of_a_simulated_plant_are_those_of_its_logged_motion(servicer, s
 
     def motion(wanted):
         index = np.abs(times[:, None] - wanted).argmin(axis=0)
-        return servicer.to_telemetry(wanted, np.array(states)[index])
+        return servicer.to_motion(wanted, np.array(states)[index])
 
     only = SensorSuite(attitude=suite.attitude, gyro=suite.gyro, position=suite.position)
     expected = add_noise(only, ideal_log(only, servicer.joint_names, motion, 0.5), 8)

@@ -203,7 +203,7 @@ def _simulated(plan: Plan, job: _Job) -> Log | Motion:
     simulation = make_simulation(_scenario(plan, job))
     if job.suite is None:
         return simulation.run_sampled(_instants(job.trial))[1]
-    return with_sensor_errors(simulation.measurements(simulation.run()), job.trial.errors)
+    return with_sensor_errors(simulation.log(simulation.run()), job.trial.errors)
 
 
 def replayed(plan: Plan, number: int) -> Scenario:
@@ -258,7 +258,7 @@ def _compared(plan: Plan, job: _Job) -> dict[str, float]:
     seed = seeds_of(plan.campaign.seed, job.number)[0]
     tree = job.spacecraft.tree
     base = base_trajectory(job.case, tree, times, job.case.disturbance(seed))
-    own = base.to_telemetry(job.spacecraft.joint_names, times, job.case.motion)
+    own = base.to_motion(job.spacecraft.joint_names, times, job.case.motion)
     turn = np.linalg.norm(np.swapaxes(own.R_WB, 1, 2) @ drake.R_WB - np.eye(3), axis=(1, 2))
     return {
         "drake_position": float(np.linalg.norm(own.p_WB - drake.p_WB, axis=1).max()),

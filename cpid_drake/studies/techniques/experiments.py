@@ -134,7 +134,7 @@ def resimulated(truth: Truth) -> Numbers:
 
     def base(target: InertialParameters) -> Motion:
         found = propagate(tree, truth.case.motion, target.to_standard_vector(), times)
-        return found.to_telemetry(truth.spacecraft.joint_names, times, truth.case.motion)
+        return found.to_motion(truth.spacecraft.joint_names, times, truth.case.motion)
 
     true, other = base(truth.case.truth), base(PAPER_TABLE_1)
     return {

@@ -235,7 +235,7 @@ class Truth:
         kept = (times >= LEFT_OUT - 1e-9) & (times <= case.duration - LEFT_OUT + 1e-9)
         around = (times[kept][:, None] + STEP * np.array([-1.0, 0.0, 1.0])).ravel()
         base = base_trajectory(case, tree, np.append(0.0, around))
-        near = base.to_telemetry(names, np.append(0.0, around), case.motion).select(slice(1, None))
+        near = base.to_motion(names, np.append(0.0, around), case.motion).select(slice(1, None))
         return ideal_samples(case, tree, names), Rates(tree, near)
 
     def _trial(self, log: Log, true: Rates, rates: Rates, seed: int | None) -> Trial:

@@ -207,7 +207,7 @@ def test_a_torque_turns_and_an_acceleration_moves(case):
             wrench=Wrench(np.concatenate([torque, a])),
             max_step=0.02,
         )
-        shown = base.to_telemetry(case.craft.joint_names, grid, motion)
+        shown = base.to_motion(case.craft.joint_names, grid, motion)
         return shown.select(np.isin(grid + START, times))
 
     suite = case.suite

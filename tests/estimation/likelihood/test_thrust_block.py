@@ -64,7 +64,7 @@ def truth(case, time):
     """Return the true state at a time: momentum and pose are integrated together."""
     times = np.array([0.0, time, case.motion.duration])
     base = base_trajectory(burning(case), case.craft.tree, times)
-    telemetry = base.to_telemetry(case.craft.joint_names, times, case.motion)
+    telemetry = base.to_motion(case.craft.joint_names, times, case.motion)
     state = case.state_of(telemetry.select(slice(1, 2)))
     return replace(state, bias=np.zeros((3, 3)), constants=np.zeros(1))
 

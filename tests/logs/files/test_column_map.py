@@ -8,10 +8,10 @@ import yaml
 from processes import ROOT
 from scipy.spatial.transform import Rotation
 
-from cpid_drake import InputError, read_telemetry
+from cpid_drake import InputError, read_log
 from cpid_drake.logs.column_map import ColumnMap, load_column_map
 from cpid_drake.logs.conversion import from_columns
-from cpid_drake.logs.files import FORMATS, inspect_telemetry
+from cpid_drake.logs.files import FORMATS, inspect_log
 from cpid_drake.sensors.sensors import SENSORS
 
 POINT = np.array([0.3, -0.2, 0.5])
@@ -100,7 +100,7 @@ def test_an_attitude_in_any_convention_is_read(tmp_path, motion, kind, entry):
     columns.update({f"a{k}": column for k, column in enumerate(values)})
     names = ", ".join(f"a{k}" for k in range(len(values)))
     text = f"attitude: {{columns: [{names}], {entry.strip('{}')}}}"
-    log = read_telemetry(written(tmp_path, columns), columns=mapped(tmp_path, text))
+    log = read_log(written(tmp_path, columns), columns=mapped(tmp_path, text))
     assert_reads_as(log, motion)
 
 
@@ -129,7 +129,7 @@ def test_names_units_frames_and_a_marker_are_converted_in_every_format(tmp_path,
         ignore_joints: [finger]
     """
     file, columns_file = written(tmp_path, columns, ending), mapped(tmp_path, text)
-    found = inspect_telemetry(file, columns=columns_file)
+    found = inspect_log(file, columns=columns_file)
     moved = found.log
     # 1.7e18 ns has a resolution of 256 ns.
     np.testing.assert_allclose(moved.gyro.time, motion.time, rtol=0, atol=2e-7)
@@ -143,12 +143,12 @@ def test_frames_and_stamps_of_two_columns_are_times(tmp_path, motion):
     columns = house(motion)
     columns["time"] = np.arange(40) + 7
     text = "time: {unit: frame, rate: 10, epoch: 7}"
-    log = read_telemetry(written(tmp_path, columns), columns=mapped(tmp_path, text))
+    log = read_log(written(tmp_path, columns), columns=mapped(tmp_path, text))
     np.testing.assert_allclose(log.gyro.time, motion.time, rtol=0, atol=1e-12)
     columns["time"] = np.floor(motion.time) + 1.7e9
     columns["nanosec"] = np.round((motion.time % 1) * 1e9)
     text = "time: {epoch: 1.7e9, nanoseconds: nanosec}"
-    log = read_telemetry(written(tmp_path, columns), columns=mapped(tmp_path, text))
+    log = read_log(written(tmp_path, columns), columns=mapped(tmp_path, text))
     np.testing.assert_allclose(log.gyro.time, motion.time, rtol=0, atol=1e-12)
 
 
@@ -169,7 +169,7 @@ def test_a_marker_without_an_attitude_on_its_row_is_counted_not_used(tmp_path, m
     columns = house(motion)
     columns["qw"] = np.where(np.arange(40) == 5, np.nan, columns["qw"])
     file = written(tmp_path, columns)
-    found = inspect_telemetry(file, columns=mapped(tmp_path, "position: {point_B: [1, 0, 0]}"))
+    found = inspect_log(file, columns=mapped(tmp_path, "position: {point_B: [1, 0, 0]}"))
     assert found.partial["position"] == 1
     assert len(found.log.position) == 39
 
@@ -180,7 +180,7 @@ def test_samples_that_are_logged_in_part_are_counted_whatever_their_convention(t
     columns["qw"] = np.where(np.arange(40) < 3, np.nan, columns["qw"])
     for name in ("wx", "wy", "wz"):  # not logged at all on most rows: absent, not incomplete
         columns[name] = np.where(np.arange(40) % 4, np.nan, columns[name])
-    found = inspect_telemetry(
+    found = inspect_log(
         written(tmp_path, columns), columns=mapped(tmp_path, "velocity: {frame: body}")
     )
     assert found.partial == {"attitude": 3, "gyro": 1, "velocity": 4}
@@ -195,7 +195,7 @@ def test_angles_that_are_logged_in_part_are_counted(tmp_path, motion):
         columns.pop(name)
     columns.update(zip("abc", angles.T))
     text = "attitude: {columns: [a, b, c], order: euler_xyz}"
-    found = inspect_telemetry(written(tmp_path, columns), columns=mapped(tmp_path, text))
+    found = inspect_log(written(tmp_path, columns), columns=mapped(tmp_path, text))
     assert found.partial == {"attitude": 2}
 
 
@@ -204,8 +204,8 @@ def test_joints_that_the_spacecraft_lacks_do_not_make_samples_incomplete(tmp_pat
     columns["q:finger"] = np.full(40, np.nan)  # without a rate, and at its own times
     file = written(tmp_path, columns)
     with pytest.raises(InputError, match="no 'qd:finger'"):
-        read_telemetry(file)
-    found = inspect_telemetry(file, joints=motion.joint_names)
+        read_log(file)
+    found = inspect_log(file, joints=motion.joint_names)
     assert found.left_out_joints == ("finger",)
     np.testing.assert_array_equal(found.log.encoders.value, motion.q)
 
@@ -244,7 +244,7 @@ def test_a_map_that_contradicts_itself_is_refused(tmp_path, text, phrase):
 def test_a_map_of_another_log_is_refused(tmp_path, motion, text, phrase):
     file = written(tmp_path, house(motion))
     with pytest.raises(InputError, match=phrase):
-        read_telemetry(file, columns=mapped(tmp_path, text))
+        read_log(file, columns=mapped(tmp_path, text))
 
 
 @pytest.mark.parametrize("between", [" ", ";", "\t", "   "])
@@ -256,7 +256,7 @@ def test_a_text_file_without_a_header_is_read_by_the_numbers_of_its_columns(
     file = tmp_path / "log.csv"
     file.write_text("\n".join(between.join(map(repr, row)) for row in values.tolist()))
     with pytest.raises(InputError, match=r"line 1 holds numbers; .* by their numbers"):
-        read_telemetry(file)
+        read_log(file)
     numbers = dict(zip(columns, map(str, range(1, len(columns) + 1))))
     given = ColumnMap()
     given.time.column = numbers["time"]
@@ -267,7 +267,7 @@ def test_a_text_file_without_a_header_is_read_by_the_numbers_of_its_columns(
     given.angular_velocity.frame = "world"
     for section, prefix in ((given.joint_positions, "q:"), (given.joint_rates, "qd:")):
         section.columns = {joint: numbers[prefix + joint] for joint in motion.joint_names}
-    assert_reads_as(read_telemetry(file, columns=given), motion)
+    assert_reads_as(read_log(file, columns=given), motion)
 
 
 def test_columns_in_memory_are_read_like_a_file(motion):

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake import InputError
 from cpid_drake.logs.column_map import ColumnMap
-from cpid_drake.logs.files import inspect_telemetry, read_telemetry
+from cpid_drake.logs.files import inspect_log, read_log
 from cpid_drake.logs.noise_estimation import sensor_noise
 
 YAW = np.array([0.1, 0.4, -3.0, 3.5])
@@ -24,7 +24,7 @@ def write(path, head=HEAD, scale=1.0):
 
 
 def test_yaw_is_the_rotation_about_z_and_what_the_table_holds_is_zero(tmp_path):
-    log = read_telemetry(write(tmp_path / "log.csv"))
+    log = read_log(write(tmp_path / "log.csv"))
     expected = Rotation.from_euler("z", YAW[:, None]).as_matrix()
     found = Rotation.from_quat(log.attitude.value, scalar_first=True).as_matrix()
     np.testing.assert_allclose(found, expected, atol=1e-12)
@@ -39,7 +39,7 @@ def test_an_empty_cell_makes_its_sample_absent(tmp_path):
     lines = path.read_text().splitlines()
     lines[2] = "1.0,,,,0.01,0.02,0.3,0.5"
     path.write_text("\n".join(lines) + "\n")
-    log = read_telemetry(path)
+    log = read_log(path)
     assert len(log.attitude) == len(log.position) == 3
     assert len(log.velocity) == 4
 
@@ -51,8 +51,8 @@ def test_a_map_names_the_angle_its_unit_and_two_coordinates(tmp_path):
     given.attitude.order, given.attitude.unit = "yaw", "deg"
     given.attitude.columns, given.position.columns = ["heading"], ["mocap_x", "mocap_y"]
     given.velocity.columns, given.angular_velocity.columns = ["u", "v"], ["spin"]
-    mapped = read_telemetry(path, columns=given)
-    plain = read_telemetry(write(tmp_path / "plain.csv"))
+    mapped = read_log(path, columns=given)
+    plain = read_log(write(tmp_path / "plain.csv"))
     for name in ("attitude", "position", "velocity", "gyro", "encoders"):
         np.testing.assert_allclose(mapped[name].value, plain[name].value, atol=1e-12)
 
@@ -61,8 +61,8 @@ def test_a_map_of_joints_alone_still_finds_the_yaw(tmp_path):
     path = write(tmp_path / "log.csv", HEAD.replace("q:shoulder", "arm_1"))
     given = ColumnMap()
     given.joint_positions.columns = {"shoulder": "arm_1"}
-    log = read_telemetry(path, columns=given)
-    plain = read_telemetry(write(tmp_path / "plain.csv"))
+    log = read_log(path, columns=given)
+    plain = read_log(write(tmp_path / "plain.csv"))
     np.testing.assert_allclose(log.attitude.value, plain.attitude.value)
     assert len(log.position) == 4
 
@@ -70,14 +70,14 @@ def test_a_map_of_joints_alone_still_finds_the_yaw(tmp_path):
 def test_without_the_yaw_two_coordinates_are_not_a_position(tmp_path):
     path = write(tmp_path / "log.csv", HEAD.replace("yaw", "heading"))
     with pytest.raises(InputError, match="needs the columns wx, wy, wz"):
-        read_telemetry(path)
+        read_log(path)
 
 
 def test_a_wrong_number_of_columns_is_refused(tmp_path):
     given = ColumnMap()
     given.attitude.order, given.position.columns = "yaw", ["a", "b", "c"]
     with pytest.raises(InputError, match=r"position\.columns must name 2, not 3"):
-        inspect_telemetry(write(tmp_path / "log.csv"), columns=given)
+        inspect_log(write(tmp_path / "log.csv"), columns=given)
 
 
 def test_noise_is_that_of_the_yaw_alone(tmp_path):
@@ -86,6 +86,6 @@ def test_noise_is_that_of_the_yaw_alone(tmp_path):
     rows = np.column_stack([0.1 * np.arange(2000), xy, yaw, np.zeros(2000)])
     path = tmp_path / "log.csv"
     np.savetxt(path, rows, delimiter=",", header="time,x,y,yaw,q:shoulder", comments="")
-    log = read_telemetry(path)
+    log = read_log(path)
     assert sensor_noise("attitude", log.attitude) == pytest.approx(1e-3, rel=0.1)
     assert sensor_noise("position", log.position) == pytest.approx(2e-3, rel=0.1)

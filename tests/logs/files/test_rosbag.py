@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cpid_drake import InputError, read_telemetry
+from cpid_drake import InputError, read_log
 from cpid_drake.dynamics.rotations import rotate
-from cpid_drake.logs.files import inspect_telemetry
+from cpid_drake.logs.files import inspect_log
 from cpid_drake.sensors.sensors import SENSORS
 
 rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="needs the package rosbags")
@@ -128,9 +128,9 @@ def assert_equal(measurements, telemetry, sensors=SENSORS):
 @pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
 def test_a_bag_gives_back_the_motion(write, telemetry, storage):
     bag = write(odometry_and_joints(telemetry), storage)
-    assert_equal(read_telemetry(bag), telemetry)
+    assert_equal(read_log(bag), telemetry)
     (file,) = [file for file in bag.iterdir() if file.suffix in (".db3", ".mcap")]
-    assert_equal(read_telemetry(str(file)), telemetry)
+    assert_equal(read_log(str(file)), telemetry)
 
 
 def test_a_map_of_columns_serves_bags(write, telemetry, tmp_path):
@@ -150,14 +150,14 @@ def test_a_map_of_columns_serves_bags(write, telemetry, tmp_path):
         joint_rates: {prefix: "qd:robot/"}
         """
     )
-    found = read_telemetry(bag, columns=columns)
+    found = read_log(bag, columns=columns)
     assert_equal(found, telemetry, ("attitude", "position", "encoders", "joint_rates"))
 
 
 def test_poses_give_attitude_and_position_only(write, telemetry):
     topics = {"/mocap": series(stamped_pose, telemetry), "/j": series(joint_state, telemetry)}
     joint_and_pose = ("attitude", "position", "encoders", "joint_rates")
-    assert_equal(read_telemetry(write(topics)), telemetry, joint_and_pose)
+    assert_equal(read_log(write(topics)), telemetry, joint_and_pose)
 
 
 def test_thrust_is_read_from_the_topic_that_is_named(write, telemetry):
@@ -169,8 +169,8 @@ def test_thrust_is_read_from_the_topic_that_is_named(write, telemetry):
         for k, stamp in enumerate(stamps())
     ]
     bag = write({**odometry_and_joints(telemetry), "/thrusters": messages, "/wrist": messages[:5]})
-    assert not len(read_telemetry(bag).thrust)
-    found = read_telemetry(bag, topics={"thrust": "/thrusters"})
+    assert not len(read_log(bag).thrust)
+    found = read_log(bag, topics={"thrust": "/thrusters"})
     assert_equal(found, telemetry)
     expected = [[4.0, 5.0, -k, k, 2.0, 3.0] for k in range(COUNT)]
     np.testing.assert_array_equal(found.thrust.value, expected)
@@ -180,19 +180,19 @@ def test_thrust_is_read_from_the_topic_that_is_named(write, telemetry):
 def test_an_imu_gives_the_gyro_and_an_attitude_if_it_says_so(write, telemetry):
     joints = series(joint_state, telemetry, rates=False)
     bag = write({"/imu": series(imu, telemetry), "/j": joints})
-    assert_equal(read_telemetry(bag), telemetry, ("attitude", "gyro", "encoders"))
+    assert_equal(read_log(bag), telemetry, ("attitude", "gyro", "encoders"))
     bag = write({"/imu": series(imu, telemetry, oriented=False), "/j": joints})
-    assert_equal(read_telemetry(bag), telemetry, ("gyro", "encoders"))
+    assert_equal(read_log(bag), telemetry, ("gyro", "encoders"))
 
 
 def test_the_imu_is_the_gyro_beside_odometry_unless_it_is_left_out(write, telemetry):
     topics = odometry_and_joints(telemetry) | {"/imu": series(imu, telemetry, w_error=0.5)}
     bag = write(topics)
     gyro = SENSORS["gyro"].ideal(telemetry)
-    measurements = read_telemetry(bag)
+    measurements = read_log(bag)
     np.testing.assert_allclose(measurements.gyro.value, gyro + 0.5, atol=1e-12)
     np.testing.assert_allclose(measurements.attitude.value, telemetry.quaternion_WB, atol=1e-12)
-    assert_equal(read_telemetry(bag, topics={"imu": ""}), telemetry)
+    assert_equal(read_log(bag, topics={"imu": ""}), telemetry)
 
 
 def test_joints_may_change_their_order_and_messages_may_be_late(write, telemetry):
@@ -203,13 +203,13 @@ def test_joints_may_change_their_order_and_messages_may_be_late(write, telemetry
         topics["/joints"][k] = joint_state(telemetry, k, stamps()[k], order=order)
     received = (START + STEP * (np.arange(COUNT) + rng.uniform(0, 20, COUNT))).astype(int)
     assert (np.diff(received) < 0).any()
-    assert_equal(read_telemetry(write(topics, received=received.tolist())), telemetry)
+    assert_equal(read_log(write(topics, received=received.tolist())), telemetry)
 
 
 def test_an_attitude_that_is_none_takes_its_velocity_with_it(write, telemetry):
     topics = odometry_and_joints(telemetry)
     topics["/odom"][7].pose.pose.orientation = TYPES["Quaternion"](0.0, 0.0, 0.0, 0.0)
-    found = inspect_telemetry(write(topics))
+    found = inspect_log(write(topics))
     assert found.partial == {"attitude": 1, "velocity": 1}
     assert not found.problems
     assert len(found.log.position) == COUNT
@@ -223,7 +223,7 @@ def test_an_attitude_that_is_none_takes_its_velocity_with_it(write, telemetry):
 def test_a_message_that_comes_twice_counts_once(write, telemetry):
     topics = odometry_and_joints(telemetry)
     topics["/joints"].append(joint_state(telemetry, 3, stamps()[-1]))
-    found = inspect_telemetry(write(topics))
+    found = inspect_log(write(topics))
     assert found.partial == {"encoders": 1, "joint_rates": 1}
     assert_equal(found.log, telemetry)
 
@@ -233,10 +233,10 @@ def test_one_of_several_topics_is_chosen_by_name(write, telemetry):
     topics["/slam"] = [odometry(telemetry, 0, stamp) for stamp in stamps()]
     bag = write(topics)
     with pytest.raises(InputError, match=r"several .*: /odom, /slam; .*'odometry': '/odom'"):
-        read_telemetry(bag)
-    assert_equal(read_telemetry(bag, topics={"odometry": "/odom"}), telemetry)
-    assert np.ptp(read_telemetry(bag, topics={"odometry": "/slam"}).position.value) > 0
-    assert np.ptp(read_telemetry(bag, topics={"odometry": "/slam"}).position.value[:, 0]) == 0
+        read_log(bag)
+    assert_equal(read_log(bag, topics={"odometry": "/odom"}), telemetry)
+    assert np.ptp(read_log(bag, topics={"odometry": "/slam"}).position.value) > 0
+    assert np.ptp(read_log(bag, topics={"odometry": "/slam"}).position.value[:, 0]) == 0
 
 
 def test_messages_that_contradict_each_other_are_refused(write, telemetry):
@@ -259,7 +259,7 @@ def test_messages_that_contradict_each_other_are_refused(write, telemetry):
         (damaged("/odom", 9, odometry(telemetry, 9, 0)), "jump back by 1.76374e.09 s at message 9"),
     ]:
         with pytest.raises(InputError, match=words):
-            read_telemetry(bag)
+            read_log(bag)
 
 
 @pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
@@ -271,7 +271,7 @@ def test_damaged_bags_raise_one_error_only(write, telemetry, storage):
     for content in truncated:
         file.write_bytes(content)
         with pytest.raises(InputError):
-            read_telemetry(bag)
+            read_log(bag)
     refused = 0
     for _ in range(30):
         content = np.frombuffer(whole, np.uint8).copy()
@@ -279,7 +279,7 @@ def test_damaged_bags_raise_one_error_only(write, telemetry, storage):
         content[where] = rng.integers(256, size=where.size)
         file.write_bytes(content.tobytes())
         try:
-            read_telemetry(bag)  # noise in the numbers alone cannot be seen
+            read_log(bag)  # noise in the numbers alone cannot be seen
         except InputError:
             refused += 1
     assert refused > 10
@@ -287,7 +287,7 @@ def test_damaged_bags_raise_one_error_only(write, telemetry, storage):
     metadata = bag / "metadata.yaml"
     metadata.write_text(metadata.read_text().replace("message_count: 8", "message_count: 9"))
     with pytest.raises(InputError, match="/odom: only 8 of 9 messages are present"):
-        read_telemetry(bag)
+        read_log(bag)
     metadata.write_text("rosbag2_bagfile_information: [1, 2")
     with pytest.raises(InputError, match="not a ROS 2 bag"):
-        read_telemetry(bag)
+        read_log(bag)

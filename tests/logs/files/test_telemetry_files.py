@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cpid_drake import InputError, Log, read_telemetry, write_telemetry
-from cpid_drake.logs.files import inspect_telemetry
+from cpid_drake import InputError, Log, read_log, write_log
+from cpid_drake.logs.files import inspect_log
 from cpid_drake.logs.log import ideal_log
 from cpid_drake.sensors.sensors import SENSORS, AttitudeSensor, Gyro, JointSensor, VectorSensor
 from cpid_drake.sensors.suite import SensorSuite
@@ -42,8 +42,8 @@ def assert_same(a: Log, b: Log, tolerance: float = 0.0) -> None:
 class TestRoundTrip:
     def test_motion_comes_back_bit_by_bit(self, tmp_path, random_motion, ending):
         telemetry = random_motion(50, 1)
-        write_telemetry(tmp_path / f"log.{ending}", telemetry)
-        read = read_telemetry(tmp_path / f"log.{ending}")
+        write_log(tmp_path / f"log.{ending}", telemetry)
+        read = read_log(tmp_path / f"log.{ending}")
         assert read.joint_names == telemetry.joint_names
         np.testing.assert_array_equal(read.position.value, telemetry.p_WB)
         np.testing.assert_array_equal(read.attitude.value, telemetry.quaternion_WB)
@@ -58,24 +58,24 @@ class TestRoundTrip:
         measurements = ideal_log(
             SUITE, names, lambda t: replace(random_motion(len(t), 3), time=t), 2.0
         )
-        write_telemetry(tmp_path / f"log.{ending}", measurements)
-        assert_same(read_telemetry(tmp_path / f"log.{ending}"), measurements)
+        write_log(tmp_path / f"log.{ending}", measurements)
+        assert_same(read_log(tmp_path / f"log.{ending}"), measurements)
 
 
 class TestCsv:
     @pytest.fixture
     def plain(self, tmp_path):
-        return read_telemetry(write(tmp_path, HEADER, *ROWS, name="plain.csv"))
+        return read_log(write(tmp_path, HEADER, *ROWS, name="plain.csv"))
 
     def test_empty_cells_are_absent_samples(self, tmp_path, plain):
         rows = [ROWS[0], ROWS[1].replace(",1,0,0,0,", ",,,,,", 1), ROWS[2]]
-        read = read_telemetry(write(tmp_path, HEADER, *rows))
+        read = read_log(write(tmp_path, HEADER, *rows))
         np.testing.assert_array_equal(read.attitude.time, [0.0, 1.0])
         np.testing.assert_array_equal(read.gyro.time, plain.gyro.time)
 
     def test_samples_there_in_part_only_are_counted_and_left_out(self, tmp_path):
         rows = [ROWS[0], ROWS[1].replace(",0.2,", ",,"), ROWS[2]]
-        found = inspect_telemetry(write(tmp_path, HEADER, *rows))
+        found = inspect_log(write(tmp_path, HEADER, *rows))
         assert found.partial == {"gyro": 1}
         np.testing.assert_array_equal(found.log.gyro.time, [0.0, 1.0])
 
@@ -94,12 +94,12 @@ class TestCsv:
     def test_bad_headers_are_named(self, tmp_path, old, new, phrase):
         path = write(tmp_path, HEADER.replace(old, new), *ROWS)
         with pytest.raises(InputError) as caught:
-            read_telemetry(path)
+            read_log(path)
         assert phrase in str(caught.value)
 
     def test_time_that_goes_back_or_stands_still_is_named(self, tmp_path):
         rows = [ROWS[0], ROWS[2], ROWS[1], ROWS[2], ROWS[0].replace("0.0", "2.0", 1)]
-        found = inspect_telemetry(write(tmp_path, HEADER, *rows))
+        found = inspect_log(write(tmp_path, HEADER, *rows))
         assert found.problems == [
             "line 4, column 'time': time 0.5 s comes after 1 s",
             "line 5, column 'time': time 1 s is there twice",

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cpid_drake import InputError, read_telemetry, write_telemetry
+from cpid_drake import InputError, read_log, write_log
 from cpid_drake.logs.burns import Burn, log_of_burns
 from cpid_drake.logs.conversion import from_columns
 from cpid_drake.logs.files import FORMATS, table_of
@@ -62,16 +62,16 @@ def test_overlapping_burns_add_up():
 def test_what_is_written_is_read(log, tmp_path, ending):
     """Burns are rows with nothing else; in every format."""
     path = tmp_path / f"log.{ending}"
-    write_telemetry(path, log)
-    read = read_telemetry(path)
+    write_log(path, log)
+    read = read_log(path)
     np.testing.assert_allclose(read.thrust.held_at(TIMES), log.thrust.held_at(TIMES))
     np.testing.assert_array_equal(read.position.value, log.position.value)
 
 
 def test_a_window_begins_with_the_thrust_that_holds(log, tmp_path):
     path = tmp_path / "log.csv"
-    write_telemetry(path, log)
-    part = read_telemetry(path).between(1.0, 2.0)
+    write_log(path, log)
+    part = read_log(path).between(1.0, 2.0)
     inside = TIMES[(TIMES >= 1.0) & (TIMES <= 2.0)]
     np.testing.assert_allclose(part.thrust.held_at(inside), log.thrust.held_at(inside))
 
@@ -79,7 +79,7 @@ def test_a_window_begins_with_the_thrust_that_holds(log, tmp_path):
 def test_force_alone_acts_at_the_origin_of_the_base(log, tmp_path):
     force, nothing = np.tile([1.0, -2.0, 3.0], (40, 1)), np.zeros((40, 0))
     columns = rows_of(log, force, nothing, THRUST_COLUMNS[3:])
-    read = read_telemetry(written(tmp_path, columns))
+    read = read_log(written(tmp_path, columns))
     np.testing.assert_array_equal(read.thrust.value[0], [0, 0, 0, 1.0, -2.0, 3.0])
 
 
@@ -91,11 +91,11 @@ def test_a_map_says_units_and_the_point_of_the_force(log, tmp_path):
     (tmp_path / "map.yaml").write_text(
         "thrust: {force: [FX, FY, FZ], torque: [MX, MY, MZ], force_unit: mN, point_B: [1, 0, 2]}\n"
     )
-    read = read_telemetry(path, columns=tmp_path / "map.yaml")
+    read = read_log(path, columns=tmp_path / "map.yaml")
     f = np.array([0.1, -0.2, 0.3])
     expected = [*(np.array([1.0, 2.0, 3.0]) + np.cross([1.0, 0.0, 2.0], f)), *f]
     np.testing.assert_allclose(read.thrust.value, np.tile(expected, (40, 1)))
-    assert not len(read_telemetry(path).thrust)
+    assert not len(read_log(path).thrust)
 
 
 def test_a_log_on_a_table_needs_three_columns(log, tmp_path):
@@ -103,7 +103,7 @@ def test_a_log_on_a_table_needs_three_columns(log, tmp_path):
     for name in ("qw", "qx", "qy", "qz", "z", "thrust_fz", "thrust_tx", "thrust_ty"):
         del columns[name]
     columns["yaw"] = np.linspace(0, 0.1, 40)
-    read = read_telemetry(written(tmp_path, columns))
+    read = read_log(written(tmp_path, columns))
     np.testing.assert_array_equal(read.thrust.value[0], [0, 0, 2.0, 1.0, 1.0, 0])
 
 
@@ -111,7 +111,7 @@ def test_a_force_without_one_of_its_columns_is_refused(log, tmp_path):
     columns = rows_of(log, np.ones((40, 3)), np.ones((40, 3)))
     del columns["thrust_fy"]
     with pytest.raises(InputError, match="thrust_fy"):
-        read_telemetry(written(tmp_path, columns))
+        read_log(written(tmp_path, columns))
 
 
 def test_openings_of_valves_become_one_log_of_their_changes(random_motion):
