@@ -3,8 +3,6 @@
 from pathlib import Path
 from typing import Annotated, Literal
 
-import typer
-
 from cpid_drake.commands.options import ForceOption, ResultArgument, log_console
 from cpid_drake.errors import InputError
 from cpid_drake.identification.result_files import read_result
@@ -17,31 +15,19 @@ def export(
     result: ResultArgument,
     format: Annotated[
         Literal["urdf", "sdf", "mjcf", "drake-yaml"],
-        typer.Option(help="Format; drake-yaml: model directives."),
+        "--format",
+        "Format; drake-yaml: model directives.",
     ],
-    out: Annotated[
-        Path, typer.Option(metavar="FILE", help="File to write; its ending must fit the format.")
-    ],
-    with_spacecraft: Annotated[
-        bool,
-        typer.Option("--with-spacecraft", help="Write the spacecraft with the target attached."),
-    ] = False,
+    out: Annotated[Path, "--out FILE", "File to write; its ending must fit the format."],
+    with_spacecraft: Annotated[bool, "Write the spacecraft with the target attached."] = False,
     name: Annotated[
         str | None,
-        typer.Option(
-            help="Name of the target's body. Default: target, or target_2 etc. if it is taken."
-        ),
+        "Name of the target's body. Default: target, or target_2 etc. if it is taken.",
     ] = None,
     raw: Annotated[
-        bool,
-        typer.Option(
-            "--raw", help="Export the raw estimate, not the nearest physically consistent one."
-        ),
+        bool, "Export the raw estimate, not the nearest physically consistent one."
     ] = False,
-    allow_failed_checks: Annotated[
-        bool,
-        typer.Option("--allow-failed-checks", help="Export a result although a check failed."),
-    ] = False,
+    allow_failed_checks: Annotated[bool, "Export a result although a check failed."] = False,
     force: ForceOption = False,
 ) -> None:
     """Export an identified target as a model: URDF, SDF, MJCF or Drake model directives."""

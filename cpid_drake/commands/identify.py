@@ -5,8 +5,6 @@ import time
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 import cpid_drake as cpid
 from cpid_drake.commands import options
 from cpid_drake.output_files.overwriting import check_outputs
@@ -18,30 +16,20 @@ CHECK_FAILED = 4
 """Exit code if something contradicts the assumptions behind the answer."""
 
 
-@options.with_options
 def identify(
     logs: Annotated[
         list[str],
-        typer.Argument(
-            metavar="LOG",
-            help=f"{options.LOG_KINDS} Several logs of the same spacecraft and target give one "
-            "estimate; each has its own start, momentum and biases.",
-        ),
+        "LOG",
+        f"{options.LOG_KINDS} Several logs of the same spacecraft and target give one "
+        "estimate; each has its own start, momentum and biases.",
     ],
     chosen: options.LogOptions,
-    json_file: Annotated[
-        Path | None, typer.Option("--json", metavar="FILE", help="Write the result to this file.")
-    ] = None,
-    report: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write a report, one HTML page.")
-    ] = None,
+    json_file: Annotated[Path | None, "--json FILE", "Write the result to this file."] = None,
+    report: Annotated[Path | None, "--report FILE", "Write a report, one HTML page."] = None,
     seconds: Annotated[
         float,
-        typer.Option(
-            help="The trajectory fit ends after this time at the latest, with the result so far "
-            "and a failed check.",
-            show_default=False,
-        ),
+        "The trajectory fit ends after this time at the latest, with the result so far "
+        "and a failed check. Default: no limit.",
     ] = math.inf,
     force: options.ForceOption = False,
     quiet: options.QuietOption = False,

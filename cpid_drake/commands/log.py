@@ -3,11 +3,12 @@
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from annotated_types import Interval
 from rich.console import Console
 
 from cpid_drake.commands import options
 from cpid_drake.commands.identify import CHECK_FAILED
+from cpid_drake.commands.usage import group
 from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.identification.checked_log import check_log, left_out_warnings
 from cpid_drake.logs.conventions import check_conventions
@@ -21,18 +22,9 @@ from cpid_drake.output_files.overwriting import check_outputs
 from cpid_drake.report.log_contents import contents
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
-log = typer.Typer(
-    no_args_is_help=True,
-    help="Check logs, find out what their columns mean, and convert them. A log of any origin "
-    "takes three steps: `map` writes a map of its columns, `check --columns` and "
-    "`identify --columns` read the log with it.",
-)
-
 _SHOWN = 100  # problems of a file that are listed; more of them say nothing new
 
 
-@log.command()
-@options.with_options
 def check(
     file: options.LogArgument,
     craft: options.SpacecraftOptions,
@@ -84,19 +76,15 @@ def _comparisons(
     )
 
 
-@log.command(name="map")
-@options.with_options
 def map_columns(
     file: options.LogArgument,
     craft: options.SpacecraftOptions,
-    out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="YAML file to write the map to.")
-    ] = None,
+    out: Annotated[Path | None, "--out FILE", "YAML file to write the map to."] = None,
     frame_rate: Annotated[
         float | None,
-        typer.Option(
-            metavar="HZ", min=1e-6, max=1e6, help="Frames per second, if the log counts frames."
-        ),
+        "--frame-rate HZ",
+        "Frames per second, if the log counts frames.",
+        Interval(ge=1e-6, le=1e6),
     ] = None,
     topic: options.TopicOption = None,
     force: options.ForceOption = False,
@@ -134,14 +122,10 @@ def map_columns(
     return 0
 
 
-@log.command()
-@options.with_options
 def convert(
     file: options.LogArgument,
     reading: options.ReadingOptions,
-    out: Annotated[
-        Path, typer.Option(metavar="FILE", help="File to write: .csv, .npz or .parquet.")
-    ],
+    out: Annotated[Path, "--out FILE", "File to write: .csv, .npz or .parquet."],
     leave_out_bad: options.LeaveOutBadOption = False,
     force: options.ForceOption = False,
 ) -> None:
@@ -155,3 +139,13 @@ def convert(
     )
     write_log(out, found)
     options.log_console().print(f"{out}: written, {len(found.joint_names)} joints")
+
+
+log = group(
+    "Check logs, find out what their columns mean, and convert them. A log of any origin "
+    "takes three steps: `map` writes a map of its columns, `check --columns` and "
+    "`identify --columns` read the log with it.",
+    check=check,
+    map=map_columns,
+    convert=convert,
+)

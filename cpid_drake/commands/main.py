@@ -11,6 +11,7 @@ import typer
 import typer.core
 import typer.main
 
+from cpid_drake.commands.usage import group
 from cpid_drake.errors import InputError
 from cpid_drake.resources import version_of
 
@@ -59,9 +60,7 @@ class LazyGroup(typer.core.TyperGroup):
         command = getattr(import_module(f"cpid_drake.commands.{name}"), str(name))
         logging.getLogger("drake").setLevel(logging.WARNING)  # Drake sets it when it is imported
         if not isinstance(command, typer.Typer):
-            single = typer.Typer()
-            single.command(name)(command)
-            command = single
+            command = group("", **{str(name): command})
         return name, typer.main.get_command(command), rest
 
 

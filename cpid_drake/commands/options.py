@@ -1,18 +1,16 @@
-"""Options that several commands share, each declared once.
+"""Options that several commands share, each declared once; see `usage`.
 
 The heavy names are those of `cpid_drake` itself, which imports them when they are first used: help
 does not wait for Drake.
 """
 
-import inspect
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar, get_args, get_type_hints
+from typing import Annotated, Any, Literal
 
-import typer
 from rich.console import Console
 
 import cpid_drake as cpid
@@ -21,59 +19,36 @@ from cpid_drake.errors import InputError
 from cpid_drake.output_files.drafts import refuse_unfinished
 from cpid_drake.resources import find_scenario, package_folders, resolve_model
 
-T = TypeVar("T")
-
 _AS_THEY_ARE = ("estimator", "rows", "start", "end", "leave_out_bad", "columns", "prior")
 """Options that are fields of a request of the same name and value."""
 
 LOG_KINDS = "CSV, NPZ, Parquet or ROS 2 bag."
 
+ANY_SCENARIO = "A scenario file, or the name of a shipped scenario."
 
-ScenarioArgument = Annotated[
-    str,
-    typer.Argument(metavar="SCENARIO", help="A scenario file, or the name of a shipped scenario."),
-]
-LogArgument = Annotated[str, typer.Argument(metavar="LOG", help=LOG_KINDS)]
-ResultArgument = Annotated[
-    Path, typer.Argument(metavar="RESULT", help="Result file of `cpid identify --json`.")
-]
-OutFolder = Annotated[
-    Path,
-    typer.Option(metavar="FOLDER", help="Folder to write; created if it is not there."),
-]
+ScenarioArgument = Annotated[str, "SCENARIO", ANY_SCENARIO]
+LogArgument = Annotated[str, "LOG", LOG_KINDS]
+ResultArgument = Annotated[Path, "RESULT", "Result file of `cpid identify --json`."]
+OutFolder = Annotated[Path, "--out FOLDER", "Folder to write; created if it is not there."]
 SensorsOption = Annotated[
     str | None,
-    typer.Option(
-        metavar="PRESET|YAML",
-        help="Sensor noise: a preset or a YAML file. Default: estimated from the log if needed.",
-    ),
+    "--sensors PRESET|YAML",
+    "Sensor noise: a preset or a YAML file. Default: estimated from the log if needed.",
 ]
 MomentumOption = Annotated[
     Literal["zero", "unknown"] | None,
-    typer.Option(
-        help="Total momentum of spacecraft and target: zero, or an unknown constant. Default: zero "
-        "if the log agrees with that, else unknown.",
-    ),
+    "Total momentum of spacecraft and target: zero, or an unknown constant. Default: zero if the "
+    "log agrees with that, else unknown.",
 ]
 TopicOption = Annotated[
     list[str] | None,
-    typer.Option(
-        metavar="KIND=/NAME",
-        help="Topic of a bag that has several of a kind (odometry, pose, imu, joints), or of "
-        "thrust; may be repeated.",
-    ),
+    "--topic KIND=/NAME",
+    "Topic of a bag that has several of a kind (odometry, pose, imu, joints), or of thrust; may be "
+    "repeated.",
 ]
-LeaveOutBadOption = Annotated[
-    bool, typer.Option("--leave-out-bad", help="Leave out and count rows that have a problem.")
-]
-ForceOption = Annotated[
-    bool,
-    typer.Option(
-        "--force",
-        help="Replace files that exist. Inputs are never replaced.",
-    ),
-]
-QuietOption = Annotated[bool, typer.Option("--quiet", help="Print only warnings and errors.")]
+LeaveOutBadOption = Annotated[bool, "Leave out and count rows that have a problem."]
+ForceOption = Annotated[bool, "Replace files that exist. Inputs are never replaced."]
+QuietOption = Annotated[bool, "Print only warnings and errors."]
 
 
 @dataclass(frozen=True)
@@ -82,35 +57,23 @@ class SpacecraftOptions:
 
     scenario: Annotated[
         str | None,
-        typer.Option(
-            metavar="SCENARIO|YAML",
-            help="Scenario, or file of a spacecraft, with model, base, capture frame, packages, "
-            "sensors, momentum, table and known bodies; other options override it.",
-        ),
+        "--scenario SCENARIO|YAML",
+        "Scenario, or file of a spacecraft, with model, base, capture frame, packages, "
+        "sensors, momentum, table and known bodies; other options override it.",
     ] = None
     spacecraft: Annotated[
         str | None,
-        typer.Option(
-            metavar="MODEL",
-            help="Model file of the known spacecraft: URDF, SDF, MJCF or Drake directives.",
-        ),
+        "--spacecraft MODEL",
+        "Model file of the known spacecraft: URDF, SDF, MJCF or Drake directives.",
     ] = None
-    base: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Base body of the spacecraft.")
-    ] = None
+    base: Annotated[str | None, "--base NAME", "Base body of the spacecraft."] = None
     capture_frame: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME",
-            help="Frame or link of the model that holds the target.",
-        ),
+        str | None, "--capture-frame NAME", "Frame or link of the model that holds the target."
     ] = None
     package: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="NAME=FOLDER",
-            help="Folder of a package that the model's URIs name; may be repeated.",
-        ),
+        "--package NAME=FOLDER",
+        "Folder of a package that the model's URIs name; may be repeated.",
     ] = None
 
     @property
@@ -175,11 +138,9 @@ class ReadingOptions:
 
     columns: Annotated[
         str | None,
-        typer.Option(
-            metavar="YAML",
-            help="Map of the log's columns: names, units and conventions; `cpid log map` writes "
-            "one. Default: the columns of models/telemetry/README.md.",
-        ),
+        "--columns YAML",
+        "Map of the log's columns: names, units and conventions; `cpid log map` writes "
+        "one. Default: the columns of models/telemetry/README.md.",
     ] = None
     topic: TopicOption = None
 
@@ -198,12 +159,8 @@ class PartOptions(ReadingOptions):
     """How to read a log, and which part of it to use."""
 
     leave_out_bad: LeaveOutBadOption = False
-    start: Annotated[
-        float | None, typer.Option("--from", metavar="T0", help="First time to use, in seconds.")
-    ] = None
-    end: Annotated[
-        float | None, typer.Option("--to", metavar="T1", help="Last time to use, in seconds.")
-    ] = None
+    start: Annotated[float | None, "--from T0", "First time to use, in seconds."] = None
+    end: Annotated[float | None, "--to T1", "Last time to use, in seconds."] = None
 
 
 @dataclass(frozen=True)
@@ -212,48 +169,37 @@ class LogOptions(PartOptions, SpacecraftOptions):
 
     estimator: Annotated[
         str | None,
-        typer.Option(
-            metavar="NAME",
-            help="Estimator, such as least_squares, trajectory_fit or recursive_fit; `cpid list` "
-            "explains all. Default: trajectory_fit with --sensors or --known-bodies, else "
-            "least_squares.",
-        ),
+        "--estimator NAME",
+        "Estimator, such as least_squares, trajectory_fit or recursive_fit; `cpid list` "
+        "explains all. Default: trajectory_fit with --sensors or --known-bodies, else "
+        "least_squares.",
     ] = None
     rows: Annotated[
         str | None,
-        typer.Option(
-            metavar="NAME",
-            help="Row family of least_squares, such as standard, relative or eq18; `cpid list` "
-            "explains all. Default: standard, or relative for logs without position and velocity.",
-        ),
+        "--rows NAME",
+        "Row family of least_squares, such as standard, relative or eq18; `cpid list` "
+        "explains all. Default: standard, or relative for logs without position and velocity.",
     ] = None
     sensors: SensorsOption = None
     momentum: MomentumOption = None
     known_bodies: Annotated[
         str | None,
-        typer.Option(
-            metavar="KEY=NUMBER,...|YAML",
-            help="Uncertainty of the spacecraft, 1 sigma, that the intervals include: mass and "
-            "inertia (relative), com \\[m], joint_position_mm, joint_axis_mrad, grasp_mm, "
-            "grasp_mrad. Default: the model is exact.",
-        ),
+        "--known-bodies KEY=NUMBER,...|YAML",
+        "Uncertainty of the spacecraft, 1 sigma, that the intervals include: mass and "
+        "inertia (relative), com [m], joint_position_mm, joint_axis_mrad, grasp_mm, "
+        "grasp_mrad. Default: the model is exact.",
     ] = None
     planar: Annotated[
         bool | None,
-        typer.Option(
-            "--planar/--no-planar",
-            help="Whether the spacecraft floats on a table whose normal is the world's z axis. "
-            "Default: yes for logs of x, y and yaw.",
-            show_default=False,
-        ),
+        "--planar/--no-planar",
+        "Whether the spacecraft floats on a table whose normal is the world's z axis. "
+        "Default: yes for logs of x, y and yaw.",
     ] = None
     prior: Annotated[
         str | None,
-        typer.Option(
-            metavar="FILE",
-            help="What is known about the target besides: a result of `cpid identify` (JSON) or "
-            "YAML with mass, p_CTcm_C, I_TTcm_C and their σ.",
-        ),
+        "--prior FILE",
+        "What is known about the target besides: a result of `cpid identify` (JSON) or "
+        "YAML with mass, p_CTcm_C, I_TTcm_C and their σ.",
     ] = None
 
     def files(self) -> list[str | Path]:
@@ -295,47 +241,6 @@ class LogOptions(PartOptions, SpacecraftOptions):
         suite = folder / "sensors.yaml"
         sensors = self.sensors or (str(suite) if suite.is_file() else None)
         return replace(self, scenario=str(folder / "scenario.yaml"), sensors=sensors)
-
-
-def with_options(command: Callable[..., T]) -> Callable[..., T]:
-    """Return a command whose parameters that are dataclasses of options become these options."""
-    hints = get_type_hints(command, include_extras=True)
-    groups: dict[str, Any] = {name: kind for name, kind in hints.items() if is_dataclass(kind)}
-    signature, parameters = inspect.signature(command), []
-    for name, parameter in signature.parameters.items():
-        if name in groups:
-            own = get_type_hints(groups[name], include_extras=True)
-            parameters += [
-                inspect.Parameter(
-                    each.name,
-                    inspect.Parameter.KEYWORD_ONLY,
-                    default=each.default,
-                    annotation=_option(own[each.name]),
-                )
-                for each in fields(groups[name])
-            ]
-        else:
-            parameters.append(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY))
-
-    def run(**values: Any) -> T:
-        for name, kind in groups.items():
-            values[name] = kind(**{each.name: values.pop(each.name) for each in fields(kind)})
-        return command(**values)
-
-    run.__name__, run.__doc__ = command.__name__, command.__doc__
-    run.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
-    return run
-
-
-def _option(annotation: Any) -> Any:
-    """Return an annotation whose group and help are texts as that of an option."""
-    kind, *texts = get_args(annotation)
-    if not isinstance(texts[0], str):
-        return annotation
-    group, text = texts
-    shown = text.replace("[", "\\[")
-    default = "Default: " not in text
-    return Annotated[kind, typer.Option(help=shown, rich_help_panel=group, show_default=default)]
 
 
 @contextmanager

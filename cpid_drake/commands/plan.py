@@ -7,20 +7,16 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-import typer
+from annotated_types import Ge, Interval
 
 import cpid_drake as cpid
 from cpid_drake import planning, report, studies
 from cpid_drake.commands import options
+from cpid_drake.commands.usage import group
 from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.output_files.drafts import draft_folder, draft_of, write_text
 from cpid_drake.output_files.overwriting import check_folder, check_outputs
 from cpid_drake.resources import find_scenario
-
-plan = typer.Typer(
-    no_args_is_help=True,
-    help="Plan the joint motion that determines the target best; rank motions; export one.",
-)
 
 _KNOWN = "What is known"
 
@@ -31,41 +27,31 @@ class Choices(planning.PlanOptions):
 
     sensors: Annotated[
         str | None,
-        typer.Option(
-            help="Sensors. Default: the scenario's, else flight.",
-            metavar="PRESET|YAML",
-            rich_help_panel=_KNOWN,
-        ),
+        "--sensors PRESET|YAML",
+        _KNOWN,
+        "Sensors. Default: the scenario's, else flight.",
     ] = None
     prior: Annotated[
         Path | None,
-        typer.Option(
-            help="What is known about the target: a result of `cpid identify` (JSON), or YAML with "
-            "mass, p_CTcm_C, I_TTcm_C and sigma. Default: nothing but the spacecraft's size.",
-            metavar="FILE",
-            rich_help_panel=_KNOWN,
-        ),
+        "--prior FILE",
+        _KNOWN,
+        "What is known about the target: a result of `cpid identify` (JSON), or YAML with "
+        "mass, p_CTcm_C, I_TTcm_C and sigma. Default: nothing but the spacecraft's size.",
     ] = None
 
 
-@plan.command()
-@options.with_options
 def motion(
     scenario: options.ScenarioArgument,
-    out: Annotated[Path, typer.Option(metavar="FILE", help="YAML file of the planned motion.")],
+    out: Annotated[Path, "--out FILE", "YAML file of the planned motion."],
     chosen: Choices,
     picture: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="PNG or SVG file with σ, joints and base of the plan."),
+        Path | None, "--picture FILE", "PNG or SVG file with σ, joints and base of the plan."
     ] = None,
     front_folder: Annotated[
         Path | None,
-        typer.Option(
-            "--front",
-            metavar="FOLDER",
-            help="Also compute the Pareto front of precision against base rotation; write its "
-            "motions and a table.",
-        ),
+        "--front FOLDER",
+        "Also compute the Pareto front of precision against base rotation; write its "
+        "motions and a table.",
     ] = None,
     force: options.ForceOption = False,
     quiet: options.QuietOption = False,
@@ -134,17 +120,12 @@ def motion(
     print(f"cpid simulate SCENARIO --out DIR, with joint_motion: !MotionFile {{file: {out}}}")
 
 
-@plan.command()
-@options.with_options
 def rank(
     scenario: options.ScenarioArgument,
     chosen: Choices,
-    files: Annotated[
-        list[Path] | None, typer.Argument(metavar="[MOTION]...", help="YAML files of motions.")
-    ] = None,
+    files: Annotated[list[Path] | None, "[MOTION]...", "YAML files of motions."] = None,
     trials: Annotated[
-        int,
-        typer.Option(help="Noisy logs that are simulated and identified for each motion.", min=0),
+        int, "Noisy logs that are simulated and identified for each motion.", Ge(0)
     ] = 0,
     quiet: options.QuietOption = False,
 ) -> None:
@@ -181,14 +162,11 @@ def rank(
         print(f"rank correlation of predicted and realised errors: {correlation:.2f}")
 
 
-@plan.command()
 def export(
-    file: Annotated[Path, typer.Argument(metavar="MOTION", help="YAML file of a joint motion.")],
-    scenario: Annotated[
-        str, typer.Option(metavar="SCENARIO", help="Scenario with the spacecraft of the motion.")
-    ],
-    out: Annotated[Path, typer.Option(metavar="FILE", help="CSV file to write.")],
-    rate: Annotated[float, typer.Option(help="Rows per second [Hz].", min=0.1, max=1e4)] = 100.0,
+    file: Annotated[Path, "MOTION", "YAML file of a joint motion."],
+    scenario: Annotated[str, "--scenario SCENARIO", "Scenario with the spacecraft of the motion."],
+    out: Annotated[Path, "--out FILE", "CSV file to write."],
+    rate: Annotated[float, "Rows per second [Hz].", Interval(ge=0.1, le=1e4)] = 100.0,
     force: options.ForceOption = False,
 ) -> None:
     """Write a joint motion as CSV: time, positions, rates and accelerations of all joints."""
@@ -201,3 +179,11 @@ def export(
     table = np.column_stack([times, made.evaluate(times).reshape(len(times), -1)])
     with draft_of(out) as draft:
         np.savetxt(draft, table, "%.12g", ",", header=",".join(["time", *names]), comments="")
+
+
+plan = group(
+    "Plan the joint motion that determines the target best; rank motions; export one.",
+    motion=motion,
+    rank=rank,
+    export=export,
+)

@@ -4,8 +4,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from cpid_drake.commands import options
 from cpid_drake.errors import InputError
 from cpid_drake.identification.identify_files import identify_files
@@ -16,24 +14,18 @@ from cpid_drake.report.pages.identification import identification_report
 from cpid_drake.report.run_folder import read_run
 
 
-@options.with_options
 def report(
-    out: Annotated[Path, typer.Option(metavar="FILE", help="HTML file to write.")],
+    out: Annotated[Path, "--out FILE", "HTML file to write."],
     chosen: options.LogOptions,
-    log: Annotated[
-        str | None, typer.Argument(metavar="[LOG]", help=f"A log: {options.LOG_KINDS}")
-    ] = None,
+    log: Annotated[str | None, "[LOG]", f"A log: {options.LOG_KINDS}"] = None,
     result: Annotated[
-        str | None,
-        typer.Option(metavar="FILE", help="In place of a log: a result of `cpid identify --json`."),
+        str | None, "--result FILE", "In place of a log: a result of `cpid identify --json`."
     ] = None,
     run: Annotated[
-        Path | None,
-        typer.Option(metavar="FOLDER", help="In place of a log: a folder of `cpid simulate`."),
+        Path | None, "--run FOLDER", "In place of a log: a folder of `cpid simulate`."
     ] = None,
     figures: Annotated[
-        Path | None,
-        typer.Option(metavar="FOLDER", help="Write the figures there too, as PNG and SVG."),
+        Path | None, "--figures FOLDER", "Write the figures there too, as PNG and SVG."
     ] = None,
     force: options.ForceOption = False,
     quiet: options.QuietOption = False,

@@ -5,7 +5,6 @@ import time
 from pathlib import Path
 from typing import Annotated
 
-import typer
 from pydrake.systems.framework import Context
 
 from cpid_drake.commands import options
@@ -22,16 +21,12 @@ from cpid_drake.scenario.simulation import Simulation, make_simulation
 def simulate(
     scenario: options.ScenarioArgument,
     out: Annotated[
-        Path | None,
-        typer.Option(metavar="FOLDER", help="Folder to write; created if it is not there."),
+        Path | None, "--out FOLDER", "Folder to write; created if it is not there."
     ] = None,
     check: Annotated[
         bool,
-        typer.Option(
-            "--check",
-            help="Simulate nothing, but check the scenario with all that it refers to; exit with "
-            "code 4 if the joint motion exceeds a limit.",
-        ),
+        "Simulate nothing, but check the scenario with all that it refers to; exit with "
+        "code 4 if the joint motion exceeds a limit.",
     ] = False,
     force: options.ForceOption = False,
     quiet: options.QuietOption = False,

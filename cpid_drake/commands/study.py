@@ -5,10 +5,10 @@ import time
 from pathlib import Path
 from typing import Annotated
 
-import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from cpid_drake.commands import options
+from cpid_drake.commands.usage import group
 from cpid_drake.errors import prefix_errors
 from cpid_drake.output_files.drafts import draft_folder
 from cpid_drake.output_files.overwriting import check_folder, check_outputs
@@ -28,20 +28,11 @@ from cpid_drake.studies.paper_values import EXCITING
 from cpid_drake.studies.techniques.comparison import run_comparison
 from cpid_drake.studies.techniques.force_sensors import SHIPPED, load_force_sensors
 
-study = typer.Typer(
-    no_args_is_help=True,
-    help="Reproduce the paper's study, run campaigns of many trials, or compare techniques.",
-)
 
-
-@study.command()
 def paper(
     out: options.OutFolder,
     scenario: Annotated[
-        str,
-        typer.Option(
-            metavar="SCENARIO", help="A scenario file, or the name of a shipped scenario."
-        ),
+        str, "--scenario SCENARIO", "A scenario file, or the name of a shipped scenario."
     ] = "paper",
     force: options.ForceOption = False,
     quiet: options.QuietOption = False,
@@ -65,26 +56,17 @@ def paper(
     log.print(f"{out}: {summary['wall_seconds']:.1f} s")
 
 
-@study.command()
 def campaign(
-    campaign: Annotated[
-        str,
-        typer.Argument(metavar="CAMPAIGN", help="YAML file of a campaign; see models/campaigns."),
-    ],
+    campaign: Annotated[str, "CAMPAIGN", "YAML file of a campaign; see models/campaigns."],
     out: options.OutFolder,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Continue the campaign in the folder.")
-    ] = False,
-    workers: Annotated[
-        int | None, typer.Option(help="Number of processes. Default: one for each processor.")
-    ] = None,
+    resume: Annotated[bool, "Continue the campaign in the folder."] = False,
+    workers: Annotated[int | None, "Number of processes. Default: one for each processor."] = None,
     scheduler: Annotated[
         str | None,
-        typer.Option(
-            metavar="ADDRESS", help="A running scheduler of dask.distributed, such as tcp://…"
-        ),
+        "--scheduler ADDRESS",
+        "A running scheduler of dask.distributed, such as tcp://…",
     ] = None,
-    chunk: Annotated[int | None, typer.Option(help="Trials of a task and of a file.")] = None,
+    chunk: Annotated[int | None, "Trials of a task and of a file."] = None,
     quiet: options.QuietOption = False,
 ) -> None:
     """Run many simulated trials, on this machine or on a cluster; nothing finished is lost."""
@@ -116,9 +98,8 @@ def campaign(
     log.print(f"report: cpid study report {out}")
 
 
-@study.command()
 def report(
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="The folder of a campaign.")],
+    folder: Annotated[Path, "FOLDER", "The folder of a campaign."],
     force: options.ForceOption = False,
     quiet: options.QuietOption = False,
 ) -> None:
@@ -134,29 +115,21 @@ def report(
     _print(page, quiet)
 
 
-@study.command(name="techniques")
 def compare_techniques(
     out: options.OutFolder,
     scenario: Annotated[
         str | None,
-        typer.Argument(
-            metavar="SCENARIO",
-            help="A scenario file, or the name of a shipped scenario. Default: the paper's, "
-            "exciting_motion and uncertain_spacecraft.",
-        ),
+        "SCENARIO",
+        "A scenario file, or the name of a shipped scenario. Default: the paper's, "
+        "exciting_motion and uncertain_spacecraft.",
     ] = None,
-    trials: Annotated[int, typer.Option(help="Draws of the noise in each case.")] = 20,
+    trials: Annotated[int, "Draws of the noise in each case."] = 20,
     force_sensors: Annotated[
-        str,
-        typer.Option(metavar="YAML", help="Sensors of forces; see models/force_sensors."),
+        str, "--force-sensors YAML", "Sensors of forces; see models/force_sensors."
     ] = SHIPPED,
-    fast: Annotated[
-        bool, typer.Option("--fast", help="Leave out the neural network and adaptive control.")
-    ] = False,
-    seed: Annotated[int, typer.Option(help="Seed of all random numbers.")] = 2016,
-    jobs: Annotated[
-        int | None, typer.Option(help="Number of processes. Default: one for each processor.")
-    ] = None,
+    fast: Annotated[bool, "Leave out the neural network and adaptive control."] = False,
+    seed: Annotated[int, "Seed of all random numbers."] = 2016,
+    jobs: Annotated[int | None, "Number of processes. Default: one for each processor."] = None,
     force: options.ForceOption = False,
     quiet: options.QuietOption = False,
 ) -> None:
@@ -203,3 +176,12 @@ def _print(page: Report, quiet: bool) -> None:
     for table in (each for section in page.sections for each in section.tables):
         if not quiet:
             print_table(table)
+
+
+study = group(
+    "Reproduce the paper's study, run campaigns of many trials, or compare techniques.",
+    paper=paper,
+    campaign=campaign,
+    report=report,
+    techniques=compare_techniques,
+)

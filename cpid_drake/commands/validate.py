@@ -5,7 +5,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from annotated_types import Interval
 
 from cpid_drake.commands import options
 from cpid_drake.commands.identify import CHECK_FAILED
@@ -22,39 +22,28 @@ from cpid_drake.report.page import Table
 from cpid_drake.report.terminal import print_table
 
 
-@options.with_options
 def validate(
     result: options.ResultArgument,
     log: Annotated[
         str,
-        typer.Argument(
-            metavar="LOG",
-            help=f"A log of the same spacecraft and target that was not used for the result: "
-            f"{options.LOG_KINDS}",
-        ),
+        "LOG",
+        f"A log of the same spacecraft and target that was not used for the result: "
+        f"{options.LOG_KINDS}",
     ],
     part: options.PartOptions,
     threshold: Annotated[
         float,
-        typer.Option(
-            min=1e-6,
-            max=1e6,
-            help="Largest usual residual of the log, in σ and whatever its cause, with which the "
-            "result is valid.",
-        ),
+        "Largest usual residual of the log, in σ and whatever its cause, with which the "
+        "result is valid.",
+        Interval(ge=1e-6, le=1e6),
     ] = 3.0,
     beginning: Annotated[
         float,
-        typer.Option(
-            help="Share of the log to which start, momentum and biases are fitted; the rest is "
-            "predicted."
-        ),
+        "Share of the log to which start, momentum and biases are fitted; the rest is predicted.",
     ] = 0.3,
     sensors: options.SensorsOption = None,
     momentum: options.MomentumOption = None,
-    json_file: Annotated[
-        Path | None, typer.Option("--json", metavar="FILE", help="Write the errors to this file.")
-    ] = None,
+    json_file: Annotated[Path | None, "--json FILE", "Write the errors to this file."] = None,
     force: options.ForceOption = False,
     quiet: options.QuietOption = False,
 ) -> int:

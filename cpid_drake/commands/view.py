@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from annotated_types import Interval
 from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.systems.framework import Context
 
@@ -23,12 +24,12 @@ from cpid_drake.scenario.simulation import make_simulation
 def view(
     scenario: options.ScenarioArgument,
     out: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Write a replay, one HTML file that plays offline."),
+        Path | None, "--out FILE", "Write a replay, one HTML file that plays offline."
     ] = None,
     rate: Annotated[
         float,
-        typer.Option(min=0.1, max=5.0, help="Ratio of simulated to real time in the live view."),
+        "Ratio of simulated to real time in the live view.",
+        Interval(ge=0.1, le=5.0),
     ] = 1.0,
     force: options.ForceOption = False,
     quiet: options.QuietOption = False,
