@@ -204,20 +204,21 @@ def _ten(vector: ArrayLike, what: str) -> NDArray[np.float64]:
 # -- the nearest rigid body ----------------------------------------------------------------------
 
 
-def inside_the_limits(mass: float, com: NDArray, inertia: NDArray) -> NDArray[np.float64]:
-    """Return the inertia (3, 3) changed by about the rounding error, so that Drake accepts it.
+def inside_the_limits(mass: ArrayLike, com: NDArray, inertia: NDArray) -> NDArray[np.float64]:
+    """Return inertias (..., 3, 3) changed by about the rounding error, so that Drake accepts them.
 
     The change is at most 1e-12 of the body's size where the body is physically consistent up to
     rounding or a solver's tolerance.
 
     Args:
-        mass: [kg].
-        com: (3,) centre of mass from the frame's origin [m].
-        inertia: (3, 3) inertia about the centre of mass [kg·m²].
+        mass: (...) [kg].
+        com: (..., 3) centre of mass from the frame's origin [m].
+        inertia: (..., 3, 3) inertia about the centre of mass [kg·m²].
 
     """
     values, axes = np.linalg.eigh(second_moment(inertia))
     # Drake also checks the inertia about other points, where m|c|² adds to the rounding error.
-    size = np.abs(values).max() + mass * com @ com
-    inertia = inertia_of_second_moment(axes @ np.diag(np.maximum(values, 1e-12 * size)) @ axes.T)
-    return (inertia + inertia.T) / 2
+    size = np.abs(values).max(axis=-1) + mass * np.sum(com**2, axis=-1)
+    values = np.maximum(values, 1e-12 * size[..., None])
+    inertia = inertia_of_second_moment(axes * values[..., None, :] @ np.swapaxes(axes, -1, -2))
+    return (inertia + np.swapaxes(inertia, -1, -2)) / 2

@@ -70,16 +70,21 @@ def point_mass_inertia(mass: ArrayLike, p: ArrayLike) -> NDArray[np.float64]:
 
 
 def second_moment(inertia: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return Σ = ∫ r rᵀ dm = ½ tr(I) 1 − I (3, 3) of an inertia I (3, 3) about the same point.
+    """Return Σ = ∫ r rᵀ dm = ½ tr(I) 1 − I (..., 3, 3) of inertias I about the same point.
 
     Source: Wensing et al. 2018.
     """
-    return np.trace(inertia) / 2 * np.eye(3) - inertia
+    return _spheres(inertia) / 2 - inertia
 
 
 def inertia_of_second_moment(sigma: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return I = tr(Σ) 1 − Σ (3, 3) of a second moment (3, 3): the inverse of `second_moment`."""
-    return np.trace(sigma) * np.eye(3) - sigma
+    """Return I = tr(Σ) 1 − Σ (..., 3, 3) of second moments: the inverse of `second_moment`."""
+    return _spheres(sigma) - sigma
+
+
+def _spheres(tensors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return tr(T) 1 (..., 3, 3) of tensors T (..., 3, 3)."""
+    return np.trace(tensors, axis1=-2, axis2=-1)[..., None, None] * np.eye(3)
 
 
 def moved_moments(
@@ -125,10 +130,11 @@ def eq18_to_parameters(theta: ArrayLike) -> NDArray[np.float64]:
 
 
 def parameters_to_eq18(parameters: ArrayLike) -> NDArray[np.float64]:
-    """Return the Eq. 18 vector θ (10,) of π (10,); the inverse of `eq18_to_parameters`."""
+    """Return the Eq. 18 vector θ (..., 10) of π (..., 10); inverse of `eq18_to_parameters`."""
     parameters = np.asarray(parameters, dtype=float)
+    moments = parameters[..., 4:][..., TENSOR_ORDER]
     with np.errstate(divide="ignore"):
-        return np.concatenate([1 / parameters[:1], parameters[1:4], parameters[4:][TENSOR_ORDER]])
+        return np.concatenate([1 / parameters[..., :1], parameters[..., 1:4], moments], axis=-1)
 
 
 def standard_to_parameters(phi: ArrayLike) -> NDArray[np.float64]:
@@ -142,11 +148,11 @@ def standard_to_parameters(phi: ArrayLike) -> NDArray[np.float64]:
 
 
 def parameters_to_standard(parameters: ArrayLike) -> NDArray[np.float64]:
-    """Return the standard vector φ (10,) of π (10,); the inverse of `standard_to_parameters`."""
+    """Return the standard vector φ (..., 10) of π (..., 10); see `standard_to_parameters`."""
     parameters = np.asarray(parameters, dtype=float)
-    mass, com = parameters[0], parameters[1:4]
-    moments = parameters[4:][TENSOR_ORDER] + point_mass_moments(mass, com)
-    return np.concatenate([[mass], mass * com, moments])
+    mass, com = parameters[..., :1], parameters[..., 1:4]
+    moments = parameters[..., 4:][..., TENSOR_ORDER] + point_mass_moments(mass[..., 0], com)
+    return np.concatenate([mass, mass * com, moments], axis=-1)
 
 
 def standard_to_relative(phi: NDArray[np.float64], known_mass: float) -> NDArray[np.float64]:
@@ -169,7 +175,7 @@ def standard_to_pseudo_inertia(phi: NDArray[np.float64]) -> NDArray[np.float64]:
 class Parameterization:
     """A vector of ten unknowns in which a row family is linear, and its conversion to π.
 
-    `to_parameters` takes vectors (..., 10), also complex ones; `from_parameters` one π (10,).
+    `to_parameters` and `from_parameters` take vectors (..., 10), the first also complex ones.
     """
 
     name: str

@@ -99,6 +99,12 @@ class KinematicTree:
         return replace(self, bodies=tuple(lumps), capture_body=lump, R_BC=R_BC, p_BC=p_BC)
 
     @cached_property
+    def at_rest(self) -> TreeBody:
+        """All bodies as one, with the joints at zero."""
+        welded = tuple(replace(body, joint=-1) for body in self.bodies)
+        return replace(self, bodies=welded).lumped.bodies[0]
+
+    @cached_property
     def normal_C(self) -> NDArray[np.float64] | None:
         """(3,) the table's normal in C; None without a table, or if joints turn C out of it."""
         if self.normal_B is None:

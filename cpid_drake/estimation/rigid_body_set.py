@@ -45,7 +45,9 @@ LEAST_SIGMA = 3e-5
 Solvers round, and a simulation conserves momentum only up to its own tolerance.
 """
 
-_ROUNDING = 1e-7  # of the solver, as a share of the plausible size
+ROUNDING = 1e-7
+"""Rounding error of the solver, as a share of the plausible size."""
+
 _H = [vector_to_tensor(unit) for unit in np.eye(6)]
 
 
@@ -84,6 +86,16 @@ class RigidBodySet:
         object.__setattr__(self, "rows", Gaussian.of_rows(self.rows.sizes, rows))
 
     # -- the parameters ------------------------------------------------------------------------
+
+    def distances(self, parameters: Array, unknowns: Array) -> Array:
+        """Return |A x − b| (N,) of rigid bodies π (N, 10) with unknowns x (N, 10), in σ.
+
+        It is infinite for bodies that are too large.
+        """
+        mass, com = parameters[:, 0], parameters[:, 1:4]
+        spread = parameters[:, 4:7].sum(axis=1) / 2 + mass * np.sum(com**2, axis=1)
+        found = np.linalg.norm(unknowns @ self.rows.R.T - self.rows.z, axis=1)
+        return np.where(spread <= mass * self.size**2, found, np.inf)
 
     def nearest(self) -> tuple[float, Array]:
         """Return the smallest |A x − b| of a rigid body, in σ, and the unknowns (10,) of this body.
@@ -272,7 +284,7 @@ class _Program:
             ):
                 return None
             is_solved = result.is_success()
-            value = result.get_optimal_cost() - _ROUNDING if is_solved else -np.inf
+            value = result.get_optimal_cost() - ROUNDING if is_solved else -np.inf
             found.append(sign * value)
         return found[0], found[1]
 

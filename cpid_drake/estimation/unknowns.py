@@ -13,7 +13,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.parameterizations import tensor_to_vector
 from cpid_drake.dynamics.sensitivity import with_errors
 from cpid_drake.dynamics.tree import KinematicTree
@@ -109,25 +108,21 @@ class Model:
         """The constant errors of the suite."""
         return Constants.of(self.suite, self.joint_count)
 
-    @cached_property
-    def _known(self) -> BodyDynamics:
-        still = np.zeros((1, self.joint_count))
-        return BodyDynamics.at(self.tree, still, still)
-
     @property
     def mass(self) -> float:
         """Nominal mass of the known bodies [kg]."""
-        return self._known.mass
+        return self.tree.at_rest.mass
 
     @cached_property
     def L_sigma(self) -> float:
         """σ of an unknown angular momentum [N·m·s]."""
-        return FASTEST_TUMBLE * float(np.trace(self._known.I_K[0])) / 3
+        return FASTEST_TUMBLE * float(np.trace(self.tree.at_rest.I_BBcm)) / 3
 
     @cached_property
     def plausible(self) -> NDArray[np.float64]:
         """(10,) sizes of ψ of a target as heavy and as large as the spacecraft."""
-        return _magnitudes(self.mass / 2, np.sqrt(np.trace(self._known.I_K[0]) / 2 / self.mass))
+        moments = np.trace(self.tree.at_rest.I_BBcm) / 2
+        return _magnitudes(self.mass / 2, np.sqrt(moments / self.mass))
 
     @cached_property
     def table(self) -> tuple[Unknown, ...]:
