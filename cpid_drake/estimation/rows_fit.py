@@ -210,6 +210,8 @@ class LogRows:
             factor = variance * self.row_count / expected if expected > 0 else 0.0
             scatter = larger * self._scatter(rests, time)
             noise = RowNoise(max(variance, least), time, factor, True, scatter)
+            if not factor:  # without errors inside A, the solution does not depend on their size
+                break
         return noise
 
     def _scatter(self, rests: NDArray[np.float64], time: float) -> NDArray[np.float64]:
@@ -225,7 +227,7 @@ class LogRows:
         sums = np.add.reduceat(scores, starts, axis=0)
         norms = np.linalg.norm(flat, axis=0)
         norms[norms == 0] = 1.0
-        _, s, Vt = np.linalg.svd(flat / norms, full_matrices=False)
+        _, s, Vt = np.linalg.svd(triangle(flat / norms))
         seen = s > DEFAULT_RANK_TOLERANCE * s[:1]
         by_root = sums / norms @ (Vt[seen] / s[seen, None]).T
         sizes, turn = np.linalg.eigh(by_root.T @ by_root)

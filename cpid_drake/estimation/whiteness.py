@@ -4,6 +4,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import next_fast_len
 
 NEGLIGIBLE = 0.5
 """Size of a mean of residuals, in units of that of the assumed noise, below which their correlation
@@ -80,11 +81,12 @@ class LagSums:
         N, channels = residuals.shape
         usual = float(np.median(np.abs(residuals))) if N else 0.0
         rest = np.clip(residuals, -9 * usual, 9 * usual) if usual else residuals
-        products, pairs = self.products.copy(), self.pairs.copy()
-        for lag in range(min(N, LAGS + 1)):
-            products[lag] += np.vdot(rest[lag:], rest[: N - lag])
-            pairs[lag] += (N - lag) * channels
-        return LagSums(products, pairs, channels)
+        length = next_fast_len(N + LAGS + 1, real=True)  # longer by what must not wrap around
+        spectrum = np.fft.rfft(rest, length, axis=0)
+        power = np.sum(spectrum.real**2 + spectrum.imag**2, axis=1)
+        products = np.fft.irfft(power, length)[: LAGS + 1]
+        pairs = np.maximum(N - np.arange(LAGS + 1), 0) * channels
+        return LagSums(self.products + products, self.pairs + pairs, channels)
 
     @property
     def correlation(self) -> NDArray[np.float64]:
