@@ -28,11 +28,7 @@ docs: $(VENV)/installed-dev
 	$(VENV)/bin/python .ci/docs.py out/docs
 
 benchmark: $(VENV)/installed-dev
-	$(VENV)/bin/python tests/benchmarks/identifier_update.py
-	$(VENV)/bin/python tests/benchmarks/recursive_fit.py
-	$(VENV)/bin/python tests/benchmarks/base_motion.py
-	$(VENV)/bin/python tests/benchmarks/recording.py
-	$(VENV)/bin/python tests/benchmarks/start_up.py
+	$(VENV)/bin/python tests/benchmark.py
 
 # About thirty identifications from end to end, with their errors, intervals and verdicts, as
 # tests/reference/table.json; and a new run compared with that file. CASES=a,b runs some of them.
