@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from sensing_cases import small_craft
 
 from cpid_drake import (
     InertialParameters,
@@ -23,6 +24,12 @@ SERVICER = "package://cpid_drake_models/dual_arm_servicer/dual_arm_servicer.urdf
 @pytest.fixture(scope="session")
 def servicer() -> Spacecraft:
     return Spacecraft(SERVICER, base="bus", capture_frame="capture_point")
+
+
+@pytest.fixture(scope="session")
+def craft(tmp_path_factory) -> Spacecraft:
+    """A small spacecraft with turning and sliding joints, welds and turned frames."""
+    return small_craft(tmp_path_factory.mktemp("craft"))
 
 
 @pytest.fixture

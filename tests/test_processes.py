@@ -6,7 +6,7 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from cpid_drake import Motion, identify
-from cpid_drake.processes import one_thread, shared_work
+from cpid_drake.processes import shared_work
 
 
 def blas_threads() -> set[int]:
@@ -38,14 +38,6 @@ def test_identify_needs_one_thread_and_gives_the_others_back(servicer, random_mo
     identify(servicer, motion)
     assert seen
     assert all(each == {1} for each in seen)
-    assert blas_threads() == {2}
-
-
-def test_the_limit_ends_with_the_last_function_that_needs_it(two_threads):
-    with one_thread:
-        with one_thread:
-            assert blas_threads() == {1}
-        assert blas_threads() == {1}
     assert blas_threads() == {2}
 
 

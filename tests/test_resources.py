@@ -8,15 +8,6 @@ from cpid_drake.resources import MODELS_PACKAGE, models_directory, package_folde
 SERVICER = "dual_arm_servicer/dual_arm_servicer.urdf"
 
 
-def refusal(call, *args) -> str:
-    with pytest.raises(InputError) as caught:
-        call(*args)
-    message = str(caught.value)
-    assert message
-    assert "\n" not in message
-    return message
-
-
 def test_the_models_folder_holds_the_ros_package():
     folder = models_directory()
     assert f"<name>{MODELS_PACKAGE}</name>" in (folder / "package.xml").read_text()
@@ -29,23 +20,21 @@ def test_a_package_uri_and_a_path_lead_to_the_same_file():
     assert by_uri.is_absolute()
 
 
-def test_a_relative_path_is_relative_to_the_working_directory(tmp_path, monkeypatch):
-    (tmp_path / "sub folder").mkdir()
-    (tmp_path / "sub folder" / "mödel.urdf").write_text("x")
+@pytest.mark.parametrize(
+    ("name", "place"),
+    [
+        ("sub folder/mödel.urdf", "sub folder/mödel.urdf"),
+        ("~/a.urdf", "a.urdf"),
+        ("package://mine/a.urdf", "a.urdf"),
+    ],
+)
+def test_a_file_is_found(name, place, tmp_path, monkeypatch):
+    """From the working directory, in the home folder, in a package of the caller."""
     monkeypatch.chdir(tmp_path)
-    assert resolve_model("sub folder/mödel.urdf") == tmp_path / "sub folder" / "mödel.urdf"
-
-
-def test_a_tilde_is_the_home_folder(tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path))
-    (tmp_path / "a.urdf").write_text("x")
-    assert resolve_model("~/a.urdf") == tmp_path / "a.urdf"
-
-
-def test_packages_of_the_caller_are_found(tmp_path):
-    (tmp_path / "a.urdf").write_text("x")
-    packages = package_folders({"mine": tmp_path})
-    assert resolve_model("package://mine/a.urdf", packages) == tmp_path / "a.urdf"
+    (tmp_path / place).parent.mkdir(exist_ok=True)
+    (tmp_path / place).write_text("x")
+    assert resolve_model(name, package_folders({"mine": tmp_path})) == tmp_path / place
 
 
 @pytest.mark.parametrize(
@@ -53,38 +42,23 @@ def test_packages_of_the_caller_are_found(tmp_path):
     [
         ("nowhere.urdf", "no such file"),
         ("", "a folder"),
-        ("package://nobody/a.urdf", "unknown package 'nobody'"),
-        ("package://", "unknown package ''"),
+        ("package://nobody/a.urdf", f"unknown package 'nobody'.*{MODELS_PACKAGE}"),
         (f"package://{MODELS_PACKAGE}/nowhere.urdf", "no such file"),
-        (f"package://{MODELS_PACKAGE}", "a folder"),
         ("https://example.org/a.urdf", "package:// URI, not https://"),
-        ("file:///a.urdf", "package:// URI, not file://"),
-        ("://", "not ://"),
         ("nul\0byte.urdf", "no such file"),
-        ("x" * 5000, ""),
-        ("~nobody-of-this-name/a.urdf", ""),
+        ("x" * 5000, "too long"),
+        ("~nobody-of-this-name/a.urdf", "nobody-of-this-name"),
     ],
 )
 def test_what_is_no_file_is_refused_with_the_cause(uri, cause):
-    assert cause in refusal(resolve_model, uri)
+    with pytest.raises(InputError, match=cause):
+        resolve_model(uri)
 
 
-def test_a_folder_is_no_model(tmp_path):
-    message = refusal(resolve_model, tmp_path)
-    assert "a folder" in message
-    assert str(tmp_path) in message
-
-
-def test_an_unknown_package_is_answered_with_the_known_ones():
-    assert MODELS_PACKAGE in refusal(resolve_model, "package://nobody/a.urdf")
-
-
-def test_a_package_whose_folder_does_not_exist_is_refused(tmp_path):
-    message = refusal(package_folders, {"mine": tmp_path / "nowhere"})
-    assert "'mine'" in message
-    assert "no such folder" in message
-
-
-def test_a_package_name_that_is_taken_is_refused(tmp_path):
-    message = refusal(package_folders, {MODELS_PACKAGE: tmp_path})
-    assert "already known" in message
+@pytest.mark.parametrize(
+    ("name", "folder", "cause"),
+    [("mine", "nowhere", "'mine'.*no such folder"), (MODELS_PACKAGE, ".", "already known")],
+)
+def test_a_package_that_cannot_be_is_refused(name, folder, cause, tmp_path):
+    with pytest.raises(InputError, match=cause):
+        package_folders({name: tmp_path / folder})

@@ -13,12 +13,7 @@ from cpid_drake.errors import prefix_errors
 from cpid_drake.output_files.drafts import draft_folder
 from cpid_drake.output_files.overwriting import check_folder, check_outputs
 from cpid_drake.report.page import Report
-from cpid_drake.report.pages.study import (
-    paper_report,
-    technique_report,
-    write_study,
-    write_techniques,
-)
+from cpid_drake.report.pages.study import paper_report, technique_report
 from cpid_drake.report.terminal import print_table
 from cpid_drake.resources import find_scenario
 from cpid_drake.scenario.files import files_of, load_scenario
@@ -49,9 +44,9 @@ def paper(
             options.print_warnings(check_limits(found.simulation).exceeded)
         status.update("drawing the figures")
         summary = summarize(found, time.perf_counter() - start)
-        page = paper_report(found, scenario)
+        page = paper_report(found, scenario, summary)
         with draft_folder(out) as draft:
-            write_study(draft, page, summary)
+            page.write_folder(draft)
     _print(page, quiet)
     log.print(f"{out}: {summary['wall_seconds']:.1f} s")
 
@@ -105,13 +100,12 @@ def report(
 ) -> None:
     """Report a campaign: errors, coverage, checks, worst cases, verdicts on its requirements."""
     with options.extra("campaign"):
-        from cpid_drake.report.pages.campaign import campaign_report, write_campaign
+        from cpid_drake.report.pages.campaign import campaign_report
         from cpid_drake.studies.campaign.statistics import statistics_of
     check_outputs([("", folder / "report.html")], force=force)
-    found = statistics_of(folder)
-    page = campaign_report(found, folder)
+    page = campaign_report(statistics_of(folder), folder)
     with draft_folder(folder) as draft:
-        write_campaign(draft, page, found)
+        page.write_folder(draft)
     _print(page, quiet)
 
 
@@ -167,7 +161,7 @@ def compare_techniques(
     page = technique_report(found, names, words)
     seconds = time.perf_counter() - start
     with draft_folder(out) as draft:
-        write_techniques(draft, page, found)
+        page.write_folder(draft)
     _print(page, quiet)
     log.print(f"{out}: {seconds:.1f} s")
 

@@ -1,10 +1,8 @@
 """The tables and figures of a campaign."""
 
-import csv
 import shlex
 from dataclasses import replace
 from functools import partial
-from io import StringIO
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -160,13 +158,6 @@ def compared(found: Statistics) -> str:
         f"trial, the propagator {1e3 * found.truth_seconds:.3g} ms, {ratio:.0f} times less. Where "
         "forces act from outside, the plant's joints do not follow their motion exactly."
     )
-
-
-def as_csv(table: Table) -> str:
-    """Return a table as CSV."""
-    text = StringIO()
-    csv.writer(text, lineterminator="\n").writerows([table.heads, *table.rows])
-    return text.getvalue()
 
 
 def _where(found: Statistics, point: int) -> str:

@@ -1,8 +1,10 @@
 """A page: one self-contained HTML file, made of sections. Jinja escapes all text of the user."""
 
+import csv
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from io import StringIO
 from pathlib import Path
 
 import jinja2
@@ -23,6 +25,12 @@ class Table:
     rows: Sequence[Sequence[str]]
     caption: str = ""
     note: str = ""
+
+    def csv(self) -> str:
+        """Return heads and rows as CSV."""
+        text = StringIO()
+        csv.writer(text, lineterminator="\n").writerows([self.heads, *self.rows])
+        return text.getvalue()
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +72,7 @@ class Report:
         title, subtitle: plain text.
         sections: the sections, in the order of the page.
         data: JSON texts to embed, by name.
+        files: texts of other files in the report's folder, by name.
 
     """
 
@@ -71,6 +80,7 @@ class Report:
     subtitle: str
     sections: Sequence[Section]
     data: Mapping[str, str] = field(default_factory=dict)
+    files: Mapping[str, str] = field(default_factory=dict)
 
     def html(self) -> str:
         """Return the page as HTML."""
@@ -99,6 +109,13 @@ class Report:
 
         """
         write_text(path, self.html())
+
+    def write_folder(self, folder: Path) -> None:
+        """Write the page, its figures and its other files into an existing folder."""
+        self.save_figures(folder)
+        self.write(folder / "report.html")
+        for name, text in self.files.items():
+            write_text(folder / name, text)
 
 
 def embedded_json(text: str) -> Markup:

@@ -1,7 +1,5 @@
 """Tables and figures of the comparison of techniques."""
 
-import csv
-import io
 from functools import partial
 
 import numpy as np
@@ -146,11 +144,12 @@ def number(value: float) -> str:
     return f"{value:.2g}" if 0.01 <= abs(value) < 100 or not value else f"{value:.1e}"
 
 
-def as_csv(found: Comparison) -> str:
-    """Return all numbers as CSV, one in each line."""
-    file = io.StringIO()
-    writer = csv.writer(file, lineterminator="\n")
-    writer.writerow(["technique", "motion", "sensors", "target", "quantity", "value"])
-    for key, values in found.numbers.items():
-        writer.writerows([*key, name, f"{value:.6g}"] for name, value in values.items())
-    return file.getvalue()
+def numbers(found: Comparison) -> Table:
+    """Return the table of all numbers, one in each row."""
+    heads = ["technique", "motion", "sensors", "target", "quantity", "value"]
+    rows = [
+        [*key, name, f"{value:.6g}"]
+        for key, values in found.numbers.items()
+        for name, value in values.items()
+    ]
+    return Table(heads, rows)

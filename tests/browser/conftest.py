@@ -43,7 +43,7 @@ def new_page(browser):
 def open_page(new_page):
     """Return a context manager (url, width, height) -> page.
 
-    At its end: the page had no error, and asked for nothing but files and this machine.
+    At its end: nothing complained, and nothing but the file and this machine was asked for.
     """
 
     @contextmanager
@@ -52,6 +52,7 @@ def open_page(new_page):
         errors, requests = [], []
         page.on("pageerror", lambda error: errors.append(str(error)))
         page.on("console", lambda m: errors.append(m.text) if m.type == "error" else None)
+        page.on("dialog", lambda dialog: (errors.append(dialog.message), dialog.dismiss()))
         page.on("request", lambda request: requests.append(request.url))
         try:
             page.goto(str(url))
@@ -59,7 +60,7 @@ def open_page(new_page):
         finally:
             page.close()
         assert errors == []
-        here = ("file:", "data:", "blob:", "http://localhost:", "ws://localhost:")
+        here = (str(url), "data:", "blob:", "about:", "http://localhost:", "ws://localhost:")
         assert [url for url in requests if not url.startswith(here)] == []
 
     return open_

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 from pydrake.multibody.tree import MultibodyForces
-from sensing_cases import small_craft
 
-from cpid_drake import InertialParameters, Spacecraft
+from cpid_drake import InertialParameters
 from cpid_drake.dynamics.momentum import momentum_samples
 from cpid_drake.dynamics.newton_euler import (
     ReferenceDynamics,
@@ -22,12 +21,6 @@ TARGET = InertialParameters(
     60.0, [0.5, -0.12, 0.08], [[8.0, -0.7, 0.4], [-0.7, 11.0, 0.9], [0.4, 0.9, 6.0]]
 )
 PHI = TARGET.to_standard_vector()
-
-
-@pytest.fixture(scope="module")
-def craft(tmp_path_factory) -> Spacecraft:
-    """Turning and sliding joints, welds and turned frames."""
-    return small_craft(tmp_path_factory.mktemp("craft"))
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
-from sensing_cases import MOMENTUM, Sines, small_craft
+from sensing_cases import MOMENTUM, Sines
 
 from cpid_drake import HalfCosine, InputError
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
@@ -20,11 +20,6 @@ POSE = {
     "quaternion_WB": Rotation.from_rotvec([0.3, 0.5, -0.2]).as_quat(scalar_first=True),
     "p_WB": np.array([20.0, -10.0, 5.0]),
 }
-
-
-@pytest.fixture(scope="module")
-def craft(tmp_path_factory):
-    return small_craft(tmp_path_factory.mktemp("craft"))
 
 
 @pytest.fixture(scope="module")

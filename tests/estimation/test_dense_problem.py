@@ -14,7 +14,6 @@ from sensing_cases import (
     coarse_suite,
     measured,
     momentum_about_com,
-    small_craft,
     true_psi,
 )
 
@@ -36,11 +35,6 @@ def close(covariance, expected, rtol):
     np.testing.assert_allclose(sigma, right, rtol=rtol)
     one, other = covariance / np.outer(sigma, sigma), expected / np.outer(right, right)
     np.testing.assert_allclose(one, other, rtol=0, atol=rtol)
-
-
-@pytest.fixture(scope="module")
-def craft(tmp_path_factory):
-    return small_craft(tmp_path_factory.mktemp("craft"))
 
 
 @pytest.fixture(scope="module", params=[None, MOMENTUM], ids=["at rest", "tumbling"])

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sensing_cases import Sines, coarse_suite, measured, small_craft, true_psi
+from sensing_cases import Sines, coarse_suite, measured, true_psi
 
 from cpid_drake import InertialParameters, identify
 from cpid_drake.identification.fitted import cramer_rao_bound
@@ -13,11 +13,6 @@ from cpid_drake.sensors.sensors import AttitudeSensor, Gyro, JointSensor, Vector
 
 GYRO = Gyro(100.0, 0.005, 1.0, 0.1)
 SUITE = coarse_suite(gyro=GYRO)
-
-
-@pytest.fixture(scope="module")
-def craft(tmp_path_factory):
-    return small_craft(tmp_path_factory.mktemp("craft"))
 
 
 @pytest.fixture(scope="module")

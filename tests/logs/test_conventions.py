@@ -35,11 +35,6 @@ DEGREES = 180 / np.pi
 
 
 @pytest.fixture(scope="module")
-def craft(tmp_path_factory):
-    return small_craft(tmp_path_factory.mktemp("craft"))
-
-
-@pytest.fixture(scope="module")
 def wheeled(tmp_path_factory):
     return small_craft(tmp_path_factory.mktemp("wheels"), wheels=True)
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from sensing_cases import Sines, coarse_suite, measured, small_craft, true_telemetry
+from sensing_cases import Sines, coarse_suite, measured, true_telemetry
 
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.logs.log import Samples
@@ -25,11 +25,6 @@ GROUPS = {
     "joints": slice(12, 12 + JOINTS),
     "joint rates": slice(12 + JOINTS, 12 + 2 * JOINTS),
 }
-
-
-@pytest.fixture(scope="module")
-def craft(tmp_path_factory):
-    return small_craft(tmp_path_factory.mktemp("craft"))
 
 
 @pytest.fixture(scope="module")

@@ -82,11 +82,6 @@ SHIFT = 256.0
 
 
 @pytest.fixture(scope="module")
-def craft(tmp_path_factory):
-    return small_craft(tmp_path_factory.mktemp("craft"))
-
-
-@pytest.fixture(scope="module")
 def found(craft, skewed_target):
     """Return a function (estimator, change) -> what is identified from a changed log."""
     motion = Sines.drawn(4, seed=101, duration=5.0, size=0.6)

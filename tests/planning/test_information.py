@@ -32,6 +32,7 @@ def test_it_is_the_exact_bound_if_the_encoders_are_good(name, preset):
     np.testing.assert_allclose(case.sigma() / exact, 1.0, atol=0.04)
 
 
+@pytest.mark.slow
 def test_on_a_table_four_parameters_are_determined():
     """Without mounting, lever arm, zeros and delay, which the closed form leaves out."""
     case = Planned("air_bearing", "air_bearing")

@@ -95,7 +95,7 @@ def test_it_keeps_the_ends_and_all_limits_of_drakes_plant(planner, scenario):
     motion, own = planner.best.motion, planner.own_motion
     np.testing.assert_allclose(motion.evaluate([0.0, 10.0])[:, 0], own.evaluate([0.0, 10.0])[:, 0])
     declared = replace(scenario, joint_motion=planner.family.declare(planner.best.parameters))
-    for target in (*planner.targets, *planner.plausible(3, 99)):
+    for target in (planner.targets[0], *planner.plausible(2, 99)):
         body = InertialParameters.from_vector(target)
         found = check_limits(make_simulation(declared, target=body))
         assert found.exceeded == ()

@@ -147,6 +147,7 @@ class TestWhatIsSaid:
 
 
 class TestFigures:
+    @pytest.mark.slow
     def test_convergence_ends_at_the_estimate_and_has_gaps_before_it(self, exact, monkeypatch):
         for name, record in ESTIMATORS.items():
             monkeypatch.setitem(ESTIMATORS, name, replace(record, reports=6))

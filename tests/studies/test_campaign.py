@@ -13,7 +13,7 @@ pa = pytest.importorskip("pyarrow")
 dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
 
-from cpid_drake.report.pages.campaign import campaign_report, write_campaign  # noqa: E402
+from cpid_drake.report.pages.campaign import campaign_report  # noqa: E402
 from cpid_drake.studies.campaign import store  # noqa: E402
 from cpid_drake.studies.campaign.run import run_campaign  # noqa: E402
 from cpid_drake.studies.campaign.schema import Axis, load_campaign  # noqa: E402
@@ -148,20 +148,18 @@ def test_a_solid_and_a_tumble_become_inertia_and_momentum(plan):
 # -- the rows --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("bodies", ["0.0", "0.01"], ids=["nominal", "uncertain"])
-@pytest.mark.parametrize("text", [EXACT, NOISY], ids=["exact", "noisy"])
+@pytest.mark.parametrize(
+    ("text", "bodies"), [(EXACT, "0.0"), (NOISY, "0.01")], ids=["exact", "noisy and uncertain"]
+)
 def test_the_rows_do_not_depend_on_chunks(plan, text, bodies):
     found = plan(text.replace("fixed: {", f"fixed: {{known_bodies.mass: {bodies}, "))
-    whole = rows(run_chunk(found.text, 0, 4))
-    parts = [(0, 1), (1, 4)]
+    whole = rows(run_chunk(found.text, 0, 3))
+    parts = [(0, 1), (1, 3)]
     assert whole == [row for part in parts for row in rows(run_chunk(found.text, *part))]
-    assert [row["trial"] for row in whole] == [0, 1, 2, 3]
+    assert [row["trial"] for row in whole] == [0, 1, 2]
     assert all(row["error"] is None for row in whole)
-    if text == EXACT and bodies == "0.0":
-        error = np.array([r["estimate"] for r in whole]) - [r["truth"] for r in whole]
-        assert np.abs(error).max() < 1e-6
-    elif text == EXACT:
-        assert min(abs(row["estimate"][0] - row["truth"][0]) for row in whole) > 1e-3
+    error = np.abs([np.subtract(row["estimate"], row["truth"]) for row in whole])
+    assert error.max() < 1e-6 if text == EXACT else error[:, 0].min() > 1e-3
 
 
 def test_a_trial_that_fails_is_a_row_with_its_error(plan):
@@ -186,6 +184,7 @@ def test_given_errors_of_the_model_act_on_the_estimate(plan):
 
 def test_drake_simulates_what_the_propagator_propagates(plan):
     text = EXACT.replace("repeated: 0.0", "repeated: 1.0").replace("trials: 4", "trials: 1")
+    text = text.replace("duration: 4.0", "duration: 2.0")
     [row] = run_chunk(plan(text).text, 0, 1).to_pylist()
     assert row["drake_position"] < 1e-8
     assert row["drake_angle"] < 1e-8
@@ -249,23 +248,17 @@ def drawn(plan, tmp_path):
         for number in range(count):
             z = rng.standard_normal(10) + shift
             common = {"trial": number, "point": 0, "estimator": "standard", "passed": True}
+            common |= {"axis target.mass": 100.0, "axis tumble_C": "[0.01, 0.0, 0.0]"}
             if number == 3:
                 table.append({**common, "error": "too few samples"})
                 continue
             table.append(
                 common
-                | {
-                    "truth": truth,
-                    "estimate": truth + sigma * z,
-                    "sigma": np.sqrt(reported) * sigma,
-                }
-                | {"bound": sigma, "inside": (np.abs(z) < 1.96 * np.sqrt(reported)).tolist()}
-                | {"nees": float(z @ z / reported), "known": 10, "failed_checks": []}
-                | {"axis target.mass": 100.0, "axis tumble_C": "[0.01, 0.0, 0.0]"}
+                | {"truth": truth, "estimate": truth + sigma * z, "bound": sigma}
+                | {"sigma": np.sqrt(reported) * sigma, "known": 10, "failed_checks": []}
+                | {"inside": (np.abs(z) < 1.96 * np.sqrt(reported)).tolist()}
+                | {"nees": float(z @ z / reported)}
             )
-        for row in table:
-            row.setdefault("axis target.mass", 100.0)
-            row.setdefault("axis tumble_C", "[0.01, 0.0, 0.0]")
         for first in range(0, count, 500):
             part = table[first : first + 500]
             chunk = pa.Table.from_pylist(part, schema_of(found))
@@ -278,12 +271,8 @@ def drawn(plan, tmp_path):
 def test_honest_errors_have_ratio_one_and_95_percent_coverage(drawn):
     found = statistics_of(drawn(2000))
     tally = found.by_point[0, "standard"]
-    assert (found.done, tally.trials, tally.failed, tally.problem) == (
-        2000,
-        2000,
-        1,
-        "too few samples",
-    )
+    assert (found.done, tally.trials, tally.failed) == (2000, 2000, 1)
+    assert tally.problem == "too few samples"
     np.testing.assert_allclose(tally.over_bound(), 1.0, atol=0.07)
     np.testing.assert_allclose(tally.inside / tally.known, 0.95, atol=0.02)
     low, high = tally.nees_band()
@@ -318,9 +307,8 @@ def test_a_verdict_needs_enough_trials(met, trials, probability, text):
 def test_the_report_has_verdicts_tables_and_the_worst_trials(drawn):
     mass, com = "{error: 1 %, probability: 0.9}", "{error: 1e-9, probability: 0.9}"
     folder = drawn(60, requirements=f"requirements: {{mass: {mass}, com: {com}}}\n")
-    found = statistics_of(folder)
-    page = campaign_report(found, folder)
-    write_campaign(folder, page, found)
+    page = campaign_report(statistics_of(folder), folder)
+    page.write_folder(folder)
     assert "RMS error over Cramér-Rao bound, 60 trials" in page.html()
     text = (folder / "requirements.csv").read_text()
     assert "mass ,standard,1 %,90 %,59 of 60" in text

@@ -27,7 +27,7 @@ pytestmark = [
     pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="needs /proc, to find processes"),
 ]
 
-KILLS = int(os.environ.get("CPID_KILLS", "2"))
+KILLS = int(os.environ.get("CPID_KILLS", "1"))
 """Number of instants at which a process is killed."""
 
 CAMPAIGN = """

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sensing_cases import MOMENTUM, Sines, coarse_suite, small_craft
+from sensing_cases import MOMENTUM, Sines, coarse_suite
 
 from cpid_drake.dynamics.momentum import total_momentum
 from cpid_drake.dynamics.orbit import Orbit
@@ -14,11 +14,6 @@ from cpid_drake.studies.trials import Case, Firing, base_trajectory, draw, ideal
 
 SIZES = Disturbances(1e-3, 0.2, acceleration_walk=5e-4, torque_walk=0.1)
 TIMES = np.array([0.0, 0.3, 0.5, 1.1, 1.9, 2.5, 4.0])
-
-
-@pytest.fixture(scope="module")
-def craft(tmp_path_factory):
-    return small_craft(tmp_path_factory.mktemp("craft"))
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from pydrake.common.value import Value
-from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
@@ -15,7 +14,6 @@ from cpid_drake import (
     InputError,
     JointController,
     JointMotionSource,
-    MomentumIdentifier,
     Spline,
     identify,
     load_scenario,
@@ -245,18 +243,14 @@ def test_a_known_estimate_becomes_the_models_target_and_stays(
         )
 
 
-@pytest.mark.parametrize("entry", [0, 3, 9])
+@pytest.mark.parametrize(("entry", "wide"), [(0, 0.06), (3, np.nan), (9, 0.06)])
 def test_one_parameter_that_is_not_known_well_enough_keeps_the_model(
-    servicer, inputs, skewed_target, entry
+    servicer, inputs, skewed_target, entry, wide
 ):
     controller = JointController(servicer, reads_estimate=True, tolerance=0.05)
     sigma = np.full(10, PRECISE)
-    sigma[entry] = 0.06
+    sigma[entry] = wide
     context = fixed(controller, inputs, skewed_target, sigma)
-    update(controller, context)
-    assert not target_of(controller, context).any()
-    sigma[entry] = np.nan
-    give(controller, context, skewed_target, sigma)
     update(controller, context)
     assert not target_of(controller, context).any()
 
@@ -273,36 +267,3 @@ def test_the_model_is_state_of_the_context(servicer, inputs, skewed_target):
         context.SetTime(1.0)
     np.testing.assert_array_equal(force(controller, before), first)
     np.testing.assert_array_equal(force(controller, after), second)
-
-
-def test_an_estimate_with_the_wrong_momentum_is_not_used():
-    """A target that tumbles, identified as if the momentum were zero, is not known well enough."""
-    scenario = load_scenario(shipped_scenario("tumbling_capture"))
-    spacecraft, target = scenario.spacecraft.make(), scenario.target_truth()
-    motion = scenario.make_joint_motion(spacecraft)
-    builder = DiagramBuilder()
-    plant = builder.AddSystem(MultibodyPlant(time_step=0.0))
-    spacecraft.add_to(plant, target)
-    state = plant.get_state_output_port()
-    identifier = MomentumIdentifier.AddToBuilder(
-        builder, spacecraft, state=state, rows="standard", period=0.25, offset=0.25
-    )
-    controller = JointController.AddToBuilder(
-        builder,
-        spacecraft,
-        state=state,
-        desired_motion=builder.AddSystem(JointMotionSource(motion)).get_output_port(),
-        covariance=identifier.GetOutputPort("covariance"),
-        spatial_inertia=identifier.GetOutputPort("spatial_inertia"),
-        reads_estimate=True,
-        generalized_force=plant.get_applied_generalized_force_input_port(),
-    )
-    simulator = Simulator(builder.Build())
-    simulator.get_mutable_integrator().set_target_accuracy(1e-6)
-    root_context = simulator.get_mutable_context()
-    start = spacecraft.initial_state(target, motion, scenario.simulation.momentum_W)
-    plant.SetPositionsAndVelocities(plant.GetMyMutableContextFromRoot(root_context), start)
-    simulator.AdvanceTo(3.0)
-    found = identifier.identification(identifier.GetMyContextFromRoot(root_context))
-    assert found.is_observable
-    assert not target_of(controller, controller.GetMyContextFromRoot(root_context)).any()

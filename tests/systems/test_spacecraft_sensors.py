@@ -102,8 +102,7 @@ def latest(sensors, context) -> dict:
     return {name: sensors.GetOutputPort(name).Eval(context) for name in sensors.suite.present()}
 
 
-@pytest.mark.parametrize("per_step", [False, True])
-@pytest.mark.parametrize("digits", [None, 4])
+@pytest.mark.parametrize(("per_step", "digits"), [(False, None), (True, 4)])
 def test_samples_are_those_of_the_array_model(servicer, suite, motion, diagram, per_step, digits):
     """In a diagram one by one, or all at once: the same times, the same errors."""
     suite.decimals = digits
@@ -114,42 +113,6 @@ def test_samples_are_those_of_the_array_model(servicer, suite, motion, diagram, 
     for name, sensor in suite.present().items():
         times = getattr(found, name).time
         np.testing.assert_array_equal(times, sample_times(sensor.rate, DURATION))
-
-
-def test_samples_of_a_simulated_plant_are_those_of_its_logged_motion(servicer, suite, paper_target):
-    """With a plant's continuous state: the sample is of the state at its very time."""
-    plant_diagram = DiagramBuilder()
-    plant = plant_diagram.AddSystem(servicer.make_simulation_plant(paper_target))
-    state_port = plant.get_state_output_port()
-    sensors = SpacecraftSensors.AddToBuilder(
-        plant_diagram, servicer, state=state_port, suite=suite, seed=8
-    )
-    logs = log_samples(plant_diagram, sensors)
-    simulator = Simulator(plant_diagram.Build())
-    context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
-    state = plant.GetPositionsAndVelocities(context)
-    state[-12:] = 0.1 * np.arange(12)
-    plant.SetPositionsAndVelocities(context, state)
-
-    times = np.unique(np.round(np.concatenate([sample_times(r, 0.5) for r in (4, 100, 7)]), 12))
-    states = []
-    for time in times:
-        simulator.AdvanceTo(time)
-        states.append(plant.GetPositionsAndVelocities(context).copy())
-    simulator.AdvancePendingEvents()
-    found = measurements_from_logs(sensors, logs, simulator.get_context())
-
-    def motion(wanted):
-        index = np.abs(times[:, None] - wanted).argmin(axis=0)
-        return servicer.to_motion(wanted, np.array(states)[index])
-
-    only = SensorSuite(attitude=suite.attitude, gyro=suite.gyro, position=suite.position)
-    expected = add_noise(only, ideal_log(only, servicer.joint_names, motion, 0.5), 8)
-    for name in ("attitude", "gyro", "position"):
-        np.testing.assert_array_equal(getattr(found, name).time, getattr(expected, name).time)
-        np.testing.assert_allclose(
-            getattr(found, name).value, getattr(expected, name).value, rtol=0, atol=1e-12
-        )
 
 
 def test_constant_errors_are_those_of_the_array_model(servicer, suite, motion, diagram):
