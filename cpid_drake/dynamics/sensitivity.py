@@ -112,6 +112,9 @@ def _by_geometry(
     two `axis_normals`, in the joint's inboard frame; last C's place and a small turn, both in C.
     """
     tree = outboard.tree
+    if not wanted.any():
+        screws = np.zeros((*outboard.bodies.r.shape[1:2], 6, 0))
+        return screws, screws[:, 3:], screws
     moving, target, S = tree.jointed, len(tree.bodies) - 1, []
     for k, error in zip(moving, joints, strict=True):
         normals = axis_normals(tree.bodies[k])
@@ -140,7 +143,9 @@ def _by_bodies(
     tree, bodies = outboard.tree, outboard.bodies
     total, K, N, dtype = tree.mass, len(errors), len(rho), bodies.v.dtype
     momentum, com = np.zeros((N, 6, K, 10), dtype), np.zeros((N, 3, K, 10), dtype)
-    for k, (body, error) in enumerate(zip(tree.bodies, errors if wanted.any() else ())):
+    for k, (body, error) in enumerate(zip(tree.bodies, errors)):
+        if not wanted[10 * k :][:10].any():
+            continue
         R, r, w, v = bodies.R[k], bodies.r[k], bodies.w[k], bodies.v[k]
         nominal, mass = body.mass / (1 + error[0]), body.mass
         axes_B, stretches = error_directions(tree, k)

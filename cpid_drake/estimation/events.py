@@ -18,8 +18,7 @@ from cpid_drake.estimation.fit import Fit, fit, prior_of
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.joints import FAR
 from cpid_drake.estimation.log_state import LogState
-from cpid_drake.estimation.roll import roll
-from cpid_drake.estimation.sweep import sweep
+from cpid_drake.estimation.sweep import known_at_start, sweep
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.estimation.whiteness import LagSums, Whiteness
 
@@ -87,24 +86,25 @@ def _changes(
 ) -> list[list[int]]:
     """Return of each log the blocks at whose ends something changed."""
     result = []
-    for log in found.logs:
-        best, start, before = list[int](), 0, None
-        rolled = roll(model, log, found.values)
-        for first in range(0, len(log.blocks) - 1, TOGETHER):
-            if first > start:
-                parts = log.part(start, first), rolled.part(start, first)
-                before = sweep(model, *parts, found.values, before=before).end
-            start = first
-            end = min(first + TOGETHER + LATER + 1, len(log.blocks))
-            ends = range(min(TOGETHER, end - first - 1))
-            wide = log.part(first, end)
-            wide = wide.opened(model, {*wide.links, *ends})
-            carried = sweep(
-                model, wide, rolled.part(first, end), found.values, carry=ends, before=before
-            )
-            compared = _compared(model, wide, found, carried.gaussian, ends, question, rows)
+    for log, rolled in zip(found.logs, found.rolled, strict=True):
+        best, count = list[int](), len(log.blocks)
+        before = known_at_start(model, log, found.values)
+        wide = log.opened(model, range(count - 1))
+        for first in range(0, count - 1, TOGETHER):
+            last = min(first + TOGETHER, count - 1)
+            ends, later = range(last - first), slice(last, min(last + LATER + 1, count))
+            own = wide.part(first, last)
+            parts = own, rolled.part(first, last)
+            known = sweep(model, *parts, found.values, carry=ends, before=before).end
+            parts = log.part(later.start, later.stop), rolled.part(later.start, later.stop)
+            carried = sweep(model, *parts, found.values, before=known).gaussian
+            compared = _compared(model, own, found, carried, ends, question, rows)
             best += [first + k for k in ends if _name(k, log) in compared.best]
-        result.append(sorted(set(best)))
+            known = known.condition(
+                {_name(k, log): 0.0 for k in ends if first + k not in log.links}
+            )
+            before = known.marginal(n for n in known.places if not n.startswith("link "))
+        result.append(best)
     return result
 
 

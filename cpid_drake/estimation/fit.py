@@ -10,6 +10,7 @@ Sources: Nocedal and Wright 2006, ch. 10; Nielsen 1999 (damping); Huber 1964 (we
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,8 +92,8 @@ def fit(
     logs = list(logs)
     if values is None or any(log.start is None for log in logs):
         values, logs = start_of(model, logs, values)
-    rolled = [roll(model, log, values) for log in logs]
-    now = Fit(model, values, logs, rolled, prior_of(model, logs, values, rows), 0.0, 0, False)
+    prior = prior_of(model, logs, values, rows)
+    now = Fit(model, values, logs, [roll(model, log, values) for log in logs], prior, 0.0, 0, False)
     sigmas = {u.key(log.name): u.sigma for u in model.table for log in logs}
     damping, growth, settled, swept = 1.0, 2.0, False, list[Swept]()
     while now.sweeps < MOST_SWEEPS and not now.converged:
@@ -100,14 +101,18 @@ def fit(
         if now.sweeps and progress(text) is False:
             break
         if settled:
-            parts = zip(now.logs, now.rolled, swept, strict=True)
-            now = replace(now, logs=[reweighted(model, log, r, s.absorbed) for log, r, s in parts])
-            swept.clear()  # a long log has room for one sweep
-        both = zip(now.logs, now.rolled, strict=True)
-        swept = [sweep(model, log, rolled, now.values) for log, rolled in both]
-        total = prior_of(model, now.logs, now.values, rows)
-        for each in swept:
-            total = total.add(each.gaussian)
+            absorbed = [each.absorbed for each in swept]
+            logs = [
+                reweighted(model, *parts)
+                for parts in zip(now.logs, now.rolled, absorbed, strict=True)
+            ]
+            now = replace(now, logs=logs)
+        swept.clear()  # a long log has room for one sweep
+        swept = [
+            sweep(model, *parts, now.values) for parts in zip(now.logs, now.rolled, strict=True)
+        ]
+        prior = prior_of(model, now.logs, now.values, rows)
+        total = reduce(Gaussian.add, [each.gaussian for each in swept], prior)
         cost = _cost(now, rows, now.values)
         now = replace(now, gaussian=total, cost=cost, sweeps=now.sweeps + 1)
         sigma = np.concatenate([sigmas[name] for name in total.places])

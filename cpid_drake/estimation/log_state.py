@@ -27,7 +27,7 @@ class LogState:
         start: attitude, centre of mass and momentum at the start; None before the first fit.
         bias: of each block: (nodes, 3) biases of all gyros [rad/s].
         forces: of each block: (K,) entries of white forces, in units of their σ.
-        walks: of each block but the last: (w,) change at its end of the constants that walk.
+        walks: of each block but a log's last: (w,) change at its end of the constants that walk.
         links: σ (12,) of a change of attitude, centre of mass, L and v at the end of some blocks.
         jumps: (12,) present value of these changes.
         aims: states at the start of some blocks, at which changes and white forces before them aim.
@@ -119,17 +119,20 @@ class LogState:
         return any(block.samples.has_thrust for block in self.blocks)
 
     def part(self, first: int, end: int) -> "LogState":
-        """Return the blocks from `first` up to `end`; its start is that of the whole log."""
+        """Return the blocks from `first` up to `end`, with what changes behind the last of them.
+
+        Its start is that of the whole log.
+        """
         return replace(
             self,
             blocks=self.blocks[first:end],
             joints=self.joints[first:end],
             bias=self.bias[first:end],
             forces=self.forces[first:end],
-            walks=self.walks[first : end - 1],
+            walks=self.walks[first:end],
             weights=self.weights[first:end],
-            links={k - first: s for k, s in self.links.items() if first <= k < end - 1},
-            jumps={k - first: u for k, u in self.jumps.items() if first <= k < end - 1},
+            links={k - first: s for k, s in self.links.items() if first <= k < end},
+            jumps={k - first: u for k, u in self.jumps.items() if first <= k < end},
             aims={k - first: aim for k, aim in self.aims.items() if first <= k < end},
         )
 

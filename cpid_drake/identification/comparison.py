@@ -295,7 +295,8 @@ def _beginning(found: Fit, rows: Sequence[Gaussian], share: float) -> tuple[Gaus
         if not 0 < k < len(log.blocks):
             return None, False
         has_changes = has_changes or max(log.links, default=-1) >= k - 1
-        beginning = beginning.add(sweep(found.model, *_first(found, log, rolled, k)).gaussian)
+        swept = sweep(found.model, *_first(found, log, rolled, k), forward_only=True)
+        beginning = beginning.add(swept.gaussian)
     return beginning, has_changes
 
 
@@ -317,7 +318,7 @@ def _first(
     found: Fit, log: LogState, rolled: Rolled, k: int
 ) -> tuple[LogState, Rolled, dict[str, NDArray[np.float64]]]:
     """Return the first k blocks of a log, their prediction, and the values at their end."""
-    values, later = dict(found.values), np.sum(log.walks[k - 1 :], axis=0)
+    values, later = dict(found.values), np.sum(log.walks[k:], axis=0)
     for unknown in found.model.walking:
         step, later = np.split(later, [unknown.size])
         values[unknown.key(log.name)] = values[unknown.key(log.name)] - step

@@ -205,7 +205,8 @@ def _separated(
         if len(found.logs) > 1:  # a difference between logs must not look like noise
             by_itself = fit(found.model, [log], values=found.values).logs[0]
             alone = replace(log, noise=by_itself.noise, weights=by_itself.weights)
-        sources[log.name] = conditioned(sweep(found.model, alone, rolled, found.values).gaussian)
+        swept = sweep(found.model, alone, rolled, found.values, forward_only=True)
+        sources[log.name] = conditioned(swept.gaussian)
     if prior is not None:
         sources[prior.name] = rows[0].moved(found.values[PSI])
     return with_sources(

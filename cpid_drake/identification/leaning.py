@@ -17,7 +17,14 @@ from cpid_drake.estimation.unknowns import BODIES, PSI, Model
 MASS, INERTIA = "mass", "inertia"
 """What is held of the base: of everything that is fixed to it, inertia about its centre of mass."""
 
-_LARGER = BodyUncertainty(mass=0.01, inertia=0.01)
+
+class _OfBase(BodyUncertainty):
+    """Errors of the base alone: of what is fixed to it."""
+
+    def all_sigmas(self, wheels: Sequence[bool], joints: int) -> NDArray[np.float64]:
+        sigmas = super().all_sigmas(wheels, joints)
+        sigmas[10:] = 0.0
+        return sigmas
 
 
 def leaning(
@@ -32,11 +39,12 @@ def leaning(
         rows: what is known besides the samples.
 
     """
-    model = Model(found.model.tree, found.model.suite, _LARGER)
+    model = Model(found.model.tree, found.model.suite, _OfBase(mass=0.01, inertia=0.01))
     values = found.values | {BODIES: model.unknown(BODIES).mean}
     total = prior_of(model, found.logs, values, rows)
-    for log in found.logs:
-        total = total.add(sweep(model, log, roll(model, log, values), values).gaussian)
+    for log, rolled in zip(found.logs, found.rolled, strict=True):
+        rolled = roll(model, log, values, rolled)
+        total = total.add(sweep(model, log, rolled, values, forward_only=True).gaussian)
     total = total.condition({name: value for name, value in held.items() if name in total.places})
     R = total.marginal([PSI, BODIES]).R
     mass, *stretches = -solve_triangular(R[:10, :10], R[:10, 10:14]).T  # of the base, in σ
