@@ -72,9 +72,9 @@ class Rolled:
             for name, rest in block.items():
                 sensor = self.models[k].sensors[name]
                 if step is not None and isinstance(sensor, WhiteReading):
-                    for effect, by in sensor.by_inertia(self.trajectories[k]).items():
+                    for effect, by in sensor.by_unknowns(self.trajectories[k]).items():
                         by = by @ self.by_psi if effect == PSI else by
-                        rest = rest - by @ step[effect]
+                        rest = rest - by @ step[effect] if effect in step else rest
                 total += float(np.sum(log.weighted(k, name, rest) ** 2))
         return total
 

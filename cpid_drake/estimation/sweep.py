@@ -23,7 +23,6 @@ from cpid_drake.estimation.likelihood.effects import GyroBias, with_joint_change
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.estimation.likelihood.motion import Trajectory, TrajectoryState
-from cpid_drake.estimation.likelihood.white_effects import White
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Rolled, Values, first_values, jumped
 from cpid_drake.estimation.unknowns import FASTEST_DRIFT, MOMENTUM, PSI, Model
@@ -201,8 +200,8 @@ def back(model: Model, log: LogState, swept: Swept, step: Values) -> LogState:
         for effect in part.effects:
             if isinstance(effect, GyroBias):
                 bias[k][effect.rows] += s[part.columns[effect.name]].reshape(-1, 3)
-            elif isinstance(effect, White):
-                forces[k][effect.force.rows] += s[part.columns[effect.name]]
+        for force in part.motion.white:
+            forces[k][force.rows] += s[part.columns[force.name]]
         joints[k] = joints[k].moved(s[part.columns["joints"]])
         x[:n] = s[part.at_start[:n]]
         aims[k] = jumped(each.start, x[:12])

@@ -58,71 +58,55 @@ def write_turns(
         change: three columns, which contain zeros.
 
     """
-    load, psi = wrist_load(motion, trajectory), trajectory.state.psi
-    first, inertia = psi[1:4], vector_to_tensor(psi[4:])
-    if load is None:
-        return
-    by_turn = np.zeros((3, 10))
-    for axis, unit in enumerate(np.eye(3)):
-        turned = skew(unit) @ inertia - inertia @ skew(unit)
-        by_turn[axis] = np.concatenate([[0.0], np.cross(unit, first), tensor_to_vector(turned)])
-    turns = -sigma * _values_and_rates(load, motion)[:, :, :3]
-    _write(motion, trajectory, change, turns, by_turn, inertia)
+    first, inertia = trajectory.state.psi[1:4], vector_to_tensor(trajectory.state.psi[4:])
+    by_turn = [
+        [
+            0.0,
+            *np.cross(unit, first),
+            *tensor_to_vector(skew(unit) @ inertia - inertia @ skew(unit)),
+        ]
+        for unit in np.eye(3)
+    ]
+    _write(motion, trajectory, sigma, change, slice(0, 3), np.array(by_turn), inertia)
 
 
 def write_shifts(
     motion: BaseMotion, trajectory: Trajectory, sigma: float, change: MotionChange
 ) -> None:
-    """Write the change of the motion by σ of the compliance along each axis of C.
+    """Write the change of the motion by σ [m/N] of the compliance along each axis of C.
 
     The target moves against C by d = -(compliance) f, with the force f of a rigid grasp, under the
     conditions of `write_turns`. The shift changes c and I_*, and the velocity of the target's
     centre of mass by ḋ. The angular momentum about the system's centre of mass then changes by
-    Y(ω) Δψ + (s + c) × μḋ.
-
-    Args:
-        motion: the base's motion.
-        trajectory: its trajectory.
-        sigma: [m/N].
-        change: three columns, which contain zeros.
-
+    Y(ω) Δψ + (s + c) × μḋ. The arguments are those of `write_turns`.
     """
-    load, psi = wrist_load(motion, trajectory), trajectory.state.psi
-    mu, first = float(psi[0]), psi[1:4]
-    if load is None:
-        return
+    mu, first = float(trajectory.state.psi[0]), trajectory.state.psi[1:4]
     by_shift = np.zeros((3, 10))
     for axis, unit in enumerate(np.eye(3)):
         moved = 2 * first[axis] * np.eye(3) - np.outer(first, unit) - np.outer(unit, first)
         by_shift[axis] = np.concatenate([[0.0], mu * unit, tensor_to_vector(moved)])
-    shifts = -sigma * _values_and_rates(load, motion)[:, :, 3:]
-    _write(motion, trajectory, change, shifts, by_shift, np.cross(first, np.eye(3)))
-
-
-def _values_and_rates(load: CubicSpline, motion: BaseMotion) -> NDArray[np.float64]:
-    """Return a load at the instants of a motion, and its rate (2, M, 6)."""
-    return np.stack([load(motion.times, order) for order in range(2)])
+    spin = np.cross(first, np.eye(3))
+    _write(motion, trajectory, sigma, change, slice(3, 6), by_shift, spin)
 
 
 def _write(
     motion: BaseMotion,
     trajectory: Trajectory,
+    sigma: float,
     change: MotionChange,
-    sizes: NDArray[np.float64],
+    place: slice,
     by_sizes: NDArray[np.float64],
     momentum_by_rates: NDArray[np.float64],
 ) -> None:
-    """Write the change of the motion by three displacements of the target against C.
+    """Write the change by displacements −σ × (three entries of the load at a place).
 
-    Args:
-        motion: the base's motion.
-        trajectory: its trajectory.
-        change: three columns, one for each displacement.
-        sizes: (2, M, 3) the displacements and their rates.
-        by_sizes: (3, 10) change of ψ by each displacement.
-        momentum_by_rates: (3, 3) change of the angular momentum about C by each rate, in C.
-
+    Each changes ψ by a row of `by_sizes` (3, 10), and its rate the angular momentum about C, in C,
+    by a row of `momentum_by_rates` (3, 3).
     """
+    load = wrist_load(motion, trajectory)
+    if load is None:
+        return
+    sizes = -sigma * np.stack([load(motion.times, order)[:, place] for order in range(2)])
     dynamics = motion.dynamics
     Y, per_mass = dynamics.regressor(trajectory.w), dynamics.R_BC / dynamics.mass
     for axis, (by_size, by_rate) in enumerate(zip(by_sizes, momentum_by_rates, strict=True)):

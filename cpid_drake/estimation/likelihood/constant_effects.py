@@ -46,7 +46,10 @@ def _acceleration(
     motion: BaseMotion, trajectory: Trajectory, sigma: float, change: MotionChange
 ) -> None:
     """Write that of an acceleration of the system's centre of mass, in W."""
-    change.a_Wcm[:] = sigma * np.eye(3)
+    elapsed = (motion.times - motion.joints.start)[:, None, None]
+    change.position[:], change.velocity[:] = (
+        sigma * each * np.eye(3) for each in (elapsed**2 / 2, elapsed)
+    )
 
 
 def _torque(motion: BaseMotion, trajectory: Trajectory, sigma: float, change: MotionChange) -> None:

@@ -1,8 +1,9 @@
 """Effects: the unknown or uncertain quantities on which the base's motion and the readings depend.
 
-Each effect has some columns of the Jacobian. It adds the derivatives of the motion, or of readings,
-with respect to its quantities, and connects its quantities within a block. To model a further
-effect, write a function like these and add it to `model.BlockModel`.
+Each effect has some columns of the Jacobian. It adds the derivatives of the motion with respect to
+its quantities, and connects its quantities within a block; what readings change at the same motion
+is a matter of their sensors. To model a further effect, write a function like these and add it to
+`model.BlockModel`.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -29,7 +30,7 @@ from cpid_drake.estimation.likelihood.motion import (
     Trajectory,
     TrajectoryState,
 )
-from cpid_drake.estimation.likelihood.thrust import inverse_mass
+from cpid_drake.estimation.likelihood.thrust import inverse_mass, transition
 from cpid_drake.sensors.sensors import Gyro
 
 
@@ -42,15 +43,12 @@ class MotionChange:
         com: (U, 3, n) change of the centre of mass ρ from B's origin, in B.
         com_rate: (U, 3, n) change of the rate of ρ as seen from B, in B.
         screw: (U, 6, n) small screws that displace the target against B, at B's origin, in B.
+        position, velocity: (U, 3, n) change of place and velocity of the system's centre of mass,
+            in W; without that by the thrust, which follows from the others.
         attitude: (3, n) change of the attitude at the start, a rotation in W.
         L: (3, n) change of the angular momentum at the end at unchanged attitude, in W.
-        p_Wcm: (3, n) change of the system's centre of mass at the start, in W.
-        v_Wcm: (3, n) change of its velocity at the start, in W.
-        a_Wcm: (3, n) change of its acceleration, in W.
         inverse_mass: (n,) change of the inverse 1/m of the system's mass [1/kg].
         thrust: (P, n) change of the errors of the thrust, in the order of `Constants.of_thrust`.
-        position, velocity: (U, 3, n) change of place and velocity of the centre of mass, in W: by
-            white forces, and once `BlockModel` has added it, by all that is above.
 
     """
 
@@ -58,25 +56,20 @@ class MotionChange:
     com: NDArray[np.float64]
     com_rate: NDArray[np.float64]
     screw: NDArray[np.float64]
-    attitude: NDArray[np.float64]
-    L: NDArray[np.float64]
-    p_Wcm: NDArray[np.float64]
-    v_Wcm: NDArray[np.float64]
-    a_Wcm: NDArray[np.float64]
-    inverse_mass: NDArray[np.float64]
-    thrust: NDArray[np.float64]
     position: NDArray[np.float64]
     velocity: NDArray[np.float64]
+    attitude: NDArray[np.float64]
+    L: NDArray[np.float64]
+    inverse_mass: NDArray[np.float64]
+    thrust: NDArray[np.float64]
 
     @classmethod
     def zeros(cls, instants: int, n: int, of_thrust: int = 0) -> "MotionChange":
         """Return no change by n quantities, with so many errors of the thrust."""
         w, com, com_rate, position, velocity = np.zeros((5, instants, 3, n))
-        screw, (attitude, L, p, v, a) = np.zeros((instants, 6, n)), np.zeros((5, 3, n))
+        screw, (attitude, L) = np.zeros((instants, 6, n)), np.zeros((2, 3, n))
         inverse, thrust = np.zeros(n), np.zeros((of_thrust, n))
-        return cls(
-            w, com, com_rate, screw, attitude, L, p, v, a, inverse, thrust, position, velocity
-        )
+        return cls(w, com, com_rate, screw, position, velocity, attitude, L, inverse, thrust)
 
     def columns(self, part: slice) -> "MotionChange":
         """Return views of some columns."""
@@ -114,11 +107,6 @@ class Effect:
         self.at_start = np.arange(size) if at_start is None else at_start
         self.at_end = np.arange(size) if at_end is None else at_end
 
-    def change_reading(
-        self, sensor: str, times: NDArray[np.float64], rows: NDArray[np.float64]
-    ) -> None:
-        """Add to rows (M, 3, n) the derivatives of a sensor's readings at unchanged motion."""
-
     def links(self, state: TrajectoryState) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return rows (m, n) and right-hand side (m,) that connect this block's quantities."""
         return np.zeros((0, self.size)), np.zeros(0)
@@ -141,13 +129,15 @@ def target_effect(motion: BaseMotion) -> Effect:
     return Effect("psi", 10, change_motion)
 
 
-def start_effect() -> Effect:
+def start_effect(motion: BaseMotion) -> Effect:
     """Return that of attitude, centre of mass, L about it and its velocity at the start, in W."""
 
     def change_motion(trajectory: Trajectory, change: MotionChange) -> None:
-        change.attitude[:, :3] = change.p_Wcm[:, 3:6] = np.eye(3)
+        change.attitude[:, :3] = change.L[:, 6:9] = np.eye(3)
         change.w[:, :, 6:9] = trajectory.inverse @ np.swapaxes(trajectory.R, -1, -2)
-        change.L[:, 6:9] = change.v_Wcm[:, 9:] = np.eye(3)
+        drift = transition(motion.joints.start, motion.times, motion.orbit)
+        for moved, by in zip((change.position, change.velocity), np.split(drift, 2, axis=1)):
+            moved[:, :, 3:6], moved[:, :, 9:] = by[:, :, :3], by[:, :, 3:]
 
     return Effect("start", 12, change_motion)
 
@@ -164,7 +154,6 @@ class GyroBias(Effect):
     """
 
     def __init__(self, sensor: str, gyro: Gyro, first: int, start: float, end: float) -> None:
-        self._sensor = sensor
         self._start, self._length = start, end - start
         self._growth = gyro.bias_growth * np.sqrt(self._length)
         self.nodes = 2 if gyro.bias_growth else 1
@@ -179,13 +168,6 @@ class GyroBias(Effect):
             return np.ones((len(times), 1))
         share = (times - self._start) / self._length
         return np.stack([1 - share, share], axis=1)
-
-    def change_reading(
-        self, sensor: str, times: NDArray[np.float64], rows: NDArray[np.float64]
-    ) -> None:
-        """See `Effect`."""
-        if sensor == self._sensor:
-            rows += np.kron(self.weights(times), np.eye(3)).reshape(len(times), 3, -1)
 
     def links(self, state: TrajectoryState) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the prior of the random walk from the first node to the last."""

@@ -25,8 +25,7 @@ from cpid_drake.estimation.likelihood.effects import (
 from cpid_drake.estimation.likelihood.joint_motion import JointPart
 from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory, TrajectoryState
 from cpid_drake.estimation.likelihood.sensors import SensorModel, delay_of, model_classes
-from cpid_drake.estimation.likelihood.thrust import transition
-from cpid_drake.estimation.likelihood.white_effects import White, WhiteReading
+from cpid_drake.estimation.likelihood.white_effects import WhiteReading, white_effect
 from cpid_drake.estimation.likelihood.white_force import white_forces
 from cpid_drake.logs.log import Log
 from cpid_drake.sensors.sensors import Gyro
@@ -99,9 +98,9 @@ class BlockModel:
             first += count
         bodies = known_bodies, errors
         self.sensors |= {each.name: WhiteReading(self.motion, each, *bodies) for each in white}
-        self.effects: list[Effect] = [start_effect(), *biases.values()]
+        self.effects: list[Effect] = [start_effect(self.motion), *biases.values()]
         self.effects += [JointErrors(self.motion)]
-        self.effects += [White(self.motion, force) for force in white]
+        self.effects += [white_effect(self.motion, force) for force in white]
         self.effects += [constant_effect(self.motion, name) for name in constants.errors]
         self.effects += [target_effect(self.motion)]
         self._everything = list(self.effects)
@@ -123,7 +122,7 @@ class BlockModel:
         The latter are those of attitude (a rotation in W), centre of mass, L and velocity at the
         block's end. The columns are `columns`, known bodies included.
         """
-        n, constants = self._width, self.motion.constants
+        n = self._width
         change = self._no_change(n)
         for effect in self._everything:
             effect.change_motion(trajectory, change.columns(self.columns[effect.name]))
@@ -131,14 +130,8 @@ class BlockModel:
         parts = [np.empty((0, n))]
         for name, sensor in self.sensors.items():
             rows = readings[name]
-            for constant, by in sensor.by_constants(trajectory).items():
-                rows[:, :, self.columns[constant]] += by * constants.errors[constant].sigma
-            for effect in self.effects:
-                part = rows[:, :, self.columns[effect.name]]
-                effect.change_reading(name, sensor.samples.time, part)
-            if isinstance(sensor, WhiteReading):
-                for effect_name, by in sensor.by_inertia(trajectory).items():
-                    rows[:, :, self.columns[effect_name]] += by
+            for unknown, by in sensor.by_unknowns(trajectory).items():
+                rows[:, :, self.columns[unknown]] += by
             parts.append(sensor.whitened(rows).reshape(-1, n))
         rows, held = np.vstack(parts), self.held
         # What a table holds has no effect but for rounding, which would grow from block to block.
@@ -200,16 +193,10 @@ class BlockModel:
         xi = ends[:, :3]
         if ends.shape[1] > 3:
             L = L + ends[-1, 3:]
-        start = motion.joints.start
-        elapsed = (motion.times - start)[:, None, None]
-        drift = transition(start, motion.times, motion.orbit).reshape(-1, 6)
-        both = (drift @ np.concatenate([change.p_Wcm, change.v_Wcm])).reshape(
-            -1, 6, change.w.shape[2]
-        )
+        position, velocity = change.position, change.velocity
         if thrust is not None:
-            both += thrust.travel_change(R[:N], psi, xi, change.inverse_mass, *moved[1:])
-        position = change.position + both[:, :3] + change.a_Wcm * elapsed**2 / 2
-        velocity = change.velocity + both[:, 3:] + change.a_Wcm * elapsed
+            both = thrust.travel_change(R[:N], psi, xi, change.inverse_mass, *moved[1:])
+            position, velocity = position + both[:, :3], velocity + both[:, 3:]
         change = replace(change, position=position, velocity=velocity)
         rows = {n: s.jacobian(trajectory, change, xi) for n, s in self.sensors.items()}
         return rows, np.concatenate([xi[-1], position[N - 1], L, velocity[N - 1]])

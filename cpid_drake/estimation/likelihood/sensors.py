@@ -103,18 +103,18 @@ class SensorModel(ABC):
             xi = xi * NORMAL_W[:, None]  # the table holds the tilt
         return self._derivative(trajectory, change, xi)
 
-    def by_constants(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:
-        """Return the derivatives (M, 3, size) w.r.t. the sensor's constant errors, by their names.
+    def by_unknowns(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:
+        """Return the derivatives (M, 3, size) of the readings by unknowns at the same motion.
 
-        Values are in SI units. A delay of the encoders means that all other sensors are early.
+        They are in SI units, by the unknowns' effects: constant errors, in units of their σ, and
+        the bias. A delay of the encoders means that all other sensors are early.
         """
-        names = [f"{self.name}.{kind}" for kind in (*self._kinds(trajectory), "delay")]
-        if not {*names, ENCODER_DELAY} & self._motion.constants.errors.keys():
-            return {}
+        errors = self._motion.constants.errors
         by = {f"{self.name}.{kind}": d for kind, d in self._kinds(trajectory).items()}
-        rate = self._rate(trajectory)[..., None]
-        by |= {f"{self.name}.delay": -rate, ENCODER_DELAY: rate}
-        return {name: d for name, d in by.items() if name in self._motion.constants.errors}
+        if {f"{self.name}.delay", ENCODER_DELAY} & errors.keys():
+            rate = self._rate(trajectory)[..., None]
+            by |= {f"{self.name}.delay": -rate, ENCODER_DELAY: rate}
+        return {name: errors[name].sigma * d for name, d in by.items() if name in errors}
 
     def _measured(self, normal_B: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the axes (d, 3) of the components in the plane, in the errors' frame."""
@@ -220,6 +220,13 @@ class GyroModel(SensorModel):
         for column, (i, j) in enumerate(OFF_DIAGONAL):
             misalignment[:, i, column] = w[:, j]
         return {"scale": scale, "misalignment": misalignment}
+
+    def by_unknowns(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:
+        """See `SensorModel`."""
+        assert self._bias is not None
+        times = self.samples.time
+        by_bias = np.kron(self._bias.weights(times), np.eye(3)).reshape(len(times), 3, -1)
+        return super().by_unknowns(trajectory) | {self._bias.name: by_bias}
 
     def _matrix(self, trajectory: Trajectory) -> NDArray[np.float64]:
         """Return the matrix (3, 3) of scales and misalignments that multiplies w."""

@@ -11,31 +11,19 @@ from cpid_drake.estimation.likelihood.white_force import TORQUE_NOISE, WhiteForc
 from cpid_drake.logs.log import Samples
 
 
-class White(Effect):
-    """A white force; nothing of it continues in the next block."""
+def white_effect(motion: BaseMotion, force: WhiteForce) -> Effect:
+    """Return the effect of a white force; nothing of it continues in the next block."""
 
-    def __init__(self, motion: BaseMotion, force: WhiteForce) -> None:
-        self.force = force
+    def change_motion(trajectory: Trajectory, change: MotionChange) -> None:
+        impulse = force.impulse(motion.times)
+        if force.name == TORQUE_NOISE:
+            change.w[:] = trajectory.inverse @ (np.swapaxes(trajectory.R, -1, -2) @ impulse)
+            change.L[:] = impulse[len(motion.nodes) - 1]
+        else:
+            change.position[:], change.velocity[:] = force.travel(motion.times), impulse
 
-        def change_motion(trajectory: Trajectory, change: MotionChange) -> None:
-            if force.name == TORQUE_NOISE:
-                Rt = np.swapaxes(trajectory.R, -1, -2)
-                impulse = force.impulse(motion.times)
-                change.w[:] = trajectory.inverse @ (Rt @ impulse)
-                change.L[:] = impulse[len(motion.nodes) - 1]
-                return
-            change.position[:] = force.travel(motion.times)
-            change.velocity[:] = force.impulse(motion.times)
-
-        none = np.empty(0, dtype=np.intp)
-        super().__init__(force.name, force.size, change_motion, none, none)
-
-    def change_reading(
-        self, sensor: str, times: NDArray[np.float64], rows: NDArray[np.float64]
-    ) -> None:
-        """See `Effect`."""
-        if sensor == self.name:
-            rows += np.eye(self.size).reshape(rows.shape)
+    none = np.empty(0, dtype=np.intp)
+    return Effect(force.name, force.size, change_motion, none, none)
 
 
 class WhiteReading:
@@ -67,13 +55,15 @@ class WhiteReading:
         forces = trajectory.state.forces[self._force.rows]
         return np.asarray(-forces.reshape(self.samples.value.shape))
 
-    def by_inertia(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:
-        """Return the derivatives (M, d, n) of the readings by ψ, the joints' zeros and the bodies.
+    def by_unknowns(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:
+        """Return the derivatives (M, d, n) of the readings in units of σ; see `SensorModel`.
 
-        They are in units of σ, by effect; there are none of accelerations.
+        They are those by the force itself, and of torques by what the inertia depends on.
         """
+        shape = *self.samples.value.shape, self._force.size
+        itself = {self._force.name: np.eye(self._force.size).reshape(shape)}
         if self._force.name != TORQUE_NOISE:
-            return {}
+            return itself
         forces = trajectory.state.forces[self._force.rows]
         nodes = np.searchsorted(self._motion.nodes, self.samples.time)
         R, axes = trajectory.R[nodes], self._force.axes
@@ -87,7 +77,7 @@ class WhiteReading:
             self._known_bodies,
             self._errors,
         )
-        return {name: -axes @ R @ value for name, value in by.items()}
+        return itself | {name: -axes @ R @ value for name, value in by.items()}
 
     def whitened(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """See `SensorModel`."""
@@ -98,7 +88,3 @@ class WhiteReading:
     ) -> NDArray[np.float64]:
         """See `SensorModel`; the motion changes nothing."""
         return np.zeros((*self.samples.value.shape, xi.shape[-1]))
-
-    def by_constants(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:
-        """See `SensorModel`."""
-        return {}
