@@ -10,7 +10,7 @@ demo: $(VENV)/installed
 	$(VENV)/bin/cpid study paper --out $(OUT) --force
 
 # One thread each: the tests' matrices are small, and threads would only wait for each other.
-PYTEST = OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest --numprocesses auto --dist loadfile
+PYTEST = OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest --numprocesses auto --dist worksteal
 
 test: $(VENV)/installed-dev
 	$(PYTEST) -m "not slow"

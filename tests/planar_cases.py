@@ -1,7 +1,10 @@
 """What tests of motion on a table share: a spacecraft whose joints turn about the normal."""
 
+from functools import partial
+
 import numpy as np
-from sensing_cases import Sines, measured
+from model_parts import joint, link, moments, urdf
+from sensing_cases import FREE, Sines, measured
 
 from cpid_drake import InertialParameters, Spacecraft
 from cpid_drake.logs.log import Log
@@ -26,38 +29,23 @@ SUITE = SensorSuite(
 DURATION = 12.0
 
 
-def _link(name: str, mass: float, com: str, inertia: str) -> str:
-    names = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-    values = " ".join(f'{n}="{v}"' for n, v in zip(names, inertia.split()))
-    return (
-        f'<link name="{name}"><inertial><origin xyz="{com}"/><mass value="{mass}"/>'
-        f"<inertia {values}/></inertial></link>"
-    )
-
-
-def _joint(name: str, parent: str, child: str, xyz: str, kind: str = "revolute", rpy="0 0 0"):
-    return (
-        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-        f'<origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="0 0 1"/>'
-        '<limit lower="-9" upper="9" effort="10" velocity="5"/></joint>'
-    )
-
-
 def planar_craft(folder, *, grip_rpy: str = "0 0 0.7", wrist_rpy: str = "0 0 0") -> Spacecraft:
     """Return a base of 11 kg with an arm of three joints about z, and C turned by `grip_rpy`."""
+    hinge = partial(joint, axis="0 0 1", rpy="0 0 0", **FREE)
+    body = partial(link, com_rpy="0 0 0")
     parts = [
-        _link("base", 11.0, "0.02 -0.01 0.05", "0.25 0.3 0.28 0.01 0.02 -0.03"),
-        _link("upper", 1.2, "0.15 0.01 0.03", "0.003 0.02 0.02 0 0.004 0"),
-        _link("fore", 0.9, "0.12 -0.01 0.02", "0.002 0.01 0.01 0 0 0.001"),
-        _link("hand", 0.4, "0.04 0 0.01", "0.001 0.001 0.001 0 0 0"),
+        body("base", 11.0, "", "0.02 -0.01 0.05", **moments(0.25, 0.3, 0.28, 0.01, 0.02, -0.03)),
+        body("upper", 1.2, "", "0.15 0.01 0.03", **moments(0.003, 0.02, 0.02, 0, 0.004, 0)),
+        body("fore", 0.9, "", "0.12 -0.01 0.02", **moments(0.002, 0.01, 0.01, 0, 0, 0.001)),
+        body("hand", 0.4, "", "0.04 0 0.01", **moments(0.001, 0.001, 0.001)),
         '<link name="grip"/>',
-        _joint("shoulder", "base", "upper", "0.2 0.05 0.1"),
-        _joint("elbow", "upper", "fore", "0.32 0 0.02"),
-        _joint("wrist", "fore", "hand", "0.28 0 -0.01", rpy=wrist_rpy),
-        _joint("hold", "hand", "grip", "0.08 0.01 0.02", "fixed", grip_rpy),
+        hinge("shoulder", "base", "upper", xyz="0.2 0.05 0.1"),
+        hinge("elbow", "upper", "fore", xyz="0.32 0 0.02"),
+        hinge("wrist", "fore", "hand", xyz="0.28 0 -0.01", rpy=wrist_rpy),
+        hinge("hold", "hand", "grip", "fixed", xyz="0.08 0.01 0.02", rpy=grip_rpy),
     ]
     path = folder / "planar.urdf"
-    path.write_text(f'<?xml version="1.0"?><robot name="planar">{"".join(parts)}</robot>')
+    path.write_text(urdf(*parts, name="planar"))
     return Spacecraft(path, base="base", capture_frame="grip")
 
 

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from model_parts import joint, link, moments, urdf
 from numpy.typing import ArrayLike, NDArray
 
 from cpid_drake import Identification, InertialParameters, Motion, Spacecraft
@@ -26,42 +27,26 @@ RPY = (0.3, -0.2, 0.4)
 """Attitude of every joint's frame on its parent, as in URDF."""
 
 
-def _link(
-    name: str, mass: float, com: str, moments: tuple[float, ...], rpy: str = "0.2 0.1 -0.3"
-) -> str:
-    xx, yy, zz = moments
-    return (
-        f'<link name="{name}"><inertial><origin xyz="{com}" rpy="{rpy}"/>'
-        f'<mass value="{mass}"/><inertia ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="0" ixz="0" '
-        'iyz="0"/></inertial></link>'
-    )
-
-
-def _joint(name: str, parent: str, child: str, kind: str, axis: str, xyz: str) -> str:
-    return (
-        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-        f'<origin xyz="{xyz}" rpy="{RPY[0]} {RPY[1]} {RPY[2]}"/><axis xyz="{axis}"/>'
-        '<limit lower="-9" upper="9" effort="10" velocity="5"/></joint>'
-    )
-
+FREE = {"limits": (-9, 9), "velocity": 5}
+"""Limits of joints that no motion reaches."""
 
 _PARTS = {
     "arm": (
-        _link("base", 400.0, "0.05 -0.02 0.1", (60.0, 70.0, 50.0)),
-        _link("boom", 15.0, "0.3 0.0 0.1", (0.5, 2.0, 2.1)),
-        _link("tube", 10.0, "0.2 0.1 0.0", (0.3, 1.0, 1.1)),
-        _link("wrist", 6.0, "0.1 0.0 0.05", (0.1, 0.2, 0.2)),
-        _link("hand", 5.0, "0.0 0.1 0.1", (0.1, 0.1, 0.1)),
-        _joint("shoulder", "base", "boom", "revolute", "0 0 1", "0.6 0.1 0.2"),
-        _joint("slide", "boom", "tube", "prismatic", "0.8 0 0.6", "0.5 0.0 0.1"),
-        _joint("elbow", "tube", "wrist", "revolute", "0 1 0", "0.4 0.1 0.0"),
-        _joint("roll", "wrist", "hand", "revolute", "0.6 0.8 0", "0.3 0.0 0.0"),
+        link("base", 400.0, com="0.05 -0.02 0.1", **moments(60.0, 70.0, 50.0)),
+        link("boom", 15.0, com="0.3 0.0 0.1", **moments(0.5, 2.0, 2.1)),
+        link("tube", 10.0, com="0.2 0.1 0.0", **moments(0.3, 1.0, 1.1)),
+        link("wrist", 6.0, com="0.1 0.0 0.05", **moments(0.1, 0.2, 0.2)),
+        link("hand", 5.0, com="0.0 0.1 0.1", **moments(0.1, 0.1, 0.1)),
+        joint("shoulder", "base", "boom", "revolute", "0 0 1", "0.6 0.1 0.2", **FREE),
+        joint("slide", "boom", "tube", "prismatic", "0.8 0 0.6", "0.5 0.0 0.1", **FREE),
+        joint("elbow", "tube", "wrist", "revolute", "0 1 0", "0.4 0.1 0.0", **FREE),
+        joint("roll", "wrist", "hand", "revolute", "0.6 0.8 0", "0.3 0.0 0.0", **FREE),
     ),
     "wheels": (
-        _link("wheel_x", 4.0, "0 0 0", (0.04, 0.03, 0.03), "0 0 0"),
-        _link("wheel_y", 4.0, "0 0 0", (0.03, 0.05, 0.03), "0 0 0"),
-        _joint("spin_x", "base", "wheel_x", "continuous", "1 0 0", "0.2 0.0 -0.3"),
-        _joint("spin_y", "base", "wheel_y", "continuous", "0 1 0", "-0.2 0.1 -0.3"),
+        link("wheel_x", 4.0, com="0 0 0", com_rpy="0 0 0", **moments(0.04, 0.03, 0.03)),
+        link("wheel_y", 4.0, com="0 0 0", com_rpy="0 0 0", **moments(0.03, 0.05, 0.03)),
+        joint("spin_x", "base", "wheel_x", "continuous", "1 0 0", "0.2 0.0 -0.3", **FREE),
+        joint("spin_y", "base", "wheel_y", "continuous", "0 1 0", "-0.2 0.1 -0.3", **FREE),
     ),
 }
 
@@ -70,7 +55,7 @@ def small_craft(folder, *, wheels: bool = False) -> Spacecraft:
     """Return a base with an arm of three turning joints and a sliding one, and reaction wheels."""
     path = folder / "craft.urdf"
     parts = "".join([*_PARTS["arm"], *(_PARTS["wheels"] if wheels else ())])
-    path.write_text(f'<?xml version="1.0"?><robot name="craft">{parts}</robot>')
+    path.write_text(urdf(parts, name="craft"))
     return Spacecraft(path, base="base", capture_frame="hand")
 
 
