@@ -105,6 +105,18 @@ class Outboard:
             return np.concatenate([np.zeros_like(axis), axis], axis=-1)
         return np.concatenate([axis, cross(r - rotate(R, body.p_BBcm), axis)], axis=-1)
 
+    def efforts(self, rate: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the efforts (N, J) of the joints for momenta of this rate (K, N, 6), seen from B.
+
+        The force on all bodies outboard of a joint comes through the joint and is the rate of their
+        momentum: τ = Sᵀ (dΠ/dt + V ×* Π) with the twist V of the base.
+        """
+        efforts = np.zeros((rate.shape[1], len(self.tree.jointed)))
+        for k in self.tree.jointed:
+            force = rate[k] + cross_force(self.V[0], self.momentum[k])
+            efforts[:, self.tree.bodies[k].joint] = np.sum(self.joint_screw(k) * force, axis=-1)
+        return efforts
+
     def frame_screws(self, k: int, turns_F: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the screws (N, 6, 3 + n) of the inboard frame F of body k's joint.
 

@@ -102,15 +102,9 @@ class BaseMotion:
     def efforts(
         self, tree: KinematicTree, samples: NDArray[np.float64], phi: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return the efforts (N, B, J) of the joints [N·m or N].
+        """Return the efforts (N, B, J) of the joints [N·m or N]; see `Outboard.efforts`.
 
-        The force on all bodies outboard of a joint comes through the joint and is the rate of their
-        momentum. With the joint's screw S and the momentum Π and the base's twist V about B's
-        origin, in B,
-
-            τ = Sᵀ (dΠ/dt + V ×* Π).
-
-        A spline through the nodes gives dΠ/dt. Source: Featherstone 2008, ch. 2.
+        A spline through the nodes gives the rates of the momenta.
 
         Args:
             tree: the known spacecraft.
@@ -119,19 +113,12 @@ class BaseMotion:
 
         """
         q, qdot = np.moveaxis(samples.reshape(-1, *samples.shape[2:]), 1, 0)
-        tree, w = tree.with_target(phi), self.w
-        v = -(cross(w, self.known.com(self.psi)) + self.known.com_rate(self.psi))
-        outboard = Outboard.at(tree, q, qdot, w, v)
+        v = -(cross(self.w, self.known.com(self.psi)) + self.known.com_rate(self.psi))
+        outboard = Outboard.at(tree.with_target(phi), q, qdot, self.w, v)
         derivative = CubicSpline(self.times, np.eye(len(self.times)))(self.times, 1)
-        efforts = np.zeros((*samples.shape[:2], q.shape[1]))
-        for body in tree.jointed:
-            each = outboard.momentum[body]
-            S = outboard.joint_screw(body)
-            rate = np.tensordot(derivative, each.reshape(len(self.times), -1), 1).reshape(-1, 6)
-            L, P = each[:, :3], each[:, 3:]
-            rate += np.concatenate([cross(w, L) + cross(v, P), cross(w, P)], axis=1)
-            efforts[..., tree.bodies[body].joint] = self.by_node(np.sum(S * rate, axis=1))
-        return efforts
+        momentum = outboard.momentum
+        rate = derivative @ momentum.reshape(len(momentum), len(self.times), -1)
+        return self.by_node(outboard.efforts(rate.reshape(momentum.shape)))
 
 
 def smooth_peak(values: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -25,13 +25,11 @@ def test_help_names_all_commands_and_imports_none_of_their_libraries():
     [
         (["nonsense"], "nonsense"),
         (["study", "paper"], "--out"),
-        (["study", "paper", "--out", "x", "--nonsense"], "--nonsense"),
         (["study", "paper", "--out", "x", "--scenario", "pape"], "did you mean 'paper'?"),
         (["study", "campaign", "no.yaml", "--out", "x"], "no.yaml: no such file"),
         (["study", "report", "x"], "there is no folder x"),
         (["study", "techniques", "air_bearing", "--out", "x"], "floats freely"),
         (["study", "techniques", "tumbling_capture", "--out", "x"], "without momentum"),
-        (["study", "techniques", "paper", "--out", "x", "--force-sensors", "no.yaml"], "no.yaml"),
     ],
 )
 def test_wrong_usage_is_one_line(refusal, tmp_path, arguments, cause):

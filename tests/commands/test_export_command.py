@@ -101,13 +101,10 @@ def test_what_cannot_be_a_rigid_body_is_not_exported(cpid, refusal, result):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("none.json", "--format", "urdf", "--out", "t.urdf"), "none.json: no such file"),
         (("r.json", "--format", "obj", "--out", "t.urdf"), "'obj' is not one of"),
         (("r.json", "--format", "sdf", "--out", "t.urdf"), "must end in .sdf"),
-        (("r.json", "--format", "urdf", "--out", "no/t.urdf"), "no/t.urdf: there is no folder no"),
         (("r.json", "--format", "urdf", "--out", "old.urdf"), "old.urdf: exists already"),
         (("r.json", "--format", "urdf", "--out", "t.urdf", "--name", "<"), "cannot be used"),
-        (("r.json", "--format", "urdf"), "Missing option '--out'"),
     ],
 )
 def test_what_cannot_be_is_one_line(refusal, result, arguments, words, tmp_path):

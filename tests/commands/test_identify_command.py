@@ -159,17 +159,12 @@ class TestOneLog:
         [
             (["--estimator", "magic"], "no estimator 'magic'; choose from least_squares"),
             (["--rows", "magic"], "no row family 'magic'; choose from eq18"),
-            (["--sensors", "magic"], "no sensors: magic"),
             (["--momentum", "some"], "'some' is not one of"),
             (["--from", "5", "--to", "2"], "the interval is empty"),
-            (["--from", "1000"], "no samples between --from and --to"),
             (["--json", "nowhere/r.json"], "there is no folder nowhere"),
             (["--package", "robot"], "give NAME=FOLDER"),
-            (["--package", "robot=nowhere"], "no such folder"),
             (["--topic", "imu=/imu"], "topics are for ROS 2 bags"),
-            (["--base", "nothing"], "no RigidBody named 'nothing'"),
             (["--known-bodies", "mass=-1"], "mass must be greater than or equal to 0"),
-            (["--known-bodies", "mass=a lot"], "mass must be a valid number"),
             (["--scenario", "free_flyer_payload"], "exact.csv: there is no column 'q:arm_joint1'"),
         ],
     )

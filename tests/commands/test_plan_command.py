@@ -77,11 +77,9 @@ def test_an_interrupt_keeps_the_best_motion_so_far(run_cpid, tmp_path, monkeypat
     ("arguments", "message"),
     [
         (("motion", "paper"), "--out"),
-        (("paper",), "paper"),
         (("motion", "nowhere.yaml", "--out", "x.yaml"), "nowhere.yaml: no such file"),
         (("motion", "paper", "--out", "x.yaml", "--picture", "x.html"), "x.html: give the name"),
         (("motion", "paper", "--out", "x.yaml", "--frequency", "100"), "give a highest frequency"),
-        (("rank", "paper", "nowhere.yaml"), "nowhere.yaml: no such file"),
         (("export", "nowhere.yaml", "--scenario", "paper", "--out", "x.csv"), "no such file"),
     ],
 )

@@ -71,13 +71,10 @@ def test_a_mass_wrong_by_forty_sigma_is_noticed(cpid):
     ("arguments", "words"),
     [
         (("result.json", "first.csv"), "the result was identified from this log"),
-        (("none.json", "second.csv"), "no such file"),
-        (("result.json", "none.csv"), "none.csv"),
         ((*LOGS, "--threshold", "0"), "--threshold"),
         ((*LOGS, "--beginning", "1.5"), "the beginning must be a share between 0 and 1"),
         ((*LOGS, "--to", "5.5"), "too short"),
         ((*LOGS, "--json", "second.csv"), "is the input second.csv"),
-        ((*LOGS, "--sensors", "none"), "no sensors"),
     ],
 )
 def test_what_cannot_be_is_one_line(refusal, arguments, words):

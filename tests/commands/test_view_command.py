@@ -30,7 +30,6 @@ def test_a_scenario_as_a_page(cpid, scenario, tmp_path):
     ("arguments", "problem"),
     [
         (["nothing", "--out", "a.html"], "no shipped scenario 'nothing'"),
-        (["paper", "--out", "nowhere/a.html"], "there is no folder nowhere"),
         (["paper", "--out", "."], "is a folder"),
         (["paper", "--rate", "0"], "--rate"),
     ],

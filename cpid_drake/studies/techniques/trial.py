@@ -88,19 +88,15 @@ class Rates:
         """A (N, J, 10) and b (N, J) of the joints' efforts A ψ + b.
 
         With K at rest, a joint's effort balances the rate of momentum of the bodies that it carries
-        (b; see `BaseMotion.efforts`), the wrench on the target, and the force of a_WK = −f/m_k.
+        (b; see `Outboard.efforts`), the wrench on the target, and the force of a_WK = −f/m_k.
         """
         tree, around, middle = self.tree.lumped, self.around, slice(1, None, 3)
         known = BodyDynamics.at(tree, around.q, around.qdot)
         w = rotate(np.swapaxes(around.R_WB, 1, 2), around.w_WB)
-        v = -(cross(w, known.p_BK) + known.v_BK)
-        outboard = Outboard.at(tree, around.q, around.qdot, w, v)
-        bodies = tree.jointed
-        S = np.stack([outboard.joint_screw(k)[middle] for k in bodies], axis=1)
-        momentum, w, v = np.moveaxis(outboard.momentum[bodies], 0, 1), w[middle], v[middle]
-        L, P = np.split(momentum[middle], 2, axis=-1)
-        w, v = w[:, None], v[:, None]
-        turned = np.concatenate([cross(w, L) + cross(v, P), cross(w, P)], axis=-1)
+        moving = (around.q, around.qdot, w, -(cross(w, known.p_BK) + known.v_BK))
+        momentum = np.swapaxes(Outboard.at(tree, *moving).momentum, 0, 1)
+        outboard, bodies = Outboard.at(tree, *(each[middle] for each in moving)), tree.jointed
+        S = np.stack([outboard.joint_screw(k) for k in bodies], axis=1)
         shifts = np.concatenate([np.zeros((3, 3)), np.eye(3)], axis=1)
         inertia = np.stack(
             [outboard.momentum_by(bodies, np.broadcast_to(e, (1, 1, 6))) for e in shifts], axis=-1
@@ -113,13 +109,10 @@ class Rates:
             chain.append(k)
             k = tree.bodies[k].parent
         loads = np.isin(bodies, chain)[:, None, None] * wrench[:, None]
-        loads = loads - np.moveaxis(inertia[:, middle], 0, 1) @ f[:, None] / tree.mass
+        loads = loads - np.moveaxis(inertia, 0, 1) @ f[:, None] / tree.mass
         order = np.argsort([tree.bodies[k].joint for k in bodies])
-        A, b = (
-            np.einsum("nji,njik->njk", S, loads),
-            np.sum(S * (_rates(momentum) + turned), axis=-1),
-        )
-        return A[:, order], b[:, order]
+        A = np.einsum("nji,njik->njk", S, loads)[:, order]
+        return A, outboard.efforts(np.swapaxes(_rates(momentum), 0, 1))
 
 
 def _rates(values: Array) -> Array:
