@@ -46,12 +46,7 @@ def export(
         source = found.spacecraft
         if source is None:
             raise InputError(f"{result}: the result does not name its spacecraft")
-        spacecraft = Spacecraft(
-            source.model,
-            base=source.base,
-            capture_frame=source.capture_frame,
-            packages=source.packages,
-        )
+        spacecraft = Spacecraft(**vars(source))
     check_outputs([("--out", out)], [result, *found.files()], force=force)
     chosen, log = free_name(name, spacecraft), log_console()
     written = export_target(

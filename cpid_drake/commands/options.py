@@ -115,13 +115,7 @@ class SpacecraftOptions:
             InputError: for the same reasons as `known` and `Spacecraft`.
 
         """
-        found = self.known()
-        return cpid.Spacecraft(
-            found.model,
-            base=found.base,
-            capture_frame=found.capture_frame,
-            packages=found.packages,
-        )
+        return cpid.Spacecraft(**vars(self.known().reference()))
 
     def files(self) -> list[str | Path]:
         """Return the files that the options name."""
@@ -227,7 +221,7 @@ class LogOptions(PartOptions, SpacecraftOptions):
             )
         return cpid.Request(
             log,
-            cpid.SpacecraftReference(known.model, known.base, known.capture_frame, known.packages),
+            known.reference(),
             sensors=sensors,
             momentum=momentum,
             topics=self.topics(),

@@ -29,6 +29,10 @@ class SpacecraftFile:
     planar: bool | None = None
     known_bodies: BodyUncertainty = field(default_factory=BodyUncertainty)
 
+    def reference(self) -> "cpid.SpacecraftReference":
+        """Return the spacecraft as a request names it."""
+        return cpid.SpacecraftReference(self.model, self.base, self.capture_frame, self.packages)
+
 
 def load_spacecraft_file(name: str) -> SpacecraftFile:
     """Return what a scenario, or a spacecraft's own file, says about the spacecraft.

@@ -122,9 +122,7 @@ def opened_inputs(request: Request, progress: Callable[[str], object]) -> Known:
     """
     craft = request.spacecraft
     progress("reading the model")
-    spacecraft = Spacecraft(
-        craft.model, base=craft.base, capture_frame=craft.capture_frame, packages=craft.packages
-    )
+    spacecraft = Spacecraft(**vars(craft))
     momentum = None if request.momentum is None else TotalMomentum.named(request.momentum)
     sensors = load_sensors(request.sensors) if request.sensors is not None else None
     bodies = None if request.known_bodies is None else read_uncertainty(request.known_bodies)
