@@ -88,6 +88,9 @@ class Sines:
         qdot, qddot = (a * w * np.cos(angle)).sum(-2), -(a * w**2 * np.sin(angle)).sum(-2)
         return np.stack([q, qdot, qddot], axis=-2)
 
+    def breaks(self):
+        return np.empty(0)
+
 
 def true_telemetry(tree, joint_names, motion, target, times, momentum_W=None) -> Motion:
     """Return the true motion at increasing times, by `propagate` from W's origin at 0 s."""
@@ -96,7 +99,7 @@ def true_telemetry(tree, joint_names, motion, target, times, momentum_W=None) ->
     times = np.append(0.0, times) if later else times
     phi = target.to_standard_vector()
     momentum_W = np.zeros(6) if momentum_W is None else momentum_W
-    base = propagate(tree, motion, phi, times, momentum_W=momentum_W, max_step=0.04)
+    base = propagate(tree, motion, phi, times, momentum_W=momentum_W)
     return base.to_motion(joint_names, times, motion).select(slice(later, None))
 
 

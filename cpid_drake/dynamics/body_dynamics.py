@@ -18,6 +18,7 @@ Source: Ning et al. 2016, Eqs. 5 and 9, about the centre of mass.
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,7 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from cpid_drake.dynamics.kinematics import forward_kinematics
 from cpid_drake.dynamics.momentum import angular_momentum, linear_momentum
 from cpid_drake.dynamics.parameterizations import moved_moments, vector_to_tensor
-from cpid_drake.dynamics.rotations import cross, rotate, skew
+from cpid_drake.dynamics.rotations import cross, inverses, rotate, skew
 from cpid_drake.dynamics.rows import relative_regressor
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.errors import InputError
@@ -132,8 +133,9 @@ class BodyDynamics:
         J, n = self.inertia(psi), self.normal_B
         more = J - LEAST * self.I_K
         if n is None:
-            if np.isfinite(J).all() and (np.linalg.eigvalsh(more)[..., 0] > 0).all():
-                return np.asarray(np.linalg.inv(J))
+            with suppress(np.linalg.LinAlgError):  # not positive definite
+                if np.isfinite(np.linalg.cholesky(more)).all():
+                    return inverses(J)
         elif (n @ more @ n > 0).all():
             return np.asarray(np.outer(n, n) / (n @ J @ n)[..., None, None])
         raise InputError("no rigid body reduces the system's inertia as this target does")

@@ -33,6 +33,10 @@ class JointMotion(Protocol):
         """Return times (N,) from 0 to the end that resolve the motion [s]."""
         ...
 
+    def breaks(self) -> NDArray[np.float64]:
+        """Return times (N,) between which the motion has all derivatives [s]."""
+        ...
+
 
 @dataclass(frozen=True, eq=False)
 class HalfCosine:
@@ -71,6 +75,10 @@ class HalfCosine:
     def instants(self) -> NDArray[np.float64]:
         """Return times (N,) from 0 to T that resolve the motion, T/2 included [s]."""
         return np.linspace(0.0, self.duration, _POINTS_PER_CYCLE + 1)
+
+    def breaks(self) -> NDArray[np.float64]:
+        """Return 0 and T, between which the motion has all derivatives [s]."""
+        return np.array([0.0, self.duration])
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,6 +160,10 @@ class MultiSine:
         whole = np.linspace(0.0, self.duration, int(np.ceil(count)) + 1)
         return np.unique(np.concatenate([start, whole, self.duration - start]))
 
+    def breaks(self) -> NDArray[np.float64]:
+        """Return the ends of both ramps, between which the motion has all derivatives [s]."""
+        return np.unique([0.0, self.ramp, self.duration - self.ramp, self.duration])
+
 
 @dataclass(frozen=True, eq=False)
 class Spline:
@@ -190,8 +202,7 @@ class Spline:
 
     @cached_property
     def _spline(self) -> "scipy.interpolate.BSpline":
-        inner = np.linspace(0.0, self.duration, (len(self.coefficients) - SPLINE_DEGREE) + 1)
-        knots = np.pad(inner, SPLINE_DEGREE, mode="edge")
+        knots = np.pad(self.breaks(), SPLINE_DEGREE, mode="edge")
         # SciPy imports scipy.interpolate here: it takes a second, and a scenario needs none.
         return scipy.interpolate.BSpline(knots, self.coefficients, SPLINE_DEGREE)
 
@@ -207,6 +218,10 @@ class Spline:
         """Return times (N,) from 0 to T that resolve every piece, half a cycle at most [s]."""
         pieces = len(self.coefficients) - SPLINE_DEGREE
         return np.linspace(0.0, self.duration, _POINTS_PER_CYCLE // 2 * pieces + 1)
+
+    def breaks(self) -> NDArray[np.float64]:
+        """Return the ends (N,) of the pieces [s]."""
+        return np.linspace(0.0, self.duration, len(self.coefficients) - SPLINE_DEGREE + 1)
 
 
 def _check(motion: JointMotion, kind: str, **dimensions: int) -> None:

@@ -101,7 +101,7 @@ def exciting_motion(
 
     def at(instants: NDArray[np.float64]) -> Motion:
         grid = np.union1d(0.0, instants)  # the base is at the world's origin at 0 s
-        base = propagate(spacecraft.tree, motion, phi, grid, max_step=0.02)
+        base = propagate(spacecraft.tree, motion, phi, grid)
         whole = base.to_motion(spacecraft.joint_names, grid, motion)
         return whole.select(np.flatnonzero(np.isin(grid, instants)))
 

@@ -230,7 +230,6 @@ def base_trajectories(
             grid,
             momentum_W=momentum_W,
             wrench=None if is_free else Wrench(external_W, wrench_W, thrust_B, orbit),
-            max_step=0.02,
             **pose,
         )
         momentum_W = part.momentum_W[:, -1]

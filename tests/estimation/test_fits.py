@@ -222,6 +222,9 @@ class AfterRest:
         moved[..., 1, :] *= rate[..., None]
         return moved
 
+    def breaks(self):
+        return np.array([self.rest])
+
 
 def test_rest_before_the_motion_is_forgotten(case, skewed_target):
     """Nothing is known at rest, and nothing is called a fault after it."""

@@ -200,6 +200,9 @@ class TestForces:
                 found[..., is_arm] = arm.evaluate(time)
                 return found
 
+            def breaks(self):
+                return arm.breaks()
+
         h_B = h * Rotation.from_euler("xyz", RPY).as_matrix()[:, 0]
         momentum_W = np.concatenate([h_B, np.zeros(3)])
         samples = measured(true, Motion(), skewed_target, suite, momentum_W)

@@ -140,6 +140,9 @@ class FastWheels:
         rates = [speed + self._swing * np.sin(w * t), self._swing * w * np.cos(w * t)]
         return np.where(self._wheel, 0.0, self._arm.evaluate(time)) + np.stack([q, *rates], axis=-2)
 
+    def breaks(self):
+        return self._arm.breaks()
+
 
 def with_fast_wheels(world: World) -> World:
     world.motion = FastWheels(world)

@@ -45,6 +45,11 @@ class Repeated:
         """Return the instants of the motion [s]."""
         return self.motion.instants()
 
+    def breaks(self) -> Array:
+        """Return those of all repetitions [s]."""
+        starts = np.arange(0.0, self.duration, self.motion.duration)
+        return np.unique(np.add.outer(starts, self.motion.breaks()))
+
 
 def simulate_adaptation(
     spacecraft: Spacecraft,

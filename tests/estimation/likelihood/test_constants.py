@@ -229,6 +229,9 @@ class Shifted:
     def evaluate(self, time):
         return self._motion.evaluate(np.asarray(time) + self._start)
 
+    def breaks(self):
+        return self._motion.breaks() - self._start
+
 
 @pytest.mark.parametrize("name", ["attitude", "p_Wcm", "L", "v_Wcm"])
 def test_late_readings_of_a_point_beside_the_origin_change_with_the_state(case, name):
