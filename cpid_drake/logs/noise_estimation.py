@@ -119,11 +119,16 @@ def rounding(values: NDArray[np.float64]) -> float:
     """Return the unit of the last decimal of rounded numbers; zero for numbers of all digits."""
     values = values[np.isfinite(values) & (values != 0)]
     for decimals in range(13):  # numbers with more decimals have all digits
-        scaled = values * 10.0**decimals
-        whole = np.round(scaled)
-        if np.all(whole != 0) and np.all(np.abs(scaled - whole) < 1e-3):
+        # A few numbers tell most often that it is not so.
+        if _are_rounded(values[:20], decimals) and _are_rounded(values, decimals):
             return float(10.0**-decimals) if len(values) else 0.0
     return 0.0
+
+
+def _are_rounded(values: NDArray[np.float64], decimals: int) -> bool:
+    scaled = values * 10.0**decimals
+    whole = np.round(scaled)
+    return bool(np.all(whole != 0) and np.all(np.abs(scaled - whole) < 1e-3))
 
 
 def _is_one_motion(encoders: Samples) -> bool:

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -210,7 +211,7 @@ def base_trajectories(
     bounds = [begin, *sorted(t for t in edges if begin < t < times[-1]), times[-1]]
     before = sum(f.momentum_W * f.share_before(begin) for f in case.firings)
     momentum_W = np.array([each.momentum_W for each in cases]) + before
-    parts, pose = [], dict[str, NDArray[np.float64]]()
+    parts, pose = [], dict[str, Any]()
     for start, end in pairwise(bounds):
         inside = times[(times > start) & (times < end)]
         grid = np.unique(np.concatenate([[start], inside, [end]]))
