@@ -26,6 +26,7 @@ class LogState:
         smoothness: of the joint motion.
         start: attitude, centre of mass and momentum at the start; None before the first fit.
         bias: of each block: (nodes, 3) biases of all gyros [rad/s].
+        origin: time from which on the zeros of joints drift [s].
         forces: of each block: (K,) entries of white forces, in units of their σ.
         walks: of each block but a log's last: (w,) change at its end of the constants that walk.
         links: σ (12,) of a change of attitude, centre of mass, L and v at the end of some blocks.
@@ -43,6 +44,7 @@ class LogState:
     bias: tuple[NDArray[np.float64], ...]
     walks: tuple[NDArray[np.float64], ...]
     forces: tuple[NDArray[np.float64], ...]
+    origin: float
     start: TrajectoryState | None = None
     links: dict[int, NDArray[np.float64]] = field(default_factory=dict)
     jumps: dict[int, NDArray[np.float64]] = field(default_factory=dict)
@@ -77,7 +79,8 @@ class LogState:
         forces = tuple(model.no_forces(block.start, block.end) for block in blocks)
         weights = tuple(dict[str, NDArray[np.float64]]() for _ in blocks)
         parts = tuple(joints)
-        return cls(name, blocks, parts, smoothness, bias, walks, forces, start, weights=weights)
+        own = smoothness, bias, walks, forces, blocks[0].start, start
+        return cls(name, blocks, parts, *own, weights=weights)
 
     @classmethod
     def of(cls, model: Model, samples: Log | Iterable[Log], name: str = "log") -> "LogState":

@@ -126,6 +126,7 @@ def roll(model: Model, log: LogState, values: Values, near: Rolled | None = None
             constants=model.constants,
             nominal=constants,
             errors=values.get(BODIES),
+            origin=log.origin,
         )
         models.append(part)
         nominal.append(constants)

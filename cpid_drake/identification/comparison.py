@@ -37,6 +37,7 @@ PLAUSIBLE = {
     "misalignment_arcsec": 200.0,
     "lever_arm_mm": 30.0,
     "zero_mrad": 2.0,
+    "drift_mrad_per_s": 0.02,
 }
 """σ of each kind of error of a sensor that is looked for, in the units of its field."""
 
@@ -274,40 +275,45 @@ def _shown(name: str, is_one: bool) -> str:
 def part_checks(
     found: Fit, question: Question, compared: Comparison, rows: Sequence[Gaussian]
 ) -> tuple[Check, ...]:
-    """Return the check that the first halves of the logs have the target of the whole logs."""
-    beginning, _ = _beginning(found, rows, 1 / 2)
+    """Return the check that the first halves of the logs have the target of the whole logs.
+
+    The errors that act by all samples act in the halves too, and have the same values.
+    """
+    beginning = _beginning(found, rows, 1 / 2)
     if beginning is None:
         return ()
-    first = question.answer(beginning, found.values).gaussian.marginal([PSI])
+    others = {n: s for n, s in question.candidates.items() if n not in compared.named}
+    asked = replace(question, candidates=others)
+    kept = [PSI, *(n for n in compared.named if n in question.candidates)]
+    first, whole = (
+        asked.answer(each, found.values).gaussian.marginal(kept)
+        for each in (beginning, found.gaussian)
+    )
     cause = "the grasp slips, or a joint, a clock or a force is not as modelled"
-    return (halves_check(first, compared.gaussian.marginal([PSI]), cause),)
+    return (halves_check(first, whole, cause),)
 
 
-def _beginning(found: Fit, rows: Sequence[Gaussian], share: float) -> tuple[Gaussian | None, bool]:
-    """Return what the first part of every log tells, and whether something changes in the rest.
-
-    It is None if a log is too short.
-    """
-    beginning, has_changes = prior_of(found.model, found.logs, found.values, rows), False
+def _beginning(found: Fit, rows: Sequence[Gaussian], share: float) -> Gaussian | None:
+    """Return what the first part of every log tells; None if a log is too short."""
+    beginning = prior_of(found.model, found.logs, found.values, rows)
     for log, rolled in zip(found.logs, found.rolled, strict=True):
         start, end = log.blocks[0].start, log.blocks[-1].end
         k = sum(block.end <= start + share * (end - start) for block in log.blocks)
         if not 0 < k < len(log.blocks):
-            return None, False
-        has_changes = has_changes or max(log.links, default=-1) >= k - 1
+            return None
         swept = sweep(found.model, *_first(found, log, rolled, k), forward_only=True)
         beginning = beginning.add(swept.gaussian)
-    return beginning, has_changes
+    return beginning
 
 
 def _held_out(
     found: Fit, question: Question, named: Sequence[str], rows: Sequence[Gaussian]
 ) -> float | None:
     """Return how well errors that the first part of every log proposes predict the rest."""
-    beginning, has_changes = _beginning(found, rows, FITTED)
+    beginning = _beginning(found, rows, FITTED)
     if beginning is None:
         return None
-    if has_changes:  # the rest's own samples have chosen them
+    if any(log.links for log in found.logs):  # all samples have chosen these changes, with errors
         return 0.0
     proposed = [n for n in question.answer(beginning, found.values).named if n in named]
     whole, first = (_evidence(g, found, question, proposed) for g in (found.gaussian, beginning))

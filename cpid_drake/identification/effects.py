@@ -30,6 +30,7 @@ _WORDS = {
     "misalignment": "the axes of the {sensor} are misaligned by {}",
     "lever_arm": "the {sensor} is that of a point at {} from the origin of the base",
     "zero": "the zeros of the joints are off by {}",
+    "drift": "the zero of {sensor} moves by {}",
 }
 
 

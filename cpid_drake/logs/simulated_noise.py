@@ -26,7 +26,7 @@ from cpid_drake.sensors.sensors import (
 )
 from cpid_drake.sensors.suite import SensorSuite
 
-_KINDS = ("delay", "mounting", "scale", "misalignment", "lever_arm", "zero", "dropouts")
+_KINDS = ("delay", "mounting", "scale", "misalignment", "lever_arm", "zero", "dropouts", "drift")
 """What has a random stream of its own for each sensor; a place is the second number of its key."""
 
 _STREAMS = {name: k for k, name in enumerate(SENSORS)}
@@ -47,6 +47,7 @@ class ConstantErrors:
             errors of the axes' scales, its other entries those of their directions.
         lever_arm_B: (3,) position in B of the measured point, from B's origin [m].
         zero: (J,) measured minus true joint positions [rad or m].
+        drift: (J,) rate of the zero, which is right at 0 s [rad/s or m/s].
 
     """
 
@@ -55,6 +56,7 @@ class ConstantErrors:
     scale: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3, 3)))
     lever_arm_B: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     zero: NDArray[np.float64] = field(default_factory=lambda: np.zeros(1))
+    drift: NDArray[np.float64] = field(default_factory=lambda: np.zeros(1))
 
 
 class SensorNoise:
@@ -116,7 +118,9 @@ class SensorNoise:
         if isinstance(errors, VectorSensor):
             return replace(drawn, lever_arm_B=errors.lever_arm_mm * 1e-3 * normal("lever_arm", 3))
         if name == "encoders" and isinstance(errors, JointSensor):
-            return replace(drawn, zero=errors.zero_mrad * 1e-3 * normal("zero", joint_count))
+            zero = errors.zero_mrad * 1e-3 * normal("zero", joint_count)
+            drift = errors.drift_mrad_per_s * 1e-3 * normal("drift", joint_count)
+            return replace(drawn, zero=zero, drift=drift)
         has_encoders = self.suite.encoders is not None
         return replace(drawn, delay=self.constants("encoders").delay) if has_encoders else drawn
 
@@ -165,7 +169,8 @@ class SensorNoise:
             arm_W = motion.R_WB @ constant.lever_arm_B
             value += arm_W if name == "position" else np.cross(motion.w_WB, arm_W)
         elif isinstance(errors, JointSensor):
-            value += constant.zero
+            time = np.arange(first, last)[:, None] / errors.rate
+            value += constant.zero + time * constant.drift
         if errors.step:
             # With a random zero, rounding errors of the same motion differ from seed to seed.
             zero = random_stream(self.seed, _SLOW_STREAMS[name]).uniform(-0.5, 0.5, width)

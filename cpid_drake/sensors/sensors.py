@@ -208,6 +208,7 @@ class JointSensor(_UniformSensor):
         bits: resolution in bits per turn: the step is 2π/2^bits rad (for prismatic joints in
             m); 0 for no quantization. The seed determines the position of the zero between steps.
         zero_mrad: σ of the error of each joint's zero [10⁻³ rad; for prismatic joints mm].
+        drift_mrad_per_s: σ of the rate at which each zero moves from the start of a log on.
 
     """
 
@@ -215,6 +216,7 @@ class JointSensor(_UniformSensor):
     sigma: Noise = 0.0
     bits: Annotated[int, Interval(ge=0, le=32)] = 0
     zero_mrad: Noise = 0.0
+    drift_mrad_per_s: Noise = 0.0
 
     @property
     def step(self) -> float:

@@ -112,11 +112,12 @@ def check_sensors(suite: SensorSuite, where: str) -> None:
     """
     check_values(suite, where, "a sensor suite")
     for name, errors in suite.present().items():
-        if isinstance(errors, JointSensor) and errors.zero_mrad and name != "encoders":
-            raise InputError(
-                f"{where}: {name}.zero_mrad must be 0, not {errors.zero_mrad}; only joint "
-                "positions have a zero"
-            )
+        for key in ("zero_mrad", "drift_mrad_per_s") if name == "joint_rates" else ():
+            if value := getattr(errors, key):
+                raise InputError(
+                    f"{where}: {name}.{key} must be 0, not {value}; only joint positions have a "
+                    "zero"
+                )
     if suite.encoders is None:
         raise InputError(
             f"{where}: encoders are missing; no estimator works without joint positions"

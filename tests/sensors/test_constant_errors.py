@@ -32,7 +32,7 @@ def suite(**changes) -> SensorSuite:
         gyro=Gyro(rate=50.0, scale_ppm=500.0, misalignment_arcsec=60.0, delay_ms=5.0),
         position=VectorSensor(rate=10.0, lever_arm_mm=30.0, delay_ms=10.0),
         velocity=VectorSensor(rate=7.0, lever_arm_mm=20.0, delay_ms=10.0),
-        encoders=JointSensor(rate=30.0, zero_mrad=0.5, delay_ms=2.0),
+        encoders=JointSensor(rate=30.0, zero_mrad=0.5, drift_mrad_per_s=0.2, delay_ms=2.0),
         joint_rates=JointSensor(rate=3.0),
     )
     return replace(sensors, **changes)
@@ -138,13 +138,16 @@ def test_a_lever_arm_moves_the_measured_point():
 
 def test_joint_positions_have_zeros_and_joint_rates_have_not():
     ideal, measured, noise = pair(suite())
-    zero = noise.constants("encoders", 2).zero
-    assert (zero != 0).all()
+    constants = noise.constants("encoders", 2)
+    assert (constants.zero != 0).all()
+    assert (constants.drift != 0).all()
     error = measured.encoders.value - ideal.encoders.value
-    np.testing.assert_allclose(error, np.tile(zero, (len(error), 1)), atol=1e-15)
+    expected = constants.zero + ideal.encoders.time[:, None] * constants.drift
+    np.testing.assert_allclose(error, expected, atol=1e-15)
     np.testing.assert_array_equal(measured.joint_rates.value, ideal.joint_rates.value)
-    with pytest.raises(InputError, match=r"here: joint_rates.zero_mrad must be 0"):
-        check_sensors(suite(joint_rates=JointSensor(zero_mrad=1.0)), "here")
+    for key in ("zero_mrad", "drift_mrad_per_s"):
+        with pytest.raises(InputError, match=rf"here: joint_rates.{key} must be 0"):
+            check_sensors(suite(joint_rates=JointSensor(**{key: 1.0})), "here")
 
 
 @pytest.mark.parametrize("seed", [3, 4])

@@ -10,7 +10,15 @@ import numpy as np
 
 from cpid_drake.dynamics.sensitivity import MotionSensitivity
 from cpid_drake.estimation.likelihood.compliance import write_shifts, write_turns
-from cpid_drake.estimation.likelihood.constants import COMPLIANCE, OF_THRUST, STRETCH, WHEEL
+from cpid_drake.estimation.likelihood.constants import (
+    COMPLIANCE,
+    DRIFT,
+    OF_THRUST,
+    STRETCH,
+    WHEEL,
+    ZERO,
+    ConstantError,
+)
 from cpid_drake.estimation.likelihood.effects import (
     Effect,
     MotionChange,
@@ -36,6 +44,8 @@ def constant_effect(motion: BaseMotion, name: str) -> Effect:
     def change_motion(trajectory: Trajectory, change: MotionChange) -> None:
         if error.kind in OF_THRUST:
             change.thrust[motion.constants.of_thrust.index(name)] = error.sigma
+        elif error.kind == DRIFT:
+            _write_drift(motion, trajectory, error, change)
         elif error.kind in _WRITE:
             _WRITE[error.kind](motion, trajectory, error.sigma, change)
 
@@ -76,11 +86,22 @@ def _zeros(motion: BaseMotion, trajectory: Trajectory, sigma: float, change: Mot
     write_change(change, less, motion, trajectory)
 
 
+def _write_drift(
+    motion: BaseMotion, trajectory: Trajectory, error: ConstantError, change: MotionChange
+) -> None:
+    """Write that of a constant rate of a joint's zero: position and rate are too large."""
+    elapsed, j = (motion.times - motion.origin)[:, None], error.joint
+    by_q, by_qdot = (vars(each).values() for each in joint_changes(motion, trajectory))
+    by = (elapsed * q[..., j] + qdot[..., j] for q, qdot in zip(by_q, by_qdot, strict=True))
+    less = MotionSensitivity(*(-error.sigma * value[..., None] for value in by))
+    write_change(change, less, motion, trajectory)
+
+
 _WRITE: dict[str, Write] = {
     "acceleration": _acceleration,
     "torque": _torque,
     WHEEL: _wheel,
     COMPLIANCE: write_turns,
     STRETCH: write_shifts,
-    "zero": _zeros,
+    ZERO: _zeros,
 }

@@ -33,6 +33,9 @@ COMPLIANCE = "compliance"
 STRETCH = "translational_compliance"
 """Name of the compliance of the grasp along the axes of C."""
 
+ZERO, DRIFT = "zero", "drift"
+"""Kinds of errors of joints: of their zeros at the start of a log, and of the zeros' rates."""
+
 OF_GRASP = (COMPLIANCE, STRETCH)
 """Kinds whose nominal value is zero."""
 
@@ -43,12 +46,13 @@ class ConstantError:
 
     Attributes:
         name: "acceleration", "torque", `THRUST_SCALE`, `WHEEL`, `COMPLIANCE` or `STRETCH`, or a
-            sensor and a kind, such as "attitude.delay".
+            sensor and a kind, such as "attitude.delay" or "encoders.joint 1.drift".
         size: number of entries.
         sigma: σ of each entry [SI units, rad].
         unit: unit in texts.
         scale: SI value of this unit.
         walk: random walk: the σ of the change after a time t is this value times √t [SI units/√s].
+        joint: number of the joint that alone has it, from 0; -1 for other errors.
 
     """
 
@@ -58,6 +62,7 @@ class ConstantError:
     unit: str
     scale: float
     walk: float = 0.0
+    joint: int = -1
 
     @property
     def sensor(self) -> str:
@@ -76,7 +81,7 @@ _KINDS = {
     "scale": ("scale_ppm", 3, "ppm", 1e-6),
     "misalignment": ("misalignment_arcsec", 6, "arcsec", ARCSECOND),
     "lever_arm": ("lever_arm_mm", 3, "mm", 1e-3),
-    "zero": ("zero_mrad", 0, "mrad", 1e-3),
+    ZERO: ("zero_mrad", 0, "mrad", 1e-3),
 }
 """The field with the σ of each kind, its number of entries (0: one per joint), unit and scale."""
 
@@ -88,6 +93,11 @@ def constant_errors(suite: SensorSuite, joint_count: int) -> tuple[ConstantError
         for kind, (field, size, unit, scale) in _KINDS.items():
             name, sigma = f"{sensor}.{kind}", scale * getattr(errors, field, 0.0)
             found.append(ConstantError(name, size or joint_count, sigma, unit, scale))
+        drift = 1e-3 * getattr(errors, "drift_mrad_per_s", 0.0)
+        found += [  # one that drifts does not say that others do
+            ConstantError(f"{sensor}.joint {j + 1}.{DRIFT}", 1, drift, "mrad/s", 1e-3, joint=j)
+            for j in range(joint_count)
+        ]
     return tuple(error for error in found if error.sigma > 0)
 
 
@@ -149,11 +159,11 @@ class Constants:
             return None
         return np.asarray(self.errors[name].sigma * constants[self._places[name]])
 
-    def joint_zeros(self, constants: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return by how much measured joint positions are too large (J,) [rad or m]; else (1,)."""
-        zeros = [e for e in self.errors.values() if e.kind == "zero"]
-        values = (error.sigma * constants[self._places[error.name]] for error in zeros)
-        return sum(values, start=np.zeros(1))
+    def joint_errors(self, constants: NDArray[np.float64], kind: str) -> NDArray[np.float64]:
+        """Return one kind of errors of measured joint positions (J,) [SI units]; zero if none."""
+        found = [e for e in self.errors.values() if e.kind == kind]
+        values = [error.sigma * constants[self._places[error.name]] for error in found]
+        return np.concatenate(values) if values else np.zeros(1)
 
     @property
     def of_thrust(self) -> list[str]:

@@ -23,6 +23,7 @@ from cpid_drake.dynamics.sensitivity import (
 )
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
+from cpid_drake.estimation.likelihood.constants import DRIFT, ZERO
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.estimation.likelihood.motion import (
     TOGETHER,
@@ -249,7 +250,7 @@ def inertia_changes(
     uncertainty: BodyUncertainty | None = None,
     errors: NDArray[np.float64] | None = None,
 ) -> dict[str, NDArray[np.float64]]:
-    """Return the derivatives (M, 3, n) of J α by ψ, the joints' zeros and the bodies' errors.
+    """Return the derivatives (M, 3, n) of J α by ψ, the joints' errors and the bodies'.
 
     Args:
         motion: the base's motion, with the constant errors.
@@ -261,16 +262,19 @@ def inertia_changes(
     """
     grid, tree = motion.grid.part(nodes), motion.tree
     found = {"psi": grid.inertia_regressor(acceleration)}
-    zeros = [error for error in motion.constants.errors.values() if error.kind == "zero"]
-    if not zeros and uncertainty is None:
+    errors_of_q = [e for e in motion.constants.errors.values() if e.kind in (ZERO, DRIFT)]
+    if not errors_of_q and uncertainty is None:
         return found
     q = motion.joint_motion(motion.nodes[nodes])[:, 0]
     turning = acceleration, -cross(acceleration, grid.com(psi))
     outboard = Outboard.at(_with_target(tree, psi, grid), q, 0 * q, *turning)
     J = -grid.inertia(psi)
-    if zeros:
-        by_q = joint_sensitivity(outboard, psi, grid)[0].w
-        found |= {error.name: -error.sigma * (J @ by_q) for error in zeros}
+    if errors_of_q:
+        by_q = J @ joint_sensitivity(outboard, psi, grid)[0].w
+        elapsed = (motion.nodes[nodes] - motion.origin)[:, None, None]
+        for e in errors_of_q:
+            own = by_q if e.kind == ZERO else elapsed * by_q[..., e.joint : e.joint + 1]
+            found[e.name] = -e.sigma * own
     if uncertainty is not None:
         present = np.zeros(uncertainty.count(tree.wheels, q.shape[1])) if errors is None else errors
         found["bodies"] = J @ uncertain_sensitivity(outboard, psi, grid, uncertainty, present).w

@@ -50,6 +50,7 @@ class BlockModel:
             linear, in units of their σ; default: zero.
         errors: (c,) errors of the known bodies that the tree already has, in units of their σ;
             default: zero.
+        origin: see `BaseMotion`.
 
     Attributes:
         motion: the base's motion.
@@ -70,6 +71,7 @@ class BlockModel:
         constants: Constants | None = None,
         nominal: NDArray[np.float64] | None = None,
         errors: NDArray[np.float64] | None = None,
+        origin: float = 0.0,
     ) -> None:
         present = suite.present()
         classes = {n: model for n, model in model_classes(measurements).items() if n in present}
@@ -81,11 +83,10 @@ class BlockModel:
         ]
         times = np.concatenate([np.empty(0), *needed])
         thrust = thrust_log(measurements.thrust, suite.thrusters, constants, nominal)
-        zeros = constants.joint_zeros(nominal)
         is_planar = tree.normal_B is not None
         white = white_forces(suite, joints.start, joints.end, is_planar)
         self.motion = BaseMotion(
-            tree, joints, times, step, constants, suite.orbit, thrust, zeros, white
+            tree, joints, times, step, constants, nominal, origin, suite.orbit, thrust, white
         )
         biases = gyro_biases(suite, joints.start, joints.end)
         self.sensors: dict[str, SensorModel | WhiteReading] = {}

@@ -32,7 +32,7 @@ from cpid_drake.estimation.likelihood.attitude_steps import (
     step_angles,
     step_changes,
 )
-from cpid_drake.estimation.likelihood.constants import WHEEL, Constants
+from cpid_drake.estimation.likelihood.constants import DRIFT, WHEEL, ZERO, Constants
 from cpid_drake.estimation.likelihood.joint_motion import JointPart
 from cpid_drake.estimation.likelihood.thrust import BlockThrust, transition
 from cpid_drake.estimation.likelihood.uniform_spline import (
@@ -125,11 +125,11 @@ class BaseMotion:
         times: (M,) further times between start and end, at which the known bodies' dynamics are
             needed [s].
         step: longest step of the grid [s]; a joint motion of many pieces makes it shorter.
-        constants: the constant errors, external forces among them; default: none.
-        orbit: the orbit of W's origin, with its gravity gradient; default: none.
-        thrust: the log of thrust; default: none.
-        zeros: (J,) by how much the joint motion is too large [rad or m]; default: nothing.
-        white: white forces, whose entries are in the state; default: none.
+        constants: the constant errors, external forces among them.
+        nominal: (k,) their values in units of their σ: by some the joint motion is too large.
+        origin: time at which zeros of joints that drift have their values [s].
+        orbit, thrust: orbit of W's origin, with its gravity gradient, and log of thrust, if any.
+        white: white forces, whose entries are in the state.
 
     Attributes:
         nodes: (N,) times of the grid [s].
@@ -143,16 +143,16 @@ class BaseMotion:
         joints: JointPart,
         times: NDArray[np.float64],
         step: float,
-        constants: Constants | None = None,
-        orbit: Orbit | None = None,
-        thrust: ThrustLog | None = None,
-        zeros: NDArray[np.float64] | None = None,
-        white: Sequence[WhiteForce] = (),
+        constants: Constants,
+        nominal: NDArray[np.float64],
+        origin: float,
+        orbit: Orbit | None,
+        thrust: ThrustLog | None,
+        white: Sequence[WhiteForce],
     ) -> None:
-        self.white = white
-        self.tree, self.joints, self.orbit = tree, joints, orbit
-        self.zeros = np.zeros(1) if zeros is None else zeros
-        self.constants = constants or Constants()
+        self.tree, self.joints, self.constants, self.origin = tree, joints, constants, origin
+        self.orbit, self.white = orbit, white
+        self._zero, self._drift = (constants.joint_errors(nominal, k) for k in (ZERO, DRIFT))
         length = joints.end - joints.start
         step = min(step, length / joints.pieces / _STEPS_PER_PIECE)
         steps = int(np.clip(np.ceil(length / step), 4, _MOST_STEPS))
@@ -196,7 +196,9 @@ class BaseMotion:
     def joint_motion(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return true positions and rates (M, 2, J) of the joints at times (M,) [s]."""
         samples = self.joints.evaluate(times)
-        return np.stack([samples[:, 0] - self.zeros, samples[:, 1]], axis=1)
+        samples[:, 0] -= self._zero + (times - self.origin)[:, None] * self._drift
+        samples[:, 1] -= self._drift
+        return samples
 
     def trajectory(self, state: TrajectoryState, near: Trajectory | None = None) -> Trajectory:
         """Integrate the base's attitude over the grid.

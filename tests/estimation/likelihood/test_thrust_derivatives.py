@@ -35,9 +35,10 @@ OPENINGS = Samples(
     np.array([[1, 0, 0], [1, 1, 0], [0, 1.0, 1], [1, 1, 1], [0, 0, 0.5]]),
 )
 UNKNOWNS = ["attitude", "momentum", "psi", "forces"]
-SUITE.encoders = replace(SUITE.encoders, zero_mrad=2.0)
+SUITE.encoders = replace(SUITE.encoders, zero_mrad=2.0, drift_mrad_per_s=1.0)
 ERRORS = ["a.force", "b.force", "c.force", "thrusters.loss", "thrusters.valve_delay"]
-ERRORS += ["encoders.zero"]
+OF_JOINTS = ["encoders.zero", "encoders.joint 2.drift"]
+ERRORS += OF_JOINTS
 
 
 @pytest.fixture(scope="module")
@@ -60,6 +61,7 @@ def block(tmp_path_factory, skewed_target):
             SUITE,
             constants=constants,
             nominal=state.constants,
+            origin=0.4,
         )
         trajectory = model.motion.trajectory(state)
         parts = [each.residuals(trajectory).ravel() for each in model.sensors.values()]
@@ -93,7 +95,7 @@ def test_derivatives_are_those_of_differences(block, name):
     for entry in range({**sizes, "forces": len(state.forces)}.get(name, 1)):
         up, down = (predicted(changed(state, constants, name, entry, h))[0] for h in (1e-4, -1e-4))
         expected = (down - up) / 2e-4
-        if name in ("psi", "encoders.zero"):  # the readings of white torques are the last but one
+        if name in ("psi", *OF_JOINTS):  # the readings of white torques are the last but one
             rows = slice(len(expected) - len(state.forces), len(expected) - 6)
             torques = expected[rows] = torques_by_inertia(model, trajectory, name, entry)
             assert np.allclose(J[rows, first + entry], torques, atol=1e-6 + 0.02 * abs(torques))
@@ -116,7 +118,11 @@ def torques_by_inertia(model, trajectory, name, entry):
         if name == "psi":
             psi = psi + h * np.eye(10)[entry]
         else:
-            new = BodyDynamics.at(model.motion.tree, q - h * size * np.eye(4)[entry], 0 * q)
+            at = np.eye(4)[entry]
+            if name == "encoders.joint 2.drift":
+                at = np.outer(model.motion.nodes[nodes] - 0.4, np.eye(4)[1])
+            moved = q - h * size * at
+            new = BodyDynamics.at(model.motion.tree, moved, 0 * q)
         return (R @ grid.inertia(trajectory.state.psi) @ new.mobility(psi) @ u).ravel()
 
     return (read(1e-4) - read(-1e-4)) / 2e-4
