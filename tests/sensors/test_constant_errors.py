@@ -79,6 +79,7 @@ def test_every_value_has_the_given_sigma():
     np.testing.assert_allclose(spread("position", "lever_arm_B"), 0.03, rtol=0.09)
     np.testing.assert_allclose(spread("velocity", "lever_arm_B"), 0.02, rtol=0.09)
     np.testing.assert_allclose(spread("encoders", "zero"), 0.5e-3, rtol=0.09)
+    np.testing.assert_allclose(spread("encoders", "drift"), 0.2e-3, rtol=0.09)
     assert not any(each.zero.any() for each in drawn["joint_rates"]), "a rate has no zero"
 
 
@@ -93,7 +94,7 @@ def test_all_values_are_independent():
         rows.append(np.concatenate(row))
     table = np.array(rows)
     table = table[:, table.std(axis=0) > 0]
-    assert table.shape[1] == 9 * 3 + 5 + 3 + 9 + 3 + 3 + 2
+    assert table.shape[1] == 9 * 3 + 5 + 3 + 9 + 3 + 3 + 2 + 2
     off_diagonal = np.corrcoef(table.T) - np.eye(table.shape[1])
     assert np.abs(off_diagonal).max() < 4.5 / np.sqrt(len(rows))
 

@@ -122,14 +122,12 @@ class BaseMotion:
     Args:
         tree: the known spacecraft.
         joints: its joint motion, from the start to the end of the base's motion.
-        times: (M,) further times between start and end, at which the known bodies' dynamics are
-            needed [s].
+        times: (M,) further times in it, at which the known bodies' dynamics are needed [s].
         step: longest step of the grid [s]; a joint motion of many pieces makes it shorter.
         constants: the constant errors, external forces among them.
         nominal: (k,) their values in units of their σ: by some the joint motion is too large.
         origin: time at which zeros of joints that drift have their values [s].
-        orbit, thrust: orbit of W's origin, with its gravity gradient, and log of thrust, if any.
-        white: white forces, whose entries are in the state.
+        orbit, thrust, white: orbit of W's origin and log of thrust, if any, and white forces.
 
     Attributes:
         nodes: (N,) times of the grid [s].
