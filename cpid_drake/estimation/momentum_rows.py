@@ -1,6 +1,5 @@
 """Momentum rows of samples, and the errors that the errors of the samples make in them."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -14,8 +13,6 @@ from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.dynamics.rows import RowFamily
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
-
-_SAMPLES_AT_ONCE = 2048  # samples per block, whose arrays fit into a processor's cache
 
 
 def momentum_rows(
@@ -44,19 +41,6 @@ def momentum_rows(
     if tree.normal_B is not None:
         return family.rows_in_plane(rows, samples.motion.R_WC, tree.unknowns)
     return rows
-
-
-def row_blocks(
-    telemetry: Motion, tree: KinematicTree, family: RowFamily, momentum: TotalMomentum
-) -> Iterator[tuple[slice, NDArray[np.float64]]]:
-    """Yield samples and their `momentum_rows` (n, rows per sample, k + 11), thousands at a time.
-
-    The memory therefore does not grow with the number of samples.
-    """
-    for start in range(0, len(telemetry), _SAMPLES_AT_ONCE):
-        own = slice(start, min(start + _SAMPLES_AT_ONCE, len(telemetry)))
-        rows = momentum_rows(tree, telemetry.select(own), family, momentum)
-        yield own, rows.reshape(own.stop - own.start, -1, rows.shape[1])
 
 
 def momentum_columns(tree: KinematicTree, family: RowFamily, momentum: TotalMomentum) -> int:

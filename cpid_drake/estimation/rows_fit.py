@@ -31,7 +31,7 @@ from cpid_drake.estimation.least_squares import (
     triangle,
     updated_information,
 )
-from cpid_drake.estimation.momentum_rows import error_square, momentum_columns, row_blocks
+from cpid_drake.estimation.momentum_rows import error_square, momentum_columns, momentum_rows
 from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.logs.log import Samples, concatenated_samples
 
@@ -41,8 +41,8 @@ TARGET, MOMENTUM = "target", "momentum"
 ROUNDING = 1e-8
 """Least size of the errors of rows, as a share of the rows: less is rounding."""
 
-_MOST_KEPT = 20_000  # samples whose residuals are kept for their correlation in time
-_MOST_SHOWN = 4_000  # samples of a long log that a page shows
+_SAMPLES_AT_ONCE = 2048  # samples of a part, whose arrays fit into a processor's cache
+_MOST_KEPT = 20_000  # samples whose rows are kept for the residuals and their correlation in time
 _MOST_CHANGED = 200  # complete samples of a block that show the shape of its errors
 _NOISE = 0.25  # share of the information about a combination that may be noise
 _FEWEST = 20  # independent residuals that determine their correlation
@@ -58,17 +58,16 @@ class RowNoise:
         variance: their variance.
         correlation_time: number of samples with the information of one independent sample.
         factor: `variance` divided by that of the errors of the samples; 0 if these are not known.
-        is_known: whether there are more rows than unknowns, so that residuals show the errors.
         scatter: (k + u, k + u) covariance of Aᵀ (A x − b), from sums of residuals over successive
-            samples that are correlated; None if it is not known. It contains what the variance
-            misses, such as errors that grow with the motion, or differ from row to row.
+            samples that are correlated. It contains what the variance misses, such as errors that
+            grow with the motion, or differ from row to row. None if there are no more rows than
+            unknowns, so that no residuals show the errors.
 
     """
 
     variance: float = 1.0
     correlation_time: float = 1.0
     factor: float = 0.0
-    is_known: bool = False
     scatter: NDArray[np.float64] | None = None
 
 
@@ -95,9 +94,8 @@ class LogRows:
         size = self.extra + len(self.unknowns)
         self._halves = [empty_information(size), empty_information(size)]  # of all parts
         self._errors = np.zeros((size + 1, size + 1))  # E[δᵀ δ] of the errors of the rows
-        self._first: list[Samples] = []
-        self._shown: list[Samples] = []  # every k-th sample
-        self._every = 1
+        self._kept: list[Samples] = []  # every k-th part, for residuals and their correlation
+        self._parts, self._every = 0, 1
         self._p_WB = np.zeros(3)  # at the first sample
         self.sample_count = self.row_count = 0
 
@@ -126,25 +124,27 @@ class LogRows:
         """
         if not self.sample_count and len(telemetry):
             self._p_WB = telemetry.p_WB[0]
-        for own, rows in row_blocks(telemetry, *self._problem):
-            samples, middle = Samples(telemetry.time[own], rows), len(rows) // 2
-            for k, half in enumerate((rows[:middle], rows[middle:])):
-                flat = half.reshape(-1, rows.shape[-1])
-                self._halves[k] = updated_information(self._halves[k], flat)
-                self.row_count += int(np.count_nonzero(flat[:, self.extra :].any(axis=1)))
-            if covariance.any():
-                some = slice(own.start, own.stop, -(-len(rows) // _MOST_CHANGED))
-                part, C = telemetry.select(some), covariance
-                C = C[some] if len(C) > 1 else C
-                self._errors += len(rows) / len(part) * error_square(part, C, *self._problem)
-            kept = samples.where(slice(0, max(_MOST_KEPT - self.sample_count, 0)))
-            self._first += [kept] if len(kept) else []
-            shown = samples.where(slice(-self.sample_count % self._every, None, self._every))
-            self._shown.append(Samples(shown.time.copy(), shown.value.copy()))
-            while sum(map(len, self._shown)) > _MOST_SHOWN:
-                self._shown = [concatenated_samples(self._shown).where(slice(None, None, 2))]
-                self._every *= 2
+        tree, family, momentum = self._problem
+        for start in range(0, len(telemetry), _SAMPLES_AT_ONCE):
+            own = slice(start, min(start + _SAMPLES_AT_ONCE, len(telemetry)))
+            part, C = telemetry.select(own), covariance[own] if len(covariance) > 1 else covariance
+            flat = momentum_rows(tree, part, family, momentum)
+            rows = flat.reshape(len(part), -1, flat.shape[1])
+            for k, half in enumerate(np.split(rows, [len(rows) // 2])):
+                half = half.reshape(-1, flat.shape[1])
+                self._halves[k] = updated_information(self._halves[k], half)
+            self.row_count += int(np.count_nonzero(flat[:, self.extra :].any(axis=1)))
             self.sample_count += len(rows)
+            if C.any():
+                some = slice(None, None, -(-len(rows) // _MOST_CHANGED))
+                few = part.select(some)
+                square = error_square(few, C[some], *self._problem)
+                self._errors += len(rows) / len(few) * square
+            if self._parts % self._every == 0:
+                self._kept.append(Samples(part.time, rows))
+            self._parts += 1
+            while sum(map(len, self._kept)) > _MOST_KEPT and len(self._kept) > 1:
+                self._kept, self._every = self._kept[::2], 2 * self._every
 
     def misfit(self, x: NDArray[np.float64]) -> tuple[float, float]:
         """Return the sizes of the residuals at unknowns x (k + u,), as ratios.
@@ -153,32 +153,22 @@ class LogRows:
         second that to the rows.
         """
         unit, rows = np.append(x, -1.0), np.vstack(self._halves)
-        squares, expected = self.residual_sum(x), float(unit @ self._errors @ unit)
+        squares, expected = float(np.sum((rows @ unit) ** 2)), float(unit @ self._errors @ unit)
         size = float(np.sum(rows[:, -1] ** 2))
         return (
             float(np.sqrt(squares / expected)) if expected > 0 else np.inf,
             float(np.sqrt(squares / size)) if size > 0 else 0.0,
         )
 
-    def residual_sum(self, x: NDArray[np.float64]) -> float:
-        """Return the sum of squares of the residuals at x (k + u,)."""
-        return float(np.sum((np.vstack(self._halves) @ np.append(x, -1.0)) ** 2))
-
-    def residuals(self, x: NDArray[np.float64]) -> list[tuple[Samples, int, NDArray[np.float64]]]:
+    def residuals(self, x: NDArray[np.float64]) -> tuple[Samples, Samples]:
         """Return the residuals b − A x at x of the linear and of the angular rows.
 
-        Each with the number k of which every k-th is shown, and the first ones without selection.
+        Of a long log, they are those of parts that are spread over it.
         """
-        if not self._shown:
-            return []
-        shown, unit = concatenated_samples(self._shown), np.append(x, -1.0)
-        m = shown.value.shape[1]
-        linear, angular = slice(0, m - self._angular), slice(m - self._angular, m)
-        first = np.concatenate([-(part.value @ unit) for part in self._first])
-        every, time, value = self._every, shown.time, -(shown.value @ unit)
-        if self.sample_count <= _MOST_KEPT:
-            every, time, value = 1, np.concatenate([part.time for part in self._first]), first
-        return [(Samples(time, value[:, k]), every, first[:, k]) for k in (linear, angular)]
+        kept = concatenated_samples(self._kept)
+        rest = -(kept.value @ np.append(x, -1.0))
+        linear, angular = np.split(rest, [rest.shape[1] - self._angular], axis=1)
+        return Samples(kept.time, linear), Samples(kept.time, angular)
 
     def noise(self, *, is_zero: bool = False) -> RowNoise:
         """Return the errors of the rows, from the residuals at their best unknowns.
@@ -199,7 +189,7 @@ class LogRows:
             free = self.row_count - used
             if free < 1:
                 return noise
-            rests = np.concatenate([part.value @ unit for part in self._first])
+            rests = np.concatenate([part.value @ unit for part in self._kept])
             time = whiteness(rests).correlation_time
             if self.row_count / time - used < _FEWEST:
                 time = 1.0
@@ -209,7 +199,7 @@ class LogRows:
             variance = larger * float(squares) / self.row_count
             factor = variance * self.row_count / expected if expected > 0 else 0.0
             scatter = larger * self._scatter(rests, time)
-            noise = RowNoise(max(variance, least), time, factor, True, scatter)
+            noise = RowNoise(max(variance, least), time, factor, scatter)
             if not factor:  # without errors inside A, the solution does not depend on their size
                 break
         return noise
@@ -220,7 +210,7 @@ class LogRows:
         It is that of independent rows with the errors of each of a sample's m rows, and larger
         where sums of successive rows show more.
         """
-        A = np.concatenate([part.value[..., :-1] for part in self._first])
+        A = np.concatenate([part.value[..., :-1] for part in self._kept])
         flat = (A * np.sqrt(time * np.mean(rests**2, axis=0))[:, None]).reshape(-1, A.shape[-1])
         scores = np.einsum("nmc,nm->nc", A, rests)
         starts = np.arange(0, len(scores), int(np.ceil(time)))

@@ -265,7 +265,7 @@ def _identified(known: Known, log: CheckedLog) -> tuple[Identification, Gaussian
 
     rows = rows_of(family)
     noise = rows.noise()
-    if is_open and not noise.is_known:  # too few rows for a free momentum
+    if is_open and noise.scatter is None:  # too few rows for a free momentum
         noise = rows.noise(is_zero=True)
     tester = (rows, noise)
     if is_tested and not family.momentum_size and has_place:
@@ -293,11 +293,11 @@ def _identified(known: Known, log: CheckedLog) -> tuple[Identification, Gaussian
         target, nominal, scale, row_count=count - (rows.extra if own.any() else 0)
     )
     x = np.append(own, solution.values[unknowns])  # what is not determined must not explain errors
-    if not noise.is_known:
+    if noise.scatter is None:
         solution = replace(solution, covariance=np.full((10, 10), np.nan))
     is_shown = solution.rank == len(unknowns) and count > _FEW_ROWS
     residuals = _residuals(rows, x, family) if is_shown else {}
-    is_judged = solution.rank == len(unknowns) and noise.is_known
+    is_judged = solution.rank == len(unknowns) and noise.scatter is not None
     found = Identification.of_solution(
         form,
         solution,
@@ -350,10 +350,8 @@ def _residuals(
     """Return the residuals of the linear and the angular rows at unknowns x."""
     units = {"linear": family.linear_unit, "angular": "N·m·s"}
     return {
-        kind: ResidualSeries(shown.time, shown.value, unit, every, first if every > 1 else None)
-        for (kind, unit), (shown, every, first) in zip(
-            units.items(), rows.residuals(x), strict=True
-        )
+        kind: ResidualSeries(shown.time, shown.value, unit)
+        for (kind, unit), shown in zip(units.items(), rows.residuals(x), strict=True)
         if shown.value.size
     }
 
@@ -364,7 +362,7 @@ def _compared(
     """Return the comparison of zero with an unknown momentum; None if the rows show nothing."""
     zero = rows.gaussians(noise, is_zero=True)[0]
     x = np.append(np.zeros(rows.extra), zero.solve()[rows.unknowns])
-    if not noise.is_known or rows.misfit(x)[1] < INTEGRATION:
+    if noise.scatter is None or rows.misfit(x)[1] < INTEGRATION:
         return None
     sigma = Model(spacecraft.tree, SensorSuite()).unknown(MOMENTUM).sigma  # of [L; v]
     return compare_momentum(rows, noise, sigma * np.repeat([1.0, spacecraft.mass], 3))

@@ -60,31 +60,21 @@ class Combinations:
 
 @dataclass(frozen=True, eq=False)
 class ResidualSeries:
-    """Residuals of one sensor or of one kind of rows.
+    """Residuals of one sensor or of one kind of rows; of a long log, those of rows are parts of it.
 
     Attributes:
         time: (N,) [s].
         value: (N, channels) measured minus predicted.
         unit: unit of `value`; "σ" where residuals are divided by the sensor's noise.
-        every: of a long log, `time` and `value` are an even selection: every k-th residual.
-        beginning: (M, channels) the first residuals without selection, for tests that need
-            neighbours; None if `value` contains all residuals.
 
     """
 
     time: Array
     value: Array
     unit: str
-    every: int = 1
-    beginning: Array | None = None
 
     def __len__(self) -> int:
         return self.time.size
-
-    @property
-    def neighbours(self) -> Array:
-        """(M, channels) residuals of successive samples: all, or the first ones of a long log."""
-        return self.value if self.beginning is None else self.beginning
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

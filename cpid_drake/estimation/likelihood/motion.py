@@ -38,7 +38,7 @@ from cpid_drake.estimation.likelihood.thrust import BlockThrust, transition
 from cpid_drake.estimation.likelihood.uniform_spline import (
     UniformSpline,
     spline_weights,
-    step_integrals,
+    step_weights,
 )
 from cpid_drake.estimation.likelihood.white_force import (
     ACCELERATION_NOISE,
@@ -273,7 +273,8 @@ class BaseMotion:
 
     def _accumulated(self, rates: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the integrals of rates (N, ...) at the nodes from the start to each node."""
-        steps = step_integrals(rates, self.nodes[1] - self.nodes[0])
+        h = self.nodes[1] - self.nodes[0]
+        steps = h * np.tensordot(step_weights(len(rates)), rates, axes=1)
         return np.concatenate([np.zeros_like(rates[:1]), np.cumsum(steps, axis=0)])
 
     def com_motion(self, trajectory: Trajectory, rows: slice) -> NDArray[np.float64]:

@@ -224,9 +224,9 @@ class GyroModel(SensorModel):
     def by_unknowns(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:
         """See `SensorModel`."""
         assert self._bias is not None
-        times = self.samples.time
-        by_bias = np.kron(self._bias.weights(times), np.eye(3)).reshape(len(times), 3, -1)
-        return super().by_unknowns(trajectory) | {self._bias.name: by_bias}
+        weights = self._bias.weights(self.samples.time)
+        by_bias = np.kron(weights, np.eye(3)).reshape(len(weights), 3, -1)
+        return super().by_unknowns(trajectory) | {self._bias.name: np.asarray(by_bias)}
 
     def _matrix(self, trajectory: Trajectory) -> NDArray[np.float64]:
         """Return the matrix (3, 3) of scales and misalignments that multiplies w."""

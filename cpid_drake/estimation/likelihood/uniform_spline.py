@@ -113,15 +113,6 @@ def _unit_splines(count: int) -> UniformSpline:
     return UniformSpline(0.0, 1.0, np.eye(count))
 
 
-def step_integrals(f: NDArray[np.float64], h: float) -> NDArray[np.float64]:
-    """Return the integrals (N − 1, ...) of f (N, ...) over each of the steps h."""
-    result = np.empty_like(f[1:])
-    result[1:-1] = h / 24 * (13 * (f[1:-2] + f[2:-1]) - f[:-3] - f[3:])
-    result[0] = h / 24 * (9 * f[0] + 19 * f[1] - 5 * f[2] + f[3])
-    result[-1] = h / 24 * (9 * f[-1] + 19 * f[-2] - 5 * f[-3] + f[-4])
-    return result
-
-
 @lru_cache(maxsize=64)
 def _slopes(count: int) -> NDArray[np.float64]:
     """Return the slopes (N, N) at N nodes, one apart, of the splines through the unit vectors."""

@@ -102,7 +102,7 @@ def residuals_section(found: Identification) -> Section:
         return Section("Residuals", texts=[text])
     rows = []
     for name, series in found.residuals.items():
-        white = whiteness(series.neighbours)
+        white = whiteness(series.value)
         sizes = [f"{size:.3g}" for size in np.sqrt(np.mean(series.value**2, axis=0))]
         correlation = f"{white.lag_one:+.3f} ± {white.band:.3f}"
         row = [name, str(len(series)), ", ".join(sizes), series.unit, correlation]
@@ -110,9 +110,9 @@ def residuals_section(found: Identification) -> Section:
     heads = ["", "samples", "rms of each axis", "unit", "lag-one correlation", "white"]
     note = (
         "Residuals: measured minus predicted samples in units of the assumed noise (σ), or the "
-        "momentum balance in the capture frame. Sizes and figures of a long log are those of an "
-        "even selection. White: the correlation of neighbours is within the ± band of white noise, "
-        "or below 0.1, which changes no interval by more than a tenth."
+        "momentum balance in the capture frame, of a long log in parts that are spread over it. "
+        "White: the correlation of neighbours is within the ± band of white noise, or below 0.1, "
+        "which changes no interval by more than a tenth."
     )
     return Section(
         "Residuals",
