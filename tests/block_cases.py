@@ -12,6 +12,7 @@ from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.estimation.block import Block, after
 from cpid_drake.estimation.joints import smooth_joints
+from cpid_drake.estimation.likelihood.constants import Constants
 from cpid_drake.estimation.likelihood.joint_motion import JointPart
 from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
@@ -107,14 +108,13 @@ class Case:
         w = R.T @ truth.w_WB[0]
         L = R @ (dynamics.inertia(psi)[0] @ w + dynamics.momentum_at_rest(psi)[0])
         com, rate = dynamics.com(psi)[0], dynamics.com_rate(psi)[0]
-        gyros = [e for e in self.suite.present().values() if isinstance(e, Gyro)]
         return TrajectoryState(
             psi=psi,
             attitude=Rotation.from_matrix(R),
             p_Wcm=truth.p_WB[0] + R @ com,
             v_Wcm=truth.v_WB[0] + R @ (np.cross(w, com) + rate),
             L=L,
-            bias=np.zeros((len(gyros), 3)),
+            constants=np.zeros(Constants.of(self.suite, len(self.craft.joint_names)).size),
         )
 
 

@@ -19,6 +19,7 @@ from scipy.special import chdtri
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.joints import DECLARED, FAR
+from cpid_drake.estimation.likelihood.constants import BIAS
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Rolled, Values, roll
 from cpid_drake.estimation.start import start_of
@@ -149,7 +150,8 @@ def reweighted(model: Model, log: LogState, rolled: Rolled, absorbed: dict[str, 
     weights, noise = [dict(each) for each in log.weights], dict(log.noise)
     residuals = rolled.all_residuals()
     count = sum(rest.size for rest in residuals.values())
-    free = 12 + 10 + 3 * len(model.gyros)
+    biases = sum(each.size for each in model.table if each.name.endswith(BIAS))
+    free = 12 + 10 + biases
     for name, rest in residuals.items():
         w = weights_of(rest) if name in SENSORS else np.ones(len(rest))  # a force is no outlier
         near = rest[w == 1.0]  # what is far off says nothing about the noise

@@ -25,7 +25,6 @@ class LogState:
         joints: their joint motion.
         smoothness: of the joint motion.
         start: attitude, centre of mass and momentum at the start; None before the first fit.
-        bias: of each block: (nodes, 3) biases of all gyros [rad/s].
         origin: time from which on the zeros of joints drift [s].
         forces: of each block: (K,) entries of white forces, in units of their σ.
         walks: of each block but a log's last: (w,) change at its end of the constants that walk.
@@ -41,7 +40,6 @@ class LogState:
     blocks: tuple[Block, ...]
     joints: tuple[JointPart, ...]
     smoothness: Smoothness
-    bias: tuple[NDArray[np.float64], ...]
     walks: tuple[NDArray[np.float64], ...]
     forces: tuple[NDArray[np.float64], ...]
     origin: float
@@ -74,12 +72,11 @@ class LogState:
             raise InputError("no attitude samples while the joints are known: none to start from")
         blocks = blocks[first:]
         smoothness, joints = smooth_joints(blocks, model.suite)
-        bias = tuple(np.zeros((model.bias_count, 3)) for _ in blocks)
         walks = tuple(np.zeros(len(model.walking_columns)) for _ in blocks[1:])
         forces = tuple(model.no_forces(block.start, block.end) for block in blocks)
         weights = tuple(dict[str, NDArray[np.float64]]() for _ in blocks)
         parts = tuple(joints)
-        own = smoothness, bias, walks, forces, blocks[0].start, start
+        own = smoothness, walks, forces, blocks[0].start, start
         return cls(name, blocks, parts, *own, weights=weights)
 
     @classmethod
@@ -130,7 +127,6 @@ class LogState:
             self,
             blocks=self.blocks[first:end],
             joints=self.joints[first:end],
-            bias=self.bias[first:end],
             forces=self.forces[first:end],
             walks=self.walks[first:end],
             weights=self.weights[first:end],

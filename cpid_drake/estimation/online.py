@@ -261,7 +261,6 @@ def _begun(model: Model, found: Fit) -> Known:
         track = tracked(track, part)[1]
     last = replace(
         log.part(len(log.blocks) - 1, len(log.blocks)),
-        bias=(log.bias[-1][model.last_nodes],),
         weights=({},),
         start=rolled.models[-1].motion.end(rolled.trajectories[-1]),
     )

@@ -34,7 +34,7 @@ class Known:
 
     Attributes:
         values: of all unknowns, about which everything is linear.
-        log: the last block, with its bias and noise; `start` is the state at its end.
+        log: the last block, with its noise; `start` is the state at its end.
         gaussian: about what is at the boundary and all unknowns, and of the links themselves.
         links: at the starts of the last blocks.
         track: (J, ORDER, ORDER + 1) rows about the joints, by their own sensors alone.
@@ -89,13 +89,11 @@ def solved(
         links = (*links, Link(block.start))
         gaussian = linked(gaussian, links[-1].name, model.farthest, still)
     part, track = tracked(known.track, joint_part(block, model.suite, known.log.smoothness))
-    counts = model.last_nodes - model.first_nodes + 1
-    bias = np.repeat(known.log.bias[0], counts, axis=0)
     forces = (model.no_forces(block.start, block.end),)
-    log = replace(known.log, blocks=(block,), joints=(part,), bias=(bias,), forces=forces)
+    log = replace(known.log, blocks=(block,), joints=(part,), forces=forces)
     values, rolled = known.values, roll(model, log, known.values)
-    here = _start(model, log)
-    before = (*here[:2], known.log.joints[0].coefficients[-ORDER:])
+    here = _start(log)
+    before = here[0], known.log.joints[0].coefficients[-ORDER:]
     gaussian = _moved(gaussian, _step(before, here))
     for _ in range(MOST_LINEARIZATIONS):
         about = _linear(model, known, log, rolled, values)
@@ -107,19 +105,18 @@ def solved(
         change = {name: g[place] for name, place in linear.places.items()}
         better = back(model, log, swept, change)
         values = {name: value + change[name] for name, value in values.items()}
-        ahead, there = roll(model, better, values), _start(model, better)
+        ahead, there = roll(model, better, values), _start(better)
         table = g[: sum(unknown.size for unknown in model.table)]
         gaussian = _moved(gaussian, _step(here, there), table)
         jumps = np.concatenate([np.zeros(n + len(table)), g[len(table) :]])
         excess = ahead.cost_inside(better) + gaussian.cost(jumps) - linear.cost(g)
-        ends = _end(model, log, rolled), _end(model, better, ahead)
+        ends = _end(log, rolled), _end(better, ahead)
         after = _moved(swept.end, _step(*ends), table)
         log, is_settled = _weighted(better, ahead)
         rolled, here = ahead, there
         if abs(excess) < CLOSE and is_settled:
             break
-    state, end_bias, _ = _end(model, log, rolled)
-    last = replace(log, start=state, bias=(end_bias,), weights=({},))
+    last = replace(log, start=_end(log, rolled)[0], weights=({},))
     return Known(values, last, after, links, track, known.about), log, rolled
 
 
@@ -135,26 +132,25 @@ def _linear(model: Model, known: Known, log: LogState, rolled: Rolled, values: V
     return replace(roll(model, log, values | known.about), residuals=rolled.residuals)
 
 
-Boundary = tuple[TrajectoryState, NDArray[np.float64], NDArray[np.float64]]
-"""What is at one end of a block: the base's state, biases (G, 3) and joints (ORDER, J)."""
+Boundary = tuple[TrajectoryState, NDArray[np.float64]]
+"""What is at one end of a block: the base's state and joints (ORDER, J)."""
 
 
-def _start(model: Model, log: LogState) -> Boundary:
+def _start(log: LogState) -> Boundary:
     """Return what is at the start of the block of a log."""
     assert log.start is not None
-    return log.start, log.bias[0][model.first_nodes], log.joints[0].coefficients[:ORDER]
+    return log.start, log.joints[0].coefficients[:ORDER]
 
 
-def _end(model: Model, log: LogState, rolled: Rolled) -> Boundary:
+def _end(log: LogState, rolled: Rolled) -> Boundary:
     """Return what is at the end of the block of a log."""
     state = rolled.models[0].motion.end(rolled.trajectories[0])
-    return state, log.bias[0][model.last_nodes], log.joints[0].coefficients[-ORDER:]
+    return state, log.joints[0].coefficients[-ORDER:]
 
 
 def _step(old: Boundary, new: Boundary) -> NDArray[np.float64]:
     """Return the step (n,) from one to another."""
-    bias, joints = new[1] - old[1], (new[2] - old[2]).T
-    return np.concatenate([jump_between(old[0], new[0]), bias.ravel(), joints.ravel()])
+    return np.concatenate([jump_between(old[0], new[0]), (new[1] - old[1]).T.ravel()])
 
 
 def _moved(gaussian: Gaussian, *steps: NDArray[np.float64]) -> Gaussian:

@@ -134,9 +134,7 @@ def roll(model: Model, log: LogState, values: Values, near: Rolled | None = None
             still_to_come = still_to_come - log.walks[k]
     relate([part.motion for part in models])
     for k, (part, block) in enumerate(zip(models, log.blocks, strict=True)):
-        first = replace(
-            state, psi=psi, bias=log.bias[k], constants=nominal[k], forces=log.forces[k]
-        )
+        first = replace(state, psi=psi, constants=nominal[k], forces=log.forces[k])
         aim = log.aims.get(k + 1)
         trajectory = part.motion.trajectory(first, near.trajectories[k] if near else None)
         if aim is not None and k not in log.links and len(log.forces[k]):
@@ -147,7 +145,7 @@ def roll(model: Model, log: LogState, values: Values, near: Rolled | None = None
         residuals.append(
             {n: s.residuals(trajectory) - bent.get(n, 0.0) for n, s in part.sensors.items()}
         )
-        links += float(np.sum(part.links(first)[1] ** 2))
+        links += float(np.sum(part.motion.joints.rest**2))
         state = jumped(part.motion.end(trajectory), moved)
         if k < len(log.walks):
             links += float(np.sum((log.walks[k] / sigma) ** 2)) / block.length
@@ -157,8 +155,6 @@ def roll(model: Model, log: LogState, values: Values, near: Rolled | None = None
             state = jumped(state, log.jumps[k])
             links += float(np.sum((log.jumps[k] / log.links[k]) ** 2))
     start = float(np.sum(first_values(model, log, values) ** 2))
-    bias = log.bias[0][model.first_nodes] / model.bias_sigma[:, None]
-    start += float(np.sum(bias**2))
     return Rolled(models, trajectories, residuals, links, start, by_psi)
 
 

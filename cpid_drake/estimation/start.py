@@ -92,7 +92,7 @@ def start_of(
     for log, motion in zip(logs, motions, strict=True):
         L = _momentum(motion, found[PSI])  # as the samples show, whatever target is given
         states = _states(model, log, motion, L, values[PSI])
-        first = replace(states[0], bias=log.bias[0])
+        first = states[0]
         values[f"{MOMENTUM}|{log.name}"] = np.concatenate([first.L, first.v_Wcm])
         started.append(replace(log, start=first, aims=states))
     return values, started
@@ -183,8 +183,7 @@ def _states(
             q_WB = attitude.as_quat(scalar_first=True)
             attitude = Rotation.from_rotvec(tilt(q_WB[None], model.tree.normal_B)[0]) * attitude
             turning = turning * NORMAL_W
-        bias = np.zeros((0, 3))
-        states[k] = TrajectoryState(psi, attitude, place, v[first], turning, bias)
+        states[k] = TrajectoryState(psi, attitude, place, v[first], turning)
     return states
 
 

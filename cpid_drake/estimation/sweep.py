@@ -19,7 +19,7 @@ from scipy.linalg import solve_triangular
 
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import triangle
-from cpid_drake.estimation.likelihood.effects import GyroBias, with_joint_changes
+from cpid_drake.estimation.likelihood.effects import with_joint_changes
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.estimation.likelihood.motion import Trajectory, TrajectoryState
@@ -34,7 +34,7 @@ START = {"attitude": np.pi, "p_Wcm": 1e3}
 """σ of attitude [rad] and centre of mass [m] before the first sample."""
 
 BOUNDARY = "boundary"
-"""Name of what is at the end of a block: attitude, p, L, v, biases and joints."""
+"""Name of what is at the end of a block: attitude, p, L, v and joints."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,19 +147,16 @@ def sweep(
 def known_at_start(model: Model, log: LogState, values: Values) -> Gaussian:
     """Return what is known at the start of a log, about its present values, as `Swept.end`.
 
-    L and v are the log's momentum, the biases and what walks have their priors, and joints,
-    attitude and centre of mass are open.
+    L and v are the log's momentum, what walks has its prior, and joints, attitude and centre of
+    mass are open.
     """
     n, places = boundary_size(model), model.places
     rows = np.zeros((n, n + sum(u.size for u in model.table) + 1))
     sigma = np.full(n, 1e6)
     sigma[:3], sigma[3:6] = START["attitude"], START["p_Wcm"]
     sigma[6:12] = EXACT * np.repeat([model.L_sigma, FASTEST_DRIFT], 3)
-    bias = slice(12, 12 + 3 * len(model.gyros))
-    sigma[bias] = np.repeat(model.bias_sigma, 3)
     rows[:, :n] = np.diag(1 / sigma)
     rows[6:12, n + places[MOMENTUM].start :][:, :6] = -np.diag(1 / sigma[6:12])
-    rows[bias, -1] = -log.bias[0][model.first_nodes].ravel() / sigma[bias]
     walking = model.walking_columns
     first = np.zeros((len(walking), rows.shape[1]))
     first[np.arange(len(walking)), n + walking] = 1.0
@@ -182,7 +179,7 @@ def back(model: Model, log: LogState, swept: Swept, step: Values) -> LogState:
     n, R, z = boundary_size(model), swept.end.R, swept.end.z
     x = solve_triangular(R[:n, :n], z[:n] - R[:n, n:] @ g)
     x = np.concatenate([x, g])
-    bias, forces, joints = list(log.bias), list(log.forces), list(log.joints)
+    forces, joints = list(log.forces), list(log.joints)
     walks, jumps, aims = list(log.walks), {**log.jumps}, dict[int, TrajectoryState]()
     k = len(log.blocks)
     for each in reversed(swept.steps):
@@ -196,10 +193,7 @@ def back(model: Model, log: LogState, swept: Swept, step: Values) -> LogState:
             continue
         k -= 1
         s = each.solved(x)
-        part, bias[k], forces[k] = each.model, bias[k].copy(), forces[k].copy()
-        for effect in part.effects:
-            if isinstance(effect, GyroBias):
-                bias[k][effect.rows] += s[part.columns[effect.name]].reshape(-1, 3)
+        part, forces[k] = each.model, forces[k].copy()
         for force in part.motion.white:
             forces[k][force.rows] += s[part.columns[force.name]]
         joints[k] = joints[k].moved(s[part.columns["joints"]])
@@ -209,7 +203,6 @@ def back(model: Model, log: LogState, swept: Swept, step: Values) -> LogState:
     return replace(
         log,
         start=jumped(log.start, x[:12]),
-        bias=tuple(bias),
         forces=tuple(forces),
         joints=tuple(joints),
         walks=tuple(walks),
@@ -232,7 +225,7 @@ def _eliminated(
     """
     part, carried = rolled.models[k], before.rows
     J, end = part.jacobian(trajectory)
-    links, rest = part.links(trajectory.state)
+    links, rest = part.joint_rows()
     psi, by_psi = part.columns[PSI], rolled.by_psi
     J[:, psi], end[:, psi] = J[:, psi] @ by_psi, end[:, psi] @ by_psi
     residuals = rolled.residuals[k]
@@ -281,7 +274,7 @@ def changed(
     rows[:m, :m], rows[:m, -1] = np.diag(1 / sigma), -now / sigma
     rows[m:, :m], rows[m:, m:-1], rows[m:, -1] = -known.R[:, columns], known.R, known.z
     T = triangle(rows)
-    return Gaussian.of_triangle(known.sizes, T[m:-1, m:], known.rho2), T[:m]
+    return Gaussian.of_triangle(known.sizes, T[m:-1, m:], known.rho2), T[:m].copy()
 
 
 def linked(
@@ -296,5 +289,5 @@ def linked(
 
 
 def boundary_size(model: Model) -> int:
-    """Return the number of entries at a boundary: attitude, p, L, v, biases, joints."""
-    return 12 + 3 * len(model.gyros) + ORDER * model.joint_count
+    """Return the number of entries at a boundary: attitude, p, L, v, joints."""
+    return 12 + ORDER * model.joint_count

@@ -2,7 +2,7 @@
 
 Every unknown has a scope: a `log` has its own momentum and forces, all logs of one `hardware` share
 the errors of its sensors and bodies, and all logs of one `target` share the target. What belongs to
-a block of time (joint motion, biases) is in the state of its log; see `log_state`.
+a block of time (joint motion, white forces) is in the state of its log; see `log_state`.
 """
 
 from collections.abc import Mapping
@@ -19,9 +19,8 @@ from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import KNOWN
-from cpid_drake.estimation.likelihood.constants import OF_GRASP, VALVE_FORCE, Constants
+from cpid_drake.estimation.likelihood.constants import BIAS, OF_GRASP, VALVE_FORCE, Constants
 from cpid_drake.estimation.likelihood.white_force import white_forces
-from cpid_drake.sensors.sensors import Gyro
 from cpid_drake.sensors.suite import SensorSuite
 
 WIDE = 1e3
@@ -129,7 +128,7 @@ class Model:
         """The unknowns in the order of columns: constant errors, target, bodies, momentum."""
         table = []
         for error in self.constants.errors.values():
-            has = error.sensor or error.kind in OF_GRASP
+            has = (error.sensor and error.kind != BIAS) or error.kind in OF_GRASP
             zero, one = np.zeros(error.size), np.ones(error.size)
             walk = error.walk / error.sigma
             scope: Scope = "hardware" if has else "log"
@@ -176,11 +175,6 @@ class Model:
         return sum(body.joint >= 0 for body in self.tree.bodies)
 
     @property
-    def gyros(self) -> list[Gyro]:
-        """Errors of the gyros."""
-        return [errors for errors in self.suite.present().values() if isinstance(errors, Gyro)]
-
-    @property
     def places(self) -> dict[str, slice]:
         """Columns of the unknowns of one log."""
         ends = np.cumsum([0, *(u.size for u in self.table)]).tolist()
@@ -204,26 +198,6 @@ class Model:
         """σ (w,) of their change after 1 s."""
         sigma = [np.full(unknown.size, unknown.walk) for unknown in self.walking]
         return np.concatenate([np.empty(0), *sigma])
-
-    @cached_property
-    def bias_sigma(self) -> NDArray[np.float64]:
-        """σ (G,) of the first bias of each gyro [rad/s]."""
-        return np.array([max(gyro.bias_sigma, 1e-9) for gyro in self.gyros])
-
-    @cached_property
-    def last_nodes(self) -> NDArray[np.intp]:
-        """Rows (G,) of the last bias of each gyro among those of a block."""
-        return np.cumsum([2 if gyro.bias_growth else 1 for gyro in self.gyros], dtype=int) - 1
-
-    @property
-    def first_nodes(self) -> NDArray[np.intp]:
-        """Rows (G,) of the first bias of each gyro among those of a block."""
-        return np.concatenate([[0], self.last_nodes[:-1] + 1])[: len(self.last_nodes)]
-
-    @property
-    def bias_count(self) -> int:
-        """Number of rows of biases of a block."""
-        return int(self.last_nodes[-1]) + 1 if len(self.last_nodes) else 0
 
     def tree_with(self, errors: NDArray[np.float64] | None) -> KinematicTree:
         """Return the known spacecraft with errors (c,) of its bodies, in units of σ."""

@@ -18,7 +18,7 @@ from cpid_drake.estimation.events import fit_with_events
 from cpid_drake.estimation.evidence import NAMED, Comparison, Question
 from cpid_drake.estimation.fit import Fit, fit, prior_of
 from cpid_drake.estimation.gaussian import Gaussian, LeastSquaresSolution
-from cpid_drake.estimation.likelihood.constants import Constants
+from cpid_drake.estimation.likelihood.constants import BIAS, Constants
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Values
 from cpid_drake.estimation.sweep import EXACT, sweep
@@ -335,12 +335,13 @@ def solution_of(
 def effects_of(
     model: Model, values: Values, gaussian: Gaussian, *logs: str
 ) -> tuple[EffectEstimate, ...]:
-    """Return the estimates of constant errors of some logs; of those that walk, the last value."""
+    """Return the estimates of constant errors but biases; of those that walk, the last value."""
     errors, found = model.constants.errors, []
+    shown = {name for name, error in errors.items() if error.kind != BIAS}
     for unknown in model.table:
         for log in logs if unknown.scope == "log" else logs[:1]:
             key = unknown.key(log)
-            if unknown.name in errors and key in gaussian.places:
+            if unknown.name in shown and key in gaussian.places:
                 own = gaussian.marginal([key])
                 value, sigma = values[key] + own.solve(), np.sqrt(np.diag(own.covariance()))
                 where = log if unknown.scope == "log" and len(logs) > 1 else ""

@@ -34,12 +34,10 @@ class Vector:
         pieces = [part.size - ORDER for part in log.joints]
         self.J = model.joint_count
         self.joints = self.J * (sum(pieces) + ORDER)
-        nodes = [len(b) - 1 for b in log.bias]  # one gyro with a walking bias
-        self.bias = 3 * (sum(nodes) + 1)
         self.walks = sum(w.size for w in log.walks)
         self.jumps = 12 * len(log.links)
         self.forces = sum(f.size for f in log.forces)
-        self.size = self.first + self.joints + self.bias + self.walks + self.jumps
+        self.size = self.first + self.joints + self.walks + self.jumps
         self.size += self.forces
 
     def at(self, x):
@@ -64,9 +62,6 @@ class Vector:
             step = c[row : row + part.size]
             joints.append(replace(part, coefficients=part.coefficients + step))
             row += part.size - ORDER
-        b = x[at : at + self.bias].reshape(-1, 3)
-        bias = [now + b[k : k + 2] for k, now in enumerate(log.bias)]
-        at += self.bias
         walks = [
             w + u for w, u in zip(log.walks, x[at : at + self.walks].reshape(len(log.walks), -1))
         ]
@@ -82,7 +77,6 @@ class Vector:
             forces=forces,
             start=start,
             joints=tuple(joints),
-            bias=tuple(bias),
             walks=tuple(walks),
             jumps=jumps,
         ), values
@@ -96,18 +90,15 @@ def residuals(model, log, values):
         for k, block in enumerate(rolled.residuals)
         for name, rest in block.items()
     ]
-    growth = model.gyros[0].bias_growth
-    for k, (block, part) in enumerate(zip(log.blocks, log.joints)):
-        parts += [
-            part.rest.ravel(),
-            np.diff(log.bias[k], axis=0).ravel() / growth / np.sqrt(block.length),
-        ]
+    parts += [part.rest.ravel() for part in log.joints]
     walking = [u for u in model.table if u.walk]
-    declared = model.suite.disturbances
-    sigma = np.full(3 * len(walking), declared.torque_walk / declared.torque if walking else 0.0)
+    declared, gyro = model.suite.disturbances, model.suite.gyro
+    shares = {"gyro.bias": gyro.bias_growth / gyro.bias_sigma}
+    if declared is not None:
+        shares["torque"] = declared.torque_walk / declared.torque
+    sigma = np.concatenate([np.full(u.size, shares[u.name]) for u in walking])
     parts += [w / sigma / np.sqrt(b.length) for w, b in zip(log.walks, log.blocks)]
     parts += [log.jumps[k] / s for k, s in log.links.items()]
-    parts.append(log.bias[0][0] / model.gyros[0].bias_sigma)
     for u in model.table:
         value = values[u.key(log.name)]
         if u.walk:  # the prior is that of the first value

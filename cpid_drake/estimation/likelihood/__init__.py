@@ -1,1 +1,1 @@
-"""The measurement model: motion of the base, sensors, gyro bias, errors of joints and bodies."""
+"""The measurement model: motion of the base, sensors, errors of sensors, joints and bodies."""

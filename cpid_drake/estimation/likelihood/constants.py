@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.sensors.sensors import ARCSECOND
+from cpid_drake.sensors.sensors import ARCSECOND, DEGREE_PER_HOUR, Gyro
 from cpid_drake.sensors.suite import SensorSuite
 
 THRUST_SCALE = "thrust_scale"
@@ -35,6 +35,9 @@ STRETCH = "translational_compliance"
 
 ZERO, DRIFT = "zero", "drift"
 """Kinds of errors of joints: of their zeros at the start of a log, and of the zeros' rates."""
+
+BIAS = "bias"
+"""Kind of a gyro's bias, which walks from block to block."""
 
 OF_GRASP = (COMPLIANCE, STRETCH)
 """Kinds whose nominal value is zero."""
@@ -98,6 +101,10 @@ def constant_errors(suite: SensorSuite, joint_count: int) -> tuple[ConstantError
             ConstantError(f"{sensor}.joint {j + 1}.{DRIFT}", 1, drift, "mrad/s", 1e-3, joint=j)
             for j in range(joint_count)
         ]
+        if isinstance(errors, Gyro):  # a bias that is known exactly would have no σ
+            sigma, walk = max(errors.bias_sigma, 1e-9), errors.bias_growth
+            name = f"{sensor}.{BIAS}"
+            found.append(ConstantError(name, 3, sigma, "deg/h", DEGREE_PER_HOUR, walk))
     return tuple(error for error in found if error.sigma > 0)
 
 

@@ -1,9 +1,8 @@
 """Effects: the unknown or uncertain quantities on which the base's motion and the readings depend.
 
-Each effect has some columns of the Jacobian. It adds the derivatives of the motion with respect to
-its quantities, and connects its quantities within a block; what readings change at the same motion
-is a matter of their sensors. To model a further effect, write a function like these and add it to
-`model.BlockModel`.
+Each effect has some columns of the Jacobian, and the derivatives of the motion with respect to its
+quantities; what readings change at the same motion is a matter of their sensors. To model a further
+effect, write a function like these and add it to `model.BlockModel`.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -29,10 +28,8 @@ from cpid_drake.estimation.likelihood.motion import (
     TOGETHER,
     BaseMotion,
     Trajectory,
-    TrajectoryState,
 )
 from cpid_drake.estimation.likelihood.thrust import inverse_mass, transition
-from cpid_drake.sensors.sensors import Gyro
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,40 +74,24 @@ class MotionChange:
         return MotionChange(**{name: value[..., part] for name, value in vars(self).items()})
 
 
-def _unchanged(trajectory: Trajectory, change: MotionChange) -> None:
-    """Leave the motion as it is."""
-
-
+@dataclass(frozen=True, eq=False)
 class Effect:
     """One effect on a block of time.
 
     Attributes:
-        at_start, at_end: columns, counted from the effect's first, that continue the previous
-            block's, and that the next block continues.
-
-    Args:
         name: key in `BlockModel.columns`.
         size: number of columns n.
         change_motion: writes the derivatives of the motion into a change, which contains zeros.
-        at_start, at_end: see above; default: all columns, as of a constant.
+        at_start, at_end: columns, counted from the effect's first, that continue the previous
+            block's, and that the next block continues; None for all, as of a constant.
 
     """
 
-    def __init__(
-        self,
-        name: str,
-        size: int,
-        change_motion: Callable[[Trajectory, MotionChange], None] = _unchanged,
-        at_start: NDArray[np.intp] | None = None,
-        at_end: NDArray[np.intp] | None = None,
-    ) -> None:
-        self.name, self.size, self.change_motion = name, size, change_motion
-        self.at_start = np.arange(size) if at_start is None else at_start
-        self.at_end = np.arange(size) if at_end is None else at_end
-
-    def links(self, state: TrajectoryState) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return rows (m, n) and right-hand side (m,) that connect this block's quantities."""
-        return np.zeros((0, self.size)), np.zeros(0)
+    name: str
+    size: int
+    change_motion: Callable[[Trajectory, MotionChange], None]
+    at_start: NDArray[np.intp] | None = None
+    at_end: NDArray[np.intp] | None = None
 
 
 def target_effect(motion: BaseMotion) -> Effect:
@@ -143,73 +124,23 @@ def start_effect(motion: BaseMotion) -> Effect:
     return Effect("start", 12, change_motion)
 
 
-class GyroBias(Effect):
-    """The bias of one gyro: constant, or linear in each block with the prior of a random walk.
+def joint_effect(motion: BaseMotion) -> Effect:
+    """Return that of errors of the coefficients of the joints' splines, joint after joint."""
+    K, J = motion.joints.coefficients.shape
+    columns = np.arange(K * J).reshape(J, K)
+    B, B_dot = (motion.joints.basis(motion.times, order)[:, None, None] for order in range(2))
 
-    Args:
-        sensor: name of the gyro.
-        gyro: its errors.
-        first: row of its first node in `TrajectoryState.bias`.
-        start, end: [s].
-
-    """
-
-    def __init__(self, sensor: str, gyro: Gyro, first: int, start: float, end: float) -> None:
-        self._start, self._length = start, end - start
-        self._growth = gyro.bias_growth * np.sqrt(self._length)
-        self.nodes = 2 if gyro.bias_growth else 1
-        self.rows = slice(first, first + self.nodes)
-        columns = np.arange(3 * self.nodes)
-        name = f"bias of {sensor}"
-        super().__init__(name, len(columns), at_start=columns[:3], at_end=columns[-3:])
-
-    def weights(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (M, nodes) weights of the nodes at times (M,)."""
-        if self.nodes == 1:
-            return np.ones((len(times), 1))
-        share = (times - self._start) / self._length
-        return np.stack([1 - share, share], axis=1)
-
-    def links(self, state: TrajectoryState) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the prior of the random walk from the first node to the last."""
-        if self.nodes == 1:
-            return super().links(state)
-        first, last = state.bias[self.rows]
-        rows = np.hstack([-np.eye(3), np.eye(3)]) / self._growth
-        return rows, (first - last) / self._growth
-
-
-class JointErrors(Effect):
-    """Errors of the coefficients of the joints' splines, joint after joint."""
-
-    def __init__(self, motion: BaseMotion) -> None:
-        self._motion, self._joints = motion, motion.joints
-        K, J = self._joints.coefficients.shape
-        columns = np.arange(K * J).reshape(J, K)
-        first, last = columns[:, :ORDER].ravel(), columns[:, -ORDER:].ravel()
-        super().__init__("joints", K * J, self._change_motion, first, last)
-        times = motion.times
-        self._B, self._B_dot = self._joints.basis(times), self._joints.basis(times, 1)
-
-    def _change_motion(self, trajectory: Trajectory, change: MotionChange) -> None:
-        by_q, by_qdot = joint_changes(self._motion, trajectory)
-
+    def change_motion(trajectory: Trajectory, change: MotionChange) -> None:
         def by_errors(q: NDArray[np.float64], qdot: NDArray[np.float64]) -> NDArray[np.float64]:
-            both = (
-                q[..., None] * self._B[:, None, None] + qdot[..., None] * self._B_dot[:, None, None]
-            )
+            both = q[..., None] * B + qdot[..., None] * B_dot
             return both.reshape(*both.shape[:2], -1)
 
-        both = zip(vars(by_q).values(), vars(by_qdot).values(), strict=True)
-        by = MotionSensitivity(*(by_errors(q, qdot) for q, qdot in both))
-        write_change(change, by, self._motion, trajectory)
+        by_q, by_qdot = (vars(each).values() for each in joint_changes(motion, trajectory))
+        by = MotionSensitivity(*(by_errors(*both) for both in zip(by_q, by_qdot, strict=True)))
+        write_change(change, by, motion, trajectory)
 
-    def links(self, state: TrajectoryState) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the information of the block's own joint sensors."""
-        J, r, K = self._joints.rows.shape
-        rows, each = np.zeros((J, r, J, K)), np.arange(J)
-        rows[each, :, each] = self._joints.rows
-        return rows.reshape(J * r, J * K), self._joints.rest.ravel()
+    ends = columns[:, :ORDER].ravel(), columns[:, -ORDER:].ravel()
+    return Effect("joints", K * J, change_motion, *ends)
 
 
 def bodies_effect(

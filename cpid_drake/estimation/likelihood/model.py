@@ -1,6 +1,6 @@
 """The likelihood of the samples in one block of time: residuals and their derivatives."""
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -14,21 +14,18 @@ from cpid_drake.estimation.likelihood.actuators import thrust_log
 from cpid_drake.estimation.likelihood.constant_effects import constant_effect
 from cpid_drake.estimation.likelihood.constants import OF_GRASP, Constants
 from cpid_drake.estimation.likelihood.effects import (
-    Effect,
-    GyroBias,
-    JointErrors,
     MotionChange,
     bodies_effect,
+    joint_effect,
     start_effect,
     target_effect,
 )
 from cpid_drake.estimation.likelihood.joint_motion import JointPart
-from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory, TrajectoryState
+from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory
 from cpid_drake.estimation.likelihood.sensors import SensorModel, delay_of, model_classes
 from cpid_drake.estimation.likelihood.white_effects import WhiteReading, white_effect
 from cpid_drake.estimation.likelihood.white_force import white_forces
 from cpid_drake.logs.log import Log
-from cpid_drake.sensors.sensors import Gyro
 from cpid_drake.sensors.suite import SensorSuite
 
 STEP = 0.025
@@ -88,19 +85,18 @@ class BlockModel:
         self.motion = BaseMotion(
             tree, joints, times, step, constants, nominal, origin, suite.orbit, thrust, white
         )
-        biases = gyro_biases(suite, joints.start, joints.end)
         self.sensors: dict[str, SensorModel | WhiteReading] = {}
         first = len(self.motion.nodes)
         for name, model in classes.items():
             count = len(measurements[name]) if model.at_instants else 0
             at = slice(first, first + count)
-            samples, bias = measurements[name], biases.get(name)
-            self.sensors[name] = model(name, samples, suite, self.motion, at, bias, delays[name])
+            self.sensors[name] = model(
+                name, measurements[name], suite, self.motion, at, delays[name]
+            )
             first += count
         bodies = known_bodies, errors
         self.sensors |= {each.name: WhiteReading(self.motion, each, *bodies) for each in white}
-        self.effects: list[Effect] = [start_effect(self.motion), *biases.values()]
-        self.effects += [JointErrors(self.motion)]
+        self.effects = [start_effect(self.motion), joint_effect(self.motion)]
         self.effects += [white_effect(self.motion, force) for force in white]
         self.effects += [constant_effect(self.motion, name) for name in constants.errors]
         self.effects += [target_effect(self.motion)]
@@ -110,12 +106,14 @@ class BlockModel:
         ends = np.cumsum([0] + [effect.size for effect in self._everything]).tolist()
         self._width, names = ends[-1], [effect.name for effect in self._everything]
         self.columns = {name: slice(a, b) for name, (a, b) in zip(names, pairwise(ends))}
-        self.at_start = self._indices(lambda effect: effect.at_start)
-        self.at_end = self._indices(lambda effect: effect.at_end)
+        self.at_start = self._indices([effect.at_start for effect in self.effects])
+        self.at_end = self._indices([effect.at_end for effect in self.effects])
 
-    def _indices(self, which: Callable[[Effect], NDArray[np.intp]]) -> NDArray[np.intp]:
-        parts = [self.columns[effect.name].start + which(effect) for effect in self.effects]
-        return np.concatenate(parts)
+    def _indices(self, which: Sequence[NDArray[np.intp] | None]) -> NDArray[np.intp]:
+        """Return the columns of some entries of each effect."""
+        places = (np.r_[self.columns[effect.name]] for effect in self.effects)
+        pairs = zip(places, which, strict=True)
+        return np.concatenate([place if own is None else place[own] for place, own in pairs])
 
     def jacobian(self, trajectory: Trajectory) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the derivatives (m, n) of the predictions in units of σ, and (12, n) of the end.
@@ -217,24 +215,12 @@ class BlockModel:
         places = [firsts[name] + np.array(HELD[name]) for name in HELD.keys() & firsts.keys()]
         return np.concatenate(places)
 
-    def links(self, state: TrajectoryState) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the rows [A | b] of all effects that connect quantities of this block."""
-        parts, rest = [np.zeros((0, self._width))], [np.empty(0)]
-        for effect in self.effects:
-            A, b = effect.links(state)
-            rows = np.zeros((len(b), self._width))
-            rows[:, self.columns[effect.name]] = A
-            parts.append(rows)
-            rest.append(b)
-        return np.vstack(parts), np.concatenate(rest)
-
-
-def gyro_biases(suite: SensorSuite, start: float, end: float) -> dict[str, GyroBias]:
-    """Return the biases of all gyros of a suite in a block, by the gyros' names."""
-    biases: dict[str, GyroBias] = {}
-    first = 0
-    for name, errors in suite.present().items():
-        if isinstance(errors, Gyro):
-            biases[name] = GyroBias(name, errors, first, start, end)
-            first += biases[name].nodes
-    return biases
+    def joint_rows(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return rows [A | b] of what the joints' own sensors tell in this block."""
+        joints, place = self.motion.joints, self.columns["joints"]
+        J, r, K = joints.rows.shape
+        rows, each = np.zeros((J, r, J, K)), np.arange(J)
+        rows[each, :, each] = joints.rows
+        A = np.zeros((J * r, self._width))
+        A[:, place] = rows.reshape(J * r, J * K)
+        return A, joints.rest.ravel()

@@ -66,7 +66,6 @@ class TrajectoryState:
         p_Wcm: (3,) the system's centre of mass at the start, in W [m].
         v_Wcm: (3,) its velocity [m/s].
         L: (3,) angular momentum about the centre of mass, in W [N·m·s].
-        bias: (K, 3) biases of the gyros at the nodes of all gyros, gyro after gyro [rad/s].
         constants: (k,) constant errors in units of their σ; see `constants.Constants`.
         forces: (K,) entries of white forces in units of their σ; see `white_force`.
 
@@ -77,7 +76,6 @@ class TrajectoryState:
     p_Wcm: NDArray[np.float64]
     v_Wcm: NDArray[np.float64]
     L: NDArray[np.float64]
-    bias: NDArray[np.float64]
     constants: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
     forces: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
@@ -293,7 +291,7 @@ class BaseMotion:
         return found if trajectory.travel is None else found + trajectory.travel[rows]
 
     def end(self, trajectory: Trajectory) -> TrajectoryState:
-        """Return the state at the end of a trajectory, with the gyros' biases of all nodes."""
+        """Return the state at the end of a trajectory."""
         state, L, last = trajectory.state, trajectory.L, len(self.nodes) - 1
         L, wheel = L if L.ndim == 1 else L[last], self.constants.value(state.constants, WHEEL)
         if wheel is not None:

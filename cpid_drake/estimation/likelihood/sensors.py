@@ -20,8 +20,8 @@ from cpid_drake.dynamics.plane import NORMAL_W
 from cpid_drake.dynamics.rotations import cross, exponentials, rotate, skew
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.block import LONGEST_DELAY
-from cpid_drake.estimation.likelihood.constants import Constants
-from cpid_drake.estimation.likelihood.effects import GyroBias, MotionChange
+from cpid_drake.estimation.likelihood.constants import BIAS, Constants
+from cpid_drake.estimation.likelihood.effects import MotionChange
 from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory
 from cpid_drake.logs.log import Log, Samples
 from cpid_drake.sensors.sensors import SENSORS, AttitudeSensor, Gyro
@@ -48,7 +48,6 @@ class SensorModel(ABC):
         suite: the sensors' errors.
         motion: motion of the base.
         instants: rows of the samples in `BaseMotion.times`, if the sensor needs them there.
-        bias: bias of the sensor, if it has one.
         delay: by how much its stamps are later than those of the encoders [s].
 
     Attributes:
@@ -66,11 +65,10 @@ class SensorModel(ABC):
         suite: SensorSuite,
         motion: BaseMotion,
         instants: slice,
-        bias: GyroBias | None,
         delay: float,
     ) -> None:
         self.name, self.samples, self.sigmas = name, samples, suite.sigmas(name)
-        self._errors, self._at, self._bias = suite[name], instants, bias
+        self._errors, self._at = suite[name], instants
         self._motion, self._times = motion, samples.time - delay
         self._weights = motion.interpolation(self._times)
         normal = motion.tree.normal_B
@@ -106,8 +104,8 @@ class SensorModel(ABC):
     def by_unknowns(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:
         """Return the derivatives (M, 3, size) of the readings by unknowns at the same motion.
 
-        They are in SI units, by the unknowns' effects: constant errors, in units of their σ, and
-        the bias. A delay of the encoders means that all other sensors are early.
+        They are in SI units, by the names of constant errors in units of their σ. A delay of the
+        encoders means that all other sensors are early.
         """
         errors = self._motion.constants.errors
         by = {f"{self.name}.{kind}": d for kind, d in self._kinds(trajectory).items()}
@@ -192,9 +190,8 @@ class GyroModel(SensorModel):
         return normal_B[None]
 
     def _error(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        assert self._bias is not None
-        bias = self._bias.weights(self.samples.time) @ trajectory.state.bias[self._bias.rows]
-        w = self._mean_w(trajectory)
+        bias, w = self._constant(trajectory, BIAS), self._mean_w(trajectory)
+        assert bias is not None
         return np.asarray(self.samples.value - w @ self._matrix(trajectory).T - bias)
 
     def _derivative(
@@ -219,14 +216,8 @@ class GyroModel(SensorModel):
         misalignment = np.zeros((len(w), 3, 6), w.dtype)
         for column, (i, j) in enumerate(OFF_DIAGONAL):
             misalignment[:, i, column] = w[:, j]
-        return {"scale": scale, "misalignment": misalignment}
-
-    def by_unknowns(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:
-        """See `SensorModel`."""
-        assert self._bias is not None
-        weights = self._bias.weights(self.samples.time)
-        by_bias = np.kron(weights, np.eye(3)).reshape(len(weights), 3, -1)
-        return super().by_unknowns(trajectory) | {self._bias.name: np.asarray(by_bias)}
+        bias = np.broadcast_to(np.eye(3), scale.shape)
+        return {BIAS: bias, "scale": scale, "misalignment": misalignment}
 
     def _matrix(self, trajectory: Trajectory) -> NDArray[np.float64]:
         """Return the matrix (3, 3) of scales and misalignments that multiplies w."""

@@ -65,7 +65,7 @@ def state(case, model):
     """The true state with constants that differ from zero."""
     k = model.motion.constants.size
     constants = np.random.default_rng(5).uniform(-1.0, 1.0, k)
-    return replace(case.state(START), bias=np.zeros((3, 3)), constants=constants)
+    return replace(case.state(START), constants=constants)
 
 
 def with_values(solver_or_model, **values):
@@ -94,7 +94,7 @@ def exact_block(case, telemetry_at, suite):
 def largest_residual(case, samples, joints, constants):
     tree, suite = case.craft.tree, case.suite
     model = BlockModel(tree, joints, samples, suite, None, STEP, nominal=constants)
-    state = replace(case.state(START), bias=np.zeros((3, 3)), constants=constants)
+    state = replace(case.state(START), constants=constants)
     return np.abs(residuals_of(model, state)).max()
 
 
@@ -241,7 +241,7 @@ def test_late_readings_of_a_point_beside_the_origin_change_with_the_state(case, 
     arm = np.array([0.02, -0.03, 0.01])
     constants = with_values(case.suite, position__lever_arm=arm, velocity__lever_arm=arm, **late)
     model = BlockModel(case.craft.tree, joints, samples, case.suite, None, STEP, nominal=constants)
-    state = replace(case.state(START), bias=np.zeros((3, 3)), constants=constants)
+    state = replace(case.state(START), constants=constants)
     exact, _ = model.jacobian(model.motion.trajectory(state))
     first = {"attitude": 0, "p_Wcm": 3, "L": 6, "v_Wcm": 9}[name]
     for k, step in enumerate(1e-5 * np.eye(3)):

@@ -66,7 +66,7 @@ def truth(case, time):
     base = base_trajectory(burning(case), case.craft.tree, times)
     telemetry = base.to_motion(case.craft.joint_names, times, case.motion)
     state = case.state_of(telemetry.select(slice(1, 2)))
-    return replace(state, bias=np.zeros((3, 3)), constants=np.zeros(1))
+    return replace(state, constants=np.zeros(Constants.of(case.suite, 4).size))
 
 
 def model_of(case, samples=None, tree=None, known_bodies=None):

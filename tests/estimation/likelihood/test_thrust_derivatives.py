@@ -51,7 +51,6 @@ def block(tmp_path_factory, skewed_target):
     white = white_forces(SUITE, 0.999, 2.2, is_planar=False)
     forces = np.linspace(-0.5, 0.5, white[-1].rows.stop)
     state = replace(case.state(0.999), constants=nominal, forces=forces)
-    state = replace(state, bias=np.zeros((2, 3)))
 
     def predicted(state):
         model = BlockModel(
