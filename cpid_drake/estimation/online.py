@@ -6,9 +6,9 @@ blocks are many, a block is linear about the target: from then on every block is
 is complete, and only what is known at its end is kept.
 
 Attitude, centre of mass and momentum may change at the start of every block. This change remains an
-unknown for `KEPT` blocks; see `links`. Where something changed, it may have changed inside of a
-block: the blocks before and after are cut into parts and solved once more. A part that noise does
-not explain is bridged by its joints alone.
+unknown for `KEPT` blocks; see `online_block`. Where something changed, it may have changed inside
+of a block: the blocks before and after are cut into parts and solved once more. A part that noise
+does not explain is bridged by its joints alone.
 """
 
 from collections import Counter
@@ -27,11 +27,10 @@ from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.joints import tracked
 from cpid_drake.estimation.least_squares import KNOWN
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
-from cpid_drake.estimation.links import closed, compared
 from cpid_drake.estimation.log_state import LogState
-from cpid_drake.estimation.online_block import NAME, Known, is_likely, solved
+from cpid_drake.estimation.online_block import NAME, Known, closed, compared, is_likely, solved
 from cpid_drake.estimation.roll import Rolled
-from cpid_drake.estimation.sweep import sweep
+from cpid_drake.estimation.sweep import changed, sweep
 from cpid_drake.estimation.unknowns import BODIES, PSI, Model
 from cpid_drake.estimation.whiteness import LagSums
 from cpid_drake.logs.log import Log
@@ -298,7 +297,10 @@ def _after(model: Model, each: Recent) -> tuple[OnlineState, bool]:
             is_explained = False
             state = replace(state, bridged=state.bridged + part.length)
         after, log, rolled = found
-        state = replace(state, known=replace(after, is_lost=is_gap)).observed(log, rolled)
+        if is_gap:  # nothing is known of where the base is then
+            lost, _ = changed(after.gaussian, np.arange(12), model.farthest, np.zeros(12))
+            after = replace(after, gaussian=lost)
+        state = replace(state, known=after).observed(log, rolled)
     return state, is_explained
 
 

@@ -1,5 +1,12 @@
-"""One block of the online fit: from what is known at its start to what is known at its end."""
+"""One block of the online fit: from what is known at its start to what is known at its end.
 
+Attitude, centre of mass and momentum may change at the start of a block: a link. It acts with a
+probability w, and has the size a of its σ that its evidence prefers; see `evidence`. So its prior
+has the variance w a² σ²: one that the samples exclude is zero, one that acts is free, and one that
+they cannot tell from none widens the intervals.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -7,25 +14,71 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from cpid_drake.estimation.block import Block
+from cpid_drake.estimation.evidence import Comparison, compare
 from cpid_drake.estimation.fit import CLOSE, weights_of
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.joints import joint_part, tracked
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
-from cpid_drake.estimation.links import Link, closed, judged, with_links
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Rolled, Values, jump_between, roll
-from cpid_drake.estimation.sweep import BOUNDARY, back, boundary_size, changed, linked, sweep
-from cpid_drake.estimation.unknowns import Model
+from cpid_drake.estimation.sweep import BOUNDARY, EXACT, back, boundary_size, changed, linked, sweep
+from cpid_drake.estimation.unknowns import PSI, Model
 
 NAME = "online"
 """Name of the log of an online fit."""
+
+ODDS = 1 / 40
+"""A change is expected at the start of one of so many blocks."""
 
 MOST_LINEARIZATIONS = 6
 """A block is linearized so many times at most."""
 
 UNLIKELY = 6.0
 """Noise does not explain a block whose χ² is above its expectation by so many σ."""
+
+
+@dataclass(frozen=True)
+class Link:
+    """A change of attitude, centre of mass and momentum at the start of a block.
+
+    Attributes:
+        time: the start of the block [s].
+        probability: that something changed.
+        size: of the change, as a share of its σ.
+
+    """
+
+    time: float
+    probability: float = 1.0
+    size: float = 1.0
+
+    @property
+    def name(self) -> str:
+        """Name of the change as an unknown."""
+        return f"link {self.time!r}"
+
+
+def compared(model: Model, gaussian: Gaussian, names: Sequence[str]) -> Comparison:
+    """Return the comparison of changes that are unknowns of these names."""
+    sigma, odds = dict.fromkeys(names, model.farthest), dict.fromkeys(names, ODDS)
+    return compare(gaussian, sigma, [PSI], odds)
+
+
+def with_links(model: Model, gaussian: Gaussian, links: Sequence[Link]) -> Gaussian:
+    """Return what is known if the links are as large as their evidence shows."""
+    for link in links:
+        sigma = max(np.sqrt(link.probability) * link.size, EXACT) * model.farthest
+        rows = np.column_stack([np.diag(1 / sigma), np.zeros(12)])
+        gaussian = gaussian.add(Gaussian.of_rows({link.name: 12}, rows))
+    return gaussian
+
+
+def closed(model: Model, gaussian: Gaussian, links: Sequence[Link]) -> Gaussian:
+    """Return what is known of the others if some links are as large as their evidence shows."""
+    names = [link.name for link in links]
+    others = [name for name in gaussian.places if name not in names]
+    return with_links(model, gaussian, links).marginal(others)
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +92,6 @@ class Known:
         links: at the starts of the last blocks.
         track: (J, ORDER, ORDER + 1) rows about the joints, by their own sensors alone.
         about: values of the target and the hardware about which all rows are linear.
-        is_lost: whether the base is not known any more, because the joints were not.
         converged: whether this is the best fit of the blocks so far.
 
     """
@@ -50,7 +102,6 @@ class Known:
     links: tuple[Link, ...]
     track: NDArray[np.float64]
     about: Values
-    is_lost: bool = False
     converged: bool = True
 
     def unknowns(self, model: Model) -> Gaussian:
@@ -78,16 +129,12 @@ def solved(
         InputError: no motion can be predicted near what is known.
 
     """
-    gaussian, links, pose = known.gaussian, known.links, np.arange(12)
-    n, walking, still = boundary_size(model), model.walking_columns, np.zeros(12)
-    if len(walking):
-        sigma = model.walking_sigma * np.sqrt(block.length)
-        gaussian, _ = changed(gaussian, n + walking, sigma, np.zeros(len(walking)))
-    if known.is_lost:
-        gaussian, _ = changed(gaussian, pose, model.farthest, still)
-    elif is_linked:
+    links, n, walking = known.links, boundary_size(model), model.walking_columns
+    sigma = model.walking_sigma * np.sqrt(block.length)
+    gaussian, _ = changed(known.gaussian, n + walking, sigma, np.zeros(len(walking)))
+    if is_linked:
         links = (*links, Link(block.start))
-        gaussian = linked(gaussian, links[-1].name, model.farthest, still)
+        gaussian = linked(gaussian, links[-1].name, model.farthest, np.zeros(12))
     part, track = tracked(known.track, joint_part(block, model.suite, known.log.smoothness))
     forces = (model.no_forces(block.start, block.end),)
     log = replace(known.log, blocks=(block,), joints=(part,), forces=forces)
@@ -99,7 +146,11 @@ def solved(
         about = _linear(model, known, log, rolled, values)
         swept = sweep(model, log, about, values, before=gaussian)
         linear = swept.gaussian
-        links = judged(model, linear, links)
+        acting = compared(model, linear, [link.name for link in links])
+        links = tuple(
+            Link(link.time, acting.probability[link.name], acting.sizes.get(link.name, 0.0))
+            for link in links
+        )
         mean = with_links(model, linear, links)
         g = solve_triangular(mean.R, mean.z)  # priors determine all
         change = {name: g[place] for name, place in linear.places.items()}
