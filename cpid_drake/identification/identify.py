@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
@@ -129,8 +130,9 @@ def identify(
                 f"{method.name} cannot calculate with these samples: they contradict each other, "
                 "or are too large or too small; plot them, and compare units"
             )
-        causes = dict.fromkeys(cause for log in logs.values() for cause in log.failures)
-        raise InputError("; most likely, ".join([text, *causes])) from error
+        found_causes = (log.failures or [_convention(log, spacecraft)] for log in logs.values())
+        causes = "; ".join(dict.fromkeys(filter(None, chain.from_iterable(found_causes))))
+        raise InputError(f"most likely, {causes}: {text}" if causes else text) from error
     tree = spacecraft.tree
     found = replace(found, is_planar=tree.normal_B is not None, normal_C=tree.normal_C)
     found = checked(_with_logs(found, logs, method, known_bodies is not None), tree)
@@ -138,14 +140,21 @@ def identify(
     could_be = planar is None and could_be_planar(tree, log.measurements.attitude.value)
     if could_be and not (found.passed and found.is_complete):
         found = replace(found, warnings=(*found.warnings, PROPOSED))
-    if others or not found.failures or log.failures or tree.normal_B is not None:
-        return found  # the plane's few equations do not tell conventions apart
-    convention = check_conventions(log.measurements, tree, is_bad=True).sentence
+    if others or not found.failures or log.failures:
+        return found
+    convention = _convention(log, spacecraft)
     if not convention:
         return found
     first, *rest = found.checks  # the first failed
     first = replace(first, sentence=f"{first.sentence}; most likely, {convention}")
     return replace(found, checks=(first, *rest))
+
+
+def _convention(log: CheckedLog, spacecraft: Spacecraft) -> str:
+    """Return the convention that explains a log of which the identification failed; or nothing."""
+    if spacecraft.tree.normal_B is not None:
+        return ""  # the plane's few equations do not tell conventions apart
+    return check_conventions(log.measurements, spacecraft.tree, is_bad=True).sentence
 
 
 def _with_logs(

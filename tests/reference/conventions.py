@@ -1,6 +1,6 @@
 """Logs in wrong conventions, drawn at random: is the convention named, and is no answer wrong?
 
-python tests/reference/conventions.py [--draws 2] [--scenarios free_flyer_payload ...]
+python tests/reference/conventions.py [--draws 0 1] [--scenarios free_flyer_payload ...]
 
 Every draw spoils a log in each of the ways below, with a joint, an axis or a unit drawn at random,
 and identifies the target from it. The table says how many logs have exit code 0 (or 3) and an
@@ -126,15 +126,29 @@ def marker(c: Columns, rng: np.random.Generator) -> tuple[Columns, str]:
     return {**c, **moved}, "that of the point|lever"
 
 
+def late_gyro(c: Columns, rng: np.random.Generator) -> tuple[Columns, str]:
+    late, has = {}, np.isfinite(c["bwx"])
+    delay = rng.uniform(0.05, 0.15)
+    for name in GYRO:
+        late[name] = c[name].copy()
+        late[name][has] = np.interp(c["time"][has] - delay, c["time"][has], c[name][has])
+    return {**c, **late}, "delay|late"
+
+
+def counted_steps(c: Columns, rng: np.random.Generator) -> tuple[Columns, str]:
+    return scaled(c, ("time",), 1 / rng.uniform(1.03, 1.1)), "clock"
+
+
 SPOILS: tuple[Spoil, ...] = (
     *(place_unit, gyro_unit, clock_unit, all_degrees, one_degrees, joint_sign, exchanged),
     *(reordered, inverse, both, in_world, gyro_axes, tracker_axes, place_axes, marker),
+    *(late_gyro, counted_steps),
 )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--draws", type=int, default=1)
+    parser.add_argument("--draws", type=int, nargs="+", default=[0])
     names = ["free_flyer_payload", "exciting_motion"]
     parser.add_argument("--scenarios", nargs="+", default=names)
     given = parser.parse_args()
@@ -143,7 +157,7 @@ def main() -> None:
         folder = Path(place)
         for scenario in given.scenarios:
             world, sensors = world_of(scenario), "testbed" if "flyer" in scenario else "flight"
-            for draw in range(given.draws):
+            for draw in given.draws:
                 log = log_of(world, load_sensors(sensors), draw + 1, folder / "log.npz")
                 with np.load(log) as file:
                     right = dict(file)

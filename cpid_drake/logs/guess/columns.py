@@ -7,7 +7,7 @@ import numpy as np
 
 from cpid_drake.errors import InputError
 from cpid_drake.logs.column_map import TimeUnit, scale_of
-from cpid_drake.logs.guess.draft import MapDraft
+from cpid_drake.logs.guess.guessed_map import GuessedMap
 from cpid_drake.logs.guess.joints import find_joint_units, find_joints
 from cpid_drake.logs.guess.names import (
     COMMANDS,
@@ -47,11 +47,11 @@ _VECTORS = {
 }
 
 
-def find_columns(draft: MapDraft, frame_rate: float | None) -> None:
+def find_columns(guess: GuessedMap, frame_rate: float | None) -> None:
     """Choose the columns of all quantities, and the units that names and values state.
 
     Args:
-        draft: the map, which is changed.
+        guess: the map, which is changed.
         frame_rate: frames per second, if the log counts frames and does not say it [Hz].
 
     Raises:
@@ -59,44 +59,37 @@ def find_columns(draft: MapDraft, frame_rate: float | None) -> None:
             be the position of a joint that is not a rotor.
 
     """
-    _find_time(draft, frame_rate)
-    taken = {draft.map.time.column, *find_joints(draft)}
-    free = [name for name in draft.columns if name not in taken]
+    _find_time(guess, frame_rate)
+    taken = {guess.column_map.time.column, *find_joints(guess)}
+    free = [name for name in guess.columns if name not in taken]
     axes = groups_by_axis(free)
-    _find_attitude(draft, free, axes)
-    _find_vectors(draft, free, axes)
-    _find_thrust(draft, axes)
-    find_joint_units(draft)
+    _find_attitude(guess, free, axes)
+    _find_vectors(guess, free, axes)
+    _find_thrust(guess, axes)
+    find_joint_units(guess)
 
 
-def _find_time(draft: MapDraft, frame_rate: float | None) -> None:
-    candidates, is_first = [], True
-    for name, column in draft.columns.items():
-        words = words_of(name)
-        named = [k for k, word in enumerate(_TIMES) if word in words]
-        there = column[np.isfinite(column)]
+def _find_time(guess: GuessedMap, frame_rate: float | None) -> None:
+    candidates = []
+    for name, column in guess.columns.items():
+        words, there = words_of(name), column[np.isfinite(column)]
+        ranks = [k for k, word in enumerate(_TIMES) if word in words]
         increases = there.size > 1 and np.mean(np.diff(there) >= 0) > 0.98 and there[-1] > there[0]
-        if (named or is_first) and increases and not words & _NANOSECONDS:
-            rank = [*named, len(_TIMES)][0]
-            candidates.append((not named or bool(words & _OTHER_TIMES), rank, name))
-        is_first = False
+        is_first = name == next(iter(guess.columns))
+        if (ranks or is_first) and increases and not words & _NANOSECONDS:
+            is_other = not ranks or bool(words & _OTHER_TIMES)
+            candidates.append((is_other, [*ranks, len(_TIMES)][0], name))
     if not candidates:
         raise InputError(
             "no column can be the time: it increases, and is the first or has a name such as "
-            f"'time' or 'stamp'; the columns of numbers are {', '.join([*draft.columns][:12])}"
+            f"'time' or 'stamp'; the columns of numbers are {', '.join([*guess.columns][:12])}"
         )
-    name, time = min(candidates)[2], draft.map.time
-    ticks = draft.columns[name][np.isfinite(draft.columns[name])]
+    name, time = min(candidates)[2], guess.column_map.time
+    ticks = guess.columns[name][np.isfinite(guess.columns[name])]
     steps = np.diff(ticks)
     step = float(np.median(steps[steps > 0]))
     time.column = name
-    draft.say("time", f"'{name}' increases, from {ticks[0]:.12g} in steps of {step:.6g}")
-    seconds = words_of(name) & {"sec", "secs", "seconds"}
-    beside = [
-        other
-        for other in draft.columns
-        if seconds and words_of(other) - _NANOSECONDS == words_of(name) - seconds != words_of(other)
-    ]
+    guess.say("time", f"'{name}' increases, from {ticks[0]:.12g} in steps of {step:.6g}")
     if "frame" in words_of(name):
         time.unit, time.rate = "frame", frame_rate_of(name) or frame_rate
         if time.rate is None:
@@ -105,62 +98,63 @@ def _find_time(draft: MapDraft, frame_rate: float | None) -> None:
                 "in a second: give --frame-rate"
             )
         time.epoch = float(ticks[0])
-        draft.say("time", f"{time.rate:g} frames per second")
+        guess.say("time", f"{time.rate:g} frames per second")
         return
-    if beside:
+    rest = words_of(name) - {"sec", "secs", "seconds"}
+    beside = [c for c in guess.columns if words_of(c) - _NANOSECONDS == rest != words_of(c)]
+    if beside and rest != words_of(name):
         time.nanoseconds = beside[0]
-        draft.say("time", f"'{time.nanoseconds}' holds the nanoseconds")
+        guess.say("time", f"'{time.nanoseconds}' holds the nanoseconds")
     else:
-        draft.free.add("time.unit")
-        time.unit, why, draft.time_units = _time_unit(unit_of(name), float(ticks[0]), step)
-        draft.say("time", f"in {time.unit}: {why}")
+        time.unit, why, guess.time_units = _time_unit(unit_of(name), float(ticks[0]), step)
+        guess.free |= {"time.unit"} if guess.time_units else set()
+        guess.say("time", f"in {time.unit}: {why}")
     if abs(ticks[0]) * scale_of(time.unit) > 1e5:
         time.epoch = float(ticks[0])
-        draft.say("time", "the time starts at zero at the first row")
+        guess.say("time", "the time starts at zero at the first row")
 
 
 def _time_unit(
     stated: str | None, first: float, step: float
 ) -> tuple[TimeUnit, str, tuple[TimeUnit, ...]]:
-    """Return the unit of a clock, the reason, and other units that are possible."""
+    """Return the unit of a clock, the reason, and all units if several are possible."""
     units: tuple[TimeUnit, ...] = ("s", "ms", "us", "ns")
     for unit in units:
         if unit == stated:
             return unit, "the name says so", ()
         if stated not in units and _YEARS[0] < first * scale_of(unit) < _YEARS[1]:
             return unit, "it counts from 1970", ()
-    possible = [u for u in units if _STEPS[0] <= step * scale_of(u) <= _STEPS[2]]
+    possible = tuple(u for u in units if _STEPS[0] <= step * scale_of(u) <= _STEPS[2])
     if not possible:
         return "s", "assumed", ()
-    unit, *others = possible
-    is_open = step * scale_of(unit) >= _STEPS[1]
-    why = f"the steps are then {step * scale_of(unit):.4g} s"
-    return unit, why, tuple(others) if is_open else ()
+    size = step * scale_of(possible[0])
+    is_open = size >= _STEPS[1] and len(possible) > 1
+    return possible[0], f"the steps are then {size:.4g} s", possible if is_open else ()
 
 
 # -- the base -------------------------------------------------------------------------------------
 
 
-def _find_attitude(draft: MapDraft, free: list[str], axes: list[Group]) -> None:
+def _find_attitude(guess: GuessedMap, free: list[str], axes: list[Group]) -> None:
     """Choose the columns of the attitude: a quaternion, else angles."""
-    given = draft.map.attitude
+    given = guess.column_map.attitude
     quaternions = [g for g in axes if "w" in g.members]
     quaternions += [g for g in groups_by_number(free) if len(g.members) == 4]
-    quaternions = [g for g in quaternions if draft.has_unit_norm(g.members.values())]
-    draft.free.add("attitude.direction")
+    quaternions = [g for g in quaternions if guess.has_unit_norm(g.members.values())]
+    guess.free.add("attitude.direction")
     if quaternions:
-        members = _nearest(draft, quaternions, _ATTITUDE).members
+        members = _nearest(guess, quaternions, _ATTITUDE).members
         letters, how = "".join(members), "their letters say the order"
         given.columns = [*members.values()]
         if "w" not in members:
-            draft.free.add("attitude.order")
+            guess.free.add("attitude.order")
             how = "the order follows from the motion"
         elif letters in ("wxyz", "xyzw"):
             given.order = cast(Any, letters)
         else:
             given.columns = [members[letter] for letter in "wxyz"]
         text = f"four columns {', '.join(given.columns)} of norm 1: a quaternion; {how}"
-        draft.say("attitude", text)
+        guess.say("attitude", text)
         return
     rolls = [
         g for g in groups_by_angle(free) if not g.words & (_VECTORS["angular_velocity"] | _OTHER)
@@ -171,71 +165,67 @@ def _find_attitude(draft: MapDraft, free: list[str], axes: list[Group]) -> None:
         given.columns = [rolls[0].members[key] for key in ("roll", "pitch", "yaw")]
         given.order, why = "roll_pitch_yaw", "the names say roll, pitch and yaw"
     elif rotations:
-        group = _nearest(draft, rotations, _ATTITUDE)
+        group = _nearest(guess, rotations, _ATTITUDE)
         given.columns = [group.members[key] for key in "xyz"]
         given.order = "euler_xyz" if "euler" in group.words else "rotation_vector"
         why = "three columns of a rotation"
-        draft.free.add("attitude.order")
+        guess.free.add("attitude.order")
     else:
-        draft.say("attitude", "no four columns have the norm 1, and none are named as angles")
+        guess.say("attitude", "no four columns have the norm 1, and none are named as angles")
         return
-    unit, size = unit_of(given.columns[0]), draft.largest(given.columns)
+    unit, size = unit_of(given.columns[0]), guess.largest(given.columns)
     given.unit = "deg" if unit == "deg" or (unit is None and size > 2 * np.pi) else "rad"
     named = "the name says so" if unit else f"the largest is {size:.4g}"
-    draft.say("attitude", f"{', '.join(given.columns)}: {why}; in {given.unit}: {named}")
+    guess.say("attitude", f"{', '.join(given.columns)}: {why}; in {given.unit}: {named}")
 
 
-def _find_vectors(draft: MapDraft, free: list[str], axes: list[Group]) -> None:
+def _find_vectors(guess: GuessedMap, free: list[str], axes: list[Group]) -> None:
     """Choose the columns of position, velocity and angular velocity by their names."""
     groups = [*axes, *(g for g in groups_by_number(free) if len(g.members) == 3)]
-    used = {*draft.map.attitude.columns}
+    used = {*guess.column_map.attitude.columns}
     groups = [g for g in groups if not used & {*g.members.values()} and not g.words & _OTHER]
-    draft.free |= {"angular_velocity.frame", "velocity.frame", "position.point_B"}
+    guess.free |= {"angular_velocity.frame", "velocity.frame", "position.point_B"}
     for key, words in _VECTORS.items():
         choices = [g for g in groups if g.words & words or (key == "position" and g.stem == "*")]
         if key == "angular_velocity":
             choices = [g for g in choices if "linear" not in g.words]
         groups = [g for g in groups if g not in choices]
         if not choices:
-            draft.say(key, f"no {key.replace('_', ' ')}: no three columns have names for it")
+            guess.say(key, f"no {key.replace('_', ' ')}: no three columns have names for it")
             continue
-        group, section = _nearest(draft, choices, words), getattr(draft.map, key)
+        group, section = _nearest(guess, choices, words), getattr(guess.column_map, key)
         section.columns = [name for axis, name in group.members.items() if axis != "w"]
         if key == "angular_velocity":
-            draft.map.angular_velocity.frame = "body"
+            guess.column_map.angular_velocity.frame = "body"
         others = [g.stem for g in choices if g is not group]
         besides = f" (not used: {', '.join(others)})" if others else ""
-        draft.say(key, f"{', '.join(section.columns)}: by their names{besides}")
+        guess.say(key, f"{', '.join(section.columns)}: by their names{besides}")
         if unit := unit_of(section.columns[0]):
             section.unit = unit if key == "position" or unit == "rpm" else f"{unit}/s"
-            draft.say(key, f"in {section.unit}: the names say so")
+            guess.say(key, f"in {section.unit}: the names say so")
         else:
-            draft.free.add(f"{key}.unit")
+            guess.free.add(f"{key}.unit")
 
 
-def _find_thrust(draft: MapDraft, axes: list[Group]) -> None:
+def _find_thrust(guess: GuessedMap, axes: list[Group]) -> None:
     """Choose the columns of the thrusters' force and torque, if their names say what they are."""
-    groups = [g for g in axes if g.words & _THRUST and not g.words & COMMANDS]
-    given = draft.map.thrust
-    for group in groups:
-        columns = [group.members[axis] for axis in "xyz"]
-        is_torque = bool(group.words & _TORQUE) and not group.words & _FORCE
-        if is_torque:
-            given.torque = given.torque or columns
+    given, left = guess.column_map.thrust, []
+    for group in (g for g in axes if g.words & _THRUST and not g.words & COMMANDS):
+        key = "torque" if group.words & _TORQUE and not group.words & _FORCE else "force"
+        if getattr(given, key):
+            left.append(group.stem)
         else:
-            given.force = given.force or columns
-    columns = [*given.force, *given.torque]
-    if columns:
+            setattr(given, key, [group.members[axis] for axis in "xyz"])
+    if columns := [*given.force, *given.torque]:
         text = "by their names; in N and N*m, in the axes of the base, and the force at its origin"
-        draft.say("thrust", f"{', '.join(columns)}: {text} (point_B)")
-    left = [g.stem for g in groups if not {*g.members.values()} & {*columns}]
+        guess.say("thrust", f"{', '.join(columns)}: {text} (point_B)")
     if left:
-        draft.say("thrust", f"not used: {', '.join(left)}")
+        guess.say("thrust", f"not used: {', '.join(left)}")
 
 
-def _nearest(draft: MapDraft, groups: list[Group], words: Collection[str]) -> Group:
+def _nearest(guess: GuessedMap, groups: list[Group], words: Collection[str]) -> Group:
     """Return the group of the base body, else the one whose name has most of the words."""
-    names = {draft.base.lower(), *words_of(draft.base)} - {""}
+    names = {guess.base.lower(), *words_of(guess.base)} - {""}
     return max(
         groups,
         key=lambda g: (len(g.words & names), len(g.words & _BASE), len(g.words & {*words})),

@@ -5,7 +5,7 @@ from typing import Any, cast
 import numpy as np
 
 from cpid_drake.errors import InputError
-from cpid_drake.logs.guess.draft import MapDraft
+from cpid_drake.logs.guess.guessed_map import GuessedMap
 from cpid_drake.logs.guess.names import (
     COMMANDS,
     Group,
@@ -31,28 +31,26 @@ _OF_JOINTS = {
 """Words of columns of joints that are neither positions nor rates."""
 
 
-def find_joints(draft: MapDraft) -> set[str]:
+def find_joints(guess: GuessedMap) -> set[str]:
     """Choose the columns of the joints by their names, else by numbers; return all of joints."""
-    craft, free = draft.spacecraft, [c for c in draft.columns if c != draft.map.time.column]
-    names = craft.joint_names
+    craft, free = guess.spacecraft, [c for c in guess.columns if c != guess.column_map.time.column]
+    names, used = craft.joint_names, set[str]()
     needed = [name for k, name in enumerate(names) if not craft.tree.is_rotor(k)]
-    positions: dict[str, str] = {}
-    rates: dict[str, str] = {}
-    used = set()
+    positions, rates = dict[str, str](), dict[str, str]()
     for column in free:
         for joint in sorted(names, key=len, reverse=True):
-            rest = _rest(column, joint)
-            if rest is not None:
+            if (rest := _rest(column, joint)) is not None:
                 used.add(column)
                 words = words_of(rest)
                 if not words & _OF_JOINTS:
                     (rates if words & _JOINT_RATES else positions).setdefault(joint, column)
                 break
     if any(joint in positions for joint in needed):
-        draft.say("joint_positions", "the columns have the names of the spacecraft's joints")
+        guess.say("joint_positions", "the columns have the names of the spacecraft's joints")
     else:
-        used |= _number_joints(draft, free, needed, positions, rates)
-    others = [c[2:] for c in free if c.startswith("q:") and c[2:] not in names]
+        for found, is_rate in ((rates, True), (positions, False)):
+            found.update(found or _numbered(guess, free, needed, is_rate))
+        used |= {*positions.values(), *rates.values()}
     for joint in needed:
         if joint not in positions:
             raise InputError(
@@ -62,14 +60,14 @@ def find_joints(draft: MapDraft) -> set[str]:
             )
     without = [joint for joint in positions if joint not in rates]
     if rates and without:
-        draft.say("joint_positions", f"rates are not used: there is none of {', '.join(without)}")
+        guess.say("joint_positions", f"rates are not used: there is none of {', '.join(without)}")
     elif rates:
-        draft.say("joint_rates", "columns beside the positions, named as rates")
-        draft.map.joint_rates.columns = {j: rates[j] for j in names if j in rates}
-    draft.map.joint_positions.columns = {j: positions[j] for j in names if j in positions}
-    if others:
-        draft.map.ignore_joints = others
-        draft.say("ignore_joints", "the spacecraft has no such joints")
+        guess.say("joint_rates", "columns beside the positions, named as rates")
+        guess.column_map.joint_rates.columns = {j: rates[j] for j in names if j in rates}
+    guess.column_map.joint_positions.columns = {j: positions[j] for j in names if j in positions}
+    if others := [c[2:] for c in free if c.startswith("q:") and c[2:] not in names]:
+        guess.column_map.ignore_joints = others
+        guess.say("ignore_joints", "the spacecraft has no such joints")
     return used
 
 
@@ -86,75 +84,63 @@ def _rest(column: str, joint: str) -> str | None:
     return f"{column[: places[start]]} {behind}"
 
 
-def _number_joints(
-    draft: MapDraft,
-    free: list[str],
-    needed: list[str],
-    positions: dict[str, str],
-    rates: dict[str, str],
-) -> set[str]:
-    """Add the columns of numbered groups, by names in columns of text or in the joints' order."""
-    names, used = draft.spacecraft.joint_names, set()
+def _numbered(
+    guess: GuessedMap, free: list[str], needed: list[str], is_rate: bool
+) -> dict[str, str]:
+    """Return numbered columns by joint: by names in columns of text, or in the joints' order."""
+    names = guess.spacecraft.joint_names
     groups = [
         group
         for group in groups_by_number(free)
         if not group.words & _OF_JOINTS
-        and not (len(group.members) == 4 and draft.has_unit_norm(group.members.values()))
+        and bool(group.words & _JOINT_RATES) == is_rate
+        and not (len(group.members) == 4 and guess.has_unit_norm(group.members.values()))
     ]
-    for kind, words in ((rates, _JOINT_RATES), (positions, _JOINTS)):
-        for group in groups:
-            is_rate = bool(group.words & _JOINT_RATES)
-            if kind or not group.words & words or is_rate != (kind is rates):
-                continue
-            order = names if len(group.members) == len(names) else needed
-            reason = f"{len(order)} numbered columns {group.stem}, in the model's joint order"
-            found = _named_in_cells(draft, group)
-            if found:
-                reason = "columns of text name the joints of the numbered columns"
-            elif len(group.members) == len(order):
-                found = dict(zip(order, group.members.values()))
-            else:
-                continue
-            kind.update(found)
-            used |= {*group.members.values()}
-            draft.say("joint_positions", reason)
-    unnamed = [g for g in groups if len(g.members) == len(needed) and not g.words & _JOINT_RATES]
-    if not positions and len(unnamed) == 1:
-        columns = unnamed[0].members.values()
-        positions.update(zip(needed, columns))
-        used |= {*columns}
-        draft.say(
-            "joint_positions",
-            f"{unnamed[0].stem} are the only numbered columns that are as many as the joints, in "
-            "the model's joint order",
-        )
-    return used
-
-
-def _named_in_cells(draft: MapDraft, group: Group) -> dict[str, str]:
-    """Return columns of a group by the joints that columns of text with equal numbers name."""
-    for texts in groups_by_number(draft.texts):
-        if not texts.words & {"name", "names"}:
-            continue
-        by_text = {letters_of(draft.texts[c]): number for number, c in texts.members.items()}
-        found = {}
-        for joint in draft.spacecraft.joint_names:
-            number = by_text.get(letters_of(joint.rsplit("::", 1)[-1]), "")
-            if number in group.members:
-                found[joint] = group.members[number]
-        if found:
+    named = [g for g in groups if g.words & (_JOINT_RATES if is_rate else _JOINTS)]
+    for group in named:
+        if found := _named_in_cells(guess, group):
+            guess.say("joint_positions", "columns of text name the joints of the numbered columns")
             return found
+        order = names if len(group.members) == len(names) else needed
+        if len(group.members) == len(order):
+            text = f"{len(order)} numbered columns {group.stem}, in the model's joint order"
+            guess.say("joint_positions", text)
+            return dict(zip(order, group.members.values()))
+    fitting = [g for g in groups if len(g.members) == len(needed) and not is_rate]
+    if len(fitting) != 1:
+        return {}
+    text = (
+        "are the only numbered columns that are as many as the joints, in the model's joint order"
+    )
+    guess.say("joint_positions", f"{fitting[0].stem} {text}")
+    return dict(zip(needed, fitting[0].members.values()))
+
+
+def _named_in_cells(guess: GuessedMap, group: Group) -> dict[str, str]:
+    """Return columns of a group by the joints that columns of text with equal numbers name."""
+    for texts in groups_by_number(guess.texts):
+        if texts.words & {"name", "names"}:
+            numbers = {letters_of(guess.texts[c]): number for number, c in texts.members.items()}
+            found = {
+                joint: group.members.get(numbers.get(letters_of(joint.rsplit("::", 1)[-1]), ""))
+                for joint in guess.spacecraft.joint_names
+            }
+            return {joint: column for joint, column in found.items() if column}
     return {}
 
 
-def find_joint_units(draft: MapDraft) -> None:
+def find_joint_units(guess: GuessedMap) -> None:
     """Choose the units of joints by names, and by the joints' limits."""
-    at, rate_at, craft = draft.map.joint_positions, draft.map.joint_rates, draft.spacecraft
+    at, rate_at, craft = (
+        guess.column_map.joint_positions,
+        guess.column_map.joint_rates,
+        guess.spacecraft,
+    )
     names, low, high = craft.joint_names, craft.limits.lowest, craft.limits.highest
     slides = {names[b.joint] for b in craft.tree.bodies if b.joint >= 0 and b.prismatic}
     for joint in slides & at.columns.keys():
         k, column = names.index(joint), at.columns[joint]
-        far = draft.largest([column]) > 2 * max(abs(low[k]), abs(high[k]))
+        far = guess.largest([column]) > 2 * max(abs(low[k]), abs(high[k]))
         at.units[joint] = length = cast(Any, unit_of(column) or ("mm" if far else "m"))
         if joint in rate_at.columns:
             rate_at.units[joint] = cast(Any, f"{length}/s")
@@ -166,21 +152,21 @@ def find_joint_units(draft: MapDraft) -> None:
 
     def is_within(scale: float) -> bool:
         return all(
-            low[k] - 0.1 <= scale * np.nanmin(draft.columns[at.columns[joint]])
-            and scale * np.nanmax(draft.columns[at.columns[joint]]) <= high[k] + 0.1
+            low[k] - 0.1 <= scale * np.nanmin(guess.columns[at.columns[joint]])
+            and scale * np.nanmax(guess.columns[at.columns[joint]]) <= high[k] + 0.1
             for joint, k in arms.items()
         )
 
     if stated in ("deg", "rad", "mrad"):
         at.unit = cast(Any, stated)
-        draft.say("joint_positions", f"in {at.unit}: the names say so")
+        guess.say("joint_positions", f"in {at.unit}: the names say so")
     elif not is_within(1.0) and is_within(np.pi / 180):
         at.unit = "deg"
-        draft.say("joint_positions", "in deg: in rad they would exceed the joints' limits")
+        guess.say("joint_positions", "in deg: in rad they would exceed the joints' limits")
     elif arms:
-        draft.free.add("joint_positions.unit")
+        guess.free.add("joint_positions.unit")
     if rate_stated in ("deg", "rad", "mrad", "rpm"):
         rate_at.unit = cast(Any, rate_stated if rate_stated == "rpm" else f"{rate_stated}/s")
-        draft.say("joint_rates", f"in {rate_at.unit}: the names say so")
+        guess.say("joint_rates", f"in {rate_at.unit}: the names say so")
     elif rate_at.columns:
-        draft.free.add("joint_rates.unit")
+        guess.free.add("joint_rates.unit")

@@ -161,14 +161,14 @@ def columns_at_200_hz(craft):
 def test_a_fast_clock_in_ms_is_found_by_the_rates_or_left_open(craft):
     columns = columns_at_200_hz(craft)
     guess = guess_map(Table(columns), craft, "base")
-    assert (guess.column_map.time.unit, guess.missing) == ("ms", ())
+    assert (guess.column_map.time.unit, guess.missing) == ("ms", [])
     without = {name: values for name, values in columns.items() if not name.endswith("rate")}
     [text] = guess_map(Table(without), craft, "base").missing
     assert text == "the time may be in s or ms (time.unit)"
     slow = {name: v / (100 if name.endswith("rate") else 1) for name, v in columns.items()}
     slow["t"] = columns["t"] / 10  # in s, in steps of 0.5 s
     guess = guess_map(Table(slow), craft, "base")
-    assert (guess.column_map.time.unit, guess.missing) == ("s", ())
+    assert (guess.column_map.time.unit, guess.missing) == ("s", [])
 
 
 def test_four_columns_of_norm_one_are_an_attitude_whatever_their_names(craft):
@@ -184,7 +184,7 @@ def test_four_columns_of_norm_one_are_an_attitude_whatever_their_names(craft):
     assert sorted(guess.column_map.attitude.columns) == ["Q1", "Q2", "Q3", "Q4"]
     assert list(guess.column_map.joint_positions.columns.values()) == ["A1", "A2", "A3", "A4"]
     assert guess.column_map.joint_positions.unit == "deg"
-    assert guess.missing == ()
+    assert guess.missing == []
     assert guess.reasons["ignore_columns"] == ["not used: mode"]
     bare = {name: values for name, values in columns.items() if name[0] not in "Qp"}
     bare |= {name: np.radians(v) for name, v in bare.items() if name in ("A1", "A3", "A4")}
@@ -199,12 +199,12 @@ def test_exchanged_axes_of_the_gyro_are_found_and_a_foreign_gyro_leaves_the_atti
     """If no convention of the attitude agrees with the gyro, momentum is not asked for a guess."""
     names, values = table_of(log)
     columns = dict(zip(names, values.T))
-    assert guess_map(Table(columns), craft, "base").missing == ()
+    assert guess_map(Table(columns), craft, "base").missing == []
     axes = {"w_x_imu": "bwy", "w_y_imu": "bwz", "w_z_imu": "bwx"}  # an axis inside of a name
     turned = {name: values for name, values in columns.items() if name not in axes.values()}
     turned |= {name: columns[axis] for name, axis in axes.items()}
     guess = guess_map(Table(turned), craft, "base")
-    assert guess.missing == ()
+    assert guess.missing == []
     np.testing.assert_array_equal(
         guess.column_map.angular_velocity.R_BS, [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
     )

@@ -1,0 +1,100 @@
+"""A guess at the map of a log's columns, in the making and at its end."""
+
+import textwrap
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cpid_drake.input_files.validation import dump_yaml
+from cpid_drake.logs.column_map import ColumnMap, TimeUnit
+from cpid_drake.logs.conversion import read_columns
+from cpid_drake.logs.log import Log, Samples
+from cpid_drake.logs.screening import screen
+from cpid_drake.logs.table import Table
+from cpid_drake.spacecraft.spacecraft import Spacecraft
+
+
+@dataclass(eq=False)
+class GuessedMap:
+    """A guess at the map of a log's columns.
+
+    Attributes:
+        columns: the columns of numbers (N,), NaN where a cell is absent.
+        texts: by column of text, its first cell.
+        spacecraft: the known spacecraft.
+        base: name of the base body.
+        column_map: the map so far.
+        reasons: by key of the map, the reasons for its entries.
+        missing: what the map lacks or nothing in the log confirms, in words.
+        free: keys of conventions about which names and values say nothing.
+        time_units: the units of time that the steps allow, if there are several.
+
+    """
+
+    columns: dict[str, NDArray[np.float64]]
+    texts: dict[str, str]
+    spacecraft: Spacecraft
+    base: str
+    column_map: ColumnMap = field(default_factory=ColumnMap)
+    reasons: dict[str, list[str]] = field(default_factory=dict)
+    missing: list[str] = field(default_factory=list)
+    free: set[str] = field(default_factory=set)
+    time_units: tuple[TimeUnit, ...] = ()
+
+    def say(self, key: str, text: str) -> None:
+        """Add a reason for an entry."""
+        self.reasons.setdefault(key, []).append(text)
+
+    def largest(self, columns: Iterable[str]) -> float:
+        """Return the largest size of a number in columns."""
+        return max((float(np.nanmax(np.abs(self.columns[c]))) for c in columns), default=0.0)
+
+    def has_unit_norm(self, columns: Iterable[str]) -> bool:
+        """Return whether columns together have the norm 1 in nearly all rows that have them."""
+        norm = np.linalg.norm([self.columns[name] for name in columns], axis=0)
+        there = norm[np.isfinite(norm)]
+        return bool(there.size and np.mean(np.abs(there - 1) < 1e-2) > 0.95)
+
+    @property
+    def log(self) -> Log:
+        """The samples as read with the map, joints in the spacecraft's order, missing ones at 0."""
+        table = Table(dict(self.columns))
+        log, joints = screen(read_columns(self.column_map, table, "the log").log).log, {}
+        names = self.spacecraft.joint_names
+        for name in ("encoders", "joint_rates"):
+            samples = log[name]
+            by_joint = dict(zip(log.joint_names, np.nan_to_num(samples.value).T))
+            value = [by_joint.get(joint, np.zeros(len(samples))) for joint in names]
+            joints[name] = Samples(samples.time, np.reshape(value, (len(names), -1)).T)
+        return replace(log.updated(joints), joint_names=names)
+
+    def text(self, heading: str = "") -> str:
+        """Return the map as YAML text for `load_column_map`, its reasons as comments."""
+        lines = _comment(heading)
+        for entry in fields(self.column_map):
+            value = _without_defaults(getattr(self.column_map, entry.name))
+            said = [line for text in self.reasons.get(entry.name, ()) for line in _comment(text)]
+            lines += ["", *said] if value or said else []
+            lines += [dump_yaml({entry.name: value}).rstrip()] if value else []
+        return "\n".join(lines).lstrip("\n") + "\n"
+
+
+def _comment(text: str) -> list[str]:
+    return textwrap.wrap(text, 100, initial_indent="# ", subsequent_indent="#   ")
+
+
+def _without_defaults(section: object) -> object:
+    """Return a section as a tree without its defaults."""
+    if not is_dataclass(section) or isinstance(section, type):
+        return section
+    usual, changed = cast(Callable[[], object], type(section))(), {}
+    for entry in fields(section):
+        given = getattr(section, entry.name)
+        if not np.array_equal(given, getattr(usual, entry.name)):
+            is_count = isinstance(given, float) and given.is_integer() and abs(given) > 1e3
+            plain = given.tolist() if isinstance(given, np.ndarray) else given
+            changed[entry.name] = int(given) if is_count else plain  # ns since 1970 are whole
+    return changed
