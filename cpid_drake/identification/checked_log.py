@@ -82,17 +82,6 @@ class CheckedLog:
         """Number of samples by sensor."""
         return {name: len(samples) for name, samples in self.measurements.items()}
 
-    @property
-    def first_burn(self) -> float:
-        """Time at which thrusters first fire by the log of thrust [s]; infinite if never."""
-        thrust = self.measurements.thrust
-        return float(thrust.time[thrust.value.any(axis=1)].min(initial=np.inf))
-
-    @property
-    def has_thrust(self) -> bool:
-        """Whether thrusters fire, by the log of thrust."""
-        return bool(np.isfinite(self.first_burn))
-
 
 def suite_of(sensors: SensorSuite | None, log: CheckedLog) -> tuple[SensorSuite, tuple[str, ...]]:
     """Return the sensors' errors, by default as the log shows them, and a warning if they are."""
@@ -207,7 +196,7 @@ def _turned(measurements: Log, k: int, times: NDArray[np.float64]) -> NDArray[np
     """Return a rotor's angle at some times, the integral of its rates."""
     all_rates, name = measurements.joint_rates, measurements.joint_names[k]
     of_rotor = Samples(all_rates.time, all_rates.value[:, [k]])
-    rates = screen(Log((name,), joint_rates=of_rotor)).log.joint_rates
+    rates = screen(Log((name,), {"joint_rates": of_rotor})).log.joint_rates
     if not len(rates):
         raise InputError(f"there is neither a column 'q:{name}' nor rates 'qd:{name}' to integrate")
     time, rate = rates.time, rates.value[:, 0]

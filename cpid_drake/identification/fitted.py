@@ -64,7 +64,7 @@ def estimate(
     See `estimators.Estimator`.
     """
     suite, warnings = suite_of(known.sensors, next(iter(logs.values())))
-    has_thrust = any(log.has_thrust for log in logs.values())
+    has_thrust = any(log.measurements.has_thrust for log in logs.values())
     far = MOST_NOISE * float(suite.sigmas("encoders")[0])
     q = [log.measurements.encoders.value for log in logs.values()]
     moves = any(float(np.std(each, axis=0).max(initial=0.0)) > far for each in q)

@@ -107,7 +107,7 @@ def identify(
         spacecraft = spacecraft.on_table(next(iter(normals.values())))
     is_exact = all(log.states is not None for log in logs.values())
     has_sensors = sensors is not None or (known_bodies is not None and not is_exact)
-    has_thrust = any(log.has_thrust for log in logs.values())
+    has_thrust = any(log.measurements.has_thrust for log in logs.values())
     assumed = momentum or TotalMomentum.zero()
     method, family = choose_method(estimator, rows, assumed, has_sensors, has_thrust)
     if family is None and method.uses_rows:
@@ -165,8 +165,8 @@ def _with_logs(
     for name, log in logs.items():
         where = f"{name}: " if len(logs) > 1 else ""
         failed = list(log.failures)
-        if log.has_thrust and method.uses_rows:
-            failed.append(THRUST_NOT_USED.format(f"{log.first_burn:.4g}", method.name))
+        if log.measurements.has_thrust and method.uses_rows:
+            failed.append(THRUST_NOT_USED.format(f"{log.measurements.first_burn:.4g}", method.name))
         said = [*log.warnings, *(f"not checked: {text}" for text in log.unchecked)]
         warnings += [where + text for text in said]
         checks += [Check("log", where + text) for text in failed]

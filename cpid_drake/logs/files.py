@@ -1,7 +1,6 @@
 """Logs from and to files, in any format of the registry `FORMATS`."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,39 +19,21 @@ from cpid_drake.resources import resolve_model
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.thrusters import VALVE
 
+Read = Callable[[Path, str], Table]
+"""Reads a file, given its path and its name in messages."""
 
-@dataclass(frozen=True)
-class Format:
-    """A format of log files.
+Write = Callable[[Path, list[str], NDArray[np.float64]], None]
+"""Writes columns, names and values (N, C) with NaN where a cell is absent."""
 
-    Attributes:
-        endings: endings of file names, in lower case, each with its dot.
-        read: reads a file, given its path and its name in messages.
-        write: writes columns, names and values (N, C) with NaN where a cell is absent; None if the
-            format is only read.
-
-    """
-
-    endings: tuple[str, ...]
-    read: Callable[[Path, str], Table]
-    write: Callable[[Path, list[str], NDArray[np.float64]], None] | None = None
-
-
-FORMATS: list[Format] = [
-    Format((".csv",), read_csv, write_csv),
-    Format((".npz",), read_npz, write_npz),
-    Format((".parquet",), read_parquet, write_parquet),
-]
-"""All formats of one file with one time; append one to add it."""
+FORMATS: dict[str, tuple[Read, Write | None]] = {
+    ".csv": (read_csv, write_csv),
+    ".npz": (read_npz, write_npz),
+    ".parquet": (read_parquet, write_parquet),
+}
+"""All formats of one file with one time, by the ending in lower case."""
 
 BAG_ENDINGS = (".mcap", ".db3")
 """Endings of ROS 2 bags, which can be folders too."""
-
-
-def log_endings(*, written: bool = False) -> tuple[str, ...]:
-    """Return the endings of log files that can be read, or that can be written."""
-    endings = [e for each in FORMATS for e in each.endings if each.write or not written]
-    return (*endings, *(() if written else BAG_ENDINGS))
 
 
 def inspect_log(
@@ -79,7 +60,9 @@ def inspect_log(
             read: see also `read_columns`.
 
     """
-    given, map_name = _map_of(columns)
+    given, map_name = columns or ColumnMap(), "the map"
+    if not isinstance(given, ColumnMap):
+        given, map_name = load_column_map(given), str(given)
     try:
         table = read_table(path, topics)
         return read_columns(given, table, str(path), map_name=map_name, joints=joints)
@@ -94,14 +77,20 @@ def read_table(path: str | Path, topics: Mapping[str, str] | None = None) -> Tab
         InputError: no such file or folder, a file of another kind, or one that cannot be read.
 
     """
-    file, kind = _format_of(path)
-    if kind is not None:
-        if topics:
-            raise InputError(f"{path}: topics are for ROS 2 bags")
-        return kind.read(file, str(path))
-    from cpid_drake.logs.rosbag import read_rosbag
+    file = Path(path)
+    if file.is_dir() or file.suffix.lower() in BAG_ENDINGS:
+        from cpid_drake.logs.rosbag import read_rosbag
 
-    return read_rosbag(file, topics or {})
+        return read_rosbag(file, topics or {})
+    file = resolve_model(path)
+    if file.suffix.lower() not in FORMATS:
+        raise InputError(
+            f"{path}: logs are read from {', '.join([*FORMATS, *BAG_ENDINGS])} files and bag "
+            f"folders, not from '{file.suffix or file.name}'"
+        )
+    if topics:
+        raise InputError(f"{path}: topics are for ROS 2 bags")
+    return FORMATS[file.suffix.lower()][0](file, str(path))
 
 
 def read_log(
@@ -143,32 +132,6 @@ def refuse_problems(problems: Sequence[str], where: str) -> None:
         raise InputError(f"{where}: {problems[0]}{more}")
 
 
-def _map_of(columns: ColumnMap | str | Path | None) -> tuple[ColumnMap, str]:
-    """Return a map and its name in messages."""
-    if columns is None or isinstance(columns, ColumnMap):
-        return columns or ColumnMap(), "the map"
-    return load_column_map(columns), str(columns)
-
-
-def _format_of(path: str | Path) -> tuple[Path, Format | None]:
-    """Return a file and its format; None for a bag.
-
-    Raises:
-        InputError: no such file, or no format with its ending.
-
-    """
-    if Path(path).is_dir() or Path(path).suffix.lower() in BAG_ENDINGS:
-        return Path(path), None
-    file = resolve_model(path)
-    for kind in FORMATS:
-        if file.suffix.lower() in kind.endings:
-            return file, kind
-    raise InputError(
-        f"{path}: logs are read from {', '.join(log_endings())} files and bag folders, "
-        f"not from '{file.suffix or file.name}'"
-    )
-
-
 def write_log(path: str | Path, motion: Motion | Log) -> None:
     """Write a motion or a log to a file; the ending chooses the format.
 
@@ -179,14 +142,13 @@ def write_log(path: str | Path, motion: Motion | Log) -> None:
 
     """
     path = Path(path)
-    for kind in FORMATS:
-        if path.suffix.lower() in kind.endings and kind.write is not None:
-            columns, values = table_of(motion)
-            with draft_of(path) as draft:
-                kind.write(draft, columns, values)
-            return
-    endings = ", ".join(log_endings(written=True))
-    raise InputError(f"{path}: logs are written as {endings}")
+    write = FORMATS.get(path.suffix.lower(), (None, None))[1]
+    if write is None:
+        endings = ", ".join(ending for ending, (_, writer) in FORMATS.items() if writer)
+        raise InputError(f"{path}: logs are written as {endings}")
+    columns, values = table_of(motion)
+    with draft_of(path) as draft:
+        write(draft, columns, values)
 
 
 def table_of(motion: Motion | Log) -> tuple[list[str], NDArray[np.float64]]:

@@ -1,7 +1,7 @@
 """Samples of every sensor at the sensor's own times."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -52,7 +52,7 @@ class Samples:
         return np.concatenate([np.zeros((1, self.value.shape[1])), self.value])[number]
 
 
-@dataclass(frozen=True, eq=False, init=False)
+@dataclass(frozen=True, eq=False)
 class Log:
     """The samples of all sensors; those of one sensor are `self[name]`, or the attribute `name`.
 
@@ -60,13 +60,12 @@ class Log:
     that is absent has no samples: times (0,) and values (0, width). Logged thrust is no sensor, and
     has samples of the name `THRUST`; see `thrust`.
 
-    Args:
+    Attributes:
         joint_names: the joints, in the order of columns of joint sensors.
         samples: the samples, by the sensors' names in `SENSORS`, by `THRUST`, and of each valve by
             `VALVE` and its name.
         column_map: how the samples were read from columns; None for the package's own columns.
         motion: of a simulation, the true motion at the samples of sensors with a lever arm.
-        named: samples by sensor, as keywords; they replace those in `samples`.
 
     """
 
@@ -75,18 +74,7 @@ class Log:
     column_map: "ColumnMap | None" = None
     motion: Mapping[str, Motion] = field(default_factory=dict)
 
-    def __init__(
-        self,
-        joint_names: tuple[str, ...],
-        samples: Mapping[str, Samples] | None = None,
-        column_map: "ColumnMap | None" = None,
-        motion: Mapping[str, Motion] | None = None,
-        **named: Samples,
-    ) -> None:
-        object.__setattr__(self, "joint_names", tuple(joint_names))
-        object.__setattr__(self, "column_map", column_map)
-        object.__setattr__(self, "motion", dict(motion or {}))
-        object.__setattr__(self, "samples", {**(samples or {}), **named})
+    def __post_init__(self) -> None:
         for name in self.samples:
             if name not in SENSORS and name != THRUST and not name.startswith(VALVE):
                 raise TypeError(f"no sensor '{name}'; the sensors are {', '.join(SENSORS)}")
@@ -116,11 +104,6 @@ class Log:
         return self[THRUST]
 
     @property
-    def has_thrust(self) -> bool:
-        """Whether a log of thrust says that thrusters fired."""
-        return bool(self.thrust.value.any())
-
-    @property
     def valves(self) -> dict[str, Samples]:
         """The logged openings (N, 1) of each valve, by its name."""
         named = ((name, s) for name, s in self.samples.items() if name.startswith(VALVE))
@@ -140,7 +123,7 @@ class Log:
 
     def updated(self, samples: Mapping[str, Samples]) -> "Log":
         """Return a log in which `samples` replace those of the same sensors."""
-        return Log(self.joint_names, {**self.samples, **samples}, self.column_map)
+        return replace(self, samples={**self.samples, **samples}, motion={})
 
     def between(self, start: float, end: float) -> "Log":
         """Return the samples with start ≤ time ≤ end [s], and the thrust held at the start."""
@@ -175,10 +158,14 @@ class Log:
         )
 
     @property
-    def coasting(self) -> "Log":
-        """The samples before thrusters fire for the first time; all samples if they never do."""
-        fires = self.thrust.value.any(axis=1)
-        return self.between(-np.inf, self.thrust.time[fires][0]) if fires.any() else self
+    def first_burn(self) -> float:
+        """Time at which thrusters first fire by the log of thrust [s]; infinite if never."""
+        return float(self.thrust.time[self.thrust.value.any(axis=1)].min(initial=np.inf))
+
+    @property
+    def has_thrust(self) -> bool:
+        """Whether a log of thrust says that thrusters fired."""
+        return bool(np.isfinite(self.first_burn))
 
     def thrust_between(self, start: float, end: float) -> dict[str, Samples]:
         """Return the log of thrust from start to end [s], by `THRUST`; nothing without a log.

@@ -126,7 +126,7 @@ def instants_of(log: Log) -> Instants | None:
         log: screened samples; joint positions of all joints.
 
     """
-    coasting = log.coasting
+    coasting = log.between(-np.inf, log.first_burn)
     is_free = len(coasting.encoders) >= _FEWEST
     log = _liveliest(coasting if is_free else log)
     splines, moving = {}, set()

@@ -245,7 +245,7 @@ def test_the_memory_of_the_recursive_fit_does_not_grow(case):
         times = np.arange(0, END, 0.04)
         q = case.motion.evaluate(times)[:, 0]
         later = Samples(times + (k + 1) * END + 0.04, q)
-        every.append(Log(case.samples.joint_names, encoders=later))
+        every.append(Log(case.samples.joint_names, {"encoders": later}))
     for block in blocks_of(BlockQueue.of(SUITE), every):
         state = step(model, state, block)
         if block.end > 2 * END:

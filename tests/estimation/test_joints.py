@@ -100,7 +100,7 @@ def test_a_drawn_jerk_and_its_noise_are_found():
     position = np.stack(states)[:, 0]
     times = h * np.arange(len(position))
     samples = Samples(times, position + SIGMA * rng.normal(size=position.shape))
-    log = Log(tuple("abcdefgh"), encoders=samples)
+    log = Log(tuple("abcdefgh"), {"encoders": samples})
     suite = SensorSuite(encoders=JointSensor(50.0, SIGMA))
     smoothness, _ = smooth_joints(blocks_of(log), suite)
     assert np.exp(np.mean(np.log(smoothness.jerk / jerk))) == pytest.approx(1, abs=0.25)
@@ -142,7 +142,7 @@ def test_outliers_do_not_pull_the_motion():
     rng = np.random.default_rng(1)
     for j in range(3):
         value[rng.choice(len(value), 6, replace=False), j] += 40 * SIGMA
-    spoiled = Log(clean.joint_names, encoders=Samples(clean.encoders.time, value))
+    spoiled = Log(clean.joint_names, {"encoders": Samples(clean.encoders.time, value)})
     suite = SensorSuite(encoders=JointSensor(50.0, SIGMA))
     t = np.linspace(0.1, 5.9, 200)
     motions = [evaluated(smooth_joints(blocks_of(each), suite)[1], t) for each in (clean, spoiled)]

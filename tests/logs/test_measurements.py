@@ -15,8 +15,10 @@ def log(duration=10.0, start=0.0) -> Log:
     slow = start + np.arange(0, duration, 0.7)
     return Log(
         ("a", "b"),
-        gyro=Samples(fast, rng.normal(size=(400, 3))),
-        encoders=Samples(slow, rng.normal(size=(len(slow), 2))),
+        {
+            "gyro": Samples(fast, rng.normal(size=(400, 3))),
+            "encoders": Samples(slow, rng.normal(size=(len(slow), 2))),
+        },
     )
 
 

@@ -327,7 +327,7 @@ def screened(name, time, value=None, **others):
         other: Samples(np.empty(0), np.empty((0, w)))
         for other, w in zip(SENSORS, (4, 3, 3, 3, 2, 2))
     }
-    result = screen(Log(JOINTS, **(empty | {name: Samples(time, value)})))
+    result = screen(Log(JOINTS, empty | {name: Samples(time, value)}))
     kept, rejected = result.log, result.rejected
     assert all(rejected[other] == 0 for other in SENSORS if other != name)
     assert rejected[name] + len(getattr(kept, name)) == time.size
@@ -402,6 +402,6 @@ def test_attitudes_that_are_none_are_left_out(scale):
 def test_a_wrong_sample_of_thrust_is_no_reason_to_hold_the_one_before(times, force, phrase):
     value = np.zeros((3, 6))
     value[:, 3] = force
-    log = Log(JOINTS, thrust=Samples(np.array(times), value))
+    log = Log(JOINTS, {"thrust": Samples(np.array(times), value)})
     with pytest.raises(InputError, match=phrase):
         screen(log)

@@ -21,7 +21,7 @@ def test_dropouts_have_the_given_frequency_and_length(rate):
 
 def test_lost_samples_are_absent_and_the_others_unchanged():
     time = np.arange(200) / 5.0
-    ideal = Log(("a",), position=Samples(time, np.zeros((200, 3))))
+    ideal = Log(("a",), {"position": Samples(time, np.zeros((200, 3)))})
     samples = []
     for dropouts in (0.0, 20.0):
         position = VectorSensor(5.0, 1e-3, dropouts=dropouts)

@@ -159,7 +159,7 @@ def test_sigmas_say_what_samples_are_off_by(perfect):
     suite = every_sensor(gyro=Gyro(rate=100.0, angle_random_walk=0.07), decimals=4)
     long = Log(
         JOINTS,
-        **{
+        {
             name: Samples(
                 np.arange(COUNT), np.resize(samples.value, (COUNT, samples.value.shape[1]))
             )
