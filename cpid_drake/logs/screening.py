@@ -5,8 +5,8 @@ repeat themselves, and spikes of many σ. Smaller errors, which only a compariso
 spacecraft's motion can show, are left to the likelihood.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,45 +59,23 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class ScreeningMemory:
-    """What screening remembers from one chunk to the next; its size is bounded.
-
-    Attributes:
-        recent: by sensor, its latest accepted samples, at most `WINDOW`.
-
-    """
-
-    recent: Mapping[str, Samples] = field(default_factory=dict)
-
-    def last(self, name: str) -> float:
-        """Return the stamp of a sensor's latest accepted sample [s]; −inf before the first."""
-        return float(self.recent[name].time[-1]) if name in self.recent else -np.inf
-
-    @property
-    def newest(self) -> float:
-        """Stamp of the latest accepted sample of all sensors [s]; −inf before the first."""
-        return max(map(self.last, self.recent), default=-np.inf)
-
-
-@dataclass(frozen=True, eq=False)
 class Screened:
     """The result of screening.
 
     Attributes:
         log: the accepted samples.
         rejected: number of rejected samples of every sensor of the table.
-        memory: what the screening of the next chunk needs.
+        memory: what the screening of the next chunk needs: the latest accepted samples of every
+            sensor, at most `WINDOW`.
 
     """
 
     log: Log
     rejected: dict[str, int]
-    memory: ScreeningMemory
+    memory: Log
 
 
-def screen(
-    log: Log, suite: SensorSuite | None = None, memory: ScreeningMemory | None = None
-) -> Screened:
+def screen(log: Log, suite: SensorSuite | None = None, memory: Log | None = None) -> Screened:
     """Return the usable samples, and the number of unusable ones by sensor.
 
     These samples are unusable:
@@ -129,30 +107,32 @@ def screen(
             `with_thrust`.
 
     """
-    memory = memory or ScreeningMemory()
+    memory = memory or Log(log.joint_names)
     present = suite.present() if suite else {}
     given = as_arrays(with_thrust(log, suite))
     readable = {name: _readable(name, s, name in present) for name, s in given.items()}
-    confirmed = _confirmed([samples.time for samples in readable.values()], memory.newest)
-    kept: dict[str, Samples] = {}
-    recent = dict(memory.recent)
+    confirmed = _confirmed([samples.time for samples in readable.values()], memory.interval[1])
+    kept, recent = dict[str, Samples](), dict[str, Samples]()
     for name, samples in readable.items():
+        before = memory[name]
         ordered = np.isin(samples.time, confirmed)
-        ordered[ordered] = _in_order(samples.time[ordered], memory.last(name))
+        ordered[ordered] = _in_order(samples.time[ordered], last_time(before))
         samples = samples if ordered.all() else samples.where(ordered)
-        if len(samples):
-            before = [recent[name]] if name in recent else []
-            everything = concatenated_samples([*before, samples]) if before else samples
-            known = len(everything) - len(samples)
-            if suite is not None and name in present:
-                keep = ~_unusable(name, everything, suite)
-                keep[:known] = True
-                samples, everything = samples.where(keep[known:]), everything.where(keep)
-            # The copy releases the memory of all earlier samples.
-            recent[name] = concatenated_samples([everything.where(slice(-WINDOW, None))])
+        everything = concatenated_samples([before, samples]) if len(before) else samples
+        if len(samples) and suite is not None and name in present:
+            keep = ~_unusable(name, everything, suite)
+            keep[: len(before)] = True
+            samples, everything = samples.where(keep[len(before) :]), everything.where(keep)
+        # The copy releases the memory of all earlier samples.
+        recent[name] = concatenated_samples([everything.where(slice(-WINDOW, None))])
         kept[name] = samples
     rejected = {name: len(samples) - len(kept[name]) for name, samples in given.items()}
-    return Screened(given.updated(kept), rejected, ScreeningMemory(recent))
+    return Screened(given.updated(kept), rejected, Log(log.joint_names, recent))
+
+
+def last_time(samples: Samples) -> float:
+    """Return the time of the last sample [s]; −inf without samples."""
+    return float(samples.time[-1]) if len(samples) else -np.inf
 
 
 def as_arrays(log: Log) -> Log:

@@ -22,7 +22,7 @@ from cpid_drake.estimation.online import OnlineState, finish, step
 from cpid_drake.identification.online import identification_of_state, model_of
 from cpid_drake.identification.result import Identification
 from cpid_drake.logs.log import THRUST, Log, Samples
-from cpid_drake.logs.screening import ScreeningMemory, screen
+from cpid_drake.logs.screening import last_time, screen
 from cpid_drake.processes import one_thread
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite, check_sensors
@@ -164,7 +164,8 @@ class SensorIdentifier(Identifier):
         memory, now = self._with_new_samples(context), context.get_time()
         if now >= memory.due - self._period / 2:
             memory = self._processed(memory)
-            missing = memory.queue.next_edge - self._complete_until(memory.screening)
+            recent = memory.screening or Log(self._joint_names)
+            missing = memory.queue.next_edge - self._complete_until(recent)
             memory = replace(memory, due=now + max(missing, 0.0))
         state.get_mutable_abstract_state(self._memory_index).set_value(memory)
         return EventStatus.Succeeded()
@@ -223,13 +224,11 @@ class SensorIdentifier(Identifier):
             screening=screened.memory,
         )
 
-    def _complete_until(self, screening: ScreeningMemory) -> float:
+    def _complete_until(self, recent: Log) -> float:
         """Return the time until which the samples of all sensors have arrived [s]."""
-        complete = min(
-            screening.last(name) + _SHARE_OF_INTERVAL / errors.rate
-            for name, errors in self._suite.present().items()
-        )
-        return min(screening.newest, max(complete, screening.newest - LONGEST_DELAY))
+        newest, present = recent.interval[1], self._suite.present()
+        complete = min(last_time(recent[n]) + _SHARE_OF_INTERVAL / present[n].rate for n in present)
+        return min(newest, max(complete, newest - LONGEST_DELAY))
 
     @one_thread
     def _solve(self, context: Context) -> Identification:
@@ -260,7 +259,7 @@ class _Memory:
     online: OnlineState = field(default_factory=OnlineState)
     waiting: tuple[dict[str, NDArray[np.float64]], ...] = ()
     rejected: Mapping[str, int] = field(default_factory=dict)
-    screening: ScreeningMemory = field(default_factory=ScreeningMemory)
+    screening: Log | None = None
     due: float = np.nan
 
     def __deepcopy__(self, memo: dict) -> "_Memory":

@@ -42,7 +42,7 @@ def exact(true_motion):
 
 def without(log: Log, *names: str) -> Log:
     nothing = np.empty(0, dtype=int)
-    return replace(log, **{name: getattr(log, name).where(nothing) for name in names})
+    return log.updated({name: log[name].where(nothing) for name in names})
 
 
 def changed(log: Log, **functions) -> Log:
@@ -50,7 +50,7 @@ def changed(log: Log, **functions) -> Log:
     for name, function in functions.items():
         samples = getattr(log, name)
         parts[name] = Samples(samples.time, function(samples.value))
-    return replace(log, **parts)
+    return log.updated(parts)
 
 
 def error_over_scale(found, target) -> float:
@@ -165,7 +165,7 @@ class TestRotors:
         k = self.craft.joint_names.index(joint)
         value = self.log.encoders.value.copy()
         value[:, k] = np.nan
-        return replace(self.log, encoders=Samples(self.log.encoders.time, value))
+        return self.log.updated({"encoders": Samples(self.log.encoders.time, value)})
 
     def test_a_wheel_whose_angle_is_not_logged_is_no_obstacle(self, skewed_target):
         assert self.craft.tree.is_rotor(self.craft.joint_names.index("spin_x"))

@@ -1,7 +1,5 @@
 """Samples of many rates become motion: errors are what the covariance says, on SO(3) too."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -126,7 +124,7 @@ def test_the_gyros_bias_is_found(scene):
     perfect, _ = scene(suite)
     bias = np.array([3e-4, -2e-4, 1e-4])
     gyro = Samples(perfect.gyro.time, perfect.gyro.value + bias)
-    found = smooth(replace(perfect, gyro=gyro), suite).gyro_bias
+    found = smooth(perfect.updated({"gyro": gyro}), suite).gyro_bias
     np.testing.assert_allclose(found, bias, rtol=0, atol=2e-5)
 
 
@@ -174,7 +172,7 @@ def test_attitude_knows_no_preferred_direction(scene, turn):
         return Samples(samples.time, (R * attitude).as_quat(scalar_first=True))
 
     plain = smooth(noisy, suite).motion
-    other = smooth(replace(noisy, attitude=turned(noisy.attitude)), suite).motion
+    other = smooth(noisy.updated({"attitude": turned(noisy.attitude)}), suite).motion
     np.testing.assert_allclose(other.R_WB, R.as_matrix() @ plain.R_WB, rtol=0, atol=1e-9)
     np.testing.assert_allclose(other.w_WB, R.apply(plain.w_WB), rtol=0, atol=1e-9)
 
@@ -186,7 +184,7 @@ def without(name, start, end):
     def change(measurements):
         samples = getattr(measurements, name)
         keep = (samples.time < start) | (samples.time > end)
-        return replace(measurements, **{name: samples.where(keep)})
+        return measurements.updated({name: samples.where(keep)})
 
     return change
 

@@ -26,7 +26,7 @@ def motion(random_motion):
 def written(folder, columns, ending="csv"):
     """Write columns by name to a file of this ending, and return its path."""
     path = folder / f"log.{ending}"
-    [write] = [kind.write for kind in FORMATS if path.suffix in kind.endings]
+    write = FORMATS[path.suffix][1]
     values = np.stack([np.asarray(column, dtype=float) for column in columns.values()], axis=1)
     write(path, list(columns), values)
     return path

@@ -46,7 +46,7 @@ def rows_of(log, force, torque, names=THRUST_COLUMNS):
 
 def written(folder, columns, ending=".csv"):
     path = folder / f"log{ending}"
-    [write] = [kind.write for kind in FORMATS if ending in kind.endings]
+    write = FORMATS[ending][1]
     write(path, list(columns), np.stack(list(columns.values()), axis=1))
     return path
 
