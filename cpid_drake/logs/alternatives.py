@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.logs.column_map import QUATERNION_ORDERS, UNITS, ColumnMap, scale_of
-from cpid_drake.logs.score import Instants, centre_of_mass, momentum_of
+from cpid_drake.logs.score import Instants, explain_motion, momentum_of
 
 FAR = 0.05
 """Distance of a point from B's origin, in reaches of the arm, that model errors do not explain."""
@@ -267,19 +267,20 @@ def _places(
         if tree is None or spin is None:
             continue
         samples = momentum_of(log, tree)
-        found = centre_of_mass(log, samples, has_free_point=True)
+        has_spin = tree.normal_B is None
+        found = explain_motion(log, samples, has_spin=has_spin, has_free_point=True)
         reach = np.linalg.norm(samples.motion.p_WC, axis=1).max()
-        if found is None or not found[2] or np.linalg.norm(found[0]) < FAR * reach:
+        if found is None or not found.is_possible or np.linalg.norm(found.point_B) < FAR * reach:
             continue
-        place = np.round(at.point_B + found[0], 4).tolist()
+        place = np.round(at.point_B + found.point_B, 4).tolist()
         of_point = (
             f"the position is that of the point {_plain(place)} m in B instead of B's origin, or "
             "the model's base has another mass or centre of mass"
         )
         moved = _with_position(
             log,
-            log.values["position"] - rotate(R_WB, found[0]),
-            log.rates["position"] - rotate(R_WB, np.cross(spin, found[0])),
+            log.values["position"] - rotate(R_WB, found.point_B),
+            log.rates["position"] - rotate(R_WB, np.cross(spin, found.point_B)),
         )
         texts = [unit, of_point] if unit else [of_point]
         yield "; and ".join(texts), moved, {**entries, "position.point_B": place}

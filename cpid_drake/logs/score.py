@@ -13,7 +13,8 @@ mass, and the vectors k and c in W from B's origin to the known bodies' centre o
 This is linear in μ, h' and the a, where a₂ is the effect of a constant force. It remains so for the
 position p_WBo + R_WB d of another point of the base, and its derivative is linear in the same
 unknowns. The angular momentum about the centre of mass is linear in the target, too
-(`RELATIVE_ROWS`). The residual of the momentum is the geometric mean of both.
+(`RELATIVE_ROWS`), whose first four unknowns are μ and h' times the known mass: one target must
+explain both.
 
 Source: Ning et al. 2016, Eqs. 5 and 9.
 """
@@ -43,6 +44,7 @@ _FEWEST = 12  # samples of a sensor that is compared: a spline of degree 5 has a
 _ROUNDING = 1e-6  # residuals below this share of the motion are errors of the splines
 _MODEL_ERROR = 0.02  # share of the total mass by which errors of the model make a mass impossible
 _LEAST = 1e-9  # smallest motion [rad, m, rad/s, m/s]
+_SIZE = 25  # the target's ten, angular momentum (3), drift of the centre (9), place of a point (3)
 _RATES = ("gyro", "velocity", "joint_rates")
 _MOVED = ("attitude", "position", "encoders")
 
@@ -190,19 +192,13 @@ def compare_momentum(given: Instants, tree: KinematicTree | None) -> list[Compar
     # On a table, the centre of mass of a craft that is not planar may rise.
     if tree is None or is_tilted or not (given.moving and given.is_free):
         return []
-    samples = momentum_of(given, tree)
-    place = centre_of_mass(given, samples)
-    parts = [] if place is None else [place[1:3]]
-    if tree.normal_B is None:  # the plane has too few equations
-        parts.append(_angular(given, samples))
-    if not parts:
+    has_spin = tree.normal_B is None  # the plane has too few equations
+    found = explain_motion(given, momentum_of(given, tree), has_spin=has_spin)
+    if found is None:
         return []
-    values = (np.empty((0, 3)), np.empty((0, 3))) if place is None else place[3]
-    residual = float(np.exp(np.mean([np.log(residual) for residual, _ in parts])))
-    if not all(is_possible for _, is_possible in parts):
-        residual = max(residual, 1.0)  # an impossible target explains nothing
+    residual = found.residual if found.is_possible else max(found.residual, 1.0)
     sides = "motion of the base", "motion that the conservation of momentum allows"
-    return [Comparison(MOMENTUM, sides, values, residual)]
+    return [Comparison(MOMENTUM, sides, found.values, residual)]
 
 
 def momentum_of(given: Instants, tree: KinematicTree) -> MomentumSamples:
@@ -222,45 +218,88 @@ def momentum_of(given: Instants, tree: KinematicTree) -> MomentumSamples:
     return momentum_samples(tree, still)
 
 
-def _angular(given: Instants, samples: MomentumSamples) -> tuple[float, bool]:
-    """Return the share of the angular momentum that no constant one and no target explain.
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """What the target that explains a log best leaves of its motion.
 
-    Also whether a target with this share of the mass can exist.
+    Attributes:
+        point_B: (3,) place in B of the point whose positions are logged [m].
+        residual: geometric mean of what is left of the base's motion and of its turn, relative to
+            both.
+        is_possible: whether a target with its mass, and a point near the base, can exist.
+        values: the logged and the explained positions or velocities (N, 3); (0, 3) without.
+
     """
-    rows = RELATIVE_ROWS.full_rows(samples, "attitude" in given.values)
-    A, b = rows[:, :-1], rows[:, -1]
-    k = A.shape[1] - 10
-    size = np.linalg.norm(b - A[:, :k] @ np.linalg.lstsq(A[:, :k], b, rcond=None)[0])
-    x, sigma, error = _least_squares(A, b, k)
-    share, margin = x[k] / samples.mass, 3 * sigma / samples.mass + _MODEL_ERROR
-    is_possible = bool(-margin < share < 1 + margin)
-    return max(float(np.linalg.norm(error)) / max(float(size), 1e-300), _ROUNDING), is_possible
+
+    point_B: Array
+    residual: float
+    is_possible: bool
+    values: tuple[Array, Array]
 
 
-def centre_of_mass(
-    given: Instants, samples: MomentumSamples, *, has_free_point: bool = False
-) -> tuple[Array, float, bool, tuple[Array, Array]] | None:
-    """Return how well the base's motion agrees with the conservation of linear momentum.
+def explain_motion(
+    given: Instants,
+    samples: MomentumSamples,
+    *,
+    has_spin: bool = True,
+    has_free_point: bool = False,
+) -> Explanation | None:
+    """Return what the conservation of momentum with the best target explains of a log.
 
     Args:
         given: what a log says.
         samples: see `momentum_of`.
+        has_spin: whether angular momentum is conserved, too.
         has_free_point: whether the positions may be those of another point than B's origin.
 
     Returns:
-        The place (3,) in B of the point whose positions are logged [m]; the residual relative to
-        the motion; whether a target with its mass, and a point near the base, can exist; the
-        logged and the explained positions or velocities (N, 3). None without attitudes, without
-        positions and velocities, or if the base does not move.
+        None if nothing can be compared, or the base does not move.
 
     """
-    has_position = "position" in given.values
     y = given.values.get("position", given.values.get("velocity"))
-    if "attitude" not in given.values or y is None:
+    parts = []
+    if y is not None and "attitude" in given.values:
+        parts += _linear(given, samples, y, has_free_point)
+    has_place = bool(parts)
+    if has_spin:
+        rows = RELATIVE_ROWS.full_rows(samples, "attitude" in given.values)
+        N, A, b = rows[:, :-11], np.zeros((len(rows), _SIZE)), rows[:, -1]
+        A[:, :10], A[:, 10 : 10 + N.shape[1]] = rows[:, -11:-1], N
+        parts.append((A, b, _rms(b - N @ np.linalg.lstsq(N, b, rcond=None)[0])))
+    if not parts:
         return None
-    C, R_WB = samples.motion, given.R_WB
-    clock = given.time / max(given.time[-1], 1e-300)
-    if has_position:
+    # What each part leaves alone is its noise, by which both together are weighed.
+    alone = [_least_squares(A, b) for A, b, _ in parts]
+    noise = [
+        max(_rms(error), _ROUNDING * size, 1e-300)
+        for (_, error, _), (*_, size) in zip(alone, parts)
+    ]
+    A, b = (np.concatenate([p[k] / sigma for p, sigma in zip(parts, noise)]) for k in (0, 1))
+    together = _least_squares(A, b)
+    x, error, _ = together
+    errors = np.split(error, np.cumsum([len(b) for _, b, _ in parts[:-1]]))
+    left = [
+        max(_rms(e) * sigma / max(size, 1e-300), _ROUNDING)
+        for e, sigma, (*_, size) in zip(errors, noise, parts)
+    ]
+    is_possible = True
+    for each, _, sigma in (*alone, together):
+        share, margin = each[0] / samples.mass, 3 * sigma / samples.mass + _MODEL_ERROR
+        is_possible &= bool(-margin < share < 1 + margin)
+    reach = float(np.linalg.norm(samples.motion.p_WC, axis=1).max())
+    is_possible &= bool(np.linalg.norm(x[-3:]) < 2 * reach + 1.0)
+    values = (np.empty((0, 3)), np.empty((0, 3)))
+    if has_place and y is not None:
+        values = (y, y - noise[0] * errors[0].reshape(y.shape))
+    return Explanation(x[-3:], float(np.exp(np.mean(np.log(left)))), is_possible, values)
+
+
+def _linear(
+    given: Instants, samples: MomentumSamples, y: Array, has_free_point: bool
+) -> list[tuple[Array, Array, float]]:
+    """Return rows of the positions, or velocities, y; nothing if they do not move."""
+    C, clock = samples.motion, given.time / max(given.time[-1], 1e-300)
+    if "position" in given.values:
         powers = [np.ones_like(clock), clock, clock**2]
         known, arm, moment = samples.p_WKcm, C.p_WC - samples.p_WKcm, -C.R_WC
     else:
@@ -270,33 +309,28 @@ def centre_of_mass(
     drift = np.stack(powers, axis=1)
     size = _rms(y - drift @ np.linalg.lstsq(drift, y, rcond=None)[0])
     if not size > _LEAST * max(np.abs(y).max(), 1e-3):
-        return None
-    is_free = has_free_point and has_position
-    columns = [-arm[:, :, None], moment, *([R_WB] if is_free else [])]
-    columns += [power[:, None, None] * np.eye(3) for power in powers]
-    A = np.concatenate(columns, axis=2).reshape(y.size, -1)
-    x, sigma, error = _least_squares(A, (y + known).reshape(-1), 0)
-    margin = 3 * sigma + _MODEL_ERROR
-    point_B = x[4:7] if is_free else np.zeros(3)
-    reach = float(np.linalg.norm(C.p_WC, axis=1).max())
-    is_near = np.linalg.norm(point_B) < 2 * reach + 1.0
-    is_possible = bool(-margin < x[0] < 1 + margin and is_near)
-    residual = max(_rms(error) / size, _ROUNDING)
-    return point_B, residual, is_possible, (y, y - error.reshape(y.shape))
+        return []
+    A = np.zeros((*y.shape, _SIZE))
+    A[..., 0], A[..., 1:4] = -arm / samples.mass, moment / samples.mass
+    for k, power in enumerate(powers):
+        A[..., 13 + 3 * k : 16 + 3 * k] = power[:, None, None] * np.eye(3)
+    if has_free_point and "position" in given.values:
+        A[..., 22:] = given.R_WB
+    return [(A.reshape(y.size, _SIZE), (y + known).reshape(-1), size)]
 
 
-def _least_squares(A: Array, b: Array, place: int) -> tuple[Array, float, Array]:
-    """Return the solution, σ of one of its entries (infinite if it is open), and the residuals."""
+def _least_squares(A: Array, b: Array) -> tuple[Array, Array, float]:
+    """Return the solution, the residuals, and σ of the first entry, infinite if it is open."""
     scale = np.linalg.norm(A, axis=0)
     scale = np.where(scale > 0, scale, 1.0)
     U, s, Vt = np.linalg.svd(A / scale, full_matrices=False)
     kept = s > 1e-7 * s[0]
     x = (Vt[kept].T / s[kept] @ (U[:, kept].T @ b)) / scale
     error = b - A @ x
-    if np.abs(Vt[~kept, place]).sum() > 1e-6:
-        return x, np.inf, error
+    if np.abs(Vt[~kept, 0]).sum() > 1e-6:
+        return x, error, np.inf
     noise = _rms(error) * np.sqrt(b.size / max(b.size - A.shape[1], 1))
-    return x, noise * float(np.linalg.norm(Vt[kept, place] / s[kept])) / scale[place], error
+    return x, error, noise * float(np.linalg.norm(Vt[kept, 0] / s[kept])) / scale[0]
 
 
 def _compared(name: str, rate: str, moved: Array, measured: Array) -> Comparison:

@@ -22,7 +22,7 @@ from cpid_drake.logs.conversion import from_columns
 from cpid_drake.logs.files import table_of
 from cpid_drake.logs.log import Samples
 from cpid_drake.logs.score import MOMENTUM as BY_MOMENTUM
-from cpid_drake.logs.score import centre_of_mass, instants_of, momentum_of
+from cpid_drake.logs.score import explain_motion, instants_of, momentum_of
 from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import AttitudeSensor, JointSensor, VectorSensor
 from cpid_drake.sensors.suite import SensorSuite
@@ -232,6 +232,14 @@ def test_the_convention_of_a_noisy_log_is_named(craft, noisy, words):
     assert words in said(craft.tree, (CONVENTIONS | OF_POSITIONS)[words](noisy))
 
 
+@pytest.mark.parametrize(("unit", "size"), [("ft", 1 / 0.3048), ("cm", 100.0)])
+def test_one_target_for_motion_and_turn_tells_the_unit_of_noisy_positions(craft, draw, unit, size):
+    """Each of both alone is explained by some target in another unit, or at another point."""
+    suite = replace(SUITE, position=VectorSensor(10.0, 3e-3))
+    bad = changed("position", lambda m: m.position.value * size)(draw(suite=suite))
+    assert f"(position.unit: {unit} in a map" in said(craft.tree, bad)
+
+
 @pytest.mark.parametrize("words", ["q:shoulder and q:elbow are exchanged", "direction: R_BW"])
 def test_the_convention_of_a_noisy_log_without_positions_is_named(craft, noisy, words):
     assert words in said(craft.tree, without(CONVENTIONS[words](noisy), "position"))
@@ -366,8 +374,8 @@ def test_the_momentum_finds_the_point_of_the_position(craft, skewed_target):
     log = measured(craft, motion, skewed_target, suite)
     moved = changed("position", moved_point)(log)
     given = instants_of(moved)
-    found = centre_of_mass(given, momentum_of(given, craft.tree), has_free_point=True)
-    np.testing.assert_allclose(found[0], POINT, atol=1e-3)
+    found = explain_motion(given, momentum_of(given, craft.tree), has_free_point=True)
+    np.testing.assert_allclose(found.point_B, POINT, atol=1e-3)
 
 
 def test_what_cannot_be_compared_is_said(craft, noisy):
