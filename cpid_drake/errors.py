@@ -1,6 +1,6 @@
 """The exception for bad input, and texts of its messages."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
 
@@ -31,6 +31,12 @@ def prefix_errors(where: str) -> Iterator[None]:
         yield
     except InputError as error:
         raise error if str(error).startswith(where) else InputError(f"{where}: {error}") from error
+
+
+def listed(names: Sequence[str], most: int = 8) -> str:
+    """Return the first names of a list, and how many follow."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
 
 
 def choose_from(name: object, choices: Iterable[str]) -> str:

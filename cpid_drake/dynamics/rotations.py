@@ -95,6 +95,15 @@ def rotate_by_quaternion(
     return v + scale * (w * u_cross_v + cross(u, u_cross_v))
 
 
+def angular_velocity(
+    quaternion: NDArray[np.float64], rate: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return ω (..., 3) in the body frame of quaternions of any norm and their rates (..., 4)."""
+    w, x, dw, dx = quaternion[..., :1], quaternion[..., 1:], rate[..., :1], rate[..., 1:]
+    square = np.sum(quaternion**2, axis=-1, keepdims=True)
+    return np.asarray(2 * (w * dx - dw * x - cross(x, dx)) / square)
+
+
 def quaternion_rate(
     quaternion: NDArray[np.float64], w_B: NDArray[np.float64]
 ) -> NDArray[np.float64]:

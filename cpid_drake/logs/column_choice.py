@@ -24,10 +24,10 @@ from collections.abc import Collection, Sequence
 from copy import deepcopy
 from difflib import get_close_matches
 
-from cpid_drake.errors import InputError
+from cpid_drake.errors import InputError, listed
 from cpid_drake.logs.column_map import ColumnMap, JointPositionColumns, JointRateColumns
 from cpid_drake.logs.log import THRUST_COLUMNS
-from cpid_drake.logs.table import Table, shortened
+from cpid_drake.logs.table import Table
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.thrusters import VALVE
 
@@ -72,7 +72,7 @@ def with_own_columns(
                 raise InputError(f"{where}: there is no column 'time'{_likely('time', unknown)}")
             raise InputError(
                 f"{where}: there is no column '{name}', which {map_name} names; the columns are "
-                f"{shortened(names)}"
+                f"{listed(names)}"
             )
     for name in (*explicit, *filter(_is_own, free)):
         if name in table.unreadable:
@@ -141,19 +141,19 @@ def with_own_columns(
     return used
 
 
+_OWN = {"time", YAW, *THRUST_COLUMNS}.union(*(s.columns + s.columns_in_W for s in SENSORS.values()))
+
+
 def _is_own(name: str) -> bool:
     """Return whether the package's own columns have this name."""
-    own = {"time", YAW, *THRUST_COLUMNS}
-    for sensor in SENSORS.values():
-        own |= {*sensor.columns, *sensor.columns_in_W}
-    return name in own or (name.startswith(("q:", "qd:", VALVE)) and not name.endswith(":"))
+    return name in _OWN or (name.startswith(("q:", "qd:", VALVE)) and not name.endswith(":"))
 
 
 def _likely(wanted: str, unknown: Sequence[str]) -> str:
     """Return a remedy, if there are columns of unknown meaning."""
     if close := get_close_matches(wanted, unknown, n=1):
         return f"; did you mean '{close[0]}'?"
-    shown = shortened([f"'{name:.40}'" for name in unknown])
+    shown = listed([f"'{name:.40}'" for name in unknown])
     remedy = "`cpid log map` finds out what the columns of a log mean"
     return f"; ignored columns: {shown}; {remedy}" if unknown else ""
 

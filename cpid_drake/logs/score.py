@@ -28,7 +28,7 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.momentum import MomentumSamples, momentum_samples
 from cpid_drake.dynamics.motion import Motion
-from cpid_drake.dynamics.rotations import rotate, skew
+from cpid_drake.dynamics.rotations import angular_velocity, rotate, skew
 from cpid_drake.dynamics.rows import RELATIVE_ROWS
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.logs.log import Log, Samples, without_flips
@@ -44,7 +44,6 @@ _FEWEST = 12  # samples of a sensor that is compared: a spline of degree 5 has a
 _ROUNDING = 1e-6  # residuals below this share of the motion are errors of the splines
 _MODEL_ERROR = 0.02  # share of the total mass by which errors of the model make a mass impossible
 _LEAST = 1e-9  # smallest motion [rad, m, rad/s, m/s]
-_SIZE = 25  # the target's ten, angular momentum (3), drift of the centre (9), place of a point (3)
 _RATES = ("gyro", "velocity", "joint_rates")
 _MOVED = ("attitude", "position", "encoders")
 
@@ -95,9 +94,7 @@ class Instants:
         """(N, 3) angular velocity in B that follows from the attitude."""
         if "attitude" not in self.values:
             return None
-        q, rate = self.quaternion, self.rates["attitude"]
-        w, x, dw, dx = q[:, :1], q[:, 1:], rate[:, :1], rate[:, 1:]
-        return np.asarray(2 * (w * dx - dw * x - np.cross(x, dx)) / np.sum(q**2, 1, keepdims=True))
+        return angular_velocity(self.quaternion, self.rates["attitude"])
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,49 +254,53 @@ def explain_motion(
 
     """
     y = given.values.get("position", given.values.get("velocity"))
-    parts = []
-    if y is not None and "attitude" in given.values:
-        parts += _linear(given, samples, y, has_free_point)
-    has_place = bool(parts)
+    shift = None if y is None else _linear(given, samples, y, has_free_point)
+    parts, drift = [], np.empty((0, 0)) if shift is None else shift[1]
+    count = 3 if has_spin and "attitude" in given.values else 0
+    if shift is not None:
+        T, _, b, size = shift
+        parts.append((np.hstack([T, np.zeros((len(b), 6 + count)), drift]), b, size))
     if has_spin:
-        rows = RELATIVE_ROWS.full_rows(samples, "attitude" in given.values)
-        N, A, b = rows[:, :-11], np.zeros((len(rows), _SIZE)), rows[:, -1]
-        A[:, :10], A[:, 10 : 10 + N.shape[1]] = rows[:, -11:-1], N
-        parts.append((A, b, _rms(b - N @ np.linalg.lstsq(N, b, rcond=None)[0])))
+        rows = RELATIVE_ROWS.full_rows(samples, count > 0)
+        N, A, b = rows[:, :count], rows[:, count:-1], rows[:, -1]
+        size = _rms(b - N @ np.linalg.lstsq(N, b, rcond=None)[0])
+        parts.append((np.hstack([A, N, np.zeros((len(b), drift.shape[1]))]), b, size))
     if not parts:
         return None
     # What each part leaves alone is its noise, by which both together are weighed.
     alone = [_least_squares(A, b) for A, b, _ in parts]
-    noise = [
-        max(_rms(error), _ROUNDING * size, 1e-300)
-        for (_, error, _), (*_, size) in zip(alone, parts)
-    ]
+    noise = [max(_rms(a[1]), _ROUNDING * p[2], 1e-300) for a, p in zip(alone, parts)]
     A, b = (np.concatenate([p[k] / sigma for p, sigma in zip(parts, noise)]) for k in (0, 1))
     together = _least_squares(A, b)
-    x, error, _ = together
-    errors = np.split(error, np.cumsum([len(b) for _, b, _ in parts[:-1]]))
+    errors = np.split(together[1], [len(parts[0][1])])
     left = [
         max(_rms(e) * sigma / max(size, 1e-300), _ROUNDING)
         for e, sigma, (*_, size) in zip(errors, noise, parts)
     ]
-    is_possible = True
-    for each, _, sigma in (*alone, together):
-        share, margin = each[0] / samples.mass, 3 * sigma / samples.mass + _MODEL_ERROR
+    is_possible, point_B = True, np.zeros(3)
+    for x, _, sigma in (*alone, together):
+        share, margin = x[0] / samples.mass, 3 * sigma / samples.mass + _MODEL_ERROR
         is_possible &= bool(-margin < share < 1 + margin)
-    reach = float(np.linalg.norm(samples.motion.p_WC, axis=1).max())
-    is_possible &= bool(np.linalg.norm(x[-3:]) < 2 * reach + 1.0)
+    if has_free_point and "position" in given.values and shift is not None:
+        point_B = together[0][-3:]
+        reach = float(np.linalg.norm(samples.motion.p_WC, axis=1).max())
+        is_possible &= bool(np.linalg.norm(point_B) < 2 * reach + 1.0)
     values = (np.empty((0, 3)), np.empty((0, 3)))
-    if has_place and y is not None:
+    if shift is not None and y is not None:
         values = (y, y - noise[0] * errors[0].reshape(y.shape))
-    return Explanation(x[-3:], float(np.exp(np.mean(np.log(left)))), is_possible, values)
+    return Explanation(point_B, float(np.exp(np.mean(np.log(left)))), is_possible, values)
 
 
 def _linear(
     given: Instants, samples: MomentumSamples, y: Array, has_free_point: bool
-) -> list[tuple[Array, Array, float]]:
-    """Return rows of the positions, or velocities, y; nothing if they do not move."""
+) -> tuple[Array, Array, Array, float] | None:
+    """Return rows of the positions, or velocities, y: of (μ, μc), of drift and point; y; its size.
+
+    None without attitudes, or if nothing moves.
+    """
     C, clock = samples.motion, given.time / max(given.time[-1], 1e-300)
-    if "position" in given.values:
+    has_position = "position" in given.values
+    if has_position:
         powers = [np.ones_like(clock), clock, clock**2]
         known, arm, moment = samples.p_WKcm, C.p_WC - samples.p_WKcm, -C.R_WC
     else:
@@ -308,15 +309,12 @@ def _linear(
         arm, moment = C.v_WC - known, -skew(C.w_WC) @ C.R_WC
     drift = np.stack(powers, axis=1)
     size = _rms(y - drift @ np.linalg.lstsq(drift, y, rcond=None)[0])
-    if not size > _LEAST * max(np.abs(y).max(), 1e-3):
-        return []
-    A = np.zeros((*y.shape, _SIZE))
-    A[..., 0], A[..., 1:4] = -arm / samples.mass, moment / samples.mass
-    for k, power in enumerate(powers):
-        A[..., 13 + 3 * k : 16 + 3 * k] = power[:, None, None] * np.eye(3)
-    if has_free_point and "position" in given.values:
-        A[..., 22:] = given.R_WB
-    return [(A.reshape(y.size, _SIZE), (y + known).reshape(-1), size)]
+    if "attitude" not in given.values or not size > _LEAST * max(np.abs(y).max(), 1e-3):
+        return None
+    T = np.concatenate([-arm[:, :, None], moment], axis=2) / samples.mass
+    columns = [power[:, None, None] * np.eye(3) for power in powers]
+    D = np.concatenate([*columns, *([given.R_WB] if has_free_point and has_position else [])], 2)
+    return T.reshape(y.size, 4), D.reshape(y.size, -1), (y + known).reshape(-1), size
 
 
 def _least_squares(A: Array, b: Array) -> tuple[Array, Array, float]:

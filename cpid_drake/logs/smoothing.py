@@ -18,9 +18,9 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.plane import levelled
-from cpid_drake.dynamics.rotations import right_jacobian, rotate, skew
+from cpid_drake.dynamics.rotations import angular_velocity, right_jacobian, rotate, skew
 from cpid_drake.errors import InputError
-from cpid_drake.logs.log import Log, Samples
+from cpid_drake.logs.log import Log, Samples, without_flips
 from cpid_drake.logs.splines import (
     DEGREE,
     basis,
@@ -259,9 +259,7 @@ def _smooth_attitude(
     if suite.attitude is None:
         raise InputError("smoothing needs the errors of the attitude")
     knot_times = gyro.time if len(gyro) > len(attitude) else attitude.time
-    flips = np.sum(attitude.value[1:] * attitude.value[:-1], axis=1) < 0
-    signs = np.cumprod(np.append(1.0, 1.0 - 2.0 * flips))[:, None]
-    path = regression_spline(Samples(attitude.time, attitude.value * signs))
+    path = regression_spline(Samples(attitude.time, without_flips(attitude.value)))
 
     whiten = suite.attitude.R_BS.T / suite.sigmas("attitude")[:, None]
     has_gyro = suite.gyro is not None and len(gyro) > 0
@@ -277,12 +275,9 @@ def _smooth_attitude(
 
     def moved(r: BSpline, at: Array) -> tuple[Rotation, Array]:
         """Return attitude and angular velocity in B (N, 3) of the path turned by r."""
-        q, rate = path(at), path(at, 1)
-        w, x, dw, dx = q[:, :1], q[:, 1:], rate[:, :1], rate[:, 1:]
-        w_B = 2 * (w * dx - dw * x - np.cross(x, dx)) / np.sum(q**2, axis=1, keepdims=True)
-        turn, jacobian = Rotation.from_rotvec(r(at)), right_jacobian(r(at))
-        R = Rotation.from_quat(q, scalar_first=True) * turn
-        return R, turn.inv().apply(w_B) + rotate(jacobian, r(at, 1))
+        turn, w_B = Rotation.from_rotvec(r(at)), angular_velocity(path(at), path(at, 1))
+        R = Rotation.from_quat(path(at), scalar_first=True) * turn
+        return R, turn.inv().apply(w_B) + rotate(right_jacobian(r(at)), r(at, 1))
 
     def residuals(r: BSpline, bias: Array) -> Array:
         w_B = sum(w / 2 * moved(r, gyro.time + t)[1] for t, w in zip(since, weights))

@@ -68,9 +68,3 @@ def repeated_names(names: Sequence[str], where: str) -> dict[str, str]:
     if len(names) > 10_000:
         raise InputError(f"{where}: more than 10000 columns")
     return {name: f"is there {n} times" for name, n in Counter(names).items() if n > 1}
-
-
-def shortened(names: Sequence[str]) -> str:
-    """Return the first names of a list, and how many follow."""
-    more = f" and {len(names) - 8} more" if len(names) > 8 else ""
-    return ", ".join(names[:8]) + more

@@ -1,12 +1,11 @@
 """The demands of a scenario that the spacecraft's joints, motors and bodies cannot meet."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.errors import InputError
+from cpid_drake.errors import InputError, listed
 from cpid_drake.scenario.simulation import Simulation
 from cpid_drake.spacecraft.clearance import Clearance
 from cpid_drake.spacecraft.free_floating import FreeFloatingDynamics
@@ -66,7 +65,7 @@ def check_limits(simulation: Simulation) -> LimitCheck:
     overlaps, closest, unchecked = _distances(simulation, times, q)
     limits = zip(spacecraft.joint_names, spacecraft.limits.efforts, strict=True)
     if without := [name for name, limit in limits if np.isinf(limit)]:
-        unchecked.append(f"efforts of {_listed(without)} (no limit in the model)")
+        unchecked.append(f"efforts of {listed(without)} (no limit in the model)")
     return LimitCheck((*exceeded, *overlaps), closest, tuple(unchecked))
 
 
@@ -120,7 +119,7 @@ def _distances(
         return [], "", [f"distances ({error})"]
     unchecked, overlaps, closest = list[str](), list[str](), ""
     if clearance.shapeless:
-        unchecked.append(f"distances of {_listed(clearance.shapeless)} (no collision geometry)")
+        unchecked.append(f"distances of {listed(clearance.shapeless)} (no collision geometry)")
     for each in approaches:
         length, time = f"{abs(each.distance):.2g} m", f"{instants[each.sample]:.3g} s"
         if each.distance < 0:
@@ -128,9 +127,3 @@ def _distances(
         else:
             closest = f"{length} between {' and '.join(each.bodies)} at {time}"
     return overlaps, closest, unchecked
-
-
-def _listed(names: Sequence[str]) -> str:
-    """Return the first names of a list and the number of the others."""
-    more = f" and {len(names) - 4} more" if len(names) > 5 else ""
-    return ", ".join(names if not more else names[:4]) + more

@@ -161,28 +161,35 @@ def check_model(
             raise InputError(f"{place}: the file includes itself")
         if count > MOST_FILES:
             raise InputError(f"{place}: more than {MOST_FILES} includes")
-        ending = file.suffix.lower()
+        ending, included = file.suffix.lower(), list[Path]()
         if file.is_dir():
-            included: Iterator[Path] = iter(sorted(file.glob("*.sdf")))
+            included = sorted(file.glob("*.sdf"))
         elif ending not in (".urdf", ".sdf", ".xml", ".yaml", ".yml") or not file.exists():
             return  # of a missing one, Drake's own error names the file that includes it
         elif not file.is_file():
             raise InputError(f"{place}: not a file")
         elif ending in (".yaml", ".yml"):
-            included = _included_by_directives(file, packages)
+            for each in LoadModelDirectives(str(file)).directives:
+                added = filter(None, (each.add_model, each.add_directives))
+                included += [path for one in added for path in _behind(one.file, packages)]
         else:
             # MJCF paths start at the folder of the first MJCF file.
             main = next((each for each in around if each.suffix.lower() == ".xml"), file)
-            root, lines = _read_xml(file, place)
-            _check_elements(root, lines, ending, place)
-            for link in root.iter("link"):
-                parts = {part.tag for part in link}
-                if parts & {"visual", "collision"} and "inertial" not in parts:
-                    hollow.add(link.get("name", ""))
-            for joint in root.iter("joint") if ending == ".urdf" else ():
-                for limit in joint.iter("limit"):
-                    efforts[joint.get("name", "")] = float(limit.get("effort", 0))
-            included = _included_by_xml(root, main.parent, packages)
+            elements = _read_xml(file, place)
+            for element, line in elements.items():
+                _check_numbers(element, ending, f"{place}: line {line}: ")
+            for element, line in elements.items():
+                _check_meaning(element, ending, f"{place}: line {line}: ")
+                parts, name = {part.tag for part in element}, element.get("name", "")
+                if element.tag == "link" and "inertial" not in parts:
+                    hollow.update([name] if parts & {"visual", "collision"} else [])
+                elif element.tag == "joint" and ending == ".urdf":
+                    for limit in element.iter("limit"):
+                        efforts[name] = float(limit.get("effort", 0))
+                elif element.tag == "include" and ending == ".xml":
+                    included.append(main.parent / element.get("file", ""))
+                elif element.tag == "include":
+                    included += _behind((element.findtext("uri") or "").strip(), packages)
         for other in included:
             visit(other.resolve(), (*around, file))
 
@@ -195,23 +202,6 @@ def check_model(
     return efforts, hollow
 
 
-def _included_by_directives(file: Path, packages: PackageMap) -> Iterator[Path]:
-    for directive in LoadModelDirectives(str(file)).directives:
-        for part in (directive.add_model, directive.add_directives):
-            if part is not None:
-                yield from _behind(part.file, packages)
-
-
-def _included_by_xml(
-    root: ElementTree.Element, folder: Path, packages: PackageMap
-) -> Iterator[Path]:
-    for include in root.iter("include"):
-        if root.tag == "mujoco":
-            yield folder / include.get("file", "")
-        else:
-            yield from _behind((include.findtext("uri") or "").strip(), packages)
-
-
 def _behind(uri: str, packages: PackageMap) -> Iterator[Path]:
     """Yield the path of a URI's file; nothing if Drake will refuse the URI."""
     scheme, separator, rest = uri.partition("://")
@@ -219,8 +209,8 @@ def _behind(uri: str, packages: PackageMap) -> Iterator[Path]:
         yield Path(rest) if scheme == "file" else Path(packages.ResolveUrl(f"package://{rest}"))
 
 
-def _read_xml(file: Path, place: str) -> tuple[ElementTree.Element, dict[ElementTree.Element, int]]:
-    """Return the root of an XML file, and the line in which each element's first tag ends."""
+def _read_xml(file: Path, place: str) -> dict[ElementTree.Element, int]:
+    """Return the elements of an XML file, with the line in which the first tag of each ends."""
     # Drake's reader accepts "--" and any bytes in comments, and a declaration that follows blanks
     # or names another encoding; they are left out here.
     data = re.sub(
@@ -247,44 +237,42 @@ def _read_xml(file: Path, place: str) -> tuple[ElementTree.Element, dict[Element
         raise InputError(
             f"{place}: line {line_number}, column {column + 1}: not XML: {text}"
         ) from error
-    return next(iter(lines)), lines
+    return lines
 
 
-def _check_elements(
-    root: ElementTree.Element,
-    lines: dict[ElementTree.Element, int],
-    ending: str,
-    place: str,
-) -> None:
-    """Check the numbers, the inertias and what Drake ignores in one file."""
-    for element, line in lines.items():
-        where = f"{place}: line {line}: "
-        texts = {"": element.text or ""} if ending == ".sdf" and element.tag in _NUMBERS else {}
-        if ending != ".sdf":
-            texts = {key: text for key, text in element.items() if key in _NUMBERS}
-            texts |= {"value": element.get("value", "")} if element.tag == "mass" else {}
-        for key, text in texts.items():
-            may_be_infinite = (key or element.tag) in _LIMITS
-            for word in text.split():
-                if not _is_number(word, may_be_infinite):
-                    raise InputError(
-                        f"{where}<{element.tag}{key and ' '}{key}>: {word:.40} is not a finite "
-                        "number; write numbers with a decimal point and no unit"
-                    )
-        if element.tag == "mimic" and ending == ".sdf":
-            raise InputError(f"{where}a mimic joint couples joints; Drake would ignore it")
-        elif element.tag == "equality" and ending == ".xml" and len(element):
-            raise InputError(f"{where}an equality constraint closes a loop or couples joints")
-        elif element.tag == "compiler" and (changes := _MJCF_MASSES & set(element.attrib)):
-            raise InputError(
-                f"{where}{min(changes)}: masses or inertias other than the bodies' own; Drake "
-                "would ignore it"
-            )
-    for inertial in root.iter("inertial"):
-        _check_inertia(inertial, ending, f"{place}: line {lines[inertial]}: ")
+def _check_numbers(element: ElementTree.Element, ending: str, where: str) -> None:
+    """Refuse a text in place of a number, of which Drake would read the beginning."""
+    tag = element.tag
+    texts = {"": element.text or ""} if ending == ".sdf" and tag in _NUMBERS else {}
+    if ending != ".sdf":
+        texts = {key: text for key, text in element.items() if key in _NUMBERS}
+        texts |= {"value": element.get("value", "")} if tag == "mass" else {}
+    for key, text in texts.items():
+        for word in text.split():
+            if not _is_number(word, may_be_infinite=(key or tag) in _LIMITS):
+                raise InputError(
+                    f"{where}<{tag}{key and ' '}{key}>: {word:.40} is not a finite number; write "
+                    "numbers with a decimal point and no unit"
+                )
 
 
-def _is_number(word: str, may_be_infinite: bool) -> bool:
+def _check_meaning(element: ElementTree.Element, ending: str, where: str) -> None:
+    """Refuse what Drake would ignore or replace."""
+    tag = element.tag
+    if tag == "inertial":
+        _check_inertia(element, ending, where)
+    elif tag == "mimic" and ending == ".sdf":
+        raise InputError(f"{where}a mimic joint couples joints; Drake would ignore it")
+    elif tag == "equality" and ending == ".xml" and len(element):
+        raise InputError(f"{where}an equality constraint closes a loop or couples joints")
+    elif tag == "compiler" and (changes := _MJCF_MASSES & set(element.attrib)):
+        raise InputError(
+            f"{where}{min(changes)}: masses or inertias other than the bodies' own; Drake would "
+            "ignore it"
+        )
+
+
+def _is_number(word: str, *, may_be_infinite: bool) -> bool:
     try:
         value = float(word) if "_" not in word else np.nan
     except ValueError:

@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.rotations import (
+    angular_velocity,
     cross,
     exponentials,
     product,
@@ -52,6 +53,7 @@ def test_quaternion_rate_is_the_derivative_of_a_turn_about_body_axes():
     after *= np.sign(np.sum(after * quaternion, axis=1, keepdims=True))
     rate = quaternion_rate(quaternion, w_B)
     np.testing.assert_allclose(rate, (after - quaternion) / h, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(angular_velocity(3 * quaternion, 3 * rate), w_B, atol=1e-14)
 
 
 def test_a_turn_about_an_axis_is_in_the_frame_that_is_rotated_from():

@@ -240,6 +240,15 @@ def test_one_target_for_motion_and_turn_tells_the_unit_of_noisy_positions(craft,
     assert f"(position.unit: {unit} in a map" in said(craft.tree, bad)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("spoil", "words"), [(turned_base, "other axes"), (mirrored, "mirrored")])
+def test_the_convention_of_a_log_whose_fit_ends_without_an_answer_is_named_first(
+    craft, noisy, spoil, words
+):
+    with pytest.raises(InputError, match=f"^most likely, .*{words}.*no rigid body reduces"):
+        identify(craft, spoil(noisy), sensors=SUITE)
+
+
 @pytest.mark.parametrize("words", ["q:shoulder and q:elbow are exchanged", "direction: R_BW"])
 def test_the_convention_of_a_noisy_log_without_positions_is_named(craft, noisy, words):
     assert words in said(craft.tree, without(CONVENTIONS[words](noisy), "position"))

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cpid_drake.errors import InputError
+from cpid_drake.errors import InputError, listed
 from cpid_drake.logs.alternatives import alternatives
 from cpid_drake.logs.column_map import ColumnMap, Order, with_entries
 from cpid_drake.logs.conventions import AGREES, DIFFERS, WORSE
@@ -80,10 +80,8 @@ def guess_map(
         )
     if "joint_positions.unit" in guess.free:
         _assume_joint_unit(guess)
-    unused = read_columns(guess.column_map, table, "the log").ignored
-    if unused:
-        more = f" and {len(unused) - 20} more" if len(unused) > 20 else ""
-        guess.say("ignore_columns", f"not used: {', '.join(unused[:20])}{more}")
+    if unused := read_columns(guess.column_map, table, "the log").ignored:
+        guess.say("ignore_columns", f"not used: {listed(unused, 20)}")
     return guess
 
 
