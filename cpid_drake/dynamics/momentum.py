@@ -5,6 +5,7 @@ and 18 print i = 1. That omits the base and gives a negative mass in the paper's
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.kinematics import BodyMotion, CaptureMotion, forward_kinematics
 from cpid_drake.dynamics.motion import Motion
+from cpid_drake.dynamics.parameterizations import moved_moments
 from cpid_drake.dynamics.rotations import cross, rotate
 from cpid_drake.dynamics.tree import KinematicTree
 
@@ -100,15 +102,32 @@ def target_momentum(
 
 def momentum_samples(tree: KinematicTree, motion: Motion) -> MomentumSamples:
     """Return the momentum samples of a motion; welded bodies are treated as one body."""
-    tree = tree.lumped
-    bodies, capture = forward_kinematics(tree, **motion.states)
-    return MomentumSamples(
-        capture,
-        linear_momentum(tree, bodies),
-        angular_momentum(tree, bodies, capture.p_WC),
-        np.sum(tree.masses[..., None] * bodies.r, axis=0) / tree.mass,
-        tree.mass,
-    )
+    tree, R_WB = tree.lumped, motion.R_WB
+    joints = np.stack([motion.q, motion.qdot])
+    capture, sums = _on_a_base_at_rest(tree, joints.tobytes(), joints.shape)
+    P, L, first, inertia = sums
+    w_B, v_B = np.moveaxis(np.stack([motion.w_WB, motion.v_WB], axis=1) @ R_WB, 1, 0)
+    p_C, v = capture.p_WC, v_B + cross(w_B, capture.p_WC)  # of the base's point at C
+    in_B = [p_C, p_C + first / tree.mass, capture.w_WC + w_B, capture.v_WC + v]
+    in_B += [P + tree.mass * v + cross(w_B, first), L + rotate(inertia, w_B) + cross(first, v)]
+    p_C, p_K, w, v, P, L = np.moveaxis(np.stack(in_B, axis=1) @ np.swapaxes(R_WB, -1, -2), 1, 0)
+    place = CaptureMotion(R_WB @ capture.R_WC, motion.p_WB + p_C, w, v)
+    return MomentumSamples(place, P, L, motion.p_WB + p_K, tree.mass)
+
+
+@lru_cache(maxsize=8)  # trials of many targets have one motion of the joints
+def _on_a_base_at_rest(
+    tree: KinematicTree, joints: bytes, shape: tuple[int, ...]
+) -> tuple[CaptureMotion, list[NDArray[np.float64]]]:
+    """Return C's motion, momentum P and L, and first moment and inertia, about C, seen from B.
+
+    The joints are the bytes of positions and rates (2, N, J).
+    """
+    bodies, capture = forward_kinematics(tree, *np.frombuffer(joints).reshape(shape))
+    P, L = momenta(tree, bodies, capture.p_WC)
+    p = bodies.r - capture.p_WC
+    first, inertias = moved_moments(tree.masses, tree.inertias, bodies.R, p)
+    return capture, [each.sum(axis=0) for each in (P, L, first, inertias)]
 
 
 def total_momentum(

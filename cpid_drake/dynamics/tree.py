@@ -41,7 +41,7 @@ class TreeBody:
     I_BBcm: NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class KinematicTree:
     """The known bodies, inboard before outboard, and the capture frame C on one of them.
 

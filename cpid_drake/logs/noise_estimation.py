@@ -118,17 +118,18 @@ def sample_sigmas(samples: Log | Motion) -> NDArray[np.float64]:
 def rounding(values: NDArray[np.float64]) -> float:
     """Return the unit of the last decimal of rounded numbers; zero for numbers of all digits."""
     values = values[np.isfinite(values) & (values != 0)]
-    for decimals in range(13):  # numbers with more decimals have all digits
-        # A few numbers tell most often that it is not so.
-        if _are_rounded(values[:20], decimals) and _are_rounded(values, decimals):
-            return float(10.0**-decimals) if len(values) else 0.0
+    decimals = np.arange(13)  # numbers with more have all digits
+    for count in decimals[_are_whole(values[:20], decimals)]:  # a few numbers exclude most
+        if _are_whole(values, np.array([count])).all():
+            return 10.0 ** -int(count) if len(values) else 0.0
     return 0.0
 
 
-def _are_rounded(values: NDArray[np.float64], decimals: int) -> bool:
-    scaled = values * 10.0**decimals
+def _are_whole(values: NDArray[np.float64], decimals: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Return whether values (N,) have so many decimals (D,), and none is rounded to zero."""
+    scaled = values * 10.0 ** decimals[:, None]
     whole = np.round(scaled)
-    return bool(np.all(whole != 0) and np.all(np.abs(scaled - whole) < 1e-3))
+    return np.asarray(((whole != 0) & (np.abs(scaled - whole) < 1e-3)).all(axis=1))
 
 
 def _is_one_motion(encoders: Samples) -> bool:

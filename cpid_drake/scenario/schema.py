@@ -5,7 +5,9 @@ in `__post_init__`. `simulation` turns a scenario into a Drake Diagram.
 """
 
 import json
+from copy import deepcopy
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -222,11 +224,15 @@ def default_simulator() -> SimulatorConfig:
 
 
 def _read_simulator(value: object) -> SimulatorConfig:
-    """Return Drake's settings from a mapping, whose keys and types Drake checks."""
+    """Return Drake's settings from a mapping."""
+    return deepcopy(_simulator(json.dumps(value)))
+
+
+@lru_cache(maxsize=8)  # of all trials of a campaign, as a rule
+def _simulator(text: str) -> SimulatorConfig:
+    """Return Drake's settings from JSON, whose keys and types Drake checks."""
     try:
-        config = yaml_load_typed(
-            schema=SimulatorConfig, data=json.dumps(value), defaults=default_simulator()
-        )
+        config = yaml_load_typed(schema=SimulatorConfig, data=text, defaults=default_simulator())
     except (RuntimeError, ValueError, TypeError, AttributeError) as error:
         raise InputError(f"not Drake's SimulatorConfig: {error}") from error
     if config.integration_scheme not in INTEGRATION_SCHEMES:

@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from cpid_drake.dynamics.body_dynamics import BodyDynamics
+from cpid_drake.dynamics.kinematics import forward_kinematics
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.rotations import exponentials
 from cpid_drake.dynamics.total_momentum import TotalMomentum
@@ -143,7 +143,7 @@ def _job(plan: Plan, number: int, values: dict[str, Any]) -> _Job:
     case = make_case(trial, spacecraft, truth, suite or SensorSuite(), plan.campaign.seed)
     if trial.tumble_C.any():
         q = case.motion.evaluate(np.zeros(1))[:, 0]
-        R_WC = BodyDynamics.at(spacecraft.tree, q, 0 * q).R_BC[0]  # B is at W at the start
+        R_WC = forward_kinematics(spacecraft.tree.lumped, q, 0 * q)[1].R_WC[0]  # B is at W then
         L_W = R_WC @ truth.I_TTcm_C @ trial.tumble_C
         momentum_W = case.momentum_W + np.concatenate([L_W, np.zeros(3)])
         case = replace(case, momentum_W=momentum_W, momentum=TotalMomentum.unknown())
