@@ -143,8 +143,9 @@ class TargetConfig(BodyConfig):
 class ControllerConfig:
     """The joint controller: its model of the target, and its feedback gains [rad/s, 1].
 
-    A controller that does not know the target assumes a solid sphere about C's origin [kg, m]. Its
-    mass must then be given; half or twice the true mass is good enough.
+    With the target it knows the forces from outside, too, and the joints follow their motion
+    exactly. A controller that does not know the target assumes a solid sphere about C's origin
+    [kg, m]. Its mass must then be given; half or twice the true mass is good enough.
     """
 
     knows_target: bool = True

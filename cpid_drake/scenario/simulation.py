@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -235,6 +236,11 @@ def make_simulation(
     source, config = builder.AddSystem(JointMotionSource(motion)), scenario.controller
     mass, moment = config.nominal_mass, 0.4 * config.nominal_mass * config.nominal_radius**2
     sphere = InertialParameters(mass, np.zeros(3), moment * np.eye(3))
+    sensors, sensor_logs, suite = None, {}, scenario.make_suite()
+    forces, thrust = _add_forces(builder, scenario, spacecraft, plant)
+    known: dict[str, Any] = {}
+    if forces is not None and config.knows_target and not scenario.simulation.sprung_masses:
+        known = {"knows_forces": True, "spatial_forces": forces.GetOutputPort("spatial_forces")}
     JointController.AddToBuilder(
         builder,
         spacecraft,
@@ -246,10 +252,8 @@ def make_simulation(
         plant=plant,
         natural_frequency=config.natural_frequency,
         damping_ratio=config.damping_ratio,
+        **known,
     )
-
-    sensors, sensor_logs, suite = None, {}, scenario.make_suite()
-    forces, thrust = _add_forces(builder, scenario, spacecraft, plant)
     if suite is not None:
         sensors = SpacecraftSensors.AddToBuilder(
             builder, spacecraft, state=state, suite=suite, seed=scenario.sensors.seed

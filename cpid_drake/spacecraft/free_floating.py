@@ -1,8 +1,10 @@
 """Inverse dynamics of a spacecraft whose base floats freely."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.multibody.tree import MultibodyForces
 from pydrake.systems.framework import Context
 
@@ -10,7 +12,7 @@ from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 
 class FreeFloatingDynamics:
-    """Computes the joint efforts that accelerate the joints while no force acts on the base.
+    """Computes the joint efforts that accelerate the joints while the base floats freely.
 
     The equations of motion are M v̇ + C = τ + τ_applied. B are the coordinates without actuators:
     those of the base, and of a compliant wrist. Their acceleration is
@@ -38,12 +40,18 @@ class FreeFloatingDynamics:
         self._B, self._J = B, J
         self._BB, self._BJ, self._JJ = np.ix_(B, B), np.ix_(B, J), np.ix_(J, J)
 
-    def generalized_force(self, context: Context, a_J: ArrayLike) -> NDArray[np.float64]:
+    def generalized_force(
+        self,
+        context: Context,
+        a_J: ArrayLike,
+        outside: Sequence[ExternallyAppliedSpatialForce] = (),
+    ) -> NDArray[np.float64]:
         """Return the generalized force (nv,) that gives the joints their acceleration.
 
         Args:
             context: a context of the plant with the state.
             a_J: (J,) accelerations of the joints [rad/s² or m/s²].
+            outside: forces from outside.
 
         Returns:
             The joint efforts [N·m or N] in the order of v; zero on the base.
@@ -53,6 +61,10 @@ class FreeFloatingDynamics:
         M = plant.CalcMassMatrix(context)
         applied = MultibodyForces(plant)
         plant.CalcForceElementsContribution(context, applied)
+        for force in outside:
+            body, world = plant.get_body(force.body_index), plant.world_frame()
+            p_W = body.EvalPoseInWorld(context).rotation() @ force.p_BoBq_B
+            body.AddInForce(context, p_W, force.F_Bq_W, world, applied)
         bias = plant.CalcBiasTerm(context) - plant.CalcGeneralizedForces(context, applied)
         M_BB, M_BJ, M_JJ = M[self._BB], M[self._BJ], M[self._JJ]
         a_B = np.linalg.solve(M_BB, -bias[B] - M_BJ @ a_J)

@@ -2,7 +2,7 @@
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.multibody.tree import SpatialInertia, UnitInertia
 from pydrake.systems.framework import (
     BasicVector,
@@ -29,7 +29,8 @@ class JointController(SpacecraftSystem):
     efforts that accelerate the joints by a_J = q̈_d + 2ζω (q̇_d − q̇) + ω² (q_d − q). These efforts
     act between the links, so they conserve momentum whatever the model is.
 
-    With the true target in the model the joints follow the desired motion exactly. Without any
+    With the true target in the model the joints follow the desired motion exactly, also against
+    forces from outside if it reads them. Without any
     target the torques at the wrist are far too small for the load. A guess of half or twice the
     true mass suffices, because feedback corrects the rest. A controller that reads an identifier's
     estimate replaces the target of its model as soon as all ten parameters are known with the
@@ -43,6 +44,7 @@ class JointController(SpacecraftSystem):
         - desired_motion
         - covariance
         - spatial_inertia
+        - spatial_forces
         output_ports:
         - generalized_force
         - model_target
@@ -52,6 +54,7 @@ class JointController(SpacecraftSystem):
       of Drake's `TrajectorySource` with `output_derivative_order=2`.
     - `covariance` (100) and `spatial_inertia`, if `reads_estimate`: outputs of an identifier, NaN
       while unknown.
+    - `spatial_forces`, if `knows_forces`: all forces from outside, as those of `ExternalForces`.
     - `generalized_force`: for the plant's applied-generalized-force port; zero on the base.
     - `model_target` (10): the target of the model as `parameterizations.PARAMETER_NAMES`; zero if
       the model is the spacecraft alone.
@@ -69,6 +72,8 @@ class JointController(SpacecraftSystem):
         damping_ratio: ζ of the joint errors.
         reads_estimate: whether the target of the model follows an identifier's estimate, which then
             has two ports here.
+        knows_forces: whether it reads the forces from outside, against which the joints then hold
+            their motion.
         tolerance: the largest σ of an estimate that is used, relative to the scale of each
             parameter (see `parameterizations.parameter_scale`).
         period: time between two readings of the estimate [s].
@@ -89,6 +94,7 @@ class JointController(SpacecraftSystem):
         natural_frequency: float = 10.0,
         damping_ratio: float = 1.0,
         reads_estimate: bool = False,
+        knows_forces: bool = False,
         tolerance: float = 0.05,
         period: float = 0.1,
     ) -> None:
@@ -127,6 +133,9 @@ class JointController(SpacecraftSystem):
             self.DeclarePeriodicUnrestrictedUpdateEvent(
                 period_sec=period, offset_sec=0.0, update=self._read_estimate
             )
+        if knows_forces:
+            none = Value([ExternallyAppliedSpatialForce()])
+            self.DeclareAbstractInputPort("spatial_forces", none)
         self.DeclareVectorOutputPort(
             name="generalized_force",
             size=plant.num_velocities(),
@@ -154,8 +163,10 @@ class JointController(SpacecraftSystem):
         model = self._scratch.context
         self._target.SetSpatialInertiaInBodyFrame(model, self._model_inertia(context))
         self._dynamics.plant.SetPositionsAndVelocities(model, state[self._model_columns])
+        knows_forces = self.HasInputPort("spatial_forces")
+        outside = self.GetInputPort("spatial_forces").Eval(context) if knows_forces else ()
         force = np.zeros(output.size())
-        force[self._driven] = self._dynamics.generalized_force(model, a_J)
+        force[self._driven] = self._dynamics.generalized_force(model, a_J, outside)
         output.SetFromVector(force)
 
     def _calc_model_target(self, context: Context, output: BasicVector) -> None:
