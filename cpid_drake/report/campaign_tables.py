@@ -64,7 +64,7 @@ def errors(found: Statistics, point: int) -> Table:
     """Return error over bound, NEES and coverage of every estimator in a point of the grids."""
     names = found.plan.campaign.estimators
     tallies = [found.by_point.get((point, name), Tally()) for name in names]
-    bound = next((_bound(t) for t in tallies if t.bounded.any()), np.full(10, np.nan))
+    bound = next((t for t in tallies if t.bounded.any()), Tally()).beside_bound()[1]
     has_bound, rows = bool(np.isfinite(bound).any()), []
     for i, name in enumerate(PARAMETER_NAMES):
         shown = [t.over_bound()[i] if has_bound else 100 * t.rms()[i] for t in tallies]
@@ -155,18 +155,13 @@ def compared(found: Statistics) -> str:
         f"{found.compared} of {found.done} trials were repeated with Drake's plant of the nominal "
         f"spacecraft: the base's pose differs by at most {found.position:.2g} m and "
         f"{found.angle:.2g} rad. Drake takes {found.drake_seconds:.3g} s of the processor for a "
-        f"trial, the propagator {1e3 * found.truth_seconds:.3g} ms, {ratio:.0f} times less. Where "
-        "forces act from outside, the plant's joints do not follow their motion exactly."
+        f"trial, the propagator {1e3 * found.truth_seconds:.3g} ms, {ratio:.0f} times less."
     )
 
 
 def _where(found: Statistics, point: int) -> str:
     values = found.plan.points[point]
     return "".join(f"{key} {value} " for key, value in values.items()).strip()
-
-
-def _bound(tally: Tally) -> np.ndarray:
-    return np.sqrt(tally.bound / np.where(tally.bounded > 0, tally.bounded, np.nan))
 
 
 def _size(tally: Tally) -> float:
@@ -212,15 +207,16 @@ def _pictures(found: Statistics) -> list[Picture]:
 
 
 def _draw_errors(found: Statistics, point: int, axes: Axes) -> None:
-    names, bound = found.plan.campaign.estimators, None
+    names, bounds = found.plan.campaign.estimators, list[np.ndarray]()
     for k, name in enumerate(names):
         tally = found.by_point.get((point, name), Tally())
         x = np.arange(10) - 0.4 + (k + 0.5) * 0.8 / len(names)
-        axes.plot(x, 100 * tally.rms(), "o", label=name, color=COLORS[k % 6], markersize=5)
-        bound = _bound(tally) if bound is None and tally.bounded.any() else bound
-    if bound is not None:
+        error, bound = tally.beside_bound()
+        axes.plot(x, 100 * error, "o", label=name, color=COLORS[k % 6], markersize=5)
+        bounds += [bound] if np.isfinite(bound).any() else []
+    if bounds:
         left, right = np.arange(10) - 0.42, np.arange(10) + 0.42
-        axes.hlines(100 * bound, left, right, color=INK, label="bound")
+        axes.hlines(100 * bounds[0], left, right, color=INK, label="bound")
     axes.set_yscale("log")
     label_axes(axes, f"RMS error {_where(found, point)}", "", "% of scale (m, 0.5 m, trace of I)")
     axes.set_xticks(np.arange(10), PARAMETER_NAMES)

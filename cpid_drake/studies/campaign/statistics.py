@@ -57,6 +57,7 @@ class Tally:
         known, error, square, inside: (10,) for each parameter: the number of estimates, the sums of
             their errors and of their squares, and the number of intervals with the truth.
         bounded, ratio: (10,) number of estimates with a bound, and sum of (error / bound)².
+        beside: (10,) sum of the squares of the errors of estimates with a bound.
         scaled: sum of the squares of the largest error relative to its scale.
         bound: (10,) sum of the squares of the bounds relative to the scale.
         nees, freedom: sum of the squared errors in units of the covariance, and what it should be.
@@ -76,6 +77,7 @@ class Tally:
     inside: Array = field(default_factory=lambda: np.zeros(10))
     bounded: Array = field(default_factory=lambda: np.zeros(10))
     ratio: Array = field(default_factory=lambda: np.zeros(10))
+    beside: Array = field(default_factory=lambda: np.zeros(10))
     bound: Array = field(default_factory=lambda: np.zeros(10))
     scaled: float = 0.0
     nees: float = 0.0
@@ -93,6 +95,14 @@ class Tally:
     def rms(self) -> Array:
         """Return the RMS errors (10,) relative to the scale."""
         return _root(self.square, self.known)
+
+    def beside_bound(self) -> tuple[Array, Array]:
+        """Return the RMS errors (10,) of the trials with a bound, and the RMS of the bounds.
+
+        Without any, the errors are those of all trials, and the bounds NaN.
+        """
+        error = _root(self.beside, self.bounded) if self.bounded.any() else self.rms()
+        return error, _root(self.bound, self.bounded)
 
     def over_bound(self) -> Array:
         """Return the RMS (10,) of error over bound."""
@@ -220,6 +230,7 @@ def add(tally: Tally, table: pa.Table, plan: Plan) -> None:
     bounded = np.isfinite(error / bound)
     tally.bounded += bounded.sum(axis=0)
     tally.ratio += np.nansum((error / bound) ** 2, axis=0)
+    tally.beside += np.sum(np.where(bounded, scaled, 0) ** 2, axis=0)
     tally.bound += np.nansum(np.where(bounded, bound / scale, 0) ** 2, axis=0)
     tally.scaled += float(np.nansum(largest(scaled) ** 2))
     nees = good["nees"].to_numpy()
