@@ -28,6 +28,7 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.likelihood.joint_motion import DEGREE, ORDER, JointPart, spline_basis
+from cpid_drake.estimation.likelihood.uniform_spline import GAUSS_LEGENDRE
 from cpid_drake.logs.log import Samples
 from cpid_drake.sensors.suite import SensorSuite
 
@@ -40,7 +41,6 @@ FAR = 4.0
 DECLARED = 10.0
 """The declared σ of a sensor counts as much as so many samples."""
 
-_LEGENDRE = np.polynomial.legendre.leggauss(3)  # exact for the square of a quadratic
 _GRID = np.arange(-29.0, 16.0, 3.0)  # of log λ: jerk noise of 1e-6 to 1e3 rad/s³·√s
 _WORTH = 6.0  # of −2 log(evidence) for a rougher motion: strong evidence (Kass and Raftery 1995)
 _REWEIGHTINGS = 6  # at most; outliers look like a rough motion or like noise until they are known
@@ -163,7 +163,7 @@ class _JointSamples:
     def penalty(self, pieces: int) -> NDArray[np.float64]:
         """Return P (3 pieces, K): |P c|² is the integral of the squared jerk."""
         edges = np.linspace(self.start, self.end, pieces + 1)
-        x, weights = _LEGENDRE
+        x, weights = GAUSS_LEGENDRE  # exact for the square of a quadratic
         half = (self.end - self.start) / pieces / 2
         at = ((edges[:-1] + edges[1:])[:, None] / 2 + half * x).ravel()
         return np.sqrt(np.tile(weights * half, pieces))[:, None] * self.basis(pieces, at, 3)

@@ -112,11 +112,12 @@ def roll(model: Model, log: LogState, values: Values, near: Rolled | None = None
     walking, sigma = model.walking_columns, model.walking_sigma
     state, links = log.start, 0.0
     assert state is not None
-    still_to_come = np.sum(log.walks, axis=0) if log.walks else np.zeros(len(walking))
+    # of each block: what is still to come
+    later = np.cumsum([np.zeros(len(walking)), *reversed(log.walks)], axis=0)[::-1]
     models, nominal, trajectories, residuals = list[BlockModel](), [], [], []
     for k, (block, joints) in enumerate(zip(log.blocks, log.joints, strict=True)):
         constants = last.copy()
-        constants[walking] -= still_to_come
+        constants[walking] -= later[k]
         part = BlockModel(
             tree,
             joints,
@@ -130,8 +131,6 @@ def roll(model: Model, log: LogState, values: Values, near: Rolled | None = None
         )
         models.append(part)
         nominal.append(constants)
-        if k < len(log.walks):
-            still_to_come = still_to_come - log.walks[k]
     relate([part.motion for part in models])
     for k, (part, block) in enumerate(zip(models, log.blocks, strict=True)):
         first = replace(state, psi=psi, constants=nominal[k], forces=log.forces[k])

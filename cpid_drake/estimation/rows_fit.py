@@ -38,6 +38,9 @@ from cpid_drake.logs.log import Samples, concatenated_samples
 TARGET, MOMENTUM = "target", "momentum"
 """The unknowns of a log's Gaussian."""
 
+FEWEST = 20
+"""Number of independent residuals from which on they show their correlation in time."""
+
 ROUNDING = 1e-8
 """Least size of the errors of rows, as a share of the rows: less is rounding."""
 
@@ -45,7 +48,6 @@ _SAMPLES_AT_ONCE = 2048  # samples of a part, whose arrays fit into a processor'
 _MOST_KEPT = 20_000  # samples whose rows are kept for the residuals and their correlation in time
 _MOST_CHANGED = 200  # complete samples of a block that show the shape of its errors
 _NOISE = 0.25  # share of the information about a combination that may be noise
-_FEWEST = 20  # independent residuals that determine their correlation
 _NOTHING = 1e-12  # size of combinations that have no effect, as a share of the columns
 _ROUNDS = 4  # of the size of the errors, which depends on the solution
 
@@ -191,7 +193,7 @@ class LogRows:
                 return noise
             rests = np.concatenate([part.value @ unit for part in self._kept])
             time = whiteness(rests).correlation_time
-            if self.row_count / time - used < _FEWEST:
+            if self.row_count / time - used < FEWEST:
                 time = 1.0
             # Residuals are smaller than errors by what the unknowns take of them.
             larger = self.row_count / (self.row_count - time * used)

@@ -24,6 +24,7 @@ from cpid_drake.estimation.evidence import NAMED
 from cpid_drake.estimation.gaussian import Gaussian, solution_of
 from cpid_drake.estimation.least_squares import KNOWN
 from cpid_drake.estimation.rows_fit import (
+    FEWEST,
     TARGET,
     LogRows,
     RowNoise,
@@ -53,7 +54,6 @@ _FORCES = (
 )
 _CAUSE = "the spacecraft, a frame, a sign or a clock is not as assumed, or forces acted"
 _MOMENTA = ("zero", "known", "unknown")
-_FEW_ROWS = 20  # fewer rows show no correlation in time
 
 
 def estimate(
@@ -295,7 +295,7 @@ def _identified(known: Known, log: CheckedLog) -> tuple[Identification, Gaussian
     x = np.append(own, solution.values[unknowns])  # what is not determined must not explain errors
     if noise.scatter is None:
         solution = replace(solution, covariance=np.full((10, 10), np.nan))
-    is_shown = solution.rank == len(unknowns) and count > _FEW_ROWS
+    is_shown = solution.rank == len(unknowns) and count > FEWEST
     residuals = _residuals(rows, x, family) if is_shown else {}
     is_judged = solution.rank == len(unknowns) and noise.scatter is not None
     found = Identification.of_solution(

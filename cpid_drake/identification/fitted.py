@@ -126,6 +126,8 @@ def estimate(
     )
     if not all(check.passed for check in fails):
         said = (*said, *undeclared_forces(model))
+    [first, *others] = logs
+    own = {} if others else momentum_of(model, found.values, gaussian, first, compared)
     result = Identification.of_solution(
         relative_parameterization(model.mass),
         solution_of(model, found.values, gaussian, count=used.total()),
@@ -140,7 +142,7 @@ def estimate(
         momentum="unknown" if is_free else (known.momentum or TotalMomentum.zero()).name,
         noise=noise,
         effects=effects,
-        **(_momentum(found, compared, gaussian) if len(logs) == 1 else {}),
+        **own,
     )
     if model.known_bodies is None and found.converged and result.solution is not None:
         held = _held(found, question, compared)
@@ -230,16 +232,6 @@ def _without(question: Question, wrong: Sequence[str]) -> Question:
     """Return the question without given values that are wrong."""
     given = {name: value for name, value in question.given.items() if name not in wrong}
     return replace(question, given=given)
-
-
-def _momentum(found: Fit, compared: Comparison, gaussian: Gaussian) -> dict[str, Any]:
-    """Return the fields of the momentum at the start of the only log, if it is not known."""
-    key = f"{MOMENTUM}|{found.logs[0].name}"
-    if key not in compared.values:
-        return momentum_of(found.model, found.values, gaussian, found.logs[0].name)
-    count = 6 if "position" in found.model.suite.present() else 3
-    value, sigma = compared.values[key][:count], compared.sigma[key][:count]
-    return {"momentum_estimate": value, "momentum_covariance": np.diag(sigma**2)}
 
 
 def _residuals(found: Fit) -> tuple[dict[str, ResidualSeries], dict[str, tuple[int, int]]]:
@@ -349,19 +341,24 @@ def effects_of(
     return tuple(found)
 
 
-def momentum_of(model: Model, values: Values, gaussian: Gaussian, log: str) -> dict[str, Any]:
+def momentum_of(
+    model: Model, values: Values, gaussian: Gaussian, log: str, compared: Comparison | None = None
+) -> dict[str, Any]:
     """Return a result's fields of L at the start of a log, and v_WScm if positions are measured.
 
-    There are none if the momentum is known.
+    There are none if the momentum is known. One that acts has the values of its comparison.
     """
     key = f"{MOMENTUM}|{log}"
-    if key not in gaussian.places:
+    if compared is not None and key in compared.values:
+        value, covariance = compared.values[key], np.diag(compared.sigma[key] ** 2)
+    elif key in gaussian.places:
+        found = gaussian.marginal([key])
+        value, covariance = values[key] + found.solve(), found.covariance()
+    else:
         return {}
-    found = gaussian.marginal([key])
     count = 6 if "position" in model.suite.present() else 3
     free = [2, 3, 4][: count // 2]  # of (L, v) on a table
     entries = np.array(free if model.tree.normal_B is not None else range(count))
-    value, covariance = values[key] + found.solve(), found.covariance()
     return {
         "momentum_estimate": value[entries],
         "momentum_covariance": covariance[np.ix_(entries, entries)],

@@ -90,8 +90,8 @@ class Trajectory:
         w: (U, 3) angular velocity, in B [rad/s].
         inverse: (U, 3, 3) inverse of the system's inertia, in B; see `BodyDynamics.mobility`.
         spline: w between the nodes.
-        L: (U, 3) angular momentum about the centre of mass, in W, with that of a hidden wheel; (3,)
-            if it is constant [N·m·s].
+        L: (U, 3) angular momentum about the centre of mass, in W, with that of a hidden wheel
+            [N·m·s].
         travel: (U, 6) what logged thrust adds to position [m] and velocity [m/s] of the centre of
             mass, in W; None without thrust.
         by_joints: derivatives of the motion by joint positions and rates; None if not yet needed.
@@ -211,7 +211,7 @@ class BaseMotion:
         inverse, h = dynamics.mobility(state.psi), dynamics.momentum_at_rest(state.psi)
         step, first = self.nodes[1] - self.nodes[0], state.attitude.as_matrix()
         R = first if near is None else first @ near.R[0].T @ near.R[:N]
-        L = state.L
+        L = np.broadcast_to(state.L, (len(self.times), 3))
         torque, wheel = (self.constants.value(state.constants, n) for n in ("torque", WHEEL))
         if torque is not None:
             L = L + torque * (self.times - self.joints.start)[:, None]
@@ -220,7 +220,6 @@ class BaseMotion:
                 L = L + force.impulse(self.times) @ state.forces[force.rows]
         if wheel is not None:  # which turns with the base; L is that of the other bodies
             h, L = h + wheel, L + first @ wheel
-        at_nodes = L if L.ndim == 1 else L[:N]
         J = None if self.orbit is None else self.grid.inertia(state.psi)
         added, pushed = np.zeros(3), None
         # With momentum the velocity depends on the attitude: iterate until it is constant.
@@ -229,12 +228,12 @@ class BaseMotion:
             if self.orbit is not None and J is not None:
                 inertia_W = R @ J @ np.swapaxes(R, -1, -2)
                 added = self._accumulated(self.orbit.torque(inertia_W, self.nodes))
-            total = at_nodes + added
+            total = L[:N] + added
             if self.thrust is not None:
                 everywhere = np.broadcast_to(R, (N, 3, 3))
                 pushed = self.thrust.momentum(everywhere, state.psi)
                 total = total + pushed[:N]
-            w = rotate(inverse[:N], _in_base(total, R) - h[:N])
+            w = rotate(inverse[:N], rotate(np.swapaxes(R, -1, -2), total) - h[:N])
             spline = UniformSpline(self.nodes[0], step, w)
             if self.thrust is not None:
                 spline = self.thrust.spline(w, inverse[:N], everywhere, state.psi)
@@ -252,7 +251,8 @@ class BaseMotion:
         if J is not None:
             L = L + np.concatenate([added, self.interpolation(times) @ added])
         L = L if pushed is None else L + pushed
-        return replace(nodes, R=R, w=rotate(inverse, _in_base(L, R) - h), L=L)
+        L_B = rotate(np.swapaxes(R, -1, -2), L)
+        return replace(nodes, R=R, w=rotate(inverse, L_B - h), L=L)
 
     def gradient_by_psi(self, trajectory: Trajectory) -> NDArray[np.float64] | None:
         """Return the derivative (U, 3, 10) of L by ψ because of the gravity gradient, in W.
@@ -293,7 +293,7 @@ class BaseMotion:
     def end(self, trajectory: Trajectory) -> TrajectoryState:
         """Return the state at the end of a trajectory."""
         state, L, last = trajectory.state, trajectory.L, len(self.nodes) - 1
-        L, wheel = L if L.ndim == 1 else L[last], self.constants.value(state.constants, WHEEL)
+        L, wheel = L[last], self.constants.value(state.constants, WHEEL)
         if wheel is not None:
             L = L - trajectory.R[last] @ wheel
         p, v = np.split(self.com_motion(trajectory, slice(last, last + 1))[0], 2)
@@ -341,8 +341,7 @@ class BaseMotion:
 
         """
         h, N = self.nodes[1] - self.nodes[0], len(self.nodes)
-        R, L = trajectory.R[:N], trajectory.L
-        L = L if L.ndim == 1 else L[:N]
+        R, L = trajectory.R[:N], trajectory.L[:N]
         mobility = trajectory.inverse[:N] @ np.swapaxes(R, -1, -2)
         coupling = mobility @ skew(L)
         A = R @ coupling
@@ -392,8 +391,3 @@ def relate(motions: Sequence[BaseMotion]) -> None:
         for motion in some:
             start, end = end, end + len(motion.times)
             motion.dynamics = dynamics.part(slice(start, end))
-
-
-def _in_base(L: NDArray[np.float64], R: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return Rᵀ L (N, 3) for a constant L (3,) or one for each instant (N, 3)."""
-    return L @ R if L.ndim == 1 else (L[:, None] @ R)[:, 0]

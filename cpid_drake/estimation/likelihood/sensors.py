@@ -23,6 +23,7 @@ from cpid_drake.estimation.block import LONGEST_DELAY
 from cpid_drake.estimation.likelihood.constants import BIAS, Constants
 from cpid_drake.estimation.likelihood.effects import MotionChange
 from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory
+from cpid_drake.estimation.likelihood.uniform_spline import GAUSS_LEGENDRE
 from cpid_drake.logs.log import Log, Samples
 from cpid_drake.sensors.sensors import SENSORS, AttitudeSensor, Gyro
 from cpid_drake.sensors.suite import SensorSuite
@@ -35,8 +36,6 @@ ENCODER_DELAY = "encoders.delay"
 
 _STEP = 1e-3
 """Step of differences in time [s]."""
-
-_POINTS, _POINT_WEIGHTS = np.polynomial.legendre.leggauss(3)
 
 
 class SensorModel(ABC):
@@ -234,8 +233,9 @@ class GyroModel(SensorModel):
         assert isinstance(self._errors, Gyro)
         if not self._errors.integrates:
             return ((0.0, 1.0),)
-        times = (_POINTS - 1) / (2 * self._errors.rate)
-        return tuple(zip(times.tolist(), (_POINT_WEIGHTS / 2).tolist(), strict=True))
+        points, weights = GAUSS_LEGENDRE
+        times = (points - 1) / (2 * self._errors.rate)
+        return tuple(zip(times.tolist(), (weights / 2).tolist(), strict=True))
 
     def _mean_w(self, trajectory: Trajectory, later: float = 0.0) -> NDArray[np.float64]:
         """Return w (M, 3) in B, averaged over the sample period if the gyro integrates."""

@@ -31,15 +31,13 @@ from cpid_drake.dynamics.orbit import Orbit
 from cpid_drake.dynamics.plane import NORMAL_W
 from cpid_drake.dynamics.rotations import cross, rotate, skew
 from cpid_drake.estimation.likelihood.actuators import Actuators, ThrustLog
-from cpid_drake.estimation.likelihood.uniform_spline import RampedSpline
+from cpid_drake.estimation.likelihood.uniform_spline import GAUSS_LEGENDRE, RampedSpline
 
 Weights = Callable[[NDArray[np.float64]], NDArray[np.float64] | csr_array]
 """Returns the weights (Q, N) of the nodes at times (Q,)."""
 
 Pose = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
 """Returns R_BC (Q, 3, 3) and p_BC (Q, 3) at times (Q,)."""
-
-_POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(3)
 
 
 def inverse_mass(known_mass: float, mu: float) -> float:
@@ -121,10 +119,11 @@ class BlockThrust:
         place = np.searchsorted(samples.time, edges[:-1], side="right") - 1
         on = (place >= 0) & samples.value[place].any(axis=1)
         place, length, first = place[on], np.diff(edges)[on], edges[:-1][on]
-        each = np.repeat(place, len(_POINTS))
-        points = (first[:, None] + length[:, None] * (1 + _POINTS) / 2).ravel()
-        weights = (length[:, None] * _WEIGHTS / 2).ravel()
-        ends = np.repeat(edges[1:][on], len(_POINTS))
+        x, weights = GAUSS_LEGENDRE
+        each = np.repeat(place, len(x))
+        points = (first[:, None] + length[:, None] * (1 + x) / 2).ravel()
+        weights = (length[:, None] * weights / 2).ravel()
+        ends = np.repeat(edges[1:][on], len(x))
         # A delay acts where the thrust changes: there is a point, too.
         late = np.zeros((len(switches), *log.by.shape[1:]))
         if log.delay >= 0:

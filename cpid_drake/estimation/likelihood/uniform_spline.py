@@ -6,6 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+GAUSS_LEGENDRE = np.polynomial.legendre.leggauss(3)
+"""Points in −1 to 1 and weights whose sum is the integral of a polynomial up to degree five."""
+
 
 class UniformSpline:
     """The cubic spline through values (N, n) at N equidistant nodes.

@@ -63,7 +63,7 @@ def test_a_flexible_grasp_moves_the_base_as_one_more_joint_does(case, motion, pr
     write = write_shifts if prismatic else write_turns
     write(motion, trajectory, size, change)
     load = wrist_load(motion, trajectory)
-    L_B = np.einsum("nji,j->ni", trajectory.R, trajectory.L)
+    L_B = np.einsum("nji,nj->ni", trajectory.R, trajectory.L)
     tree = case.craft.tree.with_target(case.target.to_standard_vector())
     for axis in range(3):
         place = 3 * prismatic + axis
