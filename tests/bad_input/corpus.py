@@ -170,18 +170,6 @@ def put(line: int, column: str, text: str) -> Callable[[], str]:
     return lambda: csv(change)
 
 
-def named(old: str, new: str) -> Callable[[], str]:
-    return lambda: csv(lambda rows: rows[0].__setitem__(rows[0].index(old), new))
-
-
-def without(*columns: str) -> Callable[[], str]:
-    def change(rows: list[list[str]]) -> list[list[str]]:
-        keep = [k for k, name in enumerate(rows[0]) if name not in columns]
-        return [[row[k] for k in keep] for row in rows]
-
-    return lambda: csv(change)
-
-
 def million_rows() -> str:
     """Return a million good lines and one that is none."""
     header = "time,qw,qx,qy,qz,q:shoulder,q:elbow,q:wrist"

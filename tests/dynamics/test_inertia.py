@@ -12,19 +12,12 @@ from cpid_drake.dynamics.parameterizations import (
     relative_parameterization,
     second_moment,
     standard_to_pseudo_inertia,
-    tensor_to_vector,
     vector_to_tensor,
 )
 
 
 def pseudo_inertia(body: InertialParameters) -> np.ndarray:
     return standard_to_pseudo_inertia(body.to_standard_vector())
-
-
-def body_of(pseudo: np.ndarray) -> InertialParameters:
-    inertia = np.trace(pseudo[:3, :3]) * np.eye(3) - pseudo[:3, :3]
-    phi = [pseudo[3, 3], *pseudo[3, :3], *tensor_to_vector(inertia)]
-    return InertialParameters.from_standard_vector(phi)
 
 
 def random_body(rng: np.random.Generator) -> InertialParameters:

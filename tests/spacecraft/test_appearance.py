@@ -11,7 +11,6 @@ from pydrake.systems.framework import DiagramBuilder
 from cpid_drake import InputError
 from cpid_drake.spacecraft.appearance import inertia_ellipsoid
 
-VISUAL = '<visual name="{}"><origin xyz="{}"/><geometry><box size="{}"/></geometry></visual>'
 JOINT = (
     '<joint name="j" type="{}"><parent link="a"/><child link="b"/><origin xyz="0 0 1" '
     'rpy="0 0 1.5707963267948966"/><axis xyz="0 0 1"/></joint>'
