@@ -16,6 +16,7 @@ from cpid_drake.estimation.likelihood.constants import Constants
 from cpid_drake.estimation.likelihood.joint_motion import JointPart
 from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
+from cpid_drake.logs.burns import Burn
 from cpid_drake.logs.log import Log
 from cpid_drake.sensors.sensors import (
     SENSORS,
@@ -136,12 +137,21 @@ def make_case(folder, target, suite, momentum_W=None, duration=DURATION) -> Case
     return Case(craft, motion, target, suite, momentum_W, samples)
 
 
-def fired(case: Case, *firings: trials.Firing) -> Log:
-    """Return what a case's sensors measure without noise if thrusters fire."""
-    return trials.ideal_samples(trial_of(case, *firings), case.craft.tree, case.craft.joint_names)
+def fired(case: Case, time, momentum_W, duration=1e-6) -> Log:
+    """Return what a case's sensors measure without noise if thrusters fire, which nobody logs.
+
+    They add a momentum (6,) about W's origin, in W [N·m·s, N·s].
+    """
+    trial, tree, names = trial_of(case), case.craft.tree, case.craft.joint_names
+    base = trials.base_trajectory(trial, tree, np.array([0.0, time]))
+    R_WB = Rotation.from_quat(base.quaternion_WB[1], scalar_first=True)
+    torque_W = momentum_W[:3] - np.cross(base.p_WB[1], momentum_W[3:])
+    parts = R_WB.inv().apply([momentum_W[3:], torque_W]) / duration
+    burn = Burn(time, duration, force_B=parts[0], torque_B=parts[1])
+    return trials.ideal_samples(replace(trial, burns=(burn,), logs_thrust=False), tree, names)
 
 
-def trial_of(case: Case, *firings: trials.Firing) -> trials.Case:
+def trial_of(case: Case) -> trials.Case:
     """Return the inputs of a trial of a case."""
     momentum_W = np.zeros(6) if case.momentum_W is None else case.momentum_W
     return trials.Case(
@@ -150,7 +160,6 @@ def trial_of(case: Case, *firings: trials.Firing) -> trials.Case:
         duration=case.motion.duration,
         momentum_W=momentum_W,
         momentum=TotalMomentum.zero(),
-        firings=firings,
         known_bodies=None,
         suite=case.suite,
         seed=0,

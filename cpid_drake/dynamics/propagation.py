@@ -73,14 +73,12 @@ class Wrench:
     Attributes:
         disturbance_W: (..., 6) torque about the system's centre of mass Scm, and acceleration of
             this centre, in W [N·m, m/s²]; of each target, or of all.
-        constant_W: (6,) moment about W's origin and force, in W [N·m, N].
         constant_B: (6,) torque about B's origin and force of thrusters, in B [N·m, N].
         orbit: the orbit of W's origin; None for no gravity gradient.
 
     """
 
     disturbance_W: ArrayLike = (0.0,) * 6
-    constant_W: ArrayLike = (0.0,) * 6
     constant_B: ArrayLike = (0.0,) * 6
     orbit: Orbit | None = None
 
@@ -97,9 +95,9 @@ class Wrench:
 
         Of systems with a mass (...) and with inertia J (..., n, 3, 3) about Scm.
         """
-        (torque, acceleration), (moment, force), (torque_B, force_B) = (
+        (torque, acceleration), (torque_B, force_B) = (
             np.split(np.asarray(values, dtype=float)[..., None, :], 2, axis=-1)
-            for values in (self.disturbance_W, self.constant_W, self.constant_B)
+            for values in (self.disturbance_W, self.constant_B)
         )
         torque_B = torque_B - cross(p_BScm_B, force_B)
         if self.orbit is not None:
@@ -109,10 +107,8 @@ class Wrench:
             along = np.sum(p_WScm * nadir_W, axis=-1, keepdims=True) * nadir_W
             acceleration = acceleration + self.orbit.n**2 * (3 * along - p_WScm)
         return (
-            torque + moment - cross(p_WScm, force) + rotate_by_quaternion(quaternion_WB, torque_B),
-            mass[..., None, None] * acceleration
-            + force
-            + rotate_by_quaternion(quaternion_WB, force_B),
+            torque + rotate_by_quaternion(quaternion_WB, torque_B),
+            mass[..., None, None] * acceleration + rotate_by_quaternion(quaternion_WB, force_B),
         )
 
 

@@ -38,33 +38,6 @@ from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 
 @dataclass(frozen=True, eq=False)
-class Firing:
-    """A thruster's firing.
-
-    Attributes:
-        time: its start [s].
-        momentum_W: (6,) momentum [L; P] about W's origin that it adds, in W [N·m·s, N·s].
-        duration: its length [s], with a constant wrench; 0 for an impulse.
-
-    """
-
-    time: float
-    momentum_W: NDArray[np.float64]
-    duration: float = 0.0
-
-    @property
-    def end(self) -> float:
-        """Time of its end [s]."""
-        return self.time + self.duration
-
-    def share_before(self, time: float) -> float:
-        """Return the share of its momentum that it has added before a time [s]."""
-        if not self.duration:
-            return float(self.time < time)
-        return float(np.clip((time - self.time) / self.duration, 0.0, 1.0))
-
-
-@dataclass(frozen=True, eq=False)
 class Case:
     """Inputs of a trial; they can be sent to another process.
 
@@ -74,7 +47,6 @@ class Case:
         duration: duration of the motion [s].
         momentum_W: (6,) total momentum [L; P] about W's origin.
         momentum: the total momentum that the estimators use.
-        firings: the firings of thrusters, in order of time.
         known_bodies: uncertainty of the nominal spacecraft; None if it is exact.
         suite: the sensors.
         seed: seed of the study.
@@ -90,7 +62,6 @@ class Case:
     duration: float
     momentum_W: NDArray[np.float64]
     momentum: TotalMomentum
-    firings: tuple[Firing, ...]
     known_bodies: BodyUncertainty | None
     suite: SensorSuite
     seed: int
@@ -126,7 +97,6 @@ def make_case(
         duration=scenario.simulation.duration,
         momentum_W=momentum,
         momentum=TotalMomentum.unknown() if unknown else TotalMomentum.zero(),
-        firings=(),
         known_bodies=scenario.body_uncertainty(),
         suite=suite,
         seed=seed,
@@ -180,10 +150,10 @@ def base_trajectory(
     times: NDArray[np.float64],
     disturbance: SimulatedDisturbance | None = None,
 ) -> BaseTrajectory:
-    """Return the true motion of the base, with the firings of thrusters and a disturbance.
+    """Return the true motion of the base, with the burns of thrusters and a disturbance.
 
     Args:
-        case: the target, the motion of the joints, the momentum and the firings.
+        case: the target, the motion of the joints, the momentum and the burns.
         tree: the spacecraft; its base frame B coincides with W at the first time.
         times: (N,) increasing instants [s].
         disturbance: external forces and torques; default: the constant ones of the case.
@@ -206,31 +176,25 @@ def base_trajectories(
     case = cases[0]
     phi = np.array([each.truth.to_standard_vector() for each in cases])
     thrust, begin = log_of_burns(case.burns), times[0]
-    edges = {t for f in case.firings for t in (f.time, f.end)} | {*thrust.time.tolist()}
-    edges |= {t for each in disturbances for t in each.changes(begin, times[-1])}
+    edges = {*thrust.time.tolist()} | {
+        t for each in disturbances for t in each.changes(begin, times[-1])
+    }
     bounds = [begin, *sorted(t for t in edges if begin < t < times[-1]), times[-1]]
-    before = sum(f.momentum_W * f.share_before(begin) for f in case.firings)
-    momentum_W = np.array([each.momentum_W for each in cases]) + before
+    momentum_W = np.array([each.momentum_W for each in cases])
     parts, pose = [], dict[str, Any]()
     for start, end in pairwise(bounds):
         inside = times[(times > start) & (times < end)]
         grid = np.unique(np.concatenate([[start], inside, [end]]))
-        wrench_W = np.zeros(6)
-        for firing in case.firings:
-            if firing.time == start and not firing.duration:
-                momentum_W = momentum_W + firing.momentum_W
-            elif firing.time <= start < firing.end:
-                wrench_W = wrench_W + firing.momentum_W / firing.duration
         external_W = np.array([each.at(start) for each in disturbances])
         thrust_B, orbit = thrust.held_at(start), case.suite.orbit
-        is_free = orbit is None and not (external_W.any() or wrench_W.any() or thrust_B.any())
+        is_free = orbit is None and not (external_W.any() or thrust_B.any())
         part = propagate(
             tree,
             case.motion,
             phi,
             grid,
             momentum_W=momentum_W,
-            wrench=None if is_free else Wrench(external_W, wrench_W, thrust_B, orbit),
+            wrench=None if is_free else Wrench(external_W, thrust_B, orbit),
             **pose,
         )
         momentum_W = part.momentum_W[:, -1]
@@ -244,16 +208,11 @@ def base_trajectories(
 
 
 def bound_of(case: Case, spacecraft: Spacecraft, ideal: Log) -> NDArray[np.float64]:
-    """Return the Cramér-Rao bound (10,) on the σ of the parameters, without what is not logged.
-
-    These are firings, and burns if there is no log of them.
-    """
-    burns = case.burns if case.logs_thrust else ()
-    quiet = replace(case, firings=(), burns=burns)
+    """Return the Cramér-Rao bound (10,) on the σ of the parameters, without unlogged burns."""
     q = case.motion.evaluate(0.0)[0]
     true = TotalMomentum.with_base_at_origin(spacecraft.tree, case.truth, q, case.momentum_W)
-    if case.firings or burns != case.burns:
-        ideal = ideal_samples(quiet, spacecraft.tree, spacecraft.joint_names)
+    if case.burns and not case.logs_thrust:
+        ideal = ideal_samples(replace(case, burns=()), spacecraft.tree, spacecraft.joint_names)
     psi = relative_parameterization(spacecraft.mass).from_parameters(case.truth.to_vector())
     covariance = cramer_rao_bound(
         spacecraft.tree,

@@ -19,7 +19,6 @@ from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.logs.log import Log, Samples
 from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import AttitudeSensor, JointSensor
-from cpid_drake.studies.trials import Firing
 
 SUITE = coarse_suite()
 
@@ -151,8 +150,8 @@ def test_what_the_motion_leaves_open_stays_where_it_was(tmp_path, skewed_target)
 
 def test_a_firing_inside_of_a_block_is_found(tmp_path, skewed_target):
     time, case = 1.37, make_case(tmp_path, skewed_target, SUITE, None, 2.0)
-    firing = Firing(time, np.array([3.0, -2.0, 4.0, 1.0, 0.5, -1.0]))
-    closed = fitted(case, samples=fired(case, firing))
+    momentum_W = np.array([3.0, -2.0, 4.0, 1.0, 0.5, -1.0])
+    closed = fitted(case, samples=fired(case, time, momentum_W))
     found, _ = fit_with_events(closed.model, closed, AT_REST)
     assert found.converged
     [log] = found.logs

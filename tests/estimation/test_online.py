@@ -18,7 +18,6 @@ from cpid_drake.identification.fitted import at_momentum
 from cpid_drake.identification.online import identification_of_state
 from cpid_drake.logs.log import Log, Samples
 from cpid_drake.logs.simulated_noise import add_noise
-from cpid_drake.studies.trials import Firing
 
 SUITE = coarse_suite()
 MOMENTUM = np.array([3.0, -2.0, 4.0, 1.0, 0.5, -1.0])
@@ -66,7 +65,7 @@ def test_it_is_the_fit_of_all_samples(case, bias_walk):
 @pytest.mark.parametrize(("size", "time"), [(1.0, 4.37), (0.01, 4.0), (0.01, 4.37), (0.001, 4.37)])
 def test_a_change_of_any_size_leaves_the_target_right(case, model, size, time):
     """A fit that does not know of it is confidently wrong."""
-    samples = add_noise(SUITE, fired(case, Firing(time, size * MOMENTUM)), 3)
+    samples = add_noise(SUITE, fired(case, time, size * MOMENTUM), 3)
     state = run(model, [samples])
     assert not state.window
     assert nees(case, *target(state.known.unknowns(model), state.known.values)) < 30
@@ -81,7 +80,7 @@ def test_a_change_of_any_size_leaves_the_target_right(case, model, size, time):
 
 def test_after_a_change_at_the_beginning_the_momentum_is_not_what_was_given(case, model):
     """The fit begins anew after it, with an unknown momentum."""
-    state = run(model, [add_noise(SUITE, fired(case, Firing(0.6, MOMENTUM)), 2)])
+    state = run(model, [add_noise(SUITE, fired(case, 0.6, MOMENTUM), 2)])
     found = identification_of_state(model, state, TotalMomentum.zero())
     assert found.momentum == "unknown"
     assert len(found.momentum_changes) == 1

@@ -13,7 +13,6 @@ from cpid_drake import Spacecraft, TotalMomentum, describe, identify
 from cpid_drake.dynamics.sensitivity import perturbed
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.logs.simulated_noise import add_noise
-from cpid_drake.studies.trials import Firing
 
 UNCERTAINTY = BodyUncertainty(mass=0.02, com=0.005, inertia=0.04)
 
@@ -81,7 +80,7 @@ def test_a_firing_is_found_although_the_spacecraft_is_uncertain(tmp_path, skewed
     case = make_case(tmp_path, skewed_target, suite, duration=6.0)
     tree = perturbed(case.craft.tree, uncertainty, np.random.default_rng(13))
     true = SimpleNamespace(tree=tree, joint_names=case.craft.joint_names)
-    perfect = fired(replace(case, craft=true), Firing(3.5, np.array([6.0, -4, 5, 3, -2, 2])))
+    perfect = fired(replace(case, craft=true), 3.5, np.array([6.0, -4, 5, 3, -2, 2]))
     found = identify(
         case.craft,
         add_noise(suite, perfect, 2),

@@ -255,7 +255,7 @@ def test_a_force_moves_and_turns_about_the_origin(craft):
     still, times = HalfCosine(np.zeros(1), np.zeros(1), 1.0), [0.0, 2.0]
     mass, x_com = BASE_MASS + ARM_MASS, 2.0 + ARM_MASS * 1.5 / (BASE_MASS + ARM_MASS)
     for wrench, expected in (
-        (Wrench(constant_W=[0, 0, 3.0, 1.0, 0, 0]), [0, 0, 6.0, 2.0, 0, 0]),
+        (Wrench(constant_B=[3.0, 0, 0, 1.0, 0, 0]), [6.0, 0, 0, 2.0, 0, 0]),
         (Wrench([0, 0, 0, 0, 0.1, 0]), mass * np.array([0, 0, x_com * 0.2, 0, 0.2, 0])),
         (Wrench([0.3, 0, 0, 0, 0, 0]), [0.6, 0, 0, 0, 0, 0]),
     ):
