@@ -188,7 +188,7 @@ def test_the_errors_of_fits_are_as_large_as_predicted(name):
     target, craft = planner.targets[0], planner.spacecraft
     body = InertialParameters.from_vector(target)
     case = make_case(planner.scenario, craft, body, planner.suite, 1)
-    errors = np.array([*fit_errors(case, craft, 6)])
+    errors = np.array([*fit_errors(case, craft, 4)])
     prediction = planner.setting.predict(planner.own_motion, target)
     ratio = np.sqrt(np.mean(errors**2, axis=0)) / (prediction.sigma / prediction.scale)
     assert 0.6 < np.sqrt(np.mean(ratio**2)) < 1.5
