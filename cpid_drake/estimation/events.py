@@ -56,7 +56,7 @@ def fit_with_events(
         return found, {}
     now, wide, tests = found, found, dict[str, Whiteness]()
     for last in (False, True):  # whole blocks, then parts of those beside changes
-        logs = [log.opened(model, range(len(log.blocks) - 1)) for log in now.logs]
+        logs = [log.opened(range(len(log.blocks) - 1)) for log in now.logs]
         wide = fit(model, logs, rows=rows, values=now.values, progress=progress)
         if wide.cost > FAR**2 * sum(each.count for each in wide.rolled):
             return found, {}  # changes do not explain the samples
@@ -66,7 +66,7 @@ def fit_with_events(
         tests = _tests(wide, changes)
         cut = [_cut(model, log, each) for log, each in zip(wide.logs, changes, strict=True)]
         now = replace(wide, logs=cut)
-    logs = [log.opened(model, each) for log, each in zip(wide.logs, changes, strict=True)]
+    logs = [log.opened(each) for log, each in zip(wide.logs, changes, strict=True)]
     return fit(model, logs, rows=rows, values=wide.values, progress=progress), tests
 
 
@@ -89,7 +89,7 @@ def _changes(
     for log, rolled in zip(found.logs, found.rolled, strict=True):
         best, count = list[int](), len(log.blocks)
         before = known_at_start(model, log, found.values)
-        wide = log.opened(model, range(count - 1))
+        wide = log.opened(range(count - 1))
         for first in range(0, count - 1, TOGETHER):
             last = min(first + TOGETHER, count - 1)
             ends, later = range(last - first), slice(last, min(last + LATER + 1, count))
@@ -101,7 +101,7 @@ def _changes(
             compared = _compared(model, own, found, carried, ends, question, rows)
             best += [first + k for k in ends if _name(k, log) in compared.best]
             known = known.condition(
-                {_name(k, log): 0.0 for k in ends if first + k not in log.links}
+                {_name(k, log): 0.0 for k in ends if first + k not in log.jumps}
             )
             before = known.marginal(n for n in known.places if not n.startswith("link "))
         result.append(best)
@@ -122,7 +122,7 @@ def _compared(
     names = {_name(k, log): k for k in ends}
     values = found.values | {name: log.jumps[k] for name, k in names.items()}
     values = {name: values.get(name, np.zeros(size)) for name, size in total.sizes.items()}
-    candidates = {name: log.links[k] for name, k in names.items()}
+    candidates = dict.fromkeys(names, model.farthest)
     return question.answer(total, values, candidates)
 
 

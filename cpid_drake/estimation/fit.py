@@ -95,7 +95,10 @@ def fit(
         values, logs = start_of(model, logs, values)
     prior = prior_of(model, logs, values, rows)
     now = Fit(model, values, logs, [roll(model, log, values) for log in logs], prior, 0.0, 0, False)
-    sigmas = {u.key(log.name): u.sigma for u in model.table for log in logs}
+    # What walks has its place between one block and the next, as joints have: it is not damped.
+    pulls = {
+        u.key(log.name): 0 * u.sigma if u.walk else 1 / u.sigma for u in model.table for log in logs
+    }
     damping, growth, settled, swept = 1.0, 2.0, False, list[Swept]()
     while now.sweeps < MOST_SWEEPS and not now.converged:
         text = f"fitting: sweep {now.sweeps + 1}, χ² {now.cost:.6g}"
@@ -116,10 +119,10 @@ def fit(
         total = reduce(Gaussian.add, [each.gaussian for each in swept], prior)
         cost = _cost(now, rows, now.values)
         now = replace(now, gaussian=total, cost=cost, sweeps=now.sweeps + 1)
-        sigma = np.concatenate([sigmas[name] for name in total.places])
+        pull = np.concatenate([pulls[name] for name in total.places])
         held = {PSI: undetermined(model, now.values[PSI], total)[0]}
         for _ in range(_REJECTED):
-            step = total.solve(np.sqrt(damping) / sigma, held)
+            step = total.solve(np.sqrt(damping) * pull, held)
             fall, tried = cost - total.cost(step), _stepped(now, swept, step, rows)
             gain = -1.0 if tried is None else (cost - tried.cost) / max(fall, 1e-300)
             is_close = tried is not None and fall < CLOSE and tried.cost < cost + CLOSE

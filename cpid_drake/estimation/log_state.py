@@ -28,8 +28,7 @@ class LogState:
         origin: time from which on the zeros of joints drift [s].
         forces: of each block: (K,) entries of white forces, in units of their σ.
         walks: of each block but a log's last: (w,) change at its end of the constants that walk.
-        links: σ (12,) of a change of attitude, centre of mass, L and v at the end of some blocks.
-        jumps: (12,) present value of these changes.
+        jumps: (12,) changes of attitude, centre of mass, L and v at the open ends of some blocks.
         aims: states at the start of some blocks, at which changes and white forces before them aim.
         weights: of each block: (M,) weights of a sensor's samples.
         noise: factors of the sensors' declared σ.
@@ -44,7 +43,6 @@ class LogState:
     forces: tuple[NDArray[np.float64], ...]
     origin: float
     start: TrajectoryState | None = None
-    links: dict[int, NDArray[np.float64]] = field(default_factory=dict)
     jumps: dict[int, NDArray[np.float64]] = field(default_factory=dict)
     aims: dict[int, TrajectoryState] = field(default_factory=dict)
     weights: tuple[dict[str, NDArray[np.float64]], ...] = ()
@@ -90,15 +88,15 @@ class LogState:
         stream = [samples] if isinstance(samples, Log) else samples
         return cls.of_blocks(model, blocks_of(BlockQueue.of(model.suite), stream), name)
 
-    def opened(self, model: Model, ends: Iterable[int]) -> "LogState":
+    def opened(self, ends: Iterable[int]) -> "LogState":
         """Return the log open at the ends of some blocks, and closed at all others."""
         jumps = {k: self.jumps.get(k, np.zeros(12)) for k in sorted(set(ends))}
-        return replace(self, links=dict.fromkeys(jumps, model.farthest), jumps=jumps)
+        return replace(self, jumps=jumps)
 
     @property
     def changes(self) -> list[float]:
         """Times of changes [s]: of an open end, or the middle of a block of which both are open."""
-        times, ends = list[float](), sorted(self.links, reverse=True)
+        times, ends = list[float](), sorted(self.jumps, reverse=True)
         while ends:
             first = last = ends.pop()
             if ends and ends[-1] == first + 1:
@@ -130,7 +128,6 @@ class LogState:
             forces=self.forces[first:end],
             walks=self.walks[first:end],
             weights=self.weights[first:end],
-            links={k - first: s for k, s in self.links.items() if first <= k < end},
             jumps={k - first: u for k, u in self.jumps.items() if first <= k < end},
             aims={k - first: aim for k, aim in self.aims.items() if first <= k < end},
         )

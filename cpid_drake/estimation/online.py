@@ -242,7 +242,7 @@ def _changes(model: Model, found: Fit) -> list[int]:
     if not ends:
         return []
     noise = {n: max(1.0, spread(rest)) for n, rest in rolled.all_residuals().items()}
-    quiet = replace(log, noise=noise).opened(model, ends)
+    quiet = replace(log, noise=noise).opened(ends)
     carried = sweep(model, quiet, rolled, found.values, carry=ends).gaussian
     total = prior_of(model, [quiet], found.values, ()).add(carried)
     names = [name for name in total.places if name.startswith("link ")]

@@ -136,7 +136,7 @@ def roll(model: Model, log: LogState, values: Values, near: Rolled | None = None
         first = replace(state, psi=psi, constants=nominal[k], forces=log.forces[k])
         aim = log.aims.get(k + 1)
         trajectory = part.motion.trajectory(first, near.trajectories[k] if near else None)
-        if aim is not None and k not in log.links and len(log.forces[k]):
+        if aim is not None and k not in log.jumps and len(log.forces[k]):
             trajectory = _aimed(part.motion, trajectory, aim)
             log.forces[k][:] = trajectory.state.forces
         trajectories.append(trajectory)
@@ -148,11 +148,11 @@ def roll(model: Model, log: LogState, values: Values, near: Rolled | None = None
         state = jumped(part.motion.end(trajectory), moved)
         if k < len(log.walks):
             links += float(np.sum((log.walks[k] / sigma) ** 2)) / block.length
-        if k in log.links:
+        if k in log.jumps:
             if aim is not None:
                 log.jumps[k] = jump_between(state, aim)
             state = jumped(state, log.jumps[k])
-            links += float(np.sum((log.jumps[k] / log.links[k]) ** 2))
+            links += float(np.sum((log.jumps[k] / model.farthest) ** 2))
     start = float(np.sum(first_values(model, log, values) ** 2))
     return Rolled(models, trajectories, residuals, links, start, by_psi)
 

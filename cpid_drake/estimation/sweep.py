@@ -39,18 +39,11 @@ BOUNDARY = "boundary"
 
 @dataclass(frozen=True, eq=False)
 class _Change:
-    """A change u of some entries at a boundary, eliminated: rows [u | all entries | right side]."""
+    """A change of some entries at the end of a block, eliminated: z − X (all entries after it)."""
 
     columns: NDArray[np.intp]
-    rows: NDArray[np.float64]
-    kind: str
+    rows: NDArray[np.float64]  # [X | z]
     block: int
-
-    def solved(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return u, given all entries x after the change."""
-        m = len(self.columns)
-        rows = self.rows
-        return np.asarray(solve_triangular(rows[:, :m], rows[:, -1] - rows[:, m:-1] @ x))
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,15 +125,16 @@ def sweep(
         block, known, own = _eliminated(model, log, k, rolled, trajectory, known)
         steps += [] if forward_only else [block]
         absorbed |= {name: absorbed.get(name, 0.0) + value for name, value in own.items()}
-        if k < len(log.walks) and len(walking):
+        if k in log.jumps and k in carry:
+            known = linked(known, f"link {k}|{log.name}", model.farthest, log.jumps[k])
+        if k < len(log.walks):
+            columns, now = walking, log.walks[k]
             sigma = model.walking_sigma * np.sqrt(log.blocks[k].length)
-            known, rows = changed(known, walking, sigma, log.walks[k])
-            steps.append(_Change(walking, rows, "walk", k))
-        if k in log.links and k in carry:
-            known = linked(known, f"link {k}|{log.name}", log.links[k], log.jumps[k])
-        elif k in log.links:
-            known, rows = changed(known, pose, log.links[k], log.jumps[k])
-            steps.append(_Change(pose, rows, "jump", k))
+            if k in log.jumps and k not in carry:
+                columns, now = np.append(columns, pose), np.append(now, log.jumps[k])
+                sigma = np.append(sigma, model.farthest)
+            known, rows = changed(known, columns, sigma, now)
+            steps.append(_Change(columns, rows, k))
     return Swept(known, steps, absorbed)
 
 
@@ -184,12 +178,12 @@ def back(model: Model, log: LogState, swept: Swept, step: Values) -> LogState:
     k = len(log.blocks)
     for each in reversed(swept.steps):
         if isinstance(each, _Change):
-            u = each.solved(x)
+            u = each.rows[:, -1] - each.rows[:, :-1] @ x
             x[each.columns] -= u
-            if each.kind == "walk":
-                walks[each.block] = walks[each.block] + u
-            elif each.kind == "jump":
-                jumps[each.block] = jumps[each.block] + u
+            walk, jump = np.split(u, [len(model.walking_columns)])
+            walks[each.block] = walks[each.block] + walk
+            if len(jump):
+                jumps[each.block] = jumps[each.block] + jump
             continue
         k -= 1
         s = each.solved(x)
@@ -267,14 +261,17 @@ def changed(
 ) -> tuple[Gaussian, NDArray[np.float64]]:
     """Return what is known after a change u ~ N(0, σ²) of some entries.
 
-    u has the present value `now`. The second result are its rows [u | entries | right side].
+    u has the present value `now`. The second result is [X | z], with u = z − X (entries).
     """
     m, n = len(columns), known.size
+    if not m:
+        return known, np.zeros((0, n + 1))
     rows = np.zeros((m + n, m + n + 1))
     rows[:m, :m], rows[:m, -1] = np.diag(1 / sigma), -now / sigma
     rows[m:, :m], rows[m:, m:-1], rows[m:, -1] = -known.R[:, columns], known.R, known.z
     T = triangle(rows)
-    return Gaussian.of_triangle(known.sizes, T[m:-1, m:], known.rho2), T[:m].copy()
+    of_change = solve_triangular(T[:m, :m], T[:m, m:])
+    return Gaussian.of_triangle(known.sizes, T[m:-1, m:], known.rho2), of_change
 
 
 def linked(

@@ -313,7 +313,7 @@ def _held_out(
     beginning = _beginning(found, rows, FITTED)
     if beginning is None:
         return None
-    if any(log.links for log in found.logs):  # all samples have chosen these changes, with errors
+    if any(log.jumps for log in found.logs):  # all samples have chosen these changes, with errors
         return 0.0
     proposed = [n for n in question.answer(beginning, found.values).named if n in named]
     whole, first = (_evidence(g, found, question, proposed) for g in (found.gaussian, beginning))

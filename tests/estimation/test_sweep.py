@@ -35,7 +35,7 @@ class Vector:
         self.J = model.joint_count
         self.joints = self.J * (sum(pieces) + ORDER)
         self.walks = sum(w.size for w in log.walks)
-        self.jumps = 12 * len(log.links)
+        self.jumps = 12 * len(log.jumps)
         self.forces = sum(f.size for f in log.forces)
         self.size = self.first + self.joints + self.walks + self.jumps
         self.size += self.forces
@@ -98,7 +98,7 @@ def residuals(model, log, values):
         shares["torque"] = declared.torque_walk / declared.torque
     sigma = np.concatenate([np.full(u.size, shares[u.name]) for u in walking])
     parts += [w / sigma / np.sqrt(b.length) for w, b in zip(log.walks, log.blocks)]
-    parts += [log.jumps[k] / s for k, s in log.links.items()]
+    parts += [jump / model.farthest for jump in log.jumps.values()]
     for u in model.table:
         value = values[u.key(log.name)]
         if u.walk:  # the prior is that of the first value
@@ -184,7 +184,7 @@ def problem(request, tmp_path_factory, skewed_target):
     blocks = [case.block(a, b, samples) for a, b in ((0.999, 1.8), (1.8, 3.0))]
     log = LogState.of_blocks(model, blocks)
     if request.param == "link":
-        log = replace(log, links={0: JUMP}, jumps={0: 0.3 * JUMP})
+        log = replace(log, jumps={0: 0.3 * JUMP})
     values, (log,) = start_of(model, [log])
     turned = Rotation.from_rotvec([1e-3, -2e-3, 1.5e-3]) * log.start.attitude
     log = replace(log, start=replace(log.start, attitude=turned))
