@@ -111,7 +111,8 @@ class BlockModel:
 
     def _indices(self, which: Sequence[NDArray[np.intp] | None]) -> NDArray[np.intp]:
         """Return the columns of some entries of each effect."""
-        places = (np.r_[self.columns[effect.name]] for effect in self.effects)
+        columns = (self.columns[effect.name] for effect in self.effects)
+        places = (np.arange(own.start, own.stop) for own in columns)
         pairs = zip(places, which, strict=True)
         return np.concatenate([place if own is None else place[own] for place, own in pairs])
 
