@@ -229,6 +229,26 @@ def test_no_scheduler_is_refused(plan, tmp_path):
         run_campaign(plan(EXACT), tmp_path / "out", scheduler="tcp://127.0.0.1:9")
 
 
+def test_a_full_disk_leaves_a_valid_data_set(plan, tmp_path, scheduler):
+    """From the second file on, none may be as large as the first."""
+    resource, found, folder = pytest.importorskip("resource"), plan(EXACT), tmp_path / "out"
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+
+    def fill(state):
+        if state.new:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
+
+    given = {"scheduler": scheduler, "chunk": 1}
+    try:
+        with pytest.raises(InputError, match=r"trials-.*parquet: cannot write there"):
+            run_campaign(found, folder, **given, progress=fill)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert [row["trial"] for row in rows(folder, found)] == [0]
+    run_campaign(found, folder, **given, resume=True)
+    assert rows(folder, found) == rows(run_chunk(found.text, 0, found.total))
+
+
 # -- statistics, on errors of known distribution ---------------------------------------------------
 
 
