@@ -1,5 +1,6 @@
 """Shared fixtures: one spacecraft, one target, random motion with and without momentum."""
 
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from cpid_drake import (
     load_scenario,
     shipped_scenario,
 )
+from cpid_drake.commands.main import main
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.parameterizations import standard_to_relative
 from cpid_drake.dynamics.rotations import rotate
@@ -30,6 +32,23 @@ def servicer() -> Spacecraft:
 def craft(tmp_path_factory) -> Spacecraft:
     """A small spacecraft with turning and sliding joints, welds and turned frames."""
     return small_craft(tmp_path_factory.mktemp("craft"))
+
+
+@pytest.fixture
+def run_cpid(monkeypatch, capfd):
+    """Return a function that runs `cpid`: (code, stdout, stderr).
+
+    It runs in the tests' own process: a start of Python for each would take far longer.
+    """
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["cpid", *map(str, arguments)])
+        capfd.readouterr()
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return ended.value.code, *capfd.readouterr()
+
+    return run
 
 
 @pytest.fixture

@@ -55,17 +55,11 @@ class SceneVisualizer(SpacecraftSystem):
         spacecraft: the known spacecraft.
         meshcat: where to draw. Its camera is moved so that the spacecraft fills the picture.
         truth: the true target; simulation only.
-        period: time between drawings [s].
 
     """
 
     def __init__(
-        self,
-        spacecraft: Spacecraft,
-        *,
-        meshcat: Meshcat,
-        truth: InertialParameters | None = None,
-        period: float = FRAME_PERIOD,
+        self, spacecraft: Spacecraft, *, meshcat: Meshcat, truth: InertialParameters | None = None
     ) -> None:
         super().__init__()
         self.set_name("scene_visualizer")
@@ -99,7 +93,7 @@ class SceneVisualizer(SpacecraftSystem):
         self.DeclareVectorInputPort("state", plant.num_multibody_states())
         self.DeclareVectorInputPort("covariance", 100)
         self.DeclareAbstractInputPort("spatial_inertia", Value(SpatialInertia.NaN()))
-        self.DeclarePeriodicPublishEvent(period_sec=period, offset_sec=0.0, publish=self._draw)
+        self.DeclarePeriodicPublishEvent(FRAME_PERIOD, 0.0, self._draw)
         self.DeclareForcedPublishEvent(self._draw)
 
     def _add(self, name: str, shape: Sphere | MeshcatCone, color: str, alpha: float = 1.0) -> None:

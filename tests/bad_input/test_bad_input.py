@@ -1,7 +1,6 @@
 """Bad files: one line that names the file and the place; at the command line, exit code 2."""
 
 import json
-import sys
 
 import numpy as np
 import pytest
@@ -17,7 +16,6 @@ from cpid_drake import (
     make_simulation,
     read_log,
 )
-from cpid_drake.commands.main import main
 from cpid_drake.errors import prefix_errors
 from cpid_drake.identification.result_files import read_result
 from cpid_drake.sensors.sensors import SENSORS
@@ -97,24 +95,11 @@ def command(kind: str, name: str) -> list[str]:
     }[kind]
 
 
-@pytest.fixture
-def cpid(monkeypatch, capfd, folder):
-    """Return a function that runs `cpid` in the folder."""
-
-    def run(*arguments: str) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["cpid", *arguments])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        return ended.value.code, *capfd.readouterr()
-
-    return run
-
-
 @pytest.mark.parametrize("case", [c for c in CASES if str(c) in COMMANDED], ids=str)
-def test_a_command_ends_in_one_line_and_writes_nothing(case: Case, cpid, folder):
+def test_a_command_ends_in_one_line_and_writes_nothing(case: Case, folder, run_cpid):
     name = case.make(folder)
     before = sorted(folder.iterdir())
-    code, stdout, stderr = cpid(*command(case.kind, name))
+    code, stdout, stderr = run_cpid(*command(case.kind, name))
     assert (code, stdout) == (2, ""), stderr
     assert stderr.startswith("cpid: error: ")
     assert stderr.endswith("\n")
@@ -150,11 +135,11 @@ def test_a_log_that_only_looks_odd_says_the_same(name, folder):
         np.testing.assert_array_equal(odd[sensor].value[:, columns], plain[sensor].value)
 
 
-def test_empty_cells_and_one_sample_leave_something_open(cpid, folder):
+def test_empty_cells_and_one_sample_leave_something_open(folder, run_cpid):
     """Exit code 3: the file is all right, and what it says is not enough."""
     lines = (folder / "log.csv").read_text().splitlines()
     (folder / "t.csv").write_text("\n".join([lines[0], lines[60], "99" + "," * 19]))
-    code, stdout, _ = cpid(*command("telemetry", "t.csv"))
+    code, stdout, _ = run_cpid(*command("telemetry", "t.csv"))
     assert code == 3
     assert "1 sample" in stdout
 

@@ -1,27 +1,11 @@
-"""Commands are run in the tests' own process: a start of Python for each would take far longer."""
+"""Commands are run in empty folders, and what must be refused is refused in one line."""
 
-import sys
 from dataclasses import replace
 
 import pytest
 
-from cpid_drake.commands.main import main
 from cpid_drake.identification.estimators import ESTIMATORS
 from cpid_drake.report.pages import identification
-
-
-@pytest.fixture
-def run_cpid(monkeypatch, capfd):
-    """Return a function that runs `cpid`: (code, stdout, stderr)."""
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["cpid", *map(str, arguments)])
-        capfd.readouterr()
-        with pytest.raises(SystemExit) as ended:
-            main()
-        return ended.value.code, *capfd.readouterr()
-
-    return run
 
 
 @pytest.fixture

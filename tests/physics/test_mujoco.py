@@ -7,7 +7,6 @@ momentum stays zero from rest, whatever the joints really do.
 
 import csv
 import json
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +15,6 @@ import pytest
 from numpy.typing import NDArray
 
 from cpid_drake import InertialParameters, Motion, Spacecraft, identify
-from cpid_drake.commands.main import main
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.resources import resolve_model
 
@@ -180,16 +178,13 @@ def test_what_mujoco_simulates_is_identified(dual_arm, dual_arm_log, skewed_targ
 
 
 def test_the_command_identifies_from_mujocos_log(
-    dual_arm_log, dual_arm_file, skewed_target, tmp_path, monkeypatch
+    dual_arm_log, dual_arm_file, skewed_target, tmp_path, run_cpid
 ):
     log, result = tmp_path / "log.csv", tmp_path / "result.json"
     dual_arm_log.write(log)
     arguments = ["identify", log, "--spacecraft", dual_arm_file, "--json", result]
     names = ["--base", "bus", "--capture-frame", "left_grip"]
-    monkeypatch.setattr(sys, "argv", ["cpid", *map(str, arguments), *names])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert ended.value.code == 0
+    assert run_cpid(*arguments, *names)[0] == 0
     found = json.loads(result.read_text())
     assert_identified(np.array(found["parameters"]), skewed_target)
 

@@ -6,13 +6,10 @@ target is high above the plane and has products of inertia, so a free base would
 
 import csv
 import json
-import sys
 
 import numpy as np
 import pytest
 from planar_cases import KNOWN, TARGET, planar_craft
-
-from cpid_drake.commands.main import main
 
 mujoco = pytest.importorskip("mujoco", reason="needs the package mujoco")
 
@@ -67,18 +64,11 @@ def log(tmp_path_factory):
     return path, craft.path
 
 
-def run(monkeypatch, capsys, *arguments):
-    monkeypatch.setattr(sys, "argv", ["cpid", "identify", *map(str, arguments)])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    return ended.value.code, capsys.readouterr().out
-
-
-def test_the_four_of_mujocos_planar_joint_are_identified(log, tmp_path, monkeypatch, capsys):
+def test_the_four_of_mujocos_planar_joint_are_identified(log, tmp_path, run_cpid):
     path, model = log
     result = tmp_path / "result.json"
     craft = ["--spacecraft", model, "--base", "base", "--capture-frame", "grip"]
-    code, text = run(monkeypatch, capsys, path, *craft, "--json", result)
+    code, text, _ = run_cpid("identify", path, *craft, "--json", result)
     assert code == 0
     assert "can be known; the others have no effect" in text
     assert "three axes" not in text
@@ -91,10 +81,10 @@ def test_the_four_of_mujocos_planar_joint_are_identified(log, tmp_path, monkeypa
     assert (TARGET.to_vector() <= high + 1e-6).all()
 
 
-def test_a_free_base_does_not_explain_the_log(log, monkeypatch, capsys):
+def test_a_free_base_does_not_explain_the_log(log, run_cpid):
     """Both halves of the log are wrong alike, and what is open must not explain the errors."""
     path, model = log
     craft = ["--spacecraft", model, "--base", "base", "--capture-frame", "grip"]
-    code, text = run(monkeypatch, capsys, path, *craft, "--no-planar", "--rows", "standard")
+    code, text, _ = run_cpid("identify", path, *craft, "--no-planar", "--rows", "standard")
     assert code == 4
     assert "failed check" in text
