@@ -1,7 +1,6 @@
-"""The quickest cases of the reference table agree with it, and the comparison sees what moves."""
+"""The quickest cases of the reference table agree with it, and its truth conserves momentum."""
 
 import json
-from copy import deepcopy
 
 import cases
 import numpy as np
@@ -41,39 +40,3 @@ def test_the_truth_of_the_table_conserves_momentum_in_drake(change):
         np.testing.assert_allclose(momentum, world.momentum, atol=1e-10)
         difference = (m["p"][k + 1] - m["p"][k - 1]) / 2e-2
         np.testing.assert_allclose(difference, m["v"][k], atol=1e-4)
-
-
-def worse_error(row: dict) -> None:
-    row["error"][0] += 0.5 * row["sigma"][0]
-
-
-def smaller_sigma(row: dict) -> None:
-    row["sigma"] = [0.8 * sigma for sigma in row["sigma"]]
-
-
-def inconsistent(row: dict) -> None:
-    row["nees"]["mean"] = 1.1 * row["nees"]["band99"][1]
-
-
-def less_precise(row: dict) -> None:
-    row["error_over_bound"]["rms"] *= 1.2
-
-
-def failed_check(row: dict) -> None:
-    row["checks_passed"] -= 1
-
-
-def wrong(row: dict) -> None:
-    row["confidently_wrong"] += 1
-
-
-CHANGES = (worse_error, smaller_sigma, inconsistent, less_precise, failed_check, wrong)
-
-
-@pytest.mark.parametrize("change", CHANGES)
-def test_what_becomes_worse_fails(change):
-    row = ROWS["10_Hz"] | {"error_over_bound": {"worst": 1.0, "rms": 1.0}}
-    worse = deepcopy(row)
-    change(worse)
-    assert table.compare({"row": row}, {"row": row}) == []
-    assert any(fails for fails, _ in table.compare({"row": row}, {"row": worse}))
