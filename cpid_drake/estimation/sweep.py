@@ -19,13 +19,13 @@ from scipy.linalg import solve_triangular
 
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import triangle
-from cpid_drake.estimation.likelihood.effects import with_joint_changes
+from cpid_drake.estimation.likelihood.effects import with_changes
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.estimation.likelihood.motion import Trajectory, TrajectoryState
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Rolled, Values, first_values, jumped
-from cpid_drake.estimation.unknowns import FASTEST_DRIFT, MOMENTUM, PSI, Model
+from cpid_drake.estimation.unknowns import BODIES, FASTEST_DRIFT, MOMENTUM, PSI, Model
 
 EXACT = 1e-9
 """σ of what is conserved, or held while the rest is fitted, as a share of its plausible size."""
@@ -121,7 +121,8 @@ def sweep(
     walking, pose = boundary_size(model) + model.walking_columns, np.arange(12)
     steps, absorbed = list[_Change | _Block](), dict[str, float]()
     motions = [part.motion for part in rolled.models]
-    for k, trajectory in enumerate(with_joint_changes(motions, rolled.trajectories)):
+    bodies = model.known_bodies, values.get(BODIES)
+    for k, trajectory in enumerate(with_changes(motions, rolled.trajectories, *bodies)):
         block, known, own = _eliminated(model, log, k, rolled, trajectory, known)
         steps += [] if forward_only else [block]
         absorbed |= {name: absorbed.get(name, 0.0) + value for name, value in own.items()}

@@ -161,13 +161,12 @@ def bodies_effect(
     present = np.zeros(size) if errors is None else errors
 
     def change_motion(trajectory: Trajectory, change: MotionChange) -> None:
-        outboard, dynamics = _relative_to_base([motion], [trajectory])
-        psi, masses = trajectory.state.psi, np.zeros(len(sigmas))
-        by = uncertain_sensitivity(outboard, psi, dynamics, uncertainty, present)
+        by = trajectory.by_bodies or _changes([motion], [trajectory], uncertainty, present)[0][2]
         write_change(change, by, motion, trajectory)
+        mu, masses = float(trajectory.state.psi[0]), np.zeros(len(sigmas))
         bodies = [body.mass for body in motion.tree.bodies]
         masses[: 10 * len(bodies) : 10] = uncertainty.mass * np.array(bodies)
-        by_masses = -masses[sigmas > 0] * inverse_mass(dynamics.mass, float(psi[0])) ** 2
+        by_masses = -masses[sigmas > 0] * inverse_mass(motion.dynamics.mass, mu) ** 2
         change.inverse_mass[:] = by_masses / (1 + uncertainty.mass * present)
 
     return Effect("bodies", size, change_motion)
@@ -216,30 +215,50 @@ def joint_changes(
     motion: BaseMotion, trajectory: Trajectory
 ) -> tuple[MotionSensitivity, MotionSensitivity]:
     """Return the derivatives of the motion with respect to joint positions and joint rates."""
-    return trajectory.by_joints or _joint_changes([motion], [trajectory])[0]
+    if trajectory.by_joints is None:
+        by_q, by_qdot = _changes([motion], [trajectory])[0]
+        return by_q, by_qdot
+    return trajectory.by_joints
 
 
-def with_joint_changes(
-    motions: Sequence[BaseMotion], trajectories: Sequence[Trajectory]
+def with_changes(
+    motions: Sequence[BaseMotion],
+    trajectories: Sequence[Trajectory],
+    uncertainty: BodyUncertainty | None = None,
+    errors: NDArray[np.float64] | None = None,
 ) -> Iterator[Trajectory]:
-    """Yield trajectories of one target with these derivatives, computed in few calls."""
+    """Yield trajectories of one target with their derivatives by joints and bodies, in few calls.
+
+    The uncertainty and the present errors are those of `bodies_effect`.
+    """
     for k in range(0, len(motions), TOGETHER):
         some = trajectories[k : k + TOGETHER]
-        for trajectory, by in zip(some, _joint_changes(motions[k : k + TOGETHER], some)):
-            yield replace(trajectory, by_joints=by)
+        found = _changes(motions[k : k + TOGETHER], some, uncertainty, errors)
+        for trajectory, (by_q, by_qdot, *by_bodies) in zip(some, found, strict=True):
+            bodies = by_bodies[0] if by_bodies else None
+            yield replace(trajectory, by_joints=(by_q, by_qdot), by_bodies=bodies)
 
 
-def _joint_changes(
-    motions: Sequence[BaseMotion], trajectories: Sequence[Trajectory]
-) -> list[tuple[MotionSensitivity, MotionSensitivity]]:
+def _changes(
+    motions: Sequence[BaseMotion],
+    trajectories: Sequence[Trajectory],
+    uncertainty: BodyUncertainty | None = None,
+    errors: NDArray[np.float64] | None = None,
+) -> list[tuple[MotionSensitivity, ...]]:
+    """Return the derivatives by joint positions, joint rates and, if uncertain, bodies."""
     outboard, dynamics = _relative_to_base(motions, trajectories)
-    by = joint_sensitivity(outboard, trajectories[0].state.psi, dynamics)
+    psi = trajectories[0].state.psi
+    by = [*joint_sensitivity(outboard, psi, dynamics)]
+    if uncertainty is not None:
+        wheels, joints = motions[0].tree.wheels, motions[0].joints.coefficients.shape[1]
+        present = np.zeros(uncertainty.count(wheels, joints)) if errors is None else errors
+        by.append(uncertain_sensitivity(outboard, psi, dynamics, uncertainty, present))
     ends = np.cumsum([len(trajectory.w) for trajectory in trajectories])[:-1]
-    by_q, by_qdot = (
+    parts = [
         [MotionSensitivity(*each) for each in zip(*(np.split(v, ends) for v in vars(one).values()))]
         for one in by
-    )
-    return list(zip(by_q, by_qdot, strict=True))
+    ]
+    return list(zip(*parts, strict=True))
 
 
 def write_change(

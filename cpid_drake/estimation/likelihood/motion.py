@@ -95,6 +95,7 @@ class Trajectory:
         travel: (U, 6) what logged thrust adds to position [m] and velocity [m/s] of the centre of
             mass, in W; None without thrust.
         by_joints: derivatives of the motion by joint positions and rates; None if not yet needed.
+        by_bodies: those by errors of the known bodies, likewise.
 
     """
 
@@ -106,6 +107,7 @@ class Trajectory:
     L: NDArray[np.float64]
     travel: NDArray[np.float64] | None
     by_joints: tuple[MotionSensitivity, MotionSensitivity] | None = None
+    by_bodies: MotionSensitivity | None = None
 
     def rotations(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return R_WB (M, 3, 3) at times between the grid's ends, by the formula of whole steps."""
