@@ -154,7 +154,7 @@ def _convention(log: CheckedLog, spacecraft: Spacecraft) -> str:
     """Return the convention that explains a log of which the identification failed; or nothing."""
     if spacecraft.tree.normal_B is not None:
         return ""  # the plane's few equations do not tell conventions apart
-    return check_conventions(log.measurements, spacecraft.tree, is_bad=True).sentence
+    return check_conventions(log.measurements, spacecraft.tree).sentence
 
 
 def _with_logs(

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.logs.column_map import QUATERNION_ORDERS, UNITS, ColumnMap, scale_of
-from cpid_drake.logs.score import Instants, explain_motion, momentum_of
+from cpid_drake.logs.score import Instants, explain_by_momentum
 
 FAR = 0.05
 """Distance of a point from B's origin, in reaches of the arm, that model errors do not explain."""
@@ -266,21 +266,18 @@ def _places(
             yield unit, log, entries
         if tree is None or spin is None:
             continue
-        samples = momentum_of(log, tree)
-        has_spin = tree.normal_B is None
-        found = explain_motion(log, samples, has_spin=has_spin, has_free_point=True)
-        reach = np.linalg.norm(samples.motion.p_WC, axis=1).max()
-        if found is None or not found.is_possible or np.linalg.norm(found.point_B) < FAR * reach:
+        found = explain_by_momentum(log, tree, has_free_point=True)
+        if found is None or found[0].residual >= 1 or np.linalg.norm(found[1]) < FAR * found[2]:
             continue
-        place = np.round(at.point_B + found.point_B, 4).tolist()
+        place = np.round(at.point_B + found[1], 4).tolist()
         of_point = (
             f"the position is that of the point {_plain(place)} m in B instead of B's origin, or "
             "the model's base has another mass or centre of mass"
         )
         moved = _with_position(
             log,
-            log.values["position"] - rotate(R_WB, found.point_B),
-            log.rates["position"] - rotate(R_WB, np.cross(spin, found.point_B)),
+            log.values["position"] - rotate(R_WB, found[1]),
+            log.rates["position"] - rotate(R_WB, np.cross(spin, found[1])),
         )
         texts = [unit, of_point] if unit else [of_point]
         yield "; and ".join(texts), moved, {**entries, "position.point_B": place}

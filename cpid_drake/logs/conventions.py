@@ -95,7 +95,6 @@ def check_conventions(
     log: Log,
     tree: KinematicTree | None,
     *,
-    is_bad: bool = False,
     by_momentum: bool = True,
 ) -> Findings:
     """Compare the quantities of a log with each other, and with what the momentum allows.
@@ -103,10 +102,9 @@ def check_conventions(
     Args:
         log: screened samples, joints in the spacecraft's order.
         tree: the known spacecraft; None to compare positions with rates only.
-        is_bad: whether to look for another convention in any case, as after a bad fit; else only if
-            a comparison fails.
-        by_momentum: whether the momentum alone may say that another convention is right. A fit of
-            the log says better whether the momentum is conserved, with noise, forces and errors.
+        by_momentum: whether to look for another convention in any case, of which the momentum may
+            decide; else only if rates contradict positions. A fit of the log says better whether
+            the momentum is conserved, with noise, forces and errors.
 
     """
     given = instants_of(log)
@@ -115,7 +113,7 @@ def check_conventions(
     found = compare_rates(given, log.joint_names) + compare_momentum(given, tree)
     failed = [c for c in found if c.residual > (EXPLAINS if c.name == MOMENTUM else AGREES)]
     better: list[Alternative] = []
-    if is_bad or any(by_momentum or c.name != MOMENTUM for c in failed):
+    if by_momentum or any(c.name != MOMENTUM for c in failed):
         column_map = log.column_map or ColumnMap()
         better = better_conventions(given, log.joint_names, tree, column_map)
     unchecked = []

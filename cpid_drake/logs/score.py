@@ -185,20 +185,11 @@ def compare_rates(given: Instants, names: tuple[str, ...]) -> list[Comparison]:
 
 def compare_momentum(given: Instants, tree: KinematicTree | None) -> list[Comparison]:
     """Return the comparison with the conservation of momentum, if one is possible."""
-    is_tilted = tree is not None and tree.normal_B is not None and tree.normal_C is None
-    # On a table, the centre of mass of a craft that is not planar may rise.
-    if tree is None or is_tilted or not (given.moving and given.is_free):
-        return []
-    has_spin = tree.normal_B is None  # the plane has too few equations
-    found = explain_motion(given, momentum_of(given, tree), has_spin=has_spin)
-    if found is None:
-        return []
-    residual = found.residual if found.is_possible else max(found.residual, 1.0)
-    sides = "motion of the base", "motion that the conservation of momentum allows"
-    return [Comparison(MOMENTUM, sides, found.values, residual)]
+    found = explain_by_momentum(given, tree)
+    return [] if found is None else [found[0]]
 
 
-def momentum_of(given: Instants, tree: KinematicTree) -> MomentumSamples:
+def _momentum_of(given: Instants, tree: KinematicTree) -> MomentumSamples:
     """Return the momentum samples of a motion in which the base's origin rests at zero."""
     count, q = len(given.time), given.values["encoders"]
     zeros, turning = np.zeros((count, 3)), given.values.get("gyro", given.turning)
@@ -215,44 +206,29 @@ def momentum_of(given: Instants, tree: KinematicTree) -> MomentumSamples:
     return momentum_samples(tree, still)
 
 
-@dataclass(frozen=True, eq=False)
-class Explanation:
-    """What the target that explains a log best leaves of its motion.
-
-    Attributes:
-        point_B: (3,) place in B of the point whose positions are logged [m].
-        residual: geometric mean of what is left of the base's motion and of its turn, relative to
-            both.
-        is_possible: whether a target with its mass, and a point near the base, can exist.
-        values: the logged and the explained positions or velocities (N, 3); (0, 3) without.
-
-    """
-
-    point_B: Array
-    residual: float
-    is_possible: bool
-    values: tuple[Array, Array]
-
-
-def explain_motion(
-    given: Instants,
-    samples: MomentumSamples,
-    *,
-    has_spin: bool = True,
-    has_free_point: bool = False,
-) -> Explanation | None:
-    """Return what the conservation of momentum with the best target explains of a log.
+def explain_by_momentum(
+    given: Instants, tree: KinematicTree | None, *, has_free_point: bool = False
+) -> tuple[Comparison, Array, float] | None:
+    """Return what the conservation of momentum with the best target leaves of a log.
 
     Args:
         given: what a log says.
-        samples: see `momentum_of`.
-        has_spin: whether angular momentum is conserved, too.
+        tree: the known spacecraft, welded bodies in one.
         has_free_point: whether the positions may be those of another point than B's origin.
 
     Returns:
-        None if nothing can be compared, or the base does not move.
+        The comparison, whose residual is the geometric mean of those of the base's motion and of
+        its turn, and at least 1 if no target with its mass, or no point near the base, can exist;
+        the place (3,) of the point in B [m]; the reach of the arm [m]. None if nothing moves, or
+        nothing can be compared.
 
     """
+    is_tilted = tree is not None and tree.normal_B is not None and tree.normal_C is None
+    # On a table, the centre of mass of a craft that is not planar may rise.
+    if tree is None or is_tilted or not (given.moving and given.is_free):
+        return None
+    samples, has_spin = _momentum_of(given, tree), tree.normal_B is None
+    reach = float(np.linalg.norm(samples.motion.p_WC, axis=1).max())
     y = given.values.get("position", given.values.get("velocity"))
     shift = None if y is None else _linear(given, samples, y, has_free_point)
     parts, drift = [], np.empty((0, 0)) if shift is None else shift[1]
@@ -260,7 +236,7 @@ def explain_motion(
     if shift is not None:
         T, _, b, size = shift
         parts.append((np.hstack([T, np.zeros((len(b), 6 + count)), drift]), b, size))
-    if has_spin:
+    if has_spin:  # the plane has too few equations
         rows = RELATIVE_ROWS.full_rows(samples, count > 0)
         N, A, b = rows[:, :count], rows[:, count:-1], rows[:, -1]
         size = _rms(b - N @ np.linalg.lstsq(N, b, rcond=None)[0])
@@ -283,12 +259,14 @@ def explain_motion(
         is_possible &= bool(-margin < share < 1 + margin)
     if has_free_point and "position" in given.values and shift is not None:
         point_B = together[0][-3:]
-        reach = float(np.linalg.norm(samples.motion.p_WC, axis=1).max())
         is_possible &= bool(np.linalg.norm(point_B) < 2 * reach + 1.0)
     values = (np.empty((0, 3)), np.empty((0, 3)))
     if shift is not None and y is not None:
         values = (y, y - noise[0] * errors[0].reshape(y.shape))
-    return Explanation(point_B, float(np.exp(np.mean(np.log(left)))), is_possible, values)
+    residual = float(np.exp(np.mean(np.log(left))))
+    residual = residual if is_possible else max(residual, 1.0)
+    sides = "motion of the base", "motion that the conservation of momentum allows"
+    return Comparison(MOMENTUM, sides, values, residual), point_B, reach
 
 
 def _linear(

@@ -22,7 +22,7 @@ from cpid_drake.logs.conversion import from_columns
 from cpid_drake.logs.files import table_of
 from cpid_drake.logs.log import Samples
 from cpid_drake.logs.score import MOMENTUM as BY_MOMENTUM
-from cpid_drake.logs.score import explain_motion, instants_of, momentum_of
+from cpid_drake.logs.score import explain_by_momentum, instants_of
 from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import AttitudeSensor, JointSensor, VectorSensor
 from cpid_drake.sensors.suite import SensorSuite
@@ -72,7 +72,7 @@ def without(log, *names):
 
 
 def said(tree, log):
-    return check_conventions(log, tree, is_bad=True).sentence
+    return check_conventions(log, tree).sentence
 
 
 def attitudes(log, at="attitude"):
@@ -382,9 +382,8 @@ def test_the_momentum_finds_the_point_of_the_position(craft, skewed_target):
     motion, suite = Sines.drawn(len(craft.joint_names), 3, 10.0), coarse_suite()
     log = measured(craft, motion, skewed_target, suite)
     moved = changed("position", moved_point)(log)
-    given = instants_of(moved)
-    found = explain_motion(given, momentum_of(given, craft.tree), has_free_point=True)
-    np.testing.assert_allclose(found.point_B, POINT, atol=1e-3)
+    found = explain_by_momentum(instants_of(moved), craft.tree, has_free_point=True)
+    np.testing.assert_allclose(found[1], POINT, atol=1e-3)
 
 
 def test_what_cannot_be_compared_is_said(craft, noisy):
