@@ -10,7 +10,7 @@ from cpid_drake.logs.column_map import TimeUnit, scale_of
 from cpid_drake.logs.guess.guessed_map import GuessedMap
 from cpid_drake.logs.guess.joints import find_joint_units, find_joints
 from cpid_drake.logs.guess.names import (
-    COMMANDS,
+    WORDS,
     Group,
     frame_rate_of,
     groups_by_angle,
@@ -21,8 +21,6 @@ from cpid_drake.logs.guess.names import (
 )
 
 _TIMES = ("stamp", "timestamp", "time", "t", "clock", "secs", "sec", "seconds", "utc", "frame")
-_NANOSECONDS = {"nanosec", "nsec", "nsecs", "nanosecs", "nanoseconds"}
-_OTHER_TIMES = {"sub", "recv", "receive", "log", "record"}
 _YEARS = (5e8, 4e9)
 """Seconds since 1970 in the years 1985 to 2096."""
 
@@ -30,21 +28,8 @@ _STEPS = (1e-4, 0.5, 5.0)
 """Shortest and longest step of a log, and the one above which the time may be in a smaller unit,
 between them [s]."""
 
-_THRUST = {"thrust", "thruster", "thrusters", "rcs", "propulsion"}
-_FORCE, _TORQUE = {"force", "forces", "f"}, {"torque", "torques", "moment", "tau", "t", "m"}
-_ATTITUDE = {"attitude", "att", "orientation", "quat", "quaternion", "q", "rotation", "rot", "r"}
-_BASE = {"base", "bus", "body", "chaser", "servicer", "spacecraft"}
-_OTHER = {"acceleration", "accel", "acc", "covariance", "cov", "force", "torque", "magnetic", "mag"}
-_OTHER |= {"target", "goal", *_THRUST, *COMMANDS}
-_VECTORS = {
-    "angular_velocity": {
-        *("angular", "gyro", "gyr", "omega", "w", "bw", "rates", "rate", "angvel", "wb"),
-        "gyroscope",
-        "imu",
-    },
-    "velocity": {"velocity", "vel", "v", "linear", "speed"},
-    "position": {"position", "pos", "p", "t", "translation", "trans", "location", "xyz"},
-}
+
+_NO_VECTOR = WORDS["other vector"] | WORDS["command"] | WORDS["thrust"]
 
 
 def find_columns(guess: GuessedMap, frame_rate: float | None) -> None:
@@ -76,8 +61,8 @@ def _find_time(guess: GuessedMap, frame_rate: float | None) -> None:
         ranks = [k for k, word in enumerate(_TIMES) if word in words]
         increases = there.size > 1 and np.mean(np.diff(there) >= 0) > 0.98 and there[-1] > there[0]
         is_first = name == next(iter(guess.columns))
-        if (ranks or is_first) and increases and not words & _NANOSECONDS:
-            is_other = not ranks or bool(words & _OTHER_TIMES)
+        if (ranks or is_first) and increases and not words & WORDS["nanoseconds"]:
+            is_other = not ranks or bool(words & WORDS["other clock"])
             candidates.append((is_other, [*ranks, len(_TIMES)][0], name))
     if not candidates:
         raise InputError(
@@ -101,7 +86,7 @@ def _find_time(guess: GuessedMap, frame_rate: float | None) -> None:
         guess.say("time", f"{time.rate:g} frames per second")
         return
     rest = words_of(name) - {"sec", "secs", "seconds"}
-    beside = [c for c in guess.columns if words_of(c) - _NANOSECONDS == rest != words_of(c)]
+    beside = [c for c in guess.columns if words_of(c) - WORDS["nanoseconds"] == rest != words_of(c)]
     if beside and rest != words_of(name):
         time.nanoseconds = beside[0]
         guess.say("time", f"'{time.nanoseconds}' holds the nanoseconds")
@@ -143,7 +128,7 @@ def _find_attitude(guess: GuessedMap, free: list[str], axes: list[Group]) -> Non
     quaternions = [g for g in quaternions if guess.has_unit_norm(g.members.values())]
     guess.free.add("attitude.direction")
     if quaternions:
-        members = _nearest(guess, quaternions, _ATTITUDE).members
+        members = _nearest(guess, quaternions, WORDS["attitude"]).members
         letters, how = "".join(members), "their letters say the order"
         given.columns = [*members.values()]
         if "w" not in members:
@@ -157,15 +142,15 @@ def _find_attitude(guess: GuessedMap, free: list[str], axes: list[Group]) -> Non
         guess.say("attitude", text)
         return
     rolls = [
-        g for g in groups_by_angle(free) if not g.words & (_VECTORS["angular_velocity"] | _OTHER)
+        g for g in groups_by_angle(free) if not g.words & (WORDS["angular_velocity"] | _NO_VECTOR)
     ]
-    rotations = [g for g in axes if g.words & {"r", "rot", "rotation", "rotvec", "euler"}]
+    rotations = [g for g in axes if g.words & WORDS["rotation"]]
     rotations = [g for g in rotations if "w" not in g.members]
     if rolls:
         given.columns = [rolls[0].members[key] for key in ("roll", "pitch", "yaw")]
         given.order, why = "roll_pitch_yaw", "the names say roll, pitch and yaw"
     elif rotations:
-        group = _nearest(guess, rotations, _ATTITUDE)
+        group = _nearest(guess, rotations, WORDS["attitude"])
         given.columns = [group.members[key] for key in "xyz"]
         given.order = "euler_xyz" if "euler" in group.words else "rotation_vector"
         why = "three columns of a rotation"
@@ -183,9 +168,10 @@ def _find_vectors(guess: GuessedMap, free: list[str], axes: list[Group]) -> None
     """Choose the columns of position, velocity and angular velocity by their names."""
     groups = [*axes, *(g for g in groups_by_number(free) if len(g.members) == 3)]
     used = {*guess.column_map.attitude.columns}
-    groups = [g for g in groups if not used & {*g.members.values()} and not g.words & _OTHER]
+    groups = [g for g in groups if not used & {*g.members.values()} and not g.words & _NO_VECTOR]
     guess.free |= {"angular_velocity.frame", "velocity.frame", "position.point_B"}
-    for key, words in _VECTORS.items():
+    for key in ("angular_velocity", "velocity", "position"):
+        words = WORDS[key]
         choices = [g for g in groups if g.words & words or (key == "position" and g.stem == "*")]
         if key == "angular_velocity":
             choices = [g for g in choices if "linear" not in g.words]
@@ -210,8 +196,12 @@ def _find_vectors(guess: GuessedMap, free: list[str], axes: list[Group]) -> None
 def _find_thrust(guess: GuessedMap, axes: list[Group]) -> None:
     """Choose the columns of the thrusters' force and torque, if their names say what they are."""
     given, left = guess.column_map.thrust, []
-    for group in (g for g in axes if g.words & _THRUST and not g.words & COMMANDS):
-        key = "torque" if group.words & _TORQUE and not group.words & _FORCE else "force"
+    for group in (g for g in axes if g.words & WORDS["thrust"] and not g.words & WORDS["command"]):
+        key = (
+            "torque"
+            if group.words & WORDS["torque"] and not group.words & WORDS["force"]
+            else "force"
+        )
         if getattr(given, key):
             left.append(group.stem)
         else:
@@ -228,5 +218,5 @@ def _nearest(guess: GuessedMap, groups: list[Group], words: Collection[str]) -> 
     names = {guess.base.lower(), *words_of(guess.base)} - {""}
     return max(
         groups,
-        key=lambda g: (len(g.words & names), len(g.words & _BASE), len(g.words & {*words})),
+        key=lambda g: (len(g.words & names), len(g.words & WORDS["base"]), len(g.words & {*words})),
     )

@@ -7,7 +7,7 @@ import numpy as np
 from cpid_drake.errors import InputError
 from cpid_drake.logs.guess.guessed_map import GuessedMap
 from cpid_drake.logs.guess.names import (
-    COMMANDS,
+    WORDS,
     Group,
     groups_by_number,
     letters_of,
@@ -15,20 +15,7 @@ from cpid_drake.logs.guess.names import (
     words_of,
 )
 
-_JOINT_RATES = {
-    *("velocity", "velocities", "vel", "rate", "rates", "speed", "qd", "dq", "qdot", "dot"),
-    *("thetadot", "w", "omega"),
-}
-_JOINTS = {
-    *("position", "positions", "pos", "angle", "angles", "q", "theta", "th", "joint", "joints"),
-    *("encoder", "encoders", "enc", "j", "qj"),
-}
-_OF_JOINTS = {
-    *("effort", "efforts", "torque", "torques", "tau", "current", "temperature", "temp", "qdd"),
-    *("ddq", "voltage", "error", "err", "acc", "accel", "acceleration", "target", "goal"),
-    *COMMANDS,
-}
-"""Words of columns of joints that are neither positions nor rates."""
+_OTHERS = WORDS["other of joint"] | WORDS["command"]
 
 
 def find_joints(guess: GuessedMap) -> set[str]:
@@ -42,8 +29,8 @@ def find_joints(guess: GuessedMap) -> set[str]:
             if (rest := _rest(column, joint)) is not None:
                 used.add(column)
                 words = words_of(rest)
-                if not words & _OF_JOINTS:
-                    (rates if words & _JOINT_RATES else positions).setdefault(joint, column)
+                if not words & _OTHERS:
+                    (rates if words & WORDS["joint rate"] else positions).setdefault(joint, column)
                 break
     if any(joint in positions for joint in needed):
         guess.say("joint_positions", "the columns have the names of the spacecraft's joints")
@@ -92,11 +79,11 @@ def _numbered(
     groups = [
         group
         for group in groups_by_number(free)
-        if not group.words & _OF_JOINTS
-        and bool(group.words & _JOINT_RATES) == is_rate
+        if not group.words & _OTHERS
+        and bool(group.words & WORDS["joint rate"]) == is_rate
         and not (len(group.members) == 4 and guess.has_unit_norm(group.members.values()))
     ]
-    named = [g for g in groups if g.words & (_JOINT_RATES if is_rate else _JOINTS)]
+    named = [g for g in groups if g.words & (WORDS["joint rate"] if is_rate else WORDS["joint"])]
     for group in named:
         if found := _named_in_cells(guess, group):
             guess.say("joint_positions", "columns of text name the joints of the numbered columns")
@@ -131,11 +118,8 @@ def _named_in_cells(guess: GuessedMap, group: Group) -> dict[str, str]:
 
 def find_joint_units(guess: GuessedMap) -> None:
     """Choose the units of joints by names, and by the joints' limits."""
-    at, rate_at, craft = (
-        guess.column_map.joint_positions,
-        guess.column_map.joint_rates,
-        guess.spacecraft,
-    )
+    craft, at = guess.spacecraft, guess.column_map.joint_positions
+    rate_at = guess.column_map.joint_rates
     names, low, high = craft.joint_names, craft.limits.lowest, craft.limits.highest
     slides = {names[b.joint] for b in craft.tree.bodies if b.joint >= 0 and b.prismatic}
     for joint in slides & at.columns.keys():

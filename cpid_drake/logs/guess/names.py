@@ -8,8 +8,30 @@ from cpid_drake.logs.column_map import UNITS
 
 _UNITS = {name: u for u, (_, names) in UNITS.items() for name in (u, *names.split())}
 _SUFFIXES = _UNITS.keys() - {"m", "s", "in", "ft", "N"}  # units that end a name without brackets
-COMMANDS = {"command", "cmd", "commanded", "desired", "ref", "reference", "setpoint"}
-"""Words of what is wanted, not measured."""
+WORDS = {
+    meaning: frozenset(words.split())
+    for meaning, words in {
+        "nanoseconds": "nanosec nsec nsecs nanosecs nanoseconds",
+        "other clock": "sub recv receive log record",
+        "attitude": "attitude att orientation quat quaternion q rotation rot r",
+        "rotation": "r rot rotation rotvec euler",
+        "angular_velocity": "angular gyro gyr gyroscope imu omega w bw wb rates rate angvel",
+        "velocity": "velocity vel v linear speed",
+        "position": "position pos p t translation trans location xyz",
+        "base": "base bus body chaser servicer spacecraft",
+        "thrust": "thrust thruster thrusters rcs propulsion",
+        "force": "force forces f",
+        "torque": "torque torques moment tau t m",
+        "command": "command cmd commanded desired ref reference setpoint target goal",
+        "other vector": "acceleration accel acc covariance cov force torque magnetic mag",
+        "joint": "position positions pos angle angles q theta th joint joints encoder encoders enc "
+        "j qj",
+        "joint rate": "velocity velocities vel rate rates speed qd dq qdot dot thetadot w omega",
+        "other of joint": "effort efforts torque torques tau current temperature temp qdd ddq "
+        "voltage error err acc accel acceleration",
+    }.items()
+}
+"""Words in names of columns, by what they mean; a command is what is wanted, not measured."""
 
 _BRACKET = re.compile(r"\s*[\[(]\s*([^\[\]():,\d]*?)\s*(?:/\s*s(?:ec)?)?\s*[\])]\s*$")
 _FRAME_RATE = re.compile(r"[\[(]\s*(\d+(?:\.\d+)?)\s*Hz\s*[\])]")
