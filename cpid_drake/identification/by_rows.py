@@ -227,10 +227,9 @@ def _motion(
                 yield samples, covariance
     else:
         position, normal_B = family.uses_base_position, tree.normal_B
-        for each in smooth_windows(
+        yield from smooth_windows(
             log.measurements, suite, with_position=position, normal_B=normal_B
-        ):
-            yield each.motion, each.covariance
+        )
 
 
 def _form(known: Known) -> Parameterization:

@@ -8,7 +8,7 @@ the samples.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -44,23 +44,6 @@ FEWEST = 60
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class SmoothedMotion:
-    """Motion at N common times, and its errors.
-
-    Attributes:
-        motion: the motion.
-        covariance: (N, n, n) of attitude (3, right perturbation, in B), angular velocity (3, in B),
-            position (3) and velocity (3) in W, joint positions (J) and joint rates (J).
-        gyro_bias: (3,) estimated gyro bias, in B [rad/s].
-
-    """
-
-    motion: Motion
-    covariance: Array
-    gyro_bias: Array
-
-
 def smooth(
     given: Log,
     suite: SensorSuite,
@@ -69,8 +52,8 @@ def smooth(
     with_position: bool = True,
     within: tuple[float, float] = (-np.inf, np.inf),
     normal_B: NDArray[np.float64] | None = None,
-) -> SmoothedMotion:
-    """Return the motion at common times, smoothed from samples of different rates.
+) -> tuple[Motion, Array]:
+    """Return the motion at N common times, smoothed from samples of different rates.
 
     Args:
         given: samples of the sensors; attitude, position and encoders are required. Samples
@@ -81,6 +64,11 @@ def smooth(
         within: if no times are given, the interval [start, end) in which they must be [s].
         normal_B: (3,) normal in B of a table, whose tilt and height are then not smoothed but zero;
             None for a spacecraft that floats freely.
+
+    Returns:
+        The motion, and the covariance (N, n, n) of attitude (3, right perturbation, in B), angular
+        velocity (3, in B), position (3) and velocity (3) in W, joint positions (J) and joint rates
+        (J).
 
     Raises:
         InputError: too few samples of a required sensor, or no times inside the samples.
@@ -118,7 +106,7 @@ def smooth(
         times,
         finer=True,
     )
-    attitude, w_B, attitude_errors, bias = _smooth_attitude(log, suite, times, normal_B)
+    attitude, w_B, attitude_errors = _smooth_attitude(log, suite, times, normal_B)
     N, J = q.shape
     p_WB, v_WB, place_errors = np.zeros((N, 3)), np.zeros((N, 3)), np.zeros((N, 2, 2))
     if with_position:
@@ -142,7 +130,7 @@ def smooth(
         q=q,
         qdot=qdot,
     )
-    return SmoothedMotion(motion, whole, bias)
+    return motion, whole
 
 
 def smooth_windows(
@@ -151,7 +139,7 @@ def smooth_windows(
     *,
     with_position: bool = True,
     normal_B: NDArray[np.float64] | None = None,
-) -> Iterator[SmoothedMotion]:
+) -> Iterator[tuple[Motion, Array]]:
     """Yield the motion of a log of any length, smoothed in windows; see `smooth`.
 
     A window has a margin of samples on both sides, because splines are less accurate near their
@@ -178,7 +166,7 @@ def smooth_windows(
         last = first + seconds if first < starts[-1] else np.inf
         around = given.between(first - MARGIN * seconds, last + MARGIN * seconds)
         try:
-            motion = smooth(
+            smoothed = smooth(
                 around,
                 suite,
                 with_position=with_position,
@@ -189,7 +177,7 @@ def smooth_windows(
             refused = error
             continue
         is_empty = False
-        yield motion
+        yield smoothed
     if is_empty and refused is not None:
         raise refused
 
@@ -247,8 +235,8 @@ def _smooth_vectors(
 
 def _smooth_attitude(
     log: Log, suite: SensorSuite, times: Array, normal_B: Array | None
-) -> tuple[Rotation, Array, Array, Array]:
-    """Return attitude, angular velocity in B, their covariance (N, 6, 6) and the gyro bias.
+) -> tuple[Rotation, Array, Array]:
+    """Return attitude, angular velocity in B, and their covariance (N, 6, 6).
 
     R_WB is the spline of the attitude's quaternions, times exp(r) with the spline r, which follows
     the gyro, too: w = exp(−r) w_path + Jr(r) ṙ. Gauss and Newton's steps keep the derivatives at
@@ -335,4 +323,4 @@ def _smooth_attitude(
     k, of_r, of_w = turned(knots, times, w_B)
     both = np.concatenate([of_r, of_w], axis=1)
     errors = both @ C[k[:, :, None], k[:, None]] @ np.swapaxes(both, 1, 2)
-    return R, w_B, errors, x[-3:]
+    return R, w_B, errors

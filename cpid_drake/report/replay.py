@@ -146,7 +146,7 @@ def motion_of(log: Log, spacecraft: Spacecraft, sensors: SensorSuite | None) -> 
             if complete is not None:
                 return complete
     suite = sensors or estimate_suite(screened)
-    motion = smooth(screened, suite, with_position=with_position).motion
+    motion, _ = smooth(screened, suite, with_position=with_position)
     # A spline's rates at its ends are known from one side only; their noise looks like momentum.
     inner = np.arange(len(motion)).clip(1, max(len(motion) - 2, 1))
     return replace(motion, **{name: getattr(motion, name)[inner] for name in _RATES})

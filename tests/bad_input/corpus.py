@@ -16,6 +16,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+from model_parts import joint, link
 
 from cpid_drake import InertialParameters, Motion, Spacecraft, shipped_scenario
 from cpid_drake.dynamics.joint_motion import HalfCosine
@@ -84,28 +85,15 @@ def made(name: str, how: Callable[[Path], object]) -> Callable[[Path], str]:
 # -- what is all right ----------------------------------------------------------------------------
 
 
-def link(name: str, mass: object = 10, moment: object = 1, inner: str = "") -> str:
-    return (
-        f'<link name="{name}"><inertial><origin xyz="0.1 0 0.2"/><mass value="{mass}"/><inertia '
-        f'ixx="{moment}" iyy="1.5" izz="1.2" ixy="0" ixz="0" iyz="0"/></inertial>{inner}</link>\n'
-    )
-
-
-def joint(name: str, parent: str, child: str, axis: str = "0 0 1", kind: str = "revolute") -> str:
-    return (
-        f'<joint name="{name}" type="{kind}"><origin xyz="0.4 0 0.1"/><parent link="{parent}"/>'
-        f'<child link="{child}"/><axis xyz="{axis}"/>'
-        '<limit lower="-3" upper="3" effort="9" velocity="9"/></joint>\n'
-    )
-
-
 def urdf(hand: str = link("hand"), rest: str = "", head: str = "") -> str:
-    """Return a base with an arm of three joints; `hand` is its last link."""
-    return (
-        f'{head}<robot name="craft">\n{link("bus", 200, 2)}{link("upper")}{link("fore")}{hand}'
-        f"{joint('shoulder', 'bus', 'upper')}{joint('elbow', 'upper', 'fore', '0 1 0')}"
-        f"{joint('wrist', 'fore', 'hand', '1 0 0')}{rest}</robot>\n"
+    """Return a base with an arm of three joints; `hand` is its last link, in line 5."""
+    links = link("bus", 200), link("upper"), link("fore"), hand
+    joints = (
+        joint("shoulder", "bus", "upper", axis="0 0 1"),
+        joint("elbow", "upper", "fore", axis="0 1 0"),
+        joint("wrist", "fore", "hand", axis="1 0 0"),
     )
+    return "\n".join([f'{head}<robot name="craft">', *links, *joints, rest, "</robot>\n"])
 
 
 def sdf(mass: object = 10, inner: str = "", axis: str = "0 0 1") -> str:

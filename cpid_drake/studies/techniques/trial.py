@@ -158,7 +158,7 @@ class Trial:
         acceleration: of the base's origin, in B (N, 3), at these instants.
         efforts: of the joints (N, J).
         wrench: of the arm on the target about C's origin, in C (N, 6).
-        covariance: (N, n, n) of the smoothed motion, see `SmoothedMotion`; None if it is exact.
+        covariance: (N, n, n) of the smoothed motion, see `smoothing.smooth`; None if it is exact.
 
     """
 
@@ -200,9 +200,9 @@ class Truth:
             rng = np.random.default_rng(body_seed)
             ideal, rates = self._observed(perturbed(self.spacecraft.tree, bodies, rng))
         log, has_position = add_noise(suite, ideal, noise), suite.position is not None
-        smoothed = smooth(log, suite, rates.around.time, with_position=has_position)
-        trial = self._trial(log, rates, Rates(self.spacecraft.tree, smoothed.motion), noise)
-        return replace(trial, covariance=smoothed.covariance[1::3])
+        motion, covariance = smooth(log, suite, rates.around.time, with_position=has_position)
+        trial = self._trial(log, rates, Rates(self.spacecraft.tree, motion), noise)
+        return replace(trial, covariance=covariance[1::3])
 
     def exact_trial(self) -> Trial:
         """Return the trial without any errors; the rates are those of the true motion."""

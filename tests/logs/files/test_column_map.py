@@ -165,26 +165,16 @@ def test_the_map_in_the_documentation_has_every_key(tmp_path):
     assert column_map.position.point_B.tolist() == [0.1, 0.0, 0.2]
 
 
-def test_a_marker_without_an_attitude_on_its_row_is_counted_not_used(tmp_path, motion):
-    columns = house(motion)
-    columns["qw"] = np.where(np.arange(40) == 5, np.nan, columns["qw"])
-    file = written(tmp_path, columns)
-    found = inspect_log(file, columns=mapped(tmp_path, "position: {point_B: [1, 0, 0]}"))
-    assert found.partial["position"] == 1
-    assert len(found.log.position) == 39
-
-
 def test_samples_that_are_logged_in_part_are_counted_whatever_their_convention(tmp_path, motion):
     columns = house(motion)
     columns["vy"] = np.where(np.arange(40) == 7, np.nan, columns["vy"])
     columns["qw"] = np.where(np.arange(40) < 3, np.nan, columns["qw"])
     for name in ("wx", "wy", "wz"):  # not logged at all on most rows: absent, not incomplete
         columns[name] = np.where(np.arange(40) % 4, np.nan, columns[name])
-    found = inspect_log(
-        written(tmp_path, columns), columns=mapped(tmp_path, "velocity: {frame: body}")
-    )
-    assert found.partial == {"attitude": 3, "gyro": 1, "velocity": 4}
-    assert len(found.log.velocity) == 36
+    text = "{velocity: {frame: body}, position: {point_B: [1, 0, 0]}}"
+    found = inspect_log(written(tmp_path, columns), columns=mapped(tmp_path, text))
+    assert found.partial == {"attitude": 3, "gyro": 1, "position": 3, "velocity": 4}
+    assert (len(found.log.velocity), len(found.log.position)) == (36, 37)
 
 
 def test_angles_that_are_logged_in_part_are_counted(tmp_path, motion):
