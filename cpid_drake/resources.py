@@ -46,18 +46,6 @@ def package_folders(packages: Mapping[str, str | Path] | None = None) -> dict[st
     return folders
 
 
-def package_folder(name: str, folders: Mapping[str, Path]) -> Path | None:
-    """Return the folder of a package, Drake's own included, or None for an unknown package.
-
-    Drake's package of models is treated as unknown, because Drake would download it.
-    """
-    if name == _DRAKE:
-        from pydrake.multibody.parsing import PackageMap
-
-        return Path(PackageMap().GetPath(name))
-    return folders.get(name)
-
-
 def resolve_model(uri: str | Path, folders: Mapping[str, Path] | None = None) -> Path:
     """Return the absolute path of the file that a path or a `package://NAME/...` URI names.
 
@@ -69,32 +57,35 @@ def resolve_model(uri: str | Path, folders: Mapping[str, Path] | None = None) ->
         InputError: the package is unknown, the URI scheme is not `package`, or no such file exists.
 
     """
-    text = str(uri)
-    folders = package_folders() if folders is None else folders
+    text, folders = str(uri), package_folders() if folders is None else folders
     path = Path(text)
-    if text.startswith("~"):
-        try:
-            path = path.expanduser()
-        except RuntimeError as error:
-            raise InputError(f"{text}: {error}") from error
     if "://" in text:
         scheme, _, rest = text.partition("://")
         name, _, relative = rest.partition("/")
         if scheme != "package":
             raise InputError(f"{text}: give a path or a package:// URI, not {scheme}://")
-        folder = package_folder(name, folders)
-        if folder is None:
+        # Drake's package of models is unknown here, because Drake would download it.
+        if name not in folders and name != _DRAKE:
             known = ", ".join(sorted([*folders, _DRAKE]))
             raise InputError(f"{text}: unknown package '{name}' (known: {known})")
-        path = folder / relative
+        path = (folders[name] if name in folders else _folder_of_drake()) / relative
     try:
+        path = path.expanduser()
         is_file, is_folder = path.is_file(), path.is_dir()
+    except RuntimeError as error:  # the user in ~user does not exist
+        raise InputError(f"{text}: {error}") from error
     except OSError as error:
         raise InputError(f"{text[:200]}: {error.strerror}") from error
     if not is_file:
         found = "a folder" if is_folder else NOT_A_FILE if path.exists() else "no such file"
         raise InputError(f"{text}: {found}" + ("" if path == Path(text) else f" ({path})"))
     return path.resolve()
+
+
+def _folder_of_drake() -> Path:
+    from pydrake.multibody.parsing import PackageMap
+
+    return Path(PackageMap().GetPath(_DRAKE))
 
 
 def shipped_scenario(name: str) -> Path:

@@ -17,8 +17,8 @@ from cpid_drake.errors import InputError
 class TotalMomentum:
     """The constant momentum of spacecraft and target, about the system's centre of mass Scm.
 
-    A known one is also made by `known_about_origin(...)` or `with_base_at_origin(...)`. About Scm,
-    the conservation of angular momentum is independent of the base's position and velocity.
+    About Scm, the conservation of angular momentum is independent of the base's position and
+    velocity.
 
     Attributes:
         L_WScm_W: (3,) angular momentum about Scm, in W [N·m·s]; the initial value if it is unknown.
@@ -52,25 +52,6 @@ class TotalMomentum:
         return cls(start.L_WScm_W, start.v_WScm_W, is_unknown=True)
 
     @classmethod
-    def known_about_origin(cls, momentum_W: ArrayLike, p_WScm: ArrayLike, mass: float) -> Self:
-        """Return a known momentum from its value about W's origin: L_Scm = L_Wo − p × P, v = P/m.
-
-        Args:
-            momentum_W: (6,) total momentum [L; P] about W's origin, in W [N·m·s, N·s].
-            p_WScm: (3,) position of the system's centre of mass at the same instant, in W [m].
-            mass: total mass of spacecraft and target [kg].
-
-        Raises:
-            InputError: a vector has the wrong size or an entry that is not finite; the mass is not
-                positive.
-
-        """
-        L_W, P_W = np.split(_vector("momentum_W", momentum_W, 6), 2)
-        if not mass > 0:
-            raise InputError(f"total momentum: the total mass must be > 0 kg, not {mass}")
-        return cls(L_W - np.cross(_vector("p_WScm", p_WScm, 3), P_W), P_W / mass)
-
-    @classmethod
     def with_base_at_origin(
         cls, tree: KinematicTree, target: InertialParameters, q: ArrayLike, momentum_W: ArrayLike
     ) -> Self:
@@ -86,7 +67,8 @@ class TotalMomentum:
         q = np.asarray(q, dtype=float)[None]
         psi = standard_to_relative(target.to_standard_vector(), tree.mass)
         p_WScm = BodyDynamics.at(tree, q, 0 * q).com(psi)[0]
-        return cls.known_about_origin(momentum_W, p_WScm, tree.mass + target.mass)
+        L_W, P_W = np.split(_vector("momentum_W", momentum_W, 6), 2)
+        return cls(L_W - np.cross(p_WScm, P_W), P_W / (tree.mass + target.mass))
 
     @classmethod
     def named(cls, name: str) -> Self:

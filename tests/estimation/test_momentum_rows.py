@@ -45,7 +45,7 @@ def test_a_known_angular_momentum_is_that_of_the_samples(
     p_WScm = (servicer.mass * samples.p_WKcm + skewed_target.mass * p_WTcm) / mass
     theta = family.parameterization(servicer.mass).from_parameters(skewed_target.to_vector())
     for k in range(5):
-        known = TotalMomentum.known_about_origin(np.concatenate([L[k], P[k]]), p_WScm[k], mass)
+        known = TotalMomentum(L[k] - np.cross(p_WScm[k], P[k]), P[k] / mass)
         rows = momentum_rows(servicer.tree, motion.select([k]), family, known)
         np.testing.assert_allclose(rows[:, :-1] @ theta, rows[:, -1], atol=1e-9)
 

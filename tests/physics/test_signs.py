@@ -149,11 +149,13 @@ def test_the_total_is_about_the_origin_of_W(craft):
     np.testing.assert_allclose(other[1] - one[1], np.cross([[1.0, 2.0, 3.0]], one[0]), atol=1e-13)
 
 
-def test_a_known_momentum_about_the_origin_is_less_about_the_centre_of_mass():
-    """L about Scm = L about Wo − p × P, v = P / m."""
-    known = TotalMomentum.known_about_origin([0, 0, 5.0, 0, 2.0, 0], 3 * X, 4.0)
-    np.testing.assert_allclose(known.L_WScm_W, (5.0 - 3 * 2.0) * Z)
-    np.testing.assert_allclose(known.v_WScm_W, 0.5 * Y)
+def test_a_known_momentum_about_the_origin_is_less_about_the_centre_of_mass(craft):
+    """L about Scm = L about Wo − p × P, v = P / m: the arm is at 1.5 X, the target at 2 X + c."""
+    known = TotalMomentum.with_base_at_origin(craft.tree, TARGET, [0.0], [0, 0, 5.0, 0, 2.0, 0])
+    mass = BASE_MASS + ARM_MASS + TARGET.mass
+    p = (ARM_MASS * 1.5 * X + TARGET.mass * (2 * X + TARGET.p_CTcm_C)) / mass
+    np.testing.assert_allclose(known.L_WScm_W, 5.0 * Z - np.cross(p, 2 * Y), atol=1e-15)
+    np.testing.assert_allclose(known.v_WScm_W, 2 / mass * Y)
 
 
 def test_the_base_turns_and_moves_against_the_arm(craft):
