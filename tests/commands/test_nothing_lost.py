@@ -4,6 +4,7 @@ import json
 import os
 import random
 import resource
+import shutil
 import signal
 import time
 from contextlib import suppress
@@ -23,19 +24,25 @@ LIMIT = 500
 """Largest size of a file for a process without space [bytes]; every output is larger."""
 
 
-@pytest.fixture
-def folder(cpid, tmp_path):
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
     """A folder with a result and a run of half a second, and inputs for longer ones."""
+    folder = tmp_path_factory.mktemp("made")
     lines = (MODELS / "telemetry/free_flyer.csv").read_text().splitlines(keepends=True)
     for name, count, duration in (("old", 202, 0.5), ("new", 302, 1.0)):
-        (tmp_path / f"{name}.csv").write_text("".join(lines[:count]))
+        (folder / f"{name}.csv").write_text("".join(lines[:count]))
         text = SCENARIO.replace(
             "simulation:\n  duration: 10.0", f"simulation:\n  duration: {duration}"
         )
-        (tmp_path / f"{name}.yaml").write_text(text)
-    assert cpid("identify", "old.csv", *IDENTIFY)[0] in (0, 3, 4)
-    assert cpid("simulate", "old.yaml", "--out", "run")[0] == 0
-    return tmp_path
+        (folder / f"{name}.yaml").write_text(text)
+    for arguments in (("identify", "old.csv", *IDENTIFY), ("simulate", "old.yaml", "--out", "run")):
+        assert finish(start("-m", "cpid_drake", *arguments, cwd=folder)).returncode in (0, 3, 4)
+    return folder
+
+
+@pytest.fixture
+def folder(made, tmp_path):
+    return shutil.copytree(made, tmp_path / "copy")
 
 
 COMMANDS = {

@@ -90,13 +90,3 @@ def test_errors_are_one_line(arguments, message, run_cpid, tmp_path, monkeypatch
     assert error.count("\n") == 1
     assert message in error
     assert not list(tmp_path.iterdir())
-
-
-def test_the_help_has_groups_and_units(run_cpid):
-    code, text, _ = run_cpid("plan", "motion", "--help")
-    assert code == 0
-    text = " ".join(re.sub("[│\n]", " ", text).split())
-    for group in ("What is known", "The motion", "Limits", "The search"):
-        assert group in text
-    for unit in ("[s]", "[Hz]", "[m]", "[deg]", "[deg/s]", "[rad/s² or m/s²]"):
-        assert unit in text
