@@ -25,7 +25,6 @@ from cpid_drake.estimation.roll import Rolled, Values, roll
 from cpid_drake.estimation.start import start_of
 from cpid_drake.estimation.sweep import Swept, back, sweep
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model, undetermined
-from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.sensors.sensors import SENSORS
 
 CLOSE = 1e-2
@@ -37,6 +36,9 @@ by less than this for each residual: what values far from the minimum do not exp
 
 MOST_SWEEPS = 30
 """The fit ends without an answer after so many sweeps."""
+
+MOST_LOST = 0.9
+"""Share of a sensor's residuals that unknowns absorb at most: else none would show the noise."""
 
 _REJECTED = 12  # steps in a row
 
@@ -158,11 +160,11 @@ def reweighted(model: Model, log: LogState, rolled: Rolled, absorbed: dict[str, 
     for name, rest in residuals.items():
         w = weights_of(rest) if name in SENSORS else np.ones(len(rest))  # a force is no outlier
         near = rest[w == 1.0]  # what is far off says nothing about the noise
-        tau = _correlation(near) if name in SENSORS else 1.0  # means of a force are smooth
-        lost = free / count + absorbed.get(name, 0.0) / rest.size
-        freedom = near.size * max(1 - lost, 0.1) / tau
-        square = (DECLARED + float(np.sum(near**2)) / tau) / (DECLARED + freedom)
-        noise[name] = max(1.0, float(np.sqrt(square * tau)))
+        lost = min(free / count + absorbed.get(name, 0.0) / rest.size, MOST_LOST)
+        time = _correlation_time(near, lost) if name in SENSORS else 1.0  # means of a force: smooth
+        freedom = near.size * (1 - lost) / time
+        square = (DECLARED + float(np.sum(near**2))) / (DECLARED + freedom)
+        noise[name] = max(1.0, float(np.sqrt(square)))
         ends = np.cumsum([len(block[name]) for block in rolled.residuals if name in block])[:-1]
         parts = iter(np.split(w, ends))
         for k, block in enumerate(rolled.residuals):
@@ -171,13 +173,18 @@ def reweighted(model: Model, log: LogState, rolled: Rolled, absorbed: dict[str, 
     return replace(log, weights=tuple(weights), noise=noise)
 
 
-def _correlation(rest: NDArray[np.float64]) -> float:
-    """Return the correlation time of noise of which residuals, if they are small, are a part.
+def _correlation_time(rest: NDArray[np.float64], lost: float) -> float:
+    """Return (1 + ρ)/(1 − ρ), how much stronger first-order Gauss-Markov noise is if it is slow.
 
-    Neighbours of opposite signs show that unknowns of the blocks follow the samples.
+    The motion is slow, too: of white noise, it takes the lowest frequencies, the share that is
+    `lost`, and leaves residuals whose neighbours have the correlation −sin(π lost)/π/(1 − lost).
     """
-    part, found = min(1.0, float(np.mean(rest**2))) if rest.size else 0.0, whiteness(rest)
-    return 1 + part * (found.correlation_time - 1) if found.lag_one > 0 else 1.0
+    if len(rest) < 2 or not rest.any():
+        return 1.0
+    seen = np.mean(rest[1:] * rest[:-1]) / np.mean(rest**2)
+    of_white = -np.sin(np.pi * lost) / np.pi / (1 - lost)
+    rho = np.clip(seen - of_white, 0.0, 1 - 1 / len(rest))
+    return float((1 + rho) / (1 - rho))
 
 
 def weights_of(rest: NDArray[np.float64], noise: float = 1.0) -> NDArray[np.float64]:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from block_cases import fired, make_case
+from scipy.signal import lfilter
 from scipy.stats import chi2
 from sensing_cases import Sines, coarse_suite, measured, small_craft, true_psi
 
@@ -18,7 +19,7 @@ from cpid_drake.estimation.unknowns import PSI, Model, undetermined
 from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.logs.log import Log, Samples
 from cpid_drake.logs.simulated_noise import add_noise
-from cpid_drake.sensors.sensors import AttitudeSensor, JointSensor
+from cpid_drake.sensors.sensors import AttitudeSensor, Gyro, JointSensor
 
 SUITE = coarse_suite()
 
@@ -72,6 +73,22 @@ def test_noise_that_the_joints_absorb_is_counted(case):
         samples = add_noise(real, case.samples, seed)
         factors.append(fit(model, [LogState.of(model, samples)]).logs[0].noise["gyro"])
     assert 2.67 < np.mean(factors) < 3.2
+
+
+@pytest.mark.parametrize(("correlation", "least", "most"), [(0.0, 1.0, 1.2), (0.5, 1.55, 1.95)])
+def test_slow_noise_counts_as_strong_as_it_is(tmp_path, skewed_target, correlation, least, most):
+    """First-order Gauss-Markov noise is √3 times as strong if it is slow, as the motion is."""
+    suite = replace(SUITE, gyro=Gyro(50.0, 0.005, 1.0), encoders=JointSensor(50.0, 1e-5))
+    case, factors = make_case(tmp_path, skewed_target, suite, None), []
+    exact, sigma, rng = case.samples.gyro, suite.sigmas("gyro"), np.random.default_rng(0)
+    for seed in range(2):
+        white = sigma * rng.standard_normal((len(exact) + 50, 3)) * np.sqrt(1 - correlation**2)
+        noise = lfilter([1.0], [1.0, -correlation], white, axis=0)[50:]
+        samples = add_noise(suite, case.samples, seed)
+        samples = samples.updated({"gyro": Samples(exact.time, exact.value + noise)})
+        model = Model(case.craft.tree, suite)
+        factors.append(fit(model, [LogState.of(model, samples)]).logs[0].noise["gyro"])
+    assert least <= np.mean(factors) < most
 
 
 def test_errors_of_the_model_are_no_noise_if_they_are_small(case):
