@@ -277,17 +277,27 @@ def part_checks(
 ) -> tuple[Check, ...]:
     """Return the check that the first halves of the logs have the target of the whole logs.
 
-    The errors that act by all samples act in the halves too, and have the same values.
+    The errors that act by all samples act in the halves too, and have the same values; before the
+    samples they may be as large as by the comparison.
     """
-    beginning = _beginning(found, rows, 1 / 2)
+    named, wide = [name for name in compared.named if name in question.candidates], found.model
+    for name in named:
+        unknown = wide.unknown(name.partition("|")[0])
+        sigma = max(1.0, compared.sizes[name]) * unknown.sigma
+        wide = wide.with_prior(unknown.name, unknown.mean, sigma)
+    found = replace(found, model=wide)
+    beginning, whole = _beginning(found, rows, 1 / 2), found.gaussian
     if beginning is None:
         return ()
-    others = {n: s for n, s in question.candidates.items() if n not in compared.named}
+    if named:
+        whole = prior_of(wide, found.logs, found.values, rows)
+        for log, rolled in zip(found.logs, found.rolled, strict=True):
+            whole = whole.add(sweep(wide, log, rolled, found.values, forward_only=True).gaussian)
+    others = {n: s for n, s in question.candidates.items() if n not in named}
     asked = replace(question, candidates=others)
-    kept = [PSI, *(n for n in compared.named if n in question.candidates)]
     first, whole = (
-        asked.answer(each, found.values).gaussian.marginal(kept)
-        for each in (beginning, found.gaussian)
+        asked.answer(each, found.values).gaussian.marginal([PSI, *named])
+        for each in (beginning, whole)
     )
     cause = "the grasp slips, or a joint, a clock or a force is not as modelled"
     return (halves_check(first, whole, cause),)
