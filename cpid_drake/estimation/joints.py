@@ -76,25 +76,21 @@ def smooth_joints(
         InputError: the samples are too few.
 
     """
+    samples = [_JointSamples(block, suite) for block in blocks]
+    weights = [np.ones(each.values.shape) for each in samples]
     try:
-        return _smoothed([_JointSamples(block, suite) for block in blocks])
+        for _ in range(_REWEIGHTINGS):
+            splines = _Splines(samples, FINER * _best_rate(samples, weights), weights)
+            u, noise = splines.best()
+            before, weights = weights, splines.weights(u, noise)
+            pairs = zip(before, weights, strict=True)
+            if max(np.abs(a - b).max(initial=0.0) for a, b in pairs) < _SAME:
+                break
+        noise, jerk = np.maximum(noise, 1.0), np.exp(u / 2) * noise
+        c = splines.solved(2 * np.log(jerk / noise))
     except np.linalg.LinAlgError as error:
         raise InputError("encoders: too few samples to show how the joints move") from error
-
-
-def _smoothed(samples: Sequence["_JointSamples"]) -> tuple[Smoothness, list[JointPart]]:
-    """Return the smoothness of joints and their motion, from the samples of successive blocks."""
-    usual = float(np.median([each.end - each.start for each in samples]))
-    weights = [np.ones(each.values.shape) for each in samples]
-    for _ in range(_REWEIGHTINGS):
-        splines = _Splines(samples, FINER * _best_rate(samples, usual, weights), weights)
-        u, noise = splines.best()
-        before, weights = weights, splines.weights(u, noise)
-        change = max(np.abs(a - b).max(initial=0.0) for a, b in zip(before, weights, strict=True))
-        if change < _SAME:
-            break
-    noise, jerk = np.maximum(noise, 1.0), np.exp(u / 2) * noise
-    smoothness, c = Smoothness(splines.rate, jerk, noise), splines.solved(2 * np.log(jerk / noise))
+    smoothness = Smoothness(splines.rate, jerk, noise)
     parts = [
         each.part(smoothness, w).about(c[place])
         for each, w, place in zip(samples, before, splines.places, strict=True)
@@ -274,7 +270,7 @@ class _Splines:
                 by = self._by_left[:, j] - q * self._by_jerk[:, j]
                 fall = np.sum(by * cho_solve_banded((L, False), by, check_finite=False), axis=0)
                 S[j, g] = np.maximum(self._left2[j] + q * self._jerk2[j] - fall, 0.0)
-                log_det[j, g] = _log_det(L)
+                log_det[j, g] = 2 * np.sum(np.log(L[-1]))
         return S, log_det
 
     def solved(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -312,15 +308,9 @@ class _Splines:
         return [np.minimum(1.0, FAR / np.maximum(np.abs(r) / noise, 1e-9)) for r in left]
 
 
-def _log_det(L: NDArray[np.float64]) -> float:
-    """Return log det of a matrix with this banded Cholesky factor."""
-    return 2 * float(np.sum(np.log(L[-1])))
-
-
-def _best_rate(
-    samples: Sequence[_JointSamples], usual: float, weights: list[NDArray[np.float64]]
-) -> float:
+def _best_rate(samples: Sequence[_JointSamples], weights: list[NDArray[np.float64]]) -> float:
     """Return the pieces in a second: doubled as long as this has more evidence."""
+    usual = float(np.median([each.end - each.start for each in samples]))
     best, least, pieces = np.nan, np.inf, 1
     most = float(np.median([len(each.values) for each in samples])) / 2  # samples show no more
     while pieces == 1 or pieces <= most:

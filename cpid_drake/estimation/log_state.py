@@ -65,7 +65,8 @@ class LogState:
 
         """
         blocks = tuple(blocks)
-        first = next((k for k, b in enumerate(blocks) if start or _has_attitude(b)), None)
+        seen = (k for k, b in enumerate(blocks) if start or len(b.samples.attitude))
+        first = next(seen, None)
         if first is None:
             raise InputError("no attitude samples while the joints are known: none to start from")
         blocks = blocks[first:]
@@ -140,7 +141,3 @@ class LogState:
         """Return the factors (M,) of a sensor's residuals in block k."""
         weights = self.weights[k].get(sensor, np.ones(count))
         return weights / self.noise.get(sensor, 1.0)
-
-
-def _has_attitude(block: Block) -> bool:
-    return len(block.samples.attitude) > 0

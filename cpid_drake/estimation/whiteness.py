@@ -118,11 +118,7 @@ class LagSums:
 
 def whiteness(residuals: NDArray[np.float64]) -> Whiteness:
     """Return the whiteness of residuals (N, channels), whose channels may have any size."""
-    found = scaled_sums(residuals).whiteness
-    return replace(found, rms=float(np.sqrt(np.mean(residuals**2))) if residuals.size else 0.0)
-
-
-def scaled_sums(residuals: NDArray[np.float64]) -> LagSums:
-    """Return the sums over residuals (N, channels), each channel in units of its own size."""
     size = np.sqrt(np.mean(residuals**2, axis=0)) if len(residuals) else np.zeros(0)
-    return LagSums().added(residuals[:, : len(size)][:, size > 0] / size[size > 0])
+    sums = LagSums().added(residuals[:, : len(size)][:, size > 0] / size[size > 0])
+    rms = float(np.sqrt(np.mean(residuals**2))) if residuals.size else 0.0
+    return replace(sums.whiteness, rms=rms)
