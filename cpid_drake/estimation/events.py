@@ -95,9 +95,11 @@ def _changes(
             ends, later = range(last - first), slice(last, min(last + LATER + 1, count))
             own = wide.part(first, last)
             parts = own, rolled.part(first, last)
-            known = sweep(model, *parts, found.values, carry=ends, before=before).end
+            known = sweep(
+                model, *parts, found.values, carry=ends, before=before, forward_only=True
+            ).end
             parts = log.part(later.start, later.stop), rolled.part(later.start, later.stop)
-            carried = sweep(model, *parts, found.values, before=known).gaussian
+            carried = sweep(model, *parts, found.values, before=known, forward_only=True).gaussian
             compared = _compared(model, own, found, carried, ends, question, rows)
             best += [first + k for k in ends if _name(k, log) in compared.best]
             known = known.condition(

@@ -50,7 +50,8 @@ class _Change:
 class _Block:
     """A block, eliminated: what ended with it is z − X keep, with rows [X | z].
 
-    `end` is how its end depends on its start.
+    `end` is how its end depends on its start, and `absorbed` how many of a sensor's residuals the
+    unknowns absorb that end with the block.
     """
 
     model: BlockModel
@@ -59,6 +60,7 @@ class _Block:
     keep: NDArray[np.intp]
     rows: NDArray[np.float64]
     end: NDArray[np.float64]
+    absorbed: dict[str, float]
 
     def solved(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the steps of all columns of the block's model, given those at its end."""
@@ -81,13 +83,17 @@ class Swept:
         end: of what is at the end of the last block, `BOUNDARY`, and then of the log's, the
             hardware's and the target's unknowns, about the present values.
         steps: what `back` needs, in the order of the sweep.
-        absorbed: how many of a sensor's residuals the blocks' own unknowns absorb, by sensor.
 
     """
 
     end: Gaussian
     steps: list[_Change | _Block]
-    absorbed: dict[str, float]
+
+    @property
+    def absorbed(self) -> dict[str, float]:
+        """How many of a sensor's residuals the blocks' own unknowns absorb, by sensor."""
+        found = [step.absorbed for step in self.steps if isinstance(step, _Block)]
+        return {n: sum(each.get(n, 0.0) for each in found) for n in set().union(*found)}
 
     @property
     def gaussian(self) -> Gaussian:
@@ -119,13 +125,12 @@ def sweep(
     """
     known = known_at_start(model, log, values) if before is None else before
     walking, pose = boundary_size(model) + model.walking_columns, np.arange(12)
-    steps, absorbed = list[_Change | _Block](), dict[str, float]()
+    steps = list[_Change | _Block]()
     motions = [part.motion for part in rolled.models]
     bodies = model.known_bodies, values.get(BODIES)
     for k, trajectory in enumerate(with_changes(motions, rolled.trajectories, *bodies)):
-        block, known, own = _eliminated(model, log, k, rolled, trajectory, known)
-        steps += [] if forward_only else [block]
-        absorbed |= {name: absorbed.get(name, 0.0) + value for name, value in own.items()}
+        block, known = _eliminated(model, log, k, rolled, trajectory, known, forward_only)
+        steps += [] if block is None else [block]
         if k in log.jumps and k in carry:
             known = linked(known, f"link {k}|{log.name}", model.farthest, log.jumps[k])
         if k < len(log.walks):
@@ -136,7 +141,7 @@ def sweep(
                 sigma = np.append(sigma, model.farthest)
             known, rows = changed(known, columns, sigma, now)
             steps.append(_Change(columns, rows, k))
-    return Swept(known, steps, absorbed)
+    return Swept(known, steps)
 
 
 def known_at_start(model: Model, log: LogState, values: Values) -> Gaussian:
@@ -213,11 +218,9 @@ def _eliminated(
     rolled: Rolled,
     trajectory: Trajectory,
     before: Gaussian,
-) -> tuple[_Block, Gaussian, dict[str, float]]:
-    """Return block k without what ends with it, and what is known at its end.
-
-    The last value is how many residuals of each sensor the unknowns absorb that end with the block.
-    """
+    forward_only: bool,
+) -> tuple[_Block | None, Gaussian]:
+    """Return block k without what ends with it, if it is needed, and what is known at its end."""
     part, carried = rolled.models[k], before.rows
     J, end = part.jacobian(trajectory)
     links, rest = part.joint_rows()
@@ -245,13 +248,15 @@ def _eliminated(
     gone = np.setdiff1d(np.arange(first), ends)
     T = triangle(rows[:, np.concatenate([gone, keep, [rows.shape[1] - 1]])])
     g, kept = len(gone), len(keep)
+    rho2 = before.rho2 + float(T[-1, -1]) ** 2
+    after = Gaussian.of_triangle(before.sizes, T[g : g + kept, g:], rho2)
+    if forward_only:
+        return None, after
     leverage = np.sum(solve_triangular(T[:g, :g], rows[b:, gone].T, trans="T") ** 2, axis=0)
     ends = np.cumsum([each.size for each in residuals.values()])
     own = {n: float(x.sum()) for n, x in zip(residuals, np.split(leverage, ends))}
     of_gone = solve_triangular(T[:g, :g], T[:g, g:])
-    block = _Block(part, trajectory.state, gone, keep, of_gone, end)
-    rho2 = before.rho2 + float(T[-1, -1]) ** 2
-    return block, Gaussian.of_triangle(before.sizes, T[g : g + kept, g:], rho2), own
+    return _Block(part, trajectory.state, gone, keep, of_gone, end, own), after
 
 
 def changed(
