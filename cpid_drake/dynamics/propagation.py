@@ -7,6 +7,7 @@ forces, are integrated: for many targets at once, without a simulation of the dy
 Source: Ning et al. 2016, Eqs. 5 and 9, solved for the motion of the base.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +24,7 @@ from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.errors import InputError
 
 _DEGREE = 7  # of a step's polynomials: with steps of 0.2 s, they follow motions of 1 Hz to 1e-11
-_ITERATIONS = 9  # of Picard: each gains a factor of turn per step, and one more than the degree do
+_ITERATIONS = _DEGREE  # of Picard: each adds a power of the turn in a step, as a degree does
 _INNER = legendre.Legendre.basis(_DEGREE).deriv().roots()
 _X = np.concatenate([[-1.0], _INNER, [1.0]])  # Lobatto points of −1 to 1
 _POINTS = (_X + 1) / 2  # as shares of a step
@@ -52,18 +53,20 @@ class BaseTrajectory:
     momentum_W: NDArray[np.float64]
 
     def to_motion(
-        self,
-        joint_names: tuple[str, ...],
-        times: ArrayLike,
-        motion: JointMotion,
-        target: int | tuple[()] = (),
+        self, joint_names: tuple[str, ...], times: ArrayLike, motion: JointMotion
     ) -> Motion:
-        """Return one target's trajectory as telemetry, with its joint motion at the N times [s]."""
+        """Return the trajectory of one target with its joint motion, at the N times [s]."""
+        one = (value[None] for value in vars(self).values())
+        return BaseTrajectory(*one).to_motions(joint_names, times, motion)[0]
+
+    def to_motions(
+        self, joint_names: tuple[str, ...], times: ArrayLike, motion: JointMotion
+    ) -> list[Motion]:
+        """Return the same of each of many targets."""
         times = np.asarray(times, dtype=float)
-        q, qdot, _ = np.moveaxis(motion.evaluate(times), 1, 0)
-        names = ("quaternion_WB", "p_WB", "w_WB", "v_WB")
-        base = {name: getattr(self, name)[target] for name in names}
-        return Motion(joint_names, times, **base, q=q, qdot=qdot)
+        q, qdot, _ = np.moveaxis(motion.evaluate(times), -2, 0)
+        bases = zip(self.quaternion_WB, self.p_WB, self.w_WB, self.v_WB, strict=True)
+        return [Motion(joint_names, times, *base, q, qdot) for base in bases]
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +124,8 @@ def propagate(
     quaternion_WB: ArrayLike = (1.0, 0.0, 0.0, 0.0),
     p_WB: ArrayLike = (0.0, 0.0, 0.0),
     momentum_W: ArrayLike = (0.0,) * 6,
-    wrench: Wrench | None = None,
+    wrench: Callable[[float], Wrench] | None = None,
+    edges: ArrayLike = (),
     max_step: float = 0.2,
 ) -> BaseTrajectory:
     """Propagate the base's pose through a joint motion, for one target or for many at once.
@@ -139,8 +143,10 @@ def propagate(
         p_WB: (..., 3) position at the start [m].
         momentum_W: (..., 6) total momentum [L; P] about W's origin at the start, in W
             [N·m·s, N·s].
-        wrench: the external forces; default: none, so that the momentum is constant.
-        max_step: longest step [s]; no step contains one of the motion's breaks.
+        wrench: the external forces from a time on [s]; default: none, so that the momentum is
+            constant.
+        edges: the times at which they change [s].
+        max_step: longest step [s]; no step contains an edge, or a break of the motion.
 
     Raises:
         InputError: times that do not increase, a step that is not positive, or a target that no
@@ -150,7 +156,7 @@ def propagate(
     times = np.asarray(times, dtype=float)
     if times.ndim != 1 or not times.size or (np.diff(times) <= 0).any() or not max_step > 0:
         raise InputError("times must be increasing instants, at least one; max_step must be > 0 s")
-    breaks = motion.breaks()
+    breaks = np.union1d(motion.breaks(), edges)
     breaks = breaks[(breaks > times[0]) & (breaks < times[-1])]
     ends = np.concatenate([times[:1], breaks, times[-1:]])  # of the steps
     counts = np.maximum(np.ceil(np.diff(ends) / max_step - 1e-9).astype(int), 1)
@@ -168,14 +174,14 @@ def propagate(
     if wrench is not None:
         J, com_at_points = points.inertia(psi), points.com(psi)
 
-    def rate(k: int, state: NDArray[np.float64]) -> NDArray[np.float64]:
+    def rate(k: int, acting: Wrench | None, state: NDArray[np.float64]) -> NDArray[np.float64]:
         q_WB, p_WScm, L, P = _parts(state)
         own = slice(k * len(_POINTS), (k + 1) * len(_POINTS))
         L_B = rotate_by_quaternion(_inverse(q_WB), L)
         w_B = rotate(mobility[..., own, :, :], L_B - at_rest[..., own, :])
         torque_force = (np.zeros_like(L), np.zeros_like(P))
-        if wrench is not None:
-            torque_force = wrench.about_com(
+        if acting is not None:
+            torque_force = acting.about_com(
                 grid[k], q_WB, p_WScm, com_at_points[..., own, :], mass, J[..., own, :, :]
             )
         parts = [quaternion_rate(q_WB, w_B), P / mass[..., None, None], *torque_force]
@@ -194,9 +200,10 @@ def propagate(
     step_of = np.searchsorted(starts, times, side="right") - 1
     states = []
     for k, (begin, length) in enumerate(zip(starts, lengths)):
+        acting = None if wrench is None else wrench(float(begin))
         curve = np.repeat(state[..., None, :], len(_POINTS), axis=-2)
         for _ in range(_ITERATIONS):
-            rates = length * rate(k, curve)
+            rates = length * rate(k, acting, curve)
             curve = state[..., None, :] + np.einsum("ij,...jk->...ik", _INTEGRALS, rates)
         inside = (times[step_of == k] - begin) / (length or 1.0)
         states.append(np.einsum("sj,...jk->...sk", _interpolation(inside), curve))

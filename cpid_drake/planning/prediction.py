@@ -118,7 +118,7 @@ class MotionSetting:
         phi = np.stack([parameters_to_standard(parameters) for parameters in targets])
         base = propagate(self.spacecraft.tree, motion, phi, times, momentum_W=self.momentum_W)
         names = self.spacecraft.joint_names
-        return [base.to_motion(names, times, motion, k) for k in range(len(targets))]
+        return base.to_motions(names, times, motion)
 
     def needs(
         self, motion: JointMotion, targets: NDArray[np.float64]

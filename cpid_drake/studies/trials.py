@@ -2,8 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -127,14 +125,14 @@ def ideal_logs(
     disturbances: Sequence[SimulatedDisturbance],
 ) -> list[Log]:
     """Return the ideal samples of cases that differ as those of `base_trajectories` may."""
-    found: list[BaseTrajectory] = []
-    logs = []
+    found, logs = list[Motion](), []
     for number, case in enumerate(cases):
 
         def motion(times: NDArray[np.float64], number: int = number) -> Motion:
             if not found:  # the times are those of all cases
-                found.append(base_trajectories(cases, tree, times, disturbances))
-            return found[0].to_motion(joint_names, times, cases[number].motion, number)
+                base = base_trajectories(cases, tree, times, disturbances)
+                found.extend(base.to_motions(joint_names, times, cases[0].motion))
+            return found[number]
 
         ideal = ideal_log(case.suite, joint_names, motion, case.duration)
         if case.burns and case.logs_thrust:
@@ -175,35 +173,21 @@ def base_trajectories(
     """
     case = cases[0]
     phi = np.array([each.truth.to_standard_vector() for each in cases])
-    thrust, begin = log_of_burns(case.burns), times[0]
-    edges = {*thrust.time.tolist()} | {
-        t for each in disturbances for t in each.changes(begin, times[-1])
-    }
-    bounds = [begin, *sorted(t for t in edges if begin < t < times[-1]), times[-1]]
-    momentum_W = np.array([each.momentum_W for each in cases])
-    parts, pose = [], dict[str, Any]()
-    for start, end in pairwise(bounds):
-        inside = times[(times > start) & (times < end)]
-        grid = np.unique(np.concatenate([[start], inside, [end]]))
-        external_W = np.array([each.at(start) for each in disturbances])
-        thrust_B, orbit = thrust.held_at(start), case.suite.orbit
-        is_free = orbit is None and not (external_W.any() or thrust_B.any())
-        part = propagate(
-            tree,
-            case.motion,
-            phi,
-            grid,
-            momentum_W=momentum_W,
-            wrench=None if is_free else Wrench(external_W, thrust_B, orbit),
-            **pose,
-        )
-        momentum_W = part.momentum_W[:, -1]
-        # A sample at the end of a part belongs to the next part.
-        kept = np.isin(grid, times) & ((grid < end) | (end == times[-1]))
-        parts.append({name: values[:, kept] for name, values in vars(part).items()})
-        pose = {"quaternion_WB": part.quaternion_WB[:, -1], "p_WB": part.p_WB[:, -1]}
-    return BaseTrajectory(
-        **{name: np.concatenate([part[name] for part in parts], axis=1) for name in parts[0]}
+    thrust, orbit = log_of_burns(case.burns), case.suite.orbit
+    changes = {t for each in disturbances for t in each.changes(times[0], times[-1])}
+    is_free = orbit is None and not case.burns and all(each.is_zero for each in disturbances)
+
+    def acting(time: float) -> Wrench:
+        return Wrench([each.at(time) for each in disturbances], thrust.held_at(time), orbit)
+
+    return propagate(
+        tree,
+        case.motion,
+        phi,
+        times,
+        momentum_W=[each.momentum_W for each in cases],
+        wrench=None if is_free else acting,
+        edges=[*changes, *thrust.time],
     )
 
 
@@ -264,9 +248,7 @@ def true_motions(
     found = list[Motion]()
     for together, own, disturbances in _together(cases, tree, numbers):
         base = base_trajectories(together, own, times, disturbances)
-        found += [
-            base.to_motion(joint_names, times, case.motion, k) for k, case in enumerate(together)
-        ]
+        found += base.to_motions(joint_names, times, together[0].motion)
     return found
 
 

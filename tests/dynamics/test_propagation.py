@@ -67,7 +67,10 @@ def test_the_result_depends_neither_on_the_steps_nor_on_the_times(craft, skewed_
     coefficients[1], coefficients[-1] = coefficients[0], coefficients[-2]
     spline, phi = Spline(coefficients, 9.7), skewed_target.to_standard_vector()
     times = np.sort(np.random.default_rng(64).uniform(0.0, 11.0, 50))
-    given = {"momentum_W": MOMENTUM, "wrench": Wrench(0.01 * np.arange(6), orbit=ORBIT)}
+    given = {
+        "momentum_W": MOMENTUM,
+        "wrench": lambda time: Wrench(0.01 * np.arange(6), orbit=ORBIT),
+    }
     many = propagate(craft.tree, spline, phi, [0.0, *times], max_step=0.05, **given)
     few = propagate(craft.tree, spline, phi, [0.0, times[-1]], **given)
     whole = propagate(craft.tree, spline, phi, [0.0, *times], **given)
@@ -96,7 +99,7 @@ def test_a_rigid_body_obeys_eulers_equations(craft, motion, skewed_target):
         skewed_target.to_standard_vector(),
         times,
         momentum_W=MOMENTUM,
-        wrench=Wrench(orbit=ORBIT),
+        wrench=lambda time: Wrench(orbit=ORBIT),
         max_step=0.02,
         **POSE,
     )
@@ -139,7 +142,7 @@ def test_momentum_changes_by_the_forces_on_all_bodies(craft, motion, skewed_targ
         phi,
         np.concatenate([[0.0], times]),
         momentum_W=MOMENTUM,
-        wrench=Wrench(disturbance, thrust, ORBIT),
+        wrench=lambda time: Wrench(disturbance, thrust, ORBIT),
         max_step=0.02,
         **POSE,
     )

@@ -1,7 +1,6 @@
 """Logs with thrust: the target is found with intervals that hold; unlogged thrust is noticed."""
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from planar_cases import motion as planar_motion
 from sensing_cases import acting
 
 from cpid_drake import TargetPrior, identify, load_scenario, shipped_scenario
-from cpid_drake.dynamics.propagation import BaseTrajectory, Wrench, propagate
+from cpid_drake.dynamics.propagation import Wrench, propagate
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.identification.validation import validate
 from cpid_drake.logs.burns import Burn, log_of_burns
@@ -159,21 +158,12 @@ def test_thrusters_on_a_table(tmp_path):
 
     def motion_of(times):
         table, joints = craft.on_table().tree, planar_motion()
-        edges = [0.0, burn.time, burn.end, times[-1]]
-        parts, state = [], {}
-        for k, (start, end) in enumerate(pairwise(edges)):
-            grid = np.unique([start, *times[(times > start) & (times < end)], end])
-            base = propagate(
-                table, joints, PLANAR_TARGET.to_standard_vector(), grid, max_step=0.02,
-                wrench=Wrench(constant_B=burn.wrench_B * (k == 1)), **state,
-            )  # fmt: skip
-            kept = np.isin(grid, times) & ((grid < end) | (end == times[-1]))
-            parts.append({name: value[kept] for name, value in vars(base).items()})
-            state = {
-                name: getattr(base, name)[-1] for name in ("momentum_W", "quaternion_WB", "p_WB")
-            }
-        whole = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-        return BaseTrajectory(**whole).to_motion(craft.joint_names, times, joints)
+        thrust = log_of_burns([burn])
+        base = propagate(
+            table, joints, PLANAR_TARGET.to_standard_vector(), times, edges=thrust.time,
+            wrench=lambda time: Wrench(constant_B=thrust.held_at(time)),
+        )  # fmt: skip
+        return base.to_motion(craft.joint_names, times, joints)
 
     ideal = ideal_log(suite, craft.joint_names, motion_of, planar_motion().duration)
     log = add_noise(suite, ideal.updated({THRUST: log_of_burns([burn])}), 0)

@@ -261,7 +261,8 @@ def test_a_force_moves_and_turns_about_the_origin(craft):
         (Wrench([0, 0, 0, 0, 0.1, 0]), mass * np.array([0, 0, x_com * 0.2, 0, 0.2, 0])),
         (Wrench([0.3, 0, 0, 0, 0, 0]), [0.6, 0, 0, 0, 0, 0]),
     ):
-        base = propagate(craft.tree, still, np.zeros(10), times, p_WB=2 * X, wrench=wrench)
+        given = {"p_WB": 2 * X, "wrench": lambda time, wrench=wrench: wrench}
+        base = propagate(craft.tree, still, np.zeros(10), times, **given)
         np.testing.assert_allclose(base.momentum_W[-1], expected, atol=1e-12)
 
 

@@ -182,7 +182,7 @@ def test_an_orbit_turns_and_moves_the_plant_as_it_does_the_base():
         simulation.truth.to_standard_vector(),
         telemetry.time,
         momentum_W=scenario.simulation.momentum_W,
-        wrench=Wrench([0.01, 0.02, -0.03, 4e-3, -3e-3, 2e-3], orbit=orbit),
+        wrench=lambda time: Wrench([0.01, 0.02, -0.03, 4e-3, -3e-3, 2e-3], orbit=orbit),
         max_step=0.02,
     )
     end = base.momentum_W[-1]

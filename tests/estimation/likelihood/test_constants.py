@@ -204,7 +204,7 @@ def test_a_torque_turns_and_an_acceleration_moves(case):
             quaternion_WB=begin.attitude.as_quat(scalar_first=True),
             p_WB=first.p_WB[0],
             momentum_W=momentum,
-            wrench=Wrench(np.concatenate([torque, a])),
+            wrench=lambda time: Wrench(np.concatenate([torque, a])),
             max_step=0.02,
         )
         shown = base.to_motion(case.craft.joint_names, grid, motion)
