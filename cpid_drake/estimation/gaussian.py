@@ -264,9 +264,9 @@ def solution_of(
 ) -> LeastSquaresSolution:
     """Return the solution of a Gaussian of the target alone.
 
-    Combinations whose σ is too large stay nominal, with their plausible size as σ: noise alone
-    looks like weak knowledge. An entry is known if its σ is small all the same, and if it contains
-    nothing of combinations about which the target says nothing.
+    Combinations about which the target says nothing stay nominal, with their plausible size as σ.
+    What it says weakly, even if a fit has held it, moves the rest. An entry is known if its σ is
+    small all the same, and if it contains nothing of combinations about which it says nothing.
 
     Args:
         target: of n unknowns.
@@ -281,25 +281,25 @@ def solution_of(
     """
     moved = target.moved(nominal)
     U, sizes, axes = np.linalg.svd(moved.R * scale)
-    seen = sizes > max(1 / largest, _NEGLIGIBLE * float(sizes[0]))
+    strong = sizes > max(1 / largest, _NEGLIGIBLE * float(sizes[0]))
+    seen = strong | (sizes > 1 / (weakest or largest))
     x = nominal + scale * (axes[seen].T @ ((U.T @ moved.z)[seen] / sizes[seen]))
     root = scale[:, None] * axes.T * np.where(seen, 1 / np.maximum(sizes, 1e-300), 1.0)
     covariance = root @ root.T
     is_large = np.diag(covariance) > (largest * scale) ** 2
-    for limit in (weakest or largest, largest):
-        is_weak = ~seen & (sizes > 1 / limit)
-        is_open = is_large | (np.linalg.norm(axes[~(seen | is_weak)], axis=0) > share)
+    for used in (seen, strong):
+        is_open = is_large | (np.linalg.norm(axes[~used], axis=0) > share)
         if not is_open.all():
             break
-    A = np.vstack([sizes[seen, None] * axes[seen], axes[is_weak]]) / scale
+    A = sizes[used, None] * axes[used] / scale
     covariance[is_open, :] = covariance[:, is_open] = np.nan
     return LeastSquaresSolution(
         estimate=np.where(is_open, np.nan, x),
         covariance=covariance,
         known=Gaussian.of_rows(target.sizes, np.column_stack([A, A @ x])),
-        rank=int(seen.sum()),
+        rank=int(strong.sum()),
         singular_values=sizes,
-        unobservable=axes[~seen],
+        unobservable=axes[~strong],
         residual_rms=np.nan,
         row_count=row_count,
         values=x,

@@ -19,9 +19,10 @@ from cpid_drake.estimation.fit import CLOSE, weights_of
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.joints import joint_part, tracked
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
+from cpid_drake.estimation.likelihood.model import jump_between
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
 from cpid_drake.estimation.log_state import LogState
-from cpid_drake.estimation.roll import Rolled, Values, jump_between, roll
+from cpid_drake.estimation.roll import Rolled, Values, roll
 from cpid_drake.estimation.sweep import BOUNDARY, EXACT, back, boundary_size, changed, linked, sweep
 from cpid_drake.estimation.unknowns import PSI, Model
 

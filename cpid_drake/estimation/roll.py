@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from cpid_drake.estimation.likelihood.model import BlockModel
+from cpid_drake.estimation.likelihood.model import BlockModel, jump_between
 from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory, TrajectoryState, relate
 from cpid_drake.estimation.likelihood.white_effects import WhiteReading
 from cpid_drake.estimation.log_state import LogState
@@ -173,13 +173,6 @@ def first_values(model: Model, log: LogState, values: Values) -> NDArray[np.floa
     """Return the values (w,) at the start of the constants that walk."""
     last = [values[u.key(log.name)] for u in model.walking]
     return np.asarray(np.concatenate([np.empty(0), *last]) - np.sum(log.walks, axis=0))
-
-
-def jump_between(state: TrajectoryState, other: TrajectoryState) -> NDArray[np.float64]:
-    """Return the change (12,) from a state to another one; see `jumped`."""
-    turn = (other.attitude * state.attitude.inv()).as_rotvec()
-    move = other.p_Wcm - state.p_Wcm
-    return np.concatenate([turn, move, other.L - state.L, other.v_Wcm - state.v_Wcm])
 
 
 def jumped(state: TrajectoryState, change: NDArray[np.float64]) -> TrajectoryState:

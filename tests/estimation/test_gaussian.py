@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.gaussian import Gaussian, solution_of
 
 SIZES = {"a": 2, "b": 3, "c": 1}
 
@@ -100,3 +100,14 @@ def test_damping_holds_what_nothing_determines(rows):
     np.testing.assert_allclose(found, np.linalg.solve([[2.0, 1.0], [1.0, 6.0]], [2.0, 5.0]))
     with pytest.raises(np.linalg.LinAlgError):
         Gaussian.of_rows({"x": 2}, np.array([[1.0, 0.0, 2.0]])).covariance()
+
+
+def test_what_is_weakly_known_moves_what_depends_on_it():
+    """a + b/5 = 1 ± 0.01 and b = 0.9 ± 0.6: b is not known, but a is 0.82, not 1 as for b = 0."""
+    rows = np.array([[100.0, 20.0, 100.0], [0.0, 1 / 0.6, 0.9 / 0.6]])
+    target = Gaussian.of_rows({"x": 2}, rows)
+    found = solution_of(target, np.zeros(2), np.ones(2), weakest=1.0)
+    assert found.estimate[0] == pytest.approx(0.82)
+    assert found.covariance[0, 0] == pytest.approx(0.01**2 + 0.12**2)
+    assert np.isnan(found.estimate[1])
+    assert found.rank == 1

@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 from hardware import Body, Craft, Joint, Valve, run, sines
-from hardware_draws import KINDS, floor, identified, valves
+from hardware_draws import KINDS, floor, identified, pushed, valves
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RotationalInertia, SpatialInertia
 from scipy.spatial.transform import Rotation
+from scipy.special import chdtrc
 
 X, Y, Z = np.eye(3)
 
@@ -130,6 +131,14 @@ def test_a_platform_that_only_valves_move_is_identified(tmp_path, seed):
     assert not found["changes"]
     assert found["known"] >= 3
     assert found["worst"] < 3
+
+
+@pytest.mark.slow
+def test_weakly_known_inertia_does_not_move_the_rest(tmp_path):
+    """The samples know the inertia to 70 % of a size, and more than 3 σ from where it is held."""
+    found = identified(pushed(11, tmp_path), "--momentum", "unknown")
+    assert found["code"] in (0, 3)
+    assert chdtrc(found["known"], found["nees"]) > 1e-3
 
 
 @pytest.mark.slow

@@ -1,6 +1,7 @@
 """The likelihood of the samples in one block of time: residuals and their derivatives."""
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 from itertools import pairwise
 
@@ -10,9 +11,14 @@ from numpy.typing import NDArray
 from cpid_drake.dynamics.plane import HELD
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.estimation.likelihood.actuators import thrust_log
+from cpid_drake.estimation.likelihood.actuators import ThrustLog, thrust_log
 from cpid_drake.estimation.likelihood.constant_effects import constant_effect
-from cpid_drake.estimation.likelihood.constants import OF_GRASP, Constants
+from cpid_drake.estimation.likelihood.constants import (
+    OF_GRASP,
+    THRUSTERS,
+    VALVE_DELAY,
+    Constants,
+)
 from cpid_drake.estimation.likelihood.effects import (
     MotionChange,
     bodies_effect,
@@ -21,8 +27,9 @@ from cpid_drake.estimation.likelihood.effects import (
     target_effect,
 )
 from cpid_drake.estimation.likelihood.joint_motion import JointPart
-from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory
+from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory, TrajectoryState
 from cpid_drake.estimation.likelihood.sensors import SensorModel, delay_of, model_classes
+from cpid_drake.estimation.likelihood.thrust import BlockThrust
 from cpid_drake.estimation.likelihood.white_effects import WhiteReading, white_effect
 from cpid_drake.estimation.likelihood.white_force import white_forces
 from cpid_drake.logs.log import Log
@@ -30,6 +37,9 @@ from cpid_drake.sensors.suite import SensorSuite
 
 STEP = 0.025
 """Longest step of the grid on which the base's attitude is integrated [s]."""
+
+_DELAY = f"{THRUSTERS}.{VALVE_DELAY}"
+_LATER = 1e-5  # step of the differences by it [s]: rounding of 1e-12 is 1e-7 of a rate
 
 
 class BlockModel:
@@ -80,6 +90,10 @@ class BlockModel:
         ]
         times = np.concatenate([np.empty(0), *needed])
         thrust = thrust_log(measurements.thrust, suite.thrusters, constants, nominal)
+        self._later = None
+        if thrust is not None and _DELAY in constants.errors:
+            time = thrust.samples.time + _LATER
+            self._later = replace(thrust, samples=replace(thrust.samples, time=time))
         is_planar = tree.normal_B is not None
         white = white_forces(suite, joints.start, joints.end, is_planar)
         self.motion = BaseMotion(
@@ -134,6 +148,9 @@ class BlockModel:
                 rows[:, :, self.columns[unknown]] += by
             parts.append(sensor.whitened(rows).reshape(-1, n))
         rows, held = np.vstack(parts), self.held
+        if self._later is not None and self.motion.thrust is not None:
+            column = self.columns[_DELAY].start
+            rows[:, column], end[:, column] = self._by_delay(trajectory, self._later)
         # What a table holds has no effect but for rounding, which would grow from block to block.
         rows[:, held] = end[:, held] = 0.0
         fixed = held[held < len(end)]
@@ -170,6 +187,23 @@ class BlockModel:
         end, held = by[:, 0], self.held
         end[held[held < len(end)]] = 0.0
         return readings, end
+
+    def _by_delay(
+        self, trajectory: Trajectory, later: ThrustLog
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the derivatives (m,) of the predictions and (12,) of the end by thrust's delay.
+
+        They are differences: where the thrust switches, no spline through the nodes is theirs.
+        """
+        motion, moved = self.motion, copy(self.motion)
+        nodes, times, grid = motion.nodes, motion.times, motion.grid
+        pose = motion.interpolation, motion.capture_pose
+        moved.thrust = BlockThrust(later, nodes, times, grid, *pose, motion.orbit)
+        other = moved.trajectory(trajectory.state, trajectory)
+        change = [s.residuals(trajectory) - s.residuals(other) for s in self.sensors.values()]
+        step = _LATER / motion.constants.errors[_DELAY].sigma
+        end = jump_between(motion.end(trajectory), moved.end(other))
+        return np.concatenate([each.ravel() for each in change]) / step, end / step
 
     def _no_change(self, n: int) -> MotionChange:
         return MotionChange.zeros(len(self.motion.times), n, len(self.motion.constants.of_thrust))
@@ -225,3 +259,10 @@ class BlockModel:
         A = np.zeros((J * r, self._width))
         A[:, place] = rows.reshape(J * r, J * K)
         return A, joints.rest.ravel()
+
+
+def jump_between(state: TrajectoryState, other: TrajectoryState) -> NDArray[np.float64]:
+    """Return the change (12,) from a state to another one; see `roll.jumped`."""
+    turn = (other.attitude * state.attitude.inv()).as_rotvec()
+    move = other.p_Wcm - state.p_Wcm
+    return np.concatenate([turn, move, other.L - state.L, other.v_Wcm - state.v_Wcm])

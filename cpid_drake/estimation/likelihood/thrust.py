@@ -13,8 +13,7 @@ and of 1/m,
 
     δL' = ξ × L' + Σ f × R δρ,      δv' = ξ × v' + Σ f δ(1/m),
 
-but a force that is given in W does not turn with ξ: its parts are (ξ × R (a − ρ)) × f and zero. A
-delay δt of the log moves each change Δ of the thrust, as if −Δ δt acted at the instant.
+but a force that is given in W does not turn with ξ: its parts are (ξ × R (a − ρ)) × f and zero.
 
 On a table, the torque about its normal and the force in its plane are all that acts.
 Source: Hughes 2004, Spacecraft Attitude Dynamics, ch. 3.
@@ -124,16 +123,7 @@ class BlockThrust:
         points = (first[:, None] + length[:, None] * (1 + x) / 2).ravel()
         weights = (length[:, None] * weights / 2).ravel()
         ends = np.repeat(edges[1:][on], len(x))
-        # A delay acts where the thrust changes: there is a point, too.
-        late = np.zeros((len(switches), *log.by.shape[1:]))
-        if log.delay >= 0:
-            late[..., log.delay] = -jumps
-        order = np.argsort(np.concatenate([ends, switches]), kind="stable")
-        points = np.concatenate([points, switches])[order]
-        size = np.concatenate([samples.value[each], 0 * jumps])[order]
-        self._by = np.concatenate([log.by[each], late])[order]
-        weights = np.concatenate([weights, np.ones(len(switches))])[order]
-        ends = np.concatenate([ends, switches])[order]
+        size, self._by = samples.value[each], log.by[each]
         self._weights = weights * (ends <= times[:, None])
         self._push = Push(log.actuators, points, interpolation, pose)
         self._size = size

@@ -84,7 +84,6 @@ def changed(state, constants, name, entry, h):
 
 @pytest.mark.parametrize("name", [*UNKNOWNS, *ERRORS])
 def test_derivatives_are_those_of_differences(block, name):
-    """A delay moves steps of the rate, which splines through the nodes round off."""
     predicted, state, constants = block
     _, model, trajectory = predicted(state)
     firsts = {"attitude": 0, "momentum": 6, "forces": model.columns["torque_noise"].start}
@@ -99,7 +98,7 @@ def test_derivatives_are_those_of_differences(block, name):
             torques = expected[rows] = torques_by_inertia(model, trajectory, name, entry)
             assert np.allclose(J[rows, first + entry], torques, atol=1e-6 + 0.02 * abs(torques))
         error = np.linalg.norm(J[:, first + entry] - expected) / np.linalg.norm(expected)
-        assert error < (0.15 if name == "thrusters.valve_delay" else 2e-3)
+        assert error < 2e-3
 
 
 def torques_by_inertia(model, trajectory, name, entry):
