@@ -9,6 +9,7 @@ from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from cpid_drake.identification.checks import AGREEMENT
 from cpid_drake.identification.consistency import REACH
+from cpid_drake.identification.leaning import ALL, LINK
 from cpid_drake.identification.result import Identification
 
 
@@ -36,7 +37,8 @@ def describe(result: Identification) -> list[str]:
         f"Target{frame}, by {how}, from {result.sample_count} samples{window}",
         "",
     ]
-    cells = [("", "estimate", "95 % interval", "", "consistent")]
+    cells = [("", "estimate", "95 % interval", "", "consistent", "by 1 % of a body")]
+    leans = np.abs(np.array([np.full(10, np.nan), *result.leaning.values()]))
     nearest = np.full(10, np.nan) if result.nearest is None else result.nearest
     for k, (name, unit) in enumerate(zip(PARAMETER_NAMES, PARAMETER_UNITS)):
         value, (low, high) = result.parameters[k], result.shown_intervals[k]
@@ -44,7 +46,9 @@ def describe(result: Identification) -> list[str]:
         known = f"{value:.{places}f}" if np.isfinite(value) else "not known"
         spread = _spread(low, high, places)
         last = f"{nearest[k]:.{places}f}" if np.isfinite(nearest[k]) else ""
-        cells.append((name, known, spread, unit, last))
+        change = np.fmax.reduce(leans[:, k])
+        by_bodies = f"±{change:.2g}" if np.isfinite(change) else ""
+        cells.append((name, known, spread, unit, last, by_bodies))
     lines += [*_table(cells), ""]
     if result.consistent is not None:
         moments, axes = principal_axes(result.consistent)
@@ -57,7 +61,7 @@ def describe(result: Identification) -> list[str]:
     if result.condition is not None:
         lines.append(f"  condition    {result.condition:.4g}")
     lines.append(f"  consistency  {_consistency(result)}")
-    if source and source.request.known_bodies is None and result.rows is None:
+    if source and source.request.known_bodies is None:
         lines.append("  assumed      an exact spacecraft model; --known-bodies includes its errors")
     if result.rejected:
         by_sensor = ", ".join(f"{count} of {name}" for name, count in result.rejected.items())
@@ -84,7 +88,8 @@ def _leaning(result: Identification) -> Iterator[str]:
             text = f"{PARAMETER_NAMES[k]} by {change[k] / sigma[k]:+.2g} σ"
             if known[0]:
                 text = f"m by {100 * change[0] / result.parameters[0]:+.2g} %, {text}"
-            yield f"  leans on     1 % of the base's {name} changes {text}"
+            what = name if name in (LINK, ALL) else f"the base's {name}"
+            yield f"  leans on     1 % of {what} changes {text}"
 
 
 def _spread(low: float, high: float, places: int) -> str:
@@ -135,13 +140,13 @@ def agreement_words(result: Identification) -> str:
     return f"{verb}s (χ² {check.statistic:.3g})"
 
 
-def _table(cells: list[tuple[str, str, str, str, str]]) -> list[str]:
+def _table(cells: list[tuple[str, str, str, str, str, str]]) -> list[str]:
     """Return the table of the parameters, as narrow as its columns are."""
     sizes = [max(map(len, column)) for column in zip(*cells)]
     return [
         f"  {name:4}{known:>{sizes[1]}}  {spread:>{sizes[2]}}  {unit:{sizes[3]}}"
-        f"  {last:>{sizes[4]}}".rstrip()
-        for name, known, spread, unit, last in cells
+        f"  {last:>{sizes[4]}}  {by_bodies:>{sizes[5]}}".rstrip()
+        for name, known, spread, unit, last, by_bodies in cells
     ]
 
 

@@ -17,6 +17,7 @@ from cpid_drake.identification.checked_log import CheckedLog, Known, check_log
 from cpid_drake.identification.checks import Check, rejection_checks
 from cpid_drake.identification.consistency import checked
 from cpid_drake.identification.estimators import Estimator, choose_method, require_sensors
+from cpid_drake.identification.leaning import leaning_of_any_samples
 from cpid_drake.identification.planar import PROPOSED, could_be_planar
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import Identification
@@ -136,6 +137,10 @@ def identify(
     tree = spacecraft.tree
     found = replace(found, is_planar=tree.normal_B is not None, normal_C=tree.normal_C)
     found = checked(_with_logs(found, logs, method, known_bodies is not None), tree)
+    if known_bodies is None:
+        has_scale = has_thrust or found.momentum == "known"
+        beyond = leaning_of_any_samples(found.parameters, tree, has_scale=has_scale)
+        found = replace(found, leaning={**found.leaning, **beyond})
     [log, *others] = logs.values()
     could_be = planar is None and could_be_planar(tree, log.measurements.attitude.value)
     if could_be and not (found.passed and found.is_complete):

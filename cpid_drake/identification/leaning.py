@@ -1,4 +1,4 @@
-"""What an estimate leans on: its change if what is held were 1 % larger, by the fit's Gaussian."""
+"""What an estimate leans on: its change if what is held were 1 % larger."""
 
 from collections.abc import Sequence
 
@@ -6,7 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from cpid_drake.dynamics.parameterizations import relative_parameterization
+from cpid_drake.dynamics.inertia import InertialParameters
+from cpid_drake.dynamics.parameterizations import (
+    parameters_to_standard,
+    relative_parameterization,
+    standard_to_parameters,
+)
+from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.fit import Fit, prior_of
 from cpid_drake.estimation.gaussian import Gaussian, LeastSquaresSolution
@@ -16,6 +22,10 @@ from cpid_drake.estimation.unknowns import BODIES, PSI, Model
 
 MASS, INERTIA = "mass", "inertia"
 """What is held of the base: of everything that is fixed to it, inertia about its centre of mass."""
+
+
+LINK, ALL = "the link that holds the target", "all masses and inertias"
+"""What no samples tell: this link moves as the target does; momentum is linear in all masses."""
 
 
 class _OfBase(BodyUncertainty):
@@ -58,3 +68,27 @@ def leaning(
             np.isfinite(form.to_parameters(solution.estimate)), change, np.nan
         )
     return found_by
+
+
+def leaning_of_any_samples(
+    parameters: NDArray[np.float64], tree: KinematicTree, *, has_scale: bool
+) -> dict[str, NDArray[np.float64]]:
+    """Return the change (10,) of the parameters that no samples can show.
+
+    Args:
+        parameters: (10,) of the target.
+        tree: the known spacecraft.
+        has_scale: whether a known momentum or force tells how heavy everything is.
+
+    """
+    tree = tree.lumped
+    body, R_CB = tree.bodies[tree.capture_body], tree.R_BC.T
+    I_C = R_CB @ body.I_BBcm @ tree.R_BC
+    link = InertialParameters(body.mass, R_CB @ (body.p_BBcm - tree.p_BC), I_C).to_vector()
+    moved = parameters_to_standard(parameters) - 0.01 * parameters_to_standard(link)
+    found = {LINK: standard_to_parameters(moved) - parameters}
+    if not has_scale:
+        found[ALL] = (
+            0.01 * parameters * (np.abs(np.arange(10) - 2) > 1)
+        )  # not of the centre of mass
+    return found

@@ -7,11 +7,21 @@ import numpy as np
 import pytest
 from block_cases import fired, make_case
 from scipy.stats import chi2
-from sensing_cases import MOMENTUM, Sines, coarse_suite, measured, nees, sigmas, small_craft
+from sensing_cases import (
+    MOMENTUM,
+    Sines,
+    coarse_suite,
+    measured,
+    nees,
+    sigmas,
+    small_craft,
+    true_telemetry,
+)
 
 from cpid_drake import Spacecraft, TotalMomentum, describe, identify
 from cpid_drake.dynamics.sensitivity import perturbed
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
+from cpid_drake.identification.leaning import ALL, LINK
 from cpid_drake.logs.simulated_noise import add_noise
 
 UNCERTAINTY = BodyUncertainty(mass=0.02, com=0.005, inertia=0.04)
@@ -121,3 +131,22 @@ def test_an_estimate_leans_on_the_base_as_a_changed_model_shows(
     expected = found.leaning[held] / sigmas(found)
     assert np.linalg.norm(change - expected) < 0.05 * np.linalg.norm(expected)
     assert any(f"1 % of the base's {held} changes m by" in line for line in describe(found))
+
+
+@pytest.mark.parametrize("held", [LINK, ALL])
+def test_what_no_samples_tell_is_said(craft, skewed_target, held):
+    """Exact states of a craft that is 0.1 % heavier: the estimate passes, and is off as it says."""
+    bodies = tuple(
+        replace(b, mass=1.001 * b.mass, I_BBcm=1.001 * b.I_BBcm)
+        if held == ALL or k == craft.tree.capture_body
+        else b
+        for k, b in enumerate(craft.tree.bodies)
+    )
+    tree, motion = replace(craft.tree, bodies=bodies), Sines.drawn(4, seed=101, duration=4.0)
+    times = np.arange(0.0, 4.0, 0.05)
+    states = true_telemetry(tree, craft.joint_names, motion, skewed_target, times)
+    found = identify(craft, states, rows="relative")
+    assert found.passed
+    error = found.parameters - skewed_target.to_vector()
+    np.testing.assert_allclose(error, -found.leaning[held] / 10, rtol=0.01, atol=1e-7)
+    assert "by 1 % of a body" in "".join(describe(found))
