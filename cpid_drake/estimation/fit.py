@@ -25,6 +25,7 @@ from cpid_drake.estimation.roll import Rolled, Values, roll
 from cpid_drake.estimation.start import start_of
 from cpid_drake.estimation.sweep import Swept, back, sweep
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model, undetermined
+from cpid_drake.estimation.whiteness import MOST_CORRELATED
 from cpid_drake.sensors.sensors import SENSORS
 
 CLOSE = 1e-2
@@ -183,7 +184,7 @@ def _correlation_time(rest: NDArray[np.float64], lost: float) -> float:
         return 1.0
     seen = np.mean(rest[1:] * rest[:-1]) / np.mean(rest**2)
     of_white = -np.sin(np.pi * lost) / np.pi / (1 - lost)
-    rho = np.clip(seen - of_white, 0.0, 1 - 1 / len(rest))
+    rho = np.clip(seen - of_white, 0.0, MOST_CORRELATED)  # more is no noise
     return float((1 + rho) / (1 - rho))
 
 
