@@ -16,8 +16,9 @@ from cpid_drake.logs.log import Log, Samples, without_flips
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite
 
-_FEWEST = 12
-"""Samples of a sensor from which its noise is estimated: differences of order 8 leave four."""
+FEWEST = 12
+"""Samples of a sensor from which its noise is estimated: differences of order 8 leave four, and a
+spline of degree 5 has at least seven numbers."""
 
 _SMOOTH = 0.05
 """Largest noise of joint positions, as a share of their spread, in samples of one motion."""
@@ -36,10 +37,10 @@ def estimate_suite(log: Log) -> SensorSuite:
     for name, samples in log.items():
         if not len(samples):
             continue
-        if len(samples) < _FEWEST:
+        if len(samples) < FEWEST:
             raise InputError(
                 f"{len(samples)} samples of {name} are too few to estimate their noise; "
-                f"give the sensors, or at least {_FEWEST} samples"
+                f"give the sensors, or at least {FEWEST} samples"
             )
         rate = float(np.clip(1 / np.median(np.diff(samples.time)), 1e-3, 1e5))
         setattr(suite, name, SENSORS[name].errors.with_noise(rate, sensor_noise(name, samples)))

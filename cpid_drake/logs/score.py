@@ -32,6 +32,7 @@ from cpid_drake.dynamics.rotations import angular_velocity, rotate, skew
 from cpid_drake.dynamics.rows import RELATIVE_ROWS
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.logs.log import Log, Samples, without_flips
+from cpid_drake.logs.noise_estimation import FEWEST
 from cpid_drake.logs.splines import in_gap, regression_spline
 
 MOMENTUM = "momentum"
@@ -40,7 +41,6 @@ MOMENTUM = "momentum"
 LONGEST = 60.0
 """Length of the part of a log that is compared [s]: the one in which the joints move most."""
 
-_FEWEST = 12  # samples of a sensor that is compared: a spline of degree 5 has at least 7 numbers
 _ROUNDING = 1e-6  # residuals below this share of the motion are errors of the splines
 _MODEL_ERROR = 0.02  # share of the total mass by which errors of the model make a mass impossible
 _LEAST = 1e-9  # smallest motion [rad, m, rad/s, m/s]
@@ -126,10 +126,10 @@ def instants_of(log: Log) -> Instants | None:
 
     """
     coasting = log.between(-np.inf, log.first_burn)
-    is_free = len(coasting.encoders) >= _FEWEST
+    is_free = len(coasting.encoders) >= FEWEST
     log = _liveliest(coasting if is_free else log)
     splines, moving = {}, set()
-    used = {name: s for name, s in log.thinned(3000).items() if len(s) >= _FEWEST}
+    used = {name: s for name, s in log.thinned(3000).items() if len(s) >= FEWEST}
     if "encoders" not in used or np.isnan(used["encoders"].value).any():
         return None
     for name, samples in used.items():
@@ -152,7 +152,7 @@ def instants_of(log: Log) -> Instants | None:
     time = np.linspace(start + edge, end - edge, 200)
     for samples in used.values():
         time = time[~in_gap(samples.time, time)]
-    if not (end > start and time.size >= _FEWEST):
+    if not (end > start and time.size >= FEWEST):
         return None
 
     values = {name: spline(time) for name, spline in splines.items()}
@@ -318,14 +318,14 @@ def _compared(name: str, rate: str, moved: Array, measured: Array) -> Comparison
 def _liveliest(log: Log) -> Log:
     """Return the part of a log in which its joints move most."""
     time, q = log.encoders.time, log.encoders.value
-    if len(time) < _FEWEST or time[-1] - time[0] <= LONGEST:
+    if len(time) < FEWEST or time[-1] - time[0] <= LONGEST:
         return log
     # The time may be in another unit: a part has many samples in any case.
     step = float(np.median(np.diff(time)))
-    count = max(int(LONGEST / step), 20 * _FEWEST)
+    count = max(int(LONGEST / step), 20 * FEWEST)
     pieces = np.split(np.arange(len(time)), np.flatnonzero(np.diff(time) > count * step) + 1)
     cut = (np.array_split(piece, max(len(piece) // count, 1)) for piece in pieces)
-    parts = [part for each in cut for part in each if len(part) >= _FEWEST]
+    parts = [part for each in cut for part in each if len(part) >= FEWEST]
     if not parts:
         return log
     spread = np.array([np.std(q[part], axis=0) for part in parts])
