@@ -206,6 +206,7 @@ def test_joints_that_the_spacecraft_lacks_do_not_make_samples_incomplete(tmp_pat
         ("positon: {unit: mm}", "map.yaml: unknown key 'positon'; did you mean 'position'"),
         ("position: {unit: mn}", "map.yaml: position.unit must be 'm', 'cm', 'mm'"),
         ("position: {columns: [x, y]}", "map.yaml: position.columns must name 3, not 2"),
+        ("{attitude: {order: yaw}, position: {columns: [a, b, c]}}", "must name 2, not 3"),
         ("attitude: {order: euler_xyz}", "map.yaml: attitude.columns must name the three angles"),
         ("time: {unit: frame}", r"time.rate \(frames per second\) and time.unit: frame go togeth"),
         ("time: {rate: 10.0}", r"time.rate \(frames per second\)"),

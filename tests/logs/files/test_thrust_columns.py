@@ -107,13 +107,6 @@ def test_a_log_on_a_table_needs_three_columns(log, tmp_path):
     np.testing.assert_array_equal(read.thrust.value[0], [0, 0, 2.0, 1.0, 1.0, 0])
 
 
-def test_a_force_without_one_of_its_columns_is_refused(log, tmp_path):
-    columns = rows_of(log, np.ones((40, 3)), np.ones((40, 3)))
-    del columns["thrust_fy"]
-    with pytest.raises(InputError, match="thrust_fy"):
-        read_log(written(tmp_path, columns))
-
-
 def test_openings_of_valves_become_one_log_of_their_changes(random_motion):
     names, values = table_of(random_motion(4, 3))
     columns = dict(zip(names, values.T))
