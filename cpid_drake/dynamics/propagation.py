@@ -179,13 +179,13 @@ def propagate(
         own = slice(k * len(_POINTS), (k + 1) * len(_POINTS))
         L_B = rotate_by_quaternion(_inverse(q_WB), L)
         w_B = rotate(mobility[..., own, :, :], L_B - at_rest[..., own, :])
-        torque_force = (np.zeros_like(L), np.zeros_like(P))
-        if acting is not None:
-            torque_force = acting.about_com(
-                grid[k], q_WB, p_WScm, com_at_points[..., own, :], mass, J[..., own, :, :]
-            )
-        parts = [quaternion_rate(q_WB, w_B), P / mass[..., None, None], *torque_force]
-        return np.concatenate(parts, axis=-1)
+        turning = quaternion_rate(q_WB, w_B)
+        if acting is None:
+            return turning
+        torque_force = acting.about_com(
+            grid[k], q_WB, p_WScm, com_at_points[..., own, :], mass, J[..., own, :, :]
+        )
+        return np.concatenate([turning, P / mass[..., None, None], *torque_force], axis=-1)
 
     q_WB, p_WB, momentum_W = (
         np.asarray(values, dtype=float) for values in (quaternion_WB, p_WB, momentum_W)
@@ -202,9 +202,12 @@ def propagate(
     for k, (begin, length) in enumerate(zip(starts, lengths)):
         acting = None if wrench is None else wrench(float(begin))
         curve = np.repeat(state[..., None, :], len(_POINTS), axis=-2)
+        travel = state[..., 10:] / mass[..., None] * length
+        curve[..., 4:7] += _POINTS[:, None] * travel[..., None, :]  # exact without forces
         for _ in range(_ITERATIONS):
             rates = length * rate(k, acting, curve)
-            curve = state[..., None, :] + np.einsum("ij,...jk->...ik", _INTEGRALS, rates)
+            change = np.einsum("ij,...jk->...ik", _INTEGRALS, rates)
+            curve[..., : rates.shape[-1]] = state[..., None, : rates.shape[-1]] + change
         inside = (times[step_of == k] - begin) / (length or 1.0)
         states.append(np.einsum("sj,...jk->...sk", _interpolation(inside), curve))
         state = curve[..., -1, :]
