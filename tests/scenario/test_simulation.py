@@ -35,6 +35,9 @@ class Swinging:
     def __init__(self, joints: int) -> None:
         self.amplitude = np.linspace(0.2, 0.5, joints)
 
+    def breaks(self):
+        return np.array([0.0, self.duration])
+
     def evaluate(self, time):
         t = np.asarray(time, dtype=float)[..., None]
         w = np.linspace(0.5, 1.5, self.amplitude.size)
