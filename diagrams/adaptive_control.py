@@ -31,6 +31,10 @@ class Repeated:
     def evaluate(self, time):  # noqa: D102
         return self.motion.evaluate(np.mod(time, self.motion.duration))
 
+    def breaks(self):  # noqa: D102
+        starts = np.arange(0.0, self.duration, self.motion.duration)
+        return np.unique(starts[:, None] + self.motion.breaks())
+
 
 def simulate(scenario, source, seed):
     """Return times [s], largest errors of the joints [rad], and masses in the controller [kg]."""
