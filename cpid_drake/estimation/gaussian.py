@@ -264,9 +264,10 @@ def solution_of(
 ) -> LeastSquaresSolution:
     """Return the solution of a Gaussian of the target alone.
 
-    Combinations about which the target says nothing stay nominal, with their plausible size as σ.
-    What it says weakly, even if a fit has held it, moves the rest. An entry is known if its σ is
-    small all the same, and if it contains nothing of combinations about which it says nothing.
+    Combinations whose σ is too large have their plausible size as σ: noise alone looks like weak
+    knowledge. What the target says weakly, even if a fit has held it, moves the rest; the others
+    stay nominal. An entry is known if its σ is small all the same, and if it contains nothing of
+    combinations about which the target says nothing.
 
     Args:
         target: of n unknowns.
@@ -284,14 +285,14 @@ def solution_of(
     strong = sizes > max(1 / largest, _NEGLIGIBLE * float(sizes[0]))
     seen = strong | (sizes > 1 / (weakest or largest))
     x = nominal + scale * (axes[seen].T @ ((U.T @ moved.z)[seen] / sizes[seen]))
-    root = scale[:, None] * axes.T * np.where(seen, 1 / np.maximum(sizes, 1e-300), 1.0)
+    root = scale[:, None] * axes.T * np.where(strong, 1 / np.maximum(sizes, 1e-300), 1.0)
     covariance = root @ root.T
     is_large = np.diag(covariance) > (largest * scale) ** 2
     for used in (seen, strong):
         is_open = is_large | (np.linalg.norm(axes[~used], axis=0) > share)
         if not is_open.all():
             break
-    A = sizes[used, None] * axes[used] / scale
+    A = np.where(strong, sizes, 1.0)[used, None] * axes[used] / scale
     covariance[is_open, :] = covariance[:, is_open] = np.nan
     return LeastSquaresSolution(
         estimate=np.where(is_open, np.nan, x),
