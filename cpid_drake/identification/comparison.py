@@ -277,11 +277,11 @@ def part_checks(
 ) -> tuple[Check, ...]:
     """Return the check that the first halves of the logs have the target of the whole logs.
 
-    The errors that act by all samples act in the halves too, and have the same values; before the
-    samples they may be as large as by the comparison.
+    What acts by the most probable set acts in both, and has the same values; before the samples it
+    may be as large as by the comparison. All else is held: an average over sets is not nested.
     """
-    named, wide = [name for name in compared.named if name in question.candidates], found.model
-    for name in named:
+    acting, wide = [name for name in compared.best if name in question.candidates], found.model
+    for name in acting:
         unknown = wide.unknown(name.partition("|")[0])
         sigma = max(1.0, compared.sizes[name]) * unknown.sigma
         wide = wide.with_prior(unknown.name, unknown.mean, sigma)
@@ -289,18 +289,20 @@ def part_checks(
     beginning, whole = _beginning(found, rows, 1 / 2), found.gaussian
     if beginning is None:
         return ()
-    if named:
+    if acting:
         whole = prior_of(wide, found.logs, found.values, rows)
         for log, rolled in zip(found.logs, found.rolled, strict=True):
             whole = whole.add(sweep(wide, log, rolled, found.values, forward_only=True).gaussian)
-    others = {n: s for n, s in question.candidates.items() if n not in named}
-    asked = replace(question, candidates=others)
-    first, whole = (
-        asked.answer(each, found.values).gaussian.marginal([PSI, *named])
-        for each in (beginning, whole)
-    )
+    held = held_by(found, question, compared)
+    first, whole = (each.condition(held).marginal([PSI, *acting]) for each in (beginning, whole))
     cause = "the grasp slips, or a joint, a clock or a force is not as modelled"
     return (halves_check(first, whole, cause),)
+
+
+def held_by(found: Fit, question: Question, compared: Comparison) -> Values:
+    """Return the unknowns that are held, with their values less those of the fit."""
+    values = {n: np.zeros(1) for n in question.candidates if n not in compared.best}
+    return {n: v - found.values[n] for n, v in (values | question.given).items()}
 
 
 def _beginning(found: Fit, rows: Sequence[Gaussian], share: float) -> Gaussian | None:

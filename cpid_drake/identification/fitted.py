@@ -35,6 +35,7 @@ from cpid_drake.identification.checks import (
 from cpid_drake.identification.comparison import (
     BODIES_ACT,
     contradicted,
+    held_by,
     part_checks,
     size_checks,
     undeclared_errors,
@@ -145,7 +146,7 @@ def estimate(
         **own,
     )
     if model.known_bodies is None and found.converged and result.solution is not None:
-        held = _held(found, question, compared)
+        held = held_by(found, question, compared)
         result = replace(result, leaning=leaning(found, result.solution, held, rows))
     if len(logs) == 1 and known.prior is None:
         return result
@@ -196,7 +197,7 @@ def _separated(
     counts: Mapping[str, int],
 ) -> Identification:
     """Return an identification with the test whether logs and prior have the same target."""
-    held = _held(found, question, compared)
+    held = held_by(found, question, compared)
 
     def conditioned(gaussian: Gaussian) -> Gaussian:
         return gaussian.condition({n: v for n, v in held.items() if n in gaussian.places})
@@ -220,12 +221,6 @@ def _separated(
         counts,
         prior,
     )
-
-
-def _held(found: Fit, question: Question, compared: Comparison) -> Values:
-    """Return the unknowns that are held, with their values less those of the fit."""
-    values = {n: np.zeros(1) for n in question.candidates if n not in compared.best}
-    return {n: v - found.values[n] for n, v in (values | question.given).items()}
 
 
 def _without(question: Question, wrong: Sequence[str]) -> Question:
