@@ -156,7 +156,8 @@ def reweighted(model: Model, log: LogState, rolled: Rolled, absorbed: dict[str, 
     weights, noise = [dict(each) for each in log.weights], dict(log.noise)
     residuals = rolled.all_residuals()
     count = sum(rest.size for rest in residuals.values())
-    biases = sum(each.size for each in model.table if each.name.endswith(BIAS))
+    sampled = {f"{name}.{BIAS}" for name in residuals}
+    biases = sum(each.size for each in model.table if each.name in sampled)
     free = 12 + 10 + biases
     for name, rest in residuals.items():
         w = weights_of(rest) if name in SENSORS else np.ones(len(rest))  # a force is no outlier
@@ -184,7 +185,7 @@ def _correlation_time(rest: NDArray[np.float64], lost: float) -> float:
         return 1.0
     seen = np.mean(rest[1:] * rest[:-1]) / np.mean(rest**2)
     of_white = -np.sin(np.pi * lost) / np.pi / (1 - lost)
-    rho = np.clip(seen - of_white, 0.0, MOST_CORRELATED)  # more is no noise
+    rho = np.clip((1 - lost) * (seen - of_white), 0.0, MOST_CORRELATED)  # more is no noise
     return float((1 + rho) / (1 - rho))
 
 
