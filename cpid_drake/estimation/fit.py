@@ -180,6 +180,7 @@ def _correlation_time(rest: NDArray[np.float64], lost: float) -> float:
 
     The motion is slow, too: of white noise, it takes the lowest frequencies, the share that is
     `lost`, and leaves residuals whose neighbours have the correlation −sin(π lost)/π/(1 − lost).
+    The covariance beyond that is ρ times the noise's variance, of which 1 − lost is in residuals.
     """
     if len(rest) < 2 or not rest.any():
         return 1.0
