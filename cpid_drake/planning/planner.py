@@ -39,9 +39,8 @@ EXCHANGES = 6
 """Number of times that targets with which a motion exceeds limits are added: with six, few are
 missed, and each time leaves enough iterations."""
 
-REDUCTIONS = 12
-"""Number of times that a motion is made smaller, by what it exceeds a limit, before it is given up:
-by then little is left of one that cannot be made."""
+BISECTIONS = 8
+"""Number of shares of a motion that are checked in Drake's plant: the last differ by 1 %."""
 
 CHECKED_IN_DRAKE = 12
 """Number of targets, those that need the most, with which a motion is checked in Drake's plant: the
@@ -282,22 +281,26 @@ class Planner:
     def consider(self, parameters: NDArray[np.float64]) -> Plan | None:
         """Return the plan that moves the joints as much as these parameters, or as limits allow.
 
-        It becomes the best if its criterion is smaller. None if no share of it is found that is
-        within all limits.
+        It becomes the best if its criterion is smaller. None if no share of the motion is within
+        all limits.
         """
         parameters = parameters / max(1.0, self.family.usage(parameters).max())
-        for _ in range(REDUCTIONS):
-            motion = self.family.make(parameters)
+        least, most, share, found = 0.0, 1.0, 1.0, None
+        for _ in range(BISECTIONS):
+            x = share * parameters
+            motion = self.family.make(x)
             usage, turn = self.usage(motion)
-            excess = max(usage.values())
-            if excess <= 1 + 1e-9:  # a joint may rest at its limit
-                score = float(self.objective.sigmas(parameters[None]).max())
-                found = Plan(motion, parameters, score, usage, turn)
-                if self.best is None or found.score < self.best.score:
-                    self.best = found
-                return found
-            parameters = parameters / min(max(excess, 1.01), 2.0)
-        return None
+            if max(usage.values()) <= 1 + 1e-9:  # a joint may rest at its limit
+                found = Plan(motion, x, float(self.objective.sigmas(x[None]).max()), usage, turn)
+                least = share
+                if share == 1:
+                    break
+            else:
+                most = share
+            share = (least + most) / 2
+        if found is not None and (self.best is None or found.score < self.best.score):
+            self.best = found
+        return found
 
     def usage(self, motion: JointMotion) -> tuple[dict[str, float], float]:
         """Return the largest share of each limit that a motion needs, and the base's turn [rad].
