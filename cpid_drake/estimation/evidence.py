@@ -8,14 +8,16 @@ x ~ N(0, (a σ)²) for each, is in information form
 
 H and b the information of the samples about the candidates in units of σ. Each candidate has the
 size a among `SIZES` that its own evidence prefers, at the price of log(len(SIZES)): a vague prior
-would hide what is small. Before the samples, one of n errors is expected to act: the odds of each
-are 1/n. Those of a momentum that nobody has given are even. Every set has its probability, and the
+would hide what is small. Before the samples, one of n kinds of errors is expected to act: the odds
+of each are 1/n, which single joints share. Those of a momentum that nobody has given are even. Every set has its probability, and the
 target is the average over all sets: what the samples cannot tell apart widens its interval.
 
 Sources: MacKay 2003, Information Theory, Inference, and Learning Algorithms, ch. 28; Hoeting et al.
 1999, Bayesian Model Averaging.
 """
 
+import re
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -141,7 +143,7 @@ class Question:
         values: Mapping[str, NDArray[np.float64]],
         further: Mapping[str, NDArray[np.float64]] | None = None,
     ) -> Comparison:
-        """Compare all sets of candidates.
+        """Compare all sets of candidates; the errors of single joints share the odds of one kind.
 
         Args:
             gaussian: of all unknowns about their values.
@@ -154,8 +156,11 @@ class Question:
         found = gaussian.moved(-x).condition(given)
         sigma = self.candidates | dict(further or {})
         kept = [name for name in found.places if name not in sigma]
-        even = {name: 1.0 for name in sigma if name.startswith(f"{MOMENTUM}|")}
-        return compare(found, sigma, kept, even)
+        kinds = {name: re.sub(r"joint \d+\.", "", name) for name in sigma}
+        count = Counter(kinds.values())
+        odds = {name: 1 / len(count) / count[kind] for name, kind in kinds.items()}
+        odds |= {name: 1.0 for name in sigma if name.startswith(f"{MOMENTUM}|")}
+        return compare(found, sigma, kept, odds)
 
 
 class _Sets:
