@@ -9,8 +9,9 @@ x ~ N(0, (a σ)²) for each, is in information form
 H and b the information of the samples about the candidates in units of σ. Each candidate has the
 size a among `SIZES` that its own evidence prefers, at the price of log(len(SIZES)): a vague prior
 would hide what is small. Before the samples, one of n kinds of errors is expected to act: the odds
-of each are 1/n, which single joints share. Those of a momentum that nobody has given are even. Every set has its probability, and the
-target is the average over all sets: what the samples cannot tell apart widens its interval.
+of each are 1/n, which single joints share. Those of a momentum that nobody has given are even.
+Every set has its probability, and the target is the average over all sets: what the samples cannot
+tell apart widens its interval.
 
 Sources: MacKay 2003, Information Theory, Inference, and Learning Algorithms, ch. 28; Hoeting et al.
 1999, Bayesian Model Averaging.
