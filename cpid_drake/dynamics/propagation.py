@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import roots_jacobi
 
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.joint_motion import JointMotion
@@ -25,7 +26,7 @@ from cpid_drake.errors import InputError
 
 _DEGREE = 7  # of a step's polynomials: with steps of 0.2 s, they follow motions of 1 Hz to 1e-11
 _ITERATIONS = _DEGREE  # of Picard: each adds a power of the turn in a step, as a degree does
-_INNER = legendre.Legendre.basis(_DEGREE).deriv().roots()
+_INNER = roots_jacobi(_DEGREE - 1, 1, 1)[0]  # of the Legendre polynomial's derivative
 _X = np.concatenate([[-1.0], _INNER, [1.0]])  # Lobatto points of −1 to 1
 _POINTS = (_X + 1) / 2  # as shares of a step
 _BY_VALUES = np.linalg.inv(legendre.legvander(_X, _DEGREE))
