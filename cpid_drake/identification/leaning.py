@@ -85,6 +85,7 @@ def leaning_of_any_samples(
     body, R_CB = tree.bodies[tree.capture_body], tree.R_BC.T
     I_C = R_CB @ body.I_BBcm @ tree.R_BC
     link = InertialParameters(body.mass, R_CB @ (body.p_BBcm - tree.p_BC), I_C).to_vector()
+    parameters = np.where(np.isfinite(parameters), parameters, np.nan)  # c, if there is no mass
     moved = parameters_to_standard(parameters) - 0.01 * parameters_to_standard(link)
     found = {LINK: standard_to_parameters(moved) - parameters}
     if not has_scale:
