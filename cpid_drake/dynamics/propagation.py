@@ -147,7 +147,8 @@ def propagate(
         wrench: the external forces from a time on [s]; default: none, so that the momentum is
             constant.
         edges: the times at which they change [s].
-        max_step: longest step [s]; no step contains an edge, or a break of the motion.
+        max_step: longest step [s], and longest turn in a step at the rate of the start [rad]; no
+            step contains an edge, or a break of the motion.
 
     Raises:
         InputError: times that do not increase, a step that is not positive, or a target that no
@@ -157,20 +158,27 @@ def propagate(
     times = np.asarray(times, dtype=float)
     if times.ndim != 1 or not times.size or (np.diff(times) <= 0).any() or not max_step > 0:
         raise InputError("times must be increasing instants, at least one; max_step must be > 0 s")
+    psi = standard_to_relative(np.asarray(phi, dtype=float), tree.mass)
+    dynamics = BodyDynamics.at(tree, *np.moveaxis(motion.evaluate(times)[:, :2], 1, 0))
+    mass, com = dynamics.total_mass(psi), dynamics.com(psi)
+    q_WB, p_WB, momentum_W = (
+        np.asarray(values, dtype=float) for values in (quaternion_WB, p_WB, momentum_W)
+    )
+    p_WScm = p_WB + rotate_by_quaternion(q_WB, com[..., 0, :])
+    L = momentum_W[..., :3] - cross(p_WScm, momentum_W[..., 3:])
+    first = dynamics.part(np.array([0]))
+    L_B = rotate_by_quaternion(_inverse(q_WB), L)[..., None, :]
+    w_B = rotate(first.mobility(psi), L_B - first.momentum_at_rest(psi))  # at the start
+    longest = max_step / max(1.0, float(np.linalg.norm(w_B, axis=-1).max()))
     breaks = np.union1d(motion.breaks(), edges)
     breaks = breaks[(breaks > times[0]) & (breaks < times[-1])]
     ends = np.concatenate([times[:1], breaks, times[-1:]])  # of the steps
-    counts = np.maximum(np.ceil(np.diff(ends) / max_step - 1e-9).astype(int), 1)
+    counts = np.maximum(np.ceil(np.diff(ends) / longest - 1e-9).astype(int), 1)
     parts = [np.linspace(a, b, n + 1)[:-1] for a, b, n in zip(ends, ends[1:], counts)]
     starts = np.concatenate(parts)
     lengths = np.diff(starts, append=times[-1])
     grid = starts[:, None] + lengths[:, None] * _POINTS
-    psi = standard_to_relative(np.asarray(phi, dtype=float), tree.mass)
-    points, dynamics = (
-        BodyDynamics.at(tree, *np.moveaxis(motion.evaluate(t)[:, :2], 1, 0))
-        for t in (grid.ravel(), times)
-    )
-    mass, com = dynamics.total_mass(psi), dynamics.com(psi)
+    points = BodyDynamics.at(tree, *np.moveaxis(motion.evaluate(grid.ravel())[:, :2], 1, 0))
     mobility, at_rest = points.mobility(psi), points.momentum_at_rest(psi)
     if wrench is not None:
         J, com_at_points = points.inertia(psi), points.com(psi)
@@ -188,11 +196,6 @@ def propagate(
         )
         return np.concatenate([turning, P / mass[..., None, None], *torque_force], axis=-1)
 
-    q_WB, p_WB, momentum_W = (
-        np.asarray(values, dtype=float) for values in (quaternion_WB, p_WB, momentum_W)
-    )
-    p_WScm = p_WB + rotate_by_quaternion(q_WB, com[..., 0, :])
-    L = momentum_W[..., :3] - cross(p_WScm, momentum_W[..., 3:])
     start = [q_WB, p_WScm, L, momentum_W[..., 3:]]
     shape = np.broadcast_shapes(*(part.shape[:-1] for part in start), mass.shape)
     state = np.concatenate(

@@ -89,7 +89,6 @@ def leaning_of_any_samples(
     moved = parameters_to_standard(parameters) - 0.01 * parameters_to_standard(link)
     found = {LINK: standard_to_parameters(moved) - parameters}
     if not has_scale:
-        found[ALL] = (
-            0.01 * parameters * (np.abs(np.arange(10) - 2) > 1)
-        )  # not of the centre of mass
+        found[ALL] = 0.01 * parameters
+        found[ALL][1:4] = 0.0  # the centre of mass stays
     return found

@@ -79,6 +79,17 @@ def test_the_result_depends_neither_on_the_steps_nor_on_the_times(craft, skewed_
         np.testing.assert_allclose(value[-1], getattr(few, name)[-1], rtol=1e-12, atol=1e-12)
 
 
+def test_a_fast_tumble_is_as_exact(craft, skewed_target, motion):
+    """At several rad/s, where a step of 0.2 s would be more than half a radian."""
+    phi, times = skewed_target.to_standard_vector(), np.linspace(0.0, 6.0, 13)
+    for factor in (1.0, 10.0, 30.0):
+        given = {"momentum_W": factor * np.asarray(MOMENTUM)}
+        found = propagate(craft.tree, motion, phi, times, **given)
+        finer = propagate(craft.tree, motion, phi, times, max_step=0.05, **given)
+        np.testing.assert_allclose(found.quaternion_WB, finer.quaternion_WB, rtol=0, atol=1e-7)
+    assert np.linalg.norm(found.w_WB, axis=1).max() > 3
+
+
 @pytest.mark.parametrize(
     ("times", "step"), [([1.0, 1.0], 0.1), ([], 0.1), ([0.0, 1.0], 0.0), ([0.0, 1.0], -1.0)]
 )
