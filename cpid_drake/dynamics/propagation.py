@@ -25,6 +25,7 @@ from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.errors import InputError
 
 _DEGREE = 7  # of a step's polynomials: with steps of 0.2 s, they follow motions of 1 Hz to 1e-11
+_MOST_TURN = 1e6  # [rad] in all samples; beyond, the attitude is lost in rounding
 _ITERATIONS = _DEGREE  # of Picard: each adds a power of the turn in a step, as a degree does
 _INNER = roots_jacobi(_DEGREE - 1, 1, 1)[0]  # of the Legendre polynomial's derivative
 _X = np.concatenate([[-1.0], _INNER, [1.0]])  # Lobatto points of −1 to 1
@@ -151,8 +152,8 @@ def propagate(
             step contains an edge, or a break of the motion.
 
     Raises:
-        InputError: times that do not increase, a step that is not positive, or a target that no
-            rigid body is; see `BodyDynamics.mobility`.
+        InputError: times that do not increase, a step that is not positive, a turn of more than
+            a million radians, or a target that no rigid body is; see `BodyDynamics.mobility`.
 
     """
     times = np.asarray(times, dtype=float)
@@ -169,7 +170,10 @@ def propagate(
     first = dynamics.part(np.array([0]))
     L_B = rotate_by_quaternion(_inverse(q_WB), L)[..., None, :]
     w_B = rotate(first.mobility(psi), L_B - first.momentum_at_rest(psi))  # at the start
-    longest = max_step / max(1.0, float(np.linalg.norm(w_B, axis=-1).max()))
+    spin = float(np.abs(w_B).sum(axis=-1).max())
+    if not spin * (times[-1] - times[0]) < _MOST_TURN:
+        raise InputError(f"the base turns at {spin:.3g} rad/s at the start: too fast to follow")
+    longest = max_step / max(1.0, spin)
     breaks = np.union1d(motion.breaks(), edges)
     breaks = breaks[(breaks > times[0]) & (breaks < times[-1])]
     ends = np.concatenate([times[:1], breaks, times[-1:]])  # of the steps

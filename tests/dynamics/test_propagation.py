@@ -88,6 +88,8 @@ def test_a_fast_tumble_is_as_exact(craft, skewed_target, motion):
         finer = propagate(craft.tree, motion, phi, times, max_step=0.05, **given)
         np.testing.assert_allclose(found.quaternion_WB, finer.quaternion_WB, rtol=0, atol=1e-7)
     assert np.linalg.norm(found.w_WB, axis=1).max() > 3
+    with pytest.raises(InputError, match="too fast to follow"):
+        propagate(craft.tree, motion, phi, times, momentum_W=[0, 0, 1e300, 0, 0, 0])
 
 
 @pytest.mark.parametrize(
