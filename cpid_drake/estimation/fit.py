@@ -143,6 +143,38 @@ def fit(
     return now
 
 
+def about(found: Fit, held: Values, rows: Sequence[Gaussian] = ()) -> Fit:
+    """Return a fit, linear about the values that are best if some unknowns have given values.
+
+    Where a motion is not seen, what depends on its size seems to be known at values that only noise
+    makes.
+
+    Args:
+        found: a fit.
+        held: the given values, less those of the fit.
+        rows: see `fit`.
+
+    """
+    now, held = found, dict(held)
+    for _ in range(MOST_SWEEPS):
+        swept = [sweep(now.model, *p, now.values) for p in zip(now.logs, now.rolled, strict=True)]
+        prior = prior_of(now.model, now.logs, now.values, rows)
+        total = reduce(Gaussian.add, [each.gaussian for each in swept], prior)
+        now = replace(now, gaussian=total)
+        rest, step = total.condition(held), np.zeros(total.size)
+        psi = {PSI: undetermined(now.model, now.values[PSI], rest)[0]}
+        step[total.indices(rest.places)] = rest.solve(held=psi)
+        for name, value in held.items():
+            step[total.places[name]] = value
+        if np.sum((total.R @ step) ** 2) < CLOSE:
+            return now
+        moved = _stepped(now, swept, step, rows)
+        if moved is None:
+            break
+        now, held = moved, dict.fromkeys(held, np.zeros(1))
+    return replace(found, converged=False)
+
+
 def reweighted(model: Model, log: LogState, rolled: Rolled, absorbed: dict[str, float]) -> LogState:
     """Return a log with the weights and noise factors that its residuals show.
 

@@ -16,7 +16,7 @@ from cpid_drake.errors import prefix_errors
 from cpid_drake.estimation import gaussian as gaussians
 from cpid_drake.estimation.events import fit_with_events
 from cpid_drake.estimation.evidence import NAMED, Comparison, Question
-from cpid_drake.estimation.fit import Fit, fit, prior_of
+from cpid_drake.estimation.fit import Fit, about, fit, prior_of
 from cpid_drake.estimation.gaussian import Gaussian, LeastSquaresSolution
 from cpid_drake.estimation.likelihood.constants import BIAS, Constants
 from cpid_drake.estimation.log_state import LogState
@@ -92,6 +92,8 @@ def estimate(
     wrong = contradicted(found.gaussian, found.values, question, model)  # beside the changes
     question = _without(question, wrong)
     progress("comparing")
+    compared = question.answer(found.gaussian, found.values)
+    found = about(found, held_by(found, question, compared), rows)
     compared = question.answer(found.gaussian, found.values)
     average = compared.gaussian
     gaussian = average.moved(np.concatenate([found.values[name] for name in average.places]))

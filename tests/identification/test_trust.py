@@ -1,5 +1,7 @@
 """No path to an answer leads around the gate: what is wrong is estimated, or the answer doubted."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import chi2
@@ -15,7 +17,13 @@ from sensing_cases import (
     true_telemetry,
 )
 
-from cpid_drake import InertialParameters, identify
+from cpid_drake import (
+    InertialParameters,
+    identify,
+    load_scenario,
+    make_simulation,
+    shipped_scenario,
+)
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.estimation.gaussian import Gaussian, solution_of
 from cpid_drake.identification.checks import fit_checks
@@ -146,6 +154,22 @@ def test_a_joint_that_drifts_is_named_and_the_target_is_right(
     assert [effect.name for effect in acting(found)] == ([name] if drift else [])
     assert nees(found, skewed_target) < chi2.isf(1e-3, 10)
     assert found.passed or drift
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_what_only_noise_moves_is_not_known(paper_target, suite, seed):
+    """Three parallel joints move the base in its plane of symmetry, and noise out of this plane."""
+    craft = make_simulation(load_scenario(shipped_scenario("single_arm_wheels"))).spacecraft
+    middle = {"arm_joint2": -0.8, "arm_joint4": 1.3, "arm_joint6": 0.6}
+    moving = np.isin(craft.joint_names, list(middle))
+    motion = Sines.drawn(len(moving), seed=seed, duration=10.0, size=0.3)
+    at = np.array([middle.get(name, 0.0) for name in craft.joint_names])
+    motion = replace(motion, middle=at, amplitude=motion.amplitude * moving)
+    samples = measured(craft, motion, paper_target, suite)
+    found = identify(craft, add_noise(suite, samples, seed=seed), sensors=suite)
+    assert np.isnan(found.parameters[[4, 6]]).all()
+    known = np.isfinite(found.parameters)
+    assert nees(found, paper_target) < chi2.isf(1e-3, known.sum())
 
 
 def test_a_momentum_too_small_to_be_noticed_is_in_the_intervals(craft, suite, skewed_target):
