@@ -58,7 +58,7 @@ class Gaussian:
         cls, sizes: Mapping[str, int], T: NDArray[np.float64], rho2: float = 0.0
     ) -> "Gaussian":
         """Return the distribution of a triangle [R | z] (n, n + 1); see `of_rows`."""
-        return cls(_places(sizes), T[:, :-1], T[:, -1], rho2)
+        return cls(places_of(sizes), T[:, :-1], T[:, -1], rho2)
 
     @property
     def size(self) -> int:
@@ -83,7 +83,7 @@ class Gaussian:
     def add(self, other: "Gaussian") -> "Gaussian":
         """Return what both say together; unknowns of one name are the same unknown."""
         sizes = self.sizes | other.sizes
-        places = _places(sizes)
+        places = places_of(sizes)
         n = sum(sizes.values())
         rows = np.zeros((self.size + other.size, n + 1))
         first = 0
@@ -342,7 +342,7 @@ def solution_of_rows(rows: NDArray[np.float64], row_count: int) -> LeastSquaresS
     )
 
 
-def _places(sizes: Mapping[str, int]) -> dict[str, slice]:
-    """Return successive places of unknowns."""
+def places_of(sizes: Mapping[str, int]) -> dict[str, slice]:
+    """Return successive places of unknowns with so many entries."""
     ends = np.cumsum([0, *sizes.values()]).tolist()
     return {name: slice(a, b) for name, a, b in zip(sizes, ends[:-1], ends[1:], strict=True)}

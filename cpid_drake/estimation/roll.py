@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake.estimation.likelihood.model import BlockModel, jump_between
 from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory, TrajectoryState, relate
-from cpid_drake.estimation.likelihood.white_effects import WhiteReading
+from cpid_drake.estimation.likelihood.white_reading import WhiteReading
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.unknowns import BODIES, PSI, Model, psi_about
 

@@ -197,7 +197,7 @@ def back(model: Model, log: LogState, swept: Swept, step: Values) -> LogState:
         for force in part.motion.white:
             forces[k][force.rows] += s[part.columns[force.name]]
         joints[k] = joints[k].moved(s[part.columns["joints"]])
-        x[:n] = s[part.at_start[:n]]
+        x[:n] = s[part.at_start]
         aims[k] = jumped(each.start, x[:12])
     assert log.start is not None
     return replace(
@@ -235,7 +235,7 @@ def _eliminated(
     outside = n + known - first  # columns of carried that are no columns of the block's model
     rows = np.zeros((len(carried) + len(rest) + len(J), known + total - outside + 1))
     a, b = len(carried), len(carried) + len(rest)
-    rows[:a, part.at_start[:n]] = carried[:, :n]
+    rows[:a, part.at_start] = carried[:, :n]
     rows[:a, first:] = carried[:, n:]
     rows[a:b, :known], rows[a:b, -1] = links, rest
     rows[b:, :known], rows[b:, -1] = J, np.concatenate([np.empty(0), *r])
@@ -243,7 +243,7 @@ def _eliminated(
     by_end = rows[:, :12] @ np.linalg.inv(end[:, :12])
     rows[:, :known] -= by_end @ end
     rows[:, :12] = by_end
-    ends = part.at_end[:n]
+    ends = part.at_end
     keep = np.concatenate([ends, np.arange(first, rows.shape[1] - 1)])
     gone = np.setdiff1d(np.arange(first), ends)
     T = triangle(rows[:, np.concatenate([gone, keep, [rows.shape[1] - 1]])])

@@ -17,10 +17,10 @@ from cpid_drake.dynamics.parameterizations import tensor_to_vector
 from cpid_drake.dynamics.sensitivity import with_errors
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.gaussian import Gaussian, places_of
 from cpid_drake.estimation.least_squares import KNOWN
 from cpid_drake.estimation.likelihood.constants import BIAS, OF_GRASP, VALVE_FORCE, Constants
-from cpid_drake.estimation.likelihood.white_force import white_forces
+from cpid_drake.estimation.likelihood.forces import white_forces
 from cpid_drake.sensors.suite import SensorSuite
 
 WIDE = 1e3
@@ -177,10 +177,7 @@ class Model:
     @property
     def places(self) -> dict[str, slice]:
         """Columns of the unknowns of one log."""
-        ends = np.cumsum([0, *(u.size for u in self.table)]).tolist()
-        return {
-            u.name: slice(a, b) for u, a, b in zip(self.table, ends[:-1], ends[1:], strict=True)
-        }
+        return places_of({u.name: u.size for u in self.table})
 
     @property
     def walking(self) -> list[Unknown]:

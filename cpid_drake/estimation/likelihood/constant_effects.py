@@ -20,10 +20,10 @@ from cpid_drake.estimation.likelihood.constants import (
     ConstantError,
 )
 from cpid_drake.estimation.likelihood.effects import (
-    Effect,
     MotionChange,
     joint_changes,
     write_change,
+    write_force,
 )
 from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory
 
@@ -31,42 +31,18 @@ Write = Callable[[BaseMotion, Trajectory, float, MotionChange], None]
 """Writes the change of the motion by σ of each entry of an error."""
 
 
-def constant_effect(motion: BaseMotion, name: str) -> Effect:
-    """Return the effect of a constant error.
-
-    Args:
-        motion: the base's motion.
-        name: of the error.
-
-    """
-    error = motion.constants.errors[name]
-
-    def change_motion(trajectory: Trajectory, change: MotionChange) -> None:
-        if error.kind in OF_THRUST:
-            change.thrust[motion.constants.of_thrust.index(name)] = error.sigma
-        elif error.kind == DRIFT:
-            _write_drift(motion, trajectory, error, change)
-        elif error.kind in _WRITE:
-            _WRITE[error.kind](motion, trajectory, error.sigma, change)
-
-    return Effect(name, error.size, change_motion)
-
-
-def _acceleration(
-    motion: BaseMotion, trajectory: Trajectory, sigma: float, change: MotionChange
+def write_constant(
+    error: ConstantError, motion: BaseMotion, trajectory: Trajectory, change: MotionChange
 ) -> None:
-    """Write that of an acceleration of the system's centre of mass, in W."""
-    elapsed = (motion.times - motion.joints.start)[:, None, None]
-    change.position[:], change.velocity[:] = (
-        sigma * each * np.eye(3) for each in (elapsed**2 / 2, elapsed)
-    )
-
-
-def _torque(motion: BaseMotion, trajectory: Trajectory, sigma: float, change: MotionChange) -> None:
-    """Write that of a torque about the system's centre of mass, in W."""
-    elapsed = (motion.times - motion.joints.start)[:, None, None]
-    change.w[:] = sigma * elapsed * (trajectory.inverse @ np.swapaxes(trajectory.R, -1, -2))
-    change.L[:] = sigma * elapsed[len(motion.nodes) - 1] * np.eye(3)
+    """Write the change of the motion by a constant error, which contains zeros."""
+    if error.kind in OF_THRUST:
+        change.thrust[motion.constants.of_thrust.index(error.name)] = error.sigma
+    elif error.name in motion.forces:
+        write_force(motion.forces[error.name], motion, trajectory, change)
+    elif error.kind == DRIFT:
+        _write_drift(motion, trajectory, error, change)
+    elif error.kind in _WRITE:
+        _WRITE[error.kind](motion, trajectory, error.sigma, change)
 
 
 def _wheel(motion: BaseMotion, trajectory: Trajectory, sigma: float, change: MotionChange) -> None:
@@ -98,8 +74,6 @@ def _write_drift(
 
 
 _WRITE: dict[str, Write] = {
-    "acceleration": _acceleration,
-    "torque": _torque,
     WHEEL: _wheel,
     COMPLIANCE: write_turns,
     STRETCH: write_shifts,

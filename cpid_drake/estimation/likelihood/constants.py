@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cpid_drake.estimation.gaussian import places_of
 from cpid_drake.sensors.sensors import ARCSECOND, DEGREE_PER_HOUR, Gyro
 from cpid_drake.sensors.suite import SensorSuite
 
@@ -23,6 +24,9 @@ VALVE_FORCE, VALVE_LOSS, VALVE_DELAY = "force", "loss", "valve_delay"
 
 OF_THRUST = (THRUST_SCALE, VALVE_FORCE, VALVE_LOSS, VALVE_DELAY)
 """Kinds that change the thrust."""
+
+ACCELERATION, TORQUE = "acceleration", "torque"
+"""Names of a steady acceleration of the system's centre of mass and a torque about it, in W."""
 
 WHEEL = "wheel"
 """Name of the angular momentum of rotors in the base, in B."""
@@ -48,7 +52,7 @@ class ConstantError:
     """One constant error.
 
     Attributes:
-        name: "acceleration", "torque", `THRUST_SCALE`, `WHEEL`, `COMPLIANCE` or `STRETCH`, or a
+        name: `ACCELERATION`, `TORQUE`, `THRUST_SCALE`, `WHEEL`, `COMPLIANCE` or `STRETCH`, or a
             sensor and a kind, such as "attitude.delay" or "encoders.joint 1.drift".
         size: number of entries.
         sigma: σ of each entry [SI units, rad].
@@ -113,8 +117,8 @@ def _of_forces(suite: SensorSuite) -> list[ConstantError]:
     if size is None:
         return []
     return [
-        ConstantError("acceleration", 3, size.acceleration, "m/s²", 1.0, size.acceleration_walk),
-        ConstantError("torque", 3, size.torque, "N·m", 1.0, size.torque_walk),
+        ConstantError(ACCELERATION, 3, size.acceleration, "m/s²", 1.0, size.acceleration_walk),
+        ConstantError(TORQUE, 3, size.torque, "N·m", 1.0, size.torque_walk),
         ConstantError(THRUST_SCALE, 1, size.thrust_scale, "%", 0.01),
         ConstantError(WHEEL, 3, size.wheel, "N·m·s", 1.0),
         ConstantError(COMPLIANCE, 3, 1e-6 * size.compliance_urad, "µrad/(N·m)", 1e-6),
@@ -151,9 +155,8 @@ class Constants:
 
     def __init__(self, errors: tuple[ConstantError, ...] = ()) -> None:
         self.errors = {error.name: error for error in errors}
-        ends = np.cumsum([0, *(error.size for error in errors)]).tolist()
-        self.size = ends[-1]
-        self._places = {e.name: slice(a, a + e.size) for e, a in zip(errors, ends)}
+        self.size = sum(error.size for error in errors)
+        self._places = places_of({error.name: error.size for error in errors})
 
     @classmethod
     def of(cls, suite: SensorSuite, joint_count: int) -> "Constants":

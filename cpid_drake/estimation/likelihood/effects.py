@@ -1,11 +1,12 @@
 """Effects: the unknown or uncertain quantities on which the base's motion and the readings depend.
 
-Each effect has some columns of the Jacobian, and the derivatives of the motion with respect to its
-quantities; what readings change at the same motion is a matter of their sensors. To model a further
-effect, write a function like these and add it to `model.BlockModel`.
+Each effect has some columns of the Jacobian, and a function that writes the derivatives of the
+motion by its quantities into a change, which contains zeros; what readings change at the same
+motion is a matter of their sensors. To model a further effect, write a function like these and add
+it to `model.BlockModel`.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,7 +24,7 @@ from cpid_drake.dynamics.sensitivity import (
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.likelihood.constants import DRIFT, ZERO
-from cpid_drake.estimation.likelihood.joint_motion import ORDER
+from cpid_drake.estimation.likelihood.forces import Force
 from cpid_drake.estimation.likelihood.motion import (
     TOGETHER,
     BaseMotion,
@@ -74,102 +75,79 @@ class MotionChange:
         return MotionChange(**{name: value[..., part] for name, value in vars(self).items()})
 
 
-@dataclass(frozen=True, eq=False)
-class Effect:
-    """One effect on a block of time.
-
-    Attributes:
-        name: key in `BlockModel.columns`.
-        size: number of columns n.
-        change_motion: writes the derivatives of the motion into a change, which contains zeros.
-        at_start, at_end: columns, counted from the effect's first, that continue the previous
-            block's, and that the next block continues; None for all, as of a constant.
-
-    """
-
-    name: str
-    size: int
-    change_motion: Callable[[Trajectory, MotionChange], None]
-    at_start: NDArray[np.intp] | None = None
-    at_end: NDArray[np.intp] | None = None
+def write_start(motion: BaseMotion, trajectory: Trajectory, change: MotionChange) -> None:
+    """Write that of attitude, centre of mass, L about it and its velocity at the start, in W."""
+    change.attitude[:, :3] = change.L[:, 6:9] = np.eye(3)
+    change.w[:, :, 6:9] = trajectory.inverse @ np.swapaxes(trajectory.R, -1, -2)
+    drift = transition(motion.joints.start, motion.times, motion.orbit)
+    for moved, by in zip((change.position, change.velocity), np.split(drift, 2, axis=1)):
+        moved[:, :, 3:6], moved[:, :, 9:] = by[:, :, :3], by[:, :, 3:]
 
 
-def target_effect(motion: BaseMotion) -> Effect:
-    """Return the effect of the ten relative unknowns ψ = (μ, μc, I_*)."""
-
-    def change_motion(trajectory: Trajectory, change: MotionChange) -> None:
-        dynamics = motion.dynamics
-        change.w[:] = -trajectory.inverse @ dynamics.regressor(trajectory.w)
-        by_torque = motion.gradient_by_psi(trajectory)
-        if by_torque is not None:
-            change.w[:] += trajectory.inverse @ np.swapaxes(trajectory.R, -1, -2) @ by_torque
-            change.L[:] = by_torque[len(motion.nodes) - 1]
-        change.com[:, :, :4] = dynamics.com_regressor()
-        change.com_rate[:, :, :4] = dynamics.com_rate_regressor()
-        change.inverse_mass[0] = -(dynamics.mass**-2)
-
-    return Effect("psi", 10, change_motion)
-
-
-def start_effect(motion: BaseMotion) -> Effect:
-    """Return that of attitude, centre of mass, L about it and its velocity at the start, in W."""
-
-    def change_motion(trajectory: Trajectory, change: MotionChange) -> None:
-        change.attitude[:, :3] = change.L[:, 6:9] = np.eye(3)
-        change.w[:, :, 6:9] = trajectory.inverse @ np.swapaxes(trajectory.R, -1, -2)
-        drift = transition(motion.joints.start, motion.times, motion.orbit)
-        for moved, by in zip((change.position, change.velocity), np.split(drift, 2, axis=1)):
-            moved[:, :, 3:6], moved[:, :, 9:] = by[:, :, :3], by[:, :, 3:]
-
-    return Effect("start", 12, change_motion)
-
-
-def joint_effect(motion: BaseMotion) -> Effect:
-    """Return that of errors of the coefficients of the joints' splines, joint after joint."""
-    K, J = motion.joints.coefficients.shape
-    columns = np.arange(K * J).reshape(J, K)
+def write_joints(motion: BaseMotion, trajectory: Trajectory, change: MotionChange) -> None:
+    """Write that of errors of the coefficients of the joints' splines, joint after joint."""
     B, B_dot = (motion.joints.basis(motion.times, order)[:, None, None] for order in range(2))
 
-    def change_motion(trajectory: Trajectory, change: MotionChange) -> None:
-        def by_errors(q: NDArray[np.float64], qdot: NDArray[np.float64]) -> NDArray[np.float64]:
-            both = q[..., None] * B + qdot[..., None] * B_dot
-            return both.reshape(*both.shape[:2], -1)
+    def by_errors(q: NDArray[np.float64], qdot: NDArray[np.float64]) -> NDArray[np.float64]:
+        both = q[..., None] * B + qdot[..., None] * B_dot
+        return both.reshape(*both.shape[:2], -1)
 
-        by_q, by_qdot = (vars(each).values() for each in joint_changes(motion, trajectory))
-        by = MotionSensitivity(*(by_errors(*both) for both in zip(by_q, by_qdot, strict=True)))
-        write_change(change, by, motion, trajectory)
-
-    ends = columns[:, :ORDER].ravel(), columns[:, -ORDER:].ravel()
-    return Effect("joints", K * J, change_motion, *ends)
+    by_q, by_qdot = (vars(each).values() for each in joint_changes(motion, trajectory))
+    by = MotionSensitivity(*(by_errors(*both) for both in zip(by_q, by_qdot, strict=True)))
+    write_change(change, by, motion, trajectory)
 
 
-def bodies_effect(
-    motion: BaseMotion,
+def write_force(
+    force: Force, motion: BaseMotion, trajectory: Trajectory, change: MotionChange
+) -> None:
+    """Write that of the entries of a force."""
+    impulse = force.impulse(motion.times)
+    if force.turns:
+        change.w[:] = trajectory.inverse @ (np.swapaxes(trajectory.R, -1, -2) @ impulse)
+        change.L[:] = impulse[len(motion.nodes) - 1]
+    else:
+        change.position[:], change.velocity[:] = force.travel(motion.times), impulse
+
+
+def write_target(motion: BaseMotion, trajectory: Trajectory, change: MotionChange) -> None:
+    """Write that of the ten relative unknowns ψ = (μ, μc, I_*)."""
+    dynamics = motion.dynamics
+    change.w[:] = -trajectory.inverse @ dynamics.regressor(trajectory.w)
+    by_torque = motion.gradient_by_psi(trajectory)
+    if by_torque is not None:
+        change.w[:] += trajectory.inverse @ np.swapaxes(trajectory.R, -1, -2) @ by_torque
+        change.L[:] = by_torque[len(motion.nodes) - 1]
+    change.com[:, :, :4] = dynamics.com_regressor()
+    change.com_rate[:, :, :4] = dynamics.com_rate_regressor()
+    change.inverse_mass[0] = -(dynamics.mass**-2)
+
+
+def write_bodies(
     uncertainty: BodyUncertainty,
-    errors: NDArray[np.float64] | None = None,
-) -> Effect:
-    """Return that of errors of the known bodies and of their geometry, in units of their σ.
+    errors: NDArray[np.float64] | None,
+    motion: BaseMotion,
+    trajectory: Trajectory,
+    change: MotionChange,
+) -> None:
+    """Write that of errors of the known bodies and of their geometry, in units of their σ.
 
     Args:
-        motion: the base's motion, of a spacecraft with the present errors.
         uncertainty: their σ.
-        errors: (c,) the present errors in units of σ; default: zero.
+        errors: (c,) the present errors in units of σ; None for zero.
+        motion: the base's motion, of a spacecraft with the present errors.
+        trajectory: its trajectory.
+        change: c columns, which contain zeros.
 
     """
     sigmas = uncertainty.all_sigmas(motion.tree.wheels, motion.joints.coefficients.shape[1])
-    size = int(np.count_nonzero(sigmas))
-    present = np.zeros(size) if errors is None else errors
-
-    def change_motion(trajectory: Trajectory, change: MotionChange) -> None:
-        by = trajectory.by_bodies or _changes([motion], [trajectory], uncertainty, present)[0][2]
-        write_change(change, by, motion, trajectory)
-        mu, masses = float(trajectory.state.psi[0]), np.zeros(len(sigmas))
-        bodies = [body.mass for body in motion.tree.bodies]
-        masses[: 10 * len(bodies) : 10] = uncertainty.mass * np.array(bodies)
-        by_masses = -masses[sigmas > 0] * inverse_mass(motion.dynamics.mass, mu) ** 2
-        change.inverse_mass[:] = by_masses / (1 + uncertainty.mass * present)
-
-    return Effect("bodies", size, change_motion)
+    present = np.zeros(np.count_nonzero(sigmas)) if errors is None else errors
+    by = trajectory.by_bodies or _changes([motion], [trajectory], uncertainty, present)[0][2]
+    write_change(change, by, motion, trajectory)
+    mu, masses = float(trajectory.state.psi[0]), np.zeros(len(sigmas))
+    bodies = [body.mass for body in motion.tree.bodies]
+    masses[: 10 * len(bodies) : 10] = uncertainty.mass * np.array(bodies)
+    by_masses = -masses[sigmas > 0] * inverse_mass(motion.dynamics.mass, mu) ** 2
+    change.inverse_mass[:] = by_masses / (1 + uncertainty.mass * present)
 
 
 def inertia_changes(
@@ -187,7 +165,7 @@ def inertia_changes(
         nodes: (M,) nodes at which the inertia J is that of spacecraft and target.
         psi: (10,) relative unknowns of the target.
         acceleration: (M, 3) the angular accelerations α, in B.
-        uncertainty, errors: see `bodies_effect`.
+        uncertainty, errors: see `write_bodies`.
 
     """
     grid, tree = motion.grid.part(nodes), motion.tree
@@ -229,7 +207,7 @@ def with_changes(
 ) -> Iterator[Trajectory]:
     """Yield trajectories of one target with their derivatives by joints and bodies, in few calls.
 
-    The uncertainty and the present errors are those of `bodies_effect`.
+    The uncertainty and the present errors are those of `write_bodies`.
     """
     for k in range(0, len(motions), TOGETHER):
         some = trajectories[k : k + TOGETHER]

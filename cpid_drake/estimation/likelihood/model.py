@@ -1,9 +1,9 @@
 """The likelihood of the samples in one block of time: residuals and their derivatives."""
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
-from itertools import pairwise
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from cpid_drake.dynamics.plane import HELD
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
+from cpid_drake.estimation.gaussian import places_of
 from cpid_drake.estimation.likelihood.actuators import ThrustLog, thrust_log
-from cpid_drake.estimation.likelihood.constant_effects import constant_effect
+from cpid_drake.estimation.likelihood.constant_effects import write_constant
 from cpid_drake.estimation.likelihood.constants import (
     OF_GRASP,
     THRUSTERS,
@@ -21,22 +22,26 @@ from cpid_drake.estimation.likelihood.constants import (
 )
 from cpid_drake.estimation.likelihood.effects import (
     MotionChange,
-    bodies_effect,
-    joint_effect,
-    start_effect,
-    target_effect,
+    write_bodies,
+    write_force,
+    write_joints,
+    write_start,
+    write_target,
 )
-from cpid_drake.estimation.likelihood.joint_motion import JointPart
+from cpid_drake.estimation.likelihood.forces import white_forces
+from cpid_drake.estimation.likelihood.joint_motion import ORDER, JointPart
 from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory, TrajectoryState
 from cpid_drake.estimation.likelihood.sensors import SensorModel, delay_of, model_classes
 from cpid_drake.estimation.likelihood.thrust import BlockThrust
-from cpid_drake.estimation.likelihood.white_effects import WhiteReading, white_effect
-from cpid_drake.estimation.likelihood.white_force import white_forces
+from cpid_drake.estimation.likelihood.white_reading import WhiteReading
 from cpid_drake.logs.log import Log
 from cpid_drake.sensors.suite import SensorSuite
 
 STEP = 0.025
 """Longest step of the grid on which the base's attitude is integrated [s]."""
+
+Write = Callable[[BaseMotion, Trajectory, MotionChange], None]
+"""Writes the change of the motion by the quantities of an effect."""
 
 _DELAY = f"{THRUSTERS}.{VALVE_DELAY}"
 _LATER = 1e-5  # step of the differences by it [s]: rounding of 1e-12 is 1e-7 of a rate
@@ -62,8 +67,10 @@ class BlockModel:
     Attributes:
         motion: the base's motion.
         sensors: models of the sensors that have samples, by name.
-        effects: the effects with unknowns, the target last, by name.
-        columns: columns of each effect in the Jacobian; those of the known bodies are last.
+        effects: the function that writes each effect, by name.
+        columns: columns of each effect in the Jacobian; those of the target and of the known bodies
+            are last.
+        at_start, at_end: columns of the base's state and of the joints at both ends.
 
     """
 
@@ -110,25 +117,25 @@ class BlockModel:
             first += count
         bodies = known_bodies, errors
         self.sensors |= {each.name: WhiteReading(self.motion, each, *bodies) for each in white}
-        self.effects = [start_effect(self.motion), joint_effect(self.motion)]
-        self.effects += [white_effect(self.motion, force) for force in white]
-        self.effects += [constant_effect(self.motion, name) for name in constants.errors]
-        self.effects += [target_effect(self.motion)]
-        self._everything = list(self.effects)
+        K, J = joints.coefficients.shape
+        effects: dict[str, tuple[int, Write]] = {
+            "start": (12, write_start),
+            "joints": (K * J, write_joints),
+            **{f.name: (f.size, partial(write_force, f)) for f in white},
+            **{n: (e.size, partial(write_constant, e)) for n, e in constants.errors.items()},
+            "psi": (10, write_target),
+        }
         if known_bodies is not None:
-            self._everything.append(bodies_effect(self.motion, known_bodies, errors))
-        ends = np.cumsum([0] + [effect.size for effect in self._everything]).tolist()
-        self._width, names = ends[-1], [effect.name for effect in self._everything]
-        self.columns = {name: slice(a, b) for name, (a, b) in zip(names, pairwise(ends))}
-        self.at_start = self._indices([effect.at_start for effect in self.effects])
-        self.at_end = self._indices([effect.at_end for effect in self.effects])
-
-    def _indices(self, which: Sequence[NDArray[np.intp] | None]) -> NDArray[np.intp]:
-        """Return the columns of some entries of each effect."""
-        columns = (self.columns[effect.name] for effect in self.effects)
-        places = (np.arange(own.start, own.stop) for own in columns)
-        pairs = zip(places, which, strict=True)
-        return np.concatenate([place if own is None else place[own] for place, own in pairs])
+            count = known_bodies.count(tree.wheels, J)
+            effects["bodies"] = count, partial(write_bodies, known_bodies, errors)
+        self.columns = places_of({name: size for name, (size, _) in effects.items()})
+        self.effects = {name: write for name, (_, write) in effects.items()}
+        self._width = sum(size for size, _ in effects.values())
+        of_joints = np.arange(12, 12 + K * J).reshape(J, K)
+        self.at_start, self.at_end = (
+            np.concatenate([np.arange(12), of_joints[:, ends].ravel()])
+            for ends in (slice(ORDER), slice(-ORDER, None))
+        )
 
     def jacobian(self, trajectory: Trajectory) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the derivatives (m, n) of the predictions in units of σ, and (12, n) of the end.
@@ -138,8 +145,8 @@ class BlockModel:
         """
         n = self._width
         change = self._no_change(n)
-        for effect in self._everything:
-            effect.change_motion(trajectory, change.columns(self.columns[effect.name]))
+        for name, write in self.effects.items():
+            write(self.motion, trajectory, change.columns(self.columns[name]))
         readings, end = self._response(trajectory, change)
         parts = [np.empty((0, n))]
         for name, sensor in self.sensors.items():
@@ -170,18 +177,18 @@ class BlockModel:
             Nothing and zero without such a grasp.
 
         """
-        flexible = [effect for effect in self.effects if effect.name in OF_GRASP]
+        flexible = [name for name in OF_GRASP if name in self.effects]
         readings, end = dict[str, NDArray[np.float64]](), np.zeros(12)
         if not flexible:
             return readings, end
         constants = self.motion.constants
         change = self._no_change(1)
-        for effect in flexible:
-            each = self._no_change(effect.size)
-            effect.change_motion(trajectory, each)
-            value = trajectory.state.constants[constants.place(effect.name)]
-            for name in ("w", "com", "com_rate"):
-                getattr(change, name)[..., 0] += getattr(each, name) @ value
+        for name in flexible:
+            value = trajectory.state.constants[constants.place(name)]
+            each = self._no_change(len(value))
+            self.effects[name](self.motion, trajectory, each)
+            for part in ("w", "com", "com_rate"):
+                getattr(change, part)[..., 0] += getattr(each, part) @ value
         rows, by = self._response(trajectory, change)
         readings = {n: self.sensors[n].whitened(part)[..., 0] for n, part in rows.items()}
         end, held = by[:, 0], self.held

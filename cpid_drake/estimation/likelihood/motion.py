@@ -33,17 +33,13 @@ from cpid_drake.estimation.likelihood.attitude_steps import (
     step_changes,
 )
 from cpid_drake.estimation.likelihood.constants import DRIFT, WHEEL, ZERO, Constants
+from cpid_drake.estimation.likelihood.forces import Force, steady_forces
 from cpid_drake.estimation.likelihood.joint_motion import JointPart
 from cpid_drake.estimation.likelihood.thrust import BlockThrust, transition
 from cpid_drake.estimation.likelihood.uniform_spline import (
     UniformSpline,
     spline_weights,
     step_weights,
-)
-from cpid_drake.estimation.likelihood.white_force import (
-    ACCELERATION_NOISE,
-    TORQUE_NOISE,
-    WhiteForce,
 )
 
 TOGETHER = 32
@@ -67,7 +63,7 @@ class TrajectoryState:
         v_Wcm: (3,) its velocity [m/s].
         L: (3,) angular momentum about the centre of mass, in W [N·m·s].
         constants: (k,) constant errors in units of their σ; see `constants.Constants`.
-        forces: (K,) entries of white forces in units of their σ; see `white_force`.
+        forces: (K,) entries of white forces in units of their σ; see `forces`.
 
     """
 
@@ -146,10 +142,12 @@ class BaseMotion:
         origin: float,
         orbit: Orbit | None,
         thrust: ThrustLog | None,
-        white: Sequence[WhiteForce],
+        white: Sequence[Force],
     ) -> None:
         self.tree, self.joints, self.constants, self.origin = tree, joints, constants, origin
         self.orbit, self.white = orbit, white
+        steady = steady_forces(constants, joints.start, joints.end)
+        self.forces = {force.name: force for force in (*white, *steady)}
         self._zero, self._drift = (constants.joint_errors(nominal, k) for k in (ZERO, DRIFT))
         length = joints.end - joints.start
         step = min(step, length / joints.pieces / _STEPS_PER_PIECE)
@@ -214,12 +212,10 @@ class BaseMotion:
         step, first = self.nodes[1] - self.nodes[0], state.attitude.as_matrix()
         R = first if near is None else first @ near.R[0].T @ near.R[:N]
         L = np.broadcast_to(state.L, (len(self.times), 3))
-        torque, wheel = (self.constants.value(state.constants, n) for n in ("torque", WHEEL))
-        if torque is not None:
-            L = L + torque * (self.times - self.joints.start)[:, None]
-        for force in self.white:
-            if force.name == TORQUE_NOISE:
-                L = L + force.impulse(self.times) @ state.forces[force.rows]
+        wheel = self.constants.value(state.constants, WHEEL)
+        for force in self.forces.values():
+            if force.turns:
+                L = L + force.impulse(self.times) @ self._entries(force, state)
         if wheel is not None:  # which turns with the base; L is that of the other bodies
             h, L = h + wheel, L + first @ wheel
         J = None if self.orbit is None else self.grid.inertia(state.psi)
@@ -282,15 +278,14 @@ class BaseMotion:
         state, times, start = trajectory.state, self.times[rows], self.joints.start
         first = np.concatenate([state.p_Wcm, state.v_Wcm])
         found = np.asarray(transition(start, times, self.orbit) @ first)
-        acceleration = self.constants.value(state.constants, "acceleration")
-        if acceleration is not None:
-            elapsed = (times - start)[:, None]
-            found = found + np.hstack([elapsed**2 / 2 * acceleration, elapsed * acceleration])
-        for force in self.white:
-            if force.name == ACCELERATION_NOISE:
+        for force in self.forces.values():
+            if not force.turns:
                 both = np.concatenate([force.travel(times), force.impulse(times)], axis=1)
-                found = found + both @ state.forces[force.rows]
+                found = found + both @ self._entries(force, state)
         return found if trajectory.travel is None else found + trajectory.travel[rows]
+
+    def _entries(self, force: Force, state: TrajectoryState) -> NDArray[np.float64]:
+        return (state.forces if force in self.white else state.constants)[force.rows]
 
     def end(self, trajectory: Trajectory) -> TrajectoryState:
         """Return the state at the end of a trajectory."""
@@ -316,7 +311,7 @@ class BaseMotion:
         R, end = trajectory.R[last], self.nodes[last:]
         for force in self.white:
             impulse, travel = force.impulse(end)[0], force.travel(end)[0]
-            if force.name == TORQUE_NOISE:
+            if force.turns:
                 by[:3, force.rows] = R @ trajectory.inverse[last] @ R.T @ travel
                 by[6:9, force.rows] = impulse
             else:

@@ -28,9 +28,6 @@ from cpid_drake.logs.log import Log, Samples
 from cpid_drake.sensors.sensors import SENSORS, AttitudeSensor, Gyro
 from cpid_drake.sensors.suite import SensorSuite
 
-OFF_DIAGONAL = ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))
-"""Entries of the gyro's matrix that its six misalignments are: measured axis, true axis."""
-
 ENCODER_DELAY = "encoders.delay"
 """Name of the delay of the encoders, to whose clock the joint motion belongs."""
 
@@ -212,9 +209,9 @@ class GyroModel(SensorModel):
     def _kinds(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:
         w = self._mean_w(trajectory)
         scale = w[:, :, None] * np.eye(3)
+        measured, true = np.nonzero(~np.eye(3, dtype=bool))  # axes of the six misalignments
         misalignment = np.zeros((len(w), 3, 6), w.dtype)
-        for column, (i, j) in enumerate(OFF_DIAGONAL):
-            misalignment[:, i, column] = w[:, j]
+        misalignment[:, measured, np.arange(6)] = w[:, true]
         bias = np.broadcast_to(np.eye(3), scale.shape)
         return {BIAS: bias, "scale": scale, "misalignment": misalignment}
 
@@ -224,7 +221,7 @@ class GyroModel(SensorModel):
         misalignment = self._constant(trajectory, "misalignment")
         matrix = np.eye(3) if scale is None else np.eye(3) + np.diag(scale)
         if misalignment is not None:
-            matrix[tuple(zip(*OFF_DIAGONAL))] = misalignment
+            matrix[~np.eye(3, dtype=bool)] = misalignment
         return matrix
 
     @cached_property

@@ -10,8 +10,8 @@ from sensing_cases import MOMENTUM, coarse_suite
 
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.estimation.likelihood.constants import Constants
+from cpid_drake.estimation.likelihood.forces import white_forces
 from cpid_drake.estimation.likelihood.model import BlockModel
-from cpid_drake.estimation.likelihood.white_force import white_forces
 from cpid_drake.logs.log import THRUST, Samples
 from cpid_drake.sensors.suite import Disturbances
 from cpid_drake.sensors.thrusters import Thrusters, Valve

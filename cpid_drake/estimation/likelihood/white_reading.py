@@ -1,29 +1,14 @@
-"""White torque and acceleration as effects on a block, and the reading that is their prior."""
+"""The readings of zero that are the priors of white torques and accelerations."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.estimation.likelihood.effects import Effect, MotionChange, inertia_changes
+from cpid_drake.estimation.likelihood.effects import MotionChange, inertia_changes
+from cpid_drake.estimation.likelihood.forces import Force
 from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory
-from cpid_drake.estimation.likelihood.white_force import TORQUE_NOISE, WhiteForce
 from cpid_drake.logs.log import Samples
-
-
-def white_effect(motion: BaseMotion, force: WhiteForce) -> Effect:
-    """Return the effect of a white force; nothing of it continues in the next block."""
-
-    def change_motion(trajectory: Trajectory, change: MotionChange) -> None:
-        impulse = force.impulse(motion.times)
-        if force.name == TORQUE_NOISE:
-            change.w[:] = trajectory.inverse @ (np.swapaxes(trajectory.R, -1, -2) @ impulse)
-            change.L[:] = impulse[len(motion.nodes) - 1]
-        else:
-            change.position[:], change.velocity[:] = force.travel(motion.times), impulse
-
-    none = np.empty(0, dtype=np.intp)
-    return Effect(force.name, force.size, change_motion, none, none)
 
 
 class WhiteReading:
@@ -40,7 +25,7 @@ class WhiteReading:
     def __init__(
         self,
         motion: BaseMotion,
-        force: WhiteForce,
+        force: Force,
         known_bodies: BodyUncertainty | None = None,
         errors: NDArray[np.float64] | None = None,
     ) -> None:
@@ -62,7 +47,7 @@ class WhiteReading:
         """
         shape = *self.samples.value.shape, self._force.size
         itself = {self._force.name: np.eye(self._force.size).reshape(shape)}
-        if self._force.name != TORQUE_NOISE:
+        if not self._force.turns:
             return itself
         forces = trajectory.state.forces[self._force.rows]
         nodes = np.searchsorted(self._motion.nodes, self.samples.time)
