@@ -15,11 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
+from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.evidence import NAMED, SIZES, Comparison, Question
 from cpid_drake.estimation.fit import Fit, fit, prior_of
 from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.likelihood.constants import ConstantError
+from cpid_drake.estimation.likelihood.constants import OF_THRUST, ConstantError, constant_errors
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Rolled, Values
 from cpid_drake.estimation.sweep import sweep
@@ -29,6 +30,7 @@ from cpid_drake.identification.effects import LEARNED, EffectEstimate
 from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.sensors import SENSORS, Gyro
 from cpid_drake.sensors.suite import SensorSuite
+from cpid_drake.sensors.thrusters import Thrusters
 
 PLAUSIBLE = {
     "delay_ms": 30.0,
@@ -55,6 +57,9 @@ BODIES_ACT = (
 )
 """The warning if errors of the bodies explain a log better than those of sensors."""
 
+THRUST_DELAY = 100.0
+"""The same of the delay of thrusters [ms]: small valves open that late."""
+
 UNDECLARED = "undeclared errors"
 """Name of the check that errors which nobody declares predict the end of the logs."""
 
@@ -62,20 +67,46 @@ FITTED = 2 / 3
 """Share of a log that proposes errors; the rest judges them."""
 
 
-def undeclared_forces(model: Model) -> tuple[str, ...]:
-    """Return the warning about errors of thrust and floor that a suite takes for zero."""
-    suite, silent = model.suite, []
-    forces = suite.disturbances or Disturbances()
-    if suite.thrusters is not None and not model.constants.of_thrust:
-        silent.append("force_sigma, delay_ms and loss of the thrusters")
-    on_floor = suite.thrusters is not None or model.tree.normal_B is not None
-    if on_floor and not (forces.acceleration_noise or forces.torque_noise):
-        silent.append("acceleration_noise and torque_noise of the disturbances")
-    if not silent:
+def with_thrust_errors(
+    suite: SensorSuite, tree: KinematicTree
+) -> tuple[SensorSuite, tuple[str, ...]]:
+    """Return a suite in which thrusters err, and a warning if none of their errors is declared.
+
+    No force is exact: its noise in a second is assumed as large as its constant error.
+
+    Args:
+        suite: the sensors.
+        tree: the known bodies; the target is taken to be as heavy.
+
+    """
+    if suite.thrusters is None:
+        return suite, ()
+    forces, valves, said = suite.disturbances or Disturbances(), suite.thrusters.valves, []
+    share = FORCES["thrust_scale"]
+    if not any(error.kind in OF_THRUST for error in constant_errors(suite, 0)):
+        erring = {n: replace(v, force_sigma=share * v.force) for n, v in valves.items()}
+        suite = replace(suite, thrusters=Thrusters(erring, THRUST_DELAY, share))
+        said.append(f"thrusters: {{delay_ms: {THRUST_DELAY:g}, loss: {share:g}}}")
+        said.append(f"of each valve a force_sigma of {share:.0%} of its force")
+    if not (forces.acceleration_noise or forces.torque_noise):
+        known, force = tree.at_rest, share * np.mean([v.force for v in valves.values()])
+        radius = np.sqrt(np.trace(known.I_BBcm) / 2 / known.mass)
+        a, t = (float(f"{x:.1e}") for x in (force / known.mass / 2, force * radius))
+        suite = replace(suite, disturbances=replace(forces, acceleration_noise=a, torque_noise=t))
+        said.append(f"disturbances: {{acceleration_noise: {a:g}, torque_noise: {t:g}}}")
+    if not said:
+        return suite, ()
+    text = "the sensors' file does not declare how the forces err; these errors are assumed: "
+    return suite, (text + "; ".join(said),)
+
+
+def undeclared_floor(model: Model) -> tuple[str, ...]:
+    """Return the warning about the noise of a floor that a suite takes for zero."""
+    forces = model.suite.disturbances or Disturbances()
+    if model.tree.normal_B is None or forces.acceleration_noise or forces.torque_noise:
         return ()
-    return (
-        f"the sensors' file has no {', and no '.join(silent)}: what they cause looks like noise",
-    )
+    text = "the disturbances of the sensors' file have neither acceleration_noise nor torque_noise"
+    return (f"{text}: what a floor causes looks like noise",)
 
 
 def contradicted(

@@ -39,9 +39,10 @@ from cpid_drake.identification.comparison import (
     part_checks,
     size_checks,
     undeclared_errors,
-    undeclared_forces,
+    undeclared_floor,
     with_bodies,
     with_plausible,
+    with_thrust_errors,
 )
 from cpid_drake.identification.effects import EffectEstimate
 from cpid_drake.identification.leaning import leaning
@@ -65,6 +66,8 @@ def estimate(
     See `estimators.Estimator`.
     """
     suite, warnings = suite_of(known.sensors, next(iter(logs.values())))
+    suite, said = with_thrust_errors(suite, known.spacecraft.tree)
+    warnings = (*warnings, *said)
     has_thrust = any(log.measurements.has_thrust for log in logs.values())
     far = MOST_NOISE * float(suite.sigmas("encoders")[0])
     q = [log.measurements.encoders.value for log in logs.values()]
@@ -128,7 +131,7 @@ def estimate(
         fit_checks(found.converged, unexplained, noise, tests, len(changes), len(logs), beside)
     )
     if not all(check.passed for check in fails):
-        said = (*said, *undeclared_forces(model))
+        said = (*said, *undeclared_floor(model))
     [first, *others] = logs
     own = {} if others else momentum_of(model, found.values, gaussian, first, compared)
     result = Identification.of_solution(
