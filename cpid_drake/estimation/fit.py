@@ -279,7 +279,8 @@ def prior_of(
 def _cost(found: Fit, rows: Sequence[Gaussian], weighed_at: Values) -> float:
     """Return the sum of squares of all rows at the values of a fit."""
     prior = prior_of(found.model, found.logs, found.values, rows, weighed_at)
-    step = {name: value - weighed_at[name] for name, value in found.values.items()}
+    values = found.values
+    step = {} if weighed_at is values else {n: value - weighed_at[n] for n, value in values.items()}
     samples = sum(r.cost(log, step) for log, r in zip(found.logs, found.rolled, strict=True))
     return samples + prior.cost(np.zeros(prior.size))
 

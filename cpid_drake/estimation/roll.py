@@ -71,7 +71,7 @@ class Rolled:
         for k, block in enumerate(self.residuals):
             for name, rest in block.items():
                 sensor = self.models[k].sensors[name]
-                if step is not None and isinstance(sensor, WhiteReading):
+                if step and isinstance(sensor, WhiteReading):
                     for effect, by in sensor.by_unknowns(self.trajectories[k]).items():
                         by = by @ self.by_psi if effect == PSI else by
                         rest = rest - by @ step[effect] if effect in step else rest

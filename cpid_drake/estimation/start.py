@@ -350,17 +350,18 @@ def _pushed(
     _, capture = forward_kinematics(model.tree, motion.q, np.zeros_like(motion.q))
     push = Push(
         given.actuators,
+        size,
         t[1:],
         lambda at: eye_array(len(at), format="csr"),
         lambda at: (capture.R_WC[1:], capture.p_WC[1:]),
     )
     R, com = motion.R[1:], motion.dynamics.com(x[:10])[1:]
     torques, forces = push.torques(R, com), push.forces(R)
-    force = np.einsum("mv,mvi->mi", size, forces)
+    force = push.force(R)
     by_com = np.zeros((count - 1, 3, 10))
     by_com[..., :4] = skew(force) @ R @ motion.dynamics.com_regressor()[1:]
     return (
-        (_summed(np.einsum("mv,mvi->mi", size, torques)), _summed(force)),
+        (_summed(push.torque(R, com)), _summed(force)),
         (
             _summed(by_com),
             _summed(np.einsum("mvp,mvi->mip", by_size, torques)),

@@ -41,6 +41,7 @@ def step_changes(
     theta: NDArray[np.float64],
     change: NDArray[np.float64],
     h: float,
+    late: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """Return the rotations (N − 1, 3, n) in W by which each step turns more.
 
@@ -54,13 +55,14 @@ def step_changes(
         theta: (N − 1, 3) rotation vectors of the steps [rad].
         change: (N, 3, n) change of ω at the nodes, in B.
         h: length of a step [s].
+        late: (N − 1, 3, n) change of the integrals of ω over the steps at the same nodes.
 
     """
     N, turn, rate = len(w), skew(theta), skew(w)
     by_theta = R[:-1] @ (np.eye(3) + turn / 2 + turn @ turn / 6)
     changed = h * (step_weights(N) @ change.reshape(N, -1)).reshape(N - 1, *change.shape[1:])
     changed += h**2 / 12 * (rate[:-1] @ change[1:] - rate[1:] @ change[:-1])
-    return np.asarray(by_theta @ changed)
+    return np.asarray(by_theta @ (changed + late))
 
 
 def _products(steps: NDArray[np.float64]) -> NDArray[np.float64]:

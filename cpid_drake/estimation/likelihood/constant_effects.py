@@ -15,6 +15,7 @@ from cpid_drake.estimation.likelihood.constants import (
     DRIFT,
     OF_THRUST,
     STRETCH,
+    VALVE_DELAY,
     WHEEL,
     ZERO,
     ConstantError,
@@ -35,7 +36,9 @@ def write_constant(
     error: ConstantError, motion: BaseMotion, trajectory: Trajectory, change: MotionChange
 ) -> None:
     """Write the change of the motion by a constant error, which contains zeros."""
-    if error.kind in OF_THRUST:
+    if error.kind == VALVE_DELAY:
+        change.delay[:] = error.sigma
+    elif error.kind in OF_THRUST:
         change.thrust[motion.constants.of_thrust.index(error.name)] = error.sigma
     elif error.name in motion.forces:
         write_force(motion.forces[error.name], motion, trajectory, change)

@@ -48,6 +48,7 @@ class MotionChange:
         L: (3, n) change of the angular momentum at the end at unchanged attitude, in W.
         inverse_mass: (n,) change of the inverse 1/m of the system's mass [1/kg].
         thrust: (P, n) change of the errors of the thrust, in the order of `Constants.of_thrust`.
+        delay: (n,) change of the delay of the thrust [s].
 
     """
 
@@ -61,14 +62,15 @@ class MotionChange:
     L: NDArray[np.float64]
     inverse_mass: NDArray[np.float64]
     thrust: NDArray[np.float64]
+    delay: NDArray[np.float64]
 
     @classmethod
     def zeros(cls, instants: int, n: int, of_thrust: int = 0) -> "MotionChange":
         """Return no change by n quantities, with so many errors of the thrust."""
         w, com, com_rate, position, velocity = np.zeros((5, instants, 3, n))
         screw, (attitude, L) = np.zeros((instants, 6, n)), np.zeros((2, 3, n))
-        inverse, thrust = np.zeros(n), np.zeros((of_thrust, n))
-        return cls(w, com, com_rate, screw, position, velocity, attitude, L, inverse, thrust)
+        (inverse, delay), thrust = np.zeros((2, n)), np.zeros((of_thrust, n))
+        return cls(w, com, com_rate, screw, position, velocity, attitude, L, inverse, thrust, delay)
 
     def columns(self, part: slice) -> "MotionChange":
         """Return views of some columns."""

@@ -1,7 +1,6 @@
 """The likelihood of the samples in one block of time: residuals and their derivatives."""
 
 from collections.abc import Callable
-from copy import copy
 from dataclasses import replace
 from functools import partial
 
@@ -12,12 +11,10 @@ from cpid_drake.dynamics.plane import HELD
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.gaussian import places_of
-from cpid_drake.estimation.likelihood.actuators import ThrustLog, thrust_log
+from cpid_drake.estimation.likelihood.actuators import thrust_log
 from cpid_drake.estimation.likelihood.constant_effects import write_constant
 from cpid_drake.estimation.likelihood.constants import (
     OF_GRASP,
-    THRUSTERS,
-    VALVE_DELAY,
     Constants,
 )
 from cpid_drake.estimation.likelihood.effects import (
@@ -32,7 +29,6 @@ from cpid_drake.estimation.likelihood.forces import white_forces
 from cpid_drake.estimation.likelihood.joint_motion import ORDER, JointPart
 from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory, TrajectoryState
 from cpid_drake.estimation.likelihood.sensors import SensorModel, delay_of, model_classes
-from cpid_drake.estimation.likelihood.thrust import BlockThrust
 from cpid_drake.estimation.likelihood.white_reading import WhiteReading
 from cpid_drake.logs.log import Log
 from cpid_drake.sensors.suite import SensorSuite
@@ -42,9 +38,6 @@ STEP = 0.025
 
 Write = Callable[[BaseMotion, Trajectory, MotionChange], None]
 """Writes the change of the motion by the quantities of an effect."""
-
-_DELAY = f"{THRUSTERS}.{VALVE_DELAY}"
-_LATER = 1e-5  # step of the differences by it [s]: rounding of 1e-12 is 1e-7 of a rate
 
 
 class BlockModel:
@@ -97,10 +90,6 @@ class BlockModel:
         ]
         times = np.concatenate([np.empty(0), *needed])
         thrust = thrust_log(measurements.thrust, suite.thrusters, constants, nominal)
-        self._later = None
-        if thrust is not None and _DELAY in constants.errors:
-            time = thrust.samples.time + _LATER
-            self._later = replace(thrust, samples=replace(thrust.samples, time=time))
         is_planar = tree.normal_B is not None
         white = white_forces(suite, joints.start, joints.end, is_planar)
         self.motion = BaseMotion(
@@ -155,9 +144,6 @@ class BlockModel:
                 rows[:, :, self.columns[unknown]] += by
             parts.append(sensor.whitened(rows).reshape(-1, n))
         rows, held = np.vstack(parts), self.held
-        if self._later is not None and self.motion.thrust is not None:
-            column = self.columns[_DELAY].start
-            rows[:, column], end[:, column] = self._by_delay(trajectory, self._later)
         # What a table holds has no effect but for rounding, which would grow from block to block.
         rows[:, held] = end[:, held] = 0.0
         fixed = held[held < len(end)]
@@ -195,23 +181,6 @@ class BlockModel:
         end[held[held < len(end)]] = 0.0
         return readings, end
 
-    def _by_delay(
-        self, trajectory: Trajectory, later: ThrustLog
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the derivatives (m,) of the predictions and (12,) of the end by thrust's delay.
-
-        They are differences: where the thrust switches, no spline through the nodes is theirs.
-        """
-        motion, moved = self.motion, copy(self.motion)
-        nodes, times, grid = motion.nodes, motion.times, motion.grid
-        pose = motion.interpolation, motion.capture_pose
-        moved.thrust = BlockThrust(later, nodes, times, grid, *pose, motion.orbit)
-        other = moved.trajectory(trajectory.state, trajectory)
-        change = [s.residuals(trajectory) - s.residuals(other) for s in self.sensors.values()]
-        step = _LATER / motion.constants.errors[_DELAY].sigma
-        end = jump_between(motion.end(trajectory), moved.end(other))
-        return np.concatenate([each.ravel() for each in change]) / step, end / step
-
     def _no_change(self, n: int) -> MotionChange:
         return MotionChange.zeros(len(self.motion.times), n, len(self.motion.constants.of_thrust))
 
@@ -226,11 +195,13 @@ class BlockModel:
         motion, psi, N = self.motion, trajectory.state.psi, len(self.motion.nodes)
         R, thrust, L = trajectory.R, motion.thrust, change.L
         if thrust is not None:
-            moved = change.com[:N], change.screw[:N], change.thrust
+            moved = change.com[:N], change.screw[:N], change.thrust, change.delay
             by = thrust.momentum_change(R[:N], psi, *moved)
             change.w[:] += trajectory.inverse @ np.swapaxes(R, -1, -2) @ by
             L = L + by[N - 1]
-        ends, change.w[:N] = motion.pose_change(trajectory, change.w[:N], change.attitude)
+        ends, change.w[:N] = motion.pose_change(
+            trajectory, change.w[:N], change.attitude, change.delay
+        )
         xi = ends[:, :3]
         if ends.shape[1] > 3:
             L = L + ends[-1, 3:]

@@ -219,8 +219,9 @@ class BaseMotion:
         if wheel is not None:  # which turns with the base; L is that of the other bodies
             h, L = h + wheel, L + first @ wheel
         J = None if self.orbit is None else self.grid.inertia(state.psi)
-        added, pushed = np.zeros(3), None
-        # With momentum the velocity depends on the attitude: iterate until it is constant.
+        added, pushed, last = np.zeros(3), None, 0.0
+        # With momentum the velocity depends on the attitude: iterate until the next change, by the
+        # ratio of those before, is rounding error.
         for _ in range(60):
             before = R
             if self.orbit is not None and J is not None:
@@ -236,8 +237,10 @@ class BaseMotion:
             if self.thrust is not None:
                 spline = self.thrust.spline(w, inverse[:N], everywhere, state.psi)
             R = integrated_attitude(first, step_angles(spline.steps(), w, step))
-            if np.abs(R - before).max() < 1e-12:
+            change = float(np.abs(R - before).max())
+            if change**2 <= 1e-12 * max(change, last):
                 break
+            last = change
         travel = None
         if self.thrust is not None:
             travel = self.thrust.travel(R, state.psi)
@@ -319,7 +322,11 @@ class BaseMotion:
         return by
 
     def pose_change(
-        self, trajectory: Trajectory, w: NDArray[np.float64], initial: NDArray[np.float64]
+        self,
+        trajectory: Trajectory,
+        w: NDArray[np.float64],
+        initial: NDArray[np.float64],
+        delay: NDArray[np.float64],
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Integrate ξ̇ = R (w + J⁻¹Rᵀ(L × ξ + λ)) and, with a torque, λ̇ = ∂τ/∂ξ ξ.
 
@@ -331,6 +338,7 @@ class BaseMotion:
             trajectory: the trajectory to linearize about.
             w: (N, 3, n) change of the angular velocity at the nodes at unchanged attitude, in B.
             initial: (3, n) change of the attitude at the start, a rotation in W.
+            delay: (n,) change of the delay of the thrust [s].
 
         Returns:
             ξ (N, 3, n), or ξ and λ (N, 6, n) in an orbit or with thrust; and the total change of
@@ -343,7 +351,8 @@ class BaseMotion:
         coupling = mobility @ skew(L)
         A = R @ coupling
         theta = step_angles(trajectory.spline.steps(), trajectory.w[:N], h)
-        turned = step_changes(R, trajectory.w[:N], theta, w, h)
+        late = trajectory.spline.steps_by_delay()[..., None] * delay
+        turned = step_changes(R, trajectory.w[:N], theta, w, h, late)
         if self.orbit is not None or self.thrust is not None:
             coupling = np.concatenate([coupling, mobility], axis=-1)
             torque = np.zeros((N, 3, 3))

@@ -200,6 +200,8 @@ class GyroModel(SensorModel):
             by_motion = flat.reshape(-1, *at_nodes.shape[1:])
         else:
             by_motion = self._at_samples(at_nodes)
+        late = sum(w * trajectory.spline.by_delay(times + t) for t, w in self._points)
+        by_motion = by_motion + np.asarray(late)[..., None] * change.delay
         matrix = self._matrix(trajectory)
         return by_motion if (matrix == np.eye(3)).all() else matrix @ by_motion
 
@@ -309,7 +311,8 @@ class VelocityModel(TranslationModel):
         R, w = trajectory.R[self._at], trajectory.w[self._at]
         arm = self._to_com(trajectory, self._dynamics.com(trajectory.state.psi))
         turned = skew(w) @ change.com[self._at]
-        turned -= skew(arm) @ self._at_samples(change.w[: len(xi)])
+        late = trajectory.spline.by_delay(self._times)[..., None] * change.delay
+        turned -= skew(arm) @ (self._at_samples(change.w[: len(xi)]) + late)
         relative = skew(self._relative(trajectory)) @ self._at_samples(xi)
         by_com = R @ (turned + change.com_rate[self._at])
         return np.asarray(change.velocity[self._at] + relative - by_com)

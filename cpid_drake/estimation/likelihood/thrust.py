@@ -45,10 +45,15 @@ def inverse_mass(known_mass: float, mu: float) -> float:
 
 
 class Push:
-    """V actuators at Q instants, for unit amplitudes."""
+    """V actuators of amplitudes (Q, V) at Q instants."""
 
     def __init__(
-        self, actuators: Actuators, times: NDArray[np.float64], to: Weights, pose: Pose
+        self,
+        actuators: Actuators,
+        size: NDArray[np.float64],
+        times: NDArray[np.float64],
+        to: Weights,
+        pose: Pose,
     ) -> None:
         self.in_world, self.to = actuators.in_world, to(times)
         arm = np.broadcast_to(actuators.position, (len(times), *actuators.position.shape))
@@ -61,13 +66,32 @@ class Push:
             turned = actuators.direction @ np.swapaxes(R_BC, -1, -2)
             along = np.where((on & ~self.in_world)[:, None], turned, along)
         self._arm, self._along = arm, np.broadcast_to(along, arm.shape)
+        fixed, given = size * ~self.in_world, size * self.in_world
+        self._force_B, self._force_W = _sum(fixed, self._along), given @ actuators.direction
+        self._torque_B = _sum(fixed, cross(arm, self._along)) + size @ self._moment
+        self._arm_force_W = np.swapaxes(arm * given[..., None], 1, 2) @ actuators.direction
 
     def rotations(self, R: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return R_WB (Q, 3, 3), from those at the nodes (N, 3, 3)."""
         return np.asarray((self.to @ R.reshape(-1, 9)).reshape(-1, 3, 3))
 
+    def force(self, R: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the force (Q, 3) of all together, in W."""
+        return rotate(self.rotations(R), self._force_B) + self._force_W
+
+    def torque(self, R: NDArray[np.float64], com: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the torque (Q, 3) of all about the system's centre of mass, in W.
+
+        Of the forces in W, it is the skew part of R Σ a fᵀ.
+        """
+        turned = self.rotations(R)
+        force = rotate(turned, self._force_B) + self._force_W
+        given = (turned @ self._arm_force_W).reshape(-1, 9)
+        torque = rotate(turned, self._torque_B) + given[:, [5, 6, 1]] - given[:, [7, 2, 3]]
+        return np.asarray(torque - cross(rotate(turned, self.to @ com), force))
+
     def forces(self, R: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return f (Q, V, 3) in W."""
+        """Return f (Q, V, 3) of unit amplitudes, in W."""
         turned = self._along @ np.swapaxes(self.rotations(R), -1, -2)
         return np.where(self.in_world[:, None], self._along, turned)
 
@@ -77,7 +101,7 @@ class Push:
         return (self._arm - rho) @ np.swapaxes(self.rotations(R), -1, -2)
 
     def torques(self, R: NDArray[np.float64], com: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the torques (Q, V, 3) about the system's centre of mass, in W."""
+        """Return the torques (Q, V, 3) of unit amplitudes, likewise."""
         turned = self._moment @ np.swapaxes(self.rotations(R), -1, -2)
         return turned + cross(self.arms(R, com), self.forces(R))
 
@@ -125,13 +149,14 @@ class BlockThrust:
         ends = np.repeat(edges[1:][on], len(x))
         size, self._by = samples.value[each], log.by[each]
         self._weights = weights * (ends <= times[:, None])
-        self._push = Push(log.actuators, points, interpolation, pose)
+        self._push = Push(log.actuators, size, points, interpolation, pose)
         self._size = size
         self._drift = transition(nodes[0], times, orbit)
         self._pulled_back = np.linalg.inv(transition(nodes[0], points, orbit))[:, :, 3:]
         self._switches = switches
-        self._at_switches = Push(log.actuators, switches, interpolation, pose)
-        self._jumps = jumps
+        self._since = (switches < times[:, None]).astype(float)
+        self._switched_back = np.linalg.inv(transition(nodes[0], switches, orbit))[:, :, 3:]
+        self._at_switches = Push(log.actuators, jumps, switches, interpolation, pose)
 
     # -- the motion --------------------------------------------------------------------------------
 
@@ -143,15 +168,14 @@ class BlockThrust:
             psi: (10,) relative unknowns of the target.
 
         """
-        torques = self._push.torques(R, self._grid.com(psi))
-        return self._accumulated(self._turns * _sum(self._size, torques))
+        return self._accumulated(self._turns * self._push.torque(R, self._grid.com(psi)))
 
     def travel(self, R: NDArray[np.float64], psi: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return what the thrust adds to position [m] and velocity [m/s] of the centre of mass.
 
         (U, 6) in W; the arguments are those of `momentum`.
         """
-        force = self._moves * _sum(self._size, self._push.forces(R))
+        force = self._moves * self._push.force(R)
         return self._travelled(self._inverse_mass(psi) * force[..., None])[..., 0]
 
     def spline(
@@ -170,7 +194,7 @@ class BlockThrust:
 
         """
         push = self._at_switches
-        torque = _sum(self._jumps, push.torques(R, self._grid.com(psi)))
+        torque = push.torque(R, self._grid.com(psi))
         torque = rotate(np.swapaxes(push.rotations(R), -1, -2), torque)
         J_inverse = (push.to @ inverse.reshape(-1, 9)).reshape(-1, 3, 3)
         step = self._nodes[1] - self._nodes[0]
@@ -186,6 +210,7 @@ class BlockThrust:
         com: NDArray[np.float64],
         screw: NDArray[np.float64],
         errors: NDArray[np.float64],
+        delay: NDArray[np.float64],
     ) -> NDArray[np.float64]:
         """Return the change (U, 3, n) of the angular momentum at unchanged attitude, in W.
 
@@ -193,16 +218,20 @@ class BlockThrust:
             R, psi: see `momentum`.
             com: (N, 3, n) change of ρ at the nodes, in B.
             screw: (N, 6, n) of the target at the nodes; see `MotionChange`.
-            errors: (P, n) change of the errors of the thrust.
+            errors, delay: (P, n) and (n,) change of the errors of the thrust, and of its delay.
 
         """
         n, turned = com.shape[-1], self._push.rotations(R)
         moved = (self._push.to @ com.reshape(len(com), -1)).reshape(-1, 3, n)
-        rate = skew(_sum(self._size, self._push.forces(R))) @ turned @ moved
+        rate = skew(self._push.force(R)) @ turned @ moved
         rate += self._by_screw(R, psi, screw)[0]
         if len(errors):
             rate += self._by_errors(self._push.torques(R, self._grid.com(psi))) @ errors
-        return self._accumulated(self._turns[:, None] * rate)
+        added = self._accumulated(self._turns[:, None] * rate)
+        if delay.any():  # what every switch has added comes later
+            torque = self._turns * self._at_switches.torque(R, self._grid.com(psi))
+            added -= (self._since @ torque)[..., None] * delay
+        return added
 
     def torque_by_attitude(
         self, R: NDArray[np.float64], psi: NDArray[np.float64]
@@ -225,11 +254,12 @@ class BlockThrust:
         inverse_mass: NDArray[np.float64],
         screw: NDArray[np.float64],
         errors: NDArray[np.float64],
+        delay: NDArray[np.float64],
     ) -> NDArray[np.float64]:
         """Return the changes (U, 6, n) of position and velocity of the centre of mass, in W.
 
         Args:
-            R, psi, screw, errors: see `momentum_change`.
+            R, psi, screw, errors, delay: see `momentum_change`.
             xi: (N, 3, n) change of the attitude at the nodes, a rotation in W.
             inverse_mass: (n,) change of 1/m.
 
@@ -240,8 +270,13 @@ class BlockThrust:
         if len(errors):
             rate += self._by_errors(forces) @ errors
         rate *= self._inverse_mass(psi)
-        rate += _sum(self._size, forces)[..., None] * inverse_mass
-        return self._travelled(self._moves[:, None] * rate)
+        rate += self._push.force(R)[..., None] * inverse_mass
+        travelled = self._travelled(self._moves[:, None] * rate)
+        if delay.any():
+            force = self._moves * self._inverse_mass(psi) * self._at_switches.force(R)
+            late = self._drift @ (self._since @ rotate(self._switched_back, force))[..., None]
+            travelled -= late * delay
+        return travelled
 
     # -- at the points -----------------------------------------------------------------------------
 

@@ -1,6 +1,6 @@
 """Cubic splines, interpolation and integrals over equidistant nodes."""
 
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +44,14 @@ class UniformSpline:
         """Return the integrals (N − 1, n) over all intervals."""
         powers = self._step ** np.arange(4, 0, -1) / np.arange(4, 0, -1)
         return np.tensordot(powers, self.c, axes=1)
+
+    def by_delay(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the derivative (M, n) of the values between nodes by a delay of jumps: zero."""
+        return np.zeros((len(times), self.c.shape[2]))
+
+    def steps_by_delay(self) -> NDArray[np.float64]:
+        """Return that of `steps` (N − 1, n)."""
+        return np.zeros(self.c.shape[1:])
 
     def since_node(
         self, times: NDArray[np.float64]
@@ -90,6 +98,21 @@ class RampedSpline(UniformSpline):
     def steps(self) -> NDArray[np.float64]:
         """See `UniformSpline`."""
         return super().steps() + np.diff(self._areas(self._nodes), axis=0)
+
+    def by_delay(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        """See `UniformSpline`."""
+        return self._smooth_by_delay(times) - self._jumps(times)
+
+    def steps_by_delay(self) -> NDArray[np.float64]:
+        """See `UniformSpline`."""
+        return self._smooth_by_delay.steps() - np.diff(self._ramps(self._nodes), axis=0)
+
+    @cached_property
+    def _smooth_by_delay(self) -> UniformSpline:
+        return UniformSpline(self._start, self._step, self._jumps(self._nodes))
+
+    def _jumps(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        return (times[:, None] > self._times) @ self._slopes
 
     def since_node(
         self, times: NDArray[np.float64]

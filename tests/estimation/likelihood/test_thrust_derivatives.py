@@ -13,10 +13,12 @@ from cpid_drake.estimation.likelihood.constants import Constants
 from cpid_drake.estimation.likelihood.forces import white_forces
 from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.logs.log import THRUST, Samples
+from cpid_drake.sensors.sensors import VectorSensor
 from cpid_drake.sensors.suite import Disturbances
 from cpid_drake.sensors.thrusters import Thrusters, Valve
 
 SUITE = coarse_suite(
+    velocity=VectorSensor(rate=10.0, sigma=1e-4),
     disturbances=Disturbances(acceleration_noise=1e-3, torque_noise=1e-2),
     thrusters=Thrusters(
         {
@@ -97,8 +99,10 @@ def test_derivatives_are_those_of_differences(block, name):
             rows = slice(len(expected) - len(state.forces), len(expected) - 6)
             torques = expected[rows] = torques_by_inertia(model, trajectory, name, entry)
             assert np.allclose(J[rows, first + entry], torques, atol=1e-6 + 0.02 * abs(torques))
-        error = np.linalg.norm(J[:, first + entry] - expected) / np.linalg.norm(expected)
-        assert error < 2e-3
+        ends = np.cumsum([each.residuals(trajectory).size for each in model.sensors.values()])[:-1]
+        ends = ends if name == "thrusters.valve_delay" else []  # by sensor: kinks are local
+        for a, b in zip(np.split(J[:, first + entry], ends), np.split(expected, ends), strict=True):
+            assert np.linalg.norm(a - b) <= 2e-3 * np.linalg.norm(b)
 
 
 def torques_by_inertia(model, trajectory, name, entry):
