@@ -13,7 +13,6 @@ from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import roll
-from cpid_drake.estimation.start import start_of
 from cpid_drake.estimation.sweep import back, sweep
 from cpid_drake.estimation.unknowns import MOMENTUM as MOMENTUM_OF_LOG
 from cpid_drake.estimation.unknowns import PSI, Model, psi_about
@@ -185,9 +184,11 @@ def problem(request, tmp_path_factory, skewed_target):
     log = LogState.of_blocks(model, blocks)
     if request.param == "link":
         log = replace(log, jumps={0: 0.3 * JUMP})
-    values, (log,) = start_of(model, [log])
-    turned = Rotation.from_rotvec([1e-3, -2e-3, 1.5e-3]) * log.start.attitude
-    log = replace(log, start=replace(log.start, attitude=turned))
+    start = case.state(0.999)
+    momentum = {f"{MOMENTUM_OF_LOG}|{log.name}": np.concatenate([start.L, start.v_Wcm])}
+    values = model.start([log.name]) | {PSI: 1.02 * start.psi} | momentum
+    turned = Rotation.from_rotvec([1e-3, -2e-3, 1.5e-3]) * start.attitude
+    log = replace(log, start=replace(start, attitude=turned))
     rng = np.random.default_rng(2)
     for u in model.table:
         if u.name not in (PSI, MOMENTUM_OF_LOG):

@@ -11,8 +11,12 @@ from planar_cases import motion as planar_motion
 from sensing_cases import acting
 
 from cpid_drake import TargetPrior, identify, load_scenario, shipped_scenario
+from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.propagation import Wrench, propagate
 from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.estimation.log_state import LogState
+from cpid_drake.estimation.start import start_of
+from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.identification.validation import validate
 from cpid_drake.logs.burns import Burn, log_of_burns
 from cpid_drake.logs.log import THRUST, Samples, ideal_log
@@ -70,6 +74,16 @@ def test_the_target_and_the_scale_are_found(flight, found):
     assert abs(scale.value[0] - 100 * true) < 3.5 * scale.sigma[0]
     assert scale.sigma[0] < 0.5
     assert "the true thrust differs" in scale.describe()
+
+
+def test_a_fit_starts_with_what_declared_thrust_tells(flight):
+    """Mass and moments of inertia within a tenth."""
+    model = Model(flight.craft.tree, flight.suite)
+    values, _ = start_of(model, [LogState.of(model, flight.log)])
+    form = relative_parameterization(model.mass)
+    places = [0, 4, 5, 6]
+    found = form.to_parameters(values[PSI])[places]
+    np.testing.assert_allclose(found, flight.target[places], rtol=0.1)
 
 
 @pytest.mark.slow

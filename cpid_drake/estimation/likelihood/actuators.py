@@ -69,14 +69,12 @@ class ThrustLog:
         actuators: V actuators.
         samples: (M, V) force or moment of each, from its time until the next sample [N, N·m].
         by: (M, V, P) its derivatives by the errors of the thrust, in SI units.
-        delay: which of them is the delay; −1 for none.
 
     """
 
     actuators: Actuators
     samples: Samples
     by: NDArray[np.float64]
-    delay: int = -1
 
     def acts(self, start: float, end: float) -> bool:
         """Return whether there is any thrust between two times [s]."""
@@ -126,5 +124,4 @@ def thrust_log(
     for k, (name, column) in enumerate(zip(relative, (force * left).T)):
         put(name, column[:, None] * (np.arange(len(relative)) == k))
     late = Samples(samples.time + error(delay), force * size * left)
-    place = names.index(delay) if delay in names else -1
-    return ThrustLog(Actuators.of_valves(thrusters), late, by, place)
+    return ThrustLog(Actuators.of_valves(thrusters), late, by)
