@@ -63,7 +63,7 @@ def _with_bodies(found: Identification, tree: KinematicTree) -> Identification:
         is_possible = distance <= bodies.radius
         intervals = None if np.isnan(distance) else np.full((10, 2), np.nan)
         intervals = _possible(found, bodies) if is_possible else intervals
-    if not found.is_observable:
+    if np.isfinite(solution.information).all():
         combinations = Combinations(form.name, solution.values, solution.information, tree.mass)
     return replace(
         found,

@@ -29,8 +29,8 @@ class TargetPrior:
         name: its name in messages.
         parameters: (10,) π in the spacecraft's capture frame; NaN where not known.
         covariance: (10, 10) of `parameters`; NaN where not known.
-        combinations: a prior that determines combinations of parameters, in place of the
-            parameters; None if `parameters` contains everything.
+        combinations: what an estimate determines in its own unknowns, which is used in place of
+            the parameters where these are the unknowns; None without any.
         failures: reasons not to trust the prior.
 
     """
@@ -43,8 +43,8 @@ class TargetPrior:
 
     def moved(self, form: Parameterization, at: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the unknowns `at` (10,) with the prior's values where the prior has any."""
-        if self.combinations is not None:
-            return self.combinations.values if self.combinations.unknowns == form.name else at
+        if self.combinations is not None and self.combinations.unknowns == form.name:
+            return self.combinations.values
         known = np.isfinite(self.parameters)
         return form.from_parameters(np.where(known, self.parameters, form.to_parameters(at)))
 
@@ -68,17 +68,17 @@ class TargetPrior:
 
         """
         known = self.combinations
-        if known is not None:
-            if known.unknowns != form.name:
-                raise InputError(
-                    f"{self.name} determines combinations of {known.unknowns} unknowns, and the "
-                    f"estimator has {form.name} unknowns: use the estimator of the prior"
-                )
+        given = np.isfinite(self.parameters)
+        if known is not None and known.unknowns != form.name and not given.all():
+            raise InputError(
+                f"{self.name} determines combinations of {known.unknowns} unknowns, and the "
+                f"estimator has {form.name} unknowns: use the estimator of the prior"
+            )
+        if known is not None and known.unknowns == form.name:
             sizes, axes = np.linalg.eigh(known.information * unit * unit[:, None])
             seen = sizes > len(sizes) ** 2 * np.finfo(float).eps * max(float(sizes[-1]), 0.0)
             A = np.sqrt(sizes[seen])[:, None] * axes[:, seen].T / unit
             return Gaussian.of_rows({name: 10}, np.column_stack([A, A @ known.values]))
-        given = np.isfinite(self.parameters)
         covariance = self.covariance[np.ix_(given, given)]
         sigma = np.sqrt(np.diag(covariance))
         root = np.linalg.cholesky(covariance / sigma / sigma[:, None])
@@ -137,16 +137,18 @@ def prior_of_result(
             f"{where}: the prior is in the capture frame {frame}, the log's capture frame is "
             f"{capture_frame}: identify with the same frame"
         )
-    found, parameters = result.combinations, result.parameters
-    if found is None:
-        parameters = np.where(np.isfinite(np.diag(result.covariance)), parameters, np.nan)
-        if not np.isfinite(parameters).any():
-            raise InputError(f"{where}: the prior determines no parameter")
-    elif not np.isclose(found.known_mass, spacecraft.mass, rtol=1e-6):
-        raise InputError(
-            f"{where}: the prior determines combinations of parameters for a spacecraft of "
-            f"{found.known_mass:.6g} kg; this one has {spacecraft.mass:.6g} kg"
-        )
+    found = result.combinations
+    given = np.isfinite(np.diag(result.covariance))
+    if found is not None and not np.isclose(found.known_mass, spacecraft.mass, rtol=1e-6):
+        if not given.all():
+            raise InputError(
+                f"{where}: the prior determines combinations of parameters for a spacecraft of "
+                f"{found.known_mass:.6g} kg; this one has {spacecraft.mass:.6g} kg"
+            )
+        found = None
+    if found is None and not given.any():
+        raise InputError(f"{where}: the prior determines no parameter")
+    parameters = np.where(given, result.parameters, np.nan)
     name = f"the prior {Path(where).name}"
     return TargetPrior(name, parameters, result.covariance, found, result.failures)
 

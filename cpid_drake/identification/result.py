@@ -41,7 +41,10 @@ Rank = Annotated[int, Ge(0), Le(10)]
 
 @dataclass(frozen=True, eq=False)
 class Combinations:
-    """An estimate that determines some combinations of ten unknowns.
+    """An estimate of ten unknowns, of all or of some combinations, in which its errors are normal.
+
+    A covariance of π is linear in them, and a mass that is weakly known bends it: what is to be
+    combined with other estimates is combined in these unknowns.
 
     Attributes:
         unknowns: name of the parameterization of the unknowns.
@@ -87,7 +90,9 @@ class Identification:
         format: see `FORMAT`.
         names, units: names and units of the ten parameters.
         parameters: (10,) m [kg], c [m], Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg·m²]; NaN where not known.
-        covariance: (10, 10) of `parameters`, to first order; NaN where not known. With unweighted
+        covariance: (10, 10) of `parameters`, to first order; NaN where not known. Beyond it, σ
+            are right, but a mass that is known to percents bends what is known of all ten together:
+            see `Combinations`. With unweighted
             rows of Eq. 18, which are in m/s and N·m·s, it is rough: the σ of the mass can be 25
             times too large. With standard rows it is accurate to a factor of 1.5.
         intervals: (10, 2) two-sided 95 % intervals of `parameters`, of Student's t distribution if
@@ -103,7 +108,7 @@ class Identification:
         singular_values: (10,) singular values of the scaled problem, descending.
         condition: ratio of the largest to the smallest; None below a rank of ten.
         not_observable: what the samples do not determine, in words; empty if they determine all.
-        combinations: what a result of a rank below ten determines; else None.
+        combinations: what the result determines, in its own unknowns; None without a covariance.
         is_planar: whether a table carries the spacecraft.
         normal_C: (3,) the table's normal in C; None if the joints turn C out of the plane, so that
             all ten parameters act on the motion.

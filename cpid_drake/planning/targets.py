@@ -49,7 +49,7 @@ def plausible_targets(
     targets = np.array([_ellipsoid(mass, radius, rng, heaviest) for _ in range(count)])
     if prior is None:
         return targets
-    if prior.combinations is not None:
+    if prior.combinations is not None and not np.isfinite(prior.parameters).all():
         raise InputError(f"{prior.name} determines only combinations of parameters; plan without")
     known = np.flatnonzero(np.isfinite(prior.parameters))
     if not known.size:  # a log that determined nothing

@@ -17,8 +17,9 @@ from sensing_cases import (
     true_telemetry,
 )
 
-from cpid_drake import InertialParameters, TargetPrior, TotalMomentum, identify
+from cpid_drake import InertialParameters, TargetPrior, TotalMomentum, identify, load_sensors
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
+from cpid_drake.identification.result_files import read_result, write_result
 from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import AttitudeSensor, Gyro, JointSensor, VectorSensor
 
@@ -243,6 +244,23 @@ class TestPrior:
         error = found.parameters - skewed_target.to_vector()
         assert abs(error[place]) < 3 * sigma
         assert np.all(sigmas(found) <= 1.001 * sigmas(alone))
+
+    def test_an_earlier_result_knows_all_ten_together(self, craft, tmp_path):
+        """One slow joint: the ten together are known a hundred times better than the mass."""
+        inertia = [[5.0, 0.4, -0.3], [0.4, 6.0, 0.5], [-0.3, 0.5, 4.0]]
+        target = InertialParameters(40.0, [0.3, -0.2, 0.4], inertia)
+        motion = Sines.drawn(4, 1, 10.0, 0.3)
+        motion = replace(motion, amplitude=motion.amplitude * [0, 1, 0, 0])
+        suite, later = load_sensors("flight"), Sines.drawn(4, 2, 5.0, 0.5)
+        slow, fast = (measured(craft, each, target, suite) for each in (motion, later))
+        earlier = identify(craft, add_noise(suite, slow, seed=1), sensors=suite)
+        assert sigmas(earlier)[0] > 1e-3 * target.mass
+        write_result(tmp_path / "earlier.json", earlier)
+        result = read_result(tmp_path / "earlier.json")
+        prior = TargetPrior("it", result.parameters, result.covariance, result.combinations)
+        found = identify(craft, add_noise(suite, fast, seed=2), sensors=suite, prior=prior)
+        assert not found.failures
+        assert nees(found, target) < chi2.isf(1e-3, 10)
 
     @pytest.mark.parametrize("estimator", ROWS_AND_FIT)
     def test_one_of_another_target_is_doubted(self, craft, suite, logs, skewed_target, estimator):

@@ -63,4 +63,4 @@ def test_a_prior_that_knows_nothing_is_none():
 def test_combinations_are_refused():
     known = Combinations("relative", BODY, np.eye(10), 1.0)
     with pytest.raises(InputError, match="only combinations"):
-        plausible_targets(700.0, 1.2, 1, 1, prior(0.1, combinations=known))
+        plausible_targets(700.0, 1.2, 1, 1, prior(0.1, slice(0, 4), combinations=known))

@@ -70,9 +70,9 @@ def schema_of(plan: Plan) -> pa.Schema:
 
     `truth`, `estimate`, `sigma` and `bound` are in the order of `PARAMETER_NAMES`, and null where
     not known; `inside` says whether the truth is in the 95 % intervals; `nees` is the squared error
-    of the `known` parameters in units of the covariance. A row with an `error` has no estimate. The
-    columns `drake_...` compare with Drake's simulation: largest distance [m] and angle [rad] of the
-    base. Axes of numbers are numbers, others JSON.
+    of the estimator's own unknowns in units of their covariance, on average `known`. A row with an
+    `error` has no estimate. The columns `drake_...` compare with Drake's simulation: largest
+    distance [m] and angle [rad] of the base. Axes of numbers are numbers, others JSON.
     """
     axes = plan.campaign.axes.items()
     kinds = {f"axis {key}": pa.float64() if a.is_number else pa.string() for key, a in axes}
@@ -340,15 +340,15 @@ def _estimate(found: Identification, truth: NDArray[np.float64]) -> dict[str, An
     error, sigma = found.parameters - truth, np.sqrt(np.diag(found.covariance))
     known = np.isfinite(error) & np.isfinite(sigma)
     low, high = found.intervals.T
-    unit = found.covariance[np.ix_(known, known)] / sigma[known] / sigma[known, None]
-    scaled = error[known] / sigma[known]
-    nees = float(scaled @ np.linalg.lstsq(unit, scaled, rcond=None)[0])
+    assert found.form is not None
+    assert found.solution is not None
+    told = found.solution.known.moved(found.form.from_parameters(truth))
     inside = (low <= truth) & (truth <= high)
     return {
         "estimate": nulls(found.parameters),
         "sigma": nulls(sigma),
         "inside": [bool(i) if k else None for i, k in zip(inside, known)],
-        "nees": nees,
+        "nees": told.cost(np.zeros(10)),
         "known": int(known.sum()),
         "passed": found.passed,
         "failed_checks": [check.name for check in found.checks if not check.passed],
