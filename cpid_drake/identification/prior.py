@@ -9,7 +9,11 @@ from annotated_types import Gt, Interval, Le
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.inertia import InertialParameters
-from cpid_drake.dynamics.parameterizations import Parameterization, parameter_scale
+from cpid_drake.dynamics.parameterizations import (
+    Parameterization,
+    parameter_scale,
+    relative_parameterization,
+)
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.identification.result import Combinations, Identification
@@ -116,9 +120,9 @@ def load_prior(path: str | Path, spacecraft: Spacecraft, capture_frame: str) -> 
         capture_frame: its capture frame, in which the prior must be expressed.
 
     Raises:
-        InputError: the file cannot be read; it contains nothing; the result is that of another
-            capture frame, or of another spacecraft if it determines combinations of parameters
-            only; no rigid body has the values; a σ is missing.
+        InputError: the file cannot be read; it contains nothing, or contradicts itself; the result
+            is that of another capture frame, or of another spacecraft if it determines combinations
+            of parameters only; no rigid body has the values; a σ is missing.
 
     """
     file, where = resolve_model(path), str(path)
@@ -148,6 +152,14 @@ def prior_of_result(
         found = None
     if found is None and not given.any():
         raise InputError(f"{where}: the prior determines no parameter")
+    if found is not None and found.unknowns == "relative":
+        told = relative_parameterization(found.known_mass).to_parameters(found.values)
+        sigma = np.sqrt(np.diag(result.covariance)) + 1e-9 * np.abs(told)
+        if (np.abs(told - result.parameters) > 0.01 * sigma)[given].any():
+            raise InputError(
+                f"{where}: `parameters` are not those of `combinations`: leave one of them as it "
+                "was, or set `combinations` to null"
+            )
     parameters = np.where(given, result.parameters, np.nan)
     name = f"the prior {Path(where).name}"
     return TargetPrior(name, parameters, result.covariance, found, result.failures)

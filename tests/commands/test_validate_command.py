@@ -55,10 +55,13 @@ def test_the_right_target_predicts_another_log(cpid):
     assert cpid("validate", *known, "--quiet", "--force")[:2] == (0, "")
 
 
-def test_a_mass_wrong_by_forty_sigma_is_noticed(cpid):
+def test_a_mass_wrong_by_forty_sigma_is_noticed(cpid, refusal):
     result = read_result("result.json")
     heavier = result.parameters + 40 * np.sqrt(result.covariance[0, 0]) * np.eye(10)[0]
-    write_result("wrong.json", replace(result, parameters=heavier, nearest=None))
+    wrong = replace(result, parameters=heavier, nearest=None)
+    write_result("wrong.json", wrong)
+    assert "set `combinations` to null" in refusal("validate", "wrong.json", "second.csv")
+    write_result("wrong.json", replace(wrong, combinations=None))
     code, stdout, _ = cpid("validate", "wrong.json", "second.csv", "--json", "v.json")
     assert code == 4
     assert stdout.startswith("not valid: the log's own estimate differs")
