@@ -172,18 +172,19 @@ class RowFamily:
         Args:
             rows: (rows_per_sample · N, k + 11), as from `full_rows`.
             R_WC: (N, 3, 3) attitude of C.
-            unknowns: places (u,) of the target's unknowns to keep; see `KinematicTree.unknowns`.
+            unknowns: places (u,) of the target's unknowns that act; see `KinematicTree.unknowns`.
 
         Returns:
-            (3 N, l + u + 1), or (N, l + u + 1) without linear rows, with the l columns of
-            `momenta_in_plane`.
+            (3 N, l + 11), or (N, l + 11) without linear rows, with the l columns of
+            `momenta_in_plane`. Columns of unknowns that do not act are zero.
 
         """
         k = rows.shape[1] - 11
         by_sample = rows.reshape(len(R_WC), -1, 3, rows.shape[1])
         in_W = (R_WC[:, None] @ by_sample).reshape(len(R_WC), -1, rows.shape[1])
+        in_W[..., k + np.delete(np.arange(10), unknowns)] = 0.0
         momenta = self.momenta_in_plane() if k else np.empty(0, dtype=np.intp)
-        columns = np.concatenate([momenta, k + unknowns, [k + 10]])
+        columns = np.append(momenta, np.arange(k, k + 11))
         conserved = [0, 1, 5] if self.rows_per_sample == 6 else [2]
         return in_W[:, conserved][:, :, columns].reshape(-1, len(columns))
 

@@ -24,8 +24,7 @@ def momentum_rows(
     in a frame that moves with the centre of mass the linear momentum is zero, so the angular rows
     of a sample (its last three rows) give the angular momentum about any point.
 
-    If a table carries the base, the rows are those of the plane, with the columns of
-    `KinematicTree.unknowns`; see `RowFamily.rows_in_plane`.
+    If a table carries the base, the rows are those of the plane; see `RowFamily.rows_in_plane`.
     """
     if tree.normal_B is not None:
         telemetry = in_plane(telemetry, tree.normal_B)

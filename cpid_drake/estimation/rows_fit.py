@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.motion import Motion
+from cpid_drake.dynamics.parameterizations import Parameterization
 from cpid_drake.dynamics.rotations import skew
 from cpid_drake.dynamics.rows import RowFamily
 from cpid_drake.dynamics.total_momentum import TotalMomentum
@@ -32,6 +33,7 @@ from cpid_drake.estimation.least_squares import (
     updated_information,
 )
 from cpid_drake.estimation.momentum_rows import error_square, momentum_columns, momentum_rows
+from cpid_drake.estimation.unknowns import WIDE
 from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.logs.log import Samples, concatenated_samples
 
@@ -48,7 +50,6 @@ _SAMPLES_AT_ONCE = 2048  # samples of a part, whose arrays fit into a processor'
 _MOST_KEPT = 20_000  # samples whose rows are kept for the residuals and their correlation in time
 _MOST_CHANGED = 200  # complete samples of a block that show the shape of its errors
 _NOISE = 0.25  # share of the information about a combination that may be noise
-_NOTHING = 1e-12  # size of combinations that have no effect, as a share of the columns
 _ROUNDS = 4  # of the size of the errors, which depends on the solution
 
 
@@ -60,7 +61,7 @@ class RowNoise:
         variance: their variance.
         correlation_time: number of samples with the information of one independent sample.
         factor: `variance` divided by that of the errors of the samples; 0 if these are not known.
-        scatter: (k + u, k + u) covariance of Aᵀ (A x − b), from sums of residuals over successive
+        scatter: (k + 10, k + 10) covariance of Aᵀ (A x − b), from sums of residuals over successive
             samples that are correlated. It contains what the variance misses, such as errors that
             grow with the motion, or differ from row to row. None if there are no more rows than
             unknowns, so that no residuals show the errors.
@@ -83,7 +84,6 @@ class LogRows:
 
     Attributes:
         extra: number k of columns of a momentum.
-        unknowns: places of the rows' u unknowns among the target's ten.
         sample_count: number of samples.
         row_count: number of rows without rows of zeros.
 
@@ -91,15 +91,21 @@ class LogRows:
 
     def __init__(self, tree: KinematicTree, family: RowFamily, momentum: TotalMomentum) -> None:
         self._problem = tree, family, momentum
-        self.extra, self.unknowns = momentum_columns(tree, family, momentum), tree.unknowns
+        self.extra = momentum_columns(tree, family, momentum)
         self._angular = 3 if tree.normal_B is None else 1  # angular rows of a sample
-        size = self.extra + len(self.unknowns)
+        size = self.extra + 10
         self._halves = [empty_information(size), empty_information(size)]  # of all parts
         self._errors = np.zeros((size + 1, size + 1))  # E[δᵀ δ] of the errors of the rows
         self._kept: list[Samples] = []  # every k-th part, for residuals and their correlation
         self._parts, self._every = 0, 1
         self._p_WB = np.zeros(3)  # at the first sample
         self.sample_count = self.row_count = 0
+
+    @property
+    def form(self) -> Parameterization:
+        """The parameterization of the target's unknowns."""
+        tree, family, _ = self._problem
+        return family.parameterization(tree.mass)
 
     @property
     def momenta(self) -> NDArray[np.intp]:
@@ -149,7 +155,7 @@ class LogRows:
                 self._kept, self._every = self._kept[::2], 2 * self._every
 
     def misfit(self, x: NDArray[np.float64]) -> tuple[float, float]:
-        """Return the sizes of the residuals at unknowns x (k + u,), as ratios.
+        """Return the sizes of the residuals at unknowns x (k + 10,), as ratios.
 
         The first is that to the errors of the samples, infinite if these are not known, and the
         second that to the rows.
@@ -241,10 +247,7 @@ class LogRows:
         found, k = [], 0 if is_zero else self.extra
         for is_half in (False, True):
             rows = self._compressed(noise, is_half=is_half, first=self.extra - k)[0]
-            whole = np.zeros((len(rows), k + 11))
-            whole[:, :k], whole[:, -1] = rows[:, :k], rows[:, -1]
-            whole[:, k + self.unknowns] = rows[:, k:-1]
-            found.append(Gaussian.of_rows({MOMENTUM: k, TARGET: 10}, whole))
+            found.append(Gaussian.of_rows({MOMENTUM: k, TARGET: 10}, rows))
         return found[0], found[1]
 
     def _compressed(
@@ -304,9 +307,9 @@ def without_bias(
 
 
 def compare_momentum(
-    rows: LogRows, noise: RowNoise, sigma: NDArray[np.float64]
-) -> tuple[float, Gaussian, dict[str, NDArray[np.float64]]] | None:
-    """Compare a momentum of zero with an unknown one; None if the rows show nothing of the target.
+    rows: LogRows, noise: RowNoise, sigma: NDArray[np.float64], size: NDArray[np.float64]
+) -> tuple[float, Gaussian, dict[str, NDArray[np.float64]]]:
+    """Compare a momentum of zero with an unknown one.
 
     The result is the probability of a momentum, the average of the target (see `evidence`), and the
     fields of the momentum in an identification.
@@ -315,31 +318,19 @@ def compare_momentum(
         rows: of a log, with columns of an unknown momentum.
         noise: their errors.
         sigma: (6,) of an unknown momentum [L; P] about the base's first place.
+        size: (10,) plausible sizes of the target's unknowns.
 
     """
-    free, zero = rows.gaussians(noise)[0], rows.gaussians(noise, is_zero=True)[0]
-    R, k, own = free.R @ rows.about_base(), rows.extra, sigma[rows.momenta]
-    scale = np.maximum(np.linalg.norm(R[:, k:], axis=0), np.finfo(float).tiny)
-    # What noise hides of the target with zero, it hides with a momentum as well.
-    _, sizes, axes = np.linalg.svd(zero.R[:, zero.places[TARGET]] / scale)
-    hidden = axes[sizes <= _NOTHING * sizes[0]].T
-    U, sizes, _ = np.linalg.svd(R[:, k:] / scale @ hidden)
-    clear = U[:, np.sum(sizes > _NOTHING) :].T
-    R, z = clear @ R, clear @ free.z
-    U, sizes, axes = np.linalg.svd(R[:, k:] / scale)
-    count = int(np.sum(sizes > _NOTHING))
-    if not count:
-        return None
-    axes = axes[:count] * scale
-    table = np.zeros((k + len(R), k + count + 1))
-    table[:k, :k] = np.diag(1 / own)
-    table[k:, :k], table[k:, k:-1], table[k:, -1] = R[:, :k], U[:, :count] * sizes[:count], z
-    both = Gaussian.of_rows({MOMENTUM: k, TARGET: count}, table)
+    free, to_origin, k = rows.gaussians(noise)[0], rows.about_base(), rows.extra
+    own = sigma[rows.momenta]
+    vague = np.append(1 / np.append(own, WIDE * size), 0.0)
+    table = np.vstack([np.column_stack([free.R @ to_origin, free.z]), np.diag(vague)[:-1]])
+    both = Gaussian.of_rows(free.sizes, table)
     found = compare(both, {MOMENTUM: own}, [TARGET], odds={MOMENTUM: 1.0})
-    target = found.gaussian
-    target = Gaussian.of_rows({TARGET: 10}, np.column_stack([target.R @ axes, target.z]))
-    to_origin = rows.about_base()[:k, :k]
-    value = to_origin @ found.values.get(MOMENTUM, np.zeros(k))
+    to_origin = to_origin[:k, :k]
     root = to_origin * found.sigma.get(MOMENTUM, np.zeros(k))
-    fields = {"momentum_estimate": value, "momentum_covariance": root @ root.T}
-    return found.probability[MOMENTUM], target, fields
+    fields = {
+        "momentum_estimate": to_origin @ found.values.get(MOMENTUM, np.zeros(k)),
+        "momentum_covariance": root @ root.T,
+    }
+    return found.probability[MOMENTUM], found.gaussian, fields

@@ -81,7 +81,8 @@ def _combined(known: Known, logs: Mapping[str, tuple[Identification, Gaussian]])
         {n: g for n, (_, g) in logs.items()},
     )
     first, prior = next(iter(found.values())), known.prior
-    form, total = _form(known), reduce(Gaussian.add, sources.values())
+    form, total = first.form, reduce(Gaussian.add, sources.values())
+    assert form is not None
     x, scale = plausible(known.spacecraft, form, total)
     largest = KNOWN
     if prior is not None:
@@ -232,12 +233,6 @@ def _motion(
         )
 
 
-def _form(known: Known) -> Parameterization:
-    """Return the parameterization of the target's unknowns in the rows."""
-    assert known.family is not None
-    return known.family.parameterization(known.spacecraft.mass)
-
-
 def _identified(known: Known, log: CheckedLog) -> tuple[Identification, Gaussian]:
     """Return the estimate from one log, and the log's Gaussian of the target."""
     spacecraft, momentum, family = known.spacecraft, known.momentum, known.family
@@ -279,24 +274,25 @@ def _identified(known: Known, log: CheckedLog) -> tuple[Identification, Gaussian
         checks = (*checks, Check("forces", _FORCES))
     whole, first = rows.gaussians(noise, is_zero=is_zero)
     own = np.zeros(rows.extra) if is_zero else whole.solve()[: rows.extra]
-    target, fields = whole.marginal([TARGET]), _momentum(rows, whole) if not is_zero else {}
+    target, most = whole.marginal([TARGET]), len(tree.unknowns)
+    fields = {} if is_zero else _momentum(rows, whole, most)
     if compared is not None and rows.extra and (momentum is None or not is_zero):
         target = compared[1]
     if compared is not None and not is_zero:
         fields = compared[2]
         own = fields["momentum_estimate"]
 
-    form, unknowns, count = _form(known), tree.unknowns, rows.row_count
+    form, count = rows.form, rows.row_count
     nominal, scale = plausible(spacecraft, form, target)
     solution = solution_of(
         target, nominal, scale, row_count=count - (rows.extra if own.any() else 0)
     )
-    x = np.append(own, solution.values[unknowns])  # what is not determined must not explain errors
+    x = np.append(own, solution.values)  # what is not determined must not explain errors
     if noise.scatter is None:
         solution = replace(solution, covariance=np.full((10, 10), np.nan))
-    is_shown = solution.rank == len(unknowns) and count > FEWEST
+    is_shown = solution.rank == most and count > FEWEST
     residuals = _residuals(rows, x, family) if is_shown else {}
-    is_judged = solution.rank == len(unknowns) and noise.scatter is not None
+    is_judged = solution.rank == most and noise.scatter is not None
     found = Identification.of_solution(
         form,
         solution,
@@ -358,21 +354,21 @@ def _residuals(
 def _compared(
     spacecraft: Spacecraft, rows: LogRows, noise: RowNoise
 ) -> tuple[float, Gaussian, dict[str, NDArray[np.float64]]] | None:
-    """Return the comparison of zero with an unknown momentum; None if the rows show nothing."""
+    """Return the comparison of zero with an unknown momentum; None without need or noise."""
     zero = rows.gaussians(noise, is_zero=True)[0]
-    x = np.append(np.zeros(rows.extra), zero.solve()[rows.unknowns])
+    x = np.append(np.zeros(rows.extra), zero.solve())
     if noise.scatter is None or rows.misfit(x)[1] < INTEGRATION:
         return None
     sigma = Model(spacecraft.tree, SensorSuite()).unknown(MOMENTUM).sigma  # of [L; v]
-    return compare_momentum(rows, noise, sigma * np.repeat([1.0, spacecraft.mass], 3))
+    size = plausible(spacecraft, rows.form, zero)[1]
+    return compare_momentum(rows, noise, sigma * np.repeat([1.0, spacecraft.mass], 3), size)
 
 
-def _momentum(rows: LogRows, whole: Gaussian) -> dict[str, Any]:
+def _momentum(rows: LogRows, whole: Gaussian, most: int) -> dict[str, Any]:
     """Return the fields of an unknown momentum; none if the rows do not determine everything."""
-    places = np.append(np.arange(rows.extra), rows.extra + rows.unknowns)
-    if not rows.extra or whole.rank < len(places):
+    if not rows.extra or whole.rank < rows.extra + most:
         return {}
-    inverse = np.linalg.pinv(whole.R[:, places])[: rows.extra]
+    inverse = np.linalg.pinv(whole.R)[: rows.extra]
     return {
         "momentum_estimate": whole.solve()[: rows.extra],
         "momentum_covariance": inverse @ inverse.T,

@@ -175,7 +175,7 @@ class MomentumIdentifier(Identifier):
         self._family = row_family(rows, self._momentum.is_unknown)
         self._parameterization = self._family.parameterization(spacecraft.mass)
         self._extra = momentum_columns(spacecraft.tree, self._family, self._momentum)
-        self._size = self._extra + len(spacecraft.tree.unknowns) + 1
+        self._size = self._extra + 11
         self._quaternion = spacecraft.state_columns["quaternion_WB"]
         self._scratch = PlantScratch(spacecraft.plant)
 
@@ -242,10 +242,8 @@ class MomentumIdentifier(Identifier):
         return root.reshape(self._size, self._size)
 
     def _solve(self, context: Context) -> Identification:
-        kept = self._root(context)[self._extra :, self._extra :]
         samples, row_count, _ = context.get_discrete_state(self._count_index).value()
-        rows = np.zeros((len(kept), 11))
-        rows[:, [*self._spacecraft.tree.unknowns, 10]] = kept
+        rows = self._root(context)[self._extra :, self._extra :]
         return Identification.of_solution(
             self._parameterization,
             solution_of_rows(rows, int(row_count) - self._extra),
