@@ -22,7 +22,7 @@ import numpy as np
 from cpid_drake import MomentumIdentifier, Motion, load_scenario, load_sensors, make_simulation
 from cpid_drake.dynamics.propagation import propagate
 from cpid_drake.estimation.block import BlockQueue, blocks_of
-from cpid_drake.estimation.least_squares import empty_information, updated_information
+from cpid_drake.estimation.least_squares import updated_information
 from cpid_drake.estimation.online import OnlineState, step
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.logs.log import ideal_log
@@ -60,7 +60,7 @@ def main() -> None:
     identifier, state = MomentumIdentifier(craft), craft.to_states(motion.select([-40]))[0]
     event_context = identifier.CreateDefaultContext()
     identifier.GetInputPort("state").FixValue(event_context, state)
-    root = updated_information(empty_information(), identifier.rows(state))
+    root = updated_information(np.zeros((11, 11)), identifier.rows(state))
 
     def event() -> None:
         event_context.SetTime(event_context.get_time() + 1.0)  # else Drake answers from its cache

@@ -34,16 +34,12 @@ At rest the noise of a coarse suite looks like knowledge of 0.28 of a size.
 """
 
 
-def empty_information(n: int = 10) -> NDArray[np.float64]:
-    """Return the square-root information of no rows about n unknowns: zeros (n + 1, n + 1)."""
-    return np.zeros((n + 1, n + 1))
-
-
 def updated_information(
     information: NDArray[np.float64], augmented_rows: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the square-root information (n + 1, n + 1) after adding the rows [A | b] (M, n + 1).
 
+    That of no rows is zero.
     Rows are not checked: a row that is not finite makes the result not finite.
     """
     updated, _, _, _ = lapack.dtpqrt(0, len(information), information, augmented_rows)
@@ -59,22 +55,21 @@ def triangle(rows: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.triu(lapack.dgeqrf(rows, lwork=work)[0][:n])
 
 
-def describe_unobservable(
-    directions: NDArray[np.float64], names: Sequence[str], share: float = 0.1
-) -> str:
+def describe_unobservable(directions: NDArray[np.float64], names: Sequence[str]) -> str:
     """Return a sentence on the unobservable directions; empty when there are none.
+
+    Unknowns with a share below 0.1 in these directions are described as weakly affected.
 
     Args:
         directions: (k, n) orthonormal directions, in column-scaled unknowns.
         names: the n unknowns.
-        share: unknowns with a smaller share in these directions are described as weakly affected.
 
     """
     if len(directions) == 0:
         return ""
     open_share = np.linalg.norm(directions, axis=0)
-    strongly = [name for name, part in zip(names, open_share, strict=True) if part > share]
-    weakly = [name for name, part in zip(names, open_share, strict=True) if 1e-6 < part <= share]
+    strongly = [name for name, part in zip(names, open_share, strict=True) if part > 0.1]
+    weakly = [name for name, part in zip(names, open_share, strict=True) if 1e-6 < part <= 0.1]
     noun = "combination" if len(directions) == 1 else "combinations"
     text = f"{len(directions)} {noun} of {', '.join(strongly)} not determined by the motion so far"
     return text + (f"; {', '.join(weakly)} weakly affected" if weakly else "")

@@ -28,7 +28,6 @@ from cpid_drake.estimation.evidence import compare
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import (
     DEFAULT_RANK_TOLERANCE,
-    empty_information,
     triangle,
     updated_information,
 )
@@ -94,7 +93,7 @@ class LogRows:
         self.extra = momentum_columns(tree, family, momentum)
         self._angular = 3 if tree.normal_B is None else 1  # angular rows of a sample
         size = self.extra + 10
-        self._halves = [empty_information(size), empty_information(size)]  # of all parts
+        self._halves = [np.zeros((size + 1, size + 1)) for _ in range(2)]  # of all parts
         self._errors = np.zeros((size + 1, size + 1))  # E[δᵀ δ] of the errors of the rows
         self._kept: list[Samples] = []  # every k-th part, for residuals and their correlation
         self._parts, self._every = 0, 1

@@ -30,8 +30,8 @@ from cpid_drake.estimation.unknowns import BODIES, FASTEST_DRIFT, MOMENTUM, PSI,
 EXACT = 1e-9
 """σ of what is conserved, or held while the rest is fitted, as a share of its plausible size."""
 
-START = {"attitude": np.pi, "p_Wcm": 1e3}
-"""σ of attitude [rad] and centre of mass [m] before the first sample."""
+OPEN = 1e6
+"""σ of attitude, centre of mass and joints before the first sample [rad, m]."""
 
 BOUNDARY = "boundary"
 """Name of what is at the end of a block: attitude, p, L, v and joints."""
@@ -152,8 +152,7 @@ def known_at_start(model: Model, log: LogState, values: Values) -> Gaussian:
     """
     n, places = boundary_size(model), model.places
     rows = np.zeros((n, n + sum(u.size for u in model.table) + 1))
-    sigma = np.full(n, 1e6)
-    sigma[:3], sigma[3:6] = START["attitude"], START["p_Wcm"]
+    sigma = np.full(n, OPEN)
     sigma[6:12] = EXACT * np.repeat([model.L_sigma, FASTEST_DRIFT], 3)
     rows[:, :n] = np.diag(1 / sigma)
     rows[6:12, n + places[MOMENTUM].start :][:, :6] = -np.diag(1 / sigma[6:12])

@@ -266,26 +266,23 @@ def psi_about(
         return x, np.eye(10)
     up = nominal_mass / (nominal_mass - x[0])  # 1 + m / nominal_mass
     m, h = up * x[0], up * x[1:4]
-    phi_x = np.eye(10)
-    phi_x[0, 0] = up**2
-    phi_x[1:4, 0], phi_x[1:4, 1:4] = up**2 / nominal_mass * x[1:4], up * np.eye(3)
-    J = x[4:] + _shift(h, h) / (nominal_mass + m)
-    phi_x[4:, :4] = 2 / (nominal_mass + m) * _shifts(h) @ phi_x[1:4, :4]
-    phi_x[4:, 0] -= _shift(h, h) / (nominal_mass + m) ** 2 * phi_x[0, 0]
-    f, total = mass / (mass + m), mass + m
-    psi = np.concatenate([[f * m], f * h, J - _shift(h, h) / total])
-    psi_phi = np.eye(10)
-    psi_phi[0, 0] = f**2
-    psi_phi[1:4, 0], psi_phi[1:4, 1:4] = -(f**2) / mass * h, f * np.eye(3)
-    psi_phi[4:, 1:4], psi_phi[4:, 0] = -2 / total * _shifts(h), _shift(h, h) / total**2
-    return psi, psi_phi @ phi_x
+    phi = np.concatenate([[m], h, x[4:] + _shift(h, h) / (nominal_mass + m)])
+    (_, x_phi), (psi, psi_phi) = (_psi_of(phi, each) for each in (nominal_mass, mass))
+    return psi, np.asarray(np.linalg.solve(x_phi.T, psi_phi.T).T)
+
+
+def _psi_of(
+    phi: NDArray[np.float64], mass: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return ψ (10,) of φ = (m, m c, J) about known bodies of a mass, and its derivative."""
+    h, total = phi[1:4], mass + phi[0]
+    f, by = mass / total, np.eye(10)
+    by[0, 0], by[1:4, 0], by[1:4, 1:4] = f**2, -f / total * h, f * np.eye(3)
+    by[4:, 0] = _shift(h, h) / total**2
+    by[4:, 1:4] = -2 / total * np.column_stack([_shift(h, e) for e in np.eye(3)])
+    return np.concatenate([f * phi[:4], phi[4:] - _shift(h, h) / total]), by
 
 
 def _shift(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the symmetric bilinear form of P(h) = |h|²1 − hhᵀ, as a vector (6,)."""
     return np.asarray(tensor_to_vector((a @ b) * np.eye(3) - (np.outer(a, b) + np.outer(b, a)) / 2))
-
-
-def _shifts(h: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the matrix (6, 3) of a -> P(h, a)."""
-    return np.column_stack([_shift(h, e) for e in np.eye(3)])

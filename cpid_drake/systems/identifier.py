@@ -20,10 +20,7 @@ from cpid_drake.dynamics.rows import row_family
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.gaussian import solution_of_rows
-from cpid_drake.estimation.least_squares import (
-    empty_information,
-    updated_information,
-)
+from cpid_drake.estimation.least_squares import updated_information
 from cpid_drake.estimation.momentum_rows import momentum_columns, momentum_rows
 from cpid_drake.identification.by_rows import NAME
 from cpid_drake.identification.result import Identification
@@ -182,7 +179,7 @@ class MomentumIdentifier(Identifier):
         self._state_port = self.DeclareVectorInputPort(
             "state", spacecraft.plant.num_multibody_states()
         )
-        self._root_index = self.DeclareDiscreteState(empty_information(self._size - 1).ravel())
+        self._root_index = self.DeclareDiscreteState(np.zeros(self._size**2))
         # Number of samples, number of rows that are not zero, time of the latest sample.
         self._count_index = self.DeclareDiscreteState([0.0, 0.0, -np.inf])
         self._period, self._offset = period, offset

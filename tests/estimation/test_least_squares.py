@@ -6,7 +6,7 @@ import pytest
 from cpid_drake.dynamics.momentum import momentum_samples
 from cpid_drake.dynamics.rows import ROW_FAMILIES
 from cpid_drake.estimation.gaussian import Gaussian, solution_of, solution_of_rows
-from cpid_drake.estimation.least_squares import empty_information, updated_information
+from cpid_drake.estimation.least_squares import updated_information
 
 FAMILIES = pytest.mark.parametrize("family", ROW_FAMILIES.values(), ids=ROW_FAMILIES)
 
@@ -19,7 +19,7 @@ def batch_solution(A, b):
 
 def recursive_solution(A, b, block=6):
     augmented = np.hstack([A, b[:, None]])
-    root = empty_information(A.shape[1])
+    root = np.zeros(2 * [A.shape[1] + 1])
     for k in range(0, len(b), block):
         root = updated_information(root, augmented[k : k + block])
     return solution_of_rows(root, len(b))
@@ -126,7 +126,7 @@ def test_eliminated_unknowns_reduce_the_degrees_of_freedom():
     x, *_ = np.linalg.lstsq(A, b, rcond=None)
     variance = np.sum((A @ x - b) ** 2) / (20 - 16)
     expected = variance * np.linalg.inv(A.T @ A)
-    information = updated_information(empty_information(16), np.column_stack([A, b]))
+    information = updated_information(np.zeros((17, 17)), np.column_stack([A, b]))
     for eliminated in (0, 6):
         found = solution_of_rows(information[eliminated:, eliminated:], 20 - eliminated)
         np.testing.assert_allclose(found.estimate, x[eliminated:], rtol=1e-9)

@@ -29,9 +29,10 @@ def integrated_attitude(
     first: NDArray[np.float64], theta: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the attitudes (N, 3, 3) from the first (3, 3) and rotation vectors θ (N − 1, 3)."""
-    R = np.empty((len(theta) + 1, 3, 3))
-    R[0] = first
-    R[1:] = first @ _products(exponentials(theta))
+    R, reach = np.concatenate([first[None], exponentials(theta)]), 1
+    while reach < len(R):  # each is the product of so many steps up to it
+        R[reach:] = R[:-reach] @ R[reach:]
+        reach *= 2
     return R
 
 
@@ -63,20 +64,3 @@ def step_changes(
     changed = h * (step_weights(N) @ change.reshape(N, -1)).reshape(N - 1, *change.shape[1:])
     changed += h**2 / 12 * (rate[:-1] @ change[1:] - rate[1:] @ change[:-1])
     return np.asarray(by_theta @ (changed + late))
-
-
-def _products(steps: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return S_0, S_0 S_1, S_0 S_1 S_2, … of matrices S (N, 3, 3), in blocks of about √N."""
-    N = len(steps)
-    size = int(np.ceil(np.sqrt(N)))
-    count = -(-N // size)
-    result = np.broadcast_to(np.eye(3), (count * size, 3, 3)).copy()
-    result[:N] = steps
-    blocks = result.reshape(count, size, 3, 3)
-    for k in range(1, size):
-        blocks[:, k] = blocks[:, k - 1] @ blocks[:, k]
-    before = np.eye(3)
-    for block in blocks:
-        block[:] = before @ block
-        before = block[-1].copy()
-    return result[:N]
