@@ -21,7 +21,6 @@ PARTS = 3
 LONGEST_DELAY = 1.0
 """Longest delay of a sensor, or of the log of thrust, that can be modelled [s]."""
 
-_SLOWER = 1.2  # encoders that are slower than the suite's by this factor make longer blocks
 _STAMP = 1e-7  # rounding error of a stamp [s]
 
 
@@ -144,7 +143,7 @@ class BlockQueue:
         if not np.isnan(self.edge) or len(times) < 3:
             return self.length
         needed = SAMPLES_PER_BLOCK * float(np.median(np.diff(times[:SAMPLES_PER_BLOCK])))
-        return needed if needed > _SLOWER * self.length else self.length
+        return needed if needed > self.length + SAMPLES_PER_BLOCK * _STAMP else self.length
 
     def _first_edge(self, waiting: Log) -> float:
         if not np.isnan(self.edge):

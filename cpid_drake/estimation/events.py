@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from cpid_drake.estimation.block import Block
-from cpid_drake.estimation.evidence import Comparison, Question
+from cpid_drake.estimation.evidence import MOST, Comparison, Question
 from cpid_drake.estimation.fit import Fit, fit, prior_of
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.joints import FAR
@@ -21,9 +21,6 @@ from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.sweep import known_at_start, sweep
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.estimation.whiteness import LagSums, Whiteness
-
-TOGETHER = 12
-"""Number of ends that are judged at once."""
 
 LATER = 8
 """So many blocks after these ends are used to judge them."""
@@ -90,8 +87,8 @@ def _changes(
         best, count = list[int](), len(log.blocks)
         before = known_at_start(model, log, found.values)
         wide = log.opened(range(count - 1))
-        for first in range(0, count - 1, TOGETHER):
-            last = min(first + TOGETHER, count - 1)
+        for first in range(0, count - 1, MOST):
+            last = min(first + MOST, count - 1)
             ends, later = range(last - first), slice(last, min(last + LATER + 1, count))
             own = wide.part(first, last)
             parts = own, rolled.part(first, last)

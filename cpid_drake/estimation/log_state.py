@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -122,16 +123,12 @@ class LogState:
 
         Its start is that of the whole log.
         """
-        return replace(
-            self,
-            blocks=self.blocks[first:end],
-            joints=self.joints[first:end],
-            forces=self.forces[first:end],
-            walks=self.walks[first:end],
-            weights=self.weights[first:end],
-            jumps={k - first: u for k, u in self.jumps.items() if first <= k < end},
-            aims={k - first: aim for k, aim in self.aims.items() if first <= k < end},
-        )
+        lists = ("blocks", "joints", "forces", "walks", "weights")
+        parts: dict[str, Any] = {name: getattr(self, name)[first:end] for name in lists}
+        for name in ("jumps", "aims"):
+            own = getattr(self, name).items()
+            parts[name] = {k - first: each for k, each in own if first <= k < end}
+        return replace(self, **parts)
 
     def weighted(self, k: int, sensor: str, rest: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return residuals (M, ...) of a sensor in block k, with weights and noise factor."""

@@ -35,8 +35,7 @@ from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model, Unknown, undete
 from cpid_drake.logs.log import Samples, concatenated_samples, without_flips
 from cpid_drake.logs.splines import DEGREE, in_gap, knots_of
 
-_INSTANTS = 10  # in a block
-_PIECES = 5  # of splines in a block
+_INSTANTS = 10  # in a block; splines have half as many pieces
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +185,7 @@ def _rows(
 
 def _motion(model: Model, log: LogState) -> SeenMotion:
     """Return what the samples of a log show of its motion; an instant at rest if nothing."""
-    normal_B, count = model.tree.normal_B, _PIECES * len(log.blocks)
+    normal_B, count = model.tree.normal_B, _INSTANTS // 2 * len(log.blocks)
     attitude, gyro, position = (
         concatenated_samples([block.samples[name] for block in log.blocks])
         for name in ("attitude", "gyro", "position")

@@ -182,20 +182,15 @@ def complete_samples(measurements: Log, family: RowFamily) -> Motion | None:
     if family.uses_base_position:
         needed += ["velocity", "position"] if len(measurements.position) else ["velocity"]
     samples = {name: getattr(measurements, name) for name in needed}
-    rarest = min(samples.values(), key=len)
-    common = rarest.time
-    for other in samples.values():
-        if not np.array_equal(other.time, common):
-            common = np.intersect1d(common, other.time)
-    if not len(common) or len(common) < len(rarest) / 2:
+    common = reduce(np.intersect1d, (each.time for each in samples.values()))
+    if not len(common) or len(common) < min(map(len, samples.values())) / 2:
         return None
 
     def values(name: str) -> NDArray[np.float64]:
         if name not in samples:
             nothing = [1.0, 0.0, 0.0, 0.0] if name == "attitude" else [0.0, 0.0, 0.0]
             return np.tile(nothing, (len(common), 1))
-        time, value = samples[name].time, samples[name].value
-        return value if len(time) == len(common) else value[np.searchsorted(time, common)]
+        return np.asarray(samples[name].value[np.searchsorted(samples[name].time, common)])
 
     quaternion = values("attitude")
     R_WB = Rotation.from_quat(quaternion, scalar_first=True)
