@@ -43,6 +43,7 @@ DECLARED = 10.0
 
 _GRID = np.arange(-29.0, 16.0, 3.0)  # of log λ: jerk noise of 1e-6 to 1e3 rad/s³·√s
 _WORTH = 6.0  # of −2 log(evidence) for a rougher motion: strong evidence (Kass and Raftery 1995)
+_FAST = 16.0  # pieces in a second, which follow 5 Hz: with too few, a fast motion looks like noise
 _REWEIGHTINGS = 6  # at most; outliers look like a rough motion or like noise until they are known
 _SAME = 0.05  # change of a weight that does not matter
 
@@ -86,8 +87,8 @@ def smooth_joints(
             pairs = zip(before, weights, strict=True)
             if max(np.abs(a - b).max(initial=0.0) for a, b in pairs) < _SAME:
                 break
-        noise, jerk = np.maximum(noise, 1.0), np.exp(u / 2) * noise
-        c = splines.solved(2 * np.log(jerk / noise))
+        noise = np.maximum(noise, 1.0)
+        c, jerk = splines.solved(u), np.exp(u / 2) * noise
     except np.linalg.LinAlgError as error:
         raise InputError("encoders: too few samples to show how the joints move") from error
     smoothness = Smoothness(splines.rate, jerk, noise)
@@ -296,8 +297,9 @@ class _Splines:
             values = self.values(at)
             k = np.clip(np.argmin(values, axis=1), 1, 7)[:, None]
             a, b, c = (np.take_along_axis(values, k + i, 1)[:, 0] for i in (-1, 0, 1))
-            shift = np.clip(0.5 * (a - c) / np.maximum(a - 2 * b + c, 1e-12), -1, 1)
-            u = np.take_along_axis(at, k, 1)[:, 0] + step * shift
+            with np.errstate(invalid="ignore"):  # beside a motion that is too rough for the samples
+                shift = np.nan_to_num(0.5 * (a - c) / np.maximum(a - 2 * b + c, 1e-12))
+            u = np.take_along_axis(at, k, 1)[:, 0] + step * np.clip(shift, -1, 1)
         return u, np.sqrt((DECLARED + self._squares(u[:, None])[0][:, 0]) / self._freedom)
 
     def weights(
@@ -309,15 +311,20 @@ class _Splines:
 
 
 def _best_rate(samples: Sequence[_JointSamples], weights: list[NDArray[np.float64]]) -> float:
-    """Return the pieces in a second: doubled as long as this has more evidence."""
+    """Return the pieces in a second with the most evidence, or less if it is about as much.
+
+    More than `_FAST` are tried as long as they have more.
+    """
     usual = float(np.median([each.end - each.start for each in samples]))
-    best, least, pieces = np.nan, np.inf, 1
+    best, least, pieces = 1 / usual, np.inf, 1
     most = float(np.median([len(each.values) for each in samples])) / 2  # samples show no more
     while pieces == 1 or pieces <= most:
         splines = _Splines(samples, pieces / usual, weights)
         grid = np.broadcast_to(_GRID, (weights[0].shape[1], len(_GRID)))
         value = float(splines.values(grid).min(axis=1).sum())
-        if value > least - _WORTH:
+        if value < least - _WORTH:
+            best, least = splines.rate, value
+        elif splines.rate >= _FAST:
             break
-        best, least, pieces = splines.rate, value, 2 * pieces
+        pieces *= 2
     return best

@@ -202,3 +202,16 @@ def test_a_pause_of_minutes_is_one_piece_that_disturbs_no_sample():
     assert found[3].size < found[2].size
     shown = evaluated(found, paused.encoders.time)
     assert np.abs(shown - paused.encoders.value).max() < 6 * SIGMA
+
+
+@pytest.mark.parametrize("rate", [50.0, 500.0])
+@pytest.mark.parametrize("frequency", [0.1, 1.0, 2.0, 5.0])
+def test_a_fast_motion_is_no_noise(frequency, rate):
+    """Beside a joint at rest, and in steps of an encoder of 12 bits."""
+    step, t = 2 * np.pi / 2**12, np.arange(0.0, 10.0, 1 / rate)
+    moving = np.outer(np.sin(2 * np.pi * frequency * t), [0.3, 0.02, 0.0])
+    suite = SensorSuite(encoders=JointSensor(rate, bits=12))
+    samples = Log(("a", "b", "c"), {"encoders": Samples(t, step * np.round(moving / step))})
+    smoothness, parts = smooth_joints(blocks_of(samples), suite)
+    np.testing.assert_allclose(smoothness.noise, 1.0, rtol=0.2)
+    assert np.abs(evaluated(parts, t) - moving).max() < step
