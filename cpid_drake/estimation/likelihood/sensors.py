@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.plane import NORMAL_W
 from cpid_drake.dynamics.rotations import cross, exponentials, rotate, skew
 from cpid_drake.errors import InputError
@@ -247,73 +246,58 @@ class TranslationModel(SensorModel):
 
     at_instants = True
 
-    @cached_property
-    def _dynamics(self) -> BodyDynamics:
-        return self._motion.dynamics.part(self._at)
+    def _arms(
+        self, trajectory: Trajectory, rows: slice
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return R_WB, and arms from the point to the centre of mass and their rates, in B."""
+        dynamics, psi = self._motion.dynamics.part(rows), trajectory.state.psi
+        arm, lever_arm = dynamics.com(psi), self._constant(trajectory, "lever_arm")
+        arm = arm if lever_arm is None else arm - lever_arm
+        rate = cross(trajectory.w[rows], arm) + dynamics.com_rate(psi)
+        return trajectory.R[rows], arm, rate
 
-    def _error(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        return np.asarray(self.samples.value - self._predicted(trajectory))
-
-    def _to_com(self, trajectory: Trajectory, com: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the vectors (M, 3) from the measured point to the centre of mass at (M, 3)."""
-        arm = self._constant(trajectory, "lever_arm")
-        return com if arm is None else com - arm
-
-    def _velocity(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        """Return the velocity (M, 3) of the measured point, in W."""
-        return self._motion.com_motion(trajectory, self._at)[:, 3:] - self._relative(trajectory)
-
-    def _relative(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        """Return ω × ρ + ρ' (M, 3): velocity of the centre of mass relative to the point, in W."""
-        psi, w = trajectory.state.psi, trajectory.w[self._at]
-        arm = self._to_com(trajectory, self._dynamics.com(psi))
-        return rotate(trajectory.R[self._at], cross(w, arm) + self._dynamics.com_rate(psi))
-
-    @abstractmethod
-    def _predicted(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        """Return the prediction (M, 3), in W."""
+    def _velocity(self, trajectory: Trajectory, rows: slice) -> NDArray[np.float64]:
+        """Return the velocity (M, 3) of the measured point, in W, at instants."""
+        R, _, rate = self._arms(trajectory, rows)
+        return self._motion.com_motion(trajectory, rows)[:, 3:] - rotate(R, rate)
 
 
 class PositionModel(TranslationModel):
     """A sensor of the position in W."""
 
-    def _predicted(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        return self._motion.com_motion(trajectory, self._at)[:, :3] - self._arm(trajectory)
-
-    def _arm(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        """Return the vectors (M, 3) from the measured point to the centre of mass, in W."""
-        com = self._to_com(trajectory, self._dynamics.com(trajectory.state.psi))
-        return rotate(trajectory.R[self._at], com)
+    def _error(self, trajectory: Trajectory) -> NDArray[np.float64]:
+        R, arm, _ = self._arms(trajectory, self._at)
+        com = self._motion.com_motion(trajectory, self._at)[:, :3]
+        return np.asarray(self.samples.value - (com - rotate(R, arm)))
 
     def _derivative(
         self, trajectory: Trajectory, change: MotionChange, xi: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        R = trajectory.R[self._at]
-        turned = skew(self._arm(trajectory)) @ self._at_samples(xi)
+        R, arm, _ = self._arms(trajectory, self._at)
+        turned = skew(rotate(R, arm)) @ self._at_samples(xi)
         return np.asarray(turned - R @ change.com[self._at] + change.position[self._at])
 
     def _kinds(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:
         return {"lever_arm": trajectory.R[self._at]}
 
     def _rate(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        return self._velocity(trajectory)
+        return self._velocity(trajectory, self._at)
 
 
 class VelocityModel(TranslationModel):
     """A sensor of the velocity in W."""
 
-    def _predicted(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        return self._velocity(trajectory)
+    def _error(self, trajectory: Trajectory) -> NDArray[np.float64]:
+        return np.asarray(self.samples.value - self._velocity(trajectory, self._at))
 
     def _derivative(
         self, trajectory: Trajectory, change: MotionChange, xi: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        R, w = trajectory.R[self._at], trajectory.w[self._at]
-        arm = self._to_com(trajectory, self._dynamics.com(trajectory.state.psi))
-        turned = skew(w) @ change.com[self._at]
+        R, arm, rate = self._arms(trajectory, self._at)
+        turned = skew(trajectory.w[self._at]) @ change.com[self._at]
         late = trajectory.spline.by_delay(self._times)[..., None] * change.delay
         turned -= skew(arm) @ (self._at_samples(change.w[: len(xi)]) + late)
-        relative = skew(self._relative(trajectory)) @ self._at_samples(xi)
+        relative = skew(rotate(R, rate)) @ self._at_samples(xi)
         by_com = R @ (turned + change.com_rate[self._at])
         return np.asarray(change.velocity[self._at] + relative - by_com)
 
@@ -323,15 +307,7 @@ class VelocityModel(TranslationModel):
     def _rate(self, trajectory: Trajectory) -> NDArray[np.float64]:
         times, weights = self._times, self._motion.interpolation
         slope = (weights(times + _STEP) - weights(times - _STEP)) / (2 * _STEP)
-        return np.asarray(slope @ self._nodes(trajectory))
-
-    def _nodes(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        """Return the velocity (N, 3) of the measured point at the nodes, in W."""
-        state, motion, N = trajectory.state, self._motion, len(self._motion.nodes)
-        arm = self._to_com(trajectory, motion.grid.com(state.psi))
-        relative = cross(trajectory.w[:N], arm) + motion.grid.com_rate(state.psi)
-        velocity = motion.com_motion(trajectory, slice(0, N))[:, 3:]
-        return velocity - rotate(trajectory.R[:N], relative)
+        return np.asarray(slope @ self._velocity(trajectory, slice(0, slope.shape[1])))
 
 
 def delay_of(name: str, constants: Constants, values: NDArray[np.float64]) -> float:
