@@ -296,8 +296,7 @@ def _stepped(
         for log in logs:
             assert log.start is not None
             values[f"{MOMENTUM}|{log.name}"] = np.concatenate([log.start.L, log.start.v_Wcm])
-        both = zip(logs, now.rolled, strict=True)
-        rolled = [roll(model, log, values, before) for log, before in both]
+        rolled = [roll(model, log, values) for log in logs]
     except (InputError, np.linalg.LinAlgError):
         return None
     total = now.gaussian.moved(step)

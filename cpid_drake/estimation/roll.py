@@ -90,7 +90,7 @@ def constants_of(model: Model, log: LogState, values: Values) -> NDArray[np.floa
     return np.concatenate([np.empty(0), *parts])
 
 
-def roll(model: Model, log: LogState, values: Values, near: Rolled | None = None) -> Rolled:
+def roll(model: Model, log: LogState, values: Values) -> Rolled:
     """Predict all samples of a log.
 
     White forces and changes between blocks follow from the states at which the log aims, as far as
@@ -100,7 +100,6 @@ def roll(model: Model, log: LogState, values: Values, near: Rolled | None = None
         model: the unknowns.
         log: the log; its jumps and white forces become those that reach its aims.
         values: of the unknowns.
-        near: the prediction of the same blocks at similar values; it saves time.
 
     Raises:
         InputError: no rigid body has these values.
@@ -135,7 +134,7 @@ def roll(model: Model, log: LogState, values: Values, near: Rolled | None = None
     for k, (part, block) in enumerate(zip(models, log.blocks, strict=True)):
         first = replace(state, psi=psi, constants=nominal[k], forces=log.forces[k])
         aim = log.aims.get(k + 1)
-        trajectory = part.motion.trajectory(first, near.trajectories[k] if near else None)
+        trajectory = part.motion.trajectory(first)
         if aim is not None and k not in log.jumps and len(log.forces[k]):
             trajectory = _aimed(part.motion, trajectory, aim)
             log.forces[k][:] = trajectory.state.forces
@@ -165,7 +164,7 @@ def _aimed(motion: BaseMotion, trajectory: Trajectory, aim: TrajectoryState) -> 
         if np.abs(change).max() < _REACHED:
             break
         state = replace(trajectory.state, forces=trajectory.state.forces + change)
-        trajectory = motion.trajectory(state, trajectory)
+        trajectory = motion.trajectory(state)
     return trajectory
 
 

@@ -52,8 +52,8 @@ def leaning(
     model = Model(found.model.tree, found.model.suite, _OfBase(mass=0.01, inertia=0.01))
     values = found.values | {BODIES: model.unknown(BODIES).mean}
     total = prior_of(model, found.logs, values, rows)
-    for log, rolled in zip(found.logs, found.rolled, strict=True):
-        rolled = roll(model, log, values, rolled)
+    for log in found.logs:
+        rolled = roll(model, log, values)
         total = total.add(sweep(model, log, rolled, values, forward_only=True).gaussian)
     total = total.condition({name: value for name, value in held.items() if name in total.places})
     R = total.marginal([PSI, BODIES]).R

@@ -196,12 +196,8 @@ class BaseMotion:
         samples[:, 1] -= self._drift
         return samples
 
-    def trajectory(self, state: TrajectoryState, near: Trajectory | None = None) -> Trajectory:
+    def trajectory(self, state: TrajectoryState) -> Trajectory:
         """Integrate the base's attitude over the grid.
-
-        Args:
-            state: the unknowns.
-            near: the motion for similar unknowns, if it is known: it saves time.
 
         Raises:
             InputError: the system's inertia is not positive definite for this target.
@@ -209,8 +205,8 @@ class BaseMotion:
         """
         dynamics, N = self.dynamics, len(self.nodes)
         inverse, h = dynamics.mobility(state.psi), dynamics.momentum_at_rest(state.psi)
-        step, first = self.nodes[1] - self.nodes[0], state.attitude.as_matrix()
-        R = first if near is None else first @ near.R[0].T @ near.R[:N]
+        step = self.nodes[1] - self.nodes[0]
+        R = first = state.attitude.as_matrix()
         L = np.broadcast_to(state.L, (len(self.times), 3))
         wheel = self.constants.value(state.constants, WHEEL)
         for force in self.forces.values():
