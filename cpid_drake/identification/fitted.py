@@ -66,9 +66,10 @@ def estimate(
     See `estimators.Estimator`.
     """
     suite, warnings = suite_of(known.sensors, next(iter(logs.values())))
-    suite, said = with_thrust_errors(suite, known.spacecraft.tree)
-    warnings = (*warnings, *said)
     has_thrust = any(log.measurements.has_thrust for log in logs.values())
+    if has_thrust:
+        suite, said = with_thrust_errors(suite, known.spacecraft.tree)
+        warnings = (*warnings, *said)
     far = MOST_NOISE * float(suite.sigmas("encoders")[0])
     q = [log.measurements.encoders.value for log in logs.values()]
     moves = any(float(np.std(each, axis=0).max(initial=0.0)) > far for each in q)

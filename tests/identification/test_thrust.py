@@ -23,6 +23,7 @@ from cpid_drake.logs.log import THRUST, Samples, ideal_log
 from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.presets import load_sensors
+from cpid_drake.sensors.thrusters import Thrusters, Valve
 from cpid_drake.studies.trials import draw, ideal_samples, make_case
 
 BURNS = [
@@ -99,6 +100,17 @@ def test_a_forgotten_momentum_is_estimated_in_a_log_with_thrust():
     assert np.abs(case.errors(found)).max() < 3.5
     sigma = np.sqrt(np.diag(found.momentum_covariance))
     assert (np.abs(found.momentum_estimate - momentum) < 4 * sigma).all()
+
+
+def test_valves_that_stay_closed_change_nothing():
+    """Forces err only where there are some."""
+    idle = Flight("free_flyer_payload", "testbed", [])
+    closed = Samples(np.array([0.0]), np.zeros((1, 1)))
+    expected = identify(idle.craft, idle.log, sensors=replace(idle.suite, disturbances=None))
+    suite = replace(idle.suite, disturbances=None, thrusters=Thrusters({"left": Valve()}))
+    found = identify(idle.craft, idle.log.updated({"valve:left": closed}), sensors=suite)
+    np.testing.assert_allclose(found.covariance, expected.covariance, rtol=1e-6)
+    assert found.warnings == expected.warnings
 
 
 @pytest.mark.slow
