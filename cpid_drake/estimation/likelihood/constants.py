@@ -95,7 +95,26 @@ _KINDS = {
 
 def constant_errors(suite: SensorSuite, joint_count: int) -> tuple[ConstantError, ...]:
     """Return the constant errors with σ > 0 of a suite, for a spacecraft with so many joints."""
-    found = [*_of_forces(suite), *_of_valves(suite)]
+    found, forces, thrusters = list[ConstantError](), suite.disturbances, suite.thrusters
+    if forces is not None:
+        found += [
+            ConstantError(
+                ACCELERATION, 3, forces.acceleration, "m/s²", 1.0, forces.acceleration_walk
+            ),
+            ConstantError(TORQUE, 3, forces.torque, "N·m", 1.0, forces.torque_walk),
+            ConstantError(THRUST_SCALE, 1, forces.thrust_scale, "%", 0.01),
+            ConstantError(WHEEL, 3, forces.wheel, "N·m·s", 1.0),
+            ConstantError(COMPLIANCE, 3, 1e-6 * forces.compliance_urad, "µrad/(N·m)", 1e-6),
+            ConstantError(STRETCH, 3, 1e-6 * forces.translational_compliance_um, "µm/N", 1e-6),
+        ]
+    if thrusters is not None:
+        loss, delay = f"{THRUSTERS}.{VALVE_LOSS}", f"{THRUSTERS}.{VALVE_DELAY}"
+        found += [
+            ConstantError(f"{name}.{VALVE_FORCE}", 1, valve.force_sigma / valve.force, "%", 0.01)
+            for name, valve in thrusters.valves.items()
+        ]
+        found.append(ConstantError(loss, 1, thrusters.loss, "%", 0.01))
+        found.append(ConstantError(delay, 1, 1e-3 * thrusters.delay_ms, "ms", 1e-3))
     for sensor, errors in suite.present().items():
         for kind, (field, size, unit, scale) in _KINDS.items():
             name, sigma = f"{sensor}.{kind}", scale * getattr(errors, field, 0.0)
@@ -110,35 +129,6 @@ def constant_errors(suite: SensorSuite, joint_count: int) -> tuple[ConstantError
             name = f"{sensor}.{BIAS}"
             found.append(ConstantError(name, 3, sigma, "deg/h", DEGREE_PER_HOUR, walk))
     return tuple(error for error in found if error.sigma > 0)
-
-
-def _of_forces(suite: SensorSuite) -> list[ConstantError]:
-    size = suite.disturbances
-    if size is None:
-        return []
-    return [
-        ConstantError(ACCELERATION, 3, size.acceleration, "m/s²", 1.0, size.acceleration_walk),
-        ConstantError(TORQUE, 3, size.torque, "N·m", 1.0, size.torque_walk),
-        ConstantError(THRUST_SCALE, 1, size.thrust_scale, "%", 0.01),
-        ConstantError(WHEEL, 3, size.wheel, "N·m·s", 1.0),
-        ConstantError(COMPLIANCE, 3, 1e-6 * size.compliance_urad, "µrad/(N·m)", 1e-6),
-        ConstantError(STRETCH, 3, 1e-6 * size.translational_compliance_um, "µm/N", 1e-6),
-    ]
-
-
-def _of_valves(suite: SensorSuite) -> list[ConstantError]:
-    thrusters = suite.thrusters
-    if thrusters is None:
-        return []
-    delay = f"{THRUSTERS}.{VALVE_DELAY}"
-    return [
-        *(
-            ConstantError(f"{name}.{VALVE_FORCE}", 1, valve.force_sigma / valve.force, "%", 0.01)
-            for name, valve in thrusters.valves.items()
-        ),
-        ConstantError(f"{THRUSTERS}.{VALVE_LOSS}", 1, thrusters.loss, "%", 0.01),
-        ConstantError(delay, 1, 1e-3 * thrusters.delay_ms, "ms", 1e-3),
-    ]
 
 
 class Constants:
