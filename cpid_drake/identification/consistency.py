@@ -148,8 +148,9 @@ def _reach_all_ends(found: Identification, bodies: RigidBodySet) -> bool:
     variance = np.diag(found.covariance)
     if not (np.isfinite(found.intervals).all() and (variance > 0).all()):
         return False
-    along = found.covariance / variance[:, None] * np.diff(found.intervals) / 2
-    ends = found.parameters + np.stack([-along, along])  # row i: parameter i at its end
+    along = found.covariance / variance[:, None]
+    reach = found.intervals.T - found.parameters
+    ends = found.parameters + along * reach[..., None]  # row i: parameter i at its end
     mass, com, inertia = (
         ends[..., 0],
         ends[..., 1:4],

@@ -32,6 +32,12 @@ if TYPE_CHECKING:  # Drake takes half a second to import
 FORMAT = 5
 """Version of the keys of a result file."""
 
+TURNS = 4
+"""So many times, the direction in which a parameter becomes extreme is improved."""
+
+NO_MASS = "c and I, because the interval of m contains zero"
+"""Why they are not known although the samples determine all unknowns."""
+
 Array = NDArray[np.float64]
 Count = Annotated[int, Ge(0), Le(2**53)]
 Ten = Annotated[Array, Numbers(10, unknown=True)]
@@ -204,13 +210,16 @@ class Identification:
         covariance = jacobian @ solution.covariance[np.ix_(known, known)] @ jacobian.T
         covariance[is_open, :] = covariance[:, is_open] = np.nan
         freedom = solution.row_count - solution.rank if sensors is None else None
-        with np.errstate(invalid="ignore"):  # rounding
-            half = quantile_95(freedom) * np.sqrt(np.diag(covariance))
+        intervals = _intervals(form, solution, quantile_95(freedom), parameters)
         words = describe_unobservable(solution.unobservable, form.entries)
+        if intervals[0, 0] <= 0 <= intervals[0, 1] and np.isfinite(parameters[1:]).any():
+            intervals[1:], words = np.nan, "; ".join(each for each in (words, NO_MASS) if each)
+        is_open = np.isnan(intervals).any(axis=1) & np.isfinite(np.diag(covariance))
+        parameters[is_open], covariance[is_open], covariance[:, is_open] = np.nan, np.nan, np.nan
         return cls(
             parameters=parameters,
             covariance=covariance,
-            intervals=parameters[:, None] + half[:, None] * np.array([-1.0, 1.0]),
+            intervals=intervals,
             rank=solution.rank,
             singular_values=solution.singular_values,
             condition=float(solution.condition_number) if solution.is_observable else None,
@@ -352,3 +361,32 @@ class Identification:
         """Return the files that the result was computed from, as far as they exist."""
         found = (path for source in self.sources for path in source.request.found())
         return list(dict.fromkeys(found))
+
+
+def _intervals(
+    form: Parameterization,
+    solution: LeastSquaresSolution,
+    quantile: float,
+    parameters: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the intervals (10, 2) of π: its extreme values where the unknowns' χ² is quantile².
+
+    A parameter is no linear function of the unknowns. The mass has no bound, NaN, if it passes its
+    pole on the way to an extreme value. Those of c and I are where the mass is zero.
+    """
+    known = np.isfinite(solution.estimate)
+    P = np.where(np.outer(known, known), solution.covariance, 0.0)
+    place, side, sign = np.arange(10)[:, None], np.arange(2), np.array([-1.0, 1.0])
+    x, least = np.broadcast_to(solution.estimate, (10, 2, 10)), np.zeros((10, 2))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        for _ in range(TURNS):
+            steps = x[..., None, :] + 1e-30j * np.eye(10)
+            slope = np.nan_to_num(form.to_parameters(steps).imag[place, side, :, place] * 1e30)
+            along = slope @ P
+            size = np.sqrt(np.sum(along * slope, axis=-1, keepdims=True))
+            x = solution.estimate + quantile * sign[:, None] * along / np.where(size > 0, size, 1)
+            reach = sign * (form.to_parameters(x)[place, side, place] - parameters[:, None])
+            reach[0, reach[0] < -0.1 * size[0, :, 0]] = np.nan
+            least = np.maximum(least, reach)
+    least[0] = np.nan if np.isnan(least[0]).any() else least[0]
+    return parameters[:, None] + sign * least

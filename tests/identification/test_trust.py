@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 from scipy.stats import chi2
 from sensing_cases import (
     MOMENTUM,
@@ -71,6 +72,41 @@ class TestBodies:
         told = Gaussian.of_rows({"psi": 10}, np.column_stack([R, R @ psi]))
         solution = solution_of(told, psi, 1e6 * np.ones(10))
         return Identification.of_solution(form, solution, **KNOWN_SENSORS)
+
+    def weakly_known(self, craft, share) -> Identification:
+        """Return an identification of ψ, in which σ of the mass is this share of it."""
+        form = relative_parameterization(craft.mass)
+        body = InertialParameters(20.0, [0.4, 0.1, -0.3], np.diag([3.0, 4.0, 5.0]))
+        psi = form.from_parameters(body.to_vector())
+        R = np.diag(1 / np.array([share * psi[0], *3 * [0.01], *6 * [0.02]]))
+        told = Gaussian.of_rows({"psi": 10}, np.column_stack([R, R @ psi]))
+        return Identification.of_solution(
+            form, solution_of(told, psi, 1e6 * np.ones(10)), **KNOWN_SENSORS
+        )
+
+    @pytest.mark.parametrize("share", [1e-3, 0.1, 0.3])
+    def test_intervals_are_the_extreme_values_within_what_is_known(self, craft, share):
+        """With the mass, all others change, and not in proportion."""
+        found = self.weakly_known(craft, share)
+        U = np.linalg.inv(found.solution.known.R)
+
+        def value(z, i, sign):
+            psi = found.solution.values + U @ (1.959964 * z / np.linalg.norm(z))
+            return -sign * found.form.to_parameters(psi)[i]
+
+        for i in range(10):
+            for side, sign in enumerate((-1, 1)):
+                starts = np.vstack([np.eye(10), -np.eye(10)])[[0, 10, 1, 11, 4, 14]] + 0.01
+                least = min(minimize(value, z, (i, sign)).fun for z in starts)
+                end, width = found.intervals[i, side], np.diff(found.intervals[i])[0]
+                assert abs(end + sign * least) < 0.02 * width
+
+    def test_a_centre_of_mass_is_not_known_where_the_mass_may_be_zero(self, craft):
+        found = self.weakly_known(craft, 0.6)
+        assert found.intervals[0, 0] < 0 < 20 < found.intervals[0, 1]
+        assert np.isnan(found.parameters[1:]).all()
+        assert not found.is_complete
+        assert "interval of m contains zero" in found.explain()
 
     @pytest.mark.parametrize(
         ("mass", "moments", "sigma", "said"),
