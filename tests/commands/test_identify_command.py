@@ -59,8 +59,8 @@ def test_the_result_holds_what_is_found_and_printed(cpid):
     sigma = np.sqrt(np.diag(found["covariance"]))
     assert np.all(np.abs(values - BAG.to_vector()) < 4 * sigma)
     intervals = np.array(found["intervals"])
-    np.testing.assert_allclose(intervals.mean(axis=1), values, rtol=1e-12, atol=1e-15)
-    np.testing.assert_allclose(np.diff(intervals).ravel() / 2, 1.96 * sigma, rtol=1e-3)
+    nearly = (intervals - values[:, None]) / sigma[:, None]  # c and I are not linear in m c and J
+    np.testing.assert_allclose(nearly, np.tile([-1.96, 1.96], (10, 1)), rtol=0.01)
     assert found["nearest"][0] == pytest.approx(8.5, rel=0.01)
     assert (found["rank"], found["sample_count"], found["rejected"]) == (10, 4004, {})
     assert found["warnings"] == []
