@@ -87,7 +87,7 @@ def identification_report(findings: Findings, progress: Progress = lambda step: 
     if run is not None:
         title, data = f"Simulated run “{run.folder.resolve().name}”", {**data, **run.texts}
     model = craft.model.rsplit("/", 1)[-1] if craft else "a spacecraft"
-    known = "All ten parameters" if result.rank == 10 else f"{result.rank} of ten combinations"
+    known = "All ten parameters" if result.is_observable else f"{result.rank} of ten combinations"
     subtitle = f"{known} identified with {model} by {estimator_label(result.estimator)}"
     if result.failures:
         title = f"{title}: a check failed"
