@@ -9,7 +9,7 @@ Sources: Nocedal and Wright 2006, ch. 10; Nielsen 1999 (damping); Huber 1964 (we
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import reduce
 
 import numpy as np
@@ -54,6 +54,7 @@ class Fit:
         logs: with the values of everything else.
         rolled: the logs, predicted at these values.
         gaussian: of x − values.
+        swept: the logs, linearized about these values, if a step from there may follow.
         cost: χ² of all rows.
         sweeps: number of linearizations.
         converged: whether no step would reduce χ² by more than `CLOSE`.
@@ -65,9 +66,10 @@ class Fit:
     logs: list[LogState]
     rolled: list[Rolled]
     gaussian: Gaussian
-    cost: float
-    sweeps: int
-    converged: bool
+    swept: list[Swept] = field(default_factory=list)
+    cost: float = 0.0
+    sweeps: int = 0
+    converged: bool = False
 
 
 def fit(
@@ -96,37 +98,26 @@ def fit(
     logs = list(logs)
     if values is None or any(log.start is None for log in logs):
         values, logs = start_of(model, logs, values)
-    prior = prior_of(model, logs, values, rows)
-    now = Fit(model, values, logs, [roll(model, log, values) for log in logs], prior, 0.0, 0, False)
+    rolled = [roll(model, log, values) for log in logs]
+    now = Fit(model, values, logs, rolled, prior_of(model, logs, values, rows))
     # What walks has its place between one block and the next, as joints have: it is not damped.
     pulls = {
         u.key(log.name): 0 * u.sigma if u.walk else 1 / u.sigma for u in model.table for log in logs
     }
-    damping, growth, settled, swept = 1.0, 2.0, False, list[Swept]()
-    while now.sweeps < MOST_SWEEPS and not now.converged:
+    damping, growth, settled = 1.0, 2.0, False
+    while now.sweeps < MOST_SWEEPS:
         text = f"fitting: sweep {now.sweeps + 1}, χ² {now.cost:.6g}"
         if now.sweeps and progress(text) is False:
             break
-        if settled:
-            absorbed = [each.absorbed for each in swept]
-            logs = [
-                reweighted(model, *parts)
-                for parts in zip(now.logs, now.rolled, absorbed, strict=True)
-            ]
-            now = replace(now, logs=logs)
-        swept.clear()  # a long log has room for one sweep
-        swept = [
-            sweep(model, *parts, now.values) for parts in zip(now.logs, now.rolled, strict=True)
-        ]
-        prior = prior_of(model, now.logs, now.values, rows)
-        total = reduce(Gaussian.add, [each.gaussian for each in swept], prior)
-        cost = _cost(now, rows, now.values)
-        now = replace(now, gaussian=total, cost=cost, sweeps=now.sweeps + 1)
-        pull = np.concatenate([pulls[name] for name in total.places])
+        now = replace(_linear(now, rows), cost=_cost(now, rows, now.values), sweeps=now.sweeps + 1)
+        total, cost = now.gaussian, now.cost
         held = {PSI: undetermined(model, now.values[PSI], total)[0]}
+        if settled and cost - total.cost(total.solve(held=held)) < CLOSE:
+            return replace(now, converged=True)  # with weights that are those of the residuals
+        pull = np.concatenate([pulls[name] for name in total.places])
         for _ in range(_REJECTED):
             step = total.solve(np.sqrt(damping) * pull, held)
-            fall, tried = cost - total.cost(step), _stepped(now, swept, step, rows)
+            fall, tried = cost - total.cost(step), _stepped(now, step, rows)
             gain = -1.0 if tried is None else (cost - tried.cost) / max(fall, 1e-300)
             is_close = tried is not None and fall < CLOSE and tried.cost < cost + CLOSE
             if tried is not None and (gain > 0 or is_close):
@@ -135,11 +126,15 @@ def fit(
         else:
             break
         damping, growth = damping * max(0.1, 1 - (2 * float(np.clip(gain, 0, 1)) - 1) ** 3), 2.0
-        damping = max(damping, 1e-12)
-        left = cost - total.cost(total.solve(held=held))  # a damped step may be small anywhere
-        # Close with weights that are those of the residuals.
-        now = replace(tried, converged=settled and left < CLOSE)
-        settled = fall < SETTLED * max(cost, sum(r.count for r in now.rolled))
+        damping, logs = max(damping, 1e-12), tried.logs
+        settled = fall < SETTLED * max(cost, sum(r.count for r in tried.rolled))
+        if settled:
+            absorbed = [each.absorbed for each in now.swept]
+            logs = [
+                reweighted(model, *parts)
+                for parts in zip(logs, tried.rolled, absorbed, strict=True)
+            ]
+        now = replace(tried, logs=logs)
     return now
 
 
@@ -157,22 +152,30 @@ def about(found: Fit, held: Values, rows: Sequence[Gaussian] = ()) -> Fit:
     """
     now, held = found, dict(held)
     for _ in range(MOST_SWEEPS):
-        swept = [sweep(now.model, *p, now.values) for p in zip(now.logs, now.rolled, strict=True)]
-        prior = prior_of(now.model, now.logs, now.values, rows)
-        total = reduce(Gaussian.add, [each.gaussian for each in swept], prior)
-        now = replace(now, gaussian=total)
-        rest, step = total.condition(held), np.zeros(total.size)
-        psi = {PSI: undetermined(now.model, now.values[PSI], rest)[0]}
-        step[total.indices(rest.places)] = rest.solve(held=psi)
+        total, rest = now.gaussian, now.gaussian.condition(held)
+        psi, step = undetermined(now.model, now.values[PSI], rest)[0], np.zeros(total.size)
+        step[total.indices(rest.places)] = rest.solve(held={PSI: psi})
         for name, value in held.items():
             step[total.places[name]] = value
         if np.sum((total.R @ step) ** 2) < CLOSE:
-            return now
-        moved = _stepped(now, swept, step, rows)
+            return replace(now, swept=[])
+        moved = _stepped(now if now.swept else _linear(now, rows), step, rows)
         if moved is None:
             break
-        now, held = moved, dict.fromkeys(held, np.zeros(1))
+        now = _linear(moved, rows, forward_only=True)
+        held = dict.fromkeys(held, np.zeros(1))
     return replace(found, converged=False)
+
+
+def _linear(now: Fit, rows: Sequence[Gaussian], *, forward_only: bool = False) -> Fit:
+    """Return a fit with the Gaussian about its values; no step can follow if it is forward only."""
+    swept = [
+        sweep(now.model, *parts, now.values, forward_only=forward_only)
+        for parts in zip(now.logs, now.rolled, strict=True)
+    ]
+    prior = prior_of(now.model, now.logs, now.values, rows)
+    total = reduce(Gaussian.add, [each.gaussian for each in swept], prior)
+    return replace(now, gaussian=total, swept=[] if forward_only else swept)
 
 
 def reweighted(model: Model, log: LogState, rolled: Rolled, absorbed: dict[str, float]) -> LogState:
@@ -285,14 +288,12 @@ def _cost(found: Fit, rows: Sequence[Gaussian], weighed_at: Values) -> float:
     return samples + prior.cost(np.zeros(prior.size))
 
 
-def _stepped(
-    now: Fit, swept: Sequence[Swept], step: NDArray[np.float64], rows: Sequence[Gaussian]
-) -> Fit | None:
+def _stepped(now: Fit, step: NDArray[np.float64], rows: Sequence[Gaussian]) -> Fit | None:
     """Return the fit after a step; None if no motion can be predicted there."""
     model, parts = now.model, {name: step[place] for name, place in now.gaussian.places.items()}
     values = now.values | {name: now.values[name] + part for name, part in parts.items()}
     try:
-        logs = [back(model, log, s, parts) for log, s in zip(now.logs, swept, strict=True)]
+        logs = [back(model, log, s, parts) for log, s in zip(now.logs, now.swept, strict=True)]
         for log in logs:
             assert log.start is not None
             values[f"{MOMENTUM}|{log.name}"] = np.concatenate([log.start.L, log.start.v_Wcm])
@@ -300,6 +301,6 @@ def _stepped(
     except (InputError, np.linalg.LinAlgError):
         return None
     total = now.gaussian.moved(step)
-    there = replace(now, values=values, logs=logs, rolled=rolled, gaussian=total)
+    there = replace(now, values=values, logs=logs, rolled=rolled, gaussian=total, swept=[])
     cost = _cost(there, rows, now.values)
     return replace(there, cost=cost) if np.isfinite(cost) else None
