@@ -21,7 +21,7 @@ from cpid_drake.dynamics.rows import STANDARD_ROWS, RowFamily
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.estimation.evidence import NAMED
-from cpid_drake.estimation.gaussian import Gaussian, solution_of
+from cpid_drake.estimation.gaussian import Gaussian, LeastSquaresSolution, solution_of
 from cpid_drake.estimation.least_squares import KNOWN
 from cpid_drake.estimation.rows_fit import (
     FEWEST,
@@ -33,6 +33,7 @@ from cpid_drake.estimation.rows_fit import (
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.identification.checked_log import CheckedLog, Known, suite_of
 from cpid_drake.identification.checks import IMPROBABLE, Check, halves_check, momentum_words
+from cpid_drake.identification.leaning import with_larger_base
 from cpid_drake.identification.result import Identification, ResidualSeries
 from cpid_drake.identification.together import with_sources
 from cpid_drake.logs.log import Log
@@ -68,64 +69,78 @@ def estimate(
 
     See `estimators.Estimator`.
     """
-    found = {name: _identified(known, log) for name, log in logs.items()}
-    if len(found) == 1 and known.prior is None:
-        return next(iter(found.values()))[0]
-    return _combined(known, found)
-
-
-def _combined(known: Known, logs: Mapping[str, tuple[Identification, Gaussian]]) -> Identification:
-    """Return the estimate of one target from all logs and the prior, and whether they agree."""
-    found, sources = (
-        {n: each for n, (each, _) in logs.items()},
-        {n: g for n, (_, g) in logs.items()},
-    )
-    first, prior = next(iter(found.values())), known.prior
-    form, total = first.form, reduce(Gaussian.add, sources.values())
-    assert form is not None
-    x, scale = plausible(known.spacecraft, form, total)
-    largest = KNOWN
-    if prior is not None:
-        logs_say, x = total, prior.moved(form, x)
-        for _ in range(4):  # each squares the error of linearizing it about the joint estimate
-            told = prior.gaussian(TARGET, form, x, scale)
-            # What only the prior determines is determined, however vague the prior is.
-            largest = max(KNOWN, 1.5 / float(told.singular_parts(scale)[1].min()))
-            total = logs_say.add(told)
-            x = solution_of(total, x, scale, largest=largest).values
-        sources[prior.name] = told
+    craft, family = known.spacecraft, known.family
+    assert family is not None
+    trees = {"": craft.tree}
+    if known.known_bodies is None:
+        trees |= with_larger_base(craft.tree)
+    told = {name: _told(known, log, trees) for name, log in logs.items()}
+    fields = {name: own for name, (own, _, _) in told.items()}
+    sources = {name: target for name, (_, target, _) in told.items()}
+    form = family.parameterization(craft.mass)
+    rows = sum(own.pop("row_count") for own in fields.values())
+    solution, prior = _solved(known, form, reduce(Gaussian.add, sources.values()), rows)
+    if not all(own.pop("has_noise") for own in fields.values()):
+        solution = replace(solution, covariance=np.full((10, 10), np.nan))
     where = {name: f"{name}: " if len(logs) > 1 else "" for name in logs}
-    common: dict[str, Any] = {
-        "momentum": max((own.momentum for own in found.values()), key=_MOMENTA.index),
+    counts = {name: own.pop("sample_count") for name, own in fields.items()}
+    common = {
+        "sensors": next(iter(fields.values()))["sensors"],
+        "momentum": max((own.pop("momentum") for own in fields.values()), key=_MOMENTA.index),
+        "warnings": tuple(where[n] + text for n in logs for text in fields[n].pop("warnings")),
+        "checks": tuple(
+            replace(check, sentence=where[n] + check.sentence if check.sentence else "")
+            for n in logs
+            for check in fields[n].pop("checks")
+        ),
     }
-    if len(logs) == 1:  # of several logs, each has its own
-        names = ("residuals", "momentum_estimate", "momentum_covariance")
-        common |= {name: getattr(first, name) for name in names}
-    rows = sum(own.solution.row_count for own in found.values() if own.solution is not None)
+    if len(logs) == 1:  # of several logs, each has its own momentum and residuals
+        common |= next(iter(fields.values()))
+    at = {}
+    for name, tree in trees.items():
+        total = reduce(Gaussian.add, (held[name] for _, _, held in told.values()))
+        changed = family.parameterization(tree.mass)
+        at[name] = changed.to_parameters(_solved(known, changed, total)[0].values)
+    is_known = np.isfinite(form.to_parameters(solution.estimate))
     result = Identification.of_solution(
         form,
-        solution_of(total, x, scale, largest=largest, row_count=rows),
-        sensors=first.sensors,
-        sample_count=sum(own.sample_count for own in found.values()),
+        solution,
+        sample_count=sum(counts.values()),
         estimator=NAME,
-        rows=first.rows,
-        warnings=tuple(where[n] + text for n, own in found.items() for text in own.warnings),
-        checks=tuple(
-            replace(each, sentence=where[n] + each.sentence if each.sentence else "")
-            for n, own in found.items()
-            for each in own.checks
-        ),
+        rows=family.name,
+        leaning={n: np.where(is_known, x - at[""], np.nan) for n, x in at.items() if n},
         **common,
     )
+    if len(logs) == 1 and prior is None:
+        return result
+    if known.prior is not None and prior is not None:
+        sources[known.prior.name] = prior
     return with_sources(
         result,
         Gaussian({TARGET: slice(0, 10)}, np.zeros((10, 10)), np.zeros(10)),
         sources,
         TARGET,
-        lambda gaussian: solution_of(gaussian.marginal([TARGET]), x, scale),
-        {name: own.sample_count for name, own in found.items()},
-        prior,
+        lambda gaussian: solution_of(gaussian, solution.values, solution.unit),
+        counts,
+        known.prior,
     )
+
+
+def _solved(
+    known: Known, form: Parameterization, logs: Gaussian, row_count: int = 0
+) -> tuple[LeastSquaresSolution, Gaussian | None]:
+    """Return the target's unknowns by logs and prior, and the prior's part, if there is one."""
+    x, scale = plausible(known.spacecraft, form, logs)
+    if known.prior is None:
+        return solution_of(logs, x, scale, row_count=row_count), None
+    x = known.prior.moved(form, x)
+    for _ in range(4):  # each squares the error of linearizing it about the joint estimate
+        prior = known.prior.gaussian(TARGET, form, x, scale)
+        # What only the prior determines is determined, however vague the prior is.
+        largest = max(KNOWN, 1.5 / float(prior.singular_parts(scale)[1].min()))
+        found = solution_of(logs.add(prior), x, scale, largest=largest, row_count=row_count)
+        x = found.values
+    return found, prior
 
 
 def plausible(
@@ -228,8 +243,14 @@ def _motion(
         )
 
 
-def _identified(known: Known, log: CheckedLog) -> tuple[Identification, Gaussian]:
-    """Return the estimate from one log, and the log's Gaussian of the target."""
+def _told(
+    known: Known, log: CheckedLog, trees: Mapping[str, KinematicTree]
+) -> tuple[dict[str, Any], Gaussian, dict[str, Gaussian]]:
+    """Return a log's fields of an identification, its Gaussian of the target, and that by tree.
+
+    The first Gaussian is the average over zero and an unknown momentum; the others, with the known
+    bodies of each tree, have the likelier one.
+    """
     spacecraft, momentum, family = known.spacecraft, known.momentum, known.family
     assert family is not None
     tree, suite, warnings = spacecraft.tree, known.sensors, tuple[str, ...]()
@@ -237,30 +258,24 @@ def _identified(known: Known, log: CheckedLog) -> tuple[Identification, Gaussian
         suite = None
     elif suite is None and complete_samples(log.measurements, family) is None:
         suite, warnings = suite_of(None, log)
-    has_place = bool(len(log.measurements.position))
-    has_attitude = bool(len(log.measurements.attitude))
+    has_place = bool(len(log.measurements.position)) or not family.uses_base_position
     is_open = momentum is None or momentum.is_zero  # the samples may contradict zero
-    is_tested = is_open and has_attitude
-
-    def rows_of(family: RowFamily) -> LogRows:
-        is_free = (
-            is_tested and family.momentum_size and (has_place or not family.uses_base_position)
-        )
-        assumed = TotalMomentum.unknown() if is_free else momentum or TotalMomentum.zero()
-        rows = LogRows(tree, family, assumed)
-        for part in _motion(log, tree, family, suite):
-            rows.add(*part)
-        return rows
-
-    rows = rows_of(family)
+    is_tested = is_open and bool(len(log.measurements.attitude)) and has_place
+    unknown, zero = TotalMomentum.unknown(), TotalMomentum.zero()
+    assumed = unknown if is_tested and family.momentum_size else momentum or zero
+    by_tree = {name: LogRows(each, family, assumed) for name, each in trees.items()}
+    rows = tester = by_tree[""]
+    if is_tested and not family.momentum_size:
+        tester = LogRows(tree, STANDARD_ROWS, unknown)
+    for part in _motion(log, tree, family, suite):
+        for each in {*by_tree.values(), tester}:
+            each.add(*part)
     noise = rows.noise()
     if is_open and noise.scatter is None:  # too few rows for a free momentum
         noise = rows.noise(is_zero=True)
-    tester = (rows, noise)
-    if is_tested and not family.momentum_size and has_place:
-        other = rows_of(STANDARD_ROWS)
-        tester = other, other.noise()
-    compared = _compared(spacecraft, *tester) if is_open and tester[0].extra else None
+    compared = None
+    if is_open and tester.extra:
+        compared = _compared(spacecraft, tester, noise if tester is rows else tester.noise())
     likely = 0.0 if compared is None else compared[0]
     is_zero = is_open and not (likely >= NAMED and rows.extra)
     cannot = "" if rows.extra else family.name
@@ -268,43 +283,41 @@ def _identified(known: Known, log: CheckedLog) -> tuple[Identification, Gaussian
     if suite is not None and (suite.disturbances or Disturbances()) != Disturbances():
         checks = (*checks, Check("forces", _FORCES))
     whole, first = rows.gaussians(noise, is_zero=is_zero)
-    own = np.zeros(rows.extra) if is_zero else whole.solve()[: rows.extra]
-    target, most = whole.marginal([TARGET]), len(tree.unknowns)
-    fields = {} if is_zero else _momentum(rows, whole, most)
+    target, most, own = whole.marginal([TARGET]), len(tree.unknowns), np.zeros(rows.extra)
+    fields: dict[str, Any] = {}
     if compared is not None and rows.extra and (momentum is None or not is_zero):
         target = compared[1]
     if compared is not None and not is_zero:
         fields = compared[2]
         own = fields["momentum_estimate"]
-
-    form, count = rows.form, rows.row_count
-    nominal, scale = plausible(spacecraft, form, target)
-    solution = solution_of(
-        target, nominal, scale, row_count=count - (rows.extra if own.any() else 0)
-    )
+    elif rows.extra and not is_zero:
+        own = whole.solve()[: rows.extra]
+        if whole.rank == rows.extra + most:
+            inverse = np.linalg.pinv(whole.R)[: rows.extra]
+            fields = {"momentum_estimate": own, "momentum_covariance": inverse @ inverse.T}
+    count, has_noise = rows.row_count, noise.scatter is not None
+    solution = solution_of(target, *plausible(spacecraft, rows.form, target))
     x = np.append(own, solution.values)  # what is not determined must not explain errors
-    if noise.scatter is None:
-        solution = replace(solution, covariance=np.full((10, 10), np.nan))
-    is_shown = solution.rank == most and count > FEWEST
-    residuals = _residuals(rows, x, family) if is_shown else {}
-    is_judged = solution.rank == most and noise.scatter is not None
-    found = Identification.of_solution(
-        form,
-        solution,
-        sensors=suite,
-        sample_count=rows.sample_count,
-        estimator=NAME,
-        rows=family.name,
-        residuals=residuals,
-        momentum="zero" if is_zero else "unknown" if momentum is None or is_open else momentum.name,
-        warnings=(*warnings, *said),
-        checks=(
-            *checks,
-            *_checks(*rows.misfit(x), (first, whole) if is_judged else None, tree),
-        ),
-        **fields,
-    )
-    return found, target
+    is_whole = solution.rank == most
+    halves = (first, whole) if is_whole and has_noise else None
+    fields |= {
+        "sensors": suite,
+        "sample_count": rows.sample_count,
+        "row_count": count - (rows.extra if own.any() else 0),
+        "has_noise": has_noise,
+        "momentum": "zero"
+        if is_zero
+        else "unknown"
+        if momentum is None or is_open
+        else momentum.name,
+        "residuals": _residuals(rows, x, family) if is_whole and count > FEWEST else {},
+        "warnings": (*warnings, *said),
+        "checks": (*checks, *_checks(*rows.misfit(x), halves, tree)),
+    }
+    held = {
+        n: r.gaussians(noise, is_zero=is_zero)[0].marginal([TARGET]) for n, r in by_tree.items()
+    }
+    return fields, target, held
 
 
 def _checks(
@@ -357,14 +370,3 @@ def _compared(
     sigma = Model(spacecraft.tree, SensorSuite()).unknown(MOMENTUM).sigma  # of [L; v]
     size = plausible(spacecraft, rows.form, zero)[1]
     return compare_momentum(rows, noise, sigma * np.repeat([1.0, spacecraft.mass], 3), size)
-
-
-def _momentum(rows: LogRows, whole: Gaussian, most: int) -> dict[str, Any]:
-    """Return the fields of an unknown momentum; none if the rows do not determine everything."""
-    if not rows.extra or whole.rank < rows.extra + most:
-        return {}
-    inverse = np.linalg.pinv(whole.R)[: rows.extra]
-    return {
-        "momentum_estimate": whole.solve()[: rows.extra],
-        "momentum_covariance": inverse @ inverse.T,
-    }

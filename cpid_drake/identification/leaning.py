@@ -1,6 +1,7 @@
 """What an estimate leans on: its change if what is held were 1 % larger."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,16 @@ class _OfBase(BodyUncertainty):
         sigmas = super().all_sigmas(wheels, joints)
         sigmas[10:] = 0.0
         return sigmas
+
+
+def with_larger_base(tree: KinematicTree) -> dict[str, KinematicTree]:
+    """Return the known spacecraft with 1 % more mass, and with 1 % more inertia, of its base."""
+    base, *others = tree.lumped.bodies
+    larger = {
+        MASS: replace(base, mass=1.01 * base.mass),
+        INERTIA: replace(base, I_BBcm=1.01 * base.I_BBcm),
+    }
+    return {n: replace(tree.lumped, bodies=(each, *others)) for n, each in larger.items()}
 
 
 def leaning(

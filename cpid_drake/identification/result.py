@@ -133,8 +133,8 @@ class Identification:
         effects: estimates of the constant errors that the sensors declare, of forces, and of errors
             that act although nobody declares them.
         leaning: change (10,) of the parameters if what is held were 1 % larger: "mass" or "inertia"
-            of the base (a fit's), the link that holds the target, or all masses and inertias; NaN
-            where not known. Empty if the spacecraft is uncertain.
+            of the base (not online), the link that holds the target, or all masses and inertias;
+            NaN where not known. Empty if the spacecraft is uncertain.
         logs: the estimates from each log alone and, last, from the prior alone, by their names; if
             several logs or a prior were used.
         checks: see `cpid_drake.identification.checks`; those that failed come first.
