@@ -85,18 +85,6 @@ class RigidBodySet:
         rows = np.column_stack([A, factor * (U.T @ self.rows.z)])
         object.__setattr__(self, "rows", Gaussian.of_rows(self.rows.sizes, rows))
 
-    # -- the parameters ------------------------------------------------------------------------
-
-    def distances(self, parameters: Array, unknowns: Array) -> Array:
-        """Return |A x − b| (N,) of rigid bodies π (N, 10) with unknowns x (N, 10), in σ.
-
-        It is infinite for bodies that are too large.
-        """
-        mass, com = parameters[:, 0], parameters[:, 1:4]
-        spread = parameters[:, 4:7].sum(axis=1) / 2 + mass * np.sum(com**2, axis=1)
-        found = np.linalg.norm(unknowns @ self.rows.R.T - self.rows.z, axis=1)
-        return np.where(spread <= mass * self.size**2, found, np.inf)
-
     def nearest(self) -> tuple[float, Array]:
         """Return the smallest |A x − b| of a rigid body, in σ, and the unknowns (10,) of this body.
 
@@ -295,7 +283,7 @@ class _Program:
         if not result.is_success():
             return np.nan, np.full(10, np.nan)
         z = result.GetSolution(self._z)
-        return float(result.get_optimal_cost()), np.asarray(z[:10] * self._bodies.scale)
+        return max(float(result.get_optimal_cost()), 0.0), np.asarray(z[:10] * self._bodies.scale)
 
     def _solve(self) -> "MathematicalProgramResult":
         from pydrake.solvers import ClarabelSolver

@@ -12,15 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri, fdtri
 
-from cpid_drake.dynamics.inertia import InertialParameters, inside_the_limits
-from cpid_drake.dynamics.parameterizations import (
-    REPORT_ORDER,
-    TENSOR_ORDER,
-    tensor_to_vector,
-    vector_to_tensor,
-)
+from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.tree import KinematicTree
-from cpid_drake.estimation.rigid_body_set import LEAST_SIGMA, ROUNDING, RigidBodySet
+from cpid_drake.estimation.rigid_body_set import RigidBodySet
 from cpid_drake.identification.checks import IMPROBABLE, NEAREST, NOISE, Check
 from cpid_drake.identification.result import Combinations, Identification
 
@@ -53,13 +47,10 @@ def _with_bodies(found: Identification, tree: KinematicTree) -> Identification:
     combinations, intervals, distance = None, None, np.nan
     bodies = _bodies(found, tree)
     if bodies is not None:
-        if nearest is not None:
-            [distance] = bodies.distances(nearest[None], form.from_parameters(nearest)[None])
-        if not distance <= ROUNDING / LEAST_SIGMA:  # else the solver finds none that is nearer
-            distance, unknowns = bodies.nearest()
-            if found.is_observable and found.infeasibilities and np.isfinite(distance):
-                near = InertialParameters.from_vector(form.to_parameters(unknowns))
-                nearest = near.nearest_feasible().to_vector()  # the solver rounds
+        distance, unknowns = bodies.nearest()
+        if found.infeasibilities and np.isfinite(distance):
+            near = InertialParameters.from_vector(form.to_parameters(unknowns))
+            nearest = near.nearest_feasible().to_vector()  # the solver rounds
         is_possible = distance <= bodies.radius
         intervals = None if np.isnan(distance) else np.full((10, 2), np.nan)
         intervals = _possible(found, bodies) if is_possible else intervals
@@ -115,14 +106,13 @@ def _bodies(found: Identification, tree: KinematicTree) -> RigidBodySet | None:
 
 def _possible(found: Identification, bodies: RigidBodySet) -> NDArray[np.float64]:
     """Return the physically consistent part (10, 2) of the intervals."""
-    if _reach_all_ends(found, bodies):
-        return found.intervals
     bounds = bodies.bounds()
     if bounds is None:  # the solver rounds, and only the estimate's surroundings are possible
         return found.intervals
     known = np.isfinite(found.parameters)[:, None] & ~np.isnan(found.intervals)
     free = np.where(known, found.intervals, [-np.inf, np.inf])
-    slack = _slack(bodies)
+    mass, size = bodies.mass, bodies.size
+    slack = 1e-6 * np.array([mass, *3 * [size], *6 * [mass * size**2]])  # the solver rounds
     low = np.where(bounds[:, 0] > free[:, 0] + slack, bounds[:, 0], free[:, 0])
     high = np.where(bounds[:, 1] < free[:, 1] - slack, bounds[:, 1], free[:, 1])
     # No body may have a value of the interval and be in the confidence region of all unknowns.
@@ -130,41 +120,6 @@ def _possible(found: Identification, bodies: RigidBodySet) -> NDArray[np.float64
     low, high = np.where(empty, bounds[:, 0], low), np.where(empty, bounds[:, 1], high)
     intervals = np.stack([low, high], axis=1)
     return np.where(np.isfinite(intervals), intervals, np.nan)
-
-
-def _slack(bodies: RigidBodySet) -> NDArray[np.float64]:
-    """Return the rounding error (10,) of a limit."""
-    mass, size = bodies.mass, bodies.size
-    return 1e-6 * np.array([mass, *3 * [size], *6 * [mass * size**2]])
-
-
-def _reach_all_ends(found: Identification, bodies: RigidBodySet) -> bool:
-    """Return whether some rigid bodies reach both ends of all intervals, which are then whole.
-
-    An end moves the other parameters by their covariance with it; of the inertia, the nearest one
-    that a rigid body has is tried.
-    """
-    assert found.form is not None
-    variance = np.diag(found.covariance)
-    if not (np.isfinite(found.intervals).all() and (variance > 0).all()):
-        return False
-    along = found.covariance / variance[:, None]
-    reach = found.intervals.T - found.parameters
-    ends = found.parameters + along * reach[..., None]  # row i: parameter i at its end
-    mass, com, inertia = (
-        ends[..., 0],
-        ends[..., 1:4],
-        vector_to_tensor(ends[..., 4:][..., TENSOR_ORDER]),
-    )
-    inertia = inside_the_limits(mass, com, inertia)
-    ends[..., 4:] = tensor_to_vector(inertia)[..., REPORT_ORDER]
-    reached = np.diagonal(ends, axis1=1, axis2=2)
-    misses = np.maximum(reached[0] - found.intervals[:, 0], found.intervals[:, 1] - reached[1])
-    flat = ends.reshape(20, 10)
-    distances = bodies.distances(flat, found.form.from_parameters(flat))
-    return bool(
-        (mass > 0).all() and (misses <= _slack(bodies)).all() and (distances <= bodies.radius).all()
-    )
 
 
 def _plausible(found: Identification, tree: KinematicTree) -> tuple[float, float]:
