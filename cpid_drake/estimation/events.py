@@ -27,10 +27,8 @@ LATER = 8
 
 
 def fit_with_events(
-    model: Model,
     found: Fit,
     question: Question,
-    rows: Sequence[Gaussian] = (),
     progress: Callable[[str], object] = lambda step: None,
 ) -> tuple[Fit, dict[str, Whiteness]]:
     """Return a fit with the changes of momentum that its samples show; see `LogState.changes`.
@@ -39,32 +37,32 @@ def fit_with_events(
     ends of all blocks open: what imitates changes, such as correlated noise, is seen there.
 
     Args:
-        model: the unknowns.
         found: a fit without changes, which is returned if the samples show none.
         question: the candidates beside the changes, which are judged together.
-        rows, progress: see `fit`.
+        progress: see `fit`.
 
     Raises:
         InputError: no motion can be predicted.
 
     """
+    model = found.model
     quiet = [replace(log, noise={}, weights=tuple({} for _ in log.blocks)) for log in found.logs]
-    if not any(_changes(model, replace(found, logs=quiet), question, rows)):
+    if not any(_changes(replace(found, logs=quiet), question)):
         return found, {}
     now, wide, tests = found, found, dict[str, Whiteness]()
     for last in (False, True):  # whole blocks, then parts of those beside changes
         logs = [log.opened(range(len(log.blocks) - 1)) for log in now.logs]
-        wide = fit(model, logs, rows=rows, values=now.values, progress=progress)
+        wide = fit(model, logs, values=now.values, progress=progress)
         if wide.cost > FAR**2 * sum(each.count for each in wide.rolled):
             return found, {}  # changes do not explain the samples
-        changes = _changes(model, wide, question, rows)
+        changes = _changes(wide, question)
         if last or not any(changes):
             break
         tests = _tests(wide, changes)
         cut = [_cut(model, log, each) for log, each in zip(wide.logs, changes, strict=True)]
         now = replace(wide, logs=cut)
     logs = [log.opened(each) for log, each in zip(wide.logs, changes, strict=True)]
-    return fit(model, logs, rows=rows, values=wide.values, progress=progress), tests
+    return fit(model, logs, values=wide.values, progress=progress), tests
 
 
 def _tests(found: Fit, changes: Sequence[Sequence[int]]) -> dict[str, Whiteness]:
@@ -78,11 +76,9 @@ def _tests(found: Fit, changes: Sequence[Sequence[int]]) -> dict[str, Whiteness]
     return {name: each.whiteness for name, each in sums.items()}
 
 
-def _changes(
-    model: Model, found: Fit, question: Question, rows: Sequence[Gaussian]
-) -> list[list[int]]:
+def _changes(found: Fit, question: Question) -> list[list[int]]:
     """Return of each log the blocks at whose ends something changed."""
-    result = []
+    model, result = found.model, []
     for log, rolled in zip(found.logs, found.rolled, strict=True):
         best, count = list[int](), len(log.blocks)
         before = known_at_start(model, log, found.values)
@@ -97,7 +93,7 @@ def _changes(
             ).end
             parts = log.part(later.start, later.stop), rolled.part(later.start, later.stop)
             carried = sweep(model, *parts, found.values, before=known, forward_only=True).gaussian
-            compared = _compared(model, own, found, carried, ends, question, rows)
+            compared = _compared(own, found, carried, ends, question)
             best += [first + k for k in ends if _name(k, log) in compared.best]
             known = known.condition(
                 {_name(k, log): 0.0 for k in ends if first + k not in log.jumps}
@@ -108,20 +104,18 @@ def _changes(
 
 
 def _compared(
-    model: Model,
     log: LogState,
     found: Fit,
     gaussian: Gaussian,
     ends: Sequence[int],
     question: Question,
-    rows: Sequence[Gaussian],
 ) -> Comparison:
     """Return the comparison of changes at some ends of a log, beside all other candidates."""
-    total = prior_of(model, [log], found.values, rows).add(gaussian)
+    total = prior_of(found.model, [log], found.values).add(gaussian)
     names = {_name(k, log): k for k in ends}
     values = found.values | {name: log.jumps[k] for name, k in names.items()}
     values = {name: values.get(name, np.zeros(size)) for name, size in total.sizes.items()}
-    candidates = dict.fromkeys(names, model.farthest)
+    candidates = dict.fromkeys(names, found.model.farthest)
     return question.answer(total, values, candidates)
 
 

@@ -76,7 +76,6 @@ def fit(
     model: Model,
     logs: Sequence[LogState],
     *,
-    rows: Sequence[Gaussian] = (),
     values: Values | None = None,
     progress: Callable[[str], object] = lambda step: None,
 ) -> Fit:
@@ -85,7 +84,6 @@ def fit(
     Args:
         model: the unknowns and their priors.
         logs: of the same hardware and target; they get a start if they have none.
-        rows: further information about unknowns, each by its values.
         values: of all unknowns, at which logs that have a start are continued; default: from
             linear least squares.
         progress: called before every sweep but the first with a description; if it returns False,
@@ -99,7 +97,7 @@ def fit(
     if values is None or any(log.start is None for log in logs):
         values, logs = start_of(model, logs, values)
     rolled = [roll(model, log, values) for log in logs]
-    now = Fit(model, values, logs, rolled, prior_of(model, logs, values, rows))
+    now = Fit(model, values, logs, rolled, prior_of(model, logs, values))
     # What walks has its place between one block and the next, as joints have: it is not damped.
     pulls = {
         u.key(log.name): 0 * u.sigma if u.walk else 1 / u.sigma for u in model.table for log in logs
@@ -109,7 +107,7 @@ def fit(
         text = f"fitting: sweep {now.sweeps + 1}, χ² {now.cost:.6g}"
         if now.sweeps and progress(text) is False:
             break
-        now = replace(_linear(now, rows), cost=_cost(now, rows, now.values), sweeps=now.sweeps + 1)
+        now = replace(_linear(now), cost=_cost(now, now.values), sweeps=now.sweeps + 1)
         total, cost = now.gaussian, now.cost
         held = {PSI: undetermined(model, now.values[PSI], total)[0]}
         if settled and cost - total.cost(total.solve(held=held)) < CLOSE:
@@ -117,7 +115,7 @@ def fit(
         pull = np.concatenate([pulls[name] for name in total.places])
         for _ in range(_REJECTED):
             step = total.solve(np.sqrt(damping) * pull, held)
-            fall, tried = cost - total.cost(step), _stepped(now, step, rows)
+            fall, tried = cost - total.cost(step), _stepped(now, step)
             gain = -1.0 if tried is None else (cost - tried.cost) / max(fall, 1e-300)
             is_close = tried is not None and fall < CLOSE and tried.cost < cost + CLOSE
             if tried is not None and (gain > 0 or is_close):
@@ -138,7 +136,7 @@ def fit(
     return now
 
 
-def about(found: Fit, held: Values, rows: Sequence[Gaussian] = ()) -> Fit:
+def about(found: Fit, held: Values) -> Fit:
     """Return a fit, linear about the values that are best if some unknowns have given values.
 
     Where a motion is not seen, what depends on its size seems to be known at values that only noise
@@ -147,7 +145,6 @@ def about(found: Fit, held: Values, rows: Sequence[Gaussian] = ()) -> Fit:
     Args:
         found: a fit.
         held: the given values, less those of the fit.
-        rows: see `fit`.
 
     """
     now, held = found, dict(held)
@@ -159,21 +156,21 @@ def about(found: Fit, held: Values, rows: Sequence[Gaussian] = ()) -> Fit:
             step[total.places[name]] = value
         if np.sum((total.R @ step) ** 2) < CLOSE:
             return replace(now, swept=[])
-        moved = _stepped(now if now.swept else _linear(now, rows), step, rows)
+        moved = _stepped(now if now.swept else _linear(now), step)
         if moved is None:
             break
-        now = _linear(moved, rows, forward_only=True)
+        now = _linear(moved, forward_only=True)
         held = dict.fromkeys(held, np.zeros(1))
     return replace(found, converged=False)
 
 
-def _linear(now: Fit, rows: Sequence[Gaussian], *, forward_only: bool = False) -> Fit:
+def _linear(now: Fit, *, forward_only: bool = False) -> Fit:
     """Return a fit with the Gaussian about its values; no step can follow if it is forward only."""
     swept = [
         sweep(now.model, *parts, now.values, forward_only=forward_only)
         for parts in zip(now.logs, now.rolled, strict=True)
     ]
-    prior = prior_of(now.model, now.logs, now.values, rows)
+    prior = prior_of(now.model, now.logs, now.values)
     total = reduce(Gaussian.add, [each.gaussian for each in swept], prior)
     return replace(now, gaussian=total, swept=[] if forward_only else swept)
 
@@ -249,13 +246,12 @@ def prior_of(
     model: Model,
     logs: Sequence[LogState],
     values: Values,
-    rows: Sequence[Gaussian],
     weighed_at: Values | None = None,
 ) -> Gaussian:
     """Return what is known without samples, about the present values.
 
     Args:
-        model, logs, values, rows: see `fit`.
+        model, logs, values: see `fit`.
         weighed_at: values from which priors with heavy tails get their weights, which stay during
             a step as those of the samples do; default: the present values.
 
@@ -274,21 +270,21 @@ def prior_of(
     diagonal = np.concatenate([np.empty(0), *R])
     right = np.concatenate([np.empty(0), *z])
     prior = Gaussian.of_rows(sizes, np.column_stack([np.diag(diagonal), right]))
-    for row in rows:
+    for row in model.rows:
         prior = prior.add(row.moved(np.concatenate([values[name] for name in row.places])))
     return prior
 
 
-def _cost(found: Fit, rows: Sequence[Gaussian], weighed_at: Values) -> float:
+def _cost(found: Fit, weighed_at: Values) -> float:
     """Return the sum of squares of all rows at the values of a fit."""
-    prior = prior_of(found.model, found.logs, found.values, rows, weighed_at)
+    prior = prior_of(found.model, found.logs, found.values, weighed_at)
     values = found.values
     step = {} if weighed_at is values else {n: value - weighed_at[n] for n, value in values.items()}
     samples = sum(r.cost(log, step) for log, r in zip(found.logs, found.rolled, strict=True))
     return samples + prior.cost(np.zeros(prior.size))
 
 
-def _stepped(now: Fit, step: NDArray[np.float64], rows: Sequence[Gaussian]) -> Fit | None:
+def _stepped(now: Fit, step: NDArray[np.float64]) -> Fit | None:
     """Return the fit after a step; None if no motion can be predicted there."""
     model, parts = now.model, {name: step[place] for name, place in now.gaussian.places.items()}
     values = now.values | {name: now.values[name] + part for name, part in parts.items()}
@@ -302,5 +298,5 @@ def _stepped(now: Fit, step: NDArray[np.float64], rows: Sequence[Gaussian]) -> F
         return None
     total = now.gaussian.moved(step)
     there = replace(now, values=values, logs=logs, rolled=rolled, gaussian=total, swept=[])
-    cost = _cost(there, rows, now.values)
+    cost = _cost(there, now.values)
     return replace(there, cost=cost) if np.isfinite(cost) else None

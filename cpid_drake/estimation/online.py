@@ -244,7 +244,7 @@ def _changes(model: Model, found: Fit) -> list[int]:
     noise = {n: max(1.0, spread(rest)) for n, rest in rolled.all_residuals().items()}
     quiet = replace(log, noise=noise).opened(ends)
     carried = sweep(model, quiet, rolled, found.values, carry=ends).gaussian
-    total = prior_of(model, [quiet], found.values, ()).add(carried)
+    total = prior_of(model, [quiet], found.values).add(carried)
     names = [name for name in total.places if name.startswith("link ")]
     acting = compared(model, total, names).probability
     return [k for k, name in zip(ends, names, strict=True) if acting[name] >= NAMED]
@@ -254,7 +254,7 @@ def _begun(model: Model, found: Fit) -> Known:
     """Return what a fit of the window knows at its end."""
     log, rolled = found.logs[0], found.rolled[0]
     end = sweep(model, log, rolled, found.values).end
-    gaussian = end.add(prior_of(model, [log], found.values, ()))
+    gaussian = end.add(prior_of(model, [log], found.values))
     track = np.zeros((model.joint_count, ORDER, ORDER + 1))
     for part in log.joints:
         track = tracked(track, part)[1]

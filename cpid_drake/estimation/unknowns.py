@@ -88,6 +88,7 @@ class Model:
         suite: its sensors, with their errors.
         known_bodies: uncertainty of its bodies; None if they are exact.
         priors: mean and σ of unknowns with another prior than that of `table`.
+        rows: further information about unknowns, such as a prior of the target.
 
     """
 
@@ -97,6 +98,7 @@ class Model:
     priors: Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]] = field(
         default_factory=dict
     )
+    rows: tuple[Gaussian, ...] = ()
 
     def __post_init__(self) -> None:
         if self.known_bodies is None:

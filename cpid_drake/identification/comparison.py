@@ -167,7 +167,6 @@ def with_plausible(
 def with_bodies(
     found: Fit,
     question: Question,
-    rows: Sequence[Gaussian],
     progress: Callable[[str], object] = lambda step: None,
 ) -> Fit | None:
     """Return a fit in which the bodies are uncertain, if their errors explain the samples better.
@@ -179,19 +178,19 @@ def with_bodies(
     named = question.answer(found.gaussian, found.values).named
     if not errors & {name.partition("|")[0] for name in named}:
         return None
-    model = Model(found.model.tree, found.model.suite, PLAUSIBLE_BODIES)
+    model = replace(found.model, known_bodies=PLAUSIBLE_BODIES)
     start = model.start([log.name for log in found.logs])
-    other = fit(model, found.logs, rows=rows, values=start | found.values, progress=progress)
+    other = fit(model, found.logs, values=start | found.values, progress=progress)
     candidates = question.candidates | {BODIES: model.unknown(BODIES).sigma}
     asked = replace(question, candidates=candidates)
     if BODIES not in asked.answer(other.gaussian, other.values).named:
         return None
-    gain = _held_out(other, asked, [BODIES], rows)
+    gain = _held_out(other, asked, [BODIES])
     return None if gain is not None and gain <= 0 else other
 
 
 def undeclared_errors(
-    found: Fit, question: Question, compared: Comparison, rows: Sequence[Gaussian]
+    found: Fit, question: Question, compared: Comparison
 ) -> tuple[tuple[EffectEstimate, ...], tuple[str, ...], tuple[Check, ...]]:
     """Return the errors that act although nobody has declared them, warnings and checks.
 
@@ -199,7 +198,6 @@ def undeclared_errors(
         found: a fit with all candidates free.
         question: what is compared.
         compared: the comparison by all samples.
-        rows: what is known besides the samples.
 
     """
     errors = {
@@ -217,7 +215,7 @@ def undeclared_errors(
         if name in compared.values
     )
     warnings, checks = [], list[Check]()
-    gain = _held_out(found, question, named, rows) if effects else None
+    gain = _held_out(found, question, named) if effects else None
     text = "the samples show what the sensors do not declare: "
     text += "; ".join(effect.describe() for effect in effects)
     if effects and (gain is None or gain > 0):
@@ -303,9 +301,7 @@ def _shown(name: str, is_one: bool) -> str:
     return f"{error} of {log}" if log and not is_one else error
 
 
-def part_checks(
-    found: Fit, question: Question, compared: Comparison, rows: Sequence[Gaussian]
-) -> tuple[Check, ...]:
+def part_checks(found: Fit, question: Question, compared: Comparison) -> tuple[Check, ...]:
     """Return the check that the first halves of the logs have the target of the whole logs.
 
     What acts by the most probable set acts in both, and has the same values; before the samples it
@@ -317,11 +313,11 @@ def part_checks(
         sigma = max(1.0, compared.sizes[name]) * unknown.sigma
         wide = wide.with_prior(unknown.name, unknown.mean, sigma)
     found = replace(found, model=wide)
-    beginning, whole = _beginning(found, rows, 1 / 2), found.gaussian
+    beginning, whole = _beginning(found, 1 / 2), found.gaussian
     if beginning is None:
         return ()
     if acting:
-        whole = prior_of(wide, found.logs, found.values, rows)
+        whole = prior_of(wide, found.logs, found.values)
         for log, rolled in zip(found.logs, found.rolled, strict=True):
             whole = whole.add(sweep(wide, log, rolled, found.values, forward_only=True).gaussian)
     held = held_by(found, question, compared)
@@ -336,9 +332,9 @@ def held_by(found: Fit, question: Question, compared: Comparison) -> Values:
     return {n: v - found.values[n] for n, v in (values | question.given).items()}
 
 
-def _beginning(found: Fit, rows: Sequence[Gaussian], share: float) -> Gaussian | None:
+def _beginning(found: Fit, share: float) -> Gaussian | None:
     """Return what the first part of every log tells; None if a log is too short."""
-    beginning = prior_of(found.model, found.logs, found.values, rows)
+    beginning = prior_of(found.model, found.logs, found.values)
     for log, rolled in zip(found.logs, found.rolled, strict=True):
         start, end = log.blocks[0].start, log.blocks[-1].end
         k = sum(block.end <= start + share * (end - start) for block in log.blocks)
@@ -349,11 +345,9 @@ def _beginning(found: Fit, rows: Sequence[Gaussian], share: float) -> Gaussian |
     return beginning
 
 
-def _held_out(
-    found: Fit, question: Question, named: Sequence[str], rows: Sequence[Gaussian]
-) -> float | None:
+def _held_out(found: Fit, question: Question, named: Sequence[str]) -> float | None:
     """Return how well errors that the first part of every log proposes predict the rest."""
-    beginning = _beginning(found, rows, FITTED)
+    beginning = _beginning(found, FITTED)
     if beginning is None:
         return None
     if any(log.jumps for log in found.logs):  # all samples have chosen these changes, with errors

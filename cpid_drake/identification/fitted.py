@@ -83,21 +83,22 @@ def estimate(
     progress("fitting")
     declared = Constants.of(suite, model.joint_count).errors
     question = Question.of(model, declared, logs, known.momentum)
-    found, rows = _fit(model, states, known.prior, progress)
+    found = _fit(model, states, known.prior, progress)
     noisiest = max((factor for log in found.logs for factor in log.noise.values()), default=1.0)
     if known.known_bodies is None and noisiest <= MOST_NOISE:
-        other = with_bodies(found, question, rows, progress)
+        other = with_bodies(found, question, progress)
         if other is not None:
-            model, found, warnings = other.model, other, (*warnings, BODIES_ACT)
+            found, warnings = other, (*warnings, BODIES_ACT)
+    model = found.model
     wrong = contradicted(found.gaussian, found.values, question, model)
     asked = _without(question, wrong)
-    found, beside = fit_with_events(model, found, asked, rows, progress)
+    found, beside = fit_with_events(found, asked, progress)
     changes = sorted(time for log in found.logs for time in log.changes)
     wrong = contradicted(found.gaussian, found.values, question, model)  # beside the changes
     question = _without(question, wrong)
     progress("comparing")
     compared = question.answer(found.gaussian, found.values)
-    found = about(found, held_by(found, question, compared), rows)
+    found = about(found, held_by(found, question, compared))
     compared = question.answer(found.gaussian, found.values)
     average = compared.gaussian
     gaussian = average.moved(np.concatenate([found.values[name] for name in average.places]))
@@ -115,11 +116,11 @@ def estimate(
         is_given = known.momentum is not None
         said, failed = momentum_words(likely, is_given=is_given, where=where[name])
         warnings, checks = (*warnings, *said), [*checks, *failed]
-    acting, said, failed = undeclared_errors(found, question, compared, rows)
+    acting, said, failed = undeclared_errors(found, question, compared)
     effects = (*effects_of(model, found.values, gaussian, *logs), *acting)
     said = (*said, *(f"{e.describe()}: it failed" for e in effects if e.failed_valve))
     sizes = size_checks(model, found.values, gaussian, effects)
-    parts = part_checks(found, question, compared, rows)
+    parts = part_checks(found, question, compared)
     series, counts = _residuals(found)
     rejected, used = Counter[str](), Counter[str]()
     for key, (far, count) in counts.items():
@@ -153,7 +154,7 @@ def estimate(
     )
     if model.known_bodies is None and found.converged and result.solution is not None:
         held = held_by(found, question, compared)
-        result = replace(result, leaning=leaning(found, result.solution, held, rows))
+        result = replace(result, leaning=leaning(found, result.solution, held))
     if len(logs) == 1 and known.prior is None:
         return result
     return _separated(
@@ -161,7 +162,6 @@ def estimate(
         found,
         question,
         compared,
-        rows,
         known.prior,
         used if len(logs) > 1 else {name: used.total()},
     )
@@ -181,16 +181,16 @@ def _fit(
     logs: Sequence[LogState],
     prior: TargetPrior | None,
     progress: Callable[[str], object],
-) -> tuple[Fit, tuple[Gaussian, ...]]:
-    """Return the fit, and the prior's rows: linear about the target that logs and prior give."""
+) -> Fit:
+    """Return the fit; the prior's rows are linear about the target that logs and prior give."""
     if prior is None:
-        return fit(model, logs, progress=progress), ()
+        return fit(model, logs, progress=progress)
     form = relative_parameterization(model.mass)
     psi = prior.moved(form, model.unknown(PSI).mean)
-    rows = (prior.gaussian(PSI, form, psi, model.plausible),)
-    found = fit(model, logs, rows=rows, progress=progress)
+    model = replace(model, rows=(prior.gaussian(PSI, form, psi, model.plausible),))
+    found = fit(model, logs, progress=progress)
     rows = (prior.gaussian(PSI, form, found.values[PSI], model.plausible),)
-    return fit(model, found.logs, rows=rows, values=found.values, progress=progress), rows
+    return fit(replace(model, rows=rows), found.logs, values=found.values, progress=progress)
 
 
 def _separated(
@@ -198,12 +198,11 @@ def _separated(
     found: Fit,
     question: Question,
     compared: Comparison,
-    rows: Sequence[Gaussian],
     prior: TargetPrior | None,
     counts: Mapping[str, int],
 ) -> Identification:
     """Return an identification with the test whether logs and prior have the same target."""
-    held = held_by(found, question, compared)
+    held, model = held_by(found, question, compared), replace(found.model, rows=())
 
     def conditioned(gaussian: Gaussian) -> Gaussian:
         return gaussian.condition({n: v for n, v in held.items() if n in gaussian.places})
@@ -212,18 +211,18 @@ def _separated(
     for log, rolled in zip(found.logs, found.rolled, strict=True):
         alone = log
         if len(found.logs) > 1:  # a difference between logs must not look like noise
-            by_itself = fit(found.model, [log], values=found.values).logs[0]
+            by_itself = fit(model, [log], values=found.values).logs[0]
             alone = replace(log, noise=by_itself.noise, weights=by_itself.weights)
-        swept = sweep(found.model, alone, rolled, found.values, forward_only=True)
+        swept = sweep(model, alone, rolled, found.values, forward_only=True)
         sources[log.name] = conditioned(swept.gaussian)
     if prior is not None:
-        sources[prior.name] = rows[0].moved(found.values[PSI])
+        sources[prior.name] = found.model.rows[0].moved(found.values[PSI])
     return with_sources(
         result,
-        conditioned(prior_of(found.model, found.logs, found.values, ())),
+        conditioned(prior_of(model, found.logs, found.values)),
         sources,
         PSI,
-        lambda gaussian: solution_of(found.model, found.values, gaussian),
+        lambda gaussian: solution_of(model, found.values, gaussian),
         counts,
         prior,
     )
@@ -286,10 +285,10 @@ def cramer_rao_bound(
     log = LogState.of(model, measurements)
     R = np.diag(1 / (EXACT * model.plausible))
     held = Gaussian.of_rows({PSI: 10}, np.column_stack([R, R @ psi]))
-    fitted = fit(model, [log], rows=[held], values={PSI: np.asarray(psi)})
+    fitted = fit(replace(model, rows=(held,)), [log], values={PSI: np.asarray(psi)})
     [log], [rolled], values = fitted.logs, fitted.rolled, fitted.values
     log = replace(log, noise={}, weights=tuple({} for _ in log.blocks))  # as declared
-    total = prior_of(model, [log], values, ()).add(sweep(model, log, rolled, values).gaussian)
+    total = prior_of(model, [log], values).add(sweep(model, log, rolled, values).gaussian)
     known = at_momentum(total, values, momentum or TotalMomentum.zero(), log.name)
     known = known.moved(known.solve())  # the vague prior prefers another target than the true one
     form, solution = relative_parameterization(model.mass), solution_of(model, values, known)

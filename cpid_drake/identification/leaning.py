@@ -16,10 +16,10 @@ from cpid_drake.dynamics.parameterizations import (
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.fit import Fit, prior_of
-from cpid_drake.estimation.gaussian import Gaussian, LeastSquaresSolution
+from cpid_drake.estimation.gaussian import LeastSquaresSolution
 from cpid_drake.estimation.roll import Values, roll
 from cpid_drake.estimation.sweep import sweep
-from cpid_drake.estimation.unknowns import BODIES, PSI, Model
+from cpid_drake.estimation.unknowns import BODIES, PSI
 
 MASS, INERTIA = "mass", "inertia"
 """What is held of the base: of everything that is fixed to it, inertia about its centre of mass."""
@@ -49,7 +49,7 @@ def with_larger_base(tree: KinematicTree) -> dict[str, KinematicTree]:
 
 
 def leaning(
-    found: Fit, solution: LeastSquaresSolution, held: Values, rows: Sequence[Gaussian]
+    found: Fit, solution: LeastSquaresSolution, held: Values
 ) -> dict[str, NDArray[np.float64]]:
     """Return the change (10,) of the parameters if mass or inertia of the base were 1 % larger.
 
@@ -57,12 +57,11 @@ def leaning(
         found: a fit with an exact spacecraft.
         solution: its target.
         held: unknowns that are held, with their values less those of the fit.
-        rows: what is known besides the samples.
 
     """
-    model = Model(found.model.tree, found.model.suite, _OfBase(mass=0.01, inertia=0.01))
+    model = replace(found.model, known_bodies=_OfBase(mass=0.01, inertia=0.01))
     values = found.values | {BODIES: model.unknown(BODIES).mean}
-    total = prior_of(model, found.logs, values, rows)
+    total = prior_of(model, found.logs, values)
     for log in found.logs:
         rolled = roll(model, log, values)
         total = total.add(sweep(model, log, rolled, values, forward_only=True).gaussian)

@@ -244,7 +244,8 @@ def _predicted(
         for k, block in enumerate(log.blocks)
     ]
     cut = replace(log, blocks=tuple(blocks))
-    found = fit(model, [cut], rows=[target], values={PSI: target.solve()})
+    model = replace(model, rows=(target,))
+    found = fit(model, [cut], values={PSI: target.solve()})
     return roll(model, replace(found.logs[0], blocks=log.blocks), found.values)
 
 

@@ -31,9 +31,9 @@ def case(tmp_path_factory, skewed_target):
     return make_case(tmp_path_factory.mktemp("craft"), skewed_target, SUITE, None, 6.0)
 
 
-def fitted(case, seed=0, samples=None, suite=None, **options):
+def fitted(case, seed=0, samples=None, suite=None, rows=(), **options):
     suite = suite or case.suite
-    model = Model(case.craft.tree, suite)
+    model = Model(case.craft.tree, suite, rows=rows)
     samples = add_noise(case.suite, case.samples if samples is None else samples, seed)
     return fit(model, [LogState.of(model, samples)], **options)
 
@@ -106,7 +106,7 @@ def test_a_further_row_is_about_the_target_itself(case, found):
     psi = true_psi(case.craft, case.target)
     R = np.diag(1e6 / next(u.sigma for u in found.model.table if u.name == PSI))
     row = Gaussian.of_rows({PSI: 10}, np.column_stack([R, R @ psi]))
-    known = fitted(case, rows=[row])
+    known = fitted(case, rows=(row,))
     assert known.converged
     np.testing.assert_allclose(known.values[PSI], psi, atol=1e-4 * np.abs(psi).max())
     assert found.cost < known.cost < found.cost + 40
