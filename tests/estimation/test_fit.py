@@ -169,7 +169,7 @@ def test_a_firing_inside_of_a_block_is_found(tmp_path, skewed_target):
     time, case = 1.37, make_case(tmp_path, skewed_target, SUITE, None, 2.0)
     momentum_W = np.array([3.0, -2.0, 4.0, 1.0, 0.5, -1.0])
     closed = fitted(case, samples=fired(case, time, momentum_W))
-    found, _ = fit_with_events(closed.model, closed, AT_REST)
+    found, _ = fit_with_events(closed, AT_REST)
     assert found.converged
     [log] = found.logs
     assert 1 <= len(log.changes) <= 2
