@@ -184,10 +184,38 @@ class Parameterization:
     from_parameters: Callable[[ArrayLike], NDArray[np.float64]]
 
     def jacobian(self, vector: ArrayLike) -> NDArray[np.float64]:
-        """Return ∂π/∂vector (10, 10), by complex steps: exact up to rounding."""
+        """Return ∂π/∂vector (..., 10, 10), by complex steps: exact up to rounding."""
         step = 1e-30
-        steps = np.asarray(vector) + 1j * step * np.eye(10)
-        return np.imag(self.to_parameters(steps)).T / step
+        steps = np.asarray(vector)[..., None, :] + 1j * step * np.eye(10)
+        return np.swapaxes(np.imag(self.to_parameters(steps)), -1, -2) / step
+
+    def covariance(
+        self, vector: NDArray[np.float64], covariance: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the covariance (10, 10) of π, to second order in normal errors of the vector.
+
+        With π = J x + ½ xᵀ H x for normal errors x of unit covariance, it is J Jᵀ + ½ tr(H_i H_j):
+        what is known of all ten together is bent by as much as the mass is not known. Parameters
+        that are not finite have zero.
+
+        Args:
+            vector: the unknowns; NaN where not known.
+            covariance: (10, 10) of the vector; zero where not known. If it is not finite, no entry
+                of the result is.
+
+        """
+        if not np.isfinite(covariance).all():
+            return np.full((10, 10), np.nan)
+        sigma, step = np.sqrt(np.diag(covariance)), 1e-4
+        scale = np.where(sigma > 0, sigma, 1.0)
+        sizes, axes = np.linalg.eigh(covariance / scale / scale[:, None])
+        root = scale[:, None] * axes * np.sqrt(np.maximum(sizes, 0.0))
+        first, *moved = np.nan_to_num(
+            self.jacobian(vector + step * np.vstack([np.zeros(10), root.T, -root.T])) @ root
+        )
+        later, earlier = np.split(np.array(moved), 2)
+        bends = np.swapaxes(later - earlier, 0, 1).reshape(10, -1) / (2 * step)
+        return np.asarray(first @ first.T + bends @ bends.T / 2)
 
 
 _TENSOR_ENTRIES = ("11", "12", "13", "22", "23", "33")

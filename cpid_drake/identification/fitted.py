@@ -293,7 +293,8 @@ def cramer_rao_bound(
     known = known.moved(known.solve())  # the vague prior prefers another target than the true one
     form, solution = relative_parameterization(model.mass), solution_of(model, values, known)
     found = Identification.of_solution(form, solution, sample_count=0, estimator=NAME)
-    return found.covariance
+    J, P = (np.nan_to_num(x) for x in (form.jacobian(solution.estimate), solution.covariance))
+    return np.where(np.isfinite(found.covariance), J @ P @ J.T, np.nan)
 
 
 # -- what a Gaussian of x − values, from all logs and priors, says in a result's terms ------------

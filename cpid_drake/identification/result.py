@@ -49,8 +49,8 @@ Rank = Annotated[int, Ge(0), Le(10)]
 class Combinations:
     """An estimate of ten unknowns, of all or of some combinations, in which its errors are normal.
 
-    A covariance of π is linear in them, and a mass that is weakly known bends it: what is to be
-    combined with other estimates is combined in these unknowns.
+    Those of π are not: a mass that is weakly known bends what is known of all ten together. What is
+    to be combined with other estimates is combined in these unknowns.
 
     Attributes:
         unknowns: name of the parameterization of the unknowns.
@@ -96,9 +96,7 @@ class Identification:
         format: see `FORMAT`.
         names, units: names and units of the ten parameters.
         parameters: (10,) m [kg], c [m], Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg·m²]; NaN where not known.
-        covariance: (10, 10) of `parameters`, to first order; NaN where not known. Beyond it, σ
-            are right, but a mass that is known to percents bends what is known of all ten together:
-            see `Combinations`. With unweighted
+        covariance: (10, 10) of `parameters`, to second order; NaN where not known. With unweighted
             rows of Eq. 18, which are in m/s and N·m·s, it is rough: the σ of the mass can be 25
             times too large. With standard rows it is accurate to a factor of 1.5.
         intervals: (10, 2) two-sided 95 % intervals of `parameters`, of Student's t distribution if
@@ -204,10 +202,8 @@ class Identification:
         parameters = form.to_parameters(solution.estimate)
         # A known parameter depends only on unknowns that are determined.
         known = np.isfinite(solution.estimate)
-        jacobian = form.jacobian(solution.estimate)[:, known]
-        is_open = ~np.isfinite(parameters)
-        jacobian[is_open] = 0.0
-        covariance = jacobian @ solution.covariance[np.ix_(known, known)] @ jacobian.T
+        own = np.where(np.outer(known, known), solution.covariance, 0.0)
+        covariance, is_open = form.covariance(solution.estimate, own), ~np.isfinite(parameters)
         covariance[is_open, :] = covariance[:, is_open] = np.nan
         freedom = solution.row_count - solution.rank if sensors is None else None
         intervals = _intervals(form, solution, quantile_95(freedom), parameters)
