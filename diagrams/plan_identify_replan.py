@@ -184,9 +184,8 @@ def run(
         print(f"motion {count}: planned in {seconds:.1f} s, {said}", flush=True)
         if known <= precision and not found.failures:
             break
-        prior = (
-            None if found.failures else TargetPrior("estimate", found.parameters, found.covariance)
-        )
+        told = found.parameters, found.covariance, found.combinations
+        prior = None if found.failures else TargetPrior("estimate", *told)
         planner = following(planner, prior)
     else:
         print(f"not as precise as asked after {MOST_MOTIONS} motions")

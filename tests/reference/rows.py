@@ -112,8 +112,13 @@ def relative_to(mass: float, pi: Array) -> Array:
     return np.concatenate([[m * f], m * f * c, J[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]])
 
 
-def nees_of(world: World, estimate: Array, covariance: Array, floor: Array) -> float:
-    """Return the squared error in units of the covariance, in unknowns that are nearly linear."""
+def nees_of(
+    world: World, estimate: Array, covariance: Array, information: Array | None, floor: Array
+) -> float:
+    """Return the squared error in units of the covariance, in unknowns that are nearly linear.
+
+    The information is that of the unknowns of relative rows, of estimates that have these.
+    """
     error = estimate - world.target.to_vector()
     k = np.isfinite(error) & np.isfinite(np.diag(covariance))
     P = (covariance + np.diag(floor**2))[np.ix_(k, k)]
@@ -123,19 +128,38 @@ def nees_of(world: World, estimate: Array, covariance: Array, floor: Array) -> f
         complex_step = [relative_to(mass, estimate + 1e-30j * unit).imag for unit in np.eye(10)]
         jacobian = np.array(complex_step).T / 1e-30
         error = relative_to(mass, estimate) - relative_to(mass, world.target.to_vector())
-        P = jacobian @ P @ jacobian.T
+        if information is None:
+            P = jacobian @ P @ jacobian.T
+        else:  # π itself is bent by a mass that is weakly known
+            scale = 1 / np.sqrt(np.diag(information))
+            P = np.linalg.inv(information * scale * scale[:, None]) * scale * scale[:, None]
+            P = P + jacobian @ np.diag(floor**2) @ jacobian.T
     size = np.sqrt(np.diag(P))
     unit = P / np.outer(size, size)
     return float(error / size @ np.linalg.lstsq(unit, error / size, rcond=1e-13)[0])
 
 
-def _trial(code, text, seconds, world: World, estimate, intervals, covariance) -> Trial:
+def _trial(code, text, seconds, world, estimate, intervals, covariance, told) -> Trial:
     trace = float(np.trace(world.target.I_TTcm_C))
     floor = FLOOR * np.array([world.target.mass, *3 * [0.5], *6 * [trace]])
     sigma = np.diff(intervals, axis=1)[:, 0] / 2 / 1.959964
     error, nees = estimate - world.target.to_vector(), np.nan
     if np.isfinite(error).any():
-        nees = nees_of(world, estimate, covariance, floor)
+        is_relative = told is not None and told["unknowns"] == "relative"
+        order = [
+            0,
+            1,
+            2,
+            3,
+            4,
+            7,
+            9,
+            5,
+            6,
+            8,
+        ]  # of a file's xx, xy, xz, yy, yz, zz: see `relative_to`
+        information = np.array(told["information"])[np.ix_(order, order)] if is_relative else None
+        nees = nees_of(world, estimate, covariance, information, floor)
     return Trial(code, text, seconds, error, sigma, covariance, floor, nees)
 
 
@@ -143,7 +167,9 @@ def trial_of(found: Identification, world: World, seconds: float = 0.0) -> Trial
     """Return the comparison of a result with the truth; only here are results read."""
     code = 4 if found.failures else 0 if found.is_complete else 3
     text = "; ".join([*found.failures, *found.warnings])
-    return _trial(code, text, seconds, world, found.parameters, found.intervals, found.covariance)
+    parts = found.parameters, found.intervals, found.covariance
+    told = None if found.combinations is None else vars(found.combinations)
+    return _trial(code, text, seconds, world, *parts, told)
 
 
 def cli(*words: str | Path) -> subprocess.CompletedProcess:
@@ -176,10 +202,9 @@ def cli_trial(world: World, folder: Path, log: Path, *words: str | Path) -> Tria
     if not out.exists():
         return Trial(done.returncode, text, seconds)
     found = json.loads(out.read_text(encoding="utf-8"))
-    keys = "intervals", "covariance"
-    intervals, covariance = (np.array(found[key], dtype=float) for key in keys)
-    estimate = np.array(found["parameters"], dtype=float)
-    return _trial(done.returncode, text, seconds, world, estimate, intervals, covariance)
+    keys = "parameters", "intervals", "covariance"
+    parts = (np.array(found[key], dtype=float) for key in keys)
+    return _trial(done.returncode, text, seconds, world, *parts, found["combinations"])
 
 
 # fmt: off
