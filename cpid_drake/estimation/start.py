@@ -98,6 +98,8 @@ def _balanced(
     """Return ψ (10,) from all rows and the priors."""
     target = model.unknown(PSI)
     psi, found = target.mean, target.prior.moved(target.mean)
+    for row in model.rows:
+        found = found.add(row.moved(psi))
     for log, motion in zip(logs, motions, strict=True):
         L = Unknown(f"L|{log.name}", 3, np.zeros(3), np.full(3, model.L_sigma), "log")
         found = found.add(L.prior)

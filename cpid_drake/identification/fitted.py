@@ -185,11 +185,8 @@ def _fit(
     """Return the fit; the prior's rows are linear about the target that logs and prior give."""
     if prior is None:
         return fit(model, logs, progress=progress)
-    form = relative_parameterization(model.mass)
-    psi = prior.moved(form, model.unknown(PSI).mean)
-    model = replace(model, rows=(prior.gaussian(PSI, form, psi, model.plausible),))
-    found = fit(model, logs, progress=progress)
-    rows = (prior.gaussian(PSI, form, found.values[PSI], model.plausible),)
+    found = fit(replace(model, rows=(prior.of_psi(model),)), logs, progress=progress)
+    rows = (prior.of_psi(model, found.values[PSI]),)
     return fit(replace(model, rows=rows), found.logs, values=found.values, progress=progress)
 
 

@@ -2,15 +2,15 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import reduce
 
 import numpy as np
 
-from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.evidence import Question
+from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.online import OnlineState, change_beyond_linear, run
 from cpid_drake.estimation.online_block import NAME as LOG
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
@@ -31,8 +31,6 @@ from cpid_drake.identification.fitted import (
     solution_of,
 )
 from cpid_drake.identification.result import Identification
-from cpid_drake.sensors.suite import SensorSuite
-from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 NAME = "recursive_fit"
 """The estimator's name."""
@@ -48,54 +46,6 @@ NOT_LINEAR = (
     "linear about the target; use the trajectory fit"
 )
 """The failed check if the first blocks were linearized about another target."""
-
-
-def model_of(
-    spacecraft: Spacecraft,
-    suite: SensorSuite,
-    known_bodies: BodyUncertainty | None = None,
-    guess: InertialParameters | None = None,
-    guess_sigma: float = 0.5,
-) -> Model:
-    """Return the unknowns of a spacecraft's sensors and of its target.
-
-    Args:
-        spacecraft: the known spacecraft.
-        suite: its sensors and their errors.
-        known_bodies: uncertainty of the spacecraft's bodies; None if they are exact.
-        guess: prior estimate of the target; default: none, for a vague prior.
-        guess_sigma: σ of each relative unknown μ, μ c, I_* of the guess as a share of μ, μ k or
-            μ k², with k the guess's radius of gyration about C's origin.
-
-    Raises:
-        InputError: for the same reasons as `check_guess`.
-
-    """
-    model = Model(spacecraft.tree, suite, known_bodies)
-    if guess is None:
-        return model
-    check_guess(guess, guess_sigma)
-    psi = relative_parameterization(model.mass).from_parameters(guess.to_vector())
-    radius = np.sqrt((psi[4] + psi[7] + psi[9]) / 2 / psi[0])
-    scale = psi[0] * np.concatenate([[1.0], 3 * [radius], 6 * [radius**2]])
-    return model.with_prior(PSI, psi, guess_sigma * scale)
-
-
-def check_guess(guess: InertialParameters, sigma: float) -> None:
-    """Refuse a guess of the target with which the fit cannot start.
-
-    Raises:
-        InputError: the guess is not a rigid body, or is a point mass at C's origin; the standard
-            deviation is out of range.
-
-    """
-    problems = guess.infeasibilities()
-    if problems:
-        raise InputError(f"not a rigid body: {'; '.join(problems)}")
-    if not (guess.p_CTcm_C.any() or guess.I_TTcm_C.any()):
-        raise InputError("a point at C's origin has no size; give an inertia")
-    if not 1e-6 <= sigma <= 100:
-        raise InputError(f"sigma must be a number from 1e-6 to 100, not {sigma}")
 
 
 def identification_of_state(
@@ -114,7 +64,7 @@ def identification_of_state(
     assumed = TotalMomentum.unknown() if state.is_free else momentum or TotalMomentum.zero()
     if known is None:
         values, noise = model.start([LOG]), {}
-        gaussian = model.unknown(PSI).prior.moved(values[PSI])
+        gaussian = reduce(Gaussian.add, model.rows, model.unknown(PSI).prior).moved(values[PSI])
     else:
         values, noise, gaussian = known.values, known.log.noise, known.unknowns(model)
         change = change_beyond_linear(model, known)

@@ -16,6 +16,7 @@ from cpid_drake.dynamics.parameterizations import (
 )
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.identification.result import Combinations, Identification
 from cpid_drake.identification.result_files import read_result
 from cpid_drake.input_files.validation import Numbers, load_yaml
@@ -51,6 +52,12 @@ class TargetPrior:
             return self.combinations.values
         known = np.isfinite(self.parameters)
         return form.from_parameters(np.where(known, self.parameters, form.to_parameters(at)))
+
+    def of_psi(self, model: Model, psi: NDArray[np.float64] | None = None) -> Gaussian:
+        """Return the prior of a model's target, linear about ψ (10,); by default about itself."""
+        form = relative_parameterization(model.mass)
+        psi = self.moved(form, model.unknown(PSI).mean) if psi is None else psi
+        return self.gaussian(PSI, form, psi, model.plausible)
 
     def gaussian(
         self,
@@ -110,6 +117,51 @@ class PriorConfig:
     sigma_p_CTcm_C: Positive | None = None
     sigma_I_TTcm_C: Positive | None = None
 
+    def __post_init__(self) -> None:
+        self.prior("")
+
+    def prior(self, name: str) -> TargetPrior:
+        """Return the prior, with its name in messages.
+
+        Raises:
+            InputError: it contains nothing, or contradicts itself; no rigid body has the values; a
+                σ is missing.
+
+        """
+        parts = {
+            "mass": (self.mass, self.sigma_mass, slice(0, 1)),
+            "p_CTcm_C": (self.p_CTcm_C, self.sigma_p_CTcm_C, slice(1, 4)),
+            "I_TTcm_C": (self.I_TTcm_C, self.sigma_I_TTcm_C, slice(4, 10)),
+        }
+        given = [key for key, (value, _, _) in parts.items() if value is not None]
+        if not given:
+            raise InputError("give mass, p_CTcm_C or I_TTcm_C")
+        mass = 1.0 if self.mass is None else self.mass
+        place = np.zeros(3) if self.p_CTcm_C is None else self.p_CTcm_C
+        inertia = np.eye(3) if self.I_TTcm_C is None else self.I_TTcm_C
+        body = InertialParameters(mass, place, inertia)
+        problems = body.infeasibilities()
+        if problems:
+            raise InputError(f"not a rigid body: {'; '.join(problems)}")
+        values = body.to_vector()
+        scale = parameter_scale(values) if np.trace(inertia) > 0 else np.zeros(10)
+        parameters, sigma = np.full(10, np.nan), np.full(10, np.nan)
+        for key in given:
+            _, own, part = parts[key]
+            if own is None and self.sigma is None:
+                raise InputError(f"give sigma_{key}, or sigma for all")
+            needs_size = own is None and key != "mass"
+            if needs_size and (self.mass is None or self.I_TTcm_C is None):
+                raise InputError(f"give sigma_{key}: sigma needs mass and I_TTcm_C")
+            parameters[part] = values[part]
+            sigma[part] = scale[part] * (self.sigma or 0.0) if own is None else own
+            if not np.all(sigma[part] > 0):
+                raise InputError(f"give sigma_{key}: the body has no size")
+        covariance = np.full((10, 10), np.nan)
+        known = np.flatnonzero(np.isfinite(parameters))
+        covariance[np.ix_(known, known)] = np.diag(sigma[known] ** 2)
+        return TargetPrior(name, parameters, covariance)
+
 
 def load_prior(path: str | Path, spacecraft: Spacecraft, capture_frame: str) -> TargetPrior:
     """Return the prior in a file.
@@ -120,15 +172,14 @@ def load_prior(path: str | Path, spacecraft: Spacecraft, capture_frame: str) -> 
         capture_frame: its capture frame, in which the prior must be expressed.
 
     Raises:
-        InputError: the file cannot be read; it contains nothing, or contradicts itself; the result
-            is that of another capture frame, or of another spacecraft if it determines combinations
-            of parameters only; no rigid body has the values; a σ is missing.
+        InputError: the file cannot be read; see `PriorConfig.prior`; the result is that of another
+            capture frame, or of another spacecraft if it determines combinations only.
 
     """
     file, where = resolve_model(path), str(path)
     if file.suffix.lower() == ".json":
         return prior_of_result(read_result(file), where, spacecraft, capture_frame)
-    return _of_config(load_yaml(PriorConfig, file, where, "a prior"), where)
+    return load_yaml(PriorConfig, file, where, "a prior").prior(f"the prior {file.name}")
 
 
 def prior_of_result(
@@ -163,39 +214,3 @@ def prior_of_result(
     parameters = np.where(given, result.parameters, np.nan)
     name = f"the prior {Path(where).name}"
     return TargetPrior(name, parameters, result.covariance, found, result.failures)
-
-
-def _of_config(config: PriorConfig, where: str) -> TargetPrior:
-    parts = {
-        "mass": (config.mass, config.sigma_mass, slice(0, 1)),
-        "p_CTcm_C": (config.p_CTcm_C, config.sigma_p_CTcm_C, slice(1, 4)),
-        "I_TTcm_C": (config.I_TTcm_C, config.sigma_I_TTcm_C, slice(4, 10)),
-    }
-    given = [key for key, (value, _, _) in parts.items() if value is not None]
-    if not given:
-        raise InputError(f"{where}: give mass, p_CTcm_C or I_TTcm_C")
-    mass = 1.0 if config.mass is None else config.mass
-    place = np.zeros(3) if config.p_CTcm_C is None else config.p_CTcm_C
-    inertia = np.eye(3) if config.I_TTcm_C is None else config.I_TTcm_C
-    body = InertialParameters(mass, place, inertia)
-    problems = body.infeasibilities()
-    if problems:
-        raise InputError(f"{where}: not a rigid body: {'; '.join(problems)}")
-    values = body.to_vector()
-    scale = parameter_scale(values) if np.trace(inertia) > 0 else np.zeros(10)
-    parameters, sigma = np.full(10, np.nan), np.full(10, np.nan)
-    for key in given:
-        _, own, part = parts[key]
-        if own is None and config.sigma is None:
-            raise InputError(f"{where}: give sigma_{key}, or sigma for all")
-        needs_size = own is None and key != "mass"
-        if needs_size and (config.mass is None or config.I_TTcm_C is None):
-            raise InputError(f"{where}: give sigma_{key}: sigma needs mass and I_TTcm_C")
-        parameters[part] = values[part]
-        sigma[part] = scale[part] * (config.sigma or 0.0) if own is None else own
-        if not np.all(sigma[part] > 0):
-            raise InputError(f"{where}: give sigma_{key}: the body has no size")
-    covariance = np.full((10, 10), np.nan)
-    known = np.flatnonzero(np.isfinite(parameters))
-    covariance[np.ix_(known, known)] = np.diag(sigma[known] ** 2)
-    return TargetPrior(f"the prior {Path(where).name}", parameters, covariance)

@@ -181,7 +181,7 @@ def validate(
         used = momentum or TotalMomentum.zero()
         value = np.concatenate([used.L_WScm_W, used.v_WScm_W])
         model = model.with_prior(MOMENTUM, value, EXACT * model.unknown(MOMENTUM).sigma)
-    given = _rows(target, model).add(model.unknown(PSI).prior)
+    given = target.of_psi(model).add(model.unknown(PSI).prior)
     predicted = _predicted(model, samples, own.residuals, first, given)
     errors = []
     for name, rest in own.residuals.items():
@@ -204,20 +204,13 @@ def validate(
     return Validation(start, end, own.momentum, tuple(errors), *_test(model, own, target), said)
 
 
-def _rows(target: TargetPrior, model: Model) -> Gaussian:
-    """Return what is known of a target's ψ, which may be combinations."""
-    form = relative_parameterization(model.mass)
-    at = target.moved(form, model.unknown(PSI).mean)
-    return target.gaussian(PSI, form, at, model.plausible)
-
-
 def _test(model: Model, own: Identification, target: TargetPrior) -> tuple[float, int, float]:
     """Return χ², freedom and `heavier` of the test of a target by a log's own estimate."""
     if not own.converged:
         return np.inf, 10, np.inf
     form, known = relative_parameterization(model.mass), own.solution
     assert known is not None
-    both = [_rows(target, model), known.known]
+    both = [target.of_psi(model), known.known]
     total = both[0].add(both[1])
     freedom = both[0].rank + both[1].rank - total.rank
     if not freedom:

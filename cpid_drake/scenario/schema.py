@@ -21,7 +21,7 @@ from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import inertia_of_second_moment
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError
-from cpid_drake.identification.online import check_guess
+from cpid_drake.identification.prior import PriorConfig
 from cpid_drake.input_files.validation import FirstUnlessTagged, Numbers
 from cpid_drake.logs.burns import Burn
 from cpid_drake.scenario.joint_motions import AnyMotion, HalfCosineMotion, MotionFile, MotionSchema
@@ -185,28 +185,14 @@ class SensorsConfig:
 
 
 @dataclass
-class PriorConfig(BodyConfig):
-    """A guess of the target before the first sample, and its relative σ.
-
-    The σ of the mass, of mass times position and of the moments of inertia about C's origin are
-    this fraction of the guess's mass, mass times radius of gyration, and mass times its square.
-    """
-
-    sigma: float = 0.5
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_guess(self.parameters(), self.sigma)
-
-
-@dataclass
 class IdentificationConfig:
     """The identifier: estimator, rows, whether the momentum is unknown, period, first sample [s].
 
     `estimator` is one of `ONLINE_ESTIMATORS`; null for the recursive fit if the scenario has
     sensors and names no rows, else least squares. Rows, period and offset apply to least squares,
     which uses the exact state; null for standard rows. The recursive fit processes all samples of
-    the sensors. `prior` is a guess of the target for the recursive fit; null for none.
+    the sensors. `prior` is what is known of the target before, for the recursive fit; null for
+    nothing.
     """
 
     estimator: str | None = None

@@ -330,8 +330,7 @@ def _add_identifier(
         reads_thrust=bool(thrust),
         momentum=momentum,
         known_bodies=scenario.body_uncertainty(),
-        guess=None if prior is None else prior.parameters(),
-        guess_sigma=0.5 if prior is None else prior.sigma,
+        prior=None if prior is None else prior.prior("the scenario's prior"),
     )
 
 

@@ -13,13 +13,14 @@ from pydrake.systems.framework import (
     State,
 )
 
-from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.block import BlockQueue, after
 from cpid_drake.estimation.online import OnlineState, finish, step
-from cpid_drake.identification.online import identification_of_state, model_of
+from cpid_drake.estimation.unknowns import Model
+from cpid_drake.identification.online import identification_of_state
+from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import Identification
 from cpid_drake.logs.log import THRUST, Log, Samples
 from cpid_drake.logs.screening import last_time, screen
@@ -96,16 +97,14 @@ class SensorIdentifier(Identifier):
         suite: its sensors.
         momentum: the total momentum, zero (default) or unknown.
         period: time between updates [s]; default: that of the fastest sensor.
-        guess: prior estimate of the target; default: none, for a vague prior.
-        guess_sigma: relative σ of the guess; see `identification.online.model_of`.
+        prior: what is known about the target before the first sample; default: nothing.
         reads_thrust: whether there is a log of thrust.
         known_bodies: uncertainty of the spacecraft's bodies, of the arm's geometry and of the
             grasp, whose errors are estimated too; default: none.
 
     Raises:
         InputError: invalid sensors (see `suite.check_sensors`), a period that is not positive or is
-            longer than the fastest sensor's, or an invalid guess (see
-            `cpid_drake.identification.online.check_guess`).
+            longer than the fastest sensor's.
 
     """
 
@@ -116,8 +115,7 @@ class SensorIdentifier(Identifier):
         *,
         momentum: TotalMomentum | None = None,
         period: float | None = None,
-        guess: InertialParameters | None = None,
-        guess_sigma: float = 0.5,
+        prior: TargetPrior | None = None,
         reads_thrust: bool = False,
         known_bodies: BodyUncertainty | None = None,
     ) -> None:
@@ -132,7 +130,8 @@ class SensorIdentifier(Identifier):
                 f"identification period must be > 0 s and at most {shortest:g} s, the period of "
                 f"the fastest sensor, not {period}"
             )
-        self._model = model_of(spacecraft, suite, known_bodies, guess, guess_sigma)
+        model = Model(spacecraft.tree, suite, known_bodies)
+        self._model = replace(model, rows=() if prior is None else (prior.of_psi(model),))
         self._momentum = momentum or TotalMomentum.zero()
         self._joint_names, self._suite, self._period = spacecraft.joint_names, suite, period
         joints = len(spacecraft.joint_names)

@@ -421,7 +421,7 @@ def paper_line(text: str) -> str:
 
 
 MASS = "mass: 100.0"
-PRIOR = "{mass: 5, p_CTcm_C: [0.4, 0, 0], I_TTcm_C: [[2, 0, 0], [0, 2, 0], [0, 0, 2]]}"
+PRIOR = "{mass: 5, p_CTcm_C: [0.4, 0, 0], I_TTcm_C: [[2, 0, 0], [0, 2, 0], [0, 0, 2]], sigma: 0.5}"
 SCENARIOS = {
     "mass_negative": (scenario(MASS, "mass: -100.0"), "target: not a rigid body: the mass -100 kg"),
     "mass_twice": (

@@ -13,13 +13,15 @@ from sensing_cases import (
     coarse_suite,
     measured,
     momentum_about_com,
+    true_psi,
 )
 
 from cpid_drake import InertialParameters, TotalMomentum, identify
 from cpid_drake.estimation.block import BlockQueue, blocks_of
 from cpid_drake.estimation.online import OnlineState, run, step
+from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.identification.fitted import cramer_rao_bound
-from cpid_drake.identification.online import identification_of_state, model_of
+from cpid_drake.identification.online import identification_of_state
 from cpid_drake.logs.log import Log, Samples
 from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import JointSensor, VectorSensor
@@ -96,7 +98,9 @@ def test_the_start_does_not_matter(tmp_path, skewed_target, target, momentum_W):
     for share, radius in ((0.02, 0.3), (0.3, 0.5)):
         m = share * case.craft.mass
         sphere = InertialParameters(m, np.zeros(3), 0.4 * m * radius**2 * np.eye(3))
-        model = model_of(case.craft, SUITE, guess=sphere, guess_sigma=100.0)
+        model, psi = Model(case.craft.tree, SUITE), true_psi(case.craft, sphere)
+        size = np.concatenate([[1.0], 3 * [radius], 6 * [radius**2]])
+        model = model.with_prior(PSI, psi, 100.0 * psi[0] * size)
         found.append(identification_of_state(model, run(model, [noisy]), momentum))
     one, other = found
     assert distance(one.parameters, other.parameters, one.covariance) < 0.15  # σ
@@ -238,7 +242,7 @@ def test_rest_before_the_motion_is_forgotten(case, skewed_target):
 
 def test_the_memory_of_the_recursive_fit_does_not_grow(case):
     """The pickled state is no larger after two and three times as long."""
-    model, state, sizes = model_of(case.craft, SUITE), OnlineState(), []
+    model, state, sizes = Model(case.craft.tree, SUITE), OnlineState(), []
     every = [case.samples]
     for k in range(6):
         times = np.arange(0, END, 0.04)

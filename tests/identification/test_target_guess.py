@@ -1,15 +1,18 @@
 """A guess of the target beforehand: what it is worth to a filter, and that it is not overrated."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import chi2
-from sensing_cases import Sines, coarse_suite, measured, small_craft, true_psi
+from sensing_cases import Sines, coarse_suite, measured, small_craft
 
-from cpid_drake import InertialParameters
-from cpid_drake.dynamics.parameterizations import relative_parameterization
+from cpid_drake import InertialParameters, TargetPrior
+from cpid_drake.dynamics.parameterizations import parameter_scale
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.estimation.online import run
-from cpid_drake.identification.online import identification_of_state, model_of
+from cpid_drake.estimation.unknowns import Model
+from cpid_drake.identification.online import identification_of_state
 from cpid_drake.logs.log import Samples
 from cpid_drake.logs.simulated_noise import SensorNoise
 from cpid_drake.sensors.sensors import AttitudeSensor, Gyro, JointSensor, VectorSensor
@@ -23,23 +26,20 @@ POOR = {
 }
 
 
-def drawn_guess(craft, psi, rng) -> InertialParameters:
-    """Return a rigid body whose relative unknowns differ from the true ones as the prior says."""
-    size = np.sqrt((psi[4] + psi[7] + psi[9]) / 2 / psi[0])
-    scale = psi[0] * np.concatenate([[1.0], 3 * [size], 6 * [size**2]])
+def drawn_prior(truth, rng) -> TargetPrior:
+    """Return a rigid body that differs from the true one as the prior says."""
+    sigma = SIGMA * parameter_scale(truth)
     while True:
-        guess = relative_parameterization(craft.mass).to_parameters(
-            psi + SIGMA * scale * rng.normal(size=10)
-        )
-        if (body := InertialParameters.from_vector(guess)).is_feasible():
-            return body
+        guess = truth + sigma * rng.normal(size=10)
+        if InertialParameters.from_vector(guess).is_feasible():
+            return TargetPrior("a guess", guess, np.diag(sigma**2))
 
 
 @pytest.mark.slow
 def test_poor_sensors_and_a_guess_know_more_than_poor_sensors(tmp_path, skewed_target):
     """After 1.5 s errors are smaller with guesses that err as they say, and σ tells how large."""
     craft, suite = small_craft(tmp_path), coarse_suite(**POOR)
-    psi, truth = true_psi(craft, skewed_target), skewed_target.to_vector()
+    truth = skewed_target.to_vector()
     perfect = measured(craft, Sines.drawn(4, 3, 1.5), skewed_target, suite)
     squares, errors = [], {"guess": [], "nothing": []}
     for seed in range(SEEDS):
@@ -48,9 +48,9 @@ def test_poor_sensors_and_a_guess_know_more_than_poor_sensors(tmp_path, skewed_t
         for name in suite.present():
             samples = getattr(perfect, name)
             noisy[name] = Samples(samples.time, noise.apply(name, samples.value))
-        guess = drawn_guess(craft, psi, np.random.default_rng(1000 + seed))
-        for name, prior in (("guess", {"guess": guess, "guess_sigma": SIGMA}), ("nothing", {})):
-            model = model_of(craft, suite, **prior)
+        vague = Model(craft.tree, suite)
+        prior = drawn_prior(truth, np.random.default_rng(1000 + seed)).of_psi(vague)
+        for name, model in (("guess", replace(vague, rows=(prior,))), ("nothing", vague)):
             state = run(model, [perfect.updated(noisy)])
             result = identification_of_state(model, state, TotalMomentum.zero())
             error = result.parameters - truth
