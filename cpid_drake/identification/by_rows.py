@@ -53,6 +53,7 @@ _FORCES = (
     "the sensors' file declares forces, and rows assume a constant momentum: identify with "
     "--estimator trajectory_fit"
 )
+_SOME = 100  # samples of a part of a log that show what the estimate leans on
 _CAUSE = "the spacecraft, a frame, a sign or a clock is not as assumed, or forces acted"
 _MOMENTA = ("zero", "known", "unknown")
 
@@ -71,9 +72,9 @@ def estimate(
     """
     craft, family = known.spacecraft, known.family
     assert family is not None
-    trees = {"": craft.tree}
+    trees = dict[str, KinematicTree]()
     if known.known_bodies is None:
-        trees |= with_larger_base(craft.tree)
+        trees = {"": craft.tree} | with_larger_base(craft.tree)
     told = {name: _told(known, log, trees) for name, log in logs.items()}
     fields = {name: own for name, (own, _, _) in told.items()}
     sources = {name: target for name, (_, target, _) in told.items()}
@@ -264,12 +265,16 @@ def _told(
     unknown, zero = TotalMomentum.unknown(), TotalMomentum.zero()
     assumed = unknown if is_tested and family.momentum_size else momentum or zero
     by_tree = {name: LogRows(each, family, assumed) for name, each in trees.items()}
-    rows = tester = by_tree[""]
+    rows = tester = LogRows(tree, family, assumed)
     if is_tested and not family.momentum_size:
         tester = LogRows(tree, STANDARD_ROWS, unknown)
-    for part in _motion(log, tree, family, suite):
-        for each in {*by_tree.values(), tester}:
-            each.add(*part)
+    for motion, covariance in _motion(log, tree, family, suite):
+        for each in {rows, tester}:
+            each.add(motion, covariance)
+        some = slice(None, None, -(-len(motion) // _SOME))
+        few = motion.select(some), covariance[some] if len(covariance) > 1 else covariance
+        for each in by_tree.values():
+            each.add(*few)
     noise = rows.noise()
     if is_open and noise.scatter is None:  # too few rows for a free momentum
         noise = rows.noise(is_zero=True)
