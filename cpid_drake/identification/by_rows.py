@@ -34,7 +34,7 @@ from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.identification.checked_log import CheckedLog, Known, suite_of
 from cpid_drake.identification.checks import IMPROBABLE, Check, halves_check, momentum_words
 from cpid_drake.identification.leaning import with_larger_base
-from cpid_drake.identification.result import Identification, ResidualSeries
+from cpid_drake.identification.result import Identification
 from cpid_drake.identification.together import with_sources
 from cpid_drake.logs.log import Log
 from cpid_drake.logs.noise_estimation import sample_sigmas
@@ -305,6 +305,8 @@ def _told(
     x = np.append(own, solution.values)  # what is not determined must not explain errors
     is_whole = solution.rank == most
     halves = (first, whole) if is_whole and has_noise else None
+    is_shown = is_whole and count > FEWEST
+    residuals = zip(("linear", "angular"), rows.residuals(x), strict=True) if is_shown else ()
     fields |= {
         "sensors": suite,
         "sample_count": rows.sample_count,
@@ -315,7 +317,7 @@ def _told(
         else "unknown"
         if momentum is None or is_open
         else momentum.name,
-        "residuals": _residuals(rows, x, family) if is_whole and count > FEWEST else {},
+        "residuals": {kind: r for kind, r in residuals if r.value.size},
         "warnings": (*warnings, *said),
         "checks": (*checks, *_checks(*rows.misfit(x), halves, tree)),
     }
@@ -350,18 +352,6 @@ def _checks(
         return
     first, all_samples = halves
     yield halves_check(first.marginal([TARGET]), all_samples.marginal([TARGET]), _CAUSE)
-
-
-def _residuals(
-    rows: LogRows, x: NDArray[np.float64], family: RowFamily
-) -> dict[str, ResidualSeries]:
-    """Return the residuals of the linear and the angular rows at unknowns x."""
-    units = {"linear": family.linear_unit, "angular": "N·m·s"}
-    return {
-        kind: ResidualSeries(shown.time, shown.value, unit)
-        for (kind, unit), shown in zip(units.items(), rows.residuals(x), strict=True)
-        if shown.value.size
-    }
 
 
 def _compared(

@@ -109,10 +109,10 @@ def undeclared_floor(model: Model) -> tuple[str, ...]:
     return (f"{text}: what a floor causes looks like noise",)
 
 
-def contradicted(
+def without_contradicted(
     gaussian: Gaussian, values: Values, question: Question, model: Model
-) -> tuple[str, ...]:
-    """Return the names of the given momenta that the samples contradict.
+) -> Question:
+    """Return a question without those of the given momenta that the samples contradict.
 
     Args:
         gaussian: of all unknowns about their values.
@@ -122,12 +122,13 @@ def contradicted(
 
     """
     if not question.given:
-        return ()
+        return question
     about = {name: value - question.given.get(name, 0.0) for name, value in values.items()}
     sigma = model.unknown(MOMENTUM).sigma
     candidates = question.candidates | dict.fromkeys(question.given, sigma)
-    compared = Question(candidates, {}).answer(gaussian, about)
-    return tuple(name for name in question.given if compared.probability[name] >= NAMED)
+    likely = Question(candidates, {}).answer(gaussian, about).probability
+    given = {name: value for name, value in question.given.items() if likely[name] < NAMED}
+    return replace(question, given=given)
 
 
 def with_plausible(

@@ -14,7 +14,6 @@ from cpid_drake.identification import by_rows, fitted, online
 from cpid_drake.identification.checked_log import CheckedLog, Known
 from cpid_drake.identification.result import Identification
 from cpid_drake.sensors.sensors import SENSORS
-from cpid_drake.sensors.suite import SensorSuite
 
 LEAST_SQUARES, TRAJECTORY_FIT = by_rows.NAME, fitted.NAME
 """The default estimators without and with the sensors' errors."""
@@ -85,30 +84,24 @@ def methods() -> tuple[str, ...]:
 
 
 def choose_method(
-    estimator: str | None,
-    rows: str | None,
-    momentum: TotalMomentum,
-    has_sensors: bool,
-    has_thrust: bool = False,
+    known: Known, logs: Mapping[str, CheckedLog]
 ) -> tuple[Estimator, RowFamily | None]:
-    """Return the record of an estimator, and the row family if one is named.
+    """Return the record of the estimator for what is known, and its row family if it uses rows.
 
-    Args:
-        estimator: name of an estimator, or of a row family (least squares on these rows); None for
-            the estimator that is best for these data.
-        rows: name of a row family; None for the default.
-        momentum: the total momentum.
-        has_sensors: whether the sensors' errors are known.
-        has_thrust: whether the log says that thrusters fired.
+    What is not named is what is best for these logs.
 
     Raises:
         InputError: no such estimator or rows, rows for an estimator that uses none, or rows that
             cannot handle this momentum.
 
     """
+    estimator, rows = known.estimator, known.rows
+    counts = [log.counts for log in logs.values()]
     if estimator is None:
-        is_fit = (has_sensors or has_thrust) and rows is None
-        estimator = TRAJECTORY_FIT if is_fit else LEAST_SQUARES
+        is_exact = all(log.states is not None for log in logs.values())
+        is_fit = known.sensors is not None or (known.known_bodies is not None and not is_exact)
+        is_fit = is_fit or any(log.measurements.has_thrust for log in logs.values())
+        estimator = TRAJECTORY_FIT if is_fit and rows is None else LEAST_SQUARES
     if estimator in ROW_FAMILIES:
         if rows not in (None, estimator):
             raise InputError(
@@ -120,21 +113,18 @@ def choose_method(
         choices = ", ".join((*ESTIMATORS, *ROW_FAMILIES))
         raise InputError(f"no estimator '{estimator}'; choose from {choices}")
     record = ESTIMATORS[estimator]
-    if rows is None:
-        return record, None
-    if not record.uses_rows:
+    if record.uses_rows:
+        rows = rows or by_rows.best_rows(counts, known.sensors)
+        return record, row_family(rows, (known.momentum or TotalMomentum.zero()).is_unknown)
+    if rows is not None:
         raise InputError(f"rows are for least_squares; {estimator} has none: leave rows out")
-    return record, row_family(rows, momentum.is_unknown)
+    return record, None
 
 
 def require_sensors(
-    counts: Mapping[str, int],
-    sensors: SensorSuite | None,
-    record: Estimator,
-    family: RowFamily | None,
-    momentum: TotalMomentum,
+    log: CheckedLog, known: Known, record: Estimator, family: RowFamily | None
 ) -> None:
-    """Refuse a log, with its number of samples by sensor, that lacks what an estimator needs.
+    """Refuse a log that lacks what an estimator needs.
 
     Raises:
         InputError: a sensor that the estimator needs has no samples, or is not one of the given
@@ -143,13 +133,13 @@ def require_sensors(
     """
     needs: tuple[tuple[str, ...], ...] = (("encoders",), ("attitude",))
     if family is not None:
-        needs = by_rows.needs_of_rows(family, momentum)
-    present = counts.keys() if sensors is None else sensors.present().keys()
+        needs = by_rows.needs_of_rows(family, known.momentum or TotalMomentum.zero())
+    present = log.counts if known.sensors is None else known.sensors.present()
     for choice in needs:
-        if any(counts.get(name) and name in present for name in choice):
+        if any(log.counts.get(name) and name in present for name in choice):
             continue
         text = " or ".join(SENSORS[name].description for name in choice)
-        is_logged = any(counts.get(name) for name in choice)
+        is_logged = any(log.counts.get(name) for name in choice)
         reason = "is not one of the given sensors" if is_logged else "the log has no samples of"
         who = f"{record.name} with {family.name} rows" if family else record.name
         raise InputError(f"{who} needs {text}, which {reason}; see `cpid list estimators`")

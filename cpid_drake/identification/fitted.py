@@ -34,7 +34,6 @@ from cpid_drake.identification.checks import (
 )
 from cpid_drake.identification.comparison import (
     BODIES_ACT,
-    contradicted,
     held_by,
     part_checks,
     size_checks,
@@ -43,13 +42,14 @@ from cpid_drake.identification.comparison import (
     with_bodies,
     with_plausible,
     with_thrust_errors,
+    without_contradicted,
 )
 from cpid_drake.identification.effects import EffectEstimate
 from cpid_drake.identification.leaning import leaning
 from cpid_drake.identification.prior import TargetPrior
-from cpid_drake.identification.result import Identification, ResidualSeries
+from cpid_drake.identification.result import Identification
 from cpid_drake.identification.together import with_sources
-from cpid_drake.logs.log import Log
+from cpid_drake.logs.log import Log, Samples
 from cpid_drake.sensors.suite import SensorSuite
 
 NAME = "trajectory_fit"
@@ -90,12 +90,11 @@ def estimate(
         if other is not None:
             found, warnings = other, (*warnings, BODIES_ACT)
     model = found.model
-    wrong = contradicted(found.gaussian, found.values, question, model)
-    asked = _without(question, wrong)
+    asked = without_contradicted(found.gaussian, found.values, question, model)
     found, beside = fit_with_events(found, asked, progress)
     changes = sorted(time for log in found.logs for time in log.changes)
-    wrong = contradicted(found.gaussian, found.values, question, model)  # beside the changes
-    question = _without(question, wrong)
+    given = question.given  # is compared again beside the changes
+    question = without_contradicted(found.gaussian, found.values, question, model)
     progress("comparing")
     compared = question.answer(found.gaussian, found.values)
     found = about(found, held_by(found, question, compared))
@@ -111,7 +110,8 @@ def estimate(
     warnings = (*warnings, *noise_warnings(noise), *change_warnings(changes))
     for name in logs:
         key = model.unknown(MOMENTUM).key(name)
-        likely = 1.0 if key in wrong else compared.probability.get(key, 0.0)
+        is_wrong = key in given and key not in question.given
+        likely = 1.0 if is_wrong else compared.probability.get(key, 0.0)
         is_free = is_free or likely >= NAMED
         is_given = known.momentum is not None
         said, failed = momentum_words(likely, is_given=is_given, where=where[name])
@@ -225,13 +225,7 @@ def _separated(
     )
 
 
-def _without(question: Question, wrong: Sequence[str]) -> Question:
-    """Return the question without given values that are wrong."""
-    given = {name: value for name, value in question.given.items() if name not in wrong}
-    return replace(question, given=given)
-
-
-def _residuals(found: Fit) -> tuple[dict[str, ResidualSeries], dict[str, tuple[int, int]]]:
+def _residuals(found: Fit) -> tuple[dict[str, Samples], dict[str, tuple[int, int]]]:
     """Return residuals, and the numbers of samples far off and of all, by sensor (of log)."""
     series, counts = {}, {}
     for log, rolled in zip(found.logs, found.rolled, strict=True):
@@ -247,7 +241,7 @@ def _residuals(found: Fit) -> tuple[dict[str, ResidualSeries], dict[str, tuple[i
                     values.append(rest[name][near])
             counts[key] = far, count
             if values:
-                series[key] = ResidualSeries(np.concatenate(times), np.concatenate(values), "σ")
+                series[key] = Samples(np.concatenate(times), np.concatenate(values))
     return series, counts
 
 

@@ -8,11 +8,9 @@ from itertools import chain
 import numpy as np
 
 from cpid_drake.dynamics.motion import Motion
-from cpid_drake.dynamics.rows import row_family
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError, prefix_errors
-from cpid_drake.identification.by_rows import best_rows
 from cpid_drake.identification.checked_log import CheckedLog, Known, check_log
 from cpid_drake.identification.checks import Check, rejection_checks
 from cpid_drake.identification.consistency import checked
@@ -106,22 +104,15 @@ def identify(
         )
     if normals:
         spacecraft = spacecraft.on_table(next(iter(normals.values())))
-    is_exact = all(log.states is not None for log in logs.values())
-    has_sensors = sensors is not None or (known_bodies is not None and not is_exact)
-    has_thrust = any(log.measurements.has_thrust for log in logs.values())
-    assumed = momentum or TotalMomentum.zero()
-    method, family = choose_method(estimator, rows, assumed, has_sensors, has_thrust)
-    if family is None and method.uses_rows:
-        counts = [log.counts for log in logs.values()]
-        family = row_family(best_rows(counts, sensors), assumed.is_unknown)
+    known = Known(
+        spacecraft, estimator, rows, sensors, momentum, known_bodies, prior, bool(normals)
+    )
+    method, family = choose_method(known, logs)
     for name, log in logs.items():
         with prefix_errors(where[name]):
-            require_sensors(log.counts, sensors, method, family, assumed)
+            require_sensors(log, known, method, family)
     progress("identifying")
-    used = None if family is None else family.name
-    known = Known(
-        spacecraft, method.name, used, sensors, momentum, known_bodies, prior, bool(normals)
-    )
+    known = replace(known, estimator=method.name, rows=None if family is None else family.name)
     try:
         found = method.estimate(known, logs, progress)
     except (np.linalg.LinAlgError, InputError) as error:
@@ -138,6 +129,7 @@ def identify(
     found = replace(found, is_planar=tree.normal_B is not None, normal_C=tree.normal_C)
     found = checked(_with_logs(found, logs, method, known_bodies is not None), tree)
     if known_bodies is None:
+        has_thrust = any(log.measurements.has_thrust for log in logs.values())
         has_scale = has_thrust or found.momentum == "known"
         beyond = leaning_of_any_samples(found.parameters, tree, has_scale=has_scale)
         found = replace(found, leaning={**found.leaning, **beyond})

@@ -22,7 +22,7 @@ from cpid_drake.identification.checks import (
     noise_warnings,
     rejection_checks,
 )
-from cpid_drake.identification.comparison import contradicted, size_checks
+from cpid_drake.identification.comparison import size_checks, without_contradicted
 from cpid_drake.identification.fitted import (
     at_momentum,
     change_warnings,
@@ -60,7 +60,7 @@ def identification_of_state(
             else unknown. It is unknown after a change before the target was known.
 
     """
-    known, wrong, change = state.known, tuple[str, ...](), 0.0
+    known, is_wrong, change = state.known, False, 0.0
     assumed = TotalMomentum.unknown() if state.is_free else momentum or TotalMomentum.zero()
     if known is None:
         values, noise = model.start([LOG]), {}
@@ -70,12 +70,12 @@ def identification_of_state(
         change = change_beyond_linear(model, known)
         given = np.concatenate([assumed.L_WScm_W, assumed.v_WScm_W])
         question = Question({}, {} if assumed.is_unknown else {f"{MOMENTUM}|{LOG}": given})
-        wrong = contradicted(gaussian, values, question, model)
-        if not wrong:
+        is_wrong = without_contradicted(gaussian, values, question, model).given != question.given
+        if not is_wrong:
             gaussian = at_momentum(gaussian, values, assumed, LOG)
         elif momentum is None:
             assumed = TotalMomentum.unknown()
-    said, failed = momentum_words(1.0 if wrong else 0.0, is_given=momentum is not None)
+    said, failed = momentum_words(float(is_wrong), is_given=momentum is not None)
     effects = effects_of(model, values, gaussian, LOG)
     tests = {name: sums.whiteness for name, sums in state.lags.items()}
     unexplained = state.bridged / state.length if state.length else 0.0

@@ -24,6 +24,7 @@ from cpid_drake.identification.checks import CONVERGENCE, NEAREST, Check
 from cpid_drake.identification.effects import EffectEstimate
 from cpid_drake.identification.request import Source, SpacecraftReference
 from cpid_drake.input_files.validation import InMemory, Numbers
+from cpid_drake.logs.log import Samples
 from cpid_drake.sensors.suite import SensorSuite
 
 if TYPE_CHECKING:  # Drake takes half a second to import
@@ -65,25 +66,6 @@ class Combinations:
     values: Annotated[Array, Numbers(10)]
     information: Annotated[Array, Numbers(10, 10)]
     known_mass: Annotated[float, Gt(0)]
-
-
-@dataclass(frozen=True, eq=False)
-class ResidualSeries:
-    """Residuals of one sensor or of one kind of rows; of a long log, those of rows are parts of it.
-
-    Attributes:
-        time: (N,) [s].
-        value: (N, channels) measured minus predicted.
-        unit: unit of `value`; "σ" where residuals are divided by the sensor's noise.
-
-    """
-
-    time: Array
-    value: Array
-    unit: str
-
-    def __len__(self) -> int:
-        return self.time.size
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -141,7 +123,8 @@ class Identification:
         form: the parameterization of the estimator's ten unknowns.
         solution: the estimate of the unknowns.
         sensors: the sensors that were assumed; None if all samples had the same weight.
-        residuals: residuals by sensor, or by "linear" and "angular" for rows.
+        residuals: measured minus predicted, in σ by sensor, or by "linear" and "angular" for rows,
+            in `RowFamily.linear_unit` and N·m·s; of a long log, those of rows are parts of it.
 
     """
 
@@ -179,7 +162,7 @@ class Identification:
     form: Annotated[Parameterization | None, InMemory()] = None
     solution: Annotated[LeastSquaresSolution | None, InMemory()] = None
     sensors: Annotated[SensorSuite | None, InMemory()] = None
-    residuals: Annotated[Mapping[str, ResidualSeries], InMemory()] = field(default_factory=dict)
+    residuals: Annotated[Mapping[str, Samples], InMemory()] = field(default_factory=dict)
 
     @classmethod
     def of_solution(

@@ -3,6 +3,7 @@
 import numpy as np
 
 from cpid_drake.dynamics.inertia import InertialParameters
+from cpid_drake.dynamics.rows import ROW_FAMILIES
 from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.identification.estimators import estimator_label
 from cpid_drake.identification.identify_files import Estimates, Evidence
@@ -100,12 +101,14 @@ def residuals_section(found: Identification) -> Section:
     if not found.residuals:
         text = "This estimator gives no residuals, or not all ten parameters are known."
         return Section("Residuals", texts=[text])
-    rows = []
+    rows, units = [], dict.fromkeys(found.residuals, "σ")
+    if found.rows is not None:
+        units = {"linear": ROW_FAMILIES[found.rows].linear_unit, "angular": "N·m·s"}
     for name, series in found.residuals.items():
         white = whiteness(series.value)
         sizes = [f"{size:.3g}" for size in np.sqrt(np.mean(series.value**2, axis=0))]
         correlation = f"{white.lag_one:+.3f} ± {white.band:.3f}"
-        row = [name, str(len(series)), ", ".join(sizes), series.unit, correlation]
+        row = [name, str(len(series)), ", ".join(sizes), units[name], correlation]
         rows.append([*row, "yes" if white.is_white else "no"])
     heads = ["", "samples", "rms of each axis", "unit", "lag-one correlation", "white"]
     note = (
@@ -118,7 +121,7 @@ def residuals_section(found: Identification) -> Section:
         "Residuals",
         tables=[Table(heads, rows, note=note)],
         pictures=[
-            curves(name, each.time, each.value, each.unit, line=".")
+            curves(name, each.time, each.value, units[name], line=".")
             for name, each in found.residuals.items()
         ],
     )
