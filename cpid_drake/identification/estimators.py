@@ -5,9 +5,9 @@ To add an estimator, write a function from what is known and from checked logs, 
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from cpid_drake.dynamics.rows import ROW_FAMILIES, RowFamily, row_family
+from cpid_drake.dynamics.rows import ROW_FAMILIES
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
 from cpid_drake.identification import by_rows, fitted, online
@@ -78,25 +78,21 @@ def estimator_label(name: str) -> str:
 
 
 def methods() -> tuple[str, ...]:
-    """Return all names that `choose_method` accepts: row families, then estimators without rows."""
+    """Return all names that `with_method` accepts: row families, then estimators without rows."""
     others = tuple(name for name, record in ESTIMATORS.items() if not record.uses_rows)
     return (*ROW_FAMILIES, *others)
 
 
-def choose_method(
-    known: Known, logs: Mapping[str, CheckedLog]
-) -> tuple[Estimator, RowFamily | None]:
-    """Return the record of the estimator for what is known, and its row family if it uses rows.
+def with_method(known: Known, logs: Mapping[str, CheckedLog]) -> Known:
+    """Return what is known, with names of the estimator and of its rows, if it uses any.
 
     What is not named is what is best for these logs.
 
     Raises:
-        InputError: no such estimator or rows, rows for an estimator that uses none, or rows that
-            cannot handle this momentum.
+        InputError: no such estimator, or rows for an estimator that uses none.
 
     """
     estimator, rows = known.estimator, known.rows
-    counts = [log.counts for log in logs.values()]
     if estimator is None:
         is_exact = all(log.states is not None for log in logs.values())
         is_fit = known.sensors is not None or (known.known_bodies is not None and not is_exact)
@@ -112,26 +108,23 @@ def choose_method(
     if estimator not in ESTIMATORS:
         choices = ", ".join((*ESTIMATORS, *ROW_FAMILIES))
         raise InputError(f"no estimator '{estimator}'; choose from {choices}")
-    record = ESTIMATORS[estimator]
-    if record.uses_rows:
-        rows = rows or by_rows.best_rows(counts, known.sensors)
-        return record, row_family(rows, (known.momentum or TotalMomentum.zero()).is_unknown)
-    if rows is not None:
+    if ESTIMATORS[estimator].uses_rows:
+        rows = rows or by_rows.best_rows([log.counts for log in logs.values()], known.sensors)
+    elif rows is not None:
         raise InputError(f"rows are for least_squares; {estimator} has none: leave rows out")
-    return record, None
+    return replace(known, estimator=estimator, rows=rows)
 
 
-def require_sensors(
-    log: CheckedLog, known: Known, record: Estimator, family: RowFamily | None
-) -> None:
+def require_sensors(log: CheckedLog, known: Known) -> None:
     """Refuse a log that lacks what an estimator needs.
 
     Raises:
         InputError: a sensor that the estimator needs has no samples, or is not one of the given
-            sensors.
+            sensors; its rows do not exist, or cannot handle this momentum.
 
     """
     needs: tuple[tuple[str, ...], ...] = (("encoders",), ("attitude",))
+    family = known.family
     if family is not None:
         needs = by_rows.needs_of_rows(family, known.momentum or TotalMomentum.zero())
     present = log.counts if known.sensors is None else known.sensors.present()
@@ -141,5 +134,5 @@ def require_sensors(
         text = " or ".join(SENSORS[name].description for name in choice)
         is_logged = any(log.counts.get(name) for name in choice)
         reason = "is not one of the given sensors" if is_logged else "the log has no samples of"
-        who = f"{record.name} with {family.name} rows" if family else record.name
+        who = f"{known.estimator} with {family.name} rows" if family else known.estimator
         raise InputError(f"{who} needs {text}, which {reason}; see `cpid list estimators`")

@@ -123,10 +123,9 @@ def estimate(
     parts = part_checks(found, question, compared)
     series, counts = _residuals(found)
     rejected, used = Counter[str](), Counter[str]()
-    for key, (far, count) in counts.items():
-        sensor, _, source = key.partition(" of ")
+    for (source, sensor), (far, count) in counts.items():
         rejected[sensor] += far
-        used[source or next(iter(logs))] += count - far
+        used[source] += count - far
     tests = {name: whiteness(each.value) for name, each in series.items()}
     unexplained = max(far / max(count, 1) for far, count in counts.values())
     fails = tuple(
@@ -152,19 +151,12 @@ def estimate(
         effects=effects,
         **own,
     )
+    held = held_by(found, question, compared)
     if model.known_bodies is None and found.converged and result.solution is not None:
-        held = held_by(found, question, compared)
         result = replace(result, leaning=leaning(found, result.solution, held))
     if len(logs) == 1 and known.prior is None:
         return result
-    return _separated(
-        result,
-        found,
-        question,
-        compared,
-        known.prior,
-        used if len(logs) > 1 else {name: used.total()},
-    )
+    return _separated(result, found, held, known.prior, used)
 
 
 def change_warnings(times: Sequence[float]) -> tuple[str, ...]:
@@ -193,13 +185,12 @@ def _fit(
 def _separated(
     result: Identification,
     found: Fit,
-    question: Question,
-    compared: Comparison,
+    held: Values,
     prior: TargetPrior | None,
     counts: Mapping[str, int],
 ) -> Identification:
     """Return an identification with the test whether logs and prior have the same target."""
-    held, model = held_by(found, question, compared), replace(found.model, rows=())
+    model = replace(found.model, rows=())
 
     def conditioned(gaussian: Gaussian) -> Gaussian:
         return gaussian.condition({n: v for n, v in held.items() if n in gaussian.places})
@@ -225,8 +216,8 @@ def _separated(
     )
 
 
-def _residuals(found: Fit) -> tuple[dict[str, Samples], dict[str, tuple[int, int]]]:
-    """Return residuals, and the numbers of samples far off and of all, by sensor (of log)."""
+def _residuals(found: Fit) -> tuple[dict[str, Samples], dict[tuple[str, str], tuple[int, int]]]:
+    """Return residuals by sensor (of log), and the numbers of samples far off and of all."""
     series, counts = {}, {}
     for log, rolled in zip(found.logs, found.rolled, strict=True):
         for name in found.model.suite.present():
@@ -239,7 +230,7 @@ def _residuals(found: Fit) -> tuple[dict[str, Samples], dict[str, tuple[int, int
                 if name in rest:
                     times.append(samples.time[near])
                     values.append(rest[name][near])
-            counts[key] = far, count
+            counts[log.name, name] = far, count
             if values:
                 series[key] = Samples(np.concatenate(times), np.concatenate(values))
     return series, counts

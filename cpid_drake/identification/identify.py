@@ -14,7 +14,7 @@ from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.identification.checked_log import CheckedLog, Known, check_log
 from cpid_drake.identification.checks import Check, rejection_checks
 from cpid_drake.identification.consistency import checked
-from cpid_drake.identification.estimators import Estimator, choose_method, require_sensors
+from cpid_drake.identification.estimators import ESTIMATORS, Estimator, require_sensors, with_method
 from cpid_drake.identification.leaning import leaning_of_any_samples
 from cpid_drake.identification.planar import PROPOSED, could_be_planar
 from cpid_drake.identification.prior import TargetPrior
@@ -107,12 +107,13 @@ def identify(
     known = Known(
         spacecraft, estimator, rows, sensors, momentum, known_bodies, prior, bool(normals)
     )
-    method, family = choose_method(known, logs)
+    known = with_method(known, logs)
+    assert known.estimator is not None
+    method = ESTIMATORS[known.estimator]
     for name, log in logs.items():
         with prefix_errors(where[name]):
-            require_sensors(log, known, method, family)
+            require_sensors(log, known)
     progress("identifying")
-    known = replace(known, estimator=method.name, rows=None if family is None else family.name)
     try:
         found = method.estimate(known, logs, progress)
     except (np.linalg.LinAlgError, InputError) as error:

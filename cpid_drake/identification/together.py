@@ -113,14 +113,11 @@ def _with(
     vague: Gaussian, sources: Mapping[str, Gaussian], target: str, groups: Sequence[Sequence[str]]
 ) -> Gaussian:
     """Return what some sources say together if each group of them has a target of its own."""
-    others = [name for name in vague.places if name != target]
-    total = vague.marginal(others) if others else None
+    total = vague.marginal(name for name in vague.places if name != target)
     for k, group in enumerate(groups):
         for each in (vague.marginal([target]), *(sources[name] for name in group)):
             places = {f"{n} {k}" if n == target and k else n: p for n, p in each.places.items()}
-            renamed = replace(each, places=places)
-            total = renamed if total is None else total.add(renamed)
-    assert total is not None
+            total = total.add(replace(each, places=places))
     return total
 
 
