@@ -40,12 +40,14 @@ PLAUSIBLE = {
     "lever_arm_mm": 30.0,
     "zero_mrad": 2.0,
     "drift_mrad_per_s": 0.02,
+    "acceleration": 1e-3,
+    "torque": 1e-2,
+    "wheel": 1e-2,
+    "thrust_scale": 0.1,
 }
-"""σ of each kind of error of a sensor that is looked for, in the units of its field."""
-
-FORCES = {"acceleration": 1e-3, "torque": 1e-2, "wheel": 1e-2, "thrust_scale": 0.1}
-"""The same of an acceleration [m/s²], a torque [N·m], the angular momentum of a wheel in the base
-that nobody knows of [N·m·s], and the scale of logged thrust."""
+"""σ of each kind of error that is looked for, in the units of its field in a sensors' file: of a
+sensor's errors; of an acceleration, a torque, the angular momentum of a wheel in the base that
+nobody knows of, and the scale of logged thrust."""
 
 PLAUSIBLE_BODIES = BodyUncertainty(mass=0.01, com=0.005, inertia=0.01)
 """The same of the bodies of a spacecraft whose uncertainty nobody declares."""
@@ -82,7 +84,7 @@ def with_thrust_errors(
     if suite.thrusters is None:
         return suite, ()
     forces, valves, said = suite.disturbances or Disturbances(), suite.thrusters.valves, []
-    share = FORCES["thrust_scale"]
+    share = PLAUSIBLE["thrust_scale"]
     if not any(error.kind in OF_THRUST for error in constant_errors(suite, 0)):
         erring = {n: replace(v, force_sigma=share * v.force) for n, v in valves.items()}
         suite = replace(suite, thrusters=Thrusters(erring, THRUST_DELAY, share))
@@ -147,22 +149,23 @@ def with_plausible(
     if forces.torque_noise:  # a torque in every sample of a gyro takes what its delay does
         no_delay |= {name for name, each in sensors.present().items() if isinstance(each, Gyro)}
     for name, errors in sensors.present().items():
-        own = {
-            each.name: PLAUSIBLE[each.name]
-            for each in fields(errors)
-            if each.name in PLAUSIBLE and not getattr(errors, each.name)
-        }
+        own = _undeclared(errors)
         if name == "joint_rates" or (name == "encoders" and not joints_move):
             own = {}  # they have no errors of their own, or none that anything shows
         if name in no_delay:  # all sensors late is the thrust early: attitude is the clock
             own.pop("delay_ms", None)
         setattr(result, name, replace(errors, **own))
-    sizes = dict(FORCES)
+    own = _undeclared(forces)
     if not has_thrust or sensors.thrusters is not None:  # valves have their own errors
-        del sizes["thrust_scale"]
-    larger: dict[str, Any] = {n: getattr(forces, n) or sigma for n, sigma in sizes.items()}
-    result.disturbances = replace(forces, **larger)
+        own.pop("thrust_scale", None)
+    result.disturbances = replace(forces, **own)
     return result
+
+
+def _undeclared(errors: Any) -> dict[str, Any]:
+    """Return a plausible σ of each error of a sensor or of forces that has no σ."""
+    names = [each.name for each in fields(errors)]
+    return {n: sigma for n, sigma in PLAUSIBLE.items() if n in names and not getattr(errors, n)}
 
 
 def with_bodies(

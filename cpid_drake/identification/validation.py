@@ -40,9 +40,6 @@ FALSE_ALARM = 0.01
 POWER = 0.9
 """Probability with which a target that is said to be noticed is noticed."""
 
-BEGINNING = 0.3
-"""Share of a log to which start, momentum and biases are fitted."""
-
 _UNITS = {
     "rad": (180 / np.pi, "deg"),
     "m": (1e3, "mm"),
@@ -128,7 +125,7 @@ def validate(
     momentum: TotalMomentum | None = None,
     known_bodies: BodyUncertainty | None = None,
     planar: bool | None = None,
-    beginning: float = BEGINNING,
+    beginning: float = 0.3,
 ) -> Validation:
     """Test an identified target with a log that was not used to identify it, and predict this log.
 
