@@ -6,8 +6,6 @@ from planar_cases import KNOWN, TARGET, planar_craft
 
 from cpid_drake.dynamics.parameterizations import STANDARD, parameters_to_standard
 from cpid_drake.estimation.gaussian import Gaussian, solution_of
-from cpid_drake.estimation.rigid_body_set import RigidBodySet
-from cpid_drake.identification.checks import NEAREST
 from cpid_drake.identification.consistency import checked
 from cpid_drake.identification.description import describe
 from cpid_drake.identification.result import Identification
@@ -81,25 +79,3 @@ def test_random_estimates_of_a_real_body_keep_it_inside(tree):
         assert ((low <= truth[others]) & (truth[others] <= high)).all()
         kept += bool((found.consistent_intervals != found.intervals)[KNOWN].any())
     assert kept > 10  # the trial is about narrowed intervals
-
-
-@pytest.mark.parametrize("size", [1e-7, 0.01, 0.2])
-@pytest.mark.parametrize(
-    "moments", [(2, 3, 2.5), (2, 3, 1), (3, 3, 0.05)], ids=["solid", "flat", "rod"]
-)
-def test_intervals_are_those_of_the_semidefinite_programs(tree, moments, size):
-    """Also where no program is solved, because rigid bodies reach all ends of the intervals."""
-    rng, known = np.random.default_rng(3), {"sample_count": 100, "estimator": "least_squares"}
-    scale = np.array([10.0, 3, 3, 3, *6 * [3.0]])
-    x = parameters_to_standard([10.0, 0.1, 0.2, -0.1, *moments, 0, 0, 0])
-    for _ in range(4):
-        A = (np.eye(10) + 0.1 * rng.normal(size=(10, 10))) / (size * scale)
-        told = Gaussian.of_rows({"x": 10}, np.column_stack([A, A @ x + rng.normal(size=10)]))
-        ten = solution_of(told, x, 1e6 * scale, row_count=100)
-        raw = Identification.of_solution(STANDARD, ten, **known, sensors=SensorSuite())
-        found = checked(raw, tree)
-        mass, radius = found.parameters[0], found.check(NEAREST).limit
-        bodies = RigidBodySet(ten.known, radius, "standard", tree.mass, mass, found.size)
-        expected = np.clip(found.intervals, *bodies.bounds().T[..., None])
-        unit = mass * np.array([1, *3 * [found.size / mass], *6 * [found.size**2]])[:, None]
-        np.testing.assert_allclose(found.consistent_intervals / unit, expected / unit, atol=2e-6)
