@@ -71,8 +71,8 @@ def _comparisons(
     return (
         [*checked.failures],
         [*warnings, *checked.warnings],
-        [*checked.unchecked],
-        checked.comparisons,
+        [*checked.conventions.unchecked],
+        checked.conventions.comparisons,
     )
 
 

@@ -312,11 +312,7 @@ def _told(
         "sample_count": rows.sample_count,
         "row_count": count - (rows.extra if own.any() else 0),
         "has_noise": has_noise,
-        "momentum": "zero"
-        if is_zero
-        else "unknown"
-        if momentum is None or is_open
-        else momentum.name,
+        "momentum": "zero" if is_zero else assumed.name,
         "residuals": {kind: r for kind, r in residuals if r.value.size},
         "warnings": (*warnings, *said),
         "checks": (*checks, *_checks(*rows.misfit(x), halves, tree)),

@@ -14,10 +14,9 @@ from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError
 from cpid_drake.identification.planar import normal_in_base, placed
 from cpid_drake.identification.prior import TargetPrior
-from cpid_drake.logs.conventions import check_conventions
+from cpid_drake.logs.conventions import Findings, check_conventions
 from cpid_drake.logs.log import Log, Samples
 from cpid_drake.logs.noise_estimation import estimate_suite
-from cpid_drake.logs.score import Comparison
 from cpid_drake.logs.screening import as_arrays, screen
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite
@@ -59,11 +58,10 @@ class CheckedLog:
         rejected: number of unusable samples by sensor, which are left out.
         warnings: joints that the spacecraft does not have, positions beyond the joints' limits, and
             positions that may be those of another point.
-        comparisons: of positions with rates, and of the motion with the momentum.
         normal_B: (3,) normal in B of a table that carries the spacecraft; None without one.
         failures: failed checks: contradictions between positions, rates, and the conservation of
             momentum, and reasons why no table can have carried the spacecraft.
-        unchecked: what could not be checked, each with the reason.
+        conventions: what comparing positions with rates, and the motion with the momentum, says.
         states: the caller's exact states, which were not sampled by sensors; else None.
 
     """
@@ -73,9 +71,8 @@ class CheckedLog:
     warnings: tuple[str, ...] = ()
     normal_B: NDArray[np.float64] | None = None
     failures: tuple[str, ...] = ()
-    unchecked: tuple[str, ...] = ()
+    conventions: Findings = field(default_factory=Findings)
     states: Motion | None = None
-    comparisons: tuple[Comparison, ...] = ()
 
     @property
     def counts(self) -> dict[str, int]:
@@ -138,8 +135,7 @@ def check_log(
         (*warnings, *_beyond_limits(spacecraft, measurements.encoders.value)),
         tree.normal_B,
         (*found.failures, *failures),
-        found.unchecked,
-        comparisons=found.comparisons,
+        found,
     )
 
 

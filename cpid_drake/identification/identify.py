@@ -165,7 +165,7 @@ def _with_logs(
         failed = list(log.failures)
         if log.measurements.has_thrust and method.uses_rows:
             failed.append(THRUST_NOT_USED.format(f"{log.measurements.first_burn:.4g}", method.name))
-        said = [*log.warnings, *(f"not checked: {text}" for text in log.unchecked)]
+        said = [*log.warnings, *(f"not checked: {text}" for text in log.conventions.unchecked)]
         warnings += [where + text for text in said]
         checks += [Check("log", where + text) for text in failed]
         checks += rejection_checks(log.rejected, log.counts, where)
