@@ -60,7 +60,7 @@ def describe(result: Identification) -> list[str]:
     lines.append(f"  rank         {result.rank} of {result.most}")
     if result.condition is not None:
         lines.append(f"  condition    {result.condition:.4g}")
-    lines.append(f"  consistency  {_consistency(result)}")
+    lines.append(f"  consistency  {consistency_words(result)}")
     if source and source.request.known_bodies is None:
         lines.append("  assumed      an exact spacecraft model; --known-bodies includes its errors")
     if result.rejected:
@@ -157,7 +157,8 @@ def decimals(width: float) -> int:
     return int(np.clip(2 - np.floor(np.log10(width)), 0, 11))
 
 
-def _consistency(result: Identification) -> str:
+def consistency_words(result: Identification) -> str:
+    """Return whether a rigid body has the estimate, in words."""
     problems = "; ".join(result.infeasibilities)
     if result.consistent is not None and problems:
         return f"no rigid body has the estimate ({problems}); the nearest consistent one is given"

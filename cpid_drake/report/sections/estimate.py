@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from cpid_drake.estimation.least_squares import quantile_95
-from cpid_drake.identification.description import agreement_words, decimals
+from cpid_drake.identification.description import agreement_words, consistency_words, decimals
 from cpid_drake.identification.result import Identification
 from cpid_drake.report.figures import singular_value_picture
 from cpid_drake.report.page import Section, Table
@@ -14,18 +14,14 @@ from cpid_drake.report.page import Section, Table
 
 def result_section(result: Identification, truth: InertialParameters | None) -> Section:
     """Return the section with the estimate, its 95 % intervals and, if it is known, the truth."""
-    nearest, problems = result.consistent, "; ".join(result.infeasibilities)
+    words = consistency_words(result)
+    texts = [f"{words[0].upper()}{words[1:]}."]
     if not result.is_observable:
-        text = f"The log determines {result.rank} of ten combinations of the parameters."
-    elif problems:
-        text = f"No rigid body has the estimate ({problems}). " + (
-            "None is near it." if nearest is None else "Use the nearest consistent values."
-        )
-    else:
-        text = "All ten parameters are known, and they are physically consistent."
+        known = f"The log determines {result.rank} of ten combinations of the parameters."
+        texts = [known, *result.gap()]
     return Section(
         "Result",
-        texts=[text, *([] if result.is_observable else result.gap())],
+        texts=texts,
         warnings=[f"Failed check: {failure}." for failure in result.failures],
         tables=[_parameters(result, truth)],
     )
