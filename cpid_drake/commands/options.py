@@ -165,8 +165,9 @@ class LogOptions(PartOptions, SpacecraftOptions):
         str | None,
         "--estimator NAME",
         "Estimator, such as least_squares, trajectory_fit or recursive_fit; `cpid list` "
-        "explains all. Default: trajectory_fit with --sensors or --known-bodies, else "
-        "least_squares.",
+        "explains all. Default: trajectory_fit; least_squares with --rows, without attitude, "
+        "and for samples of all quantities at common times without --sensors or "
+        "--known-bodies.",
     ] = None
     rows: Annotated[
         str | None,

@@ -185,22 +185,36 @@ def best_rows(counts: Sequence[Mapping[str, int]], sensors: SensorSuite | None) 
     return "standard" if is_complete and sensors is None else "relative"
 
 
-def complete_samples(measurements: Log, family: RowFamily) -> Motion | None:
+def common_times(measurements: Log, family: RowFamily) -> NDArray[np.float64] | None:
     """Return the times at which all quantities of the rows were sampled; None if there are too few.
 
-    The times are too few if they are fewer than half of the times of the slowest sensor. Position,
-    velocity and attitude that were not logged are set to zero if `needs_of_rows` does not require
-    them.
+    The times are too few if they are fewer than half of the times of the slowest sensor.
     """
+    samples = [measurements[name].time for name in _needed(measurements, family)]
+    common = reduce(np.intersect1d, samples)
+    return common if len(common) and len(common) >= min(map(len, samples)) / 2 else None
+
+
+def _needed(measurements: Log, family: RowFamily) -> list[str]:
+    """Return the sensors whose samples the rows of a complete log use."""
     needed = ["gyro", "encoders", "joint_rates"]
     if len(measurements.attitude):
         needed.append("attitude")
     if family.uses_base_position:
         needed += ["velocity", "position"] if len(measurements.position) else ["velocity"]
-    samples = {name: getattr(measurements, name) for name in needed}
-    common = reduce(np.intersect1d, (each.time for each in samples.values()))
-    if not len(common) or len(common) < min(map(len, samples.values())) / 2:
+    return needed
+
+
+def complete_samples(measurements: Log, family: RowFamily) -> Motion | None:
+    """Return the motion at the common times of a log; None if they are too few.
+
+    Position, velocity and attitude that were not logged are set to zero if `needs_of_rows` does not
+    require them.
+    """
+    common = common_times(measurements, family)
+    if common is None:
         return None
+    samples = {name: measurements[name] for name in _needed(measurements, family)}
 
     def values(name: str) -> NDArray[np.float64]:
         if name not in samples:
@@ -257,7 +271,7 @@ def _told(
     tree, suite, warnings = spacecraft.tree, known.sensors, tuple[str, ...]()
     if log.states is not None:
         suite = None
-    elif suite is None and complete_samples(log.measurements, family) is None:
+    elif suite is None and common_times(log.measurements, family) is None:
         suite, warnings = suite_of(None, log)
     has_place = bool(len(log.measurements.position)) or not family.uses_base_position
     is_open = momentum is None or momentum.is_zero  # the samples may contradict zero

@@ -59,8 +59,9 @@ def identify(
             any order. Exact states may belong to unconnected instants; measurements must belong to
             one motion.
         estimator: name of an estimator (`cpid_drake.identification.estimators.ESTIMATORS`) or of a
-            row family, which means least squares on these rows. Default: the trajectory fit if
-            sensors or known bodies are given and no rows, else least squares.
+            row family, which means least squares on these rows. Default: the trajectory fit, but
+            least squares if rows are given, for exact states, for samples of all quantities at
+            common times of which neither sensors nor known bodies are given, and without attitude.
         rows: row family of least squares (`cpid_drake.dynamics.rows.ROW_FAMILIES`); default:
             "standard", or "relative" for data without position and velocity.
         sensors: the sensors' errors. Default: all complete samples have the same weight, and an

@@ -22,7 +22,7 @@ MARKER = np.array([0.12, -0.08, 0.15])
 
 @pytest.fixture
 def vicon(cpid):
-    """The sample's exact motion by Vicon: a header of five lines, frames, mm, rotation vectors."""
+    """The sample's motion by Vicon: a header of five lines, frames, mm, rotation vectors."""
     scenario = load_scenario(shipped_scenario("free_flyer_payload"))
     craft, time = scenario.spacecraft.make(), np.arange(161) / 16
     joint_motion = scenario.make_joint_motion(craft)
@@ -31,6 +31,9 @@ def vicon(cpid):
     motion = base.to_motion(craft.joint_names, time, joint_motion)
     rotation = Rotation.from_quat(motion.quaternion_WB, scalar_first=True).as_rotvec(degrees=True)
     marker = motion.p_WB + np.einsum("nij,j->ni", motion.R_WB, MARKER)
+    rng = np.random.default_rng(1)
+    marker += 1e-4 * rng.standard_normal(marker.shape)
+    rotation += 2e-3 * rng.standard_normal(rotation.shape)
     target = np.zeros((len(motion), 6))
     angles = np.degrees(motion.q)
     frames = np.arange(len(motion))[:, None] + 101
@@ -67,7 +70,7 @@ def test_a_log_of_ros_is_mapped_checked_converted_and_identified(cpid):
 
 
 def test_a_log_of_vicon_with_a_marker_off_the_origin_gives_the_target(cpid, vicon):
-    """The marker's place is rounded to 0.1 mm."""
+    """Of noise of 0.1 mm and 0.002°; the marker's place is rounded to 0.1 mm."""
     code, stdout, _ = cpid("log", "map", vicon, *CRAFT, "--out", "map.yaml")
     assert code == 0
     point = yaml.safe_load(stdout)["position"]["point_B"]
@@ -139,15 +142,17 @@ class TestCheck:
         assert "not checked: units of position, its point, signs of joints (needs --sp" in stdout
 
     def test_positions_in_millimetres_are_named(self, cpid):
-        """Rows do not use positions: their answer is right, with a warning."""
+        """Relative rows do not use positions: their answer is right, with a warning."""
         log = read_log(SAMPLE)
         log.position.value[:] *= 1000
         write_log("mm.csv", log)
         code, stdout, stderr = cpid("log", "check", "mm.csv", *CRAFT)
         assert code == 2
         assert "the position is in millimetres" in stdout + stderr
-        code, stdout, stderr = cpid("identify", "mm.csv", *CRAFT)
+        rows = ("--rows", "relative")
+        code, stdout, stderr = cpid("identify", "mm.csv", *CRAFT, *rows)
         assert "momentum leaves 100% of the motion unexplained" in stderr
-        assert (code, stdout) == cpid("identify", SAMPLE, *CRAFT)[:2]
+        assert (code, stdout) == cpid("identify", SAMPLE, *CRAFT, *rows)[:2]
+        assert cpid("identify", "mm.csv", *CRAFT)[0] == 4
         Path("map.yaml").write_text("position: {unit: mm}\n")
         assert cpid("log", "check", "mm.csv", *CRAFT, "--columns", "map.yaml")[0] == 0

@@ -7,10 +7,12 @@ import pytest
 from sensing_cases import (
     MOMENTUM,
     Sines,
+    acting,
     coarse_suite,
     log_of,
     measured,
     momentum_about_com,
+    nees,
     small_craft,
     true_telemetry,
 )
@@ -125,6 +127,19 @@ class TestNoisyLogs:
         error = found.parameters - skewed_target.to_vector()
         distance = error @ np.linalg.solve(found.covariance, error)
         assert distance < 30  # χ² of ten, 0.1 %
+
+    def test_a_late_sensor_does_not_bend_the_answer_without_options(
+        self, craft, motion, skewed_target
+    ):
+        """Rows of smoothed samples know no errors of sensors: χ² of ten is 97."""
+        suite = coarse_suite()
+        suite.gyro.rate = suite.encoders.rate = 50.0
+        log = add_noise(suite, measured(craft, motion, skewed_target, suite), seed=3)
+        late = Samples(log.attitude.time + 0.02, log.attitude.value)
+        found = identify(craft, log.updated({"attitude": late}))
+        assert found.passed
+        assert [effect.name for effect in acting(found)] == ["attitude.delay"]
+        assert nees(found, skewed_target) < 30  # χ² of ten, 0.1 %
 
 
 def test_slow_motion_determines_the_same_target(craft, exact, skewed_target):
