@@ -85,9 +85,11 @@ def _leaning(result: Identification) -> Iterator[str]:
         known = np.isfinite(change) & (sigma > 0)
         if known.any():
             k = int(np.argmax(np.where(known, np.abs(change) / sigma, -1.0)))
-            text = f"{PARAMETER_NAMES[k]} by {change[k] / sigma[k]:+.2g} σ"
+            largest = f"{change[k] / sigma[k]:+.2g} σ"
+            text = f"{PARAMETER_NAMES[k]} by {largest}"
             if known[0]:
-                text = f"m by {100 * change[0] / result.parameters[0]:+.2g} %, {text}"
+                share = f"m by {100 * change[0] / result.parameters[0]:+.2g} %"
+                text = f"{share}, {text}" if k else f"{share}, which is {largest}"
             what = name if name in (LINK, ALL) else f"the base's {name}"
             yield f"  leans on     1 % of {what} changes {text}"
 

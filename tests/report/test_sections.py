@@ -81,8 +81,10 @@ class TestIntervals:
     def test_in_the_report(self, case):
         found, factor = case
         table = result_section(found, None).tables[0]
-        half = np.array(column(table, "± 95 %"), dtype=float)
-        np.testing.assert_allclose(half, factor * SIGMA, rtol=0.02)
+        ends = np.array(
+            [each.split(" to ") for each in column(table, "95 % interval")], dtype=float
+        )
+        np.testing.assert_allclose(np.diff(ends)[:, 0], 2 * factor * SIGMA, rtol=0.02)
 
 
 def test_the_error_is_estimate_minus_truth_in_sigma(found):

@@ -29,18 +29,18 @@ def result_section(result: Identification, truth: InertialParameters | None) -> 
 
 def _parameters(result: Identification, truth: InertialParameters | None) -> Table:
     has_bodies = result.consistent_intervals is not None
-    heads = ["", "estimate", "± 95 %", "consistent", *["rigid bodies"] * has_bodies, "unit"]
+    heads = ["", "estimate", "95 % interval", "consistent", *["rigid bodies"] * has_bodies, "unit"]
     heads += [] if truth is None else ["truth", "error / σ"]
     sigma = np.sqrt(np.diag(result.covariance))
     nearest = np.full(10, np.nan) if result.consistent is None else result.consistent.to_vector()
-    halves = np.diff(result.intervals)[:, 0] / 2
+    intervals = result.intervals
     if not result.is_possible:
-        halves = np.full(10, np.nan)  # no rigid body agrees with the estimate
+        intervals = np.full((10, 2), np.nan)  # no rigid body agrees with the estimate
     rows = []
     for i, (name, unit) in enumerate(zip(PARAMETER_NAMES, PARAMETER_UNITS)):
-        places = decimals(2 * halves[i])
-        row = [name, *(_number(x[i], places) for x in (result.parameters, halves, nearest))]
-        row[1] = row[1] or "not known"
+        places = decimals(np.diff(intervals[i])[0])
+        estimate, body = (_number(x[i], places) for x in (result.parameters, nearest))
+        row = [name, estimate or "not known", _range(intervals[i]), body]
         row += [_range(result.shown_intervals[i])] * has_bodies
         row.append(unit)
         if truth is not None:
@@ -50,10 +50,10 @@ def _parameters(result: Identification, truth: InertialParameters | None) -> Tab
         rows.append(row)
     note = (
         "m: mass. c: centre of mass, from the origin of the capture frame C, in its axes. I: "
-        "inertia about the centre of mass, in the same axes; Ixy = −∫xy dm. ± 95 %: half-width of "
-        "the 95 % interval. Consistent: the nearest values of a rigid body. Rigid bodies: the part "
-        "of the interval that a rigid body can have; of what is not known, its extreme values over "
-        "all rigid bodies of the spacecraft's size. σ: standard deviation of the estimate."
+        "inertia about the centre of mass, in the same axes; Ixy = −∫xy dm. Consistent: the "
+        "nearest values of a rigid body. Rigid bodies: the part of the interval that a rigid body "
+        "can have; of what is not known, its extreme values over all rigid bodies of the "
+        "spacecraft's size. σ: standard deviation of the estimate."
     )
     return Table(heads, rows, note=note)
 
