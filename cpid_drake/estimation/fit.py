@@ -33,7 +33,8 @@ CLOSE = 1e-2
 
 SETTLED = 0.1
 """Weights and noise come from the residuals once a step reduces χ² by less than this share, or
-by less than this for each residual: what values far from the minimum do not explain is no noise."""
+by less than this for each residual: what values far from the minimum do not explain is no noise.
+`about` needs no step with a smaller χ²."""
 
 MOST_SWEEPS = 30
 """The fit ends without an answer after so many sweeps."""
@@ -154,7 +155,7 @@ def about(found: Fit, held: Values) -> Fit:
         step[total.indices(rest.places)] = rest.solve(held={PSI: psi})
         for name, value in held.items():
             step[total.places[name]] = value
-        if np.sum((total.R @ step) ** 2) < CLOSE:
+        if np.sum((total.R @ step) ** 2) < SETTLED:  # linear within a third of σ
             return replace(now, swept=[])
         moved = _stepped(now if now.swept else _linear(now), step)
         if moved is None:
