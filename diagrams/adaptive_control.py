@@ -2,7 +2,8 @@
 """Use the estimate in the joint controller while the arms move: the tracking error vanishes.
 
 The controller starts with a model of the spacecraft alone. As soon as the identifier knows all ten
-parameters to 5 %, the controller uses the estimate; its feedback gains do not change. The feedback
+parameters to 5 % and its checks pass, the controller uses the estimate; its feedback gains do not
+change. The feedback
 reads the exact state; the sensors are for the identifier. Spacecraft, target and joint motion are
 those of the scenario exciting_motion, whose motion is made twice.
 """
@@ -59,7 +60,7 @@ def simulate(scenario, source, seed):
         identifier = cpid.SensorIdentifier.AddToBuilder(
             builder, spacecraft, **sensors.sample_ports(), suite=suite
         )
-    used = () if source == NONE else ("covariance", "spatial_inertia")
+    used = () if source == NONE else ("covariance", "spatial_inertia", "checks_passed")
     controller = cpid.JointController.AddToBuilder(
         builder,
         spacecraft,

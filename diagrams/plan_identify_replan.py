@@ -108,6 +108,7 @@ class Craft:
             desired_motion=desired,
             covariance=self.identifier.GetOutputPort("covariance"),
             spatial_inertia=self.identifier.GetOutputPort("spatial_inertia"),
+            checks_passed=self.identifier.GetOutputPort("checks_passed"),
             reads_estimate=True,
             generalized_force=self.plant.get_applied_generalized_force_input_port(),
             target=guess,

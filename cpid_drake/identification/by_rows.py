@@ -364,6 +364,23 @@ def _checks(
     yield halves_check(first.marginal([TARGET]), all_samples.marginal([TARGET]), _CAUSE)
 
 
+def online_checks(
+    earlier: NDArray[np.float64], rows: NDArray[np.float64], freedom: int
+) -> tuple[Check, ...]:
+    """Return the check that earlier samples have the target of all of them, from their triangles.
+
+    Args:
+        earlier, rows: (11, 11) triangles [R | z] of the rows of the first and of all samples.
+        freedom: number of all rows minus that of the unknowns.
+
+    """
+    rests, size = float(rows[-1, -1] ** 2), float(np.sum(rows[:, -1] ** 2))
+    if freedom < 1 or rests <= INTEGRATION**2 * size:
+        return ()
+    first, whole = (Gaussian.of_rows({TARGET: 10}, each) for each in (earlier, rows))
+    return (halves_check(first, whole, _CAUSE, rests=rests, freedom=freedom),)
+
+
 def _compared(
     spacecraft: Spacecraft, rows: LogRows, noise: RowNoise
 ) -> tuple[float, Gaussian, dict[str, NDArray[np.float64]]] | None:

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtri, pdtrik
+from scipy.special import chdtri, fdtri, pdtrik
 
 from cpid_drake.estimation.evidence import NAMED
 from cpid_drake.estimation.gaussian import Gaussian
@@ -30,6 +30,9 @@ SEEN = 1.1
 
 MOST_UNEXPLAINED = 0.1
 """Share of the samples that nothing explains, above which a check fails."""
+
+ROUGH = 2.0
+"""Factor to which residuals of rows in different units show the σ of an estimate."""
 
 NOISE = "noise"
 """Name of the check of larger noise, which makes other causes seem likely."""
@@ -127,7 +130,14 @@ def fit_checks(
     yield Check.of(NOISE, sentence, largest, MOST_NOISE, not loud)
 
 
-def halves_check(first: Gaussian, whole: Gaussian, cause: str) -> Check:
+def halves_check(
+    first: Gaussian,
+    whole: Gaussian,
+    cause: str,
+    *,
+    rests: float | None = None,
+    freedom: int = 0,
+) -> Check:
     """Return the check that the first half of the samples has the target of all of them.
 
     Of nested samples, the difference of two estimates has the difference of their covariances as
@@ -136,6 +146,10 @@ def halves_check(first: Gaussian, whole: Gaussian, cause: str) -> Check:
     Args:
         first, whole: what is known of the target from the first half, and from all samples.
         cause: what another target means.
+        rests: sum of squares of the residuals of all samples, if only they show the noise; the
+            Gaussians then have errors of any size. The residuals without the difference show the
+            noise, to `ROUGH` (Chow 1960, Econometrica 28).
+        freedom: degrees of freedom of these residuals.
 
     """
     scale = np.linalg.norm(whole.R, axis=0)
@@ -144,10 +158,16 @@ def halves_check(first: Gaussian, whole: Gaussian, cause: str) -> Check:
     U, ratio, _ = np.linalg.svd(by_whole)  # of σ after and before
     seen = ratio**2 < 0.99  # less is rounding and bends of the equations
     change = (U.T @ (first.z - first.R @ whole.solve()))[seen]
-    chi_squared = float(np.sum(change**2 / (1 - ratio[seen] ** 2)))
-    limit = float(chdtri(max(int(seen.sum()), 1), IMPROBABLE))
+    statistic, count = float(np.sum(change**2 / (1 - ratio[seen] ** 2))), int(seen.sum())
+    limit = float(chdtri(max(count, 1), IMPROBABLE))
+    if rests is not None:
+        left = freedom - count
+        if count < 1 or left < 1:
+            return Check.of("halves", "", passed=True)
+        statistic *= left / max(rests - statistic, 1e-12 * rests, 1e-300)
+        limit = ROUGH**2 * count * float(fdtri(count, left, 1 - IMPROBABLE))
     text = f"the first half of the samples has another target than all of them: {cause}"
-    return Check.of("halves", text, chi_squared, limit)
+    return Check.of("halves", text, statistic, limit)
 
 
 def rejection_checks(

@@ -26,40 +26,45 @@ def checked(found: Identification, tree: KinematicTree) -> Identification:
     """Return an identification with the checks of its body, and the failed checks first.
 
     Args:
-        found: the identification.
+        found: the identification, with or without its nearest rigid body.
         tree: the known spacecraft.
 
     """
-    found = _with_bodies(found, tree)
+    if found.check(NEAREST) is None:
+        found = with_nearest_body(found, tree)
     # The larger noise explains the other failures.
     checks = sorted(found.checks, key=lambda check: (check.passed, check.name != NOISE))
-    return replace(found, checks=tuple(checks))
+    found = replace(found, checks=tuple(checks))
+    bodies, nearest = _bodies(found, tree), found.check(NEAREST)
+    if not found.rank or bodies is None or nearest is None or nearest.statistic is None:
+        return found
+    possible = _possible(found, bodies) if nearest.passed else np.full((10, 2), np.nan)
+    return replace(found, consistent_intervals=possible)
 
 
-def _with_bodies(found: Identification, tree: KinematicTree) -> Identification:
-    """Return an identification with its nearest rigid body, and with what rigid bodies can have."""
+def with_nearest_body(found: Identification, tree: KinematicTree) -> Identification:
+    """Return an identification with its nearest rigid body, and the check that it is near enough.
+
+    This takes a few milliseconds, as `checked` takes for each bound of a parameter.
+    """
     solution, form = found.solution, found.form
     assert solution is not None
     assert form is not None
     if not solution.rank:  # no number is shown
         return found
     nearest = None if found.consistent is None else found.consistent.to_vector()
-    combinations, intervals, distance = None, None, np.nan
+    combinations, distance = None, np.nan
     bodies = _bodies(found, tree)
     if bodies is not None:
         distance, unknowns = bodies.nearest()
         if found.infeasibilities and np.isfinite(distance):
             near = InertialParameters.from_vector(form.to_parameters(unknowns))
             nearest = near.nearest_feasible().to_vector()  # the solver rounds
-        is_possible = distance <= bodies.radius
-        intervals = None if np.isnan(distance) else np.full((10, 2), np.nan)
-        intervals = _possible(found, bodies) if is_possible else intervals
     if np.isfinite(solution.information).all():
         combinations = Combinations(form.name, solution.values, solution.information, tree.mass)
     return replace(
         found,
         nearest=nearest,
-        consistent_intervals=intervals,
         size=None if bodies is None else bodies.size,
         combinations=combinations,
         checks=(*found.checks, *_checks(found, distance, bodies)),

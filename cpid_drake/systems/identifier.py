@@ -18,11 +18,13 @@ from pydrake.systems.framework import (
 
 from cpid_drake.dynamics.rows import row_family
 from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.gaussian import solution_of_rows
 from cpid_drake.estimation.least_squares import updated_information
 from cpid_drake.estimation.momentum_rows import momentum_columns, momentum_rows
-from cpid_drake.identification.by_rows import NAME
+from cpid_drake.identification.by_rows import NAME, online_checks
+from cpid_drake.identification.consistency import with_nearest_body
 from cpid_drake.identification.result import Identification
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.ports import PlantScratch, SpacecraftSystem
@@ -42,7 +44,11 @@ class Identifier(SpacecraftSystem):
         """Return the identification as a function of the state alone."""
 
     def identification(self, context: Context) -> Identification:
-        """Return the identification of this system's context."""
+        """Return the identification of this system's context, with its checks.
+
+        Its intervals are those of the estimator; `consistency.checked` finds the part of them that
+        a rigid body can have.
+        """
         return self._solution.Eval(context)
 
     def Finish(self, root_context: Context) -> Identification:
@@ -59,11 +65,11 @@ class Identifier(SpacecraftSystem):
         self.ExecuteForcedEvents(context)
         return self.identification(context)
 
-    def _declare_outputs(self, state_ticket: DependencyTicket) -> None:
+    def _declare_outputs(self, tree: KinematicTree, state_ticket: DependencyTicket) -> None:
         """Declare the ports; `_solve` depends on the state with this ticket."""
 
         def solve(context: Context, value: AbstractValue) -> None:
-            value.set_value(self._solve(context))
+            value.set_value(with_nearest_body(self._solve(context), tree))
 
         self._solution = self.DeclareCacheEntry(
             "identification",
@@ -92,6 +98,7 @@ class Identifier(SpacecraftSystem):
             prerequisites_of_calc=state_only,
         )
         declare("diagnostics", len(DIAGNOSTICS), _diagnostics)
+        declare("checks_passed", 1, lambda found: [bool(found.checks) and found.passed])
 
 
 def _diagnostics(found: Identification) -> list[float]:
@@ -117,6 +124,7 @@ class MomentumIdentifier(Identifier):
         - covariance
         - spatial_inertia
         - diagnostics
+        - checks_passed
 
     - `state`: x = [q; v] of the spacecraft's plant (a target welded on C adds no state).
     - `parameters` (10): m, c, Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg, m, kg·m²] as estimated; see
@@ -130,6 +138,10 @@ class MomentumIdentifier(Identifier):
     - `diagnostics` (4): number of samples, rank (10 when all is observable), condition number of
       the scaled rows (infinite below rank 10), RMS of the residuals of all rows in their own units
       (Eq. 18: m/s and N·m·s; standard: N·s and N·m·s). See `DIAGNOSTICS`.
+    - `checks_passed` (1): 1 if some check was made and none failed, else 0. A rigid body must have
+      the estimate within its covariance, and the first quarter to half of the samples must have the
+      same target as all of them, if the residuals are more than rounding. What failed is in
+      `identification(context)`.
 
     `identification(context)` returns all these quantities; the method `explain()` of its result
     describes in words which parameters are not determined.
@@ -182,12 +194,14 @@ class MomentumIdentifier(Identifier):
         self._root_index = self.DeclareDiscreteState(np.zeros(self._size**2))
         # Number of samples, number of rows that are not zero, time of the latest sample.
         self._count_index = self.DeclareDiscreteState([0.0, 0.0, -np.inf])
+        # The triangles after the last two numbers of samples that were powers of two.
+        self._earlier_index = self.DeclareDiscreteState(np.zeros(2 * self._size**2))
         self._period, self._offset = period, offset
         self.DeclarePeriodicDiscreteUpdateEvent(
             period_sec=period, offset_sec=offset, update=self._take_sample
         )
         self.DeclareForcedDiscreteUpdateEvent(self._take_sample_if_due)
-        self._declare_outputs(self.xd_ticket())
+        self._declare_outputs(spacecraft.tree, self.xd_ticket())
 
     def rows(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the rows [A | b] of one sample x = [q; v]; columns of an unknown momentum lead."""
@@ -205,8 +219,11 @@ class MomentumIdentifier(Identifier):
             return EventStatus.DidNothing()
         state = self._state_port.Eval(context)
         rows = self._checked_rows(state, context.get_time())
-        root = self._root(context)
-        discrete_state.set_value(self._root_index, updated_information(root, rows).ravel())
+        root = updated_information(self._root(context), rows).ravel()
+        discrete_state.set_value(self._root_index, root)
+        if np.log2(samples + 1) % 1 == 0:
+            _, latest_power = np.split(self._earlier(context), 2)
+            discrete_state.set_value(self._earlier_index, np.append(latest_power, root))
         # The zero rows of a sample at rest must not be counted: they would reduce the variance.
         row_count += np.count_nonzero(rows.any(axis=1))
         discrete_state.set_value(self._count_index, [samples + 1, row_count, context.get_time()])
@@ -238,15 +255,25 @@ class MomentumIdentifier(Identifier):
         root = context.get_discrete_state(self._root_index).value()
         return root.reshape(self._size, self._size)
 
+    def _earlier(self, context: Context) -> NDArray[np.float64]:
+        return context.get_discrete_state(self._earlier_index).value()
+
     def _solve(self, context: Context) -> Identification:
         samples, row_count, _ = context.get_discrete_state(self._count_index).value()
-        rows = self._root(context)[self._extra :, self._extra :]
+        first = np.split(self._earlier(context), 2)[0].reshape(self._size, self._size)
+        earlier, rows = (
+            each[self._extra :, self._extra :] for each in (first, self._root(context))
+        )
+        solution = solution_of_rows(rows, int(row_count) - self._extra)
+        freedom = solution.row_count - solution.rank
         return Identification.of_solution(
             self._parameterization,
-            solution_of_rows(rows, int(row_count) - self._extra),
+            solution,
             sample_count=int(samples),
             estimator=NAME,
             rows=self._family.name,
+            momentum=self._momentum.name,
+            checks=online_checks(earlier, rows, freedom) if solution.rank == 10 else (),
         )
 
 

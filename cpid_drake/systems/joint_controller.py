@@ -34,7 +34,7 @@ class JointController(SpacecraftSystem):
     target the torques at the wrist are far too small for the load. A guess of half or twice the
     true mass suffices, because feedback corrects the rest. A controller that reads an identifier's
     estimate replaces the target of its model as soon as all ten parameters are known with the
-    required tolerance.
+    required tolerance, and whenever the identifier's checks pass; else it keeps its model.
 
     .. pydrake_system::
 
@@ -44,6 +44,7 @@ class JointController(SpacecraftSystem):
         - desired_motion
         - covariance
         - spatial_inertia
+        - checks_passed
         - spatial_forces
         output_ports:
         - generalized_force
@@ -52,8 +53,8 @@ class JointController(SpacecraftSystem):
     - `state`: x = [q; v] of the plant.
     - `desired_motion` (3 J): q_d, q̇_d, q̈_d of the J joints, the layout of `JointMotionSource` and
       of Drake's `TrajectorySource` with `output_derivative_order=2`.
-    - `covariance` (100) and `spatial_inertia`, if `reads_estimate`: outputs of an identifier, NaN
-      while unknown.
+    - `covariance` (100), `spatial_inertia` and `checks_passed` (1), if `reads_estimate`: outputs of
+      an identifier; the first two are NaN while unknown.
     - `spatial_forces`, if `knows_forces`: all forces from outside, as those of `ExternalForces`.
     - `generalized_force`: for the plant's applied-generalized-force port; zero on the base.
     - `model_target` (10): the target of the model as `parameterizations.PARAMETER_NAMES`; zero if
@@ -71,7 +72,7 @@ class JointController(SpacecraftSystem):
         natural_frequency: ω of the joint errors [rad/s].
         damping_ratio: ζ of the joint errors.
         reads_estimate: whether the target of the model follows an identifier's estimate, which then
-            has two ports here.
+            has three ports here.
         knows_forces: whether it reads the forces from outside, against which the joints then hold
             their motion.
         tolerance: the largest σ of an estimate that is used, relative to the scale of each
@@ -130,6 +131,7 @@ class JointController(SpacecraftSystem):
         if reads_estimate:
             self.DeclareVectorInputPort("covariance", 100)
             self.DeclareAbstractInputPort("spatial_inertia", Value(SpatialInertia.NaN()))
+            self.DeclareVectorInputPort("checks_passed", 1)
             self.DeclarePeriodicUnrestrictedUpdateEvent(
                 period_sec=period, offset_sec=0.0, update=self._read_estimate
             )
@@ -184,6 +186,8 @@ class JointController(SpacecraftSystem):
         parameters = InertialParameters.from_spatial_inertia(estimate).to_vector()
         sigma = np.sqrt(np.diag(covariance))  # NaN where it is not known
         if not np.all(sigma <= self._tolerance * parameter_scale(parameters)):
+            return EventStatus.DidNothing()
+        if not self.GetInputPort("checks_passed").Eval(context)[0]:
             return EventStatus.DidNothing()
         state.get_mutable_abstract_state(self._target_index).set_value(estimate)
         return EventStatus.Succeeded()

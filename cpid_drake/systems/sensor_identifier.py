@@ -62,6 +62,7 @@ class SensorIdentifier(Identifier):
         - covariance
         - spatial_inertia
         - diagnostics
+        - checks_passed
 
     - one input (1 + width) for each sensor of the suite, as from `SpacecraftSensors`: the time [s]
       of the latest sample, then its value; NaN before the first.
@@ -69,6 +70,9 @@ class SensorIdentifier(Identifier):
     - `parameters`, `covariance`, `spatial_inertia`, `diagnostics`: as the outputs of
       `MomentumIdentifier`, but the covariance follows from the sensors' noise, and the residual is
       NaN.
+    - `checks_passed` (1): 1 if no check of `identification(context)` fails, else 0: convergence,
+      residuals as small and as little correlated as the declared noise, errors no larger than
+      declared, samples that were rejected, momentum, and a rigid body that has the estimate.
 
     `identification(context)` also has the number of rejected samples of every sensor and the times
     of changes of the momentum. A rejected sample is unusable, late, or so far off that it weighs
@@ -148,7 +152,7 @@ class SensorIdentifier(Identifier):
             period_sec=period, offset_sec=0.0, update=self._collect
         )
         self.DeclareForcedUnrestrictedUpdateEvent(self._finish)
-        self._declare_outputs(self.xa_ticket())
+        self._declare_outputs(spacecraft.tree, self.xa_ticket())
 
     def online_state(self, context: Context) -> OnlineState:
         """Return the estimator's state in this system's context."""

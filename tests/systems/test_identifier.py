@@ -1,5 +1,6 @@
 """The identifier in a diagram: state only in the Context, NaN until observable, equal to batch."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -193,3 +194,70 @@ def test_an_unknown_momentum_is_estimated_along(servicer, skewed_target, rows, s
     np.testing.assert_allclose(found, skewed_target.to_vector(), rtol=0, atol=1e-7)
     batch = identify(servicer, telemetry, rows=rows, momentum=TotalMomentum.unknown())
     np.testing.assert_allclose(found, batch.parameters, rtol=1e-9, atol=1e-10)
+
+
+# -- the checks ----------------------------------------------------------------------------------
+
+
+def verdicts(servicer, states, rows) -> tuple[list[bool], tuple[str, ...]]:
+    """Return the port after each sample, and the sentences of what failed after the last one."""
+    identifier = MomentumIdentifier(servicer, rows=rows)
+    context, passed = identifier.CreateDefaultContext(), []
+    assert identifier.GetOutputPort("checks_passed").Eval(context)[0] == 0.0
+    for state in states:
+        take(identifier, context, state)
+        passed.append(identifier.GetOutputPort("checks_passed").Eval(context)[0] == 1.0)
+    return passed, identifier.identification(context).failures
+
+
+@pytest.fixture(scope="module")
+def measured(servicer, skewed_target):
+    """Return a function (momentum_W) -> the exact motion of a transfer, in forty samples."""
+    rng = np.random.default_rng(43)
+    arms = HalfCosine(rng.uniform(-1, 1, 12), rng.uniform(-1, 1, 12), duration=10.0)
+    times = np.linspace(0.25, 9.9, 40)
+
+    def make(momentum_W=None):
+        given = np.zeros(6) if momentum_W is None else momentum_W
+        return true_telemetry(
+            servicer.tree, servicer.joint_names, arms, skewed_target, times, given
+        )
+
+    return make
+
+
+@pytest.mark.parametrize("rows", ["eq18", "standard"])
+@pytest.mark.parametrize("digits", [None, 6])
+def test_checks_pass_where_all_is_as_assumed(servicer, measured, rows, digits):
+    """With exact and with rounded samples."""
+    motion = measured() if digits is None else measured().rounded(digits)
+    passed, failures = verdicts(servicer, servicer.to_states(motion), rows)
+    assert failures == ()
+    assert all(passed[20:])
+
+
+@pytest.mark.parametrize("rows", ["eq18", "standard"])
+@pytest.mark.parametrize("wrong", ["momentum", "gyro"])
+def test_a_wrong_assumption_fails_a_check(servicer, measured, rows, wrong):
+    """Forty samples contradict a momentum or a bias of the gyro that the rows do not know."""
+    motion = measured([1.0, -2.0, 1.0, 2.0, -3.0, 1.0] if wrong == "momentum" else None)
+    if wrong == "gyro":
+        motion = replace(motion, w_WB=motion.w_WB + 3e-4)
+    passed, failures = verdicts(servicer, servicer.to_states(motion), rows)
+    assert not passed[-1]
+    assert re.search("no rigid body agrees|another target", "; ".join(failures))
+
+
+def test_a_target_that_changes_fails_a_check(
+    servicer, paper_target, skewed_target, zero_momentum_motion
+):
+    """As where it sheds a part: each half alone has a rigid body."""
+    both = [
+        servicer.to_states(zero_momentum_motion(target, 16, seed))
+        for target, seed in ((skewed_target, 1), (paper_target, 2))
+    ]
+    assert verdicts(servicer, both[1], "standard")[0][-1]
+    passed, failures = verdicts(servicer, np.concatenate(both), "standard")
+    assert passed[15]
+    assert not passed[-1]
+    assert "the first half of the samples has another target" in "; ".join(failures)

@@ -175,22 +175,23 @@ def inputs(servicer, random_motion):
     return state, np.random.default_rng(5).normal(0.0, 0.3, 3 * joints)
 
 
-def fixed(controller, inputs, estimate=None, sigma=np.nan):
+def fixed(controller, inputs, estimate=None, sigma=np.nan, passed=True):
     """Return a context of the controller with these inputs and an estimate of relative σ."""
     context = controller.CreateDefaultContext()
     controller.GetInputPort("state").FixValue(context, inputs[0])
     controller.GetInputPort("desired_motion").FixValue(context, inputs[1])
-    give(controller, context, estimate, sigma)
+    give(controller, context, estimate, sigma, passed)
     return context
 
 
-def give(controller, context, estimate, sigma):
+def give(controller, context, estimate, sigma, passed=True):
     inertia, covariance = SpatialInertia.NaN(), np.full((10, 10), np.nan)
     if estimate is not None:
         inertia = estimate.to_spatial_inertia()
         covariance = np.diag((sigma * parameter_scale(estimate.to_vector())) ** 2)
     controller.GetInputPort("covariance").FixValue(context, covariance.ravel())
     controller.GetInputPort("spatial_inertia").FixValue(context, Value(inertia))
+    controller.GetInputPort("checks_passed").FixValue(context, [float(passed)])
 
 
 def update(controller, context):
@@ -253,6 +254,21 @@ def test_one_parameter_that_is_not_known_well_enough_keeps_the_model(
     context = fixed(controller, inputs, skewed_target, sigma)
     update(controller, context)
     assert not target_of(controller, context).any()
+
+
+def test_an_estimate_whose_checks_fail_never_enters_the_model(
+    servicer, inputs, skewed_target, paper_target
+):
+    """However precise it claims to be; what was in the model before stays."""
+    controller = JointController(servicer, reads_estimate=True)
+    context = fixed(controller, inputs, skewed_target, 1e-6, passed=False)
+    update(controller, context)
+    assert not target_of(controller, context).any()
+    for estimate, passed in ((paper_target, True), (skewed_target, False)):
+        give(controller, context, estimate, 1e-6, passed)
+        update(controller, context)
+        found = target_of(controller, context)
+        np.testing.assert_allclose(found, paper_target.to_vector(), atol=1e-12)
 
 
 def test_the_model_is_state_of_the_context(servicer, inputs, skewed_target):

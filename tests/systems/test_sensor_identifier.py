@@ -198,6 +198,7 @@ def test_it_identifies_the_target_in_the_plant(simulation, finished, skewed_targ
     inertia = identifier.GetOutputPort("spatial_inertia").Eval(context)
     assert inertia.IsPhysicallyValid()
     assert inertia.get_mass() == pytest.approx(60.0, abs=0.01)
+    assert identifier.GetOutputPort("checks_passed").Eval(context)[0] == 1.0
     counts = diagnostics(identifier, context)
     assert counts["gyro_used"] == counts["encoders_used"] == 351
     assert counts["momentum_changes"] == 0
