@@ -28,6 +28,7 @@ from .systems.identifier import MomentumIdentifier
 from .systems.joint_controller import JointController
 from .systems.joint_motion_source import JointMotionSource
 from .systems.passivity_controller import PassivityController
+from .systems.scene_page import keep_scene as keep_scene
 from .systems.scene_visualizer import SceneVisualizer
 from .systems.sensor_identifier import SensorIdentifier
 from .systems.spacecraft_sensors import SpacecraftSensors
@@ -64,6 +65,7 @@ __all__ = [
     "from_columns",
     "identify",
     "identify_files",
+    "keep_scene",
     "load_scenario",
     "load_sensors",
     "make_simulation",

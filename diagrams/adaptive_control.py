@@ -60,15 +60,15 @@ def simulate(scenario, source, seed):
         identifier = cpid.SensorIdentifier.AddToBuilder(
             builder, spacecraft, **sensors.sample_ports(), suite=suite
         )
-    used = () if source == NONE else ("covariance", "spatial_inertia", "checks_passed")
+    estimate = {} if source == NONE else identifier.estimate_ports()
     controller = cpid.JointController.AddToBuilder(
         builder,
         spacecraft,
         state=state,
         desired_motion=desired_motion,
         generalized_force=plant.get_applied_generalized_force_input_port(),
-        **{name: identifier.GetOutputPort(name) for name in used},
-        reads_estimate=bool(used),
+        **estimate,
+        reads_estimate=bool(estimate),
     )
     states = LogVectorOutput(state, builder, publish_period=0.05)
     models = LogVectorOutput(controller.GetOutputPort("model_target"), builder, 0.05)

@@ -52,12 +52,12 @@ def adapt(spacecraft, target, motion, duration, is_composite, meshcat):
     plant.SetPositionsAndVelocities(plant_context, spacecraft.initial_state(target, motion))
     meshcat.StartRecording()
     simulator.AdvanceTo(duration)
-    meshcat.PublishRecording()
+    cpid.keep_scene(meshcat, "adaptive.html")
     found = log.FindLog(root_context)
     return found.sample_times(), found.data().T
 
 
-def show(spacecraft, target, found, rate, meshcat):
+def show(spacecraft, target, found, rate, meshcat, wait):
     """Show a motion of joints and base in Meshcat, and record it."""
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
@@ -74,13 +74,14 @@ def show(spacecraft, target, found, rate, meshcat):
         state[columns["quaternion_WB"]], state[columns["q"]] = quaternion, q
         plant.SetPositionsAndVelocities(plant_context, state)
         diagram.ForcedPublish(context)
-    meshcat.PublishRecording()
+    cpid.keep_scene(meshcat, "still_base.html", wait=wait)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--duration", type=float, default=10.0, help="of adaptive control [s]")
     parser.add_argument("--direct", action="store_true", help="without momentum: Slotine and Li's")
+    parser.add_argument("--wait", action="store_true", help="keep the live page until Enter")
     args = parser.parse_args()
     if not 1.0 <= args.duration <= 10.0:
         parser.exit(2, f"{parser.prog}: error: --duration must be from 1 to 10 s\n")
@@ -91,6 +92,7 @@ def main() -> None:
         StartMeshcat(),
         target.to_vector(),
     )
+    meshcat.SetCameraPose([4.0, -3.3, 2.2], [0.6, 0.0, -0.2])
     run = adapt(spacecraft, target, motion, args.duration, not args.direct, meshcat)
     print("adaptive control: largest error of the parameters")
     for time, parameters in zip(*run):
@@ -104,7 +106,7 @@ def main() -> None:
         )
         error, turn = worst_error(found.parameters, truth), np.degrees(found.turn)
         print(f"both arms, {word}: base turns by {turn:.3f}°, error {error:.1e}")
-    show(spacecraft, target, found, 50.0, meshcat)
+    show(spacecraft, target, found, 50.0, meshcat, args.wait)
 
 
 if __name__ == "__main__":

@@ -5,9 +5,8 @@ import time
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, EventStatus
 
-from cpid_drake.report.replay import estimate_text
 from cpid_drake.scenario.simulation import Simulation
-from cpid_drake.systems.scene_visualizer import FRAME_PERIOD, LEGEND
+from cpid_drake.systems.scene_visualizer import FRAME_PERIOD
 
 STOP = "Stop"
 
@@ -17,7 +16,7 @@ _POLL_PERIOD = 0.05  # [s] between two looks at the page
 def serve(simulation: Simulation, meshcat: Meshcat, rate: float) -> None:
     """Run a simulation as soon as a page is open; play its recording until Stop is clicked.
 
-    Numbers and legend are in Meshcat's control panel. Call this in the thread that opened Meshcat.
+    Call this in the thread that opened Meshcat.
 
     Args:
         simulation: a simulation that was made with this Meshcat.
@@ -28,19 +27,9 @@ def serve(simulation: Simulation, meshcat: Meshcat, rate: float) -> None:
         InputError: the simulation fails.
 
     """
-    for name in (STOP, *(f"{color}: {text}" for color, text in LEGEND.items())):
-        meshcat.AddButton(name)
-    panel: list[str] = []
+    meshcat.AddButton(STOP)
 
     def show(root_context: Context) -> EventStatus:
-        lines = [f"{root_context.get_time():.1f} of {simulation.scenario.simulation.duration:g} s"]
-        if not panel or lines[0] != panel[0]:
-            text = estimate_text(simulation.identification(root_context), simulation.truth)
-            for line in panel:
-                meshcat.DeleteButton(line)
-            panel[:] = dict.fromkeys([*lines, *map(str.strip, text.splitlines())])
-            for line in panel:
-                meshcat.AddButton(line)
         if meshcat.GetButtonClicks(STOP):
             return EventStatus.ReachedTermination(simulation.diagram, "stopped")
         return EventStatus.DidNothing()
@@ -48,7 +37,7 @@ def serve(simulation: Simulation, meshcat: Meshcat, rate: float) -> None:
     while not meshcat.GetNumActiveConnections():
         time.sleep(_POLL_PERIOD)
     meshcat.StartRecording(1 / FRAME_PERIOD)
-    show(simulation.run(show, realtime_rate=rate))
+    simulation.run(show, realtime_rate=rate)
     meshcat.StopRecording()
     meshcat.PublishRecording()
     while not meshcat.GetButtonClicks(STOP):

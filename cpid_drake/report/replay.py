@@ -1,11 +1,8 @@
 """A motion with the estimates over time: one HTML file with a recording, that plays offline."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import replace
-from html import escape
 from pathlib import Path
-from string import Template
 
 import numpy as np
 from pydrake.common.value import Value
@@ -20,7 +17,6 @@ from cpid_drake.dynamics.rows import row_family
 from cpid_drake.errors import InputError
 from cpid_drake.identification.by_rows import complete_samples
 from cpid_drake.identification.checked_log import in_joint_order
-from cpid_drake.identification.description import decimals
 from cpid_drake.identification.result import Identification
 from cpid_drake.logs.log import Log
 from cpid_drake.logs.noise_estimation import estimate_suite
@@ -28,7 +24,8 @@ from cpid_drake.logs.screening import screen
 from cpid_drake.logs.smoothing import smooth
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
-from cpid_drake.systems.scene_visualizer import FRAME_PERIOD, LEGEND, SceneVisualizer, add_bodies
+from cpid_drake.systems.scene_page import estimate_lines, scene_html
+from cpid_drake.systems.scene_visualizer import FRAME_PERIOD, SceneVisualizer, add_bodies
 
 LONGEST = 60.0
 """Longest part of a log that is replayed [s]: a page with more frames is slow to open."""
@@ -77,11 +74,13 @@ def replay_html(
     starts = [time for time, _ in estimates]
     frames = np.arange(zero, motion.time[-1] + FRAME_PERIOD, FRAME_PERIOD)
     for k in np.unique(np.searchsorted(motion.time[:-1], frames - 1e-9)):
-        covariance, inertia = np.full(100, np.nan), SpatialInertia.NaN()
+        covariance, inertia, passed = np.full(100, np.nan), SpatialInertia.NaN(), 0.0
         if latest := int(np.searchsorted(starts, motion.time[k] + 1e-9)):
             found = estimates[latest - 1][1]
             covariance, inertia = found.covariance.ravel(), found.spatial_inertia()
+            passed = float(found.passed)
         scene.GetInputPort("covariance").FixValue(inputs, covariance)
+        scene.GetInputPort("checks_passed").FixValue(inputs, [passed])
         scene.GetInputPort("spatial_inertia").FixValue(inputs, Value(inertia))
         plant.SetPositionsAndVelocities(plant.GetMyMutableContextFromRoot(context), states[k])
         context.SetTime(motion.time[k] - zero)
@@ -89,40 +88,20 @@ def replay_html(
     meshcat.StopRecording()
     meshcat.PublishRecording()
     steps = [(time - zero, estimate_text(found, truth)) for time, found in estimates]
-    template = Path(__file__).with_name("replay_overlay.html").read_text(encoding="utf-8")
-    overlay = Template(template).substitute(
-        title=escape(title),
-        legend="".join(f'<li style="color:{c}">{escape(t)}</li>' for c, t in LEGEND.items()),
-        steps=json.dumps(steps).replace("<", "\\u003c"),
-        zero=json.dumps(zero),
-    )
-    before, end_of_body, after = meshcat.StaticHtml().rpartition("</body>")
-    return f"{before}{overlay}{end_of_body}{after}".replace(
-        "<title>Drake MeshCat</title>", f"<title>{escape(title or 'Replay')}</title>", 1
-    )
+    return scene_html(meshcat, steps, title=title, zero=zero)
 
 
 def estimate_text(found: Identification, truth: InertialParameters | None = None) -> str:
     """Return an estimate as short lines of text, with half-widths of 95 % intervals."""
-    lines, values = [f"from {found.sample_count} samples"], found.parameters
-    if not np.isfinite(values).all():
-        return f"{lines[0]}: not all ten parameters known"
-    halves = np.diff(found.intervals)[:, 0] / 2
-    parts = (("m", slice(0, 1), "kg"), ("c", slice(1, 4), "m"), ("I", slice(4, 7), "kg·m²"))
-    for name, part, unit in parts:
-        half = float(halves[part].max())
-        places = min(decimals(half), 4)
-        lines.append(f"{name} {_numbers(values[part], places)} {unit} ± {half:.2g}")
-        if truth is not None:
-            lines.append(f"  true {_numbers(truth.to_vector()[part], places)}")
+    lines = [f"from {found.sample_count} samples"]
+    numbers = estimate_lines(found.parameters, np.diff(found.intervals)[:, 0] / 2, truth)
+    if not np.isfinite(found.parameters).all():
+        return f"{lines[0]}: {numbers[0]}"
+    lines += numbers
     lines += [f"failed check: {failure}" for failure in found.failures]
     if found.infeasibilities:
         lines.append("no rigid body has the estimate; the nearest is drawn")
     return "\n".join(lines)
-
-
-def _numbers(values: np.ndarray, places: int) -> str:
-    return " ".join(f"{round(value, places) + 0.0:.{places}f}" for value in values)
 
 
 def motion_of(log: Log, spacecraft: Spacecraft, sensors: SensorSuite | None) -> Motion:

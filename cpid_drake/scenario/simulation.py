@@ -275,8 +275,7 @@ def make_simulation(
             builder,
             spacecraft,
             state=state,
-            covariance=identifier.GetOutputPort("covariance"),
-            spatial_inertia=identifier.GetOutputPort("spatial_inertia"),
+            **identifier.estimate_ports(),
             meshcat=meshcat,
             truth=truth,
         )

@@ -13,6 +13,7 @@ from pydrake.systems.framework import (
     DependencyTicket,
     DiscreteValues,
     EventStatus,
+    OutputPort,
     ValueProducer,
 )
 
@@ -50,6 +51,11 @@ class Identifier(SpacecraftSystem):
         a rigid body can have.
         """
         return self._solution.Eval(context)
+
+    def estimate_ports(self) -> dict[str, OutputPort]:
+        """Return the ports that a controller or a visualizer reads, by their names there."""
+        names = ("covariance", "spatial_inertia", "checks_passed")
+        return {name: self.GetOutputPort(name) for name in names}
 
     def Finish(self, root_context: Context) -> Identification:
         """Use what is still to be used at the end of a run, and return the identification.

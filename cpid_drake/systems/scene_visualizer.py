@@ -1,5 +1,7 @@
 """What is identified, and the momenta, in Meshcat, beside Drake's visualization of the bodies."""
 
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.common.value import Value
@@ -15,20 +17,15 @@ from cpid_drake.dynamics.momentum import MomentumSamples, target_momentum
 from cpid_drake.spacecraft.appearance import inertia_ellipsoid
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.ports import PlantScratch, SpacecraftSystem
+from cpid_drake.systems.scene_page import LEGEND, estimate_lines, keep_scene
 
 FRAME_PERIOD = 1 / 16
 """Time between two drawings [s]: fast enough for the eye, and a page of ten seconds stays small."""
 
-LEGEND = {
-    "orange": "estimate: 3 σ, ellipsoid of inertia",
-    "skyblue": "momentum P of spacecraft; above: L",
-    "yellow": "momentum P of the target; above: L",
-    "white": "centre of mass of both",
-}
-"""What the scene shows, by colours of CSS, as short as the lines of Meshcat's panel."""
-
 _RGB = {"orange": (1, 0.65, 0), "skyblue": (0.5, 0.8, 0.9), "yellow": (1, 1, 0), "white": (1, 1, 1)}
-_VIEW = np.array([1.5, -1.25, 0.85])  # from the scene to the camera, in W and reaches
+_VIEW = np.array([1.1, -0.91, 0.62])  # from the scene to the camera, in W and reaches
+_STRETCH = 3.0  # a momentum that moves or turns all by a reach or radian in 9 s is one reach long
+_TARGET = "/drake/illustration/captured_target"  # see `Spacecraft.add_to`
 
 
 class SceneVisualizer(SpacecraftSystem):
@@ -47,9 +44,14 @@ class SceneVisualizer(SpacecraftSystem):
         - state
         - covariance
         - spatial_inertia
+        - checks_passed
 
     - `state`: x = [q; v] of the spacecraft's plant (a target welded on C adds no state).
-    - `covariance` (100) and `spatial_inertia`: an identifier's outputs, NaN while unknown.
+    - `covariance` (100), `spatial_inertia` and `checks_passed` (1): an identifier's outputs; the
+      first two are NaN while unknown.
+
+    Meshcat's controls show the legend and the numbers of the estimate; `keep` writes a page with
+    them. As Meshcat's recording, the numbers over time belong to this object and to no Context.
 
     Args:
         spacecraft: the known spacecraft.
@@ -70,14 +72,16 @@ class SceneVisualizer(SpacecraftSystem):
         places = [frame.CalcPoseInWorld(at_rest).translation() for frame in frames]
         self._reach = float(np.linalg.norm(places, axis=1).max())
         self._names = ["C"]
-        size, middle = 0.02 * self._reach, 0.65 * places[-1]
+        self._texts: list[tuple[float, str]] = []
+        self._buttons: list[str] = []
+        size, middle = 0.02 * self._reach, 0.4 * places[-1]
         self._add("estimate/inertia", Sphere(1.0), "orange", 0.35)
         self._add("estimate/three_sigma", Sphere(1.0), "orange", 0.5)
         self._add("centre_of_mass", Sphere(size), "white")
         for owner, color in (("spacecraft", "skyblue"), ("target", "yellow")):
             for kind in ("linear", "angular"):
                 self._add(
-                    f"momentum/{kind}_{owner}", MeshcatCone(1.0, 0.6 * size, 0.6 * size), color
+                    f"momentum/{kind}_{owner}", MeshcatCone(1.0, 0.8 * size, 0.8 * size), color
                 )
         for axis, name in zip(np.eye(3), "xyz", strict=True):
             ends = np.column_stack([np.zeros(3), 0.15 * self._reach * axis])
@@ -89,10 +93,13 @@ class SceneVisualizer(SpacecraftSystem):
         for path in ("/Grid", "/Axes"):
             meshcat.SetProperty(path, "visible", False)
         meshcat.SetCameraPose(middle + self._reach * _VIEW, middle)
+        for color, text in LEGEND.items():
+            meshcat.AddButton(f"{color}: {text}")
 
         self.DeclareVectorInputPort("state", plant.num_multibody_states())
         self.DeclareVectorInputPort("covariance", 100)
         self.DeclareAbstractInputPort("spatial_inertia", Value(SpatialInertia.NaN()))
+        self.DeclareVectorInputPort("checks_passed", 1)
         self.DeclarePeriodicPublishEvent(FRAME_PERIOD, 0.0, self._draw)
         self.DeclareForcedPublishEvent(self._draw)
 
@@ -107,7 +114,34 @@ class SceneVisualizer(SpacecraftSystem):
         self._meshcat.SetProperty(f"{path}/<object>", "material.depthTest", False)
         self._meshcat.SetProperty(f"{path}/<object>", "renderOrder", 10.0)
 
+    def keep(self, path: str | Path, *, wait: bool = False) -> None:
+        """Write the recorded scene as a page, and print its name; see `scene_page.keep_scene`."""
+        keep_scene(self._meshcat, path, self._texts, wait=wait)
+
+    def _show_numbers(self, context: Context) -> None:
+        """Show the estimate in Meshcat's controls, and remember it for the page."""
+        estimate, time = self.GetInputPort("spatial_inertia").Eval(context), context.get_time()
+        values = np.full(10, np.nan)
+        if not estimate.IsNaN():
+            values = InertialParameters.from_spatial_inertia(estimate).to_vector()
+        covariance = self.GetInputPort("covariance").Eval(context).reshape(10, 10)
+        lines = estimate_lines(values, 1.96 * np.sqrt(np.diag(covariance)), self._truth)
+        if np.isfinite(values).all() and not self.GetInputPort("checks_passed").Eval(context)[0]:
+            lines.append("checks did not pass: do not use it")
+        self._texts = [each for each in self._texts if each[0] < time]
+        if self._texts and self._texts[-1][1] == "\n".join(lines):
+            return
+        self._texts.append((time, "\n".join(lines)))
+        if self._meshcat.HasPath(_TARGET):  # now: Drake makes all opaque when it sends its shapes
+            self._meshcat.SetProperty(_TARGET, "modulated_opacity", 0.5)
+        for button in self._buttons:
+            self._meshcat.DeleteButton(button)
+        self._buttons = list(dict.fromkeys(map(str.strip, lines)))
+        for button in self._buttons:
+            self._meshcat.AddButton(button)
+
     def _draw(self, context: Context) -> EventStatus:
+        self._show_numbers(context)
         time, model = context.get_time(), self._scratch.context
         state = self.GetInputPort("state").Eval(context)
         self._spacecraft.plant.SetPositionsAndVelocities(model, state)
@@ -157,7 +191,7 @@ class SceneVisualizer(SpacecraftSystem):
                 ("linear", p_WS, P[0] / (total * reach)),
                 ("angular", above, about_centre / (total * reach**2)),
             ):
-                length = reach * float(np.sqrt(np.linalg.norm(rate)))
+                length = _STRETCH * reach * float(np.sqrt(np.linalg.norm(rate)))
                 if length > 1e-2 * reach:
                     X = RigidTransform(RotationMatrix.MakeFromOneVector(rate, 2), start)
                     drawn[f"momentum/{kind}_{owner}"] = X, [1.0, 1.0, length]

@@ -1,13 +1,18 @@
 """The scene in Meshcat: it shows what momentum conservation and the estimate say."""
 
+import re
+
 import numpy as np
 import pytest
 from pydrake.common.value import Value
+from pydrake.geometry import StartMeshcat
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.multibody.tree import SpatialInertia
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.visualization import AddDefaultVisualization
 
-from cpid_drake import (
-    SceneVisualizer,
-)
+from cpid_drake import InputError, MomentumIdentifier, SceneVisualizer
 from cpid_drake.spacecraft.appearance import inertia_ellipsoid
 
 
@@ -17,11 +22,23 @@ class Spy:
     def __init__(self) -> None:
         self.values = {}
 
+    def HasPath(self, path):
+        return False
+
     def SetObject(self, path, shape, rgba):
         self.values[path] = shape
 
     def SetLine(self, path, vertices, line_width, rgba):
         self.values[path] = vertices
+
+    def AddButton(self, name):
+        self.values["button", name] = True
+
+    def DeleteButton(self, name):
+        del self.values["button", name]
+
+    def buttons(self) -> list[str]:
+        return [key[1] for key in self.values if key[0] == "button"]
 
     def SetCameraPose(self, camera_in_world, target_in_world):
         self.values["camera"] = camera_in_world, target_in_world
@@ -52,13 +69,14 @@ def scene(servicer):
         context = system.CreateDefaultContext()
         states = servicer.to_states(telemetry)
 
-        def draw(k, estimate=None, covariance=np.nan):
+        def draw(k, estimate=None, covariance=np.nan, passed=True):
             M = SpatialInertia.NaN() if estimate is None else estimate.to_spatial_inertia()
             values = np.zeros((10, 10))
             values[1:4, 1:4] = covariance
             system.GetInputPort("state").FixValue(context, states[k])
             system.GetInputPort("covariance").FixValue(context, values.ravel())
             system.GetInputPort("spatial_inertia").FixValue(context, Value(M))
+            system.GetInputPort("checks_passed").FixValue(context, [float(passed)])
             context.SetTime(telemetry.time[k])
             system.ForcedPublish(context)
 
@@ -88,17 +106,63 @@ def test_momentum_of_spacecraft_and_target_cancels(scene, zero_momentum_motion, 
 def test_angular_momentum_is_that_of_drake_about_the_centre_of_mass(
     scene, servicer, random_motion, skewed_target
 ):
-    """The sum of the two angular arrows, which does not cancel here, in their scale."""
-    telemetry = random_motion(1, 5)
+    """The sum of the two angular arrows, which does not cancel here, in one scale for all."""
+    telemetry = random_motion(3, 5)
+    spy, draw = scene(telemetry, truth=skewed_target)
+    plant = servicer.make_simulation_plant(skewed_target)
+    context, scales = plant.CreateDefaultContext(), []
+    for k in range(3):
+        draw(k)
+        found = sum(spy.arrow(f"momentum/angular_{owner}") for owner in ("spacecraft", "target"))
+        plant.SetPositionsAndVelocities(context, servicer.to_states(telemetry)[k])
+        p_WS = plant.CalcCenterOfMassPositionInWorld(context)
+        total = plant.CalcSpatialMomentumInWorldAboutPoint(context, p_WS).rotational()
+        scales.append(np.linalg.norm(found) / np.linalg.norm(total))
+        np.testing.assert_allclose(found, scales[-1] * total, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(scales, scales[0])
+
+
+def test_the_controls_say_what_is_known_and_whether_to_use_it(scene, random_motion, skewed_target):
+    """The legend stays; the numbers are those of the latest estimate."""
+    telemetry = random_motion(3, 1)
     spy, draw = scene(telemetry, truth=skewed_target)
     draw(0)
-    found = sum(spy.arrow(f"momentum/angular_{owner}") for owner in ("spacecraft", "target"))
-    plant = servicer.make_simulation_plant(skewed_target)
-    context = plant.CreateDefaultContext()
-    plant.SetPositionsAndVelocities(context, servicer.to_states(telemetry)[0])
-    p_WS = plant.CalcCenterOfMassPositionInWorld(context)
-    total = plant.CalcSpatialMomentumInWorldAboutPoint(context, p_WS).rotational()
-    np.testing.assert_allclose(found, total / plant.CalcTotalMass(context), rtol=0, atol=1e-9)
+    assert "not all ten parameters known" in spy.buttons()
+    assert any("momentum P of the target" in text for text in spy.buttons())
+    draw(1, skewed_target, 1e-4 * np.eye(3))
+    assert "not all ten parameters known" not in spy.buttons()
+    texts = "\n".join(spy.buttons())
+    assert re.search(r"^c [-\d. ]+ m ± 0.02$", texts, re.M)  # 1.96 σ
+    assert re.search(r"^true 60", texts, re.M)
+    assert "checks did not pass" not in texts
+    draw(2, skewed_target, 1e-4 * np.eye(3), passed=False)
+    assert any("checks did not pass" in text for text in spy.buttons())
+    assert any("momentum P of the target" in text for text in spy.buttons())
+
+
+def test_a_kept_scene_is_a_page_that_needs_no_network(servicer, skewed_target, tmp_path, capsys):
+    """With the recording, the numbers and their times; its name is printed."""
+    meshcat, builder = StartMeshcat(), DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
+    servicer.add_to(plant, skewed_target, scene_graph=scene_graph)
+    state = plant.get_state_output_port()
+    identifier = MomentumIdentifier.AddToBuilder(builder, servicer, state=state)
+    AddDefaultVisualization(builder, meshcat)
+    system = SceneVisualizer.AddToBuilder(
+        builder, servicer, state=state, **identifier.estimate_ports(), meshcat=meshcat
+    )
+    simulator = Simulator(builder.Build())
+    meshcat.StartRecording()
+    simulator.AdvanceTo(0.2)
+    system.keep(tmp_path / "<b>.html")
+    assert capsys.readouterr().out == f"{tmp_path}/<b>.html plays the motion in a browser\n"
+    page = (tmp_path / "<b>.html").read_text(encoding="utf-8")
+    assert "<h1>&lt;b&gt;</h1>" in page
+    assert 'const steps = [[0.0, "not all ten parameters known"]]' in page
+    assert "momentum P of the target" in page
+    assert 'src="http' not in page
+    with pytest.raises(InputError, match=r"nowhere"):
+        system.keep(tmp_path / "nowhere" / "page.html")
 
 
 def test_nothing_of_the_target_is_drawn_until_it_is_known(
