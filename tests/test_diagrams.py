@@ -35,8 +35,8 @@ def ran(folder):
 
 
 def test_every_script_is_tested():
-    """`identify.py` is tested as the README's."""
-    assert sorted([*ARGUMENTS, "identify.py"]) == SCRIPTS
+    """`identify.py` and `sensors.py` are tested as the README's."""
+    assert sorted([*ARGUMENTS, "identify.py", "sensors.py"]) == SCRIPTS
 
 
 @pytest.mark.slow
@@ -66,10 +66,13 @@ def test_the_estimate_makes_the_tracking_error_vanish(ran, folder):
 
 
 @pytest.mark.slow
-def test_parameters_come_while_the_arms_move_and_the_base_may_rest(ran):
+def test_parameters_come_while_the_arms_move_and_the_base_may_rest(ran, folder):
     stdout = ran("passivity.py").stdout
     errors = dict(re.findall(r"^ +(\S+) s +(\S+)$", stdout, re.M))
     assert float(errors["1.0"]) < 1e-3
+    for page in ("adaptive.html", "still_base.html"):
+        assert f"{page} plays the motion" in stdout
+        assert (folder / page).stat().st_size > 1e5
     turns = [float(turn) for turn in re.findall(r"turns by (\S+)°", stdout)]
     assert turns[0] > 100 * turns[1]
     assert max(float(error) for error in re.findall(r"error (\S+)$", stdout, re.M)) < 1e-3

@@ -19,6 +19,9 @@ from pydrake.multibody.tree import BodyIndex, RigidBody, SpatialInertia
 from cpid_drake.errors import InputError
 from cpid_drake.spacecraft.model_file import check_model, make_parser, message_of
 
+OPACITY = 0.5
+"""Of a target, so that an estimate inside of it is seen."""
+
 
 def inertia_ellipsoid(M_TCo_C: SpatialInertia) -> tuple[NDArray[np.float64], RigidTransform]:
     """Return the solid, homogeneous ellipsoid that has this spatial inertia.
@@ -55,7 +58,7 @@ def add_target_appearance(
     """
     if visual_model is None:
         semi_diameters, X_CE = inertia_ellipsoid(M_TCo_C)
-        grey = [0.6, 0.6, 0.62, 1.0]
+        grey = [0.6, 0.6, 0.62, OPACITY]
         plant.RegisterVisualGeometry(body, X_CE, Ellipsoid(*semi_diameters), "ellipsoid", grey)
         return
     check_model(visual_model, str(visual_model), folders)
@@ -88,4 +91,9 @@ def add_target_appearance(
                 instance = inspector.CloneGeometryInstance(geometry)
                 instance.set_pose(X_RG)
                 instance.set_name(name)
+                material = instance.mutable_illustration_properties()
+                if material.HasProperty("phong", "diffuse"):
+                    color = material.GetProperty("phong", "diffuse")
+                    color.update(a=OPACITY * color.a())
+                    material.UpdateProperty("phong", "diffuse", color)
                 plant.RegisterVisualGeometry(body, instance)

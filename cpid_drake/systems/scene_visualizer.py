@@ -25,7 +25,6 @@ FRAME_PERIOD = 1 / 16
 _RGB = {"orange": (1, 0.65, 0), "skyblue": (0.5, 0.8, 0.9), "yellow": (1, 1, 0), "white": (1, 1, 1)}
 _VIEW = np.array([1.1, -0.91, 0.62])  # from the scene to the camera, in W and reaches
 _STRETCH = 3.0  # a momentum that moves or turns all by a reach or radian in 9 s is one reach long
-_TARGET = "/drake/illustration/captured_target"  # see `Spacecraft.add_to`
 
 
 class SceneVisualizer(SpacecraftSystem):
@@ -132,8 +131,6 @@ class SceneVisualizer(SpacecraftSystem):
         if self._texts and self._texts[-1][1] == "\n".join(lines):
             return
         self._texts.append((time, "\n".join(lines)))
-        if self._meshcat.HasPath(_TARGET):  # now: Drake makes all opaque when it sends its shapes
-            self._meshcat.SetProperty(_TARGET, "modulated_opacity", 0.5)
         for button in self._buttons:
             self._meshcat.DeleteButton(button)
         self._buttons = list(dict.fromkeys(map(str.strip, lines)))

@@ -47,6 +47,8 @@ def identify(folder: Path) -> None:
             continue  # Drake's visualization for other viewers, and of contacts and inertias
         in_name = reader.get_input_port(in_index).get_name()
         out_name = writer.get_output_port(out_index).get_name()
+        if "deformable" in out_name:
+            continue
         ports.setdefault(reader, ([], []))[0].append(in_name)
         outputs = ports.setdefault(writer, ([], []))[1]
         outputs += [] if out_name in outputs else [out_name]

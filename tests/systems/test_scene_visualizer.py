@@ -22,9 +22,6 @@ class Spy:
     def __init__(self) -> None:
         self.values = {}
 
-    def HasPath(self, path):
-        return False
-
     def SetObject(self, path, shape, rgba):
         self.values[path] = shape
 
