@@ -70,7 +70,7 @@ class SensorIdentifier(Identifier):
     - `parameters`, `covariance`, `spatial_inertia`, `diagnostics`: as the outputs of
       `MomentumIdentifier`, but the covariance follows from the sensors' noise, and the residual is
       NaN.
-    - `checks_passed` (1): 1 if no check of `identification(context)` fails, else 0: convergence,
+    - the port of the checks (1): 1 if no check of `identification(context)` fails: convergence,
       residuals as small and as little correlated as the declared noise, errors no larger than
       declared, samples that were rejected, momentum, and a rigid body that has the estimate.
 
