@@ -17,9 +17,7 @@ import cpid_drake as cpid
 model = "package://cpid_drake_models/dual_arm_servicer/dual_arm_servicer.urdf"  # or your file
 spacecraft = cpid.Spacecraft(model, base="bus", capture_frame="capture_point")
 tank = cpid.InertialParameters(60.0, [0.5, 0.05, -0.1], np.diag([6, 9, 8]))  # only in the plant
-guess = cpid.InertialParameters(
-    100.0, np.zeros(3), 10.0 * np.eye(3)
-)  # the controller's, until checks pass
+guess = cpid.InertialParameters(100.0, np.zeros(3), 10.0 * np.eye(3))  # of the controller
 start = np.array([0.2, 0.3, 1.0, 0.0, -0.6, 0.0, -0.3, -1.5, 2.4, 0.0, -0.9, 0.0])  # [rad]
 end = np.array([-0.8, -1.2, 0.7, 1.8, 0.8, -1.0, -1.5, -1.3, 0.6, -1.0, 0.5, 1.0])
 path = PiecewisePolynomial.CubicHermite([0, 10], np.column_stack([start, end]), np.zeros((12, 2)))
@@ -40,7 +38,6 @@ cpid.JointController.AddToBuilder(builder, spacecraft, **ports, **joints, reads_
 state_log, meshcat = LogVectorOutput(state, builder, publish_period=0.1), StartMeshcat()
 AddDefaultVisualization(builder, meshcat)
 scene = cpid.SceneVisualizer.AddToBuilder(builder, spacecraft, **ports, meshcat=meshcat, truth=tank)
-
 simulator = Simulator(builder.Build())
 ApplySimulatorConfig(SimulatorConfig(accuracy=1e-8, max_step_size=0.05), simulator)
 meshcat.StartRecording()

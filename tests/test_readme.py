@@ -63,6 +63,7 @@ def test_the_diagram_is_the_script_and_identifies_the_target(ran, tmp_path, caps
     """Exactly, from the third sample on; the controller uses it, and a page keeps the motion."""
     [diagram] = re.findall(r"```python\n(.*?)```", README, re.S)
     assert (DIAGRAMS / "identify.py").read_text().endswith(diagram)
+    assert len(diagram.splitlines()) <= 45
     names = ran("identify.py")
     found, truth = names["found"], names["tank"].to_vector()
     np.testing.assert_allclose(found.parameters, truth, rtol=0, atol=1e-6)
