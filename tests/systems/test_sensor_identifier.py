@@ -13,7 +13,7 @@ from cpid_drake import (
     shipped_scenario,
 )
 from cpid_drake.estimation.unknowns import PSI
-from cpid_drake.logs.log import Log
+from cpid_drake.logs.log import Log, Samples
 from cpid_drake.sensors.sensors import (
     SENSORS,
 )
@@ -203,6 +203,17 @@ def test_it_identifies_the_target_in_the_plant(simulation, finished, skewed_targ
     assert counts["gyro_used"] == counts["encoders_used"] == 351
     assert counts["momentum_changes"] == 0
     assert not any(value for name, value in counts.items() if name.endswith("rejected"))
+
+
+def test_a_log_that_contradicts_its_sensors_fails_a_check(flight, samples):
+    """A gyro that scatters much more than declared."""
+    context = flight.CreateDefaultContext()
+    port = flight.GetOutputPort("checks_passed")
+    gyro = samples["gyro"]
+    noise = 1e-4 * np.random.default_rng(1).normal(size=gyro.value.shape)
+    play(flight, context, samples.updated({"gyro": Samples(gyro.time, gyro.value + noise)}))
+    assert flight.identification(context).failures
+    assert port.Eval(context)[0] == 0.0
 
 
 # -- the state -----------------------------------------------------------------------------------
