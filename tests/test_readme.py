@@ -103,11 +103,13 @@ def test_real_sensors_replace_the_line_of_the_identifier(ran):
 
 
 @pytest.mark.slow
-def test_every_command_of_the_table_runs_one_after_the_other(tmp_path):
-    """In a folder with the models, as it stands; what one writes the next may read."""
+def test_all_commands_run_one_after_the_other(tmp_path):
+    """In a folder with the models, as they stand; what one writes the next may read."""
     (tmp_path / "models").symlink_to(ROOT / "models")
     commands = re.findall(r"^\| .+ \| `cpid (.+)` \|$", README, re.M)
     assert len(commands) == 10
+    commands += re.findall(r"^cpid (.+)$", README.replace("\\\n", " "), re.M)
+    assert len(commands) == 11
     for command in commands:
         arguments = [sys.executable, "-m", "cpid_drake", *shlex.split(command)]
         paths = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
