@@ -14,13 +14,13 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.framework import DiagramBuilder
 
+from cpid_drake.digits import decimals, significant
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.rows import row_family
 from cpid_drake.errors import InputError
 from cpid_drake.identification.by_rows import complete_samples
 from cpid_drake.identification.checked_log import in_joint_order
-from cpid_drake.identification.description import decimals
 from cpid_drake.identification.result import Identification
 from cpid_drake.logs.log import Log
 from cpid_drake.logs.noise_estimation import estimate_suite
@@ -112,7 +112,7 @@ def estimate_text(found: Identification, truth: InertialParameters | None = None
     for name, part, unit in parts:
         half = float(halves[part].max())
         places = min(decimals(half), 4)
-        lines.append(f"{name} {_numbers(values[part], places)} {unit} ± {half:.2g}")
+        lines.append(f"{name} {_numbers(values[part], places)} {unit} ± {significant(half)}")
         if truth is not None:
             lines.append(f"  true {_numbers(truth.to_vector()[part], places)}")
     lines += [f"failed check: {failure}" for failure in found.failures]

@@ -3,10 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from cpid_drake.digits import decimals, rounded_pair, significant
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from cpid_drake.estimation.least_squares import quantile_95
-from cpid_drake.identification.description import agreement_words, consistency_words, decimals
+from cpid_drake.identification.description import agreement_words, consistency_words, gap
 from cpid_drake.identification.result import Identification
 from cpid_drake.report.figures import singular_value_picture
 from cpid_drake.report.page import Section, Table
@@ -18,7 +19,7 @@ def result_section(result: Identification, truth: InertialParameters | None) -> 
     texts = [f"{words[0].upper()}{words[1:]}."]
     if not result.is_observable:
         known = f"The log determines {result.rank} of ten combinations of the parameters."
-        texts = [known, *result.gap()]
+        texts = [known, *gap(result)]
     return Section(
         "Result",
         texts=texts,
@@ -100,9 +101,8 @@ def effects_section(result: Identification) -> Section:
     rows = [
         [
             effect.name if i == 0 else "",
-            f"{value:.4g}",
-            f"{factor * sigma:.2g}",
-            f"{factor * effect.prior_sigma:.2g}",
+            *rounded_pair(value, factor * sigma),
+            significant(factor * effect.prior_sigma),
             effect.unit,
             effect.declaration if i == 0 else "",
         ]
