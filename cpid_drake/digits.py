@@ -10,6 +10,14 @@ def decimals(width: float) -> int:
     return min(max(2 - math.floor(math.log10(width)), 0), 11)
 
 
+def decimals_of(low: float, high: float) -> int:
+    """Return the number of decimals for the ends of an interval; one may be missing, NaN."""
+    ends = [end for end in (low, high) if math.isfinite(end)]
+    if len(ends) == 1:
+        return decimals(abs(ends[0]))
+    return decimals(max(ends, default=0.0) - min(ends, default=0.0))
+
+
 def significant(value: float, digits: int = 2, sign: str = "") -> str:
     """Return a number with so many significant digits; without exponent from 1e-6 to 1e9.
 

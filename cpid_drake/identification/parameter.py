@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from math import isfinite
 
-from cpid_drake.digits import decimals, significant
+from cpid_drake.digits import decimals_of, significant
 
 
 @dataclass(frozen=True, repr=False)
@@ -45,10 +45,7 @@ class ParameterEstimate:
     @property
     def decimals(self) -> int:
         """Number of decimals that the interval gives a meaning; a single bound has three digits."""
-        bounds = [bound for bound in self.interval if isfinite(bound)]
-        if len(bounds) == 1:
-            return decimals(abs(bounds[0]))
-        return decimals(max(bounds, default=0.0) - min(bounds, default=0.0))
+        return decimals_of(*self.interval)
 
     def shown(self) -> str:
         """Return the estimate, or that it is not known."""

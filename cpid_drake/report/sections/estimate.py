@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.digits import decimals, rounded_pair, significant
+from cpid_drake.digits import decimals_of, rounded_pair, significant, with_half_width
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from cpid_drake.estimation.least_squares import quantile_95
@@ -39,7 +39,7 @@ def _parameters(result: Identification, truth: InertialParameters | None) -> Tab
         intervals = np.full((10, 2), np.nan)  # no rigid body agrees with the estimate
     rows = []
     for i, (name, unit) in enumerate(zip(PARAMETER_NAMES, PARAMETER_UNITS)):
-        places = decimals(np.diff(intervals[i])[0])
+        places = decimals_of(*intervals[i])
         estimate, body = (_number(x[i], places) for x in (result.parameters, nearest))
         row = [name, estimate or "not known", _range(intervals[i]), body]
         row += [_range(result.shown_intervals[i])] * has_bodies
@@ -67,7 +67,7 @@ def _range(ends: NDArray[np.float64]) -> str:
     low, high = ends
     if np.isnan(ends).all():
         return ""
-    places = decimals(high - low)
+    places = decimals_of(low, high)
     return f"{_number(low, places) or '?'} to {_number(high, places) or '?'}"
 
 
@@ -83,10 +83,8 @@ def logs_section(result: Identification) -> Section:
     for i, (name, unit) in enumerate(zip(PARAMETER_NAMES, PARAMETER_UNITS)):
         cells = []
         for part in parts.values():
-            half = np.diff(part.intervals[i])[0] / 2
-            places = decimals(2 * half)
-            value, spread = _number(part.parameters[i], places), _number(half, places)
-            cells.append(f"{value} ± {spread}" if value else "not known")
+            value, half = part.parameters[i], np.diff(part.intervals[i])[0] / 2
+            cells.append(with_half_width(value, half) if np.isfinite(value) else "not known")
         rows.append([name, *cells, unit])
     note = (
         "Estimates with 95 % intervals; each log has its own start, momentum and biases. "
