@@ -5,14 +5,17 @@ The public names, in order of their dependencies:
 - `InertialParameters`: mass, centre of mass and inertia in every representation;
 - `Spacecraft`: a model file as a known spacecraft with a base and a capture frame;
 - `Motion`: samples of base and joint motion;
-- `identify`: from `Motion` or `Log` to an `Identification`, by any estimator;
+- `identify`: from `Motion` or `Log` to an `Identification`, by any estimator; it prints as a
+  table, and each of its parameters is a `ParameterEstimate`;
 - `identify_files`: the same from files, each with its `Request` and its `SpacecraftReference`;
-- `describe`, `write_report`, `read_result`, `write_result`: a result in words, as a page, as JSON;
+- `write_report`, `read_result`, `write_result`: a result as a page, as JSON;
 - `TargetPrior`: what is known about a target before its log;
+- `BodyUncertainty`: how well the spacecraft's bodies, geometry and grasp are known;
 - `validate`: predicts a log that was not used to identify a target;
 - `TotalMomentum`: zero, unknown or known;
 - `SensorSuite`, `load_sensors`, `Log`: sensors and their samples, each at its own rate;
 - `read_log`, `write_log`, `from_columns`: logs as files, or from columns in memory;
+- `ColumnMap`: names, units and conventions of a log's columns;
 - `MomentumIdentifier`, `SpacecraftSensors`, `SensorIdentifier`, `JointController`,
   `PassivityController`, `JointMotionSource`, `SceneVisualizer`: Drake systems;
 - `HalfCosine`, `MultiSine`, `Spline`: joint motions;

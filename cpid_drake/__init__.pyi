@@ -3,20 +3,22 @@ from .dynamics.joint_motion import HalfCosine, JointMotion, MultiSine, Spline
 from .dynamics.motion import Motion
 from .dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from .dynamics.total_momentum import TotalMomentum
+from .dynamics.uncertainty import BodyUncertainty
 from .errors import InputError
-from .identification.description import describe
 from .identification.identify import identify
 from .identification.identify_files import identify_files
+from .identification.parameter import ParameterEstimate
 from .identification.prior import TargetPrior
 from .identification.request import Request, SpacecraftReference
 from .identification.result import Identification
 from .identification.result_files import read_result, write_result
 from .identification.validation import validate
+from .logs.column_map import ColumnMap
 from .logs.conversion import from_columns as from_columns
 from .logs.files import read_log, write_log
 from .logs.log import Log
 from .report.pages.identification import write_report
-from .resources import shipped_scenario
+from .resources import __version__, shipped_scenario
 from .scenario.files import load_scenario
 from .scenario.schema import Scenario
 from .scenario.simulation import Simulation, make_simulation
@@ -36,6 +38,8 @@ from .systems.spacecraft_sensors import SpacecraftSensors
 __all__ = [
     "PARAMETER_NAMES",
     "PARAMETER_UNITS",
+    "BodyUncertainty",
+    "ColumnMap",
     "HalfCosine",
     "Identification",
     "InertialParameters",
@@ -47,6 +51,7 @@ __all__ = [
     "MomentumIdentifier",
     "Motion",
     "MultiSine",
+    "ParameterEstimate",
     "PassivityController",
     "Request",
     "Scenario",
@@ -60,7 +65,7 @@ __all__ = [
     "Spline",
     "TargetPrior",
     "TotalMomentum",
-    "describe",
+    "__version__",
     "export_target",
     "from_columns",
     "identify",

@@ -29,6 +29,10 @@ def version_of(package: str) -> str | None:
         return None
 
 
+__version__ = version_of("cpid-drake") or "unknown"
+"""Version of this package; unknown if it is not installed."""
+
+
 def package_folders(packages: Mapping[str, str | Path] | None = None) -> dict[str, Path]:
     """Return the folders of `cpid_drake_models` and of the given packages, by package name.
 

@@ -1,5 +1,6 @@
 """The public names: each is there, and none loads what another one needs."""
 
+import importlib.metadata
 import subprocess
 import sys
 
@@ -28,6 +29,14 @@ def test_other_names_are_not():
 
 def test_the_package_itself_loads_nothing_heavy():
     assert not modules_after("import cpid_drake") & {"numpy", "scipy", "pydrake", "matplotlib"}
+
+
+def test_the_version_is_that_of_the_installed_package():
+    assert cpid_drake.__version__ == importlib.metadata.version("cpid-drake")
+
+
+def test_a_result_is_read_without_what_draws_it():
+    assert not modules_after("from cpid_drake import read_result") & {"pydrake", "matplotlib"}
 
 
 def test_a_name_loads_its_own_module():

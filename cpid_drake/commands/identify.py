@@ -7,6 +7,7 @@ from typing import Annotated
 
 import cpid_drake as cpid
 from cpid_drake.commands import options
+from cpid_drake.identification.description import describe
 from cpid_drake.output_files.overwriting import check_outputs
 
 NOT_ALL_KNOWN = 3
@@ -61,7 +62,7 @@ def identify(
         console.print(f"note: ignored columns: {', '.join(ignored[:20])}")
     options.print_warnings(result.warnings)
     if not quiet:
-        print("\n".join(cpid.describe(result)))
+        print("\n".join(describe(result)))
     if result.failures:
         return CHECK_FAILED
     return 0 if result.is_complete else NOT_ALL_KNOWN

@@ -1,5 +1,7 @@
 """`cpid log`: checks logs, finds out what their columns mean, and converts them."""
 
+from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -11,11 +13,11 @@ from cpid_drake.commands.identify import CHECK_FAILED
 from cpid_drake.commands.usage import group
 from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.identification.checked_log import check_log, left_out_warnings
-from cpid_drake.logs.conventions import check_conventions
+from cpid_drake.identification.checks import label_of
+from cpid_drake.logs.conventions import Findings, check_conventions
 from cpid_drake.logs.conversion import LogFile
 from cpid_drake.logs.files import inspect_log, read_log, read_table, write_log
 from cpid_drake.logs.guess.guess import guess_map
-from cpid_drake.logs.score import Comparison
 from cpid_drake.logs.screening import screen
 from cpid_drake.output_files.drafts import write_text
 from cpid_drake.output_files.overwriting import check_outputs
@@ -35,45 +37,50 @@ def check(
     With a spacecraft, the joints are compared with the model's, and units and conventions with the
     conservation of momentum.
 
-    Exit codes: 0 no problem; 2 at least one problem.
+    Exit codes: 0 no error, perhaps warnings; 2 at least one error.
     """
     spacecraft = craft.make() if craft.is_given else None
     joints = None if spacecraft is None else spacecraft.joint_names
     found = inspect_log(file, topics=reading.topics(), columns=reading.columns, joints=joints)
-    errors, warnings, unchecked, comparisons = _comparisons(found, spacecraft)
-    count = len(found.problems) + len(errors)
+    errors, warnings, said = _compared(found, spacecraft)
+    count, unchecked = len(found.problems) + len(errors), [*said.unchecked, *said.not_compared]
     hidden = max(len(found.problems) - _SHOWN, 0)
     out = Console(markup=False, highlight=False, soft_wrap=True)
-    out.print("\n".join(contents(found, file, comparisons)))
+    out.print("\n".join(contents(found, file, said.comparisons)))
     lines = [f"warning: {warning}" for warning in warnings]
     lines += [f"error: {problem}" for problem in [*found.problems[:_SHOWN], *errors]]
     lines += [f"... and {hidden} more"] * (hidden > 0)
     lines += [f"not checked: {text}" for text in unchecked]
-    for line in [*lines, *["no problems found"] * (not count)]:
+    if not lines:
+        lines = ["no problems found"]
+    elif not count:
+        lines.append(f"no errors; warnings: {len(warnings)}, not checked: {len(unchecked)}")
+    for line in lines:
         out.print(line)
     if count:
         raise InputError(f"{file}: {count} problem{'s' * (count > 1)} found, listed above")
     return 0
 
 
-def _comparisons(
-    found: LogFile, craft: Spacecraft | None
-) -> tuple[list[str], list[str], list[str], tuple[Comparison, ...]]:
-    """Return errors, warnings, what could not be compared, and the comparisons."""
+def _compared(found: LogFile, craft: Spacecraft | None) -> tuple[list[str], list[str], Findings]:
+    """Return errors, warnings, and what the comparisons of a log say."""
+    warnings, rejected = left_out_warnings(found.left_out_joints), Counter(found.partial)
+    errors: Sequence[str]
     if craft is None:
-        said = check_conventions(screen(found.log).log, None)
-        return [*said.failures], [*said.warnings], [*said.unchecked], said.comparisons
-    warnings = left_out_warnings(found.left_out_joints)
-    try:
-        checked = check_log(craft, found.log)
-    except InputError as error:
-        return [str(error)], warnings, [], ()
-    return (
-        [*checked.failures],
-        [*warnings, *checked.warnings],
-        [*checked.conventions.unchecked],
-        checked.conventions.comparisons,
-    )
+        screened = screen(found.log)
+        said = check_conventions(screened.log, None)
+        errors, noted = said.failures, said.warnings
+        rejected += Counter(screened.rejected)
+    else:
+        try:
+            checked = check_log(craft, found.log)
+        except InputError as error:
+            return [str(error)], warnings, Findings()
+        said = checked.conventions
+        errors, noted = checked.failures, checked.warnings
+        rejected += Counter(checked.rejected)
+    unusable = [f"unusable samples of {label_of(name)}: {n}" for name, n in rejected.items()]
+    return [*errors], [*warnings, *noted, *unusable], said
 
 
 def map_columns(

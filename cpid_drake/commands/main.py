@@ -13,7 +13,7 @@ import typer.main
 
 from cpid_drake.commands.usage import group
 from cpid_drake.errors import InputError
-from cpid_drake.resources import version_of
+from cpid_drake.resources import __version__, version_of
 
 COMMANDS = {
     "identify": "Identify the target that a spacecraft holds from logs of its motion.",
@@ -77,8 +77,8 @@ app = typer.Typer(
 def print_version(wanted: bool) -> None:
     """Print the versions of this package, Drake and Python, and exit, if this is wanted."""
     if wanted:
-        own, drake = (version_of(name) or "not installed" for name in ("cpid-drake", "drake"))
-        print(f"cpid {own} (Drake {drake}, Python {platform.python_version()})")
+        drake = version_of("drake") or "not installed"
+        print(f"cpid {__version__} (Drake {drake}, Python {platform.python_version()})")
         raise typer.Exit
 
 

@@ -13,6 +13,7 @@ import cpid_drake as cpid
 from cpid_drake import planning, report, studies
 from cpid_drake.commands import options
 from cpid_drake.commands.usage import group
+from cpid_drake.digits import significant
 from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.output_files.drafts import draft_folder, draft_of, write_text
 from cpid_drake.output_files.overwriting import check_folder, check_outputs
@@ -71,7 +72,7 @@ def motion(
     with prefix_errors(scenario), log.status("planning") as status:
 
         def progress(what: str, best: float = math.nan) -> None:
-            known = "" if math.isnan(best) else f": worst σ {100 * best:.3g} % of scale"
+            known = "" if math.isnan(best) else f": worst σ {significant(100 * best, 3)} % of scale"
             status.update(f"{what}{known}")
 
         planner = planning.load_planner(path, chosen.sensors, chosen, chosen.prior)
@@ -104,14 +105,16 @@ def motion(
     if usage[limit] > 1:
         planner.notes.append(
             "with some of the plausible targets the scenario's motion needs "
-            f"{usage[limit]:.2g} times the limit: {limit}"
+            f"{significant(usage[limit])} times the limit: {limit}"
         )
     for note in planner.notes:
         log.print(f"note: {note}")
     if picture is not None:
+        from cpid_drake.output_files.pictures import save_pictures  # loads Matplotlib
+
         with draft_of(picture) as draft:
             drawn = report.plan_pictures(planner.setting, made, found, target)
-            report.save_pictures(draft, picture.suffix[1:], drawn, 2)
+            save_pictures(draft, picture.suffix[1:], drawn, 2)
     if quiet:
         return
     title = f"Predicted σ, a target of {target[0]:.3g} kg"

@@ -9,6 +9,7 @@ from annotated_types import Interval
 
 from cpid_drake.commands import options
 from cpid_drake.commands.identify import CHECK_FAILED
+from cpid_drake.digits import significant
 from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.identification.checked_log import left_out_warnings
 from cpid_drake.identification.identify_files import file_hash, open_log, opened_inputs
@@ -125,8 +126,8 @@ def _verdict(validation: Validation, threshold: float) -> list[str]:
         )
     elif size > threshold:
         verdict = (
-            f"not valid: a usual residual of {size:.3g} σ (threshold {threshold:g}), which no "
-            "other target explains better"
+            f"not valid: a usual residual of {significant(size, 3)} σ (threshold {threshold:g}), "
+            "which no other target explains better"
         )
     noticed = "Not even a target twice as heavy would be noticed"
     if validation.heavier <= 1:
@@ -146,7 +147,7 @@ def _predicted(validation: Validation) -> Table:
             str(each.samples),
             *(f"{x:.3g}" for x in (each.rms, each.largest, each.noise)),
         ]
-        + [each.unit, f"{each.in_sigma:.3g} σ"]
+        + [each.unit, f"{significant(each.in_sigma, 3)} σ"]
         for each in validation.errors
     ]
     heads = ["", "samples", "rms error", "largest", "noise", "", "residual"]

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtri
 
+from cpid_drake.digits import significant
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.parameterizations import Parameterization
 from cpid_drake.dynamics.rows import STANDARD_ROWS, RowFamily
@@ -356,8 +357,8 @@ def _checks(
     axes = 3 if tree.normal_B is None else 1
     limit = float(np.sqrt(chdtri(axes, IMPROBABLE) / axes))
     misfit = min(to_errors, to_rows / INTEGRATION)
-    text = f"the momentum balance misses the samples by {misfit:.2g} times their errors: {_CAUSE}"
-    yield Check.of("misfit", text, misfit, limit)
+    text = f"the momentum balance misses the samples by {significant(misfit)} times their errors"
+    yield Check.of("misfit", f"{text}: {_CAUSE}", misfit, limit)
     if to_rows <= INTEGRATION or halves is None:
         return
     first, all_samples = halves

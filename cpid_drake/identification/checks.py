@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtri, fdtri, pdtrik
 
+from cpid_drake.digits import significant
 from cpid_drake.estimation.evidence import NAMED
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.whiteness import MOST_CORRELATED, Whiteness
@@ -36,6 +37,9 @@ ROUGH = 2.0
 
 NOISE = "noise"
 """Name of the check of larger noise, which makes other causes seem likely."""
+
+REACH = 3.0
+"""Assumed distance of a part of the target from C, in radii of gyration of the spacecraft."""
 
 
 @dataclass(frozen=True)
@@ -118,13 +122,13 @@ def fit_checks(
         fails = test.fails or (name in loud and test.lag_one > 0 and not test.is_white)
         sentence = (
             f"the residuals of the {label_of(name)} are correlated from sample to sample "
-            f"({test.lag_one:+.2f}) and weigh as much as {noise.get(name, 1.0):.2g} times "
+            f"({test.lag_one:+.2f}) and weigh as much as {significant(noise.get(name, 1.0))} times "
             "the given noise: their cause is not in the intervals"
         )
         yield Check.of(f"correlation of {name}", sentence, test.lag_one, MOST_CORRELATED, not fails)
         if fails:
             loud.pop(name, None)
-    parts = [f"that of the {label_of(name)} {factor:.2g} times" for name, factor in loud.items()]
+    parts = [f"that of the {label_of(n)} {significant(factor)} times" for n, factor in loud.items()]
     sentence = "the noise is larger than the sensors' file declares: "
     sentence += f"{', '.join(parts)} the given one"
     yield Check.of(NOISE, sentence, largest, MOST_NOISE, not loud)
@@ -212,7 +216,7 @@ def momentum_words(
 def noise_warnings(factors: Mapping[str, float]) -> tuple[str, ...]:
     """Return the warning about noise that is larger than declared; see `fit_checks`."""
     seen = {name: factor for name, factor in factors.items() if factor > SEEN}
-    parts = [f"the {label_of(name)} {factor:.2g} times" for name, factor in seen.items()]
+    parts = [f"the {label_of(name)} {significant(factor)} times" for name, factor in seen.items()]
     if not parts:
         return ()
     text = "the residuals are larger than the noise, or correlated in time"

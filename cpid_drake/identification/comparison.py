@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
+from cpid_drake.digits import significant
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.evidence import NAMED, SIZES, Comparison, Question
@@ -274,12 +275,12 @@ def size_checks(
     chi_squared = float(np.sum(x[seen] ** 2 / (1 - left[seen])))
     sentence = (
         "the errors of the sensors or the bodies, or the forces, are about "
-        f"{np.sqrt(chi_squared / freedom):.2g} times as large as their declared sigma"
+        f"{significant(np.sqrt(chi_squared / freedom))} times as large as their declared sigma"
     )
     if effects:
         largest = max(effects, key=lambda each: float(np.abs(each.value).max()) / each.prior_sigma)
-        sentence += f", such as: {largest.describe()}, with a sigma of {largest.prior_sigma:.3g} "
-        sentence += largest.unit
+        declared = f"{significant(largest.prior_sigma, 3)} {largest.unit}"
+        sentence += f", such as: {largest.describe()}, with a sigma of {declared}"
     sentence += "; declare what the hardware can have, or look for another cause"
     return (Check.of("declared sizes", sentence, chi_squared, float(chdtri(freedom, IMPROBABLE))),)
 

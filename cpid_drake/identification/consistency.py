@@ -15,11 +15,8 @@ from scipy.special import chdtri, fdtri
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.estimation.rigid_body_set import RigidBodySet
-from cpid_drake.identification.checks import IMPROBABLE, NEAREST, NOISE, Check
+from cpid_drake.identification.checks import IMPROBABLE, NEAREST, NOISE, REACH, Check
 from cpid_drake.identification.result import Combinations, Identification
-
-REACH = 3.0
-"""Plausible distance of a part of the target from C, in radii of gyration of the spacecraft."""
 
 
 def checked(found: Identification, tree: KinematicTree) -> Identification:

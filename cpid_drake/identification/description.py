@@ -1,16 +1,27 @@
 """An identification in words."""
 
 from collections.abc import Iterator
+from dataclasses import replace
+from html import escape
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cpid_drake.digits import decimals, significant, with_half_width
 from cpid_drake.dynamics.inertia import InertialParameters
-from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
-from cpid_drake.identification.checks import AGREEMENT
-from cpid_drake.identification.consistency import REACH
+from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
+from cpid_drake.dynamics.plane import parallel_axis
+from cpid_drake.identification.checks import AGREEMENT, REACH
 from cpid_drake.identification.leaning import ALL, LINK
-from cpid_drake.identification.result import Identification
+
+if TYPE_CHECKING:
+    from cpid_drake.identification.result import Identification
+
+_Row = tuple[str, str, str, str, str, str]
+
+_TENSORS = np.array([InertialParameters.from_vector(row).I_TTcm_C for row in np.eye(10)[4:]])
+"""(6, 3, 3) the tensors of the last six parameters."""
 
 
 def principal_axes(target: InertialParameters) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -25,43 +36,90 @@ def principal_axes(target: InertialParameters) -> tuple[NDArray[np.float64], NDA
     return moments, axes
 
 
-def describe(result: Identification) -> list[str]:
+def describe(result: "Identification") -> list[str]:
     """Return a result as lines of text: parameters, their uncertainty, and advice."""
-    how = result.estimator + (f" with {result.rows} rows" if result.rows else "")
-    source = result.sources[0] if len(result.sources) == 1 else None
-    frame = "" if result.spacecraft is None else f" in {result.spacecraft.capture_frame}"
-    failures = [f"failed check: {failure}" for failure in result.failures]
-    window = f" in {source.start:.6g} to {source.end:.6g} s" if source else ""
-    lines = [
-        *failures,
-        f"Target{frame}, by {how}, from {result.sample_count} samples{window}",
+    return [
+        *(f"failed check: {failure}" for failure in result.failures),
+        origin(result),
         "",
+        *_aligned(_cells(result)),
+        "",
+        *_notes(result),
     ]
-    cells = [("", "estimate", "95 % interval", "", "consistent", "by 1 % of a body")]
+
+
+def html(result: "Identification") -> str:
+    """Return a result as a part of an HTML page, in the page's own colours."""
+    heads, *rows = _cells(result)
+    shown = [f"<b>Failed check: {escape(failure)}</b>" for failure in result.failures]
+    shown += [f"Warning: {escape(warning)}" for warning in result.warnings]
+    box = "border-left: 4px solid #D55E00; margin: 0.4em 0; padding-left: 0.6em; max-width: 70em"
+    lines = [f'<div style="{box}">{text}</div>' for text in shown]
+    lines += [f"<div>{escape(origin(result))}</div>", '<table style="border-collapse: collapse">']
+    for tag, row in (("th", heads), *(("td", row) for row in rows)):
+        cells = (
+            f'<{tag} style="padding: 0.15em 0.7em; text-align: {side}">{escape(text)}</{tag}>'
+            for text, side in zip(row, ("left", "right", "right", "left", "right", "right"))
+        )
+        lines.append(f"<tr>{''.join(cells)}</tr>")
+    notes = escape("\n".join(_notes(result)))
+    style = "background: none; color: inherit; white-space: pre-wrap"
+    lines += ["</table>", f'<pre style="{style}">{notes}</pre>']
+    return "\n".join(lines)
+
+
+def summary(result: "Identification") -> str:
+    """Return a result in one line: how it was found, rank, mass and failed checks."""
+    failed = [check.name for check in result.checks if not check.passed]
+    checks = f"failed checks: {', '.join(failed)}" if failed else "no check failed"
+    mass = replace(result["m"], checks_passed=True)
+    return f"Identification({_how(result)}; rank {result.rank} of {result.most}; {mass}; {checks})"
+
+
+def _how(result: "Identification") -> str:
+    how = result.estimator + (f" with {result.rows} rows" if result.rows else "")
+    return f"by {how}, from {result.sample_count} samples"
+
+
+def origin(result: "Identification") -> str:
+    """Return the line that says where the result comes from."""
+    frame = "" if result.spacecraft is None else f" in {result.spacecraft.capture_frame}"
+    source = result.sources[0] if len(result.sources) == 1 else None
+    window = f" in {source.start:.6g} to {source.end:.6g} s" if source else ""
+    return f"Target{frame}, {_how(result)}{window}"
+
+
+def _cells(result: "Identification") -> list[_Row]:
+    """Return the table of the parameters, its heads first."""
     leans = np.abs(np.array([np.full(10, np.nan), *result.leaning.values()]))
     nearest = np.full(10, np.nan) if result.nearest is None else result.nearest
-    for k, (name, unit) in enumerate(zip(PARAMETER_NAMES, PARAMETER_UNITS)):
-        value, (low, high) = result.parameters[k], result.shown_intervals[k]
-        places = decimals(high - low)
-        known = f"{value:.{places}f}" if np.isfinite(value) else "not known"
-        spread = _spread(low, high, places)
-        last = f"{nearest[k]:.{places}f}" if np.isfinite(nearest[k]) else ""
-        change = np.fmax.reduce(leans[:, k])
-        by_bodies = f"±{change:.2g}" if np.isfinite(change) else ""
-        cells.append((name, known, spread, unit, last, by_bodies))
-    lines += [*_table(cells), ""]
-    if result.consistent is not None:
-        moments, axes = principal_axes(result.consistent)
-        lines.append("  principal moments [kg·m²] and axes in C")
-        for moment, column in zip(moments, axes.T):
-            axis = ", ".join(f"{round(entry, 5) + 0.0:8.5f}" for entry in column)
-            lines.append(f"      {moment:16.8g}   ({axis})")
-        lines.append("")
+    cells: list[_Row] = [("", "estimate", "95 % interval", "", "consistent", "by 1 % of a body")]
+    for k, name in enumerate(PARAMETER_NAMES):
+        each, change = result[name], np.fmax.reduce(leans[:, k])
+        last = f"{nearest[k]:.{each.decimals}f}" if np.isfinite(nearest[k]) else ""
+        by_bodies = f"±{significant(change)}" if each.is_known and np.isfinite(change) else ""
+        cells.append((name, each.shown(), each.shown_interval(), each.unit, last, by_bodies))
+    return cells
+
+
+def _aligned(cells: list[_Row]) -> list[str]:
+    """Return the lines of a table, as narrow as its columns are."""
+    sizes = [max(map(len, column)) for column in zip(*cells)]
+    return [
+        f"  {name:4}{known:>{sizes[1]}}  {spread:>{sizes[2]}}  {unit:{sizes[3]}}"
+        f"  {last:>{sizes[4]}}  {by_bodies:>{sizes[5]}}".rstrip()
+        for name, known, spread, unit, last, by_bodies in cells
+    ]
+
+
+def _notes(result: "Identification") -> list[str]:
+    """Return the lines below the table."""
+    lines = list(_of_axes(result))
     lines.append(f"  rank         {result.rank} of {result.most}")
     if result.condition is not None:
-        lines.append(f"  condition    {result.condition:.4g}")
+        lines.append(f"  condition    {significant(result.condition, 4)}")
     lines.append(f"  consistency  {consistency_words(result)}")
-    if source and source.request.known_bodies is None:
+    if len(result.sources) == 1 and result.sources[0].request.known_bodies is None:
         lines.append("  assumed      an exact spacecraft model; --known-bodies includes its errors")
     if result.rejected:
         by_sensor = ", ".join(f"{count} of {name}" for name, count in result.rejected.items())
@@ -74,64 +132,76 @@ def describe(result: Identification) -> list[str]:
         lines += ["", *_of_logs(result)]
     lines += ["", *_of_bodies(result)] if result.consistent_intervals is not None else []
     if not result.is_observable:
-        lines += ["", *result.gap()]
+        lines += ["", *gap(result)]
     return lines
 
 
-def _leaning(result: Identification) -> Iterator[str]:
+def _of_axes(result: "Identification") -> Iterator[str]:
+    """Yield the lines about the principal axes, with the digits that the covariance allows."""
+    if result.consistent is None:
+        return
+    moments, axes = principal_axes(result.consistent)
+    # The change of the tensor by each of its six numbers, in the principal axes.
+    turned = np.einsum("jk,pjl,lm->pkm", axes, _TENSORS, axes)
+    P = result.covariance[4:, 4:]
+    yield "  principal moments [kg·m²] and axes in C"
+    for k, (moment, axis) in enumerate(zip(moments, axes.T)):
+        apart = moment - np.delete(moments, k)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            slope = np.delete(axes, k, axis=1) @ (np.delete(turned[:, k], k, axis=1) / apart).T
+            sigma = np.sqrt(np.diag(slope @ P @ slope.T)).max()
+        places = 5 if np.isnan(P).any() else decimals(4 * sigma) if np.isfinite(sigma) else 1
+        entries = (f"{round(entry, places) + 0.0:8.{min(places, 5)}f}" for entry in axis)
+        text = f"{moment:.{decimals(4 * np.sqrt(turned[:, k, k] @ P @ turned[:, k, k]))}f}"
+        yield f"      {text:>16}   ({', '.join(entries)})"
+    yield ""
+
+
+def _leaning(result: "Identification") -> Iterator[str]:
     """Yield by how much errors of what is held would move the estimate, at most in σ."""
     sigma = np.sqrt(np.diag(result.covariance))
     for name, change in result.leaning.items():
         known = np.isfinite(change) & (sigma > 0)
         if known.any():
             k = int(np.argmax(np.where(known, np.abs(change) / sigma, -1.0)))
-            largest = f"{change[k] / sigma[k]:+.2g} σ"
+            largest = f"{significant(change[k] / sigma[k], sign='+')} σ"
             text = f"{PARAMETER_NAMES[k]} by {largest}"
             if known[0]:
-                share = f"m by {100 * change[0] / result.parameters[0]:+.2g} %"
-                text = f"{share}, {text}" if k else f"{share}, which is {largest}"
+                share = significant(100 * change[0] / result.parameters[0], sign="+")
+                text = f"m by {share} %, {text}" if k else f"m by {share} %, which is {largest}"
             what = name if name in (LINK, ALL) else f"the base's {name}"
             yield f"  leans on     1 % of {what} changes {text}"
 
 
-def _spread(low: float, high: float, places: int) -> str:
-    if np.isfinite(low) and np.isfinite(high):
-        return f"[{low:.{places}f}, {high:.{places}f}]"
-    if np.isfinite(low):
-        return f"above {low:.{places}f}"
-    return f"below {high:.{places}f}" if np.isfinite(high) else ""
-
-
-def _of_bodies(result: Identification) -> Iterator[str]:
+def _of_bodies(result: "Identification") -> Iterator[str]:
     """Yield the lines about the physically consistent part of the intervals."""
     if not result.is_possible:
         yield "No interval is given, because no rigid body agrees with the estimate."
         return
     if not np.isfinite(result.parameters).all():
+        size = significant(result.size or np.nan)
         yield (
             "Intervals of what is not known: bounds over all rigid bodies no part of which is "
-            f"farther than {result.size:.2g} m from C ({REACH:g} times the spacecraft's "
-            "radius of gyration)."
+            f"farther than {size} m from C ({REACH:g} times the spacecraft's radius of gyration)."
         )
 
 
-def _of_logs(result: Identification) -> Iterator[str]:
+def _of_logs(result: "Identification") -> Iterator[str]:
     """Yield the lines about the separate estimates of logs and prior."""
     width = max(map(len, result.logs))
     yield f"  The sources {agreement_words(result)}. Each on its own:"
     for name, part in result.logs.items():
-        low, high = part.intervals[0]
-        places = decimals(high - low)
+        half = (part.intervals[0, 1] - part.intervals[0, 0]) / 2
         mass = "m not known"
-        if np.isfinite(high - low):
-            mass = f"m = {part.parameters[0]:.{places}f} ± {(high - low) / 2:.{places}f} kg"
+        if np.isfinite(half):
+            mass = f"m = {with_half_width(part.parameters[0], half)} kg"
         yield (
             f"      {name:{width}}  rank {part.rank:2}  {part.sample_count:7} samples  "
             f"{agreement_words(part):18}  {mass}"
         )
 
 
-def agreement_words(result: Identification) -> str:
+def agreement_words(result: "Identification") -> str:
     """Return whether an estimate agrees with others, or its parts with one another, in words."""
     check = result.check(AGREEMENT)
     if check is None or check.statistic is None or check.limit is None:
@@ -142,24 +212,7 @@ def agreement_words(result: Identification) -> str:
     return f"{verb}s (χ² {check.statistic:.3g})"
 
 
-def _table(cells: list[tuple[str, str, str, str, str, str]]) -> list[str]:
-    """Return the table of the parameters, as narrow as its columns are."""
-    sizes = [max(map(len, column)) for column in zip(*cells)]
-    return [
-        f"  {name:4}{known:>{sizes[1]}}  {spread:>{sizes[2]}}  {unit:{sizes[3]}}"
-        f"  {last:>{sizes[4]}}  {by_bodies:>{sizes[5]}}".rstrip()
-        for name, known, spread, unit, last, by_bodies in cells
-    ]
-
-
-def decimals(width: float) -> int:
-    """Return the number of decimals that shows this half-width with two or three digits."""
-    if not (np.isfinite(width) and width > 0):
-        return 6
-    return int(np.clip(2 - np.floor(np.log10(width)), 0, 11))
-
-
-def consistency_words(result: Identification) -> str:
+def consistency_words(result: "Identification") -> str:
     """Return whether a rigid body has the estimate, in words."""
     problems = "; ".join(result.infeasibilities)
     if result.consistent is not None and problems:
@@ -171,3 +224,32 @@ def consistency_words(result: Identification) -> str:
     if result.consistent_intervals is None:
         return "not known before all ten parameters are"
     return f"{'some' if result.is_possible else 'no'} rigid body agrees with the estimate"
+
+
+def gap(result: "Identification") -> list[str]:
+    """Return sentences on what is not known, why, and how to see it; empty if all is known."""
+    lines = _table_words(result) if result.is_planar else []
+    if not result.is_complete:
+        lines.append(f"Not known: {result.not_observable}.")
+        if not result.failures:  # else another motion would not help
+            lines.append(
+                "To see the rest, move the joints by larger angles and at higher rates, joints "
+                "with different axes at different times, or log longer."
+            )
+    return lines
+
+
+def _table_words(result: "Identification") -> list[str]:
+    """Return sentences on what a motion in the plane of a table can show."""
+    if result.normal_C is None:
+        return ["A table carries the spacecraft; its joints turn the target out of the plane."]
+    others = "the others have no effect on a motion in the plane"
+    axis = parallel_axis(result.normal_C)
+    if axis >= 0:
+        m, *c = (PARAMETER_NAMES[k] for k in range(4) if k != axis + 1)
+        moment = PARAMETER_NAMES[4 + axis]
+        return [f"On a table, {m}, {', '.join(c)} and {moment} can be known; {others}."]
+    return [
+        f"On a table, four numbers can be known, here oblique to C's axes; {others}.",
+        "A capture frame with an axis along the table's normal shows them.",
+    ]

@@ -6,6 +6,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
+from cpid_drake.digits import with_half_width
 from cpid_drake.estimation.joints import FAR
 from cpid_drake.estimation.least_squares import quantile_95
 from cpid_drake.estimation.likelihood.constants import VALVE_FORCE, ConstantError
@@ -92,7 +93,7 @@ class EffectEstimate:
     def describe(self) -> str:
         """Return the estimate in words, with 95 % intervals."""
         half = quantile_95() * self.sigma
-        numbers = ", ".join(f"{v:.3g} ± {h:.2g}" for v, h in zip(self.value, half))
+        numbers = ", ".join(map(with_half_width, self.value, half))
         text = f"{numbers} {self.unit}" if len(self.value) == 1 else f"({numbers}) {self.unit}"
         sensor, _, kind = self.name.rpartition(".")
         where = f" during {self.log}" if self.log else ""

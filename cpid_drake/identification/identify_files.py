@@ -23,7 +23,7 @@ from cpid_drake.input_files.validation import from_tree, load_yaml, parse_yaml
 from cpid_drake.logs.conversion import LogFile
 from cpid_drake.logs.files import inspect_log, refuse_problems
 from cpid_drake.logs.log import Log
-from cpid_drake.resources import resolve_model, version_of
+from cpid_drake.resources import __version__, resolve_model
 from cpid_drake.sensors.presets import load_sensors
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
@@ -180,7 +180,7 @@ def open_log(request: Request, joints: tuple[str, ...]) -> tuple[Source, LogFile
             + (" between --from and --to" if limited else "")
         )
     hashes = {option: file_hash(name) for option, name in request.files().items()}
-    source = Source(request, hashes, start, end, version_of("cpid-drake") or "")
+    source = Source(request, hashes, start, end, __version__)
     return source, replace(file, log=data.after(start))
 
 

@@ -16,18 +16,20 @@ from cpid_drake.dynamics.parameterizations import (
     PARAMETER_UNITS,
     Parameterization,
 )
-from cpid_drake.dynamics.plane import parallel_axis
-from cpid_drake.errors import InputError
+from cpid_drake.errors import InputError, choose_from
 from cpid_drake.estimation.gaussian import LeastSquaresSolution
 from cpid_drake.estimation.least_squares import describe_unobservable, quantile_95
 from cpid_drake.identification.checks import CONVERGENCE, NEAREST, Check
+from cpid_drake.identification.description import describe, gap, html, summary
 from cpid_drake.identification.effects import EffectEstimate
+from cpid_drake.identification.parameter import ParameterEstimate
 from cpid_drake.identification.request import Source, SpacecraftReference
 from cpid_drake.input_files.validation import InMemory, Numbers
 from cpid_drake.logs.log import Samples
 from cpid_drake.sensors.suite import SensorSuite
 
-if TYPE_CHECKING:  # Drake takes half a second to import
+if TYPE_CHECKING:  # Drake and Matplotlib take half a second to import
+    from matplotlib.figure import Figure
     from pydrake.multibody.tree import SpatialInertia
 
 FORMAT = 5
@@ -71,6 +73,9 @@ class Combinations:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Identification:
     """The estimate of a target, and its quality. NaN in arrays is null in files.
+
+    `print(result)` shows warnings, failed checks and the table that `cpid identify` prints;
+    `result["m"]` is one parameter with its σ and its interval.
 
     The last four attributes are what the estimate was computed with. They are not in files.
 
@@ -307,34 +312,41 @@ class Identification:
         known = f"{self.sample_count} samples determine {self.rank} of 10"
         if self.is_observable:
             return f"{known} parameters (condition {self.condition or np.inf:.3g})"
-        return f"{known}: {' '.join(self.gap())}"
+        return f"{known}: {' '.join(gap(self))}"
 
-    def gap(self) -> list[str]:
-        """Return sentences on what is not known, why, and how to see it; empty if all is known."""
-        lines = self._table_words() if self.is_planar else []
-        if not self.is_complete:
-            lines.append(f"Not known: {self.not_observable}.")
-            if not self.failures:  # else another motion would not help
-                lines.append(
-                    "To see the rest, move the joints by larger angles and at higher rates, joints "
-                    "with different axes at different times, or log longer."
-                )
-        return lines
+    def __getitem__(self, name: str) -> ParameterEstimate:
+        """Return the estimate of a parameter.
 
-    def _table_words(self) -> list[str]:
-        """Return sentences on what a motion in the plane of a table can show."""
-        if self.normal_C is None:
-            return ["A table carries the spacecraft; its joints turn the target out of the plane."]
-        others = "the others have no effect on a motion in the plane"
-        axis = parallel_axis(self.normal_C)
-        if axis >= 0:
-            m, *c = (PARAMETER_NAMES[k] for k in range(4) if k != axis + 1)
-            moment = PARAMETER_NAMES[4 + axis]
-            return [f"On a table, {m}, {', '.join(c)} and {moment} can be known; {others}."]
-        return [
-            f"On a table, four numbers can be known, here oblique to C's axes; {others}.",
-            "A capture frame with an axis along the table's normal shows them.",
-        ]
+        Raises:
+            InputError: no parameter has this name.
+
+        """
+        if name not in PARAMETER_NAMES:
+            raise InputError(f"no parameter '{name}'; {choose_from(name, PARAMETER_NAMES)}")
+        k = PARAMETER_NAMES.index(name)
+        value, sigma = float(self.parameters[k]), float(np.sqrt(self.covariance[k, k]))
+        low, high = map(float, self.shown_intervals[k])
+        return ParameterEstimate(name, value, sigma, (low, high), PARAMETER_UNITS[k], self.passed)
+
+    def __str__(self) -> str:
+        return "\n".join([*(f"warning: {each}" for each in self.warnings), *describe(self)])
+
+    def __repr__(self) -> str:
+        return summary(self)
+
+    def _repr_html_(self) -> str:
+        return html(self)
+
+    def plot(self, truth: InertialParameters | None = None) -> "Figure":
+        """Return a figure of Matplotlib's pyplot: each parameter with its 95 % interval.
+
+        Args:
+            truth: the true target, if it is known.
+
+        """
+        from cpid_drake.identification.figure import estimate_figure
+
+        return estimate_figure(self, truth)
 
     def files(self) -> list[Path]:
         """Return the files that the result was computed from, as far as they exist."""

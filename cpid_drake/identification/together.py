@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import chdtrc, chdtri
 
+from cpid_drake.digits import with_half_width
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.estimation.gaussian import Gaussian, LeastSquaresSolution
 from cpid_drake.estimation.least_squares import quantile_95
@@ -130,6 +131,6 @@ def _difference(one: Identification, other: Identification) -> str:
         return ""
     i, wide = int(np.nanargmax(ratio)), quantile_95() * sigmas
     return (
-        f", most in {PARAMETER_NAMES[i]}: {values[0, i]:.4g} ± {wide[0, i]:.2g} "
-        f"against {values[1, i]:.4g} ± {wide[1, i]:.2g}"
+        f", most in {PARAMETER_NAMES[i]}: {with_half_width(values[0, i], wide[0, i])} "
+        f"against {with_half_width(values[1, i], wide[1, i])}"
     )

@@ -6,12 +6,13 @@ comparisons of `logs.score`. The right convention leaves noise, all others leave
 of any size (delays, scales, zeros, masses) are no conventions: a fit compares them by evidence.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from cpid_drake.dynamics.tree import KinematicTree
+from cpid_drake.errors import listed
 from cpid_drake.logs.alternatives import Alternative, alternatives
 from cpid_drake.logs.clock import clock_factor
 from cpid_drake.logs.column_map import ColumnMap
@@ -50,6 +51,7 @@ class Findings:
         clock: true time divided by logged time, if it is not one.
         better: alternatives that explain the log clearly better than the conventions it is read in.
         unchecked: what could not be compared, each with the reason.
+        not_compared: positions and rates that the log has, but that show no motion to compare.
 
     """
 
@@ -57,6 +59,7 @@ class Findings:
     clock: float | None = None
     better: tuple[Alternative, ...] = ()
     unchecked: tuple[str, ...] = ()
+    not_compared: tuple[str, ...] = ()
 
     @property
     def sentence(self) -> str:
@@ -129,7 +132,22 @@ def check_conventions(
             "of a joint or of the model's masses do)"
         )
     clock = None if better else clock_factor(found)
-    return Findings(tuple(found), clock, tuple(better), tuple(unchecked))
+    unmoved = _not_compared(log, {each.name for each in found})
+    return Findings(tuple(found), clock, tuple(better), tuple(unchecked), unmoved)
+
+
+def _not_compared(log: Log, compared: Collection[str]) -> tuple[str, ...]:
+    """Return the positions and rates that a log has, and that are not compared, in words."""
+    pairs = {f"q:{joint}": ("encoders", "joint_rates") for joint in log.joint_names}
+    pairs |= {"position": ("position", "velocity"), "attitude": ("attitude", "gyro")}
+    absent = [
+        name
+        for name, (moved, rate) in pairs.items()
+        if name not in compared and len(log[moved]) and len(log[rate])
+    ]
+    if not absent:
+        return ()
+    return (f"{listed(absent)} with measured rates (no motion, or one side does not show it)",)
 
 
 def better_conventions(

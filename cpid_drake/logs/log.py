@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cpid_drake.dynamics.motion import Motion
+from cpid_drake.errors import listed
 from cpid_drake.sensors.sensors import SENSORS, Gyro, SensorErrors, VectorSensor
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.sensors.thrusters import VALVE
@@ -30,7 +31,7 @@ class Samples:
     value: NDArray[np.float64]
 
     def __len__(self) -> int:
-        return self.time.size
+        return len(self.time)
 
     def where(self, keep: NDArray[np.bool_] | NDArray[np.intp] | slice) -> "Samples":
         """Return the samples that a mask, indices or a slice select."""
@@ -89,6 +90,12 @@ class Log:
         if name not in SENSORS:
             raise AttributeError(f"a log has no sensor '{name}'")
         return self[name]
+
+    def __repr__(self) -> str:
+        first, last = self.interval
+        counts = listed([f"{name} {len(s)}" for name, s in self.samples.items() if len(s)])
+        what = f"{first:.6g} to {last:.6g} s: {counts}" if counts else "no samples"
+        return f"Log({what}; joints: {listed(self.joint_names) or 'none'})"
 
     def items(self) -> Iterator[tuple[str, Samples]]:
         """Yield name and samples of every sensor of the table, absent ones included."""

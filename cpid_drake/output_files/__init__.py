@@ -1,1 +1,1 @@
-"""Outputs: files that are written whole, and the rule that protects files which exist already."""
+"""Outputs: figures, files that are written whole, and the rule that protects existing files."""

@@ -1,4 +1,3 @@
-from .pictures import save_pictures
 from .plan import motion_table, plan_pictures, rank_correlation
 from .terminal import print_table
 
@@ -7,5 +6,4 @@ __all__ = [
     "plan_pictures",
     "print_table",
     "rank_correlation",
-    "save_pictures",
 ]

@@ -7,9 +7,10 @@ from functools import partial
 import numpy as np
 from matplotlib.axes import Axes
 
+from cpid_drake.digits import significant
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
+from cpid_drake.output_files.pictures import COLORS, INK, WIDE, Picture, label_axes, legend_below
 from cpid_drake.report.page import Section, Table
-from cpid_drake.report.pictures import COLORS, INK, WIDE, Picture, label_axes, legend_below
 from cpid_drake.studies.campaign.statistics import Statistics, Tally, interval, verdict
 
 LEGEND = (
@@ -180,7 +181,7 @@ def _nees(tally: Tally) -> str:
     if not tally.freedom:
         return "–"
     (low, high), value = tally.nees_band(), tally.nees / tally.freedom
-    return f"{value:.3g}" + ("" if low <= value <= high else " !")
+    return significant(value, 3) + ("" if low <= value <= high else " !")
 
 
 def _coverage(tally: Tally) -> str:

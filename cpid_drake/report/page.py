@@ -11,7 +11,7 @@ import jinja2
 from markupsafe import Markup
 
 from cpid_drake.output_files.drafts import write_text
-from cpid_drake.report.pictures import Picture, save_pictures
+from cpid_drake.output_files.pictures import Picture, save_pictures
 
 
 @dataclass(frozen=True)

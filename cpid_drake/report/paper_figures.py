@@ -7,8 +7,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
+from cpid_drake.output_files.pictures import COLORS, INK, Picture, curves, label_axes, legend_below
 from cpid_drake.report.page import Section
-from cpid_drake.report.pictures import COLORS, INK, Picture, curves, label_axes, legend_below
 from cpid_drake.report.scene import render_scenario
 from cpid_drake.studies.paper import PaperStudy
 from cpid_drake.studies.paper_values import PAPER_TABLE_2

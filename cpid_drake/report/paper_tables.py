@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from cpid_drake.digits import significant
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from cpid_drake.report.page import Section, Table
 from cpid_drake.studies.paper import PaperStudy
@@ -105,7 +106,7 @@ def _mass(case: RoundedCase, with_interval: bool = False) -> str:
     if case.objection:
         return f"{text} ({case.objection})"
     low, high = case.identification.intervals[0]
-    return f"{text} ± {(high - low) / 2:.2g}" if with_interval else text
+    return f"{text} ± {significant((high - low) / 2)}" if with_interval else text
 
 
 def _samples_table(study: PaperStudy) -> Table:

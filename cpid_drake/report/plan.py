@@ -8,11 +8,12 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
+from cpid_drake.digits import significant
 from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
+from cpid_drake.output_files.pictures import Picture, curves, label_axes, legend_below
 from cpid_drake.planning.prediction import MotionSetting, Prediction
 from cpid_drake.report.page import Table
-from cpid_drake.report.pictures import Picture, curves, label_axes, legend_below
 
 LEGEND = (
     "σ: Cramér-Rao bound with all errors that the sensors declare and the spacecraft's "
@@ -89,4 +90,4 @@ def _draw_sigma(predictions: Mapping[str, Prediction], axes: Axes) -> None:
 
 
 def _number(value: float) -> str:
-    return f"{value:.3g}" if np.isfinite(value) else "–"
+    return significant(value, 3) if np.isfinite(value) else "–"

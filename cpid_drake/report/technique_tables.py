@@ -5,8 +5,8 @@ from functools import partial
 import numpy as np
 from matplotlib.axes import Axes
 
+from cpid_drake.output_files.pictures import COLORS, INK, Picture, label_axes, legend_below
 from cpid_drake.report.page import Section, Table
-from cpid_drake.report.pictures import COLORS, INK, Picture, label_axes, legend_below
 from cpid_drake.studies.techniques.claims import CLAIMS, judge
 from cpid_drake.studies.techniques.comparison import ONE_JOINT, Cell, Comparison
 from cpid_drake.studies.techniques.records import FIT

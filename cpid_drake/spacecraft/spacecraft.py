@@ -13,13 +13,14 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, Frame, RevoluteJoint, RigidBody
 from pydrake.systems.framework import Context
 
+from cpid_drake.digits import significant
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.dynamics.kinematics import CaptureMotion
 from cpid_drake.dynamics.momentum import MomentumSamples
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.propagation import propagate
-from cpid_drake.errors import InputError, choose_from
+from cpid_drake.errors import InputError, choose_from, listed
 from cpid_drake.resources import package_folders, resolve_model
 from cpid_drake.spacecraft.appearance import add_target_appearance
 from cpid_drake.spacecraft.model_file import ModelFile
@@ -112,6 +113,14 @@ class Spacecraft:
     def __reduce__(self) -> tuple[Callable[..., "Spacecraft"], tuple[Any, ...]]:
         """Return what it was read from: a plant cannot be pickled."""
         return _read_again, (self.model, *self._read_with, self.tree.normal_B)
+
+    def __repr__(self) -> str:
+        base, capture_frame, _ = self._read_with
+        table = "" if self.tree.normal_B is None else "; on a table"
+        return (
+            f"Spacecraft({self.path.name}: base {base}, capture frame {capture_frame}, "
+            f"{significant(self.mass, 4)} kg; joints: {listed(self.joint_names) or 'none'}{table})"
+        )
 
     @property
     def path(self) -> Path:

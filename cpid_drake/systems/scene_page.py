@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
 
+from cpid_drake.digits import decimals, significant
 from cpid_drake.dynamics.inertia import InertialParameters
-from cpid_drake.identification.description import decimals
 from cpid_drake.output_files.drafts import write_text
 
 LEGEND = {
@@ -45,7 +45,7 @@ def estimate_lines(
     for name, part, unit in _PARTS:
         half = float(halves[part].max())
         places = min(decimals(half), 4)
-        lines.append(f"{name} {_numbers(parameters[part], places)} {unit} ± {half:.2g}")
+        lines.append(f"{name} {_numbers(parameters[part], places)} {unit} ± {significant(half)}")
         if truth is not None:
             lines.append(f"  true {_numbers(truth.to_vector()[part], places)}")
     return lines

@@ -66,7 +66,7 @@ def test_a_log_in_an_added_format_is_read(cpid):
     options = ("--estimator", "least_squares")
     one, other = (identified(cpid, log, *options) for log in (SAMPLE, "log.json"))
     assert one["parameters"] == other["parameters"]
-    assert "no problems found" in cpid("log", "check", "log.json")[1]
+    assert "no problems found" in cpid("log", "check", "log.json", *CRAFT)[1]
 
 
 def test_messages_name_what_is_added(refusal):

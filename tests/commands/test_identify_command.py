@@ -77,6 +77,13 @@ def test_the_result_holds_what_is_found_and_printed(cpid):
     assert "physically consistent" in lines["consistency"]
 
 
+def test_a_printed_result_is_what_the_command_prints(cpid):
+    """On a terminal: the warnings, which are on stderr, and the table."""
+    _, stdout, stderr = cpid("identify", SAMPLE, *FREE_FLYER, "--to", "1", "--json", "found.json")
+    assert "warning: " in stderr
+    assert f"{read_result('found.json')}\n" == stderr + stdout
+
+
 class TestScenario:
     """--scenario says of the spacecraft what single options say, and they override it."""
 

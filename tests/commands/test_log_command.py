@@ -121,6 +121,45 @@ class TestCheck:
         assert "joints             4: arm_joint1, arm_joint2" in stdout
         assert "no problems found" in stdout
 
+    def test_after_a_warning_there_is_no_all_clear(self, cpid):
+        """Of a gyro with another motion than the attitude, which no convention explains."""
+        log = read_log(SAMPLE)
+        log.gyro.value[:] = log.gyro.value[::-1].copy()
+        write_log("other.csv", log)
+        code, stdout, _ = cpid("log", "check", "other.csv", *CRAFT)
+        assert code == 0
+        assert "warning: changes of attitude and angular velocity differ by" in stdout
+        assert "no problems found" not in stdout
+        assert stdout.splitlines()[-1] == "no errors; warnings: 1, not checked: 1"
+
+    def test_unusable_samples_are_a_warning(self, cpid):
+        """Of a position without its x."""
+        lines = SAMPLE.read_text().splitlines()
+        cells = lines[500].split(",")
+        cells[8] = ""
+        Path("damaged.csv").write_text("\n".join([*lines[:500], ",".join(cells), *lines[501:]]))
+        for options in ((), CRAFT):
+            code, stdout, _ = cpid("log", "check", "damaged.csv", *options)
+            assert code == 0
+            assert "warning: unusable samples of position: 1" in stdout
+            assert "no problems found" not in stdout
+
+    @pytest.mark.parametrize("options", [(), CRAFT])
+    def test_a_comparison_that_was_not_made_is_listed(self, cpid, options):
+        """A gyro that shows no motion contradicts no attitude: nothing was compared."""
+        log = read_log(SAMPLE)
+        log.gyro.value[:] = 1e-9 * np.arange(len(log.gyro))[:, None] % 2e-9
+        write_log("still.csv", log)
+        _, stdout, _ = cpid("log", "check", "still.csv", *options)
+        assert "angular velocity differ" not in stdout
+        assert "not checked: attitude with measured rates" in stdout
+        assert "no problems found" not in stdout
+
+    def test_without_a_spacecraft_not_all_is_checked(self, cpid):
+        code, stdout, _ = cpid("log", "check", SAMPLE)
+        assert code == 0
+        assert stdout.splitlines()[-1] == "no errors; warnings: 0, not checked: 1"
+
     def test_every_problem_is_listed_with_its_line(self, cpid):
         lines = SAMPLE.read_text().splitlines()[:20]
         lines[13] = lines[13].replace(",", ",,", 1)

@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 
 from cpid_drake.identification.estimators import ESTIMATORS
+from cpid_drake.output_files.pictures import Picture
 from cpid_drake.report.pages import identification
-from cpid_drake.report.pictures import Picture
 from cpid_drake.resources import models_directory
 
 SAMPLE = models_directory() / "telemetry/free_flyer.csv"

@@ -7,7 +7,6 @@ from planar_cases import KNOWN, TARGET, planar_craft
 from cpid_drake.dynamics.parameterizations import STANDARD, parameters_to_standard
 from cpid_drake.estimation.gaussian import Gaussian, solution_of
 from cpid_drake.identification.consistency import checked
-from cpid_drake.identification.description import describe
 from cpid_drake.identification.result import Identification
 from cpid_drake.sensors.suite import SensorSuite
 
@@ -29,17 +28,13 @@ def in_plane(m, hx, hy, J33, sigma, tree) -> Identification:
     return checked(Identification.of_solution(STANDARD, ten, **known), tree)
 
 
-def text_of(found: Identification) -> str:
-    return "\n".join(describe(found))
-
-
 def test_an_interval_shows_only_what_a_rigid_body_can_have(tree):
     found = in_plane(2.0, 0.0, 0.0, 0.01, [0.01, 0.001, 0.001, 0.02], tree)
     assert found.intervals[6, 0] < 0  # the free interval, which is kept
     np.testing.assert_allclose(found.consistent_intervals[6], [0, found.intervals[6, 1]])
     for place in (0, 1, 2):
         np.testing.assert_allclose(found.consistent_intervals[place], found.intervals[place])
-    text = text_of(found)
+    text = str(found)
     assert f"[{found.intervals[6, 0]:.4f}" not in text
     assert found.passed
 
@@ -48,7 +43,7 @@ def test_an_impossible_estimate_has_no_interval_and_is_doubted(tree):
     found = in_plane(2.0, 0.0, 0.0, -0.05, [0.01, 0.001, 0.001, 0.001], tree)
     assert not found.is_possible
     assert found.failures
-    text = text_of(found)
+    text = str(found)
     assert "[" not in text.replace("[kg", "")
     assert "No interval is given" in text
 

@@ -13,10 +13,10 @@ from cpid_drake.identification.estimators import ESTIMATORS
 from cpid_drake.identification.identify_files import converge, identify_files
 from cpid_drake.identification.request import Request, SpacecraftReference
 from cpid_drake.identification.result_files import result_text, write_result
+from cpid_drake.output_files.pictures import Picture
 from cpid_drake.report.findings import findings_of, findings_of_file
 from cpid_drake.report.pages import identification
 from cpid_drake.report.pages.identification import identification_report
-from cpid_drake.report.pictures import Picture
 
 SERVICER = SpacecraftReference(
     "package://cpid_drake_models/dual_arm_servicer/dual_arm_servicer.urdf", "bus", "capture_point"

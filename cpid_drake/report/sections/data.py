@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from cpid_drake.digits import significant
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.rows import ROW_FAMILIES
 from cpid_drake.estimation.whiteness import whiteness
@@ -9,9 +10,9 @@ from cpid_drake.identification.estimators import estimator_label
 from cpid_drake.identification.identify_files import Estimates, Evidence
 from cpid_drake.identification.result import Identification
 from cpid_drake.logs.log import Log
+from cpid_drake.output_files.pictures import curves
 from cpid_drake.report.figures import convergence_pictures, motion_pictures
 from cpid_drake.report.page import Section, Table
-from cpid_drake.report.pictures import curves
 from cpid_drake.scenario.run_files import versions
 from cpid_drake.sensors.sensors import SENSORS
 
@@ -76,7 +77,7 @@ def checks_section(result: Identification, again: Identification | None) -> Sect
     rows = [
         [
             check.name,
-            *("" if x is None else f"{x:.3g}" for x in (check.statistic, check.limit)),
+            *("" if x is None else significant(x, 3) for x in (check.statistic, check.limit)),
             "passed" if check.passed else "failed",
         ]
         for check in result.checks
@@ -106,7 +107,7 @@ def residuals_section(found: Identification) -> Section:
         units = {"linear": ROW_FAMILIES[found.rows].linear_unit, "angular": "N·m·s"}
     for name, series in found.residuals.items():
         white = whiteness(series.value)
-        sizes = [f"{size:.3g}" for size in np.sqrt(np.mean(series.value**2, axis=0))]
+        sizes = [significant(size, 3) for size in np.sqrt(np.mean(series.value**2, axis=0))]
         correlation = f"{white.lag_one:+.3f} ± {white.band:.3f}"
         row = [name, str(len(series)), ", ".join(sizes), units[name], correlation]
         rows.append([*row, "yes" if white.is_white else "no"])

@@ -3,10 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from cpid_drake.digits import decimals_of, rounded_pair, significant, with_half_width
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from cpid_drake.estimation.least_squares import quantile_95
-from cpid_drake.identification.description import agreement_words, consistency_words, decimals
+from cpid_drake.identification.description import agreement_words, consistency_words, gap
 from cpid_drake.identification.result import Identification
 from cpid_drake.report.figures import singular_value_picture
 from cpid_drake.report.page import Section, Table
@@ -18,7 +19,7 @@ def result_section(result: Identification, truth: InertialParameters | None) -> 
     texts = [f"{words[0].upper()}{words[1:]}."]
     if not result.is_observable:
         known = f"The log determines {result.rank} of ten combinations of the parameters."
-        texts = [known, *result.gap()]
+        texts = [known, *gap(result)]
     return Section(
         "Result",
         texts=texts,
@@ -38,7 +39,7 @@ def _parameters(result: Identification, truth: InertialParameters | None) -> Tab
         intervals = np.full((10, 2), np.nan)  # no rigid body agrees with the estimate
     rows = []
     for i, (name, unit) in enumerate(zip(PARAMETER_NAMES, PARAMETER_UNITS)):
-        places = decimals(np.diff(intervals[i])[0])
+        places = decimals_of(*intervals[i])
         estimate, body = (_number(x[i], places) for x in (result.parameters, nearest))
         row = [name, estimate or "not known", _range(intervals[i]), body]
         row += [_range(result.shown_intervals[i])] * has_bodies
@@ -66,7 +67,7 @@ def _range(ends: NDArray[np.float64]) -> str:
     low, high = ends
     if np.isnan(ends).all():
         return ""
-    places = decimals(high - low)
+    places = decimals_of(low, high)
     return f"{_number(low, places) or '?'} to {_number(high, places) or '?'}"
 
 
@@ -82,10 +83,8 @@ def logs_section(result: Identification) -> Section:
     for i, (name, unit) in enumerate(zip(PARAMETER_NAMES, PARAMETER_UNITS)):
         cells = []
         for part in parts.values():
-            half = np.diff(part.intervals[i])[0] / 2
-            places = decimals(2 * half)
-            value, spread = _number(part.parameters[i], places), _number(half, places)
-            cells.append(f"{value} ± {spread}" if value else "not known")
+            value, half = part.parameters[i], np.diff(part.intervals[i])[0] / 2
+            cells.append(with_half_width(value, half) if np.isfinite(value) else "not known")
         rows.append([name, *cells, unit])
     note = (
         "Estimates with 95 % intervals; each log has its own start, momentum and biases. "
@@ -100,9 +99,8 @@ def effects_section(result: Identification) -> Section:
     rows = [
         [
             effect.name if i == 0 else "",
-            f"{value:.4g}",
-            f"{factor * sigma:.2g}",
-            f"{factor * effect.prior_sigma:.2g}",
+            *rounded_pair(value, factor * sigma),
+            significant(factor * effect.prior_sigma),
             effect.unit,
             effect.declaration if i == 0 else "",
         ]

@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 
 from cpid_drake.errors import InputError
 from cpid_drake.output_files.drafts import write_errors, write_text
-from cpid_drake.resources import version_of
+from cpid_drake.resources import __version__
 from cpid_drake.studies.campaign.schema import VERSION, Plan
 
 PLAN = "campaign.json"
@@ -69,7 +69,7 @@ def write_chunk(folder: Path, plan: Plan, first: int, table: pa.Table, last: int
         InputError: the file cannot be written.
 
     """
-    about = {"version": VERSION, "campaign": plan.hash, "cpid_drake": version_of("cpid-drake")}
+    about = {"version": VERSION, "campaign": plan.hash, "cpid_drake": __version__}
     table = table.replace_schema_metadata({key: str(value) for key, value in about.items()})
     name = f"trials-{first:09d}-{last - 1:09d}.parquet"
     draft = folder / f"{_DRAFT}{name}.{os.getpid()}"

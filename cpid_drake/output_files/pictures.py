@@ -27,7 +27,7 @@ WIDE = (8.0, 3.4)
 
 _MOST_POINTS = 1500  # of a line in a page; a line of more points becomes an image, which is smaller
 
-_STYLE = {
+STYLE = {
     "axes.axisbelow": True,
     "axes.edgecolor": "#555555",
     "axes.formatter.useoffset": False,
@@ -118,14 +118,20 @@ def save_pictures(
     file: Path | BytesIO, ending: str, pictures: Sequence[Picture], columns: int = 1
 ) -> None:
     """Write pictures of one size into one file, PNG or SVG, in rows of this many columns."""
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(layout="constrained")
+        draw_pictures(figure, pictures, columns)
+        figure.savefig(file, format=ending, metadata={"Date": None} if ending == "svg" else None)
+
+
+def draw_pictures(figure: Figure, pictures: Sequence[Picture], columns: int = 1) -> None:
+    """Draw pictures of one size into an empty figure, in rows of this many columns."""
     columns = min(columns, len(pictures))
     rows = -(-len(pictures) // columns)
     width, height = pictures[0].size
-    with matplotlib.rc_context(_STYLE):
-        figure = Figure(figsize=(columns * width, rows * height), layout="constrained")
-        places = np.ravel(figure.subplots(rows, columns))
-        for axes, picture in zip(places, pictures):
-            picture.draw(axes)
-        for axes in places[len(pictures) :]:
-            axes.set_axis_off()
-        figure.savefig(file, format=ending, metadata={"Date": None} if ending == "svg" else None)
+    figure.set_size_inches(columns * width, rows * height)
+    places = np.ravel(figure.subplots(rows, columns))
+    for axes, picture in zip(places, pictures):
+        picture.draw(axes)
+    for axes in places[len(pictures) :]:
+        axes.set_axis_off()

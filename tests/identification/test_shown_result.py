@@ -1,0 +1,195 @@
+"""A result for people: printed, in a notebook, one parameter of it, and its figure."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cpid_drake import (
+    PARAMETER_NAMES,
+    InertialParameters,
+    InputError,
+    Spacecraft,
+    identify,
+    load_sensors,
+    read_log,
+)
+from cpid_drake.identification.checks import Check
+from cpid_drake.resources import models_directory
+
+MODELS = models_directory()
+MODEL = MODELS / "free_flyer/free_flyer.urdf"
+FAILED = Check("halves", "the first half has another target")
+TENSOR = [[0.16, 0.012, -0.008], [0.012, 0.19, 0.01], [-0.008, 0.01, 0.25]]
+BAG = InertialParameters(8.5, [0.26, 0.02, -0.015], TENSOR)
+
+
+@pytest.fixture(scope="module")
+def craft():
+    return Spacecraft(MODEL, base="body", capture_frame="capture_point")
+
+
+@pytest.fixture(scope="module")
+def log():
+    return read_log(MODELS / "telemetry/free_flyer.csv")
+
+
+@pytest.fixture(scope="module")
+def result(craft, log):
+    return identify(craft, log, sensors=load_sensors("testbed"))
+
+
+@pytest.fixture(scope="module")
+def unknown(craft, log):
+    """From so short a log that nothing is determined, but m has a lower bound."""
+    return identify(craft, log.between(0.0, 0.5), sensors=load_sensors("testbed"))
+
+
+def failing(result):
+    return replace(result, checks=(FAILED, *result.checks))
+
+
+def test_a_parameter_has_value_sigma_and_interval(result):
+    for k, name in enumerate(PARAMETER_NAMES):
+        found = result[name]
+        assert (found.name, found.value) == (name, result.parameters[k])
+        assert found.sigma == np.sqrt(result.covariance[k, k])
+        assert found.interval == tuple(result.shown_intervals[k])
+        low, high = found.interval
+        assert low < found.value < high
+        name_shown, shown = re.match(r"(\w+) = (\S+) ", repr(found)).groups()
+        assert name_shown == name
+        assert abs(float(shown) - found.value) < 0.1 * found.sigma
+    assert (result["m"].unit, result["cx"].unit, result["Ixy"].unit) == ("kg", "m", "kg·m²")
+
+
+def test_an_unknown_name_is_answered_with_the_ten(result):
+    with pytest.raises(InputError, match=f"no parameter 'mass'.*{', '.join(PARAMETER_NAMES)}"):
+        _ = result["mass"]
+
+
+def test_what_is_not_known_is_no_number(unknown):
+    assert unknown.rank < 10
+    for k, name in enumerate(PARAMETER_NAMES):
+        found = unknown[name]
+        assert np.isnan(found.value)
+        assert np.isnan(found.sigma)
+        np.testing.assert_array_equal(found.interval, unknown.shown_intervals[k])
+        assert repr(found).startswith(f"{name} not known")
+        assert "nan" not in repr(found)
+    bound = re.search(r"above (\S+) kg", repr(unknown["m"]))[1]
+    assert float(bound) == pytest.approx(unknown.shown_intervals[0, 0], rel=0.01)
+
+
+def test_a_failed_check_goes_with_every_number(result):
+    doubted = failing(result)
+    assert result["m"].checks_passed
+    assert not doubted["m"].checks_passed
+    assert "a check failed" in repr(doubted["m"])
+    assert "a check failed" not in repr(result["m"])
+    assert str(doubted).startswith(f"failed check: {FAILED.sentence}")
+    assert "<b>Failed check: the first half" in doubted._repr_html_()
+    assert FAILED.sentence in doubted.plot().get_suptitle()
+
+
+def test_a_repr_is_one_line(result, unknown, craft, log):
+    assert "rank 10 of 10; m = 8." in repr(result)
+    assert "no check failed" in repr(result)
+    assert "failed checks: halves" in repr(failing(result))
+    assert "m not known" in repr(unknown)
+    assert "free_flyer.urdf: base body, capture frame capture_point, 10.49 kg" in repr(craft)
+    assert "arm_joint1, arm_joint2, arm_joint3, arm_joint4" in repr(craft)
+    assert repr(craft.on_table()).endswith("; on a table)")
+    assert "0 to 10 s: attitude 1001, gyro 1001, position 1001, encoders 1001" in repr(log)
+    assert repr(type(log)(())) == "Log(no samples; joints: none)"
+    for each in (result, unknown, craft, log):
+        assert len(repr(each).splitlines()) == 1
+        assert len(repr(each)) < 200
+
+
+def test_a_printed_result_is_short(result):
+    assert len(str(result).splitlines()) < 40
+    assert "array" not in str(result)
+
+
+def test_warnings_are_printed_first(result):
+    said = replace(result, warnings=("the momentum may not be zero",))
+    assert str(said) == f"warning: the momentum may not be zero\n{result}"
+
+
+def test_numbers_of_sigma_are_written_out(result):
+    sigma = np.sqrt(np.diag(result.covariance))
+    text = str(replace(result, leaning={"mass": 114.3 * sigma}))
+    assert "by +110 σ" in text or "is +110 σ" in text
+    assert not re.search(r"e[+-]\d+ σ", text)
+
+
+def test_principal_moments_and_axes_have_the_digits_that_the_covariance_allows(result):
+    """The last digit is below σ, and not below a thousandth of it; σ by drawing targets."""
+    rng = np.random.default_rng(0)
+    draws = rng.multivariate_normal(result.parameters, result.covariance, 2000)
+    tensors = [InertialParameters.from_vector(row).I_TTcm_C for row in draws]
+    moments, axes = np.linalg.eigh(tensors)
+    shown = re.findall(r"^ +(\S+)   \((.*)\)$", str(result), re.M)
+    assert len(shown) == 3
+    nearest = np.linalg.eigh(result.consistent.I_TTcm_C)
+    for k, (moment, axis) in enumerate(shown):
+        sigma, last = np.std(moments[:, k]), 10.0 ** -len(moment.split(".")[1])
+        assert sigma / 1000 < last < sigma
+        assert float(moment) == pytest.approx(nearest[0][k], abs=last)
+        signs = np.sign(axes[:, :, k] @ nearest[1][:, k])
+        sigma = np.std(signs[:, None] * axes[:, :, k], axis=0).max()
+        entries = axis.split(", ")
+        last = 10.0 ** -len(entries[0].split(".")[1])
+        assert last < sigma or last == pytest.approx(1e-5)
+
+
+def test_a_coarse_estimate_shows_axes_with_few_digits(result):
+    coarse = replace(result, covariance=1e4 * result.covariance)
+    [first, *_] = re.findall(r"^ +\S+   \((.*)\)$", str(coarse), re.M)
+    assert len(first.split(",")[0].split(".")[1]) < 5
+
+
+class TestHtml:
+    def test_it_has_the_cells_of_the_printed_table(self, result, unknown):
+        for each in (result, unknown):
+            rows = re.findall(r"<tr>(.*?)</tr>", each._repr_html_())
+            cells = [re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row) for row in rows]
+            assert len(cells) == 11
+            printed = str(each)
+            for row in cells:
+                assert " ".join(row).split() in [line.split() for line in printed.splitlines()]
+
+    def test_it_sets_no_colour_of_text_or_page(self, result):
+        """A notebook may be dark."""
+        styles = re.findall(r'style="(.*?)"', failing(result)._repr_html_())
+        declared = [each.split(": ") for style in styles for each in style.split("; ")]
+        assert {value for key, value in declared if key == "color"} <= {"inherit"}
+        assert {value for key, value in declared if "background" in key} <= {"none"}
+
+    def test_text_is_escaped(self, result):
+        said = replace(result, warnings=("<script>alert(1)</script>",), estimator="<b>")
+        html = said._repr_html_()
+        assert "<script>" not in html
+        assert "&lt;script&gt;" in html
+        assert "by &lt;b&gt;," in html
+
+
+class TestFigure:
+    def test_it_shows_each_parameter_with_interval_and_truth(self, result):
+        figure = result.plot(BAG)
+        for k, (name, axes) in enumerate(zip(PARAMETER_NAMES, figure.axes, strict=True)):
+            assert axes.get_title(loc="left") == name
+            lines = {line.get_label(): line.get_xdata() for line in axes.lines}
+            np.testing.assert_allclose(lines["95 % interval"], result.shown_intervals[k])
+            assert lines["estimate"][0] == result.parameters[k]
+            assert lines["true value"][0] == BAG.to_vector()[k]
+            low, high = axes.get_xlim()
+            assert low < result.shown_intervals[k, 0] < result.shown_intervals[k, 1] < high
+
+    def test_what_is_not_known_says_so(self, unknown):
+        figure = unknown.plot()
+        for axes in figure.axes:
+            assert "not known" in [text.get_text() for text in axes.texts]
+        figure.canvas.draw()
