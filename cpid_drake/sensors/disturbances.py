@@ -115,7 +115,7 @@ class SimulatedDisturbance:
         for part, given in ((slice(0, 3), torque_W), (slice(3, 6), acceleration_W)):
             if given is not None:
                 self._constant[part] = given
-        self._pieces = self._constant[None]
+        self._pieces = np.empty((0, 6))
         self.thrust_scale = float(size.thrust_scale * self._normal(2, 1)[0, 0])
 
     @property
@@ -136,13 +136,15 @@ class SimulatedDisturbance:
         """
         if not self.walks:
             return self._constant
-        if number >= len(self._pieces):
+        pieces = self._pieces  # other threads may write it meanwhile
+        if number >= len(pieces):
             count = max(64, 2 * number)
             steps = self._walk * np.sqrt(WALK_PERIOD) * self._normal(1, count)
             walk = np.cumsum(steps, axis=0)
-            self._pieces = self._constant + np.vstack([np.zeros(6), walk])
-            self._pieces += self._noise / np.sqrt(WALK_PERIOD) * self._normal(3, count + 1)
-        return self._pieces[number]
+            pieces = self._constant + np.vstack([np.zeros(6), walk])
+            pieces += self._noise / np.sqrt(WALK_PERIOD) * self._normal(3, count + 1)
+            self._pieces = pieces
+        return pieces[number]
 
     def at(self, time: float) -> NDArray[np.float64]:
         """Return [torque; acceleration] (6,) just after a time [s]; see `piece`."""

@@ -1,6 +1,10 @@
 """Simulated external forces and torques: their size, their random walks and their streams."""
 
+import sys
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
+import pytest
 
 from cpid_drake.sensors.disturbances import WALK_PERIOD, Disturbances, SimulatedDisturbance
 
@@ -43,3 +47,24 @@ def test_given_constants_replace_random_ones_and_leave_the_walk():
     np.testing.assert_allclose(
         given.at(7.0)[3:] - push, free.at(7.0)[3:] - free.at(0.0)[3:], atol=1e-15
     )
+
+
+@pytest.fixture
+def busy():
+    """Let threads take turns as often as they can."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    yield
+    sys.setswitchinterval(before)
+
+
+def test_threads_see_the_same_values(busy):
+    sizes = Disturbances(1e-4, 2e-3, torque_walk=4e-4, torque_noise=1e-3)
+    times = np.arange(0.0, 400.0 * WALK_PERIOD, 20 * WALK_PERIOD)
+    expected = SimulatedDisturbance(sizes, 5)
+    values = np.array([expected.at(time) for time in times])
+    with ThreadPoolExecutor(8) as threads:
+        for _ in range(30):
+            shared = SimulatedDisturbance(sizes, 5)
+            for seen in threads.map(lambda _, s=shared: [s.at(time) for time in times], range(8)):
+                np.testing.assert_array_equal(seen, values)
