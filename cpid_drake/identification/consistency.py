@@ -81,8 +81,10 @@ def _checks(
     sentence = "no rigid body agrees with the estimate within its uncertainty"
     sentence += f" ({problems})" if problems else ""
     sentence += ": the momentum, the spacecraft's model, units, signs or frames are not as assumed"
-    if bodies is None or np.isnan(distance):
+    if bodies is None:
         return (Check.of(NEAREST, sentence, passed=not problems),)
+    if np.isnan(distance):
+        return (Check(NEAREST, "the nearest rigid body could not be computed"),)
     return (Check.of(NEAREST, sentence, distance, bodies.radius),)
 
 

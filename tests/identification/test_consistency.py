@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from planar_cases import KNOWN, TARGET, planar_craft
+from pydrake import solvers
 
 from cpid_drake.dynamics.parameterizations import STANDARD, parameters_to_standard
 from cpid_drake.estimation.gaussian import Gaussian, solution_of
@@ -53,6 +54,21 @@ def test_a_centre_of_mass_too_far_for_the_moment_is_doubted(tree):
     found = in_plane(2.0, 0.4, 0.0, 0.05, [0.01, 0.001, 0.001, 0.001], tree)
     assert not found.is_possible  # m |c|² = 0.08
     assert any("no rigid body" in failure for failure in found.failures)
+
+
+def test_a_solver_that_fails_passes_no_check(tree, monkeypatch):
+    """Clarabel with a single iteration ends without a solution."""
+
+    class Hurried(solvers.ClarabelSolver):
+        def Solve(self, program):
+            options = solvers.SolverOptions()
+            options.SetOption(self.solver_id(), "max_iter", 1)
+            return super().Solve(program, None, options)
+
+    monkeypatch.setattr(solvers, "ClarabelSolver", Hurried)
+    found = in_plane(2.0, 0.0, 0.0, 0.1, [0.01, 0.001, 0.001, 0.02], tree)
+    assert not found.passed
+    assert any("could not be computed" in failure for failure in found.failures)
 
 
 def test_random_estimates_of_a_real_body_keep_it_inside(tree):
