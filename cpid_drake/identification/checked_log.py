@@ -80,12 +80,21 @@ class CheckedLog:
         return {name: len(samples) for name, samples in self.measurements.items()}
 
 
-def suite_of(sensors: SensorSuite | None, log: CheckedLog) -> tuple[SensorSuite, tuple[str, ...]]:
-    """Return the sensors' errors, by default as the log shows them, and a warning if they are."""
+def suite_of(sensors: SensorSuite | None, *logs: CheckedLog) -> tuple[SensorSuite, tuple[str, ...]]:
+    """Return the sensors' errors, by default as the logs show them, and a warning if they are.
+
+    Several logs have the sensors of all. Of a sensor in many it is the least noise: a log with more
+    has a noise factor of its own.
+    """
     if sensors is not None:
         return sensors, ()
     text = "the sensors' noise was estimated from the log; give the sensors if you know them"
-    return estimate_suite(log.measurements), (text,)
+    [suite, *others] = (estimate_suite(log.measurements) for log in logs)
+    for other in others:
+        for name, errors in other.present().items():
+            if name not in suite.present() or other.sigmas(name)[0] < suite.sigmas(name)[0]:
+                setattr(suite, name, errors)
+    return suite, (text,)
 
 
 def log_of_states(telemetry: Motion) -> CheckedLog:

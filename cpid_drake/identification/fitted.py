@@ -65,7 +65,7 @@ def estimate(
 
     See `estimators.Estimator`.
     """
-    suite, warnings = suite_of(known.sensors, next(iter(logs.values())))
+    suite, warnings = suite_of(known.sensors, *logs.values())
     has_thrust = any(log.measurements.has_thrust for log in logs.values())
     if has_thrust:
         suite, said = with_thrust_errors(suite, known.spacecraft.tree)

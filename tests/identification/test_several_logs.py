@@ -269,3 +269,16 @@ class TestPrior:
         found = identify(craft, logs["log 0"], prior=self.prior(skewed_target, 8.0), **options)
         text = "the logs and the prior do not have the same target"
         assert any(text in failure for failure in found.failures)
+
+
+def test_logs_without_sensors_have_the_sensors_of_all(craft, noisy, suite):
+    """The first log has no gyro: the order of the logs is no matter."""
+    full = noisy(0)
+    blind = noisy(1)
+    blind = replace(blind, samples={n: s for n, s in blind.samples.items() if n != "gyro"})
+    one, other = (
+        identify(craft, dict(pair), estimator="trajectory_fit")
+        for pair in ([("full", full), ("blind", blind)], [("blind", blind), ("full", full)])
+    )
+    assert one.sensors.gyro is not None
+    np.testing.assert_allclose(sigmas(other), sigmas(one), rtol=1e-3)
