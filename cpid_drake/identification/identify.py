@@ -16,7 +16,7 @@ from cpid_drake.identification.checks import Check, rejection_checks
 from cpid_drake.identification.consistency import checked
 from cpid_drake.identification.estimators import ESTIMATORS, Estimator, require_sensors, with_method
 from cpid_drake.identification.leaning import leaning_of_any_samples
-from cpid_drake.identification.planar import PROPOSED, could_be_planar
+from cpid_drake.identification.planar import PROPOSED, could_be_planar, one_normal
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import Identification
 from cpid_drake.logs.conventions import check_conventions
@@ -40,7 +40,7 @@ def identify(
     estimator: str | None = None,
     rows: str | None = None,
     sensors: SensorSuite | None = None,
-    momentum: TotalMomentum | None = None,
+    momentum: TotalMomentum | str | None = None,
     known_bodies: BodyUncertainty | None = None,
     prior: TargetPrior | None = None,
     planar: bool | None = None,
@@ -66,8 +66,8 @@ def identify(
             "standard", or "relative" for data without position and velocity.
         sensors: the sensors' errors. Default: all complete samples have the same weight, and an
             estimator that needs the noise estimates it from the data.
-        momentum: the total momentum of spacecraft and target; default: zero if the samples agree
-            with this, else unknown.
+        momentum: the total momentum of spacecraft and target, or "zero" or "unknown"; default: zero
+            if the samples agree with this, else unknown.
         known_bodies: uncertainty of the spacecraft's own bodies, of the arm's geometry and of the
             grasp, whose errors the trajectory fit and the recursive fit estimate with these σ as
             prior, and include in their covariance; default: none.
@@ -91,6 +91,7 @@ def identify(
     data = data if isinstance(data, Mapping) else {"log": data}
     if not data:
         raise InputError("there is no log to identify from")
+    momentum = TotalMomentum.named(momentum) if isinstance(momentum, str) else momentum
     where, logs = {name: name if len(data) > 1 else "" for name in data}, dict[str, CheckedLog]()
     for name, each in data.items():
         progress(f"checking {name}")
@@ -104,7 +105,7 @@ def identify(
             "--planar or --no-planar"
         )
     if normals:
-        spacecraft = spacecraft.on_table(next(iter(normals.values())))
+        spacecraft = spacecraft.on_table(one_normal(normals))
     known = Known(
         spacecraft, estimator, rows, sensors, momentum, known_bodies, prior, bool(normals)
     )

@@ -6,6 +6,7 @@ identified in the plane if the caller says so, because a free spacecraft whose b
 symmetric about a plane moves in the same way, and then shows more than four parameters.
 """
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from cpid_drake.dynamics.plane import NORMAL_W, mean_normal, tilt
 from cpid_drake.dynamics.tree import KinematicTree
+from cpid_drake.errors import InputError
 from cpid_drake.logs.log import Log
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
@@ -69,6 +71,25 @@ def normal_in_base(attitude: NDArray[np.float64]) -> NDArray[np.float64]:
     axis = int(np.abs(normal).argmax())
     nearest = np.sign(normal[axis]) * np.eye(3)[axis]
     return nearest if normal @ nearest > np.cos(LEVEL) else normal
+
+
+def one_normal(normals: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Return the table's normal (3,) in B of several logs, by their names.
+
+    Raises:
+        InputError: it is not the same in all of them.
+
+    """
+    [(first, normal), *others] = normals.items()
+    for name, other in others:
+        if other @ normal < np.cos(LEVEL):
+            angle = np.degrees(np.arccos(np.clip(other @ normal, -1.0, 1.0)))
+            raise InputError(
+                f"{name} and {first} have other axes of the base along the table's normal "
+                f"({angle:.0f}° apart): identify them one by one, and combine the results"
+            )
+    total = np.sum(list(normals.values()), axis=0)
+    return np.asarray(total / np.linalg.norm(total))
 
 
 def could_be_planar(tree: KinematicTree, attitude: NDArray[np.float64]) -> bool:

@@ -116,6 +116,19 @@ class TestExactLogs:
         assert error_over_scale(tested, skewed_target) < 1e-9
 
 
+@pytest.mark.parametrize("name", ["zero", "unknown"])
+def test_a_momentum_may_be_given_by_its_name(craft, exact, name):
+    by_name = identify(craft, exact, momentum=name, rows="standard")
+    same = identify(craft, exact, momentum=TotalMomentum.named(name), rows="standard")
+    assert by_name.momentum == name
+    np.testing.assert_array_equal(by_name.parameters, same.parameters)
+
+
+def test_another_name_of_a_momentum_is_refused(craft, exact):
+    with pytest.raises(InputError, match="no momentum 'none'; choose from zero, unknown"):
+        identify(craft, exact, momentum="none")
+
+
 class TestNoisyLogs:
     @pytest.mark.parametrize("estimator", ["trajectory_fit", "recursive_fit"])
     def test_noise_can_be_estimated_along(self, craft, motion, skewed_target, estimator):

@@ -152,3 +152,14 @@ def test_an_oblique_frame_c_has_four_combinations(tmp_path):
     assert found.is_complete
     assert found.parameters[0] == pytest.approx(TARGET.mass, rel=1e-9)
     assert "oblique" in found.explain()
+
+
+def test_logs_with_other_axes_along_the_normal_are_refused(craft):
+    """The craft lies on another side in the second log: no one table has both."""
+    log = samples(craft, 1)
+    tipped = Rotation.from_euler("x", 90.0, degrees=True)
+    attitude = Rotation.from_quat(log.attitude.value, scalar_first=True) * tipped
+    value = attitude.as_quat(scalar_first=True)
+    other = log.updated({"attitude": replace(log.attitude, value=value)})
+    with pytest.raises(InputError, match=r"second and first have .*90° apart.* one by one"):
+        identify(craft, {"first": log, "second": other}, sensors=SUITE, planar=True)
