@@ -104,13 +104,19 @@ def _contradictions(normal_B: NDArray[np.float64], measurements: Log) -> tuple[s
     attitude, position, found = measurements.attitude.value, measurements.position.value, []
     if len(attitude):
         angles = tilt(attitude, normal_B)
-        if np.sqrt(np.sum(np.var(angles, axis=0))) > WOBBLE:
+        if np.linalg.norm(_spread(angles)) > WOBBLE:
             largest = np.degrees(np.linalg.norm(angles - angles.mean(axis=0), axis=1).max())
             found.append(f"the base tilts by up to {largest:.2g} deg")
     if len(position):
-        spread = np.std(position, axis=0)
+        spread = _spread(position)
         if spread[2] > HEIGHT + np.sin(LEVEL) * np.hypot(*spread[:2]):
             found.append(f"the base's height changes by {np.ptp(position[:, 2]):.2g} m")
     if not found:
         return ()
     return (f"no table carries this spacecraft: {', and '.join(found)}; leave out --planar",)
+
+
+def _spread(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the σ of columns (N, d) without white noise, which neighbours show (Neumann 1941)."""
+    white = np.mean(np.diff(values, axis=0) ** 2, axis=0) / 2 if len(values) > 1 else 0.0
+    return np.asarray(np.sqrt(np.maximum(np.var(values, axis=0) - white, 0.0)))

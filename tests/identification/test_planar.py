@@ -163,3 +163,16 @@ def test_logs_with_other_axes_along_the_normal_are_refused(craft):
     other = log.updated({"attitude": replace(log.attitude, value=value)})
     with pytest.raises(InputError, match=r"second and first have .*90° apart.* one by one"):
         identify(craft, {"first": log, "second": other}, sensors=SUITE, planar=True)
+
+
+@pytest.mark.parametrize("rise", [0.0, 0.2])
+def test_noise_of_the_height_is_no_sign_of_a_free_base(craft, rise):
+    """Samples of 20 mm are those of a table, of any σ; a slow rise of the base is not."""
+    coarse = replace(SUITE, position=replace(SUITE.position, sigma=0.02))
+    log, rng = samples(craft, 1), np.random.default_rng(2)
+    position = log.position
+    value = position.value + 0.02 * rng.standard_normal(position.value.shape)
+    value[:, 2] += rise * position.time / position.time[-1]
+    noisy = log.updated({"position": replace(position, value=value)})
+    found = identify(craft, noisy, sensors=coarse, planar=True)
+    assert any("height changes" in each for each in found.failures) == (rise > 0)
