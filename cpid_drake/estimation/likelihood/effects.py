@@ -80,7 +80,12 @@ class MotionChange:
 def write_start(motion: BaseMotion, trajectory: Trajectory, change: MotionChange) -> None:
     """Write that of attitude, centre of mass, L about it and its velocity at the start, in W."""
     change.attitude[:, :3] = change.L[:, 6:9] = np.eye(3)
-    change.w[:, :, 6:9] = trajectory.inverse @ np.swapaxes(trajectory.R, -1, -2)
+    mobility = trajectory.inverse @ np.swapaxes(trajectory.R, -1, -2)
+    change.w[:, :, 6:9] = mobility
+    wheel = motion.constants.value(trajectory.state.constants, "wheel")
+    if wheel is not None:  # it turns with the base
+        change.L[:, :3] = -skew(trajectory.state.attitude.as_matrix() @ wheel)
+        change.w[:, :, :3] = mobility @ change.L[:, :3]
     drift = transition(motion.joints.start, motion.times, motion.orbit)
     for moved, by in zip((change.position, change.velocity), np.split(drift, 2, axis=1)):
         moved[:, :, 3:6], moved[:, :, 9:] = by[:, :, :3], by[:, :, 3:]

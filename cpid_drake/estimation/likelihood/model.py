@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.plane import HELD
+from cpid_drake.dynamics.rotations import skew
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.gaussian import places_of
@@ -205,6 +206,9 @@ class BlockModel:
         xi = ends[:, :3]
         if ends.shape[1] > 3:
             L = L + ends[-1, 3:]
+        wheel = motion.constants.value(trajectory.state.constants, "wheel")
+        if wheel is not None:
+            L = L + skew(R[N - 1] @ wheel) @ xi[-1]
         position, velocity = change.position, change.velocity
         if thrust is not None:
             both = thrust.travel_change(R[:N], psi, xi, change.inverse_mass, *moved[1:])

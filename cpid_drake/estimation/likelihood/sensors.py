@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.plane import NORMAL_W
-from cpid_drake.dynamics.rotations import cross, exponentials, rotate, skew
+from cpid_drake.dynamics.rotations import cross, exponentials, right_jacobian, rotate, skew
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.block import LONGEST_DELAY
 from cpid_drake.estimation.likelihood.constants import BIAS, Constants
@@ -158,14 +158,20 @@ class AttitudeModel(SensorModel):
     def _derivative(
         self, trajectory: Trajectory, change: MotionChange, xi: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        R = trajectory.rotations(self._times)
+        R = trajectory.rotations(self._times) @ self._turn(trajectory)
         return self._R_BS.T @ np.swapaxes(R, -1, -2) @ self._at_samples(xi)
 
     def _rate(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        return trajectory.spline(self._times) @ self._R_BS
+        return trajectory.spline(self._times) @ self._turn(trajectory) @ self._R_BS
 
     def _kinds(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:
-        return {"mounting": np.broadcast_to(self._R_BS.T, (len(self.samples), 3, 3))}
+        mounting = self._constant(trajectory, "mounting")
+        by = np.eye(3) if mounting is None else right_jacobian(mounting)
+        return {"mounting": np.broadcast_to(self._R_BS.T @ by, (len(self.samples), 3, 3))}
+
+    def _turn(self, trajectory: Trajectory) -> NDArray[np.float64]:
+        mounting = self._constant(trajectory, "mounting")
+        return np.eye(3) if mounting is None else exponentials(mounting)
 
     @cached_property
     def _R_WB(self) -> NDArray[np.float64]:

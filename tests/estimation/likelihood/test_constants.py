@@ -12,7 +12,8 @@ from sensing_cases import MOMENTUM, true_telemetry
 from cpid_drake.dynamics.propagation import Wrench, propagate
 from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.likelihood.constants import Constants
-from cpid_drake.estimation.likelihood.model import BlockModel
+from cpid_drake.estimation.likelihood.model import BlockModel, jump_between
+from cpid_drake.estimation.roll import jumped
 from cpid_drake.logs.log import Samples
 from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.sensors import SENSORS
@@ -253,3 +254,40 @@ def test_late_readings_of_a_point_beside_the_origin_change_with_the_state(case, 
         column = -(both[0] - both[1]) / 2e-5
         error = np.abs(exact[:, first + k] - column).max()
         assert error < 1e-3 * np.abs(column).max()
+
+
+@pytest.mark.parametrize("name", ["start", "attitude.mounting", "wheel"])
+def test_derivatives_hold_at_a_large_mounting_and_a_hidden_wheel(case, name):
+    """Of all readings and of the block's end: a tracker turned by 3°, and a wheel of 2.7 N·m·s."""
+    samples, joints = exact_block(case, lambda times, name: truth(case, times), case.suite)
+    turn, wheel = np.array([0.03, -0.02, 0.04]), np.array([1.0, -2.0, 1.5])
+    constants = with_values(case.suite, attitude__mounting=turn, wheel=wheel)
+    state = replace(case.state(START), constants=constants)
+
+    def model_of(samples):
+        tree, suite = case.craft.tree, case.suite
+        return BlockModel(tree, joints, samples, suite, None, STEP, nominal=constants)
+
+    rotations = model_of(samples).motion.trajectory(state).rotations(samples.attitude.time)
+    shown = Rotation.from_matrix(rotations) * Rotation.from_rotvec(turn)
+    attitude = Samples(samples.attitude.time, shown.as_quat(scalar_first=True))
+    model = model_of(samples.updated({"attitude": attitude}))
+    trajectory = model.motion.trajectory(state)
+    exact, end = model.jacobian(trajectory)
+    columns = model.columns[name]
+    for k, step in enumerate(1e-5 * np.eye(columns.stop - columns.start)):
+        both, ends = [], []
+        for change in (step, -step):
+            if name == "start":
+                there = jumped(state, change)
+            else:
+                value = state.constants.copy()
+                value[model.motion.constants.place(name)] += change
+                there = replace(state, constants=value)
+            both.append(residuals_of(model, there))
+            moved = model.motion.end(model.motion.trajectory(there))
+            ends.append(jump_between(model.motion.end(trajectory), moved))
+        column, at_end = -(both[0] - both[1]) / 2e-5, (ends[0] - ends[1]) / 2e-5
+        error = np.abs(exact[:, columns.start + k] - column).max()
+        assert error < 1e-3 * np.abs(column).max()
+        np.testing.assert_allclose(end[:, columns.start + k], at_end, atol=1e-4)
