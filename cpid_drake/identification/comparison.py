@@ -88,8 +88,9 @@ def with_thrust_errors(
     share = PLAUSIBLE["thrust_scale"]
     if not any(error.kind in OF_THRUST for error in constant_errors(suite, 0)):
         erring = {n: replace(v, force_sigma=share * v.force) for n, v in valves.items()}
-        suite = replace(suite, thrusters=Thrusters(erring, THRUST_DELAY, share))
-        said.append(f"thrusters: {{delay_ms: {THRUST_DELAY:g}, loss: {share:g}}}")
+        suite = replace(suite, thrusters=Thrusters(erring, THRUST_DELAY, share, share))
+        shared = f"loss: {share:g}, common_force: {share:g}"
+        said.append(f"thrusters: {{delay_ms: {THRUST_DELAY:g}, {shared}}}")
         said.append(f"of each valve a force_sigma of {share:.0%} of its force")
     if not (forces.acceleration_noise or forces.torque_noise):
         known, force = tree.at_rest, share * np.mean([v.force for v in valves.values()])

@@ -21,6 +21,7 @@ _WORDS = {
     "wheel": "rotors in the base that the model has not have the angular momentum {}, in B",
     "thrust_scale": "the true thrust differs from the logged one by {}",
     "force": "the force of valve {sensor} is off by {}",
+    "common_force": "the forces of all valves are off by {}",
     "loss": "each further open valve costs {} of the force",
     "valve_delay": "the thrust acts {} later than its log",
     "compliance": "the grasp is flexible: the target turns against C by {} about its axes",

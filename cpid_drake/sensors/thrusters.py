@@ -3,10 +3,11 @@
 A log has one column `valve:NAME` for each valve: its opening u, from 0 (closed) to 1, which holds
 until the next row. With n = Σu, the valve pushes with the force
 
-    F (1 + s) u (1 − loss max(n − 1, 0)),
+    F (1 + c) (1 + s) u (1 − loss max(n − 1, 0)),
 
-a delay after the log. The relative errors s, the delay and the loss are unknowns; a valve that
-fails has a force far from the declared one, so the prior of s has a heavy tail.
+a delay after the log. The relative errors s of each valve and c of all (they share a pressure), the
+delay and the loss are unknowns; a valve that fails has a force far from the declared one, so the
+prior of s has a heavy tail.
 """
 
 from dataclasses import dataclass, field
@@ -62,6 +63,7 @@ class Thrusters:
         valves: by name.
         delay_ms: σ of the delay of all forces after the log [ms].
         loss: σ of the share of the force that each further open valve costs.
+        common_force: σ of the relative error that all forces have in common.
 
     Raises:
         InputError: there are no valves.
@@ -71,6 +73,7 @@ class Thrusters:
     valves: dict[str, Valve] = field(default_factory=dict)
     delay_ms: Annotated[float, Ge(0)] = 0.0
     loss: Annotated[float, Ge(0)] = 0.0
+    common_force: Annotated[float, Ge(0)] = 0.0
 
     def __post_init__(self) -> None:
         if not self.valves:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.estimation.likelihood.constants import (
+    COMMON_FORCE,
     THRUST_SCALE,
     THRUSTERS,
     VALVE_DELAY,
@@ -114,14 +115,17 @@ def thrust_log(
         put(THRUST_SCALE, samples.value)
         scaled = Samples(samples.time, (1 + error(THRUST_SCALE)) * samples.value)
         return ThrustLog(Actuators.of_wrench(), scaled, by)
-    loss, delay = f"{THRUSTERS}.{VALVE_LOSS}", f"{THRUSTERS}.{VALVE_DELAY}"
+    common, loss, delay = (
+        f"{THRUSTERS}.{kind}" for kind in (COMMON_FORCE, VALVE_LOSS, VALVE_DELAY)
+    )
     others = np.maximum(samples.value.sum(axis=1, keepdims=True) - 1, 0.0)
     relative = [f"{name}.{VALVE_FORCE}" for name in thrusters.valves]
     force = samples.value * np.array([valve.force for valve in thrusters.valves.values()])
-    size = 1 + np.array([error(name) for name in relative])
+    own, shared = 1 + np.array([error(name) for name in relative]), 1 + error(common)
     left = 1 - error(loss) * others
-    put(loss, -force * size * others)
-    for k, (name, column) in enumerate(zip(relative, (force * left).T)):
+    put(common, force * own * left)
+    put(loss, -force * own * shared * others)
+    for k, (name, column) in enumerate(zip(relative, (force * shared * left).T)):
         put(name, column[:, None] * (np.arange(len(relative)) == k))
-    late = Samples(samples.time + error(delay), force * size * left)
+    late = Samples(samples.time + error(delay), force * own * shared * left)
     return ThrustLog(Actuators.of_valves(thrusters), late, by)

@@ -19,10 +19,11 @@ THRUST_SCALE = "thrust_scale"
 THRUSTERS = "thrusters"
 """Name before the errors that all valves have in common."""
 
-VALVE_FORCE, VALVE_LOSS, VALVE_DELAY = "force", "loss", "valve_delay"
+VALVE_FORCE, COMMON_FORCE = "force", "common_force"
+VALVE_LOSS, VALVE_DELAY = "loss", "valve_delay"
 """Kinds of errors of thrusters with valves; see `cpid_drake.sensors.thrusters`."""
 
-OF_THRUST = (THRUST_SCALE, VALVE_FORCE, VALVE_LOSS, VALVE_DELAY)
+OF_THRUST = (THRUST_SCALE, VALVE_FORCE, COMMON_FORCE, VALVE_LOSS, VALVE_DELAY)
 """Kinds that change the thrust."""
 
 ACCELERATION, TORQUE = "acceleration", "torque"
@@ -108,13 +109,16 @@ def constant_errors(suite: SensorSuite, joint_count: int) -> tuple[ConstantError
             ConstantError(STRETCH, 3, 1e-6 * forces.translational_compliance_um, "µm/N", 1e-6),
         ]
     if thrusters is not None:
-        loss, delay = f"{THRUSTERS}.{VALVE_LOSS}", f"{THRUSTERS}.{VALVE_DELAY}"
         found += [
             ConstantError(f"{name}.{VALVE_FORCE}", 1, valve.force_sigma / valve.force, "%", 0.01)
             for name, valve in thrusters.valves.items()
         ]
-        found.append(ConstantError(loss, 1, thrusters.loss, "%", 0.01))
-        found.append(ConstantError(delay, 1, 1e-3 * thrusters.delay_ms, "ms", 1e-3))
+        for kind, sigma, unit, scale in (
+            (COMMON_FORCE, thrusters.common_force, "%", 0.01),
+            (VALVE_LOSS, thrusters.loss, "%", 0.01),
+            (VALVE_DELAY, 1e-3 * thrusters.delay_ms, "ms", 1e-3),
+        ):
+            found.append(ConstantError(f"{THRUSTERS}.{kind}", 1, sigma, unit, scale))
     for sensor, errors in suite.present().items():
         for kind, (field, size, unit, scale) in _KINDS.items():
             name, sigma = f"{sensor}.{kind}", scale * getattr(errors, field, 0.0)

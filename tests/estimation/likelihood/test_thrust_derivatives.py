@@ -30,6 +30,7 @@ SUITE = coarse_suite(
         },
         delay_ms=30.0,
         loss=0.1,
+        common_force=0.2,
     ),
 )
 OPENINGS = Samples(
@@ -38,7 +39,8 @@ OPENINGS = Samples(
 )
 UNKNOWNS = ["attitude", "momentum", "psi", "forces"]
 SUITE.encoders = replace(SUITE.encoders, zero_mrad=2.0, drift_mrad_per_s=1.0)
-ERRORS = ["a.force", "b.force", "c.force", "thrusters.loss", "thrusters.valve_delay"]
+ERRORS = ["a.force", "b.force", "c.force", "thrusters.common_force", "thrusters.loss"]
+ERRORS += ["thrusters.valve_delay"]
 OF_JOINTS = ["encoders.zero", "encoders.joint 2.drift"]
 ERRORS += OF_JOINTS
 
