@@ -85,7 +85,8 @@ class BlockQueue:
     @classmethod
     def of(cls, suite: SensorSuite) -> "BlockQueue":
         """Return the queue for a suite's rates."""
-        return cls(max(SHORTEST_BLOCK, SAMPLES_PER_BLOCK / suite["encoders"].rate))
+        encoders = suite.encoders  # a platform without joints has none
+        return cls(max(SHORTEST_BLOCK, SAMPLES_PER_BLOCK / encoders.rate if encoders else 0.0))
 
     @property
     def next_edge(self) -> float:

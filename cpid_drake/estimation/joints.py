@@ -118,8 +118,10 @@ def tracked(track: NDArray[np.float64], part: JointPart) -> tuple[JointPart, NDA
     before[:, :, :ORDER], before[:, :, K] = track[:, :, :ORDER], track[:, :, ORDER]
     own = np.dstack([part.rows, part.target])
     T = triangles(np.concatenate([before, own], axis=1))
-    c = [np.linalg.lstsq(rows[:K, :K], rows[:K, K], rcond=1e-12)[0] for rows in T]
-    return part.about(np.stack(c, axis=1)), T[:, K - ORDER : K, K - ORDER :]
+    c = np.zeros((K, J))
+    for j, rows in enumerate(T):
+        c[:, j] = np.linalg.lstsq(rows[:K, :K], rows[:K, K], rcond=1e-12)[0]
+    return part.about(c), T[:, K - ORDER : K, K - ORDER :]
 
 
 def triangles(rows: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -70,9 +70,11 @@ def estimate(
     if has_thrust:
         suite, said = with_thrust_errors(suite, known.spacecraft.tree)
         warnings = (*warnings, *said)
-    far = MOST_NOISE * float(suite.sigmas("encoders")[0])
-    q = [log.measurements.encoders.value for log in logs.values()]
-    moves = any(float(np.std(each, axis=0).max(initial=0.0)) > far for each in q)
+    moves = False
+    if suite.encoders is not None:
+        far = MOST_NOISE * float(suite.sigmas("encoders")[0])
+        q = [log.measurements.encoders.value for log in logs.values()]
+        moves = any(float(np.std(each, axis=0).max(initial=0.0)) > far for each in q)
     candidates = with_plausible(suite, has_thrust=has_thrust, joints_move=moves)
     model = Model(known.spacecraft.tree, candidates, known.known_bodies)
     where = {name: f"{name}: " if len(logs) > 1 else "" for name in logs}

@@ -52,8 +52,9 @@ def with_own_columns(
 
     Raises:
         InputError: no time, a column that the map names is missing, groups that are not complete,
-            angular velocity both in W and in B or in W without the attitude, no joint positions,
-            joints without a rate where others have one, or a column that cannot be read.
+            angular velocity both in W and in B or in W without the attitude, no joint positions
+            although the spacecraft has joints, or columns of unknown meaning may be joints, joints
+            without a rate where others have one, or a column that cannot be read.
 
     """
     where = f"{where}: {table.header}" if table.header else where
@@ -126,7 +127,8 @@ def with_own_columns(
                 f"{where}: the joint '{joint}' has a column and a constant position "
                 f"(joint_positions.constant of {map_name})"
             )
-    if not positions and not constant and (joints is None or joints):
+    may_have_joints = {*free} - {*used.named} if joints is None else joints
+    if not positions and not constant and may_have_joints:
         near = _likely("q:joint", unknown)
         raise InputError(f"{where}: there are no joint positions, columns 'q:<joint>'{near}")
     for name in used.named:

@@ -166,13 +166,14 @@ class Log:
 
     @property
     def first_burn(self) -> float:
-        """Time at which thrusters first fire by the log of thrust [s]; infinite if never."""
-        return float(self.thrust.time[self.thrust.value.any(axis=1)].min(initial=np.inf))
+        """Time at which thrusters first fire by thrust or valves [s]; infinite if never."""
+        logs = [self.thrust, *self.valves.values()]
+        return min(float(s.time[s.value.any(axis=1)].min(initial=np.inf)) for s in logs)
 
     @property
     def has_thrust(self) -> bool:
         """Whether a log of thrust says that thrusters fired."""
-        return bool(np.isfinite(self.first_burn))
+        return bool(self.thrust.value.any())
 
     def thrust_between(self, start: float, end: float) -> dict[str, Samples]:
         """Return the log of thrust from start to end [s], by `THRUST`; nothing without a log.

@@ -28,14 +28,14 @@ def estimate_suite(log: Log) -> SensorSuite:
     """Return sensors with white noise, the same in all axes, as estimated from the samples.
 
     Raises:
-        InputError: there are no encoders, or fewer than 12 samples of a sensor.
+        InputError: there are joints without encoders, or fewer than 12 samples of a sensor.
 
     """
-    if not len(log.encoders):
+    if log.joint_names and not len(log.encoders):
         raise InputError("there are no joint positions to estimate noise from")
     suite = SensorSuite(description="noise estimated from the samples")
     for name, samples in log.items():
-        if not len(samples):
+        if not samples.value.size:  # of no joints, too
             continue
         if len(samples) < FEWEST:
             raise InputError(

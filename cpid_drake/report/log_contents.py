@@ -18,11 +18,12 @@ def contents(found: LogFile, where: str, comparisons: Sequence[Comparison] = ())
     log = found.log
     lines = [f"{where}: {found.row_count} rows"]
     for name, samples in log.items():
-        lines.append(f"  {SENSORS[name].quantity:18} {_timing(samples)}")
+        timing = _timing(samples) if samples.value.size else "none"
+        lines.append(f"  {SENSORS[name].quantity:18} {timing}")
     if len(log.thrust):
         lines.append(f"  {'thrust':18} {_timing(log.thrust)}")
     joints = log.joint_names
-    lines.append(f"  {'joints':18} {len(joints)}: {', '.join(joints)}")
+    lines.append(f"  {'joints':18} {len(joints)}: {', '.join(joints)}" if joints else "  no joints")
     for name, count in found.partial.items():
         label = SENSORS[name].quantity if name in SENSORS else name
         lines.append(f"  {count} samples of {label} are there in part only, and not used")

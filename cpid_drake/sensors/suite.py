@@ -106,8 +106,8 @@ def check_sensors(suite: SensorSuite, where: str) -> None:
         where: name of the suite in error messages.
 
     Raises:
-        InputError: a value is of the wrong type or out of the limits that its class declares; no
-            encoders; a zero or a delay of joint rates.
+        InputError: a value is of the wrong type or out of the limits that its class declares; a
+            zero or a delay of joint rates.
 
     """
     check_values(suite, where, "a sensor suite")
@@ -118,13 +118,25 @@ def check_sensors(suite: SensorSuite, where: str) -> None:
                     f"{where}: {name}.{key} must be 0, not {value}; only joint positions have a "
                     "zero"
                 )
-    if suite.encoders is None:
-        raise InputError(
-            f"{where}: encoders are missing; no estimator works without joint positions"
-        )
     rates = suite.joint_rates
     if rates is not None and rates.delay_ms:
         raise InputError(
             f"{where}: joint_rates.delay_ms must be 0: their stamps belong to the clock of the "
             "encoders; give encoders.delay_ms"
+        )
+
+
+def require_encoders(suite: SensorSuite, where: str) -> None:
+    """Refuse a suite without encoders.
+
+    Args:
+        suite, where: see `check_sensors`.
+
+    Raises:
+        InputError: there are no encoders.
+
+    """
+    if suite.encoders is None:
+        raise InputError(
+            f"{where}: encoders are missing; no estimator works without joint positions"
         )

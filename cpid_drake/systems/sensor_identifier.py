@@ -26,7 +26,7 @@ from cpid_drake.logs.log import THRUST, Log, Samples
 from cpid_drake.logs.screening import last_time, screen
 from cpid_drake.processes import one_thread
 from cpid_drake.sensors.sensors import SENSORS
-from cpid_drake.sensors.suite import SensorSuite, check_sensors
+from cpid_drake.sensors.suite import SensorSuite, check_sensors, require_encoders
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.identifier import Identifier, is_number
 
@@ -107,8 +107,8 @@ class SensorIdentifier(Identifier):
             grasp, whose errors are estimated too; default: none.
 
     Raises:
-        InputError: invalid sensors (see `suite.check_sensors`), a period that is not positive or is
-            longer than the fastest sensor's.
+        InputError: invalid sensors (see `suite.check_sensors`), no encoders, a period that is
+            not positive or is longer than the fastest sensor's.
 
     """
 
@@ -126,6 +126,7 @@ class SensorIdentifier(Identifier):
         super().__init__()
         self.set_name("sensor_identifier")
         check_sensors(suite, "sensors")
+        require_encoders(suite, "sensors")
         self._suite, present = suite, suite.present()
         shortest = 1 / max(errors.rate for errors in present.values())
         period = shortest if period is None else period

@@ -19,7 +19,7 @@ from cpid_drake.errors import prefix_errors
 from cpid_drake.logs.log import Log, Samples, first_sample
 from cpid_drake.logs.simulated_noise import SensorNoise
 from cpid_drake.sensors.sensors import SENSORS, SensorErrors
-from cpid_drake.sensors.suite import SensorSuite, check_sensors
+from cpid_drake.sensors.suite import SensorSuite, check_sensors, require_encoders
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.ports import SpacecraftSystem
 
@@ -65,7 +65,8 @@ class SpacecraftSensors(SpacecraftSystem):
         noise: the errors of the samples, with the values of the constant errors.
 
     Raises:
-        InputError: invalid sensors (see `suite.check_sensors`) or an invalid seed; and, when a
+        InputError: invalid sensors (see `suite.check_sensors`), no encoders of a spacecraft with
+            joints, or an invalid seed; and, when a
             sample is taken, a state that is not finite or without an attitude.
 
     """
@@ -74,6 +75,8 @@ class SpacecraftSensors(SpacecraftSystem):
         super().__init__()
         self.set_name("spacecraft_sensors")
         check_sensors(suite, "sensors")
+        if spacecraft.joint_names:
+            require_encoders(suite, "sensors")
         self.spacecraft, self.suite, self.noise = spacecraft, suite, SensorNoise(suite, seed)
         self._state_port = self.DeclareVectorInputPort(
             "state", spacecraft.plant.num_multibody_states()

@@ -171,7 +171,9 @@ def valves(seed: int, folder: Path, *, planar: bool | None = None, joint: bool |
                 command=inside(rng, fitted, rate, mass))  # fmt: skip
     columns = samples(rng, craft, times, found, rest(times)[0], sigma_m, sigma_rad, 1e-4, [0.0])
     columns |= {f"valve:v{k + 1}": found["opening"][:, k] for k in range(count)}
-    sensors = pose_sensors(rate, sigma_m, sigma_rad) | {"encoders": {"rate": rate, "sigma": 1e-4}}
+    sensors = pose_sensors(rate, sigma_m, sigma_rad)
+    if joint:
+        sensors["encoders"] = {"rate": rate, "sigma": 1e-4}
     if seed % 3 == 0 and not planar:
         sensors["gyro"] = {
             "rate": rate,

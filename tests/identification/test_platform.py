@@ -1,0 +1,100 @@
+"""A spacecraft without joints, which thrusters move: nothing measures joints, and nothing must."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from model_parts import joint, link, moments, urdf
+from sensing_cases import Sines
+
+from cpid_drake import InertialParameters, Spacecraft, identify, read_log
+from cpid_drake.dynamics.propagation import Wrench, propagate
+from cpid_drake.errors import InputError
+from cpid_drake.identification.checked_log import check_log
+from cpid_drake.logs.burns import Burn, log_of_burns
+from cpid_drake.logs.files import write_log
+from cpid_drake.logs.log import THRUST, ideal_log
+from cpid_drake.logs.simulated_noise import add_noise
+from cpid_drake.sensors.presets import load_sensors
+from cpid_drake.sensors.sensors import AttitudeSensor, VectorSensor
+from cpid_drake.sensors.suite import SensorSuite
+
+TARGET = InertialParameters(
+    4.0, [0.18, -0.07, 0.12], [[0.19, 0.01, -0.03], [0.01, 0.18, 0.02], [-0.03, 0.02, 0.17]]
+)
+SUITE = SensorSuite(
+    attitude=AttitudeSensor(20.0, 60.0, 60.0),
+    position=VectorSensor(20.0, 2e-4),
+)
+POINT = np.array([0.1, 0.2, -0.1])
+BURNS = [
+    Burn(1.0, 1.0, np.array([2.0, 0.0, 0.0]), POINT),
+    Burn(3.0, 1.0, np.array([-2.0, 1.5, 0.0]), POINT),
+    Burn(5.0, 1.0, np.array([0.0, -1.5, 2.0]), POINT),
+    Burn(7.0, 1.0, np.array([0.0, 0.0, -2.0]), POINT),
+]
+
+
+@pytest.fixture(scope="module")
+def craft(tmp_path_factory):
+    path = tmp_path_factory.mktemp("platform") / "platform.urdf"
+    base = link("base", 10.0, "", "0.02 -0.01 0.05", "0 0 0", **moments(0.25, 0.3, 0.28))
+    hold = joint("hold", "base", "grip", "fixed", xyz="0.3 0.01 0.02", rpy="0 0 0.7")
+    path.write_text(urdf(base, '<link name="grip"/>', hold))
+    return Spacecraft(path, base="base", capture_frame="grip")
+
+
+@pytest.fixture(scope="module")
+def log(craft):
+    """Return what the sensors measure while thrusters fire, exactly as logged."""
+    thrust, still = log_of_burns(BURNS), Sines.drawn(0, 0, 9.0)
+
+    def motion(times):
+        base = propagate(
+            craft.tree, still, TARGET.to_standard_vector(), times, edges=thrust.time,
+            wrench=lambda time: Wrench(constant_B=thrust.held_at(time)),
+        )  # fmt: skip
+        return base.to_motion((), times, still)
+
+    ideal = ideal_log(SUITE, (), motion, still.duration)
+    return add_noise(SUITE, ideal.updated({THRUST: thrust}), 0)
+
+
+@pytest.mark.parametrize(
+    ("estimator", "is_declared"),
+    [("trajectory_fit", True), ("trajectory_fit", False), ("recursive_fit", True)],
+)
+def test_a_platform_is_identified_without_encoders(craft, log, estimator, is_declared):
+    """Whether or not the sensors are declared; none of them measures joints."""
+    suite = SUITE if is_declared else None
+    found = identify(craft, log, estimator=estimator, sensors=suite)
+    assert found.failures == ()
+    error = found.parameters - TARGET.to_vector()
+    assert np.abs(error / np.sqrt(np.diag(found.covariance))).max() < 3.5
+
+
+def test_a_log_of_a_platform_is_written_and_read(tmp_path, log):
+    """A file without columns of joints is that of a platform, if it has no other columns."""
+    write_log(tmp_path / "log.csv", log)
+    again = read_log(tmp_path / "log.csv")
+    assert again.joint_names == ()
+    np.testing.assert_array_equal(again.position.value, log.position.value)
+    header, rows = (tmp_path / "log.csv").read_text().split("\n", 1)
+    (tmp_path / "arm.csv").write_text(f"{header},elbow\n{rows}")
+    with pytest.raises(InputError, match=r"no joint positions.*ignored columns: 'elbow'"):
+        read_log(tmp_path / "arm.csv")
+
+
+def test_a_file_of_sensors_may_have_no_encoders(tmp_path):
+    """Who has joints needs them, and who has none does not."""
+    path = tmp_path / "sensors.yaml"
+    path.write_text("attitude: {rate: 10.0, cross_boresight_arcsec: 60.0, boresight_arcsec: 60.0}")
+    assert load_sensors(path).encoders is None
+
+
+def test_valves_that_open_exclude_a_check_by_momentum(craft, log):
+    """What the motion shows of units cannot come from a momentum that thrusters change."""
+    opening = replace(log.thrust, value=log.thrust.value.any(axis=1, keepdims=True).astype(float))
+    samples = {name: s for name, s in log.samples.items() if name != THRUST}
+    valves = replace(log, samples=samples | {"valve:left": opening})
+    assert not check_log(craft, valves).failures
