@@ -63,6 +63,9 @@ BODIES_ACT = (
 THRUST_DELAY = 100.0
 """The same of the delay of thrusters [ms]: small valves open that late."""
 
+COMMON_SHARE = 0.05
+"""The same of the error that the forces of all valves share: a regulator holds its pressure so."""
+
 UNDECLARED = "undeclared errors"
 """Name of the check that errors which nobody declares predict the end of the logs."""
 
@@ -88,8 +91,8 @@ def with_thrust_errors(
     share = PLAUSIBLE["thrust_scale"]
     if not any(error.kind in OF_THRUST for error in constant_errors(suite, 0)):
         erring = {n: replace(v, force_sigma=share * v.force) for n, v in valves.items()}
-        suite = replace(suite, thrusters=Thrusters(erring, THRUST_DELAY, share, share))
-        shared = f"loss: {share:g}, common_force: {share:g}"
+        suite = replace(suite, thrusters=Thrusters(erring, THRUST_DELAY, share, COMMON_SHARE))
+        shared = f"loss: {share:g}, common_force: {COMMON_SHARE:g}"
         said.append(f"thrusters: {{delay_ms: {THRUST_DELAY:g}, {shared}}}")
         said.append(f"of each valve a force_sigma of {share:.0%} of its force")
     if not (forces.acceleration_noise or forces.torque_noise):
