@@ -16,8 +16,10 @@ from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.evidence import MOST, Comparison, Question
 from cpid_drake.estimation.fit import Fit, fit, prior_of
 from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.joints import FAR
-from cpid_drake.estimation.log_state import LogState
+from cpid_drake.estimation.least_squares import FAR
+from cpid_drake.estimation.likelihood.motion import TrajectoryState
+from cpid_drake.estimation.log_state import LogState, farthest
+from cpid_drake.estimation.roll import Rolled, Values
 from cpid_drake.estimation.sweep import known_at_start, sweep
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.estimation.whiteness import LagSums, Whiteness
@@ -49,18 +51,20 @@ def fit_with_events(
     quiet = [replace(log, noise={}, weights=tuple({} for _ in log.blocks)) for log in found.logs]
     if not any(_changes(replace(found, logs=quiet), question)):
         return found, {}
-    now, wide, tests = found, found, dict[str, Whiteness]()
+    now, wide, tests = found.logs, found, dict[str, Whiteness]()
+    if not found.converged:  # what a change has bent is no start
+        now = [LogState.of_blocks(model, log.blocks, log.name) for log in now]
     for last in (False, True):  # whole blocks, then parts of those beside changes
-        logs = [log.opened(range(len(log.blocks) - 1)) for log in now.logs]
-        wide = fit(model, logs, values=now.values, progress=progress)
+        logs = [log.opened(range(len(log.blocks) - 1)) for log in now]
+        wide = fit(model, logs, values=wide.values, progress=progress)
         if wide.cost > FAR**2 * sum(each.count for each in wide.rolled):
             return found, {}  # changes do not explain the samples
         changes = _changes(wide, question)
         if last or not any(changes):
             break
         tests = _tests(wide, changes)
-        cut = [_cut(model, log, each) for log, each in zip(wide.logs, changes, strict=True)]
-        now = replace(wide, logs=cut)
+        parts = zip(wide.logs, wide.rolled, changes, strict=True)
+        now = [_cut(model, *each) for each in parts]
     logs = [log.opened(each) for log, each in zip(wide.logs, changes, strict=True)]
     return fit(model, logs, values=wide.values, progress=progress), tests
 
@@ -86,17 +90,18 @@ def _changes(found: Fit, question: Question) -> list[list[int]]:
         for first in range(0, count - 1, MOST):
             last = min(first + MOST, count - 1)
             ends, later = range(last - first), slice(last, min(last + LATER + 1, count))
-            own = wide.part(first, last)
-            parts = own, rolled.part(first, last)
+            own, part = wide.part(first, last), rolled.part(first, last)
+            parts = own, part
             known = sweep(
                 model, *parts, found.values, carry=ends, before=before, forward_only=True
             ).end
             parts = log.part(later.start, later.stop), rolled.part(later.start, later.stop)
             carried = sweep(model, *parts, found.values, before=known, forward_only=True).gaussian
-            compared = _compared(own, found, carried, ends, question)
+            changes = {_name(k, log): part.links[k] for k in ends}
+            compared = _compared(own, found, carried, changes, question)
             best += [first + k for k in ends if _name(k, log) in compared.best]
             known = known.condition(
-                {_name(k, log): 0.0 for k in ends if first + k not in log.jumps}
+                {_name(k, log): -part.links[k] for k in ends if first + k not in log.open}
             )
             before = known.marginal(n for n in known.places if not n.startswith("link "))
         result.append(best)
@@ -107,28 +112,33 @@ def _compared(
     log: LogState,
     found: Fit,
     gaussian: Gaussian,
-    ends: Sequence[int],
+    changes: Values,
     question: Question,
 ) -> Comparison:
-    """Return the comparison of changes at some ends of a log, beside all other candidates."""
+    """Return the comparison of changes of a log, given by name, beside all other candidates."""
     total = prior_of(found.model, [log], found.values).add(gaussian)
-    names = {_name(k, log): k for k in ends}
-    values = found.values | {name: log.jumps[k] for name, k in names.items()}
+    values = found.values | changes
     values = {name: values.get(name, np.zeros(size)) for name, size in total.sizes.items()}
-    candidates = dict.fromkeys(names, found.model.farthest)
+    candidates = dict.fromkeys(changes, farthest(found.model))
     return question.answer(total, values, candidates)
 
 
-def _cut(model: Model, log: LogState, changes: Sequence[int]) -> LogState:
-    """Return a log whose blocks beside the changes are cut into parts."""
+def _cut(model: Model, log: LogState, rolled: Rolled, changes: Sequence[int]) -> LogState:
+    """Return a log whose blocks beside the changes are cut into parts, which keep their states."""
     if not changes:
         return log
-    blocks, jumps = list[Block](), {}
-    for k, block in enumerate(log.blocks):
-        blocks += block.cut() if k in changes or k - 1 in changes else [block]
-        if k in log.jumps:
-            jumps[len(blocks) - 1] = log.jumps[k]
-    return replace(LogState.of_blocks(model, blocks, log.name, log.start), jumps=jumps)
+    blocks, starts, ends = list[Block](), list[TrajectoryState](), set[int]()
+    for k, (block, motion, trajectory) in enumerate(
+        zip(log.blocks, rolled.models, rolled.trajectories, strict=True)
+    ):
+        parts = block.cut() if k in changes or k - 1 in changes else [block]
+        blocks += parts
+        starts += [log.starts[k]]
+        nodes = np.searchsorted(motion.motion.nodes, [part.start for part in parts[1:]])
+        starts += [motion.motion.at_node(trajectory, int(node)) for node in nodes]
+        ends |= {len(blocks) - 1} if k in log.open else set()
+    cut = LogState.of_blocks(model, blocks, log.name, tuple(starts))
+    return replace(cut, open=frozenset(ends))
 
 
 def _name(k: int, log: LogState) -> str:

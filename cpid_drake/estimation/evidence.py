@@ -55,7 +55,7 @@ class Comparison:
         best: the most probable set.
         gaussian: average of the kept unknowns over all sets, with the differences between them.
         values: (k,) of each candidate in the best set, in its own units.
-        sigma: (k,) their σ.
+        covariance: (k, k) theirs.
         sizes: of each candidate beside those before it, as shares of its σ; of those that were
             compared.
 
@@ -65,8 +65,13 @@ class Comparison:
     best: tuple[str, ...]
     gaussian: Gaussian
     values: dict[str, NDArray[np.float64]]
-    sigma: dict[str, NDArray[np.float64]]
+    covariance: dict[str, NDArray[np.float64]]
     sizes: dict[str, float]
+
+    @property
+    def sigma(self) -> dict[str, NDArray[np.float64]]:
+        """(k,) σ of `values`."""
+        return {name: np.sqrt(np.diag(each)) for name, each in self.covariance.items()}
 
     @property
     def named(self) -> tuple[str, ...]:
@@ -240,9 +245,10 @@ class _Sets:
                 mean, square = mean + weight * k, square + weight * (P + np.outer(k, k))
         scale, (_, free, index, L) = self.kept_scale, best
         x = self.sigma[index] * cho_solve((L, True), self.b[index])
-        inverse = solve_triangular(L, np.eye(len(index)), lower=True)
-        sigma = self.sigma[index] * np.linalg.norm(inverse, axis=0)
-        ends = np.cumsum([len(self.places[name]) for name in free])[:-1]
+        inverse = solve_triangular(L, np.diag(self.sigma[index]), lower=True)
+        of_free = inverse.T @ inverse
+        ends = np.cumsum([0, *(len(self.places[name]) for name in free)]).tolist()
+        parts = dict(zip(free, map(slice, ends[:-1], ends[1:]), strict=True))
         covariance = square - np.outer(mean, mean)
         own = np.sqrt(np.diag(covariance))
         root = cholesky(covariance / own / own[:, None], lower=True)
@@ -252,8 +258,8 @@ class _Sets:
             probability,
             tuple(free),
             Gaussian.of_rows(self.kept_sizes, average),
-            dict(zip(free, np.split(x, ends), strict=True)) if free else {},
-            dict(zip(free, np.split(sigma, ends), strict=True)) if free else {},
+            {name: x[part] for name, part in parts.items()},
+            {name: of_free[part, part] for name, part in parts.items()},
             self.size,
         )
 

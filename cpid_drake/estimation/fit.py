@@ -1,46 +1,49 @@
 """The fit: maximum likelihood of all unknowns from all samples of one log or of many.
 
-Levenberg-Marquardt on the sum of all logs' sweeps: target, hardware, momenta and forces, starts,
-biases and joint motion move together. Samples that are far off weigh less, and each sensor has a
-noise factor of 1 or more; both come from the residuals, once steps are small. A prior, or
-another result, is one more Gaussian in the sum.
+Gauss-Newton steps on the sum of all logs' sweeps: target, hardware, momenta and forces, starts,
+biases and joint motion move together, and the target stays inside of its cone. A share of a step is
+taken if χ² would not fall by all of it. Samples that are far off weigh less; each sensor has a
+noise factor of 1 or more, which comes from the residuals once steps are small. A prior, or another
+result, is one more Gaussian in the sum.
 
-Sources: Nocedal and Wright 2006, ch. 10; Nielsen 1999 (damping); Huber 1964 (weights).
+Source: Nocedal and Wright 2006, ch. 10.3 (Gauss-Newton) and 17.3 (closed ends).
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import reduce
+from functools import cached_property, reduce
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri
 
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.joints import DECLARED, FAR
-from cpid_drake.estimation.likelihood.constants import BIAS
+from cpid_drake.estimation.least_squares import loss_weight
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Rolled, Values, roll
 from cpid_drake.estimation.start import start_of
 from cpid_drake.estimation.sweep import Swept, back, sweep
-from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model, undetermined
-from cpid_drake.estimation.whiteness import MOST_CORRELATED
-from cpid_drake.sensors.sensors import SENSORS
+from cpid_drake.estimation.target import LOG_SIZE
+from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
+from cpid_drake.estimation.weights import reweighted
 
 CLOSE = 1e-2
-"""The fit ends when a step would reduce χ² by less than this: a tenth of σ along one direction."""
+"""The fit ends when a step would change all that outlives a block by less than this, squared, in σ:
+a tenth of σ along one direction."""
 
-SETTLED = 0.1
-"""Weights and noise come from the residuals once a step reduces χ² by less than this share, or
-by less than this for each residual: what values far from the minimum do not explain is no noise.
-`about` needs no step with a smaller χ²."""
+SETTLED = 1e-3
+"""The noise comes from the residuals once a step reduces χ² by less than this for each residual:
+what values far from the minimum do not explain is no noise."""
+
+LINEAR = 0.1
+"""`about` needs no step with a smaller χ²: a third of σ."""
+
+GOOD, POOR = 0.75, 0.25
+"""The share of a step that is taken doubles, up to all of it, if it reduces χ² by more than this
+part of what a linear fit predicts, and is halved if by less."""
 
 MOST_SWEEPS = 30
 """The fit ends without an answer after so many sweeps."""
-
-MOST_LOST = 0.9
-"""Share of a sensor's residuals that unknowns absorb at most: else none would show the noise."""
 
 _REJECTED = 12  # steps in a row
 
@@ -54,11 +57,11 @@ class Fit:
         values: of all logs', the hardware's and the target's unknowns.
         logs: with the values of everything else.
         rolled: the logs, predicted at these values.
-        gaussian: of x − values.
+        seen: of x − values, without the target's prior, which is not linear.
         swept: the logs, linearized about these values, if a step from there may follow.
         cost: χ² of all rows.
         sweeps: number of linearizations.
-        converged: whether no step would reduce χ² by more than `CLOSE`.
+        converged: whether no step would change anything by more than `CLOSE` says.
 
     """
 
@@ -66,11 +69,16 @@ class Fit:
     values: Values
     logs: list[LogState]
     rolled: list[Rolled]
-    gaussian: Gaussian
+    seen: Gaussian
     swept: list[Swept] = field(default_factory=list)
     cost: float = 0.0
     sweeps: int = 0
     converged: bool = False
+
+    @cached_property
+    def gaussian(self) -> Gaussian:
+        """Of x − values; the target's prior is linear about them."""
+        return self.seen.add(self.model.cone.prior(PSI, self.values[PSI]))
 
 
 def fit(
@@ -84,9 +92,9 @@ def fit(
 
     Args:
         model: the unknowns and their priors.
-        logs: of the same hardware and target; they get a start if they have none.
-        values: of all unknowns, at which logs that have a start are continued; default: from
-            linear least squares.
+        logs: of the same hardware and target.
+        values: of all unknowns, at which logs that have a start are continued; default: the start
+            is what the samples show of the motion.
         progress: called before every sweep but the first with a description; if it returns False,
             the fit ends without having converged.
 
@@ -95,46 +103,11 @@ def fit(
 
     """
     logs = list(logs)
-    if values is None or any(log.start is None for log in logs):
-        values, logs = start_of(model, logs, values)
+    if values is None or not all(log.starts for log in logs):
+        values, logs = start_of(model, logs)
     rolled = [roll(model, log, values) for log in logs]
-    now = Fit(model, values, logs, rolled, prior_of(model, logs, values))
-    # What walks has its place between one block and the next, as joints have: it is not damped.
-    pulls = {
-        u.key(log.name): 0 * u.sigma if u.walk else 1 / u.sigma for u in model.table for log in logs
-    }
-    damping, growth, settled = 1.0, 2.0, False
-    while now.sweeps < MOST_SWEEPS:
-        text = f"fitting: sweep {now.sweeps + 1}, χ² {now.cost:.6g}"
-        if now.sweeps and progress(text) is False:
-            break
-        now = replace(_linear(now), cost=_cost(now, now.values), sweeps=now.sweeps + 1)
-        total, cost = now.gaussian, now.cost
-        held = {PSI: undetermined(model, now.values[PSI], total)[0]}
-        if settled and cost - total.cost(total.solve(held=held)) < CLOSE:
-            return replace(now, converged=True)  # with weights that are those of the residuals
-        pull = np.concatenate([pulls[name] for name in total.places])
-        for _ in range(_REJECTED):
-            step = total.solve(np.sqrt(damping) * pull, held)
-            fall, tried = cost - total.cost(step), _stepped(now, step)
-            gain = -1.0 if tried is None else (cost - tried.cost) / max(fall, 1e-300)
-            is_close = tried is not None and fall < CLOSE and tried.cost < cost + CLOSE
-            if tried is not None and (gain > 0 or is_close):
-                break
-            damping, growth = max(damping, 1e-6) * growth, 2 * growth
-        else:
-            break
-        damping, growth = damping * max(0.1, 1 - (2 * float(np.clip(gain, 0, 1)) - 1) ** 3), 2.0
-        damping, logs = max(damping, 1e-12), tried.logs
-        settled = fall < SETTLED * max(cost, sum(r.count for r in tried.rolled))
-        if settled:
-            absorbed = [each.absorbed for each in now.swept]
-            logs = [
-                reweighted(model, *parts)
-                for parts in zip(logs, tried.rolled, absorbed, strict=True)
-            ]
-        now = replace(tried, logs=logs)
-    return now
+    now = Fit(model, values, logs, rolled, hardware_prior_of(model, logs, values))
+    return _best(_reweighted(now), progress)
 
 
 def about(found: Fit, held: Values) -> Fit:
@@ -148,99 +121,105 @@ def about(found: Fit, held: Values) -> Fit:
         held: the given values, less those of the fit.
 
     """
-    now, held = found, dict(held)
-    for _ in range(MOST_SWEEPS):
-        total, rest = now.gaussian, now.gaussian.condition(held)
-        psi, step = undetermined(now.model, now.values[PSI], rest)[0], np.zeros(total.size)
-        step[total.indices(rest.places)] = rest.solve(held={PSI: psi})
-        for name, value in held.items():
-            step[total.places[name]] = value
-        if np.sum((total.R @ step) ** 2) < SETTLED:  # linear within a third of σ
-            return replace(now, swept=[])
-        moved = _stepped(now if now.swept else _linear(now), step)
-        if moved is None:
+    step = _Step.of(found, held)
+    if step.square < LINEAR:
+        return replace(found, swept=[])
+    now = found if found.swept else _linear(found)
+    there, none = step.taken(now, 1.0), {name: 0.0 * value for name, value in held.items()}
+    if there is None:
+        return replace(found, converged=False)
+    best = _best(replace(there, sweeps=0), held=none, close=LINEAR)
+    converged = found.converged and best.converged
+    return replace(best, swept=[], sweeps=found.sweeps, converged=converged)
+
+
+def _best(
+    now: Fit,
+    progress: Callable[[str], object] = lambda step: None,
+    held: Values | None = None,
+    close: float = CLOSE,
+) -> Fit:
+    """Return the best fit near one; its weights follow the residuals if nothing is held."""
+    share, settled = 1.0, held is not None
+    while now.sweeps < MOST_SWEEPS:
+        text = f"fitting: sweep {now.sweeps + 1}, χ² {now.cost:.6g}"
+        if now.sweeps and progress(text) is False:
             break
-        now = _linear(moved, forward_only=True)
-        held = dict.fromkeys(held, np.zeros(1))
-    return replace(found, converged=False)
+        now = replace(_linear(now), sweeps=now.sweeps + 1)
+        step = _Step.of(now, held)
+        is_close = step.square < close
+        if settled and is_close:
+            cost = _cost(now, now.logs, now.values)
+            return replace(now, cost=cost, converged=True)  # weights are those of the residuals
+        for _ in range(_REJECTED):
+            there, fall = step.taken(now, share), share * (2 - share) * step.fall
+            gain = -1.0 if there is None else (step.before - there.cost) / fall
+            share = share if is_close else _next(share, gain)
+            if there is not None and (gain > 0 or is_close):
+                break
+        else:
+            break
+        if held is None:
+            settled = step.fall < SETTLED * sum(r.count for r in there.rolled)
+            there = _reweighted(there, [each.absorbed for each in now.swept] if settled else None)
+        now = there
+    return now
 
 
-def _linear(now: Fit, *, forward_only: bool = False) -> Fit:
-    """Return a fit with the Gaussian about its values; no step can follow if it is forward only."""
-    swept = [
-        sweep(now.model, *parts, now.values, forward_only=forward_only)
-        for parts in zip(now.logs, now.rolled, strict=True)
-    ]
-    prior = prior_of(now.model, now.logs, now.values)
-    total = reduce(Gaussian.add, [each.gaussian for each in swept], prior)
-    return replace(now, gaussian=total, swept=[] if forward_only else swept)
+def _reweighted(now: Fit, absorbed: Sequence[dict[str, float]] | None = None) -> Fit:
+    """Return a fit with weights of its residuals, and their noise if it is known what is lost."""
+    lost = absorbed or len(now.logs) * (None,)
+    parts = zip(now.logs, now.rolled, lost, strict=True)
+    return replace(now, logs=[reweighted(now.model, *each) for each in parts])
 
 
-def reweighted(model: Model, log: LogState, rolled: Rolled, absorbed: dict[str, float]) -> LogState:
-    """Return a log with the weights and noise factors that its residuals show.
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """The step that a linear fit proposes; shares of it are tried.
 
-    Args:
-        model: the unknowns.
-        log: before.
-        rolled: its prediction.
-        absorbed: see `Swept`.
-
-    """
-    weights, noise = [dict(each) for each in log.weights], dict(log.noise)
-    residuals = rolled.all_residuals()
-    count = sum(rest.size for rest in residuals.values())
-    sampled = {f"{name}.{BIAS}" for name in residuals}
-    biases = sum(each.size for each in model.table if each.name in sampled)
-    free = 12 + 10 + biases
-    for name, rest in residuals.items():
-        w = weights_of(rest) if name in SENSORS else np.ones(len(rest))  # a force is no outlier
-        near = rest[w == 1.0]  # what is far off says nothing about the noise
-        lost = min(free / count + absorbed.get(name, 0.0) / rest.size, MOST_LOST)
-        time = _correlation_time(near, lost) if name in SENSORS else 1.0  # means of a force: smooth
-        freedom = near.size * (1 - lost) / time
-        square = (DECLARED + float(np.sum(near**2))) / (DECLARED + freedom)
-        noise[name] = max(1.0, float(np.sqrt(square)))
-        ends = np.cumsum([len(block[name]) for block in rolled.residuals if name in block])[:-1]
-        parts = iter(np.split(w, ends))
-        for k, block in enumerate(rolled.residuals):
-            if name in block:
-                weights[k][name] = next(parts)
-    return replace(log, weights=tuple(weights), noise=noise)
-
-
-def _correlation_time(rest: NDArray[np.float64], lost: float) -> float:
-    """Return (1 + ρ)/(1 − ρ), how much stronger first-order Gauss-Markov noise is if it is slow.
-
-    The motion is slow, too: of white noise, it takes the lowest frequencies, the share that is
-    `lost`, and leaves residuals whose neighbours have the correlation −sin(π lost)/π/(1 − lost).
-    The covariance beyond that is ρ times the noise's variance, of which 1 − lost is in residuals.
-    """
-    if len(rest) < 2 or not rest.any():
-        return 1.0
-    seen = np.mean(rest[1:] * rest[:-1]) / np.mean(rest**2)
-    of_white = -np.sin(np.pi * lost) / np.pi / (1 - lost)
-    rho = np.clip((1 - lost) * (seen - of_white), 0.0, MOST_CORRELATED)  # more is no noise
-    return float((1 + rho) / (1 - rho))
-
-
-def weights_of(rest: NDArray[np.float64], noise: float = 1.0) -> NDArray[np.float64]:
-    """Return the weights (M,) that residuals (M, d) show; samples that are far off weigh less.
-
-    Args:
-        rest: in units of the declared σ.
-        noise: factor of this σ.
+    Attributes:
+        step: (n,) of all unknowns that outlive a block.
+        square: sum of its squares in σ of what is known.
+        before: χ² before the step, with the pulls of closed ends that belong to it.
+        fall: by so much the whole step should reduce χ².
 
     """
-    size = np.sqrt(np.mean(rest**2, axis=1))
-    return np.asarray(
-        np.minimum(1.0, FAR * max(spread(rest), noise) / np.maximum(size, 1e-12)) ** 2
-    )
+
+    step: NDArray[np.float64]
+    square: float
+    before: float
+    fall: float
+
+    @classmethod
+    def of(cls, now: Fit, held: Values | None) -> "_Step":
+        """Return the best step; some unknowns may have given steps."""
+        step, least = _best_step(now, held or {})
+        square, before = float(np.sum((now.gaussian.R @ step) ** 2)), np.inf
+        if now.swept:
+            logs = zip(now.logs, _after(now, step), strict=True)
+            before = _cost(now, [replace(a, pulls=b.pulls) for a, b in logs], now.values)
+        return cls(step, square, before, max(before - least, 1e-300))
+
+    def taken(self, now: Fit, share: float) -> Fit | None:
+        """Return the fit after a share of the step; None if no motion can be predicted there."""
+        return _moved(now, share * self.step, _after(now, self.step, share))
 
 
-def spread(rest: NDArray[np.float64]) -> float:
-    """Return the σ of residuals (M, d), whatever less than half of them are; 0 without any."""
-    square = np.sum(rest**2, axis=1)
-    return float(np.sqrt(np.median(square) / chdtri(rest.shape[1], 0.5))) if len(square) else 0.0
+def _next(share: float, gain: float) -> float:
+    """Return the share of the next step."""
+    if gain > GOOD:
+        return min(2 * share, 1.0)
+    return share / 2 if gain < POOR else share
+
+
+def _linear(now: Fit) -> Fit:
+    """Return a fit with the Gaussian about its values."""
+    logs = zip(now.logs, now.rolled, strict=True)
+    swept = [sweep(now.model, *each, now.values) for each in logs]
+    model = now.model
+    known = hardware_prior_of(model, now.logs, now.values)
+    seen = reduce(Gaussian.add, [each.gaussian for each in swept], known)
+    return replace(now, seen=seen, swept=swept)
 
 
 def prior_of(
@@ -251,6 +230,20 @@ def prior_of(
 ) -> Gaussian:
     """Return what is known without samples, about the present values.
 
+    See `hardware_prior_of`.
+    """
+    prior = hardware_prior_of(model, logs, values, weighed_at)
+    return prior.add(model.cone.prior(PSI, values[PSI]))
+
+
+def hardware_prior_of(
+    model: Model,
+    logs: Sequence[LogState],
+    values: Values,
+    weighed_at: Values | None = None,
+) -> Gaussian:
+    """Return what is known without samples but the target's sizes, about the present values.
+
     Args:
         model, logs, values: see `fit`.
         weighed_at: values from which priors with heavy tails get their weights, which stay during
@@ -260,12 +253,12 @@ def prior_of(
     weighed_at = values if weighed_at is None else weighed_at
     sizes, R, z = {}, [], []
     for unknown in model.table:
-        if unknown.walk:  # its prior is that of its first value: in the sweep
+        if unknown.walk or unknown.name == PSI:  # the prior of what walks is in the sweep
             continue
         for name in dict.fromkeys(unknown.key(log.name) for log in logs):
             sizes[name], sigma = unknown.size, unknown.sigma
             if unknown.may_fail:
-                sigma = sigma * np.maximum(1.0, np.abs(weighed_at[name]) / FAR)
+                sigma = sigma / loss_weight(weighed_at[name])
             R.append(1 / sigma)
             z.append((unknown.mean - values[name]) / sigma)
     diagonal = np.concatenate([np.empty(0), *R])
@@ -276,28 +269,53 @@ def prior_of(
     return prior
 
 
-def _cost(found: Fit, weighed_at: Values) -> float:
-    """Return the sum of squares of all rows at the values of a fit."""
+def _cost(found: Fit, logs: Sequence[LogState], weighed_at: Values) -> float:
+    """Return the sum of squares of all rows at the values of a fit; see `link_cost`."""
     prior = prior_of(found.model, found.logs, found.values, weighed_at)
     values = found.values
     step = {} if weighed_at is values else {n: value - weighed_at[n] for n, value in values.items()}
-    samples = sum(r.cost(log, step) for log, r in zip(found.logs, found.rolled, strict=True))
+    parts = zip(logs, found.rolled, strict=True)
+    samples = sum(r.cost(found.model, log, step) for log, r in parts)
     return samples + prior.cost(np.zeros(prior.size))
 
 
-def _stepped(now: Fit, step: NDArray[np.float64]) -> Fit | None:
+def _best_step(now: Fit, held: Values) -> tuple[NDArray[np.float64], float]:
+    """Return the best step (n,) of a linear fit, and its χ²; some unknowns may have given steps.
+
+    The samples are linear in ψ, its prior is linear in log-sizes, and the target stays inside of
+    the cone: all other unknowns are eliminated, and ten nonlinear ones remain.
+    """
+    cone, psi, seen = now.model.cone, now.values[PSI], now.seen
+    free, step, steps = seen.condition(held), np.zeros(seen.size), dict(held)
+    steps[PSI] = cone.most_probable(free.marginal([PSI]).moved(-psi)) - psi
+    others = free.condition({PSI: steps[PSI]})
+    step[seen.indices(others.places)] = others.solve()
+    for name, value in steps.items():
+        step[seen.places[name]] = value
+    prior = cone.log_size(psi + steps[PSI])[0] / LOG_SIZE
+    return step, seen.cost(step) + float(prior @ prior)
+
+
+def _after(now: Fit, step: NDArray[np.float64], share: float = 1.0) -> list[LogState]:
+    """Return the logs after a share of a step."""
+    parts = {name: step[place] for name, place in now.gaussian.places.items()}
+    return [
+        back(now.model, log, s, parts, share) for log, s in zip(now.logs, now.swept, strict=True)
+    ]
+
+
+def _moved(now: Fit, step: NDArray[np.float64], logs: Sequence[LogState]) -> Fit | None:
     """Return the fit after a step; None if no motion can be predicted there."""
-    model, parts = now.model, {name: step[place] for name, place in now.gaussian.places.items()}
-    values = now.values | {name: now.values[name] + part for name, part in parts.items()}
+    steps = {n: now.values[n] + step[place] for n, place in now.gaussian.places.items()}
+    values = now.values | steps
+    for log in logs:
+        first = log.starts[0]
+        values[f"{MOMENTUM}|{log.name}"] = np.concatenate([first.L, first.v_Wcm])
     try:
-        logs = [back(model, log, s, parts) for log, s in zip(now.logs, now.swept, strict=True)]
-        for log in logs:
-            assert log.start is not None
-            values[f"{MOMENTUM}|{log.name}"] = np.concatenate([log.start.L, log.start.v_Wcm])
-        rolled = [roll(model, log, values) for log in logs]
+        rolled = [roll(now.model, log, values) for log in logs]
     except (InputError, np.linalg.LinAlgError):
         return None
-    total = now.gaussian.moved(step)
-    there = replace(now, values=values, logs=logs, rolled=rolled, gaussian=total, swept=[])
-    cost = _cost(there, now.values)
+    seen = now.seen.moved(step)
+    there = replace(now, values=values, logs=list(logs), rolled=rolled, seen=seen, swept=[])
+    cost = _cost(there, logs, now.values)
     return replace(there, cost=cost) if np.isfinite(cost) else None

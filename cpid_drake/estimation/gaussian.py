@@ -153,33 +153,13 @@ class Gaussian:
         """The sum of squares at the mean."""
         return self.cost(self.solve())
 
-    def solve(
-        self,
-        damping: NDArray[np.float64] | None = None,
-        held: Mapping[str, NDArray[np.float64]] | None = None,
-    ) -> NDArray[np.float64]:
-        """Return the mean (n,), with zero along what nothing determines.
-
-        Args:
-            damping: (n,) 1/σ of further information that each entry is zero; default: none.
-            held: by unknown, independent combinations (k, size) of its entries that are zero.
-
-        """
-        basis = np.eye(self.size)
-        for name, rows in (held or {}).items():
-            axes = np.linalg.svd(rows)[2]  # the last ones change no combination
-            basis[self.places[name], self.places[name]] = axes.T * (
-                np.arange(len(axes)) >= len(rows)
-            )
-        basis = basis[:, basis.any(axis=0)]
-        A, b = self.R @ basis, self.z
-        scale = np.linalg.norm(A, axis=0)
-        if damping is not None:
-            A, b = np.vstack([A, np.diag(damping) @ basis]), np.append(b, np.zeros(self.size))
+    def solve(self) -> NDArray[np.float64]:
+        """Return the mean (n,), with zero along what nothing determines."""
+        scale = np.linalg.norm(self.R, axis=0)
         scale[scale == 0] = 1.0
-        U, s, Vt = np.linalg.svd(A / scale, full_matrices=False)
+        U, s, Vt = np.linalg.svd(self.R / scale, full_matrices=False)
         known = s > _NEGLIGIBLE * s.max(initial=0.0)
-        return np.asarray(basis @ (Vt[known].T @ ((U.T @ b)[known] / s[known]) / scale))
+        return np.asarray(Vt[known].T @ ((U.T @ self.z)[known] / s[known]) / scale)
 
     def covariance(self) -> NDArray[np.float64]:
         """Return the covariance (n, n); all directions must be determined.
@@ -258,24 +238,20 @@ def solution_of(
     scale: NDArray[np.float64],
     *,
     largest: float = KNOWN,
-    weakest: float | None = None,
     share: float = 1e-3,
     row_count: int = 0,
 ) -> LeastSquaresSolution:
     """Return the solution of a Gaussian of the target alone.
 
-    Combinations whose σ is too large have their plausible size as σ: noise alone looks like weak
-    knowledge. What the target says weakly, even if a fit has held it, moves the rest; the others
-    stay nominal. An entry is known if its σ is small all the same, and if it contains nothing of
-    combinations about which the target says nothing.
+    Combinations whose σ is too large stay nominal, and have their plausible size as σ: noise alone
+    looks like weak knowledge. An entry is known if its σ is small all the same, and if it contains
+    nothing of these combinations.
 
     Args:
         target: of n unknowns.
         nominal: (n,) values of combinations that are not determined.
         scale: (n,) plausible sizes of the unknowns.
         largest: largest σ of what is known, as a share of its plausible size.
-        weakest: smallest σ of a combination about which the target says nothing, likewise. Default,
-            and if no entry is known: `largest`.
         share: largest part in such combinations of an entry that is known.
         row_count: number of the rows, for the record.
 
@@ -283,16 +259,12 @@ def solution_of(
     moved = target.moved(nominal)
     U, sizes, axes = np.linalg.svd(moved.R * scale)
     strong = sizes > max(1 / largest, _NEGLIGIBLE * float(sizes[0]))
-    seen = strong | (sizes > 1 / (weakest or largest))
-    x = nominal + scale * (axes[seen].T @ ((U.T @ moved.z)[seen] / sizes[seen]))
+    x = nominal + scale * (axes[strong].T @ ((U.T @ moved.z)[strong] / sizes[strong]))
     root = scale[:, None] * axes.T * np.where(strong, 1 / np.maximum(sizes, 1e-300), 1.0)
     covariance = root @ root.T
     is_large = np.diag(covariance) > (largest * scale) ** 2
-    for used in (seen, strong):
-        is_open = is_large | (np.linalg.norm(axes[~used], axis=0) > share)
-        if not is_open.all():
-            break
-    A = np.where(strong, sizes, 1.0)[used, None] * axes[used] / scale
+    is_open = is_large | (np.linalg.norm(axes[~strong], axis=0) > share)
+    A = sizes[strong, None] * axes[strong] / scale
     covariance[is_open, :] = covariance[:, is_open] = np.nan
     return LeastSquaresSolution(
         estimate=np.where(is_open, np.nan, x),

@@ -27,6 +27,7 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.block import Block
+from cpid_drake.estimation.least_squares import loss_weight
 from cpid_drake.estimation.likelihood.joint_motion import DEGREE, ORDER, JointPart, spline_basis
 from cpid_drake.estimation.likelihood.uniform_spline import GAUSS_LEGENDRE
 from cpid_drake.logs.log import Samples
@@ -34,9 +35,6 @@ from cpid_drake.sensors.suite import SensorSuite
 
 FINER = 2
 """The gyro feels errors of the splines that encoders do not: so many times as many pieces."""
-
-FAR = 4.0
-"""A sample that is off by r > `FAR` σ has the weight FAR/r (Huber 1964)."""
 
 DECLARED = 10.0
 """The declared σ of a sensor counts as much as so many samples."""
@@ -309,7 +307,7 @@ class _Splines:
     ) -> list[NDArray[np.float64]]:
         """Return the weights (N, J) of every block that the residuals show."""
         left = self._residuals(self.solved(u))
-        return [np.minimum(1.0, FAR / np.maximum(np.abs(r) / noise, 1e-9)) for r in left]
+        return [loss_weight(r / noise) for r in left]
 
 
 def _best_rate(samples: Sequence[_JointSamples], weights: list[NDArray[np.float64]]) -> float:

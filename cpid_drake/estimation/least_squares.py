@@ -27,6 +27,9 @@ instead.
 """
 
 
+FAR = 4.0
+"""Rows that are off by more σ weigh less; see `loss_weight`."""
+
 KNOWN = 0.2
 """Largest σ of what is known, as a share of its plausible size.
 
@@ -73,6 +76,16 @@ def describe_unobservable(directions: NDArray[np.float64], names: Sequence[str])
     noun = "combination" if len(directions) == 1 else "combinations"
     text = f"{len(directions)} {noun} of {', '.join(strongly)} not determined by the motion so far"
     return text + (f"; {', '.join(weakly)} weakly affected" if weakly else "")
+
+
+def loss_weight(size: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the factor of a row that is off by `size` σ; rows that are far off weigh less.
+
+    With c = `FAR` it is min(1, (c/|r|)²), that of the loss r² up to c and 2c² − c⁴/r² beyond it:
+    no row, however far off, adds more than 2c² to χ². Source: Hampel et al. 1986, Robust
+    Statistics, ch. 2.6 (redescending M-estimates).
+    """
+    return np.asarray(np.minimum(1.0, FAR / np.maximum(np.abs(size), 1e-12)) ** 2)
 
 
 def quantile_95(degrees_of_freedom: int | None = None) -> float:

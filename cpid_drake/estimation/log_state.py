@@ -15,6 +15,15 @@ from cpid_drake.estimation.likelihood.motion import TrajectoryState
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.logs.log import Log, Samples
 
+CLOSED = 1e-8
+"""σ of a change at a closed end, as a share of 1 rad, 1 m, 1 m/s and a fast tumble's momentum."""
+
+JUDGED = 1e-5
+"""The same for the χ² by which a step is judged; see `LogState.link_cost`."""
+
+FARTHEST = 0.5, 1.0, 1.0
+"""σ of a change at an open end: of attitude [rad], centre of mass [m] and its velocity [m/s]."""
+
 
 @dataclass(frozen=True, eq=False)
 class LogState:
@@ -25,12 +34,14 @@ class LogState:
         blocks: successive blocks.
         joints: their joint motion.
         smoothness: of the joint motion.
-        start: attitude, centre of mass and momentum at the start; None before the first fit.
+        starts: of each block: attitude, centre of mass and momentum at its start; none before the
+            first fit.
         origin: time from which on the zeros of joints drift [s].
         forces: of each block: (K,) entries of white forces, in units of their σ.
         walks: of each block but a log's last: (w,) change at its end of the constants that walk.
-        jumps: (12,) changes of attitude, centre of mass, L and v at the open ends of some blocks.
-        aims: states at the start of some blocks, at which changes and white forces before them aim.
+        open: blocks at whose ends attitude, centre of mass, L and v may change by any amount.
+        pulls: of each block but a log's last: (12,) derivative of half χ² by the change at its end,
+            which is zero, if the end is closed.
         weights: of each block: (M,) weights of a sensor's samples.
         noise: factors of the sensors' declared σ.
 
@@ -43,9 +54,9 @@ class LogState:
     walks: tuple[NDArray[np.float64], ...]
     forces: tuple[NDArray[np.float64], ...]
     origin: float
-    start: TrajectoryState | None = None
-    jumps: dict[int, NDArray[np.float64]] = field(default_factory=dict)
-    aims: dict[int, TrajectoryState] = field(default_factory=dict)
+    starts: tuple[TrajectoryState, ...] = ()
+    open: frozenset[int] = frozenset()
+    pulls: tuple[NDArray[np.float64], ...] = ()
     weights: tuple[dict[str, NDArray[np.float64]], ...] = ()
     noise: dict[str, float] = field(default_factory=dict)
 
@@ -55,18 +66,18 @@ class LogState:
         model: Model,
         blocks: Iterable[Block],
         name: str = "log",
-        start: TrajectoryState | None = None,
+        starts: tuple[TrajectoryState, ...] = (),
     ) -> "LogState":
         """Return a log of successive blocks, with smoothed joints.
 
-        Without a start it begins with the first block that has attitude samples.
+        Without starts it begins with the first block that has attitude samples.
 
         Raises:
             InputError: no block has attitude samples.
 
         """
         blocks = tuple(blocks)
-        seen = (k for k, b in enumerate(blocks) if start or len(b.samples.attitude))
+        seen = (k for k, b in enumerate(blocks) if starts or len(b.samples.attitude))
         first = next(seen, None)
         if first is None:
             raise InputError("no attitude samples while the joints are known: none to start from")
@@ -75,9 +86,10 @@ class LogState:
         walks = tuple(np.zeros(len(model.walking_columns)) for _ in blocks[1:])
         forces = tuple(model.no_forces(block.start, block.end) for block in blocks)
         weights = tuple(dict[str, NDArray[np.float64]]() for _ in blocks)
+        pulls = tuple(np.zeros(12) for _ in blocks[1:])
         parts = tuple(joints)
-        own = smoothness, walks, forces, blocks[0].start, start
-        return cls(name, blocks, parts, *own, weights=weights)
+        own = smoothness, walks, forces, blocks[0].start, starts
+        return cls(name, blocks, parts, *own, pulls=pulls, weights=weights)
 
     @classmethod
     def of(cls, model: Model, samples: Log | Iterable[Log], name: str = "log") -> "LogState":
@@ -92,13 +104,33 @@ class LogState:
 
     def opened(self, ends: Iterable[int]) -> "LogState":
         """Return the log open at the ends of some blocks, and closed at all others."""
-        jumps = {k: self.jumps.get(k, np.zeros(12)) for k in sorted(set(ends))}
-        return replace(self, jumps=jumps)
+        return replace(self, open=frozenset(ends))
+
+    def link(self, model: Model, k: int) -> NDArray[np.float64]:
+        """Return σ (12,) of a change of attitude, centre of mass, L and v at the end of block k."""
+        return self._sigma(model, k, CLOSED)
+
+    def link_cost(self, model: Model, k: int, change: NDArray[np.float64]) -> float:
+        """Return χ² of a change (12,) at the end of block k.
+
+        A closed end would have a χ² that hides that of all samples where a step leaves a change of
+        second order: here it costs 2 λᵀu + |u/σ|² with the pull λ of the end and a larger σ
+        (augmented Lagrangian; Nocedal and Wright 2006, ch. 17.3).
+        """
+        judged = self._sigma(model, k, JUDGED)
+        if k in self.open:
+            return float(np.sum((change / judged) ** 2))
+        pull, aim = self.pulls[k], self.pulls[k] * self.link(model, k) ** 2
+        square = float(np.sum(((change - aim) / judged) ** 2))
+        return square + float(pull @ (2 * change - aim))
+
+    def _sigma(self, model: Model, k: int, closed: float) -> NDArray[np.float64]:
+        return farthest(model) if k in self.open else _sizes(model, closed, closed, closed)
 
     @property
     def changes(self) -> list[float]:
         """Times of changes [s]: of an open end, or the middle of a block of which both are open."""
-        times, ends = list[float](), sorted(self.jumps, reverse=True)
+        times, ends = list[float](), sorted(self.open, reverse=True)
         while ends:
             first = last = ends.pop()
             if ends and ends[-1] == first + 1:
@@ -119,16 +151,11 @@ class LogState:
         return any(block.samples.has_thrust for block in self.blocks)
 
     def part(self, first: int, end: int) -> "LogState":
-        """Return the blocks from `first` up to `end`, with what changes behind the last of them.
-
-        Its start is that of the whole log.
-        """
-        lists = ("blocks", "joints", "forces", "walks", "weights")
+        """Return the blocks from `first` up to `end`, with what changes behind the last of them."""
+        lists = ("blocks", "joints", "forces", "walks", "weights", "starts", "pulls")
         parts: dict[str, Any] = {name: getattr(self, name)[first:end] for name in lists}
-        for name in ("jumps", "aims"):
-            own = getattr(self, name).items()
-            parts[name] = {k - first: each for k, each in own if first <= k < end}
-        return replace(self, **parts)
+        ends = frozenset(k - first for k in self.open if first <= k < end)
+        return replace(self, open=ends, **parts)
 
     def weighted(self, k: int, sensor: str, rest: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return residuals (M, ...) of a sensor in block k, with weights and noise factor."""
@@ -138,3 +165,12 @@ class LogState:
         """Return the factors (M,) of a sensor's residuals in block k."""
         weights = self.weights[k].get(sensor, np.ones(count))
         return weights / self.noise.get(sensor, 1.0)
+
+
+def farthest(model: Model) -> NDArray[np.float64]:
+    """Return σ (12,) of a change of attitude, centre of mass, L and v at an open end."""
+    return _sizes(model, *FARTHEST)
+
+
+def _sizes(model: Model, turn: float, place: float, speed: float) -> NDArray[np.float64]:
+    return np.repeat([turn, place, speed * model.L_sigma, speed], 3)

@@ -22,16 +22,17 @@ from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.block import Block, BlockQueue, blocks_of
 from cpid_drake.estimation.evidence import NAMED
-from cpid_drake.estimation.fit import Fit, fit, prior_of, spread
+from cpid_drake.estimation.fit import Fit, fit, prior_of
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.joints import tracked
 from cpid_drake.estimation.least_squares import KNOWN
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
-from cpid_drake.estimation.log_state import LogState
+from cpid_drake.estimation.log_state import LogState, farthest
 from cpid_drake.estimation.online_block import NAME, Known, closed, compared, is_likely, solved
 from cpid_drake.estimation.roll import Rolled
 from cpid_drake.estimation.sweep import changed, sweep
 from cpid_drake.estimation.unknowns import BODIES, PSI, Model
+from cpid_drake.estimation.weights import spread
 from cpid_drake.estimation.whiteness import LagSums
 from cpid_drake.logs.log import Log
 
@@ -261,7 +262,7 @@ def _begun(model: Model, found: Fit) -> Known:
     last = replace(
         log.part(len(log.blocks) - 1, len(log.blocks)),
         weights=({},),
-        start=rolled.models[-1].motion.end(rolled.trajectories[-1]),
+        starts=(rolled.models[-1].motion.end(rolled.trajectories[-1]),),
     )
     about = {u.name: found.values[u.name] for u in model.table if u.scope != "log"}
     return Known(found.values, last, gaussian, (), track, about, converged=found.converged)
@@ -298,7 +299,7 @@ def _after(model: Model, each: Recent) -> tuple[OnlineState, bool]:
             state = replace(state, bridged=state.bridged + part.length)
         after, log, rolled = found
         if is_gap:  # nothing is known of where the base is then
-            lost, _ = changed(after.gaussian, np.arange(12), model.farthest, np.zeros(12))
+            lost, _ = changed(after.gaussian, np.arange(12), farthest(model), np.zeros(12))
             after = replace(after, gaussian=lost)
         state = replace(state, known=after).observed(log, rolled)
     return state, is_explained

@@ -15,16 +15,17 @@ from scipy.linalg import solve_triangular
 
 from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.evidence import Comparison, compare
-from cpid_drake.estimation.fit import CLOSE, weights_of
+from cpid_drake.estimation.fit import CLOSE
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.joints import joint_part, tracked
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.estimation.likelihood.model import jump_between
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
-from cpid_drake.estimation.log_state import LogState
+from cpid_drake.estimation.log_state import LogState, farthest
 from cpid_drake.estimation.roll import Rolled, Values, roll
 from cpid_drake.estimation.sweep import BOUNDARY, EXACT, back, boundary_size, changed, linked, sweep
 from cpid_drake.estimation.unknowns import PSI, Model
+from cpid_drake.estimation.weights import weights_of
 
 NAME = "online"
 """Name of the log of an online fit."""
@@ -62,14 +63,14 @@ class Link:
 
 def compared(model: Model, gaussian: Gaussian, names: Sequence[str]) -> Comparison:
     """Return the comparison of changes that are unknowns of these names."""
-    sigma, odds = dict.fromkeys(names, model.farthest), dict.fromkeys(names, ODDS)
+    sigma, odds = dict.fromkeys(names, farthest(model)), dict.fromkeys(names, ODDS)
     return compare(gaussian, sigma, [PSI], odds)
 
 
 def with_links(model: Model, gaussian: Gaussian, links: Sequence[Link]) -> Gaussian:
     """Return what is known if the links are as large as their evidence shows."""
     for link in links:
-        sigma = max(np.sqrt(link.probability) * link.size, EXACT) * model.farthest
+        sigma = max(np.sqrt(link.probability) * link.size, EXACT) * farthest(model)
         rows = np.column_stack([np.diag(1 / sigma), np.zeros(12)])
         gaussian = gaussian.add(Gaussian.of_rows({link.name: 12}, rows))
     return gaussian
@@ -88,7 +89,7 @@ class Known:
 
     Attributes:
         values: of all unknowns, about which everything is linear.
-        log: the last block, with its noise; `start` is the state at its end.
+        log: the last block, with its noise; it starts with the state at its end.
         gaussian: about what is at the boundary and all unknowns, and of the links themselves.
         links: at the starts of the last blocks.
         track: (J, ORDER, ORDER + 1) rows about the joints, by their own sensors alone.
@@ -135,7 +136,7 @@ def solved(
     gaussian, _ = changed(known.gaussian, n + walking, sigma, np.zeros(len(walking)))
     if is_linked:
         links = (*links, Link(block.start))
-        gaussian = linked(gaussian, links[-1].name, model.farthest, np.zeros(12))
+        gaussian = linked(gaussian, links[-1].name, farthest(model), np.zeros(12))
     part, track = tracked(known.track, joint_part(block, model.suite, known.log.smoothness))
     forces = (model.no_forces(block.start, block.end),)
     log = replace(known.log, blocks=(block,), joints=(part,), forces=forces)
@@ -168,7 +169,7 @@ def solved(
         rolled, here = ahead, there
         if abs(excess) < CLOSE and is_settled:
             break
-    last = replace(log, start=_end(log, rolled)[0], weights=({},))
+    last = replace(log, starts=(_end(log, rolled)[0],), weights=({},))
     return Known(values, last, after, links, track, known.about), log, rolled
 
 
@@ -190,8 +191,7 @@ Boundary = tuple[TrajectoryState, NDArray[np.float64]]
 
 def _start(log: LogState) -> Boundary:
     """Return what is at the start of the block of a log."""
-    assert log.start is not None
-    return log.start, log.joints[0].coefficients[:ORDER]
+    return log.starts[0], log.joints[0].coefficients[:ORDER]
 
 
 def _end(log: LogState, rolled: Rolled) -> Boundary:

@@ -7,17 +7,14 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.estimation.likelihood.model import BlockModel, jump_between
-from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory, TrajectoryState, relate
+from cpid_drake.estimation.likelihood.motion import Trajectory, TrajectoryState, relate
 from cpid_drake.estimation.likelihood.white_reading import WhiteReading
 from cpid_drake.estimation.log_state import LogState
-from cpid_drake.estimation.unknowns import BODIES, PSI, Model, psi_about
+from cpid_drake.estimation.target import psi_about
+from cpid_drake.estimation.unknowns import BODIES, PSI, Model
 
 Values = dict[str, NDArray[np.float64]]
 """Present values of all unknowns of all logs, by name."""
-
-
-_AIMED = 2  # Newton steps to a state: the first one leaves a miss of second order
-_REACHED = 1e-3  # change of a white force that does not matter, in units of its σ
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +24,9 @@ class Rolled:
     Attributes:
         models, trajectories: of each block.
         residuals: of each block: (M, d) in units of the declared σ, by sensor.
-        links: sum of squares of all rows inside of the log that are no samples of the base.
+        links: of each block but the last: (12,) change of attitude, centre of mass, L and v from
+            its end to the start of the next.
+        joints: sum of squares of the rows of joints and of what walks.
         start: sum of squares of what is known at its start.
         by_psi: (10, 10) derivative of ψ about the known bodies' present mass by the target's
             coordinates.
@@ -37,7 +36,8 @@ class Rolled:
     models: list[BlockModel]
     trajectories: list[Trajectory]
     residuals: list[dict[str, NDArray[np.float64]]]
-    links: float
+    links: list[NDArray[np.float64]]
+    joints: float
     start: float
     by_psi: NDArray[np.float64]
 
@@ -48,6 +48,7 @@ class Rolled:
             models=self.models[first:end],
             trajectories=self.trajectories[first:end],
             residuals=self.residuals[first:end],
+            links=self.links[first:end],
         )
 
     @property
@@ -55,19 +56,21 @@ class Rolled:
         """Number of all residuals."""
         return sum(rest.size for block in self.residuals for rest in block.values())
 
-    def cost(self, log: LogState, step: Values | None = None) -> float:
+    def cost(self, model: Model, log: LogState, step: Values | None = None) -> float:
         """Return the sum of squares of all rows of a log.
 
         Args:
+            model: the unknowns.
             log: the log.
             step: of all unknowns since white torques were linear in the inertia.
 
         """
-        return self.start + self.cost_inside(log, step)
+        links = sum(log.link_cost(model, k, u) for k, u in enumerate(self.links))
+        return self.start + links + self.cost_inside(log, step)
 
     def cost_inside(self, log: LogState, step: Values | None = None) -> float:
-        """Return the sum of squares of all rows of a log but those at its start; see `cost`."""
-        total = self.links
+        """Return the sum of squares of the rows of a log's blocks alone; see `cost`."""
+        total = self.joints
         for k, block in enumerate(self.residuals):
             for name, rest in block.items():
                 sensor = self.models[k].sensors[name]
@@ -93,12 +96,12 @@ def constants_of(model: Model, log: LogState, values: Values) -> NDArray[np.floa
 def roll(model: Model, log: LogState, values: Values) -> Rolled:
     """Predict all samples of a log.
 
-    White forces and changes between blocks follow from the states at which the log aims, as far as
-    they can: otherwise what a step is wrong by in one block would grow in all that follow.
+    Every block begins at its own start, so that what a step is wrong by in one block does not grow
+    in those that follow (multiple shooting; Bock and Plitt 1984).
 
     Args:
         model: the unknowns.
-        log: the log; its jumps and white forces become those that reach its aims.
+        log: the log.
         values: of the unknowns.
 
     Raises:
@@ -109,8 +112,7 @@ def roll(model: Model, log: LogState, values: Values) -> Rolled:
     psi, by_psi = psi_about(values[PSI], model.mass, tree.mass)
     last = constants_of(model, log, values)
     walking, sigma = model.walking_columns, model.walking_sigma
-    state, links = log.start, 0.0
-    assert state is not None
+    cost, links = 0.0, list[NDArray[np.float64]]()
     # of each block: what is still to come
     later = np.cumsum([np.zeros(len(walking)), *reversed(log.walks)], axis=0)[::-1]
     models, nominal, trajectories, residuals = list[BlockModel](), [], [], []
@@ -132,40 +134,21 @@ def roll(model: Model, log: LogState, values: Values) -> Rolled:
         nominal.append(constants)
     relate([part.motion for part in models])
     for k, (part, block) in enumerate(zip(models, log.blocks, strict=True)):
-        first = replace(state, psi=psi, constants=nominal[k], forces=log.forces[k])
-        aim = log.aims.get(k + 1)
+        first = replace(log.starts[k], psi=psi, constants=nominal[k], forces=log.forces[k])
         trajectory = part.motion.trajectory(first)
-        if aim is not None and k not in log.jumps and len(log.forces[k]):
-            trajectory = _aimed(part.motion, trajectory, aim)
-            log.forces[k][:] = trajectory.state.forces
         trajectories.append(trajectory)
         bent, moved = part.bent(trajectory)
         residuals.append(
             {n: s.residuals(trajectory) - bent.get(n, 0.0) for n, s in part.sensors.items()}
         )
-        links += float(np.sum(part.motion.joints.rest**2))
-        state = jumped(part.motion.end(trajectory), moved)
+        cost += float(np.sum(part.motion.joints.rest**2))
         if k < len(log.walks):
-            links += float(np.sum((log.walks[k] / sigma) ** 2)) / block.length
-        if k in log.jumps:
-            if aim is not None:
-                log.jumps[k] = jump_between(state, aim)
-            state = jumped(state, log.jumps[k])
-            links += float(np.sum((log.jumps[k] / model.farthest) ** 2))
+            cost += float(np.sum((log.walks[k] / sigma) ** 2)) / block.length
+        if k + 1 < len(log.blocks):
+            end = jumped(part.motion.end(trajectory), moved)
+            links.append(jump_between(end, log.starts[k + 1]))
     start = float(np.sum(first_values(model, log, values) ** 2))
-    return Rolled(models, trajectories, residuals, links, start, by_psi)
-
-
-def _aimed(motion: BaseMotion, trajectory: Trajectory, aim: TrajectoryState) -> Trajectory:
-    """Return the trajectory with the smallest change of its white forces that ends at a state."""
-    for _ in range(_AIMED):
-        miss = jump_between(motion.end(trajectory), aim)
-        change = np.linalg.lstsq(motion.end_by_white(trajectory), miss)[0]
-        if np.abs(change).max() < _REACHED:
-            break
-        state = replace(trajectory.state, forces=trajectory.state.forces + change)
-        trajectory = motion.trajectory(state)
-    return trajectory
+    return Rolled(models, trajectories, residuals, links, cost, start, by_psi)
 
 
 def first_values(model: Model, log: LogState, values: Values) -> NDArray[np.float64]:

@@ -327,9 +327,9 @@ def compare_momentum(
     both = Gaussian.of_rows(free.sizes, table)
     found = compare(both, {MOMENTUM: own}, [TARGET], odds={MOMENTUM: 1.0})
     to_origin = to_origin[:k, :k]
-    root = to_origin * found.sigma.get(MOMENTUM, np.zeros(k))
+    covariance = found.covariance.get(MOMENTUM, np.zeros((k, k)))
     fields = {
         "momentum_estimate": to_origin @ found.values.get(MOMENTUM, np.zeros(k)),
-        "momentum_covariance": root @ root.T,
+        "momentum_covariance": to_origin @ covariance @ to_origin.T,
     }
     return found.probability[MOMENTUM], found.gaussian, fields

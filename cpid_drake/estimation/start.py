@@ -6,8 +6,8 @@ velocity V of this centre are linear in the target's ψ. In W they are
     H = L + ∫ R (τ + (a − ρ) × f),      V = V₀ + ∫ R f / m,
 
 with a constant L of each log, and the declared thrust. The motion is that of splines through the
-samples of gyro, or attitude, and position. The rows of a log with thrust are changes over about
-half a second, so that errors of the thrust do not add up.
+samples of gyro, or attitude, and position. The rows of a log with thrust, or with open ends of
+blocks, are changes over about half a second, so that errors and sudden changes do not add up.
 Source: Ning et al. 2016, Eqs. 6 and 9, in the relative form (design, 3.2).
 """
 
@@ -24,14 +24,13 @@ from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.kinematics import forward_kinematics
 from cpid_drake.dynamics.plane import NORMAL_W, tilt
 from cpid_drake.dynamics.rotations import angular_velocity, rotate, skew
-from cpid_drake.errors import InputError
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.likelihood.actuators import thrust_log
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
 from cpid_drake.estimation.likelihood.thrust import Push, inverse_mass
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Values
-from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model, Unknown, undetermined
+from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model, Unknown
 from cpid_drake.logs.log import Samples, concatenated_samples, without_flips
 from cpid_drake.logs.splines import DEGREE, in_gap, knots_of
 
@@ -61,34 +60,17 @@ class SeenMotion:
     dynamics: BodyDynamics
 
 
-def start_of(
-    model: Model, logs: Sequence[LogState], values: Values | None = None
-) -> tuple[Values, list[LogState]]:
-    """Return values of all unknowns, and the logs with a start.
-
-    A log with thrust aims at what the samples of every block show.
-
-    Args:
-        model: the unknowns.
-        logs: the logs.
-        values: given values of unknowns of the hardware and of the target; default: their means.
-
-    """
+def start_of(model: Model, logs: Sequence[LogState]) -> tuple[Values, list[LogState]]:
+    """Return values of all unknowns, and the logs with a start."""
     motions = [_motion(model, log) for log in logs]
-    found = _balanced(model, logs, motions)
-    values = model.start([log.name for log in logs]) | {PSI: found} | (values or {})
-    try:
-        for motion in motions:
-            motion.dynamics.mobility(values[PSI])
-    except InputError:  # the system could not turn about every axis
-        values = values | {PSI: model.unknown(PSI).mean}
+    psi = _balanced(model, logs, motions)
+    values = model.start([log.name for log in logs]) | {PSI: psi}
     started = []
     for log, motion in zip(logs, motions, strict=True):
-        L = _momentum(motion, found)  # as the samples show, whatever target is given
-        states = _states(model, log, motion, L, values[PSI])
+        states = _states(model, log, motion, _momentum(motion, psi), psi)
         first = states[0]
         values[f"{MOMENTUM}|{log.name}"] = np.concatenate([first.L, first.v_Wcm])
-        started.append(replace(log, start=first, aims=states))
+        started.append(replace(log, starts=states))
     return values, started
 
 
@@ -96,8 +78,8 @@ def _balanced(
     model: Model, logs: Sequence[LogState], motions: Sequence[SeenMotion]
 ) -> NDArray[np.float64]:
     """Return ψ (10,) from all rows and the priors."""
-    target = model.unknown(PSI)
-    psi, found = target.mean, target.prior.moved(target.mean)
+    psi = model.unknown(PSI).mean
+    found = Gaussian.of_rows({PSI: 10}, np.zeros((10, 11)))
     for row in model.rows:
         found = found.add(row.moved(psi))
     for log, motion in zip(logs, motions, strict=True):
@@ -107,8 +89,7 @@ def _balanced(
             left = rows[:, :-1] @ np.linalg.lstsq(rows[:, :-1], rows[:, -1])[0] - rows[:, -1]
             noise = max(np.sqrt(np.mean(left**2)), 1e-9 * model.L_sigma)
             found = found.add(Gaussian.of_rows({PSI: 10, L.name: 3}, rows / noise))
-    step = found.solve(held={PSI: undetermined(model, psi, found)[0]})
-    return psi + step[found.places[PSI]]
+    return model.cone.start(found.marginal([PSI]).moved(-psi))
 
 
 def _momentum(motion: SeenMotion, psi: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -124,50 +105,57 @@ def _states(
     motion: SeenMotion,
     L: NDArray[np.float64],
     psi: NDArray[np.float64],
-) -> dict[int, TrajectoryState]:
-    """Return the states at the start of blocks as their own samples show them, by block.
+) -> tuple[TrajectoryState, ...]:
+    """Return the states at the start of all blocks, as their own samples show them.
 
-    Of a log without thrust, that at its start; momenta are those of the whole log.
+    Without thrust and open ends, momenta are those of the whole log. A block without samples has
+    the state of the instant before it.
     """
     dynamics, R, w = motion.dynamics, motion.R, motion.w
     com = dynamics.com(psi)
-    p = np.nan_to_num(motion.p + rotate(R, com))
+    p = motion.p + rotate(R, com)
+    is_seen = np.isfinite(p).all(axis=1)
+    if is_seen.any():
+        p = np.column_stack([np.interp(motion.time, motion.time[is_seen], x[is_seen]) for x in p.T])
+    p = np.nan_to_num(p)
     v = motion.v + rotate(R, np.cross(w, com) + dynamics.com_rate(psi))
     v = np.where(np.isfinite(v).any(axis=0), v, 0.0)
-    if not log.has_thrust:
+    if not _changes(log):
         L, v = (np.broadcast_to(np.nanmean(each, axis=0), each.shape) for each in (L, v))
     v = np.nan_to_num(v)
-    states = {}
-    for k, block in enumerate(log.blocks if log.has_thrust else log.blocks[:1]):
-        first = int(np.searchsorted(motion.time, block.start))
-        if k and (first == len(motion.time) or motion.time[first] > block.end):
-            continue
+    states = list[TrajectoryState]()
+    for k, block in enumerate(log.blocks):
+        first = min(int(np.searchsorted(motion.time, block.start)), len(motion.time) - 1)
+        if first and motion.time[first] > block.end:
+            first -= 1
         time, attitude = motion.time[first], Rotation.from_matrix(R[first])
         place = p[first] + (block.start - time) * v[first]
         seen = block.samples.attitude
         if k == 0 and len(seen):
             time, attitude = seen.time[0], Rotation.from_quat(seen.value[0], scalar_first=True)
         attitude = attitude * Rotation.from_rotvec((block.start - time) * w[first])
-        turning = L[first]
+        turning, moving = L[first], v[first]
         if model.tree.normal_B is not None:
             q_WB = attitude.as_quat(scalar_first=True)
             attitude = Rotation.from_rotvec(tilt(q_WB[None], model.tree.normal_B)[0]) * attitude
             turning = turning * NORMAL_W
-        states[k] = TrajectoryState(psi, attitude, place, v[first], turning)
-    return states
+            in_plane = np.array([1.0, 1.0, 0.0])
+            place, moving = place * in_plane + p[0] * NORMAL_W, moving * in_plane
+        states.append(TrajectoryState(psi, attitude, place, moving, turning))
+    return tuple(states)
 
 
 def _rows(
     model: Model, log: LogState, motion: SeenMotion, psi: NDArray[np.float64]
 ) -> list[NDArray[np.float64]]:
-    """Return rows [A | b] of H, and with thrust of V, for a change of ψ and for L."""
+    """Return rows [A | b] of H, and of V if the momenta change, for a change of ψ and for L."""
     dynamics, R, w = motion.dynamics, motion.R, motion.w
     turn, turn_by_psi, push = _pushed(model, log, motion, psi)
     one = np.broadcast_to(np.eye(3), (len(R), 3, 3))
     b = _momentum(motion, psi) - turn
     by_psi = R @ dynamics.regressor(w) - turn_by_psi
     turning = np.concatenate([by_psi, -one, -b[..., None]], axis=2)
-    if not log.has_thrust:
+    if not _changes(log):
         return [(turning if model.tree.normal_B is None else turning[:, 2:]).reshape(-1, 14)]
     # V: that of B's origin, and of the centre of mass against it.
     com, rate = dynamics.com_regressor(), dynamics.com_rate_regressor()
@@ -182,7 +170,13 @@ def _rows(
     if model.tree.normal_B is not None:
         turning, moving = turning[:, 2:], moving[:, :2]
     lag = _INSTANTS // 2
-    return [(each[lag:] - each[:-lag]).reshape(-1, 14) for each in (turning, moving)]
+    seen = (each for each in (turning, moving) if len(each) > lag)
+    return [(each[lag:] - each[:-lag]).reshape(-1, 14) for each in seen]
+
+
+def _changes(log: LogState) -> bool:
+    """Return whether the momenta of a log may change."""
+    return log.has_thrust or bool(log.open)
 
 
 def _motion(model: Model, log: LogState) -> SeenMotion:

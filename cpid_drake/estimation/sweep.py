@@ -22,7 +22,7 @@ from cpid_drake.estimation.least_squares import triangle
 from cpid_drake.estimation.likelihood.effects import with_changes
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.estimation.likelihood.model import BlockModel
-from cpid_drake.estimation.likelihood.motion import Trajectory, TrajectoryState
+from cpid_drake.estimation.likelihood.motion import Trajectory
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Rolled, Values, first_values, jumped
 from cpid_drake.estimation.unknowns import BODIES, FASTEST_DRIFT, MOMENTUM, PSI, Model
@@ -43,6 +43,7 @@ class _Change:
 
     columns: NDArray[np.intp]
     rows: NDArray[np.float64]  # [X | z]
+    now: NDArray[np.float64]
     block: int
 
 
@@ -55,7 +56,6 @@ class _Block:
     """
 
     model: BlockModel
-    start: TrajectoryState
     gone: NDArray[np.intp]
     keep: NDArray[np.intp]
     rows: NDArray[np.float64]
@@ -118,7 +118,7 @@ def sweep(
         log: the log.
         rolled: its prediction at these values.
         values: the values.
-        carry: the open links whose changes remain unknowns of the result, "link k".
+        carry: the blocks whose changes at the end remain unknowns of the result, "link k".
         before: what is known at the start, as `Swept.end`; default: the priors of a log's start.
         forward_only: leave out what `back` needs: a quarter of a megabyte a block.
 
@@ -131,16 +131,16 @@ def sweep(
     for k, trajectory in enumerate(with_changes(motions, rolled.trajectories, *bodies)):
         block, known = _eliminated(model, log, k, rolled, trajectory, known, forward_only)
         steps += [] if block is None else [block]
-        if k in log.jumps and k in carry:
-            known = linked(known, f"link {k}|{log.name}", model.farthest, log.jumps[k])
+        if k in carry:
+            known = linked(known, f"link {k}|{log.name}", log.link(model, k), rolled.links[k])
         if k < len(log.walks):
             columns, now = walking, log.walks[k]
             sigma = model.walking_sigma * np.sqrt(log.blocks[k].length)
-            if k in log.jumps and k not in carry:
-                columns, now = np.append(columns, pose), np.append(now, log.jumps[k])
-                sigma = np.append(sigma, model.farthest)
+            if k < len(rolled.links) and k not in carry:
+                columns, now = np.append(columns, pose), np.append(now, rolled.links[k])
+                sigma = np.append(sigma, log.link(model, k))
             known, rows = changed(known, columns, sigma, now)
-            steps.append(_Change(columns, rows, k))
+            steps.append(_Change(columns, rows, now, k))
     return Swept(known, steps)
 
 
@@ -164,7 +164,7 @@ def known_at_start(model: Model, log: LogState, values: Values) -> Gaussian:
     return Gaussian.of_rows(sizes, np.vstack([rows, first]))
 
 
-def back(model: Model, log: LogState, swept: Swept, step: Values) -> LogState:
+def back(model: Model, log: LogState, swept: Swept, step: Values, share: float = 1.0) -> LogState:
     """Return the log after a step of its own, the hardware's and the target's unknowns.
 
     Args:
@@ -172,6 +172,7 @@ def back(model: Model, log: LogState, swept: Swept, step: Values) -> LogState:
         log: before the step.
         swept: its linearization.
         step: of all unknowns, by name.
+        share: of the step that is taken.
 
     """
     g = np.concatenate([step[name] for name in swept.end.places if name != BOUNDARY])
@@ -179,34 +180,34 @@ def back(model: Model, log: LogState, swept: Swept, step: Values) -> LogState:
     x = solve_triangular(R[:n, :n], z[:n] - R[:n, n:] @ g)
     x = np.concatenate([x, g])
     forces, joints = list(log.forces), list(log.joints)
-    walks, jumps, aims = list(log.walks), {**log.jumps}, dict[int, TrajectoryState]()
+    walks, starts, pulls = list(log.walks), list(log.starts), list(log.pulls)
     k = len(log.blocks)
     for each in reversed(swept.steps):
         if isinstance(each, _Change):
             u = each.rows[:, -1] - each.rows[:, :-1] @ x
             x[each.columns] -= u
-            walk, jump = np.split(u, [len(model.walking_columns)])
-            walks[each.block] = walks[each.block] + walk
-            if len(jump):
-                jumps[each.block] = jumps[each.block] + jump
+            w = len(model.walking_columns)
+            walks[each.block] = walks[each.block] + share * u[:w]
+            if len(u) > w:
+                change = each.now[w:] + u[w:]
+                pulls[each.block] = change / log.link(model, each.block) ** 2
             continue
         k -= 1
-        s = each.solved(x)
+        whole = each.solved(x)
+        s = share * whole
         part, forces[k] = each.model, forces[k].copy()
         for force in part.motion.white:
             forces[k][force.rows] += s[part.columns[force.name]]
         joints[k] = joints[k].moved(s[part.columns["joints"]])
-        x[:n] = s[part.at_start]
-        aims[k] = jumped(each.start, x[:12])
-    assert log.start is not None
+        x[:n] = whole[part.at_start]
+        starts[k] = jumped(starts[k], share * x[:12])
     return replace(
         log,
-        start=jumped(log.start, x[:12]),
+        starts=tuple(starts),
         forces=tuple(forces),
         joints=tuple(joints),
         walks=tuple(walks),
-        jumps=jumps,
-        aims=aims,
+        pulls=tuple(pulls),
     )
 
 
@@ -255,7 +256,7 @@ def _eliminated(
     ends = np.cumsum([each.size for each in residuals.values()])
     own = {n: float(x.sum()) for n, x in zip(residuals, np.split(leverage, ends))}
     of_gone = solve_triangular(T[:g, :g], T[:g, g:])
-    return _Block(part, trajectory.state, gone, keep, of_gone, end, own), after
+    return _Block(part, gone, keep, of_gone, end, own), after
 
 
 def changed(

@@ -13,14 +13,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.dynamics.parameterizations import tensor_to_vector
 from cpid_drake.dynamics.sensitivity import with_errors
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.gaussian import Gaussian, places_of
-from cpid_drake.estimation.least_squares import KNOWN
 from cpid_drake.estimation.likelihood.constants import BIAS, OF_GRASP, VALVE_FORCE, Constants
 from cpid_drake.estimation.likelihood.forces import white_forces
+from cpid_drake.estimation.target import TargetCone
 from cpid_drake.sensors.suite import SensorSuite
 
 WIDE = 1e3
@@ -32,14 +31,8 @@ FASTEST_TUMBLE = 2.0
 FASTEST_DRIFT = 10.0
 """σ of an unknown velocity of the system's centre of mass [m/s]."""
 
-LARGEST = 100.0
-"""Largest radius of gyration of a target, in radii of gyration of the spacecraft."""
-
 PSI, BODIES, MOMENTUM = "psi", "bodies", "momentum"
 """Names of the target's unknowns, of the known bodies' errors, and of a log's momentum."""
-
-FARTHEST = (0.5, 1.0, 1.0)
-"""σ of a change of attitude [rad], of the centre of mass [m] and of its velocity [m/s]."""
 
 Scope = Literal["log", "hardware", "target"]
 
@@ -149,6 +142,11 @@ class Model:
             table[k] = replace(unknown, mean=mean, sigma=sigma)
         return tuple(table)
 
+    @cached_property
+    def cone(self) -> TargetCone:
+        """The targets that are possible."""
+        return TargetCone(self.unknown(PSI).mean, self.mass)
+
     def with_prior(
         self, name: str, mean: NDArray[np.float64], sigma: NDArray[np.float64]
     ) -> "Model":
@@ -158,12 +156,6 @@ class Model:
     def unknown(self, name: str) -> Unknown:
         """Return the unknown of this name."""
         return next(unknown for unknown in self.table if unknown.name == name)
-
-    @property
-    def farthest(self) -> NDArray[np.float64]:
-        """σ (12,) of a change of attitude, centre of mass, L and v between two blocks."""
-        turn, place, speed = FARTHEST
-        return np.repeat([turn, place, self.L_sigma, speed], 3)
 
     def no_forces(self, start: float, end: float) -> NDArray[np.float64]:
         """Return white forces (K,) of zero in a block from start to end [s]."""
@@ -209,82 +201,6 @@ class Model:
         return {u.key(log): u.mean.copy() for u in self.table for log in logs}
 
 
-def undetermined(
-    model: Model, psi: NDArray[np.float64], gaussian: Gaussian
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the combinations (k, 10) of ψ that are not determined, and plausible sizes (10,).
-
-    The σ of each is more than `KNOWN` of its size. A fit does not move them: they are what a
-    target has before the first sample, and no noise makes an impossible body of them.
-
-    Args:
-        model: the unknowns.
-        psi: (10,) value of the target.
-        gaussian: of all unknowns about their values.
-
-    """
-    target = gaussian.marginal([PSI])
-    psi = psi + target.solve()
-    sigma = np.sqrt(np.diag(target.covariance()))
-    least = np.sign(psi) * np.maximum(np.abs(psi) - 2 * sigma, 0.0)  # its size as far as known
-    sizes = _sizes(least, model.plausible)
-    _, s, Vt = np.linalg.svd(target.R * sizes)
-    return Vt[s < 1 / KNOWN] / sizes, sizes
-
-
 def _magnitudes(mass: float, radius: float) -> NDArray[np.float64]:
     """Return (10,) magnitudes of ψ for a reduced mass and a radius of gyration."""
     return mass * np.concatenate([[1.0], 3 * [radius], 6 * [radius**2]])
-
-
-def _sizes(psi: NDArray[np.float64], least: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (10,) magnitudes for a target as heavy and large as one with ψ, but not below some."""
-    if not psi[0] > 0:
-        return least
-    moments = psi[[4, 7, 9]]
-    spread = max(float(moments.sum()) / 2, float(moments.max()), 0.0)  # Σ m r²: some may be unknown
-    radius = min(np.sqrt(spread / psi[0]), LARGEST * np.sqrt(least[4] / least[0]))
-    return np.maximum(_magnitudes(psi[0], radius), least)
-
-
-def psi_about(
-    x: NDArray[np.float64], nominal_mass: float, mass: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return ψ (10,) about known bodies of another mass, and its derivative (10, 10) by x.
-
-    The coordinates x of a target are ψ about the *nominal* mass of the known bodies, a fixed
-    function of the target's (m, m c, J). With f = m_k/(m_k + m) and P(h) = |h|²1 − hhᵀ,
-
-        ψ = (m f, f h, J − P(h)/(m_k + m)),
-
-    and the same with the nominal mass for x. Nothing is singular at m = 0. Source: design, 3.2.
-
-    Args:
-        x: (10,) the target's coordinates.
-        nominal_mass, mass: of the known bodies, nominal and with their present errors [kg].
-
-    """
-    if mass == nominal_mass:
-        return x, np.eye(10)
-    up = nominal_mass / (nominal_mass - x[0])  # 1 + m / nominal_mass
-    m, h = up * x[0], up * x[1:4]
-    phi = np.concatenate([[m], h, x[4:] + _shift(h, h) / (nominal_mass + m)])
-    (_, x_phi), (psi, psi_phi) = (_psi_of(phi, each) for each in (nominal_mass, mass))
-    return psi, np.asarray(np.linalg.solve(x_phi.T, psi_phi.T).T)
-
-
-def _psi_of(
-    phi: NDArray[np.float64], mass: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return ψ (10,) of φ = (m, m c, J) about known bodies of a mass, and its derivative."""
-    h, total = phi[1:4], mass + phi[0]
-    f, by = mass / total, np.eye(10)
-    by[0, 0], by[1:4, 0], by[1:4, 1:4] = f**2, -f / total * h, f * np.eye(3)
-    by[4:, 0] = _shift(h, h) / total**2
-    by[4:, 1:4] = -2 / total * np.column_stack([_shift(h, e) for e in np.eye(3)])
-    return np.concatenate([f * phi[:4], phi[4:] - _shift(h, h) / total]), by
-
-
-def _shift(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the symmetric bilinear form of P(h) = |h|²1 − hhᵀ, as a vector (6,)."""
-    return np.asarray(tensor_to_vector((a @ b) * np.eye(3) - (np.outer(a, b) + np.outer(b, a)) / 2))

@@ -117,9 +117,10 @@ def estimate(
         return result
     if known.prior is not None and prior is not None:
         sources[known.prior.name] = prior
+    unit = solution.unit
     return with_sources(
         result,
-        Gaussian({TARGET: slice(0, 10)}, np.zeros((10, 10)), np.zeros(10)),
+        Gaussian({TARGET: slice(0, 10)}, np.diag(1 / unit), solution.values / unit),
         sources,
         TARGET,
         lambda gaussian: solution_of(gaussian, solution.values, solution.unit),

@@ -23,6 +23,7 @@ from cpid_drake.estimation.fit import Fit, fit, prior_of
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.likelihood.constants import OF_THRUST, ConstantError, constant_errors
 from cpid_drake.estimation.log_state import LogState
+from cpid_drake.estimation.posterior import known_target
 from cpid_drake.estimation.roll import Rolled, Values
 from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import BODIES, MOMENTUM, PSI, Model
@@ -330,7 +331,9 @@ def part_checks(found: Fit, question: Question, compared: Comparison) -> tuple[C
         for log, rolled in zip(found.logs, found.rolled, strict=True):
             whole = whole.add(sweep(wide, log, rolled, found.values, forward_only=True).gaussian)
     held = held_by(found, question, compared)
-    first, whole = (each.condition(held).marginal([PSI, *acting]) for each in (beginning, whole))
+    psi = found.values[PSI]
+    first = known_target(found.model, psi, beginning.condition(held)).known
+    whole = whole.condition(held).marginal([PSI]).moved(-psi)
     cause = "the grasp slips, or a joint, a clock or a force is not as modelled"
     return (halves_check(first, whole, cause),)
 
@@ -359,7 +362,7 @@ def _held_out(found: Fit, question: Question, named: Sequence[str]) -> float | N
     beginning = _beginning(found, FITTED)
     if beginning is None:
         return None
-    if any(log.jumps for log in found.logs):  # all samples have chosen these changes, with errors
+    if any(log.open for log in found.logs):  # all samples have chosen these changes, with errors
         return 0.0
     proposed = [n for n in question.answer(beginning, found.values).named if n in named]
     whole, first = (_evidence(g, found, question, proposed) for g in (found.gaussian, beginning))

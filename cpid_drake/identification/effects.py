@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.digits import with_half_width
-from cpid_drake.estimation.joints import FAR
-from cpid_drake.estimation.least_squares import quantile_95
+from cpid_drake.estimation.least_squares import FAR, quantile_95
 from cpid_drake.estimation.likelihood.constants import VALVE_FORCE, ConstantError
 from cpid_drake.input_files.validation import Numbers
 

@@ -13,16 +13,16 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import prefix_errors
-from cpid_drake.estimation import gaussian as gaussians
 from cpid_drake.estimation.events import fit_with_events
 from cpid_drake.estimation.evidence import NAMED, Comparison, Question
 from cpid_drake.estimation.fit import Fit, about, fit, prior_of
-from cpid_drake.estimation.gaussian import Gaussian, LeastSquaresSolution
+from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.likelihood.constants import BIAS, Constants
 from cpid_drake.estimation.log_state import LogState
+from cpid_drake.estimation.posterior import known_target
 from cpid_drake.estimation.roll import Values
 from cpid_drake.estimation.sweep import EXACT, sweep
-from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model, undetermined
+from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.identification.checked_log import CheckedLog, Known, suite_of
 from cpid_drake.identification.checks import (
@@ -139,7 +139,7 @@ def estimate(
     own = {} if others else momentum_of(model, found.values, gaussian, first, compared)
     result = Identification.of_solution(
         relative_parameterization(model.mass),
-        solution_of(model, found.values, gaussian, count=used.total()),
+        known_target(model, found.values[PSI], gaussian, count=used.total()),
         sensors=suite,
         sample_count=used.total(),
         estimator=NAME,
@@ -212,7 +212,7 @@ def _separated(
         conditioned(prior_of(model, found.logs, found.values)),
         sources,
         PSI,
-        lambda gaussian: solution_of(model, found.values, gaussian),
+        lambda gaussian: known_target(model, found.values[PSI], gaussian),
         counts,
         prior,
     )
@@ -269,13 +269,13 @@ def cramer_rao_bound(
     log = LogState.of(model, measurements)
     R = np.diag(1 / (EXACT * model.plausible))
     held = Gaussian.of_rows({PSI: 10}, np.column_stack([R, R @ psi]))
-    fitted = fit(replace(model, rows=(held,)), [log], values={PSI: np.asarray(psi)})
+    fitted = fit(replace(model, rows=(held,)), [log])
     [log], [rolled], values = fitted.logs, fitted.rolled, fitted.values
     log = replace(log, noise={}, weights=tuple({} for _ in log.blocks))  # as declared
     total = prior_of(model, [log], values).add(sweep(model, log, rolled, values).gaussian)
     known = at_momentum(total, values, momentum or TotalMomentum.zero(), log.name)
     known = known.moved(known.solve())  # the vague prior prefers another target than the true one
-    form, solution = relative_parameterization(model.mass), solution_of(model, values, known)
+    form, solution = relative_parameterization(model.mass), known_target(model, values[PSI], known)
     found = Identification.of_solution(form, solution, sample_count=0, estimator=NAME)
     J, P = (np.nan_to_num(x) for x in (form.jacobian(solution.estimate), solution.covariance))
     return np.where(np.isfinite(found.covariance), J @ P @ J.T, np.nan)
@@ -292,21 +292,6 @@ def at_momentum(gaussian: Gaussian, values: Values, momentum: TotalMomentum, log
     return gaussian.condition(
         {key: np.concatenate([momentum.L_WScm_W, momentum.v_WScm_W]) - values[key]}
     )
-
-
-def solution_of(
-    model: Model, values: Values, gaussian: Gaussian, *, count: int = 0
-) -> LeastSquaresSolution:
-    """Return the target's ψ about the nominal mass of the known bodies.
-
-    Args:
-        model, values, gaussian: as in all functions here, of one log or of many.
-        count: number of the samples.
-
-    """
-    _, sizes = undetermined(model, values[PSI], gaussian)
-    target = gaussian.marginal([PSI]).moved(-values[PSI])
-    return gaussians.solution_of(target, values[PSI], sizes, weakest=1.0, row_count=count)
 
 
 def effects_of(
@@ -335,7 +320,7 @@ def momentum_of(
     """
     key = f"{MOMENTUM}|{log}"
     if compared is not None and key in compared.values:
-        value, covariance = compared.values[key], np.diag(compared.sigma[key] ** 2)
+        value, covariance = compared.values[key], compared.covariance[key]
     elif key in gaussian.places:
         found = gaussian.marginal([key])
         value, covariance = values[key] + found.solve(), found.covariance()

@@ -122,8 +122,8 @@ def identify(
         text = str(error)
         if isinstance(error, np.linalg.LinAlgError):
             text = (
-                f"{method.name} cannot calculate with these samples: they contradict each other, "
-                "or are too large or too small; plot them, and compare units"
+                f"{method.name} cannot calculate with these samples ({error}): plot them, and "
+                "compare units with the sensors' file and the model"
             )
         found_causes = (log.failures or [_convention(log, spacecraft)] for log in logs.values())
         causes = "; ".join(dict.fromkeys(filter(None, chain.from_iterable(found_causes))))

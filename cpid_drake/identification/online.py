@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import reduce
 
 import numpy as np
 
@@ -10,9 +9,10 @@ from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.evidence import Question
-from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.fit import prior_of
 from cpid_drake.estimation.online import OnlineState, change_beyond_linear, run
 from cpid_drake.estimation.online_block import NAME as LOG
+from cpid_drake.estimation.posterior import known_target
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.identification.checked_log import CheckedLog, Known, suite_of
 from cpid_drake.identification.checks import (
@@ -28,7 +28,6 @@ from cpid_drake.identification.fitted import (
     change_warnings,
     effects_of,
     momentum_of,
-    solution_of,
 )
 from cpid_drake.identification.result import Identification
 
@@ -64,7 +63,7 @@ def identification_of_state(
     assumed = TotalMomentum.unknown() if state.is_free else momentum or TotalMomentum.zero()
     if known is None:
         values, noise = model.start([LOG]), {}
-        gaussian = reduce(Gaussian.add, model.rows, model.unknown(PSI).prior).moved(values[PSI])
+        gaussian = prior_of(model, [], values)
     else:
         values, noise, gaussian = known.values, known.log.noise, known.unknowns(model)
         change = change_beyond_linear(model, known)
@@ -82,7 +81,7 @@ def identification_of_state(
     used = {name: state.used.get(name, 0) for name in model.suite.present()}
     return Identification.of_solution(
         relative_parameterization(model.mass),
-        solution_of(model, values, gaussian),
+        known_target(model, values[PSI], gaussian),
         sensors=model.suite,
         sample_count=sum(used.values()),
         estimator=NAME,

@@ -1,9 +1,9 @@
 """Whether several sources, logs and a prior, have the same target.
 
-All logs share the hardware's errors. The sum of squares with one target, minus that with a target
-for each source, has a χ² distribution if all have the same target. The noise of a log is that of a
-fit to this log alone: otherwise a difference would look like noise. Source: Rao 1973, Linear
-Statistical Inference and Its Applications, ch. 4.
+All logs share the hardware's errors. With a target for each source, what is known of the
+differences between these targets has a χ² distribution about zero if all have the same target. The
+noise of a log is that of a fit to this log alone: otherwise a difference would look like noise.
+Source: Rao 1973, Linear Statistical Inference and Its Applications, ch. 4.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -16,9 +16,13 @@ from cpid_drake.digits import with_half_width
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.estimation.gaussian import Gaussian, LeastSquaresSolution
 from cpid_drake.estimation.least_squares import quantile_95
+from cpid_drake.estimation.posterior import difference
 from cpid_drake.identification.checks import AGREEMENT, IMPROBABLE, Check
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import Identification
+
+NO_PRIOR = 1e-4
+"""So small a share of the prior's inverse σ is no prior, but leaves nothing undetermined."""
 
 
 def with_sources(
@@ -34,7 +38,7 @@ def with_sources(
 
     Args:
         result: the identification from all sources.
-        vague: all unknowns before the samples.
+        vague: all unknowns before the samples, the target too.
         sources: what each log, and last the prior, tells about them, by its name; at least two.
         target: name of the target among the unknowns.
         solution: returns the target of a distribution of all unknowns.
@@ -60,20 +64,21 @@ def with_sources(
             checks=checks,
         )
 
-    one, apart = told(names), told(*([name] for name in names))
+    def agreement(sentence: str, *groups: Sequence[str]) -> Check:
+        own = [target, *(f"{target} {k}" for k in range(1, len(groups)))]
+        apart = _with(vague, sources, target, groups, share=NO_PRIOR)
+        return _agreement(sentence, *difference(apart, vague.marginal([target]), own))
+
     others = {name: [other for other in names if other != name] for name in names}
     alone = {name: solution(told([name])) for name in names}
-    rests, joint = {name: solution(told(others[name])) for name in names}, solution(one)
-    rank = {name: found.rank for name, found in alone.items()}
+    rests, joint = {name: solution(told(others[name])) for name in names}, solution(told(names))
     warnings = [
         f"{name} determines nothing about the target, and was not used"
         for name in counts
-        if not rank[name]
+        if not alone[name].rank
     ]
     tests = []
     if prior is not None:  # what it tells is known, however vague it is
-        R = sources[prior.name].R
-        rank[prior.name] = int(np.linalg.matrix_rank(R / np.linalg.norm(R, axis=0).clip(1e-300)))
         without, variance = (np.diag(part(each).covariance) for each in (rests[prior.name], joint))
         is_half = ~np.isfinite(without) | (variance < without / 2)
         dominated = np.array(PARAMETER_NAMES)[is_half & np.isfinite(variance)]
@@ -82,41 +87,45 @@ def with_sources(
         tests = [Check("prior", f"{prior.name}: {text}") for text in prior.failures]
     parts, sizes = {}, {}
     for name in names:
-        chi_squared = one.least_cost - told([name], others[name]).least_cost
-        freedom = rests[name].rank + rank[name] - joint.rank
-        check = _agreement("it differs from the others", chi_squared, freedom)
+        check = agreement("it differs from the others", [name], others[name])
         sizes[name] = (check.statistic or 0.0) / (check.limit or 1.0)
         parts[name] = part(alone[name], counts.get(name, 0), check)
     worst = max(names, key=lambda name: sizes[name])
     sentence = "the logs" + (" and the prior" if prior is not None else "")
     sentence += f" do not have the same target: {worst} differs from the rest"
     sentence += _difference(parts[worst], part(rests[worst]))
-    freedom = sum(rank.values()) - joint.rank
-    agreement = _agreement(sentence, one.least_cost - apart.least_cost, freedom)
+    checks = (agreement(sentence, *([name] for name in names)), *tests)
     return replace(
         result,
         logs=parts,
         warnings=(*warnings, *result.warnings),
-        checks=(agreement, *tests, *result.checks),
+        checks=(*checks, *result.checks),
     )
 
 
 def _agreement(sentence: str, chi_squared: float, freedom: int) -> Check:
     """Return the check of a difference; its probability is put behind the sentence."""
-    if freedom <= 0:
+    if not freedom:
         return Check(AGREEMENT, "", passed=True)
-    chi_squared = max(chi_squared, 0.0)
     sentence += f" (probability {float(chdtrc(freedom, chi_squared)):.1g})"
     return Check.of(AGREEMENT, sentence, chi_squared, float(chdtri(freedom, IMPROBABLE)))
 
 
 def _with(
-    vague: Gaussian, sources: Mapping[str, Gaussian], target: str, groups: Sequence[Sequence[str]]
+    vague: Gaussian,
+    sources: Mapping[str, Gaussian],
+    target: str,
+    groups: Sequence[Sequence[str]],
+    share: float = 1.0,
 ) -> Gaussian:
-    """Return what some sources say together if each group of them has a target of its own."""
-    total = vague.marginal(name for name in vague.places if name != target)
+    """Return what some sources say together if each group of them has a target of its own.
+
+    The prior of each target has the share `share` of its inverse σ.
+    """
+    total, own = vague.marginal(n for n in vague.places if n != target), vague.marginal([target])
+    own = replace(own, R=share * own.R, z=share * own.z)
     for k, group in enumerate(groups):
-        for each in (vague.marginal([target]), *(sources[name] for name in group)):
+        for each in (own, *(sources[name] for name in group)):
             places = {f"{n} {k}" if n == target and k else n: p for n, p in each.places.items()}
             total = total.add(replace(each, places=places))
     return total

@@ -235,7 +235,7 @@ def _predicted(
     ]
     cut = replace(log, blocks=tuple(blocks))
     model = replace(model, rows=(target,))
-    found = fit(model, [cut], values={PSI: target.solve()})
+    found = fit(model, [cut])
     return roll(model, replace(found.logs[0], blocks=log.blocks), found.values)
 
 

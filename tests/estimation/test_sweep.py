@@ -11,11 +11,12 @@ from sensing_cases import MOMENTUM, coarse_suite
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
-from cpid_drake.estimation.log_state import LogState
-from cpid_drake.estimation.roll import roll
+from cpid_drake.estimation.log_state import LogState, farthest
+from cpid_drake.estimation.roll import jumped, roll
 from cpid_drake.estimation.sweep import back, sweep
+from cpid_drake.estimation.target import psi_about
 from cpid_drake.estimation.unknowns import MOMENTUM as MOMENTUM_OF_LOG
-from cpid_drake.estimation.unknowns import PSI, Model, psi_about
+from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import AttitudeSensor, Gyro, JointSensor
 from cpid_drake.sensors.suite import Disturbances
@@ -34,7 +35,8 @@ class Vector:
         self.J = model.joint_count
         self.joints = self.J * (sum(pieces) + ORDER)
         self.walks = sum(w.size for w in log.walks)
-        self.jumps = 12 * len(log.jumps)
+        self.changes = {k: u for k, u in enumerate(roll(model, log, values).links) if k in log.open}
+        self.jumps = 12 * len(self.changes)
         self.forces = sum(f.size for f in log.forces)
         self.size = self.first + self.joints + self.walks + self.jumps
         self.size += self.forces
@@ -46,7 +48,7 @@ class Vector:
             values[name] = values[name] + x[at : at + size]
             at += size
         pose, at = x[at : at + 12], at + 12
-        state = log.start
+        state = log.starts[0]
         start = replace(
             state,
             attitude=Rotation.from_rotvec(pose[:3]) * state.attitude,
@@ -66,19 +68,30 @@ class Vector:
         ]
         at += self.walks
         jumps = {
-            k: u + x[at + 12 * i : at + 12 * i + 12] for i, (k, u) in enumerate(log.jumps.items())
+            k: u + x[at + 12 * i : at + 12 * i + 12]
+            for i, (k, u) in enumerate(self.changes.items())
         }
         ends = np.cumsum([f.size for f in log.forces])[:-1]
         steps = np.split(x[self.size - self.forces :], ends)
         forces = tuple(f + s for f, s in zip(log.forces, steps))
-        return replace(
+        log = replace(
             log,
             forces=forces,
-            start=start,
+            starts=(start, *log.starts[1:]),
             joints=tuple(joints),
             walks=tuple(walks),
-            jumps=jumps,
-        ), values
+        )
+        return continued(self.model, log, values, jumps), values
+
+
+def continued(model, log, values, jumps):
+    """Return the log in which each block starts where the one before ends, after given jumps."""
+    for k in range(len(log.blocks) - 1):
+        end = jumped(log.starts[k + 1], -roll(model, log, values).links[k])
+        starts = list(log.starts)
+        starts[k + 1] = jumped(end, jumps.get(k, np.zeros(12)))
+        log = replace(log, starts=tuple(starts))
+    return log
 
 
 def residuals(model, log, values):
@@ -97,7 +110,7 @@ def residuals(model, log, values):
         shares["torque"] = declared.torque_walk / declared.torque
     sigma = np.concatenate([np.full(u.size, shares[u.name]) for u in walking])
     parts += [w / sigma / np.sqrt(b.length) for w, b in zip(log.walks, log.blocks)]
-    parts += [jump / model.farthest for jump in log.jumps.values()]
+    parts += [rolled.links[k] / farthest(model) for k in log.open]
     for u in model.table:
         value = values[u.key(log.name)]
         if u.walk:  # the prior is that of the first value
@@ -182,20 +195,20 @@ def problem(request, tmp_path_factory, skewed_target):
     model, samples = Model(case.craft.tree, suite, bodies), add_noise(suite, case.samples, 1)
     blocks = [case.block(a, b, samples) for a, b in ((0.999, 1.8), (1.8, 3.0))]
     log = LogState.of_blocks(model, blocks)
-    if request.param == "link":
-        log = replace(log, jumps={0: 0.3 * JUMP})
+    jumps = {0: 0.3 * JUMP} if request.param == "link" else {}
     start = case.state(0.999)
     momentum = {f"{MOMENTUM_OF_LOG}|{log.name}": np.concatenate([start.L, start.v_Wcm])}
     values = model.start([log.name]) | {PSI: 1.02 * start.psi} | momentum
     turned = Rotation.from_rotvec([1e-3, -2e-3, 1.5e-3]) * start.attitude
-    log = replace(log, start=replace(start, attitude=turned))
+    log = replace(log, starts=(replace(start, attitude=turned), start), open=frozenset(jumps))
     rng = np.random.default_rng(2)
     for u in model.table:
         if u.name not in (PSI, MOMENTUM_OF_LOG):
             values[u.key(log.name)] = values[u.key(log.name)] + 0.3 * rng.normal(size=u.size)
     walks = tuple(0.01 * rng.normal(size=w.shape) for w in log.walks)
     forces = tuple(0.3 * rng.normal(size=f.shape) for f in log.forces)
-    return model, replace(log, walks=walks, forces=forces), values
+    log = replace(log, walks=walks, forces=forces)
+    return model, continued(model, log, values, jumps), values
 
 
 def test_a_sweep_is_one_dense_problem(problem):
@@ -213,7 +226,7 @@ def test_a_sweep_is_one_dense_problem(problem):
     assert np.abs((found - step[dense_places]) / sigma).max() < 2e-2 * max(
         1.0, np.abs(step[dense_places] / sigma).max()
     )
-    assert roll(model, log, values).cost(log) <= cost * (1 + 1e-9)
+    assert roll(model, log, values).cost(model, log) <= cost * (1 + 1e-9)
 
 
 def test_the_way_back_finds_all_other_unknowns(problem):
@@ -225,7 +238,9 @@ def test_the_way_back_finds_all_other_unknowns(problem):
     parts = {name: step[place] for name, place in total.places.items()}
     moved = back(model, log, swept, parts)
     after = {name: value + parts[name] for name, value in values.items()}
-    found = np.sum(residuals(model, moved, after) ** 2)
+    rolled = roll(model, moved, after)
+    jumps = {k: rolled.links[k] for k in log.open}
+    found = np.sum(residuals(model, continued(model, moved, after, jumps), after) ** 2)
     predicted = total.cost(step)
     assert predicted < found + 1
     assert found - predicted < 0.02 * (before - predicted)

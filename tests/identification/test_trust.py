@@ -134,7 +134,7 @@ class TestBodies:
         scale = np.where(psi > 1e-9, psi, 5.0)
         sigma = np.where(np.arange(10) == 4, 0.5, 1e-3) * scale
         told = Gaussian.of_rows({"psi": 10}, np.column_stack([np.diag(1 / sigma), psi / sigma]))
-        solution = solution_of(told, psi, scale, weakest=1.0)
+        solution = solution_of(told, psi, scale)
         found = checked(Identification.of_solution(form, solution, **KNOWN_SENSORS), craft.tree)
         assert np.flatnonzero(np.isnan(found.parameters)).tolist() == [4]
         assert not found.is_complete

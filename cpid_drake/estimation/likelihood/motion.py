@@ -288,34 +288,22 @@ class BaseMotion:
 
     def end(self, trajectory: Trajectory) -> TrajectoryState:
         """Return the state at the end of a trajectory."""
-        state, L, last = trajectory.state, trajectory.L, len(self.nodes) - 1
-        L, wheel = L[last], self.constants.value(state.constants, WHEEL)
+        return self.at_node(trajectory, len(self.nodes) - 1)
+
+    def at_node(self, trajectory: Trajectory, k: int) -> TrajectoryState:
+        """Return the state at a node of the grid."""
+        state, L = trajectory.state, trajectory.L[k]
+        wheel = self.constants.value(state.constants, WHEEL)
         if wheel is not None:
-            L = L - trajectory.R[last] @ wheel
-        p, v = np.split(self.com_motion(trajectory, slice(last, last + 1))[0], 2)
+            L = L - trajectory.R[k] @ wheel
+        p, v = np.split(self.com_motion(trajectory, slice(k, k + 1))[0], 2)
         return replace(
             state,
-            attitude=Rotation.from_matrix(trajectory.R[last]),
+            attitude=Rotation.from_matrix(trajectory.R[k]),
             p_Wcm=p,
             v_Wcm=v,
             L=L,
         )
-
-    def end_by_white(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        """Return the derivative (12, K) of attitude, p, L and v at the end by the white forces.
-
-        That of the attitude is approximate: with the inertia and the momentum at the end alone.
-        """
-        by, last = np.zeros((12, len(trajectory.state.forces))), len(self.nodes) - 1
-        R, end = trajectory.R[last], self.nodes[last:]
-        for force in self.white:
-            impulse, travel = force.impulse(end)[0], force.travel(end)[0]
-            if force.turns:
-                by[:3, force.rows] = R @ trajectory.inverse[last] @ R.T @ travel
-                by[6:9, force.rows] = impulse
-            else:
-                by[3:6, force.rows], by[9:12, force.rows] = travel, impulse
-        return by
 
     def pose_change(
         self,

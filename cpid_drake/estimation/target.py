@@ -1,0 +1,243 @@
+"""The target's unknowns ψ: which are possible, and how probable they are before the first sample.
+
+With P(ψ) the pseudo-inertia (4, 4) of the target, P₀ that of a plausible solid and κ = `WIDENED`,
+
+    X(ψ) = L₀⁻¹ (P + κP₀) L₀⁻ᵀ,     (1 + κ) P₀ = L₀L₀ᵀ,
+
+is positive definite in a cone that is slightly wider than that of the rigid bodies, because noise
+puts estimates of flat bodies beyond it. The entries of log X, ten coordinates ξ₀ in which 1 means a
+factor of e, are N(0, σ²) before the first sample, with σ = `LOG_SIZE`.
+
+Sources: Lee and Park 2018 (the metric); Rucker and Wensing 2022 (κ = 0).
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cpid_drake.dynamics.parameterizations import (
+    standard_to_pseudo_inertia,
+    standard_to_relative,
+    tensor_to_vector,
+)
+from cpid_drake.estimation.gaussian import Gaussian
+
+WIDENED = 0.1
+"""κ: by so many plausible solids the cone is wider than that of the rigid bodies."""
+
+LOG_SIZE = 3.0
+"""σ of the target's log-sizes before the first sample: a factor of 20."""
+
+_ROW, _COLUMN = np.triu_indices(4)
+_BASIS = np.zeros((10, 4, 4))  # of symmetric matrices, orthonormal
+for _k, (_i, _j) in enumerate(zip(_ROW, _COLUMN, strict=True)):
+    _BASIS[_k, _i, _j] = _BASIS[_k, _j, _i] = 1.0 if _i == _j else np.sqrt(0.5)
+
+
+@dataclass(frozen=True, eq=False)
+class TargetCone:
+    """The targets of a spacecraft that are rigid bodies, and some a little beyond.
+
+    Attributes:
+        solid: (10,) ψ of a plausible solid.
+        mass: nominal mass of the known bodies [kg].
+
+    """
+
+    solid: NDArray[np.float64]
+    mass: float
+
+    @cached_property
+    def _added(self) -> NDArray[np.float64]:
+        """κP₀ (4, 4)."""
+        return WIDENED * self._pseudo_inertia(self.solid)
+
+    @cached_property
+    def _inverse_root(self) -> NDArray[np.float64]:
+        """L₀⁻¹ (4, 4), with L₀L₀ᵀ = (1 + κ)P₀."""
+        root = np.linalg.cholesky(self._pseudo_inertia(self.solid) + self._added)
+        return np.asarray(np.linalg.inv(root))
+
+    def _pseudo_inertia(self, psi: NDArray[np.float64]) -> NDArray[np.float64]:
+        return standard_to_pseudo_inertia(_of_relative(psi, self.mass))
+
+    def contains(self, psi: NDArray[np.float64]) -> bool:
+        """Return whether ψ (10,) is inside of the cone."""
+        if not (np.isfinite(psi).all() and psi[0] < self.mass):
+            return False
+        sizes = np.linalg.eigvalsh(self._relative(psi))
+        return bool(sizes[0] > _FLATTEST * max(1.0, float(sizes[-1])))
+
+    def log_size(self, psi: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the coordinates ξ₀ (10,) of ψ about the plausible solid, and ∂ξ₀/∂ψ (10, 10)."""
+        sizes, axes = np.linalg.eigh(self._relative(psi))
+        by_standard = np.linalg.inv(_by_standard(_of_relative(psi, self.mass), self.mass))
+        into = axes.T @ self._inverse_root
+        moved = np.array([standard_to_pseudo_inertia(phi) for phi in by_standard.T])
+        changes = _slopes(sizes, np.log(sizes), 1 / sizes) * (into @ moved @ into.T)
+        by = np.tensordot(axes @ changes @ axes.T, _BASIS, axes=([1, 2], [1, 2])).T
+        return np.tensordot(_BASIS, (axes * np.log(sizes)) @ axes.T, axes=2), by
+
+    def prior(self, name: str, psi: NDArray[np.float64]) -> Gaussian:
+        """Return what is known of a target before the first sample, about ψ (10,).
+
+        It is linear about ψ, or about a body near it if ψ is outside of the cone.
+        """
+        inside = psi
+        while not self.contains(inside):
+            inside = (inside + self.solid) / 2
+        xi, by = self.log_size(inside)
+        return Gaussian.of_rows(
+            {name: 10}, np.column_stack([by, by @ (inside - psi) - xi]) / LOG_SIZE
+        )
+
+    def _relative(self, psi: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return X (4, 4)."""
+        P = self._pseudo_inertia(psi) + self._added
+        return np.asarray(self._inverse_root @ P @ self._inverse_root.T)
+
+    def most_probable(
+        self, known: Gaussian, sigma: float = LOG_SIZE, noise: float = 1.0
+    ) -> NDArray[np.float64]:
+        """Return the ψ (10,) inside of the cone with the least |R ψ − z|²/noise² + |ξ₀(ψ)/σ|².
+
+        This is infinite at the cone's boundary, along which steps would creep, and may have several
+        minima. So the search begins on the way from the solid to what the rows alone say, as far
+        as this is inside; and the rows are no more precise at first than this ψ shows, then step by
+        step (a homotopy; Nocedal and Wright 2006, ch. 11.3), a path that stays away from the
+        boundary.
+
+        Args:
+            known: of ψ itself.
+            sigma: of the log-sizes.
+            noise: factor by which the rows are less precise.
+
+        """
+        psi = self._towards(known.moved(self.solid).solve())
+        now = max(_misfit(known, psi), noise)
+        while True:
+            psi = self._settled(known, psi, now, sigma)
+            if now == noise:
+                return psi
+            now = max(now / _FINER, noise)
+
+    def start(self, known: Gaussian) -> NDArray[np.float64]:
+        """Return the most probable ψ (10,) with log-sizes N(0, 1) about the plausible solid.
+
+        The rows are as precise as the body that explains them best leaves them.
+
+        Args:
+            known: of ψ itself.
+
+        """
+        noise = 1.0
+        while True:
+            psi = self.most_probable(known, 1.0, noise)
+            misfit = _misfit(known, psi)
+            if not misfit > 1.05 * noise:
+                return psi
+            noise = misfit
+
+    def _towards(self, step: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the ψ (10,) after a step from the solid, shortened to end inside of the cone."""
+        while not self.contains(self.solid + step):
+            step = _SHORTER * step
+        return np.asarray(self.solid + step)
+
+    def _settled(
+        self, known: Gaussian, psi: NDArray[np.float64], noise: float, sigma: float
+    ) -> NDArray[np.float64]:
+        """Return the most probable ψ if the rows are less precise by a factor, from a ψ near it."""
+        R, z = known.R / noise, known.z / noise
+
+        def rows(psi: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+            xi, by = self.log_size(psi)
+            return np.vstack([R, by / sigma]), np.append(R @ psi - z, xi / sigma)
+
+        A, rest = rows(psi)
+        for _ in range(_MOST_STEPS):
+            step, share, fall = np.linalg.lstsq(A, -rest)[0], 1.0, -1.0
+            while not fall > 0 and share > _LEAST_SHARE:
+                there, share = psi + share * step, share / 2
+                if self.contains(there):
+                    ahead, left = rows(there)
+                    fall = float(rest @ rest - left @ left)
+            if not fall > 0:
+                break
+            psi, A, rest = there, ahead, left
+            if fall < _SETTLED:
+                break
+        return psi
+
+
+_FLATTEST = 1e-12  # what is flatter than that is rounding
+_SHORTER = 0.95  # is a step that ends outside of the cone, again and again
+_FINER = 3.0  # so much more precise are the rows at each step of a homotopy
+_MOST_STEPS, _LEAST_SHARE, _SETTLED = 200, 1e-9, 1e-6  # of such a step; the last in χ²
+
+
+def _misfit(known: Gaussian, psi: NDArray[np.float64]) -> float:
+    return float(np.sqrt(np.mean((known.R @ psi - known.z) ** 2)))
+
+
+def _slopes(
+    at: NDArray[np.float64], values: NDArray[np.float64], slopes: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the divided differences (n, n) of a function with its values and slopes (n,).
+
+    In the axes of a symmetric A, the change of f(A) by E is these times E, entry by entry
+    (Daleckii and Krein 1965).
+    """
+    differ = at[:, None] - at
+    is_same = np.abs(differ) < 1e-6 * (np.abs(at[:, None]) + np.abs(at)) + 1e-12
+    rises = (values[:, None] - values) / np.where(is_same, 1.0, differ)
+    return np.where(is_same, (slopes[:, None] + slopes) / 2, rises)
+
+
+def psi_about(
+    x: NDArray[np.float64], nominal_mass: float, mass: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return ψ (10,) about known bodies of another mass, and its derivative (10, 10) by x.
+
+    The coordinates x of a target are ψ about the *nominal* mass of the known bodies, a fixed
+    function of the target's (m, m c, J). With f = m_k/(m_k + m) and P(h) = |h|²1 − hhᵀ,
+
+        ψ = (m f, f h, J − P(h)/(m_k + m)),
+
+    and the same with the nominal mass for x. Nothing is singular at m = 0. Source: design, 3.2.
+
+    Args:
+        x: (10,) the target's coordinates.
+        nominal_mass, mass: of the known bodies, nominal and with their present errors [kg].
+
+    """
+    if mass == nominal_mass:
+        return x, np.eye(10)
+    phi = _of_relative(x, nominal_mass)
+    x_phi, psi_phi = (_by_standard(phi, each) for each in (nominal_mass, mass))
+    psi = standard_to_relative(phi, mass)
+    return psi, np.asarray(np.linalg.solve(x_phi.T, psi_phi.T).T)
+
+
+def _of_relative(psi: NDArray[np.float64], mass: float) -> NDArray[np.float64]:
+    """Return φ (10,) of ψ about known bodies of a mass: the inverse of `standard_to_relative`."""
+    up = mass / (mass - psi[0])  # 1 + m / mass
+    m, h = up * psi[0], up * psi[1:4]
+    return np.concatenate([[m], h, psi[4:] + _shift(h, h) / (mass + m)])
+
+
+def _by_standard(phi: NDArray[np.float64], mass: float) -> NDArray[np.float64]:
+    """Return the derivative (10, 10) of ψ by φ = (m, m c, J), about known bodies of a mass."""
+    h, total = phi[1:4], mass + phi[0]
+    f, by = mass / total, np.eye(10)
+    by[0, 0], by[1:4, 0], by[1:4, 1:4] = f**2, -f / total * h, f * np.eye(3)
+    by[4:, 0] = _shift(h, h) / total**2
+    by[4:, 1:4] = -2 / total * np.column_stack([_shift(h, e) for e in np.eye(3)])
+    return by
+
+
+def _shift(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the symmetric bilinear form of P(h) = |h|²1 − hhᵀ, as a vector (6,)."""
+    return np.asarray(tensor_to_vector((a @ b) * np.eye(3) - (np.outer(a, b) + np.outer(b, a)) / 2))

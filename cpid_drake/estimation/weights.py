@@ -1,0 +1,92 @@
+"""Weights of samples and noise factors of sensors, as the residuals show them.
+
+Samples that are far off weigh less, by the loss of `least_squares.loss_weight`. A sensor's noise
+factor is 1 or more.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtri
+
+from cpid_drake.estimation.joints import DECLARED
+from cpid_drake.estimation.least_squares import loss_weight
+from cpid_drake.estimation.likelihood.constants import BIAS
+from cpid_drake.estimation.log_state import LogState
+from cpid_drake.estimation.roll import Rolled
+from cpid_drake.estimation.unknowns import Model
+from cpid_drake.estimation.whiteness import MOST_CORRELATED
+from cpid_drake.sensors.sensors import SENSORS
+
+MOST_LOST = 0.9
+"""Share of a sensor's residuals that unknowns absorb at most: else none would show the noise."""
+
+
+def reweighted(
+    model: Model, log: LogState, rolled: Rolled, absorbed: dict[str, float] | None
+) -> LogState:
+    """Return a log with the weights and noise factors that its residuals show.
+
+    Args:
+        model: the unknowns.
+        log: before.
+        rolled: its prediction.
+        absorbed: see `Swept`; None if the noise stays.
+
+    """
+    weights, noise = [dict(each) for each in log.weights], dict(log.noise)
+    residuals = rolled.all_residuals()
+    count = sum(rest.size for rest in residuals.values())
+    sampled = {f"{name}.{BIAS}" for name in residuals}
+    biases = sum(each.size for each in model.table if each.name in sampled)
+    free = 12 + 10 + biases
+    for name, rest in residuals.items():
+        w = weights_of(rest) if name in SENSORS else np.ones(len(rest))  # a force is no outlier
+        ends = np.cumsum([len(block[name]) for block in rolled.residuals if name in block])[:-1]
+        parts = iter(np.split(w, ends))
+        for k, block in enumerate(rolled.residuals):
+            if name in block:
+                weights[k][name] = next(parts)
+        if absorbed is None:
+            continue
+        near = rest[w == 1.0]  # what is far off says nothing about the noise
+        lost = min(free / count + absorbed.get(name, 0.0) / rest.size, MOST_LOST)
+        time = _correlation_time(near, lost) if name in SENSORS else 1.0  # means of a force: smooth
+        freedom = near.size * (1 - lost) / time
+        square = (DECLARED + float(np.sum(near**2))) / (DECLARED + freedom)
+        noise[name] = max(1.0, float(np.sqrt(square)))
+    return replace(log, weights=tuple(weights), noise=noise)
+
+
+def _correlation_time(rest: NDArray[np.float64], lost: float) -> float:
+    """Return (1 + ρ)/(1 − ρ), how much stronger first-order Gauss-Markov noise is if it is slow.
+
+    The motion is slow, too: of white noise, it takes the lowest frequencies, the share that is
+    `lost`, and leaves residuals whose neighbours have the correlation −sin(π lost)/π/(1 − lost).
+    The covariance beyond that is ρ times the noise's variance, of which 1 − lost is in residuals.
+    """
+    if len(rest) < 2 or not rest.any():
+        return 1.0
+    seen = np.mean(rest[1:] * rest[:-1]) / np.mean(rest**2)
+    of_white = -np.sin(np.pi * lost) / np.pi / (1 - lost)
+    rho = np.clip((1 - lost) * (seen - of_white), 0.0, MOST_CORRELATED)  # more is no noise
+    return float((1 + rho) / (1 - rho))
+
+
+def weights_of(rest: NDArray[np.float64], noise: float = 1.0) -> NDArray[np.float64]:
+    """Return the weights (M,) that residuals (M, d) show; samples that are far off weigh less.
+
+    Args:
+        rest: in units of the declared σ.
+        noise: factor of this σ.
+
+    """
+    size = np.sqrt(np.mean(rest**2, axis=1))
+    return loss_weight(size / max(spread(rest), noise, 1e-12))
+
+
+def spread(rest: NDArray[np.float64]) -> float:
+    """Return the σ of residuals (M, d), whatever less than half of them are; 0 without any."""
+    square = np.sum(rest**2, axis=1)
+    return float(np.sqrt(np.median(square) / chdtri(rest.shape[1], 0.5))) if len(square) else 0.0
