@@ -53,7 +53,8 @@ def with_nearest_body(found: Identification, tree: KinematicTree) -> Identificat
     combinations, distance = None, np.nan
     bodies = _bodies(found, tree)
     if bodies is not None:
-        distance, unknowns = bodies.nearest()
+        is_body = found.is_observable and not found.infeasibilities
+        distance, unknowns = (0.0, solution.values) if is_body else bodies.nearest()
         if found.infeasibilities and np.isfinite(distance):
             near = InertialParameters.from_vector(form.to_parameters(unknowns))
             nearest = near.nearest_feasible().to_vector()  # the solver rounds
