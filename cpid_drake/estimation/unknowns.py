@@ -114,9 +114,18 @@ class Model:
 
     @cached_property
     def plausible(self) -> NDArray[np.float64]:
-        """(10,) sizes of ψ of a target as heavy and as large as the spacecraft."""
-        moments = np.trace(self.tree.at_rest.I_BBcm) / 2
-        return _magnitudes(self.mass / 2, np.sqrt(moments / self.mass))
+        """(10,) sizes of ψ of a target as heavy and as large as the spacecraft: (M/2, M r/2, M r²).
+
+        Its inertia about its own centre of mass is not reduced, as its mass is.
+        """
+        M, moments = self.mass, float(np.trace(self.tree.at_rest.I_BBcm)) / 2
+        return np.repeat([M / 2, np.sqrt(M * moments) / 2, moments], [1, 3, 6])
+
+    def sizes(self, psi: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the plausible sizes (10,) of ψ, or those of a target ψ (10,) that is larger."""
+        m, moments = max(psi[0], 0.0), max((psi[4] + psi[7] + psi[9]) / 2, 0.0)
+        own = np.repeat([m, np.sqrt(m * moments), moments], [1, 3, 6])
+        return np.maximum(self.plausible, own)
 
     @cached_property
     def table(self) -> tuple[Unknown, ...]:
@@ -130,7 +139,7 @@ class Model:
             fails = error.kind == VALVE_FORCE
             table.append(Unknown(error.name, error.size, zero, one, scope, walk, fails))
         # A solid sphere about C's origin of a tenth of the spacecraft's mass.
-        mean = 0.2 / 1.1 * self.plausible * [1, 0, 0, 0, 0.4, 0, 0, 0.4, 0, 0.4]
+        mean = 0.2 / 1.1 * self.plausible * [1, 0, 0, 0, 0.2, 0, 0, 0.2, 0, 0.2]
         table.append(Unknown(PSI, 10, mean, WIDE * self.plausible, "target"))
         if self.known_bodies is not None:
             c = self.known_bodies.count(self.tree.wheels, self.joint_count)
@@ -199,8 +208,3 @@ class Model:
     def start(self, logs: list[str]) -> dict[str, NDArray[np.float64]]:
         """Return the mean of all unknowns of some logs before the first sample."""
         return {u.key(log): u.mean.copy() for u in self.table for log in logs}
-
-
-def _magnitudes(mass: float, radius: float) -> NDArray[np.float64]:
-    """Return (10,) magnitudes of ψ for a reduced mass and a radius of gyration."""
-    return mass * np.concatenate([[1.0], 3 * [radius], 6 * [radius**2]])

@@ -161,8 +161,8 @@ def plausible(
     x = form.from_parameters(np.concatenate([psi[:1], np.zeros(3), inertia, np.zeros(3)]))
     if form.name == "eq18":
         inverse = abs(target.solve()[:1])
-        return x, np.concatenate([inverse, size[1:4] / size[0], 2 * size[4:]])
-    return x, 2 * size
+        return x, np.concatenate([inverse, size[1:4] / size[0], size[4:]])
+    return x, size * np.repeat([2.0, 1.0], [4, 6])
 
 
 def needs_of_rows(family: RowFamily, momentum: TotalMomentum) -> tuple[tuple[str, ...], ...]:

@@ -48,6 +48,8 @@ def with_sources(
     """
     form, names = result.form, list(sources)
     assert form is not None
+    assert result.solution is not None
+    plausible = result.solution.unit
 
     def told(*groups: Sequence[str]) -> Gaussian:
         return _with(vague, sources, target, groups)
@@ -67,7 +69,7 @@ def with_sources(
     def agreement(sentence: str, *groups: Sequence[str]) -> Check:
         own = [target, *(f"{target} {k}" for k in range(1, len(groups)))]
         apart = _with(vague, sources, target, groups, share=NO_PRIOR)
-        return _agreement(sentence, *difference(apart, vague.marginal([target]), own))
+        return _agreement(sentence, *difference(apart, plausible, own))
 
     others = {name: [other for other in names if other != name] for name in names}
     alone = {name: solution(told([name])) for name in names}

@@ -6,7 +6,8 @@ from scipy.stats import chi2
 from sensing_cases import coarse_suite, small_craft, true_psi
 
 from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.posterior import LEARNED, difference, known_target
+from cpid_drake.estimation.least_squares import KNOWN
+from cpid_drake.estimation.posterior import difference, known_target
 from cpid_drake.estimation.unknowns import PSI, Model
 
 
@@ -53,11 +54,14 @@ def test_what_samples_tell_is_told_without_the_prior(model, psi):
     np.testing.assert_allclose(found.known.R.T @ found.known.R, rows.T @ rows, rtol=1e-5)
 
 
-def test_a_combination_is_known_from_a_tenth_of_the_priors_variance_on(model, psi):
-    unit = np.linalg.inv(prior(model, psi).R)
-    inside = np.linalg.inv(unit)
+@pytest.mark.parametrize("flatness", [0.0, 0.95])
+def test_a_combination_is_known_from_a_share_of_its_plausible_size_on(model, psi, flatness):
+    """However flat the estimate is, about which the prior is narrow."""
+    psi = psi - flatness * np.r_[np.zeros(4), psi[4:]]
+    axes = np.linalg.qr(np.random.default_rng(4).standard_normal((10, 10)))[0]
     for size, rank in ((0.98, 9), (1.02, 10)):
-        rows = np.append(np.full(9, 1e3), size * np.sqrt(LEARNED - 1))[:, None] * inside
+        sizes = np.append(np.full(9, 1e3), size / KNOWN)
+        rows = sizes[:, None] * axes / model.plausible
         found = known_target(model, psi, told(rows, np.zeros(10)).add(prior(model, psi)))
         assert found.rank == rank
         assert np.isnan(found.estimate).any() == (rank < 10)
@@ -78,7 +82,7 @@ def test_the_difference_of_two_targets_has_its_distribution(model, psi):
             rows = Gaussian.of_rows({name: 10, "errors": 2}, np.column_stack([A, B, b]))
             none = Gaussian.of_triangle({name: 10}, 1e-4 * prior(model, psi).rows)
             total = total.add(rows).add(none)
-        chi_squared, freedom = difference(total, prior(model, psi), names)
+        chi_squared, freedom = difference(total, model.plausible, names)
         values.append(chi_squared)
         counts.append(freedom)
     assert set(counts) <= {2, 3, 4}
@@ -93,16 +97,15 @@ def test_another_target_is_noticed(model, psi):
     for k, name in enumerate(names):
         step = unit @ np.full(10, 0.1 * (k == 2))
         total = total.add(Gaussian.of_triangle({name: 10}, told(rows, step).rows))
-    chi_squared, freedom = difference(total, prior(model, psi), names)
+    chi_squared, freedom = difference(total, model.plausible, names)
     assert freedom == 20
     assert chi_squared == pytest.approx(2 / 3 * 10 * 10.0**2, rel=1e-2)
 
 
-def test_a_difference_is_known_from_a_tenth_of_its_own_priors_variance_on(model, psi):
-    """Which is twice that of one target."""
-    inside = prior(model, psi).R
+def test_a_difference_is_known_from_the_same_share_on(model):
+    inside = np.diag(1 / model.plausible)
     for size, freedom in ((0.98, 0), (1.02, 10)):
         total = told(1e3 * inside, np.zeros(10))
-        rows = size * np.sqrt((LEARNED - 1) / 2) * inside
+        rows = size / KNOWN * inside
         total = total.add(Gaussian.of_triangle({"psi 1": 10}, told(rows, np.zeros(10)).rows))
-        assert difference(total, prior(model, psi), [PSI, "psi 1"]) == (0.0, freedom)
+        assert difference(total, model.plausible, [PSI, "psi 1"]) == (0.0, freedom)
