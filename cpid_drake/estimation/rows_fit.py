@@ -153,6 +153,11 @@ class LogRows:
             while sum(map(len, self._kept)) > _MOST_KEPT and len(self._kept) > 1:
                 self._kept, self._every = self._kept[::2], 2 * self._every
 
+    def best(self) -> NDArray[np.float64]:
+        """Return the unknowns (k + 10,) with the least residuals."""
+        rows = np.vstack(self._halves)
+        return Gaussian.of_rows({TARGET: rows.shape[1] - 1}, rows).solve()
+
     def misfit(self, x: NDArray[np.float64]) -> tuple[float, float]:
         """Return the sizes of the residuals at unknowns x (k + 10,), as ratios.
 

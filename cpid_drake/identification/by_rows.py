@@ -54,7 +54,7 @@ _FORCES = (
     "the sensors' file declares forces, and rows assume a constant momentum: identify with "
     "--estimator trajectory_fit"
 )
-_SOME = 100  # samples of a part of a log that show what the estimate leans on
+_SOME = 100  # samples of a log that show what the estimate leans on, or its noise
 _CAUSE = "the spacecraft, a frame, a sign or a clock is not as assumed, or forces acted"
 _MOMENTA = ("zero", "known", "unknown")
 
@@ -185,6 +185,24 @@ def best_rows(counts: Sequence[Mapping[str, int]], sensors: SensorSuite | None) 
     """
     is_complete = all(count.get("joint_rates") and count.get("velocity") for count in counts)
     return "standard" if is_complete and sensors is None else "relative"
+
+
+def is_measured(log: CheckedLog, tree: KinematicTree, family: RowFamily) -> bool:
+    """Return whether a log has samples of sensors, which a fit can use.
+
+    States are given as such, or have a momentum that is constant to `INTEGRATION` for some target:
+    no sensors are so good.
+    """
+    samples = log.measurements
+    if log.states is not None or not len(samples.attitude):
+        return False
+    motion = complete_samples(samples, family)
+    if motion is None:
+        return True
+    rows = LogRows(tree, family, TotalMomentum.unknown())
+    some = motion.select(slice(None, None, -(-len(motion) // _SOME)))
+    rows.add(some, np.zeros((1, 0, 0)))
+    return rows.misfit(rows.best())[1] > INTEGRATION
 
 
 def common_times(measurements: Log, family: RowFamily) -> NDArray[np.float64] | None:

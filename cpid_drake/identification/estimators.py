@@ -95,10 +95,13 @@ def with_method(known: Known, logs: Mapping[str, CheckedLog]) -> Known:
     estimator, rows = known.estimator, known.rows
     best = by_rows.best_rows([log.counts for log in logs.values()], known.sensors)
     if estimator is None:
-        is_exact = all(log.states is not None for log in logs.values())
-        is_fit = known.sensors is not None or (known.known_bodies is not None and not is_exact)
-        is_fit = is_fit or any(log.measurements.has_thrust for log in logs.values())
-        is_fit = is_fit or any(_is_partial(log, best) for log in logs.values())
+        tree, family = known.spacecraft.tree, ROW_FAMILIES[best]
+        has_files = any(log.states is None for log in logs.values())
+        is_fit = known.sensors is not None or (known.known_bodies is not None and has_files)
+        is_fit = is_fit or any(
+            log.measurements.has_thrust or by_rows.is_measured(log, tree, family)
+            for log in logs.values()
+        )
         estimator = TRAJECTORY_FIT if is_fit and rows is None else LEAST_SQUARES
     if estimator in ROW_FAMILIES:
         if rows not in (None, estimator):
@@ -115,13 +118,6 @@ def with_method(known: Known, logs: Mapping[str, CheckedLog]) -> Known:
     elif rows is not None:
         raise InputError(f"rows are for least_squares; {estimator} has none: leave rows out")
     return replace(known, estimator=estimator, rows=rows)
-
-
-def _is_partial(log: CheckedLog, rows: str) -> bool:
-    """Return whether rows would need smoothed samples, which a fit can use as they are."""
-    has_attitude = bool(len(log.measurements.attitude))
-    samples, family = log.measurements, ROW_FAMILIES[rows]
-    return has_attitude and log.states is None and by_rows.common_times(samples, family) is None
 
 
 def require_sensors(log: CheckedLog, known: Known) -> None:

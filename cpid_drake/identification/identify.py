@@ -60,8 +60,8 @@ def identify(
             one motion.
         estimator: name of an estimator (`cpid_drake.identification.estimators.ESTIMATORS`) or of a
             row family, which means least squares on these rows. Default: the trajectory fit, but
-            least squares if rows are given, for exact states, for samples of all quantities at
-            common times of which neither sensors nor known bodies are given, and without attitude.
+            least squares if rows are given, without attitude, and for exact states: also for
+            samples, without sensors and known bodies, whose momentum is constant to 1e-5.
         rows: row family of least squares (`cpid_drake.dynamics.rows.ROW_FAMILIES`); default:
             "standard", or "relative" for data without position and velocity.
         sensors: the sensors' errors. Default: all complete samples have the same weight, and an

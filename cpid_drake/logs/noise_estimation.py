@@ -20,6 +20,12 @@ FEWEST = 12
 """Samples of a sensor from which its noise is estimated: differences of order 8 leave four, and a
 spline of degree 5 has at least seven numbers."""
 
+RESOLUTION = 1e-6
+"""Least noise of a sensor, as a share of the spread of its samples: 20 bits.
+
+Samples of a simulation have no noise, but errors of integration and of interpolation.
+"""
+
 _SMOOTH = 0.05
 """Largest noise of joint positions, as a share of their spread, in samples of one motion."""
 
@@ -43,7 +49,9 @@ def estimate_suite(log: Log) -> SensorSuite:
                 f"give the sensors, or at least {FEWEST} samples"
             )
         rate = float(np.clip(1 / np.median(np.diff(samples.time)), 1e-3, 1e5))
-        setattr(suite, name, SENSORS[name].errors.with_noise(rate, sensor_noise(name, samples)))
+        least = RESOLUTION * float(np.sqrt(np.var(samples.value, axis=0).sum()))
+        sigma = max(sensor_noise(name, samples), least)
+        setattr(suite, name, SENSORS[name].errors.with_noise(rate, sigma))
     return suite
 
 
