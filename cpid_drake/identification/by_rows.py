@@ -1,8 +1,7 @@
 """Least squares on the momentum rows of complete or smoothed samples, of one log or many.
 
-Every log is a Gaussian of the target and of its own momentum (`estimation.rows_fit`). Zero and an
-unknown momentum are compared by their evidence, as in a fit, and the target is their average.
-Several logs, and a prior, are the sum of their Gaussians.
+Every log is a Gaussian of the target and of its own momentum (`estimation.rows_fit`). Exact states
+show whether the momentum is zero. Several logs, and a prior, are the sum of their Gaussians.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -21,17 +20,10 @@ from cpid_drake.dynamics.parameterizations import Parameterization
 from cpid_drake.dynamics.rows import STANDARD_ROWS, RowFamily
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
-from cpid_drake.estimation.evidence import NAMED
 from cpid_drake.estimation.gaussian import Gaussian, LeastSquaresSolution, solution_of
 from cpid_drake.estimation.least_squares import KNOWN
-from cpid_drake.estimation.rows_fit import (
-    FEWEST,
-    TARGET,
-    LogRows,
-    RowNoise,
-    compare_momentum,
-)
-from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
+from cpid_drake.estimation.rows_fit import TARGET, LogRows
+from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.identification.checked_log import CheckedLog, Known, suite_of
 from cpid_drake.identification.checks import IMPROBABLE, Check, halves_check, momentum_words
 from cpid_drake.identification.leaning import with_larger_base
@@ -43,6 +35,9 @@ from cpid_drake.logs.smoothing import smooth_windows
 from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
+
+FEWEST = 20
+"""Degrees of freedom from which on residuals are shown."""
 
 INTEGRATION = 1e-5
 """Residuals below this share of the momentum contradict nothing: integration leaves as much."""
@@ -56,6 +51,10 @@ _FORCES = (
 )
 _SOME = 100  # samples of a log that show what the estimate leans on, or its noise
 _CAUSE = "the spacecraft, a frame, a sign or a clock is not as assumed, or forces acted"
+_NOISE = (
+    "momentum rows ignore the noise inside of them: the estimate is biased, and its intervals are "
+    "too narrow; identify with --estimator trajectory_fit"
+)
 _MOMENTA = ("zero", "known", "unknown")
 
 
@@ -283,8 +282,7 @@ def _told(
 ) -> tuple[dict[str, Any], Gaussian, dict[str, Gaussian]]:
     """Return a log's fields of an identification, its Gaussian of the target, and that by tree.
 
-    The first Gaussian is the average over zero and an unknown momentum; the others, with the known
-    bodies of each tree, have the likelier one.
+    The others are with the known bodies of each tree.
     """
     spacecraft, momentum, family = known.spacecraft, known.momentum, known.family
     assert family is not None
@@ -309,82 +307,62 @@ def _told(
         few = motion.select(some), covariance[some] if len(covariance) > 1 else covariance
         for each in by_tree.values():
             each.add(*few)
-    noise = rows.noise()
-    if is_open and noise.scatter is None:  # too few rows for a free momentum
-        noise = rows.noise(is_zero=True)
-    compared = None
-    if is_open and tester.extra:
-        compared = _compared(spacecraft, tester, noise if tester is rows else tester.noise())
-    likely = 0.0 if compared is None else compared[0]
-    is_zero = is_open and not (likely >= NAMED and rows.extra)
-    cannot = "" if rows.extra else family.name
-    said, checks = momentum_words(likely, is_given=momentum is not None, cannot=cannot)
+    contradicts = is_tested and bool(tester.extra) and _is_moving(tester)
+    is_zero = is_open and not (contradicts and rows.extra)
+    said, checks = momentum_words(
+        float(contradicts), is_given=momentum is not None, cannot="" if rows.extra else family.name
+    )
     if suite is not None and (suite.disturbances or Disturbances()) != Disturbances():
         checks = (*checks, Check("forces", _FORCES))
-    whole, first = rows.gaussians(noise, is_zero=is_zero)
-    target, most, own = whole.marginal([TARGET]), len(tree.unknowns), np.zeros(rows.extra)
+    whole, freedom = rows.gaussian(is_zero=is_zero)
+    x = rows.best(is_zero=is_zero)
+    to_errors, to_rows = rows.misfit(x)
+    if log.states is None and to_rows > INTEGRATION:
+        warnings = (*warnings, _NOISE)
     fields: dict[str, Any] = {}
-    if compared is not None and rows.extra and (momentum is None or not is_zero):
-        target = compared[1]
-    if compared is not None and not is_zero:
-        fields = compared[2]
-        own = fields["momentum_estimate"]
-    elif rows.extra and not is_zero:
-        own = whole.solve()[: rows.extra]
-        if whole.rank == rows.extra + most:
+    if rows.extra and not is_zero:
+        fields = {"momentum_estimate": x[: rows.extra]}
+        if whole.rank == rows.extra + len(tree.unknowns):
             inverse = np.linalg.pinv(whole.R)[: rows.extra]
-            fields = {"momentum_estimate": own, "momentum_covariance": inverse @ inverse.T}
-    count, has_noise = rows.row_count, noise.scatter is not None
+            fields["momentum_covariance"] = inverse @ inverse.T
+    target = whole.marginal([TARGET])
     solution = solution_of(target, *plausible(spacecraft, rows.form, target))
-    x = np.append(own, solution.values)  # what is not determined must not explain errors
-    is_whole = solution.rank == most
-    halves = (first, whole) if is_whole and has_noise else None
-    is_shown = is_whole and count > FEWEST
+    is_shown = solution.rank == len(tree.unknowns) and freedom > FEWEST
     residuals = zip(("linear", "angular"), rows.residuals(x), strict=True) if is_shown else ()
+    halves = tuple[Check, ...]()
+    if solution.rank == len(tree.unknowns) and freedom > 0:
+        first, all_rows = (rows.triangle(is_zero=is_zero, is_half=h) for h in (True, False))
+        halves = part_checks(first[-11:, -11:], all_rows[-11:, -11:], freedom)
     fields |= {
         "sensors": suite,
         "sample_count": rows.sample_count,
-        "row_count": count - (rows.extra if own.any() else 0),
-        "has_noise": has_noise,
+        "row_count": freedom + whole.rank - (0 if is_zero else rows.extra),
+        "has_noise": freedom > 0,
         "momentum": "zero" if is_zero else assumed.name,
         "residuals": {kind: r for kind, r in residuals if r.value.size},
         "warnings": (*warnings, *said),
-        "checks": (*checks, *_checks(*rows.misfit(x), halves, tree)),
+        "checks": (*checks, _misfit(min(to_errors, to_rows / INTEGRATION), tree), *halves),
     }
-    held = {
-        n: r.gaussians(noise, is_zero=is_zero)[0].marginal([TARGET]) for n, r in by_tree.items()
-    }
+    held = {n: r.gaussian(is_zero=is_zero)[0].marginal([TARGET]) for n, r in by_tree.items()}
     return fields, target, held
 
 
-def _checks(
-    to_errors: float,
-    to_rows: float,
-    halves: tuple[Gaussian, Gaussian] | None,
-    tree: KinematicTree,
-) -> Iterator[Check]:
-    """Yield the checks of the rows of a log.
+def _is_moving(rows: LogRows) -> bool:
+    """Return whether exact states have a momentum, and not one of zero."""
+    zero, free = (rows.misfit(rows.best(is_zero=each))[1] for each in (True, False))
+    return free <= INTEGRATION < zero
 
-    Args:
-        to_errors, to_rows: size of the residuals relative to the samples' errors, which are as
-            large as the samples of each sensor show, and to the rows.
-        halves: what the first half and all samples tell; None if they cannot be judged.
-        tree: the known bodies.
 
-    """
+def _misfit(size: float, tree: KinematicTree) -> Check:
+    """Return the check that the residuals are no larger than the errors of the samples show."""
     # The errors of a log are at least as many as the axes of a gyro, whose bias is in all samples.
     axes = 3 if tree.normal_B is None else 1
     limit = float(np.sqrt(chdtri(axes, IMPROBABLE) / axes))
-    misfit = min(to_errors, to_rows / INTEGRATION)
-    text = f"the momentum balance misses the samples by {significant(misfit)} times their errors"
-    yield Check.of("misfit", f"{text}: {_CAUSE}", misfit, limit)
-    if to_rows <= INTEGRATION or halves is None:
-        return
-    first, all_samples = halves
-    yield halves_check(first.marginal([TARGET]), all_samples.marginal([TARGET]), _CAUSE)
+    text = f"the momentum balance misses the samples by {significant(size)} times their errors"
+    return Check.of("misfit", f"{text}: {_CAUSE}", size, limit)
 
 
-def online_checks(
+def part_checks(
     earlier: NDArray[np.float64], rows: NDArray[np.float64], freedom: int
 ) -> tuple[Check, ...]:
     """Return the check that earlier samples have the target of all of them, from their triangles.
@@ -399,16 +377,3 @@ def online_checks(
         return ()
     first, whole = (Gaussian.of_rows({TARGET: 10}, each) for each in (earlier, rows))
     return (halves_check(first, whole, _CAUSE, rests=rests, freedom=freedom),)
-
-
-def _compared(
-    spacecraft: Spacecraft, rows: LogRows, noise: RowNoise
-) -> tuple[float, Gaussian, dict[str, NDArray[np.float64]]] | None:
-    """Return the comparison of zero with an unknown momentum; None without need or noise."""
-    zero = rows.gaussians(noise, is_zero=True)[0]
-    x = np.append(np.zeros(rows.extra), zero.solve())
-    if noise.scatter is None or rows.misfit(x)[1] < INTEGRATION:
-        return None
-    sigma = Model(spacecraft.tree, SensorSuite()).unknown(MOMENTUM).sigma  # of [L; v]
-    size = plausible(spacecraft, rows.form, zero)[1]
-    return compare_momentum(rows, noise, sigma * np.repeat([1.0, spacecraft.mass], 3), size)

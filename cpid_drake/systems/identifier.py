@@ -24,7 +24,7 @@ from cpid_drake.errors import InputError
 from cpid_drake.estimation.gaussian import solution_of_rows
 from cpid_drake.estimation.least_squares import updated_information
 from cpid_drake.estimation.momentum_rows import momentum_columns, momentum_rows
-from cpid_drake.identification.by_rows import NAME, online_checks
+from cpid_drake.identification.by_rows import NAME, part_checks
 from cpid_drake.identification.consistency import with_nearest_body
 from cpid_drake.identification.result import Identification
 from cpid_drake.spacecraft.spacecraft import Spacecraft
@@ -279,7 +279,7 @@ class MomentumIdentifier(Identifier):
             estimator=NAME,
             rows=self._family.name,
             momentum=self._momentum.name,
-            checks=online_checks(earlier, rows, freedom) if solution.rank == 10 else (),
+            checks=part_checks(earlier, rows, freedom) if solution.rank == 10 else (),
         )
 
 

@@ -1,4 +1,4 @@
-"""Rows with noise inside: the errors are those that the covariance says, or a check fails."""
+"""Rows of exact and of rounded states, and what is said of rows with noise inside."""
 
 from dataclasses import replace
 
@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
-from sensing_cases import MOMENTUM, Sines, log_of, measured, nees, sigmas, true_telemetry
+from sensing_cases import Sines, measured, nees
 
 from cpid_drake import (
     Motion,
-    TotalMomentum,
     identify,
     load_scenario,
     load_sensors,
@@ -62,25 +61,18 @@ def noisy(craft, suite, skewed_target):
     return make
 
 
-@pytest.mark.parametrize("rows", ["standard", "relative"])
-def test_errors_of_smoothed_samples_are_no_larger_than_the_covariance_says(
-    craft, suite, noisy, skewed_target, rows
-):
-    count, total = 8, 0.0
-    for seed in range(count):
-        log = noisy(seed, MOMENTUM if seed % 2 else None)
-        found = identify(craft, log, rows=rows, sensors=suite)
-        assert not found.failures
-        assert found.momentum == ("unknown" if seed % 2 else "zero")
-        total += nees(found, skewed_target)
-    assert total < chi2.ppf(0.999, 10 * count)
+@pytest.mark.parametrize("rows", ["standard", "relative", "eq18"])
+def test_rows_of_a_measured_log_are_warned_of(craft, suite, noisy, rows):
+    """Noise inside of the rows is a bias, which their residuals do not show."""
+    found = identify(craft, noisy(0), rows=rows, sensors=suite)
+    assert any("ignore the noise inside" in warning for warning in found.warnings)
 
 
 def test_errors_of_rounded_states_have_no_bias_and_the_size_of_the_covariance(craft, skewed_target):
     """The mean error of several runs is no larger than their scatter explains."""
     count, total, errors = 10, 0.0, []
     for seed in range(count):
-        found = identify(craft, rounded(states(craft, skewed_target, seed), 2), rows="standard")
+        found = identify(craft, rounded(states(craft, skewed_target, seed), 3), rows="standard")
         assert not found.failures
         assert found.momentum == "zero"
         total += nees(found, skewed_target)
@@ -90,25 +82,6 @@ def test_errors_of_rounded_states_have_no_bias_and_the_size_of_the_covariance(cr
     assert np.all(np.abs(np.mean(errors, axis=0)) < 5 * scatter)
 
 
-def test_rows_of_other_units_do_not_widen_the_interval_of_a_mass(craft, skewed_target):
-    """1/m is in the linear rows of Eq. 18 only, whose errors are small beside the angular ones."""
-    motion, errors = Sines.drawn(4, seed=101, duration=8.0, size=0.6), []
-    for phase in np.linspace(0.0, 0.09, 10):
-        times = np.arange(phase, 8.0, 0.1)
-        exact = true_telemetry(craft.tree, craft.joint_names, motion, skewed_target, times)
-        found = identify(craft, log_of(exact, decimals=4), rows="eq18")
-        errors.append((found.parameters[0] - skewed_target.mass) / sigmas(found)[0])
-    assert 0.3 < np.sqrt(np.mean(np.square(errors))) < 2.0
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_a_mass_that_the_noise_hides_from_eq18_is_not_known(craft, suite, noisy, seed):
-    """Slopes of a few positions say nothing about 1/m, whose plausible size is that of 1/m."""
-    found = identify(craft, noisy(seed), rows="eq18", sensors=suite)
-    assert not np.isfinite(found.parameters[0])
-    assert found.rank < 10
-
-
 @pytest.mark.parametrize(("samples", "rank"), [(1, 6), (2, 9), (3, 10)])
 @pytest.mark.parametrize("rows", ["eq18", "standard"])
 def test_three_exact_samples_determine_what_two_do_not(
@@ -116,24 +89,6 @@ def test_three_exact_samples_determine_what_two_do_not(
 ):
     motion = zero_momentum_motion(skewed_target, samples, 1)
     assert identify(servicer, motion, rows=rows).rank == rank
-
-
-class TestMomentum:
-    def test_a_given_zero_that_the_samples_contradict_is_a_failed_check(self, craft, suite, noisy):
-        options = {"rows": "standard", "sensors": suite, "momentum": TotalMomentum.zero()}
-        found = identify(craft, noisy(1, MOMENTUM), **options)
-        assert "identify with --momentum unknown" in found.failures[0]
-
-    @pytest.mark.parametrize(("rows", "size"), [("standard", 1e-4), ("relative", 3e-5)])
-    def test_one_too_small_to_be_seen_is_within_the_covariance(
-        self, craft, suite, noisy, skewed_target, rows, size
-    ):
-        """A target with zero momentum is known better than the momentum: it would be 12 σ off."""
-        count, total = 6, 0.0
-        for seed in range(count):
-            found = identify(craft, noisy(seed, size * MOMENTUM), rows=rows, sensors=suite)
-            total += nees(found, skewed_target)
-        assert total < chi2.ppf(0.999, 10 * count)
 
 
 def test_rows_cannot_explain_declared_forces(craft, suite, noisy):
@@ -154,3 +109,23 @@ def test_a_joint_of_the_wrong_sign_misses_the_samples_by_more_than_their_errors(
         log = samples.updated({"encoders": encoders})
         found = identify(craft, log, rows="standard", sensors=flight)
         assert found.check("misfit").passed == passes
+
+
+def test_a_target_that_slips_at_half_time_is_not_that_of_the_first_half(craft, skewed_target):
+    """Also in a log of more samples than are made rows of at once."""
+    moved = replace(skewed_target, p_CTcm_C=np.array(skewed_target.p_CTcm_C) + [1e-3, 0, 0])
+    first, last = (rounded(states(craft, each, 0), 4) for each in (skewed_target, moved))
+    half = np.arange(SAMPLES) < SAMPLES // 2
+    found = [
+        identify(
+            craft,
+            replace(
+                first,
+                w_WB=np.where(half[:, None], first.w_WB, each.w_WB),
+                v_WB=np.where(half[:, None], first.v_WB, each.v_WB),
+            ),
+            rows="standard",
+        )
+        for each in (first, last)
+    ]
+    assert [each.check("halves").passed for each in found] == [True, False]

@@ -25,7 +25,6 @@ from cpid_drake.sensors.sensors import AttitudeSensor, Gyro, JointSensor, Vector
 
 DURATION = 5.0
 TIMES = np.arange(0.0, DURATION, 0.05)
-ROWS_AND_FIT = ("standard", pytest.param("trajectory_fit", marks=pytest.mark.slow))
 ROWS = {"rows": "standard"}
 
 
@@ -56,13 +55,13 @@ def turned(craft, joint):
 
 
 class TestNoisyLogs:
-    @pytest.fixture(scope="class", params=ROWS_AND_FIT)
+    @pytest.fixture(scope="class")
     @classmethod
-    def joint(cls, request, craft, suite, logs):
-        return request.param, identify(craft, logs, sensors=suite, estimator=request.param)
+    def joint(cls, craft, suite, logs):
+        return identify(craft, logs, sensors=suite)
 
     def test_each_has_its_own_momentum_and_all_agree(self, joint, skewed_target):
-        _, found = joint
+        found = joint
         assert found.passed
         assert found.momentum == "unknown"
         assert nees(found, skewed_target) < chi2.isf(1e-3, 10)
@@ -72,20 +71,18 @@ class TestNoisyLogs:
             assert log.check("agreement").statistic < chi2.isf(1e-3, 10)
 
     def test_together_they_know_more_than_each(self, joint, craft, suite, logs):
-        method, found = joint
-        alone = identify(craft, logs["log 0"], sensors=suite, estimator=method)
+        found, alone = joint, identify(craft, logs["log 0"], sensors=suite)
         assert np.all(sigmas(found) < sigmas(alone))
         assert found.sample_count == sum(log.sample_count for log in found.logs.values())
         own = found.logs["log 0"].parameters
         assert np.all(np.abs(own - alone.parameters) < 0.1 * sigmas(alone))
 
-    @pytest.mark.parametrize("estimator", ROWS_AND_FIT)
-    def test_one_without_motion_is_not_used(self, craft, suite, logs, noisy, estimator):
+    def test_one_without_motion_is_not_used(self, craft, suite, logs, noisy):
         both = {"log 0": logs["log 0"], "still": noisy(3, size=0.0)}
-        found = identify(craft, both, sensors=suite, estimator=estimator)
+        found = identify(craft, both, sensors=suite)
         assert "still determines nothing about the target, and was not used" in found.warnings
         assert found.logs["still"].rank == 0
-        alone = identify(craft, logs["log 0"], sensors=suite, estimator=estimator)
+        alone = identify(craft, logs["log 0"], sensors=suite)
         assert np.all(np.abs(found.parameters - alone.parameters) < 0.05 * sigmas(alone))
 
     def test_one_log_twice_has_twice_the_information(self, craft, suite, logs):
@@ -263,10 +260,9 @@ class TestPrior:
         assert not found.failures
         assert nees(found, target) < chi2.isf(1e-3, 10)
 
-    @pytest.mark.parametrize("estimator", ROWS_AND_FIT)
-    def test_one_of_another_target_is_doubted(self, craft, suite, logs, skewed_target, estimator):
-        options = {"sensors": suite, "estimator": estimator}
-        found = identify(craft, logs["log 0"], prior=self.prior(skewed_target, 8.0), **options)
+    def test_one_of_another_target_is_doubted(self, craft, suite, logs, skewed_target):
+        prior = self.prior(skewed_target, 8.0)
+        found = identify(craft, logs["log 0"], prior=prior, sensors=suite)
         text = "the logs and the prior do not have the same target"
         assert any(text in failure for failure in found.failures)
 
