@@ -149,7 +149,7 @@ def standard_to_parameters(phi: ArrayLike) -> NDArray[np.float64]:
 
 def parameters_to_standard(parameters: ArrayLike) -> NDArray[np.float64]:
     """Return the standard vector φ (..., 10) of π (..., 10); see `standard_to_parameters`."""
-    parameters = np.asarray(parameters, dtype=float)
+    parameters = np.asarray(parameters)
     mass, com = parameters[..., :1], parameters[..., 1:4]
     moments = parameters[..., 4:][..., TENSOR_ORDER] + point_mass_moments(mass[..., 0], com)
     return np.concatenate([mass, mass * com, moments], axis=-1)
@@ -163,11 +163,11 @@ def standard_to_relative(phi: NDArray[np.float64], known_mass: float) -> NDArray
 
 
 def standard_to_pseudo_inertia(phi: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the (4, 4) pseudo-inertia [½tr(J)1 − J, h; hᵀ, m] of a standard vector (10,)."""
-    pseudo = np.empty((4, 4))
-    pseudo[:3, :3] = second_moment(vector_to_tensor(phi[4:]))
-    pseudo[:3, 3] = pseudo[3, :3] = phi[1:4]
-    pseudo[3, 3] = phi[0]
+    """Return the pseudo-inertias [½tr(J)1 − J, h; hᵀ, m] (..., 4, 4) of standard vectors."""
+    pseudo = np.empty((*phi.shape[:-1], 4, 4))
+    pseudo[..., :3, :3] = second_moment(vector_to_tensor(phi[..., 4:]))
+    pseudo[..., :3, 3] = pseudo[..., 3, :3] = phi[..., 1:4]
+    pseudo[..., 3, 3] = phi[..., 0]
     return pseudo
 
 

@@ -189,6 +189,8 @@ class LeastSquaresSolution:
         covariance: (n, n) s² (AᵀA)⁻¹ with s² the residual sum of squares over the degrees of
             freedom, for rows of equal uncertainty; NaN in rows and columns of undetermined entries,
             and in all entries if there are no degrees of freedom.
+        spread: (n, n) covariance if combinations that are not determined have their plausible size
+            as σ before the rows; NaN if such sizes are not known.
         known: what is known: the determined combinations, and those about which something is known,
             about as much as a unit.
         rank: number of independent combinations of the unknowns that the rows determine.
@@ -206,6 +208,7 @@ class LeastSquaresSolution:
 
     estimate: NDArray[np.float64]
     covariance: NDArray[np.float64]
+    spread: NDArray[np.float64]
     known: Gaussian
     rank: int
     singular_values: NDArray[np.float64]
@@ -243,9 +246,9 @@ def solution_of(
 ) -> LeastSquaresSolution:
     """Return the solution of a Gaussian of the target alone.
 
-    Combinations whose σ is too large stay nominal, and have their plausible size as σ: noise alone
-    looks like weak knowledge. An entry is known if its σ is small all the same, and if it contains
-    nothing of these combinations.
+    Combinations whose σ is too large stay nominal, and have their plausible size as σ beforehand:
+    noise alone looks like weak knowledge. An entry is known if its σ is small all the same, and if
+    it contains nothing of these combinations.
 
     Args:
         target: of n unknowns.
@@ -260,15 +263,21 @@ def solution_of(
     U, sizes, axes = np.linalg.svd(moved.R * scale)
     strong = sizes > max(1 / largest, _NEGLIGIBLE * float(sizes[0]))
     x = nominal + scale * (axes[strong].T @ ((U.T @ moved.z)[strong] / sizes[strong]))
-    root = scale[:, None] * axes.T * np.where(strong, 1 / np.maximum(sizes, 1e-300), 1.0)
-    covariance = root @ root.T
-    is_large = np.diag(covariance) > (largest * scale) ** 2
+    root = (
+        scale[:, None]
+        * axes.T
+        * np.where(strong, 1 / np.maximum(sizes, 1e-300), 1 / np.hypot(1.0, sizes))
+    )
+    spread = root @ root.T
+    covariance = spread.copy()
+    is_large = np.diag(spread) > (largest * scale) ** 2
     is_open = is_large | (np.linalg.norm(axes[~strong], axis=0) > share)
     A = sizes[strong, None] * axes[strong] / scale
     covariance[is_open, :] = covariance[:, is_open] = np.nan
     return LeastSquaresSolution(
         estimate=np.where(is_open, np.nan, x),
         covariance=covariance,
+        spread=spread,
         known=Gaussian.of_rows(target.sizes, np.column_stack([A, A @ x])),
         rank=int(strong.sum()),
         singular_values=sizes,
@@ -308,6 +317,7 @@ def solution_of_rows(rows: NDArray[np.float64], row_count: int) -> LeastSquaresS
     return replace(
         found,
         covariance=covariance,
+        spread=covariance,
         known=known,
         residual_rms=np.sqrt(squares / row_count) if row_count > 0 else np.nan,
         row_count=max(row_count, 0),

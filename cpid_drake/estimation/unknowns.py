@@ -22,9 +22,6 @@ from cpid_drake.estimation.likelihood.forces import white_forces
 from cpid_drake.estimation.target import TargetCone
 from cpid_drake.sensors.suite import SensorSuite
 
-WIDE = 1e3
-"""σ of a target of which nothing is known, in sizes of a target like the spacecraft."""
-
 FASTEST_TUMBLE = 2.0
 """σ of an unknown angular velocity of the system [rad/s]."""
 
@@ -45,7 +42,8 @@ class Unknown:
         name: of the unknown.
         size: number of entries.
         mean: (size,) before the first sample.
-        sigma: (size,) σ before the first sample.
+        sigma: (size,) σ before the first sample; infinite for the target, whose prior is
+            `Model.cone`'s.
         scope: what has it.
         walk: σ of its change after 1 s, as a share of `sigma`; the prior is of the first value.
         may_fail: whether it may be far from its mean, so that its prior has a heavy tail: it weighs
@@ -140,7 +138,7 @@ class Model:
             table.append(Unknown(error.name, error.size, zero, one, scope, walk, fails))
         # A solid sphere about C's origin of a tenth of the spacecraft's mass.
         mean = 0.2 / 1.1 * self.plausible * [1, 0, 0, 0, 0.2, 0, 0, 0.2, 0, 0.2]
-        table.append(Unknown(PSI, 10, mean, WIDE * self.plausible, "target"))
+        table.append(Unknown(PSI, 10, mean, np.full(10, np.inf), "target"))  # see `cone`
         if self.known_bodies is not None:
             c = self.known_bodies.count(self.tree.wheels, self.joint_count)
             table.append(Unknown(BODIES, c, np.zeros(c), np.ones(c), "hardware"))
@@ -153,7 +151,7 @@ class Model:
 
     @cached_property
     def cone(self) -> TargetCone:
-        """The targets that are possible."""
+        """The targets that are possible, and their prior."""
         return TargetCone(self.unknown(PSI).mean, self.mass)
 
     def with_prior(

@@ -38,9 +38,6 @@ ROUGH = 2.0
 NOISE = "noise"
 """Name of the check of larger noise, which makes other causes seem likely."""
 
-REACH = 3.0
-"""Assumed distance of a part of the target from C, in radii of gyration of the spacecraft."""
-
 
 @dataclass(frozen=True)
 class Check:

@@ -1,12 +1,12 @@
 """What a rigid body can have of an estimate: the nearest body, intervals, and bounds of the rest.
 
 The estimate of an estimator may be impossible: a negative moment of inertia, or moments that
-violate the triangle inequality. Only the part of an interval that some rigid body can have is
-shown. It contains the true value as often as the whole interval, because the true value is
-possible. Bounds of parameters that the samples do not determine assume a size of the target.
+violate the triangle inequality. No negative part of the interval of a mass or of a moment is shown;
+the rest contains the true value as often as the whole interval. Parameters that the samples do not
+determine have the bounds of what they do determine, and of sizes like the spacecraft's.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +14,11 @@ from scipy.special import chdtri, fdtri
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.tree import KinematicTree
-from cpid_drake.estimation.rigid_body_set import RigidBodySet
-from cpid_drake.identification.checks import IMPROBABLE, NEAREST, NOISE, REACH, Check
-from cpid_drake.identification.result import Combinations, Identification
+from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.least_squares import quantile_95
+from cpid_drake.estimation.rigid_bodies import nearest, sizes, without_rounding
+from cpid_drake.identification.checks import IMPROBABLE, NEAREST, NOISE, Check
+from cpid_drake.identification.result import Combinations, Identification, extremes
 
 
 def checked(found: Identification, tree: KinematicTree) -> Identification:
@@ -32,46 +34,60 @@ def checked(found: Identification, tree: KinematicTree) -> Identification:
     # The larger noise explains the other failures.
     checks = sorted(found.checks, key=lambda check: (check.passed, check.name != NOISE))
     found = replace(found, checks=tuple(checks))
-    bodies, nearest = _bodies(found, tree), found.check(NEAREST)
-    if not found.rank or bodies is None or nearest is None or nearest.statistic is None:
+    known, near = _known(found, tree), found.check(NEAREST)
+    if not found.rank or known is None or near is None or near.statistic is None:
         return found
-    possible = _possible(found, bodies) if nearest.passed else np.full((10, 2), np.nan)
+    possible = _possible(found) if near.passed else np.full((10, 2), np.nan)
     return replace(found, consistent_intervals=possible)
 
 
 def with_nearest_body(found: Identification, tree: KinematicTree) -> Identification:
     """Return an identification with its nearest rigid body, and the check that it is near enough.
 
-    This takes a few milliseconds, as `checked` takes for each bound of a parameter.
+    This takes a few milliseconds; the bounds of `checked` take a tenth of a second.
     """
     solution, form = found.solution, found.form
     assert solution is not None
     assert form is not None
     if not solution.rank:  # no number is shown
         return found
-    nearest = None if found.consistent is None else found.consistent.to_vector()
+    body = None if found.consistent is None else found.consistent.to_vector()
     combinations, distance = None, np.nan
-    bodies = _bodies(found, tree)
-    if bodies is not None:
-        is_body = found.is_observable and not found.infeasibilities
-        distance, unknowns = (0.0, solution.values) if is_body else bodies.nearest()
+    known = _known(found, tree)
+    if known is not None:
+        distance, unknowns = 0.0, solution.values
+        if found.infeasibilities or not found.is_observable:
+            distance, unknowns = nearest(known.rows, form, tree.mass, known.scale)
         if found.infeasibilities and np.isfinite(distance):
             near = InertialParameters.from_vector(form.to_parameters(unknowns))
-            nearest = near.nearest_feasible().to_vector()  # the solver rounds
+            body = near.nearest_feasible().to_vector()  # the solver rounds
     if np.isfinite(solution.information).all():
         combinations = Combinations(form.name, solution.values, solution.information, tree.mass)
     return replace(
         found,
-        nearest=nearest,
-        size=None if bodies is None else bodies.size,
+        nearest=body,
         combinations=combinations,
-        checks=(*found.checks, *_checks(found, distance, bodies)),
+        checks=(*found.checks, *_checks(found, distance, known)),
     )
 
 
-def _checks(
-    found: Identification, distance: float, bodies: RigidBodySet | None
-) -> tuple[Check, ...]:
+@dataclass(frozen=True, eq=False)
+class _Known:
+    """What an identification knows of its unknowns.
+
+    Attributes:
+        rows: A x = b with unit errors, without what is rounding.
+        scale: (10,) plausible sizes of the unknowns.
+        radius: with probability 1 − `IMPROBABLE`, the target has an |A x − b| of at most so much.
+
+    """
+
+    rows: Gaussian
+    scale: NDArray[np.float64]
+    radius: float
+
+
+def _checks(found: Identification, distance: float, known: _Known | None) -> tuple[Check, ...]:
     """Return the check that a rigid body has the estimate, within its covariance."""
     rows, shown = 0 if found.solution is None else found.solution.row_count, found.parameters
     if not np.isfinite(np.diag(found.covariance)[np.isfinite(shown)]).all():
@@ -82,61 +98,58 @@ def _checks(
     sentence = "no rigid body agrees with the estimate within its uncertainty"
     sentence += f" ({problems})" if problems else ""
     sentence += ": the momentum, the spacecraft's model, units, signs or frames are not as assumed"
-    if bodies is None:
+    if known is None:
         return (Check.of(NEAREST, sentence, passed=not problems),)
     if np.isnan(distance):
         return (Check(NEAREST, "the nearest rigid body could not be computed"),)
-    return (Check.of(NEAREST, sentence, distance, bodies.radius),)
+    return (Check.of(NEAREST, sentence, distance, known.radius),)
 
 
-def _bodies(found: Identification, tree: KinematicTree) -> RigidBodySet | None:
-    """Return the rigid bodies that agree with an identification; None if nothing is known."""
+def _known(found: Identification, tree: KinematicTree) -> _Known | None:
+    """Return what an identification knows; None if nothing."""
     solution, form = found.solution, found.form
     assert solution is not None
     assert form is not None
-    if not np.isfinite(solution.values).all():
+    known, freedom = solution.known, _freedom(found)
+    finite = (solution.values, known.R, known.z)
+    if freedom == 0 or not all(np.isfinite(each).all() for each in finite):
         return None
-    radius = float(chdtri(solution.rank, IMPROBABLE))
-    freedom = solution.row_count - solution.rank
-    if found.sensors is None:
-        if freedom < 1:
-            return None
-        radius = solution.rank * float(fdtri(solution.rank, freedom, 1 - IMPROBABLE))
-    known = solution.known
-    if not (np.isfinite(known.R).all() and np.isfinite(known.z).all()):
-        return None
-    mass, size = _plausible(found, tree)
-    return RigidBodySet(known, float(np.sqrt(radius)), form.name, tree.mass, mass, size)
-
-
-def _possible(found: Identification, bodies: RigidBodySet) -> NDArray[np.float64]:
-    """Return the physically consistent part (10, 2) of the intervals."""
-    bounds = bodies.bounds()
-    if bounds is None:  # the solver rounds, and only the estimate's surroundings are possible
-        return found.intervals
-    known = np.isfinite(found.parameters)[:, None] & ~np.isnan(found.intervals)
-    free = np.where(known, found.intervals, [-np.inf, np.inf])
-    mass, size = bodies.mass, bodies.size
-    slack = 1e-6 * np.array([mass, *3 * [size], *6 * [mass * size**2]])  # the solver rounds
-    low = np.where(bounds[:, 0] > free[:, 0] + slack, bounds[:, 0], free[:, 0])
-    high = np.where(bounds[:, 1] < free[:, 1] - slack, bounds[:, 1], free[:, 1])
-    # No body may have a value of the interval and be in the confidence region of all unknowns.
-    empty = low > high
-    low, high = np.where(empty, bounds[:, 0], low), np.where(empty, bounds[:, 1], high)
-    intervals = np.stack([low, high], axis=1)
-    return np.where(np.isfinite(intervals), intervals, np.nan)
-
-
-def _plausible(found: Identification, tree: KinematicTree) -> tuple[float, float]:
-    """Return a plausible mass [kg] and size [m] of the target.
-
-    The target is as large as the spacecraft, or as its own moments about C say.
-    """
-    squares = [np.trace(tree.at_rest.I_BBcm) / 2 / tree.mass]
-    mass = found.parameters[0]
+    mass, squares = found.parameters[0], [np.trace(tree.at_rest.I_BBcm) / 2 / tree.mass]
     if not 1e-3 < mass / tree.mass < 1e3:
         mass = tree.mass
     elif found.is_observable:
         about_C = found.raw().to_standard_vector()
         squares.append(np.sum(about_C[[4, 7, 9]]) / 2 / mass)
-    return float(mass), REACH * float(np.sqrt(max(squares)))
+    scale = sizes(form, float(mass), float(np.sqrt(max(squares))))
+    radius = float(np.sqrt(_improbable(solution.rank, freedom)))
+    return _Known(without_rounding(known, scale), scale, radius)
+
+
+def _freedom(found: Identification) -> int | None:
+    """Return the degrees of freedom of residuals that show the noise; None if it is known."""
+    if found.sensors is not None or found.solution is None:
+        return None
+    return max(found.solution.row_count - found.solution.rank, 0)
+
+
+def _improbable(count: int, freedom: int | None) -> float:
+    """Return the χ² of `count` unknowns that the true ones exceed with `IMPROBABLE`."""
+    if freedom is None:
+        return float(chdtri(count, IMPROBABLE))
+    return count * float(fdtri(count, freedom, 1 - IMPROBABLE))
+
+
+def _possible(found: Identification) -> NDArray[np.float64]:
+    """Return the intervals (10, 2), and bounds of the rest, without negative masses and moments."""
+    solution, form = found.solution, found.form
+    assert solution is not None
+    assert form is not None
+    wide = extremes(form, solution.values, solution.spread, quantile_95(_freedom(found)))
+    if not wide[0, 0] > 0:  # nothing bounds c and I if the mass may be zero
+        wide[1:] = np.nan
+    is_open = np.isnan(found.intervals).any(axis=1, keepdims=True)
+    intervals = np.where(is_open, wide, found.intervals)
+    places = [0, 4, 5, 6]
+    intervals[places] = np.maximum(intervals[places], 0.0)
+    intervals[places, 0] = np.nan_to_num(intervals[places, 0])
+    return intervals

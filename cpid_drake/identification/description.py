@@ -12,7 +12,7 @@ from cpid_drake.digits import decimals, significant, with_half_width
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.dynamics.plane import parallel_axis
-from cpid_drake.identification.checks import AGREEMENT, REACH
+from cpid_drake.identification.checks import AGREEMENT
 from cpid_drake.identification.leaning import ALL, LINK
 
 if TYPE_CHECKING:
@@ -178,11 +178,10 @@ def _of_bodies(result: "Identification") -> Iterator[str]:
     if not result.is_possible:
         yield "No interval is given, because no rigid body agrees with the estimate."
         return
-    if not np.isfinite(result.parameters).all():
-        size = significant(result.size or np.nan)
+    if (np.isnan(result.parameters)[:, None] & np.isfinite(result.shown_intervals)).any():
         yield (
-            "Intervals of what is not known: bounds over all rigid bodies no part of which is "
-            f"farther than {size} m from C ({REACH:g} times the spacecraft's radius of gyration)."
+            "Intervals of what is not known are bounds: of a target about as heavy and as large as "
+            "the spacecraft (1 σ)."
         )
 
 

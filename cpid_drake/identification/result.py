@@ -32,7 +32,7 @@ if TYPE_CHECKING:  # Drake and Matplotlib take half a second to import
     from matplotlib.figure import Figure
     from pydrake.multibody.tree import SpatialInertia
 
-FORMAT = 5
+FORMAT = 6
 """Version of the keys of a result file."""
 
 TURNS = 4
@@ -89,10 +89,9 @@ class Identification:
         intervals: (10, 2) two-sided 95 % intervals of `parameters`, of Student's t distribution if
             the noise is estimated from the residuals, else of the normal distribution.
         consistent_intervals: (10, 2) the part of each interval that a rigid body can have; for
-            parameters that are not determined, their extreme values over all rigid bodies that
-            agree with what is known. NaN without a bound, and if no rigid body agrees; None if not
+            parameters that are not determined, the bounds of a target that is as heavy and as large
+            as the spacecraft (1 σ). NaN without a bound, and if no rigid body agrees; None if not
             computed.
-        size: largest distance of a part of the target from C that these bounds assume [m].
         nearest: (10,) the rigid body that is nearest to an estimate of all ten; None if it was not
             computed or there is none.
         rank: number of parameters, or of combinations of them, that the samples determine.
@@ -140,7 +139,6 @@ class Identification:
     covariance: Annotated[Array, Numbers(10, 10, unknown=True)]
     intervals: Intervals
     consistent_intervals: Intervals | None = None
-    size: float | None = None
     nearest: Annotated[Array, Numbers(10)] | None = None
     rank: Rank
     singular_values: Ten
@@ -194,7 +192,8 @@ class Identification:
         covariance, is_open = form.covariance(solution.estimate, own), ~np.isfinite(parameters)
         covariance[is_open, :] = covariance[:, is_open] = np.nan
         freedom = solution.row_count - solution.rank if sensors is None else None
-        intervals = _intervals(form, solution, quantile_95(freedom), parameters)
+        intervals = extremes(form, solution.estimate, own, quantile_95(freedom))
+        intervals[0] = np.nan if np.isnan(intervals[0]).any() else intervals[0]
         words = describe_unobservable(solution.unobservable, form.entries)
         if intervals[0, 0] <= 0 <= intervals[0, 1] and np.isfinite(parameters[1:]).any():
             intervals[1:], words = np.nan, "; ".join(each for each in (words, NO_MASS) if each)
@@ -354,30 +353,30 @@ class Identification:
         return list(dict.fromkeys(found))
 
 
-def _intervals(
-    form: Parameterization,
-    solution: LeastSquaresSolution,
-    quantile: float,
-    parameters: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Return the intervals (10, 2) of π: its extreme values where the unknowns' χ² is quantile².
+def extremes(form: Parameterization, unknowns: Array, covariance: Array, quantile: float) -> Array:
+    """Return the extreme values (10, 2) of π where the χ² of ten unknowns is quantile².
 
-    A parameter is no linear function of the unknowns. The mass has no bound, NaN, if it passes its
-    pole on the way to an extreme value. Those of c and I are where the mass is zero.
+    A parameter is no linear function of the unknowns. A mass that passes its pole on the way to
+    an extreme value has none, NaN. Those of c and I are where the mass is zero.
+
+    Args:
+        form: the parameterization of the unknowns.
+        unknowns: (10,) their estimate.
+        covariance: (10, 10) of the unknowns.
+        quantile: number of σ.
+
     """
-    known = np.isfinite(solution.estimate)
-    P = np.where(np.outer(known, known), solution.covariance, 0.0)
+    parameters, P = form.to_parameters(unknowns), covariance
     place, side, sign = np.arange(10)[:, None], np.arange(2), np.array([-1.0, 1.0])
-    x, least = np.broadcast_to(solution.estimate, (10, 2, 10)), np.zeros((10, 2))
+    x, least = np.broadcast_to(unknowns, (10, 2, 10)), np.zeros((10, 2))
     with np.errstate(invalid="ignore", divide="ignore"):
         for _ in range(TURNS):
             steps = x[..., None, :] + 1e-30j * np.eye(10)
             slope = np.nan_to_num(form.to_parameters(steps).imag[place, side, :, place] * 1e30)
             along = slope @ P
             size = np.sqrt(np.sum(along * slope, axis=-1, keepdims=True))
-            x = solution.estimate + quantile * sign[:, None] * along / np.where(size > 0, size, 1)
+            x = unknowns + quantile * sign[:, None] * along / np.where(size > 0, size, 1)
             reach = sign * (form.to_parameters(x)[place, side, place] - parameters[:, None])
             reach[0, reach[0] < -0.1 * size[0, :, 0]] = np.nan
             least = np.maximum(least, reach)
-    least[0] = np.nan if np.isnan(least[0]).any() else least[0]
     return parameters[:, None] + sign * least

@@ -178,8 +178,7 @@ def validate(
         used = momentum or TotalMomentum.zero()
         value = np.concatenate([used.L_WScm_W, used.v_WScm_W])
         model = model.with_prior(MOMENTUM, value, EXACT * model.unknown(MOMENTUM).sigma)
-    given = target.of_psi(model).add(model.unknown(PSI).prior)
-    predicted = _predicted(model, samples, own.residuals, first, given)
+    predicted = _predicted(model, samples, own.residuals, first, target.of_psi(model))
     errors = []
     for name, rest in own.residuals.items():
         parts = zip(predicted.models[first:], predicted.residuals[first:], strict=True)
@@ -213,9 +212,10 @@ def _test(model: Model, own: Identification, target: TargetPrior) -> tuple[float
     if not freedom:
         return 0.0, 0, np.inf
     chi_squared = max(total.least_cost - both[0].least_cost - both[1].least_cost, 0.0)
-    psi = both[0].add(model.unknown(PSI).prior).solve()
+    psi = model.cone.most_probable(both[0])
+    prior = model.cone.prior(PSI, psi)
     mass = form.jacobian(psi)[0] / form.to_parameters(psi)[0]
-    variance = sum(mass @ each.add(model.unknown(PSI).prior).covariance() @ mass for each in both)
+    variance = sum(mass @ each.add(prior).covariance() @ mass for each in both)
     needed = chndtrinc(chdtri(freedom, FALSE_ALARM), freedom, 1 - POWER)
     return chi_squared, freedom, float(np.sqrt(needed * variance))
 

@@ -19,13 +19,12 @@ from scipy.interpolate import CubicSpline
 
 from cpid_drake.dynamics.rotations import rotate, skew
 from cpid_drake.dynamics.tree import KinematicTree
-from cpid_drake.estimation.unknowns import Model
+from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.planning.base_motion import BaseMotion
 from cpid_drake.sensors.suite import SensorSuite
 
-VAGUE = 1e3
-"""σ before the motion of all but a gyro's bias [rad, m, SI units of momentum], and of ψ in sizes of
-a target like the spacecraft: without effect where a sensor measures anything."""
+ANYWHERE = 1e3
+"""σ of attitude [rad] and place [m] at the start: without effect where a sensor measures them."""
 
 
 class InformationModel:
@@ -39,7 +38,7 @@ class InformationModel:
 
     def __init__(self, tree: KinematicTree, suite: SensorSuite) -> None:
         self.suite = suite
-        self._sizes = VAGUE * Model(tree, suite).plausible
+        self._model = Model(tree, suite)
 
     def covariance(
         self, motion: BaseMotion, information: NDArray[np.float64] | None = None
@@ -48,14 +47,17 @@ class InformationModel:
 
         Args:
             motion: of the base.
-            information: (10, 10) about ψ before the motion; default: none.
+            information: (10, 10) about ψ before the motion, besides the prior of its sizes;
+                default: none.
 
         """
         places = self._places(motion)
         n = max(place.stop for place in places.values())
         xi, w = self._turns(motion, places, n)
-        sigma = np.full(n, VAGUE)
-        sigma[places["psi"]] = self._sizes
+        sigma = np.full(n, ANYWHERE)
+        sigma[places["psi"]] = np.inf
+        if "momentum" in places:
+            sigma[places["momentum"]] = self._model.unknown(MOMENTUM).sigma
         gyro, duration = self.suite.gyro, motion.times[-1]
         F = np.zeros((motion.R.shape[0] // len(motion.times), n, n))
         R_BW = np.swapaxes(motion.R, 1, 2)
@@ -80,8 +82,8 @@ class InformationModel:
                 spline = CubicSpline(motion.times, motion.by_node(rows))
                 F += self._gain(motion, "velocity", spline(motion.times, 1).reshape(rows.shape))
         F += np.diag(sigma**-2.0)
-        if information is not None:
-            F[:, :10, :10] += information
+        prior = self._model.cone.prior(PSI, motion.psi).R
+        F[:, :10, :10] += prior.T @ prior + (0.0 if information is None else information)
         unit = 1 / np.sqrt(np.diagonal(F, axis1=1, axis2=2))
         unit = unit[:, :, None] * unit[:, None]
         return np.asarray((np.linalg.inv(F * unit) * unit)[:, :10, :10])

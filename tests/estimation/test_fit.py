@@ -106,7 +106,7 @@ def test_errors_of_the_model_are_no_noise_if_they_are_small(case):
 def test_a_further_row_is_about_the_target_itself(case, found):
     """With a target that is known exactly, the fit is that of the momentum and the sensors."""
     psi = true_psi(case.craft, case.target)
-    R = np.diag(1e6 / next(u.sigma for u in found.model.table if u.name == PSI))
+    R = np.diag(1e3 / found.model.plausible)
     row = Gaussian.of_rows({PSI: 10}, np.column_stack([R, R @ psi]))
     known = fitted(case, rows=(row,))
     assert known.converged

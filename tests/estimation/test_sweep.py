@@ -117,7 +117,7 @@ def residuals(model, log, values):
             places = np.cumsum([0, *(w.size for w in walking)])
             k = walking.index(u)
             value = value - sum(w[places[k] : places[k + 1]] for w in log.walks)
-        parts.append((value - u.mean) / u.sigma)
+        parts.append((value - u.mean) / sigma_of(model, u))
     return np.concatenate(parts)
 
 
@@ -126,7 +126,10 @@ def dense(model, log, values):
     vector = Vector(model, log, values)
     sigma = np.abs(
         np.concatenate(
-            [np.ones(n) if name != PSI else model_scale(model) for name, n in vector.sizes.items()]
+            [
+                np.ones(n) if name != PSI else 10 * model.plausible
+                for name, n in vector.sizes.items()
+            ]
         )
     )
     step = 1e-4 * np.concatenate(
@@ -143,8 +146,9 @@ def dense(model, log, values):
     return inverse @ b, inverse @ inverse.T, b @ b
 
 
-def model_scale(model):
-    return next(u.sigma for u in model.table if u.name == PSI) / 100
+def sigma_of(model, unknown):
+    """Return a prior's σ of an unknown; that of the target is vague."""
+    return 1e3 * model.plausible if unknown.name == PSI else unknown.sigma
 
 
 def swept_with_priors(model, log, values):
@@ -152,8 +156,8 @@ def swept_with_priors(model, log, values):
     swept = sweep(model, log, rolled, values)
     rows = [(u.key(log.name), u) for u in model.table if not u.walk]
     sizes = {name: u.size for name, u in rows}
-    R = np.diag(np.concatenate([1 / u.sigma for _, u in rows]))
-    z = np.concatenate([(u.mean - values[name]) / u.sigma for name, u in rows])
+    R = np.diag(np.concatenate([1 / sigma_of(model, u) for _, u in rows]))
+    z = np.concatenate([(u.mean - values[name]) / sigma_of(model, u) for name, u in rows])
     return swept, swept.gaussian.add(Gaussian.of_rows(sizes, np.column_stack([R, z])))
 
 

@@ -5,7 +5,11 @@ import pytest
 from planar_cases import KNOWN, TARGET, planar_craft
 from pydrake import solvers
 
-from cpid_drake.dynamics.parameterizations import STANDARD, parameters_to_standard
+from cpid_drake.dynamics.parameterizations import (
+    STANDARD,
+    parameters_to_standard,
+    relative_parameterization,
+)
 from cpid_drake.estimation.gaussian import Gaussian, solution_of
 from cpid_drake.identification.consistency import checked
 from cpid_drake.identification.result import Identification
@@ -90,3 +94,26 @@ def test_random_estimates_of_a_real_body_keep_it_inside(tree):
         assert ((low <= truth[others]) & (truth[others] <= high)).all()
         kept += bool((found.consistent_intervals != found.intervals)[KNOWN].any())
     assert kept > 10  # the trial is about narrowed intervals
+
+
+def test_a_flat_body_stays_inside_of_what_is_shown(tree):
+    """All ten are known, and noise puts estimates beyond the triangle inequality."""
+    form, rng = relative_parameterization(tree.mass), np.random.default_rng(4)
+    cut = 0
+    for _ in range(30):
+        side, other = rng.uniform(0.02, 0.06, 2)
+        truth = np.array([2.0, 0.1, -0.05, 0.0, side, other, side + other, 0.0, 0.0, 0.0])
+        R = form.jacobian(form.from_parameters(truth))
+        R /= np.array([0.02, *3 * [0.003], *6 * [0.03]])[:, None]
+        values = form.from_parameters(truth) + np.linalg.solve(R, rng.standard_normal(10))
+        told = Gaussian.of_rows({"psi": 10}, np.column_stack([R, R @ values]))
+        solution = solution_of(told, values, 1e6 * np.ones(10), row_count=100)
+        known = {"sample_count": 100, "estimator": "trajectory_fit", "sensors": SensorSuite()}
+        found = checked(Identification.of_solution(form, solution, **known), tree)
+        assert found.passed
+        low, high = found.intervals.T
+        is_in = (low <= truth) & (truth <= high)
+        low, high = found.consistent_intervals.T
+        assert (is_in <= ((low <= truth) & (truth <= high))).all()
+        cut += bool((found.consistent_intervals != found.intervals).any())
+    assert cut > 10

@@ -66,7 +66,6 @@ def result(skewed_target) -> Identification:
         not_observable="Ixx",
         nearest=true,
         consistent_intervals=unknown[:, None] + half,
-        size=1.5,
         combinations=Combinations("relative", true, root @ root.T, 200.0),
         sample_count=20,
         rejected={"gyro": 1},

@@ -8,7 +8,10 @@ from planning_cases import Planned
 from scipy.spatial.transform import Rotation
 
 from cpid_drake import InertialParameters
-from cpid_drake.planning.base_motion import BASE_LIMITS
+from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.estimation.unknowns import PSI, Model
+from cpid_drake.planning.base_motion import BASE_LIMITS, BaseMotion, known_instants
+from cpid_drake.planning.information import InformationModel
 
 
 @pytest.fixture(scope="module")
@@ -89,3 +92,21 @@ def test_efforts_are_those_of_drakes_inverse_dynamics(exciting):
         np.testing.assert_allclose(found.max(axis=0), expected, rtol=0.1, atol=0.1)
         peaks.append(expected.max())
     assert peaks[1] > 1.3 * peaks[0]
+
+
+def test_joints_at_rest_leave_what_is_known_before(exciting):
+    """One prior of the target, which the fit has too: log-sizes about a plausible solid."""
+    q = exciting.motion.evaluate(0.0)[0]
+    times = np.linspace(0.0, 10.0, 61)
+    samples = np.zeros((len(times), 1, 2, len(q)))
+    samples[:, 0, 0] = q
+    tree = exciting.spacecraft.tree
+    at_rest = BaseMotion.of(
+        times, known_instants(tree, samples), TotalMomentum.zero(), exciting.psi
+    )
+    [found] = InformationModel(tree, exciting.suite).covariance(at_rest)
+    prior = Model(tree, exciting.suite).cone.prior(PSI, exciting.psi)
+    unit = np.sqrt(np.diag(prior.covariance()))
+    np.testing.assert_allclose(
+        found / unit / unit[:, None], prior.covariance() / unit / unit[:, None], atol=1e-6
+    )

@@ -53,8 +53,8 @@ def _parameters(result: Identification, truth: InertialParameters | None) -> Tab
         "m: mass. c: centre of mass, from the origin of the capture frame C, in its axes. I: "
         "inertia about the centre of mass, in the same axes; Ixy = −∫xy dm. Consistent: the "
         "nearest values of a rigid body. Rigid bodies: the part of the interval that a rigid body "
-        "can have; of what is not known, its extreme values over all rigid bodies of the "
-        "spacecraft's size. σ: standard deviation of the estimate."
+        "can have; of what is not known, bounds of a target about as heavy and as large as the "
+        "spacecraft (1 σ). σ: standard deviation of the estimate."
     )
     return Table(heads, rows, note=note)
 
