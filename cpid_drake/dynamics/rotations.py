@@ -67,6 +67,12 @@ def exponentials(r: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.eye(3) + sine * K + cosine * (K @ K))
 
 
+def sines(R: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the axes times the sines of the angles (..., 3) of rotations (..., 3, 3)."""
+    odd = (R - np.swapaxes(R, -1, -2)) / 2
+    return np.stack([odd[..., 2, 1], odd[..., 0, 2], odd[..., 1, 0]], axis=-1)
+
+
 def right_jacobian(r: ArrayLike) -> NDArray[np.float64]:
     """Return Jr (..., 3, 3) with exp(r + dr) = exp(r) exp(Jr dr) for vectors r (..., 3).
 

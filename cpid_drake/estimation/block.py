@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cpid_drake.logs.log import THRUST, Log, concatenated
 from cpid_drake.sensors.suite import SensorSuite
@@ -17,6 +18,12 @@ SAMPLES_PER_BLOCK = 20
 
 PARTS = 3
 """A block beside a change is cut into so many parts, so that a change inside has an end near it."""
+
+FEWEST_SAMPLES = 4
+"""Encoder samples between two gaps that show positions, rates and accelerations of the joints."""
+
+LATE = 2
+"""A block whose encoders have been silent for so many usual steps at its end may precede a gap."""
 
 LONGEST_DELAY = 1.0
 """Longest delay of a sensor, or of the log of thrust, that can be modelled [s]."""
@@ -71,9 +78,12 @@ def after(measurements: Log, start: float, end: float) -> Log:
 class BlockQueue:
     """Cuts samples into blocks.
 
+    Where the encoders have no sample for longer than a block, nothing is known of the joints, and
+    so of the base: there are no blocks in such a gap, and they begin anew behind it.
+
     Attributes:
         length: of a block [s].
-        edge: end of the last complete block [s]; NaN before the first sample.
+        edge: end of the last complete block [s]; NaN before the first sample, and in a gap.
         waiting: samples after the edge.
 
     """
@@ -104,36 +114,47 @@ class BlockQueue:
         waiting = measurements
         if self.waiting is not None:
             waiting = concatenated([self.waiting, measurements])
-        if np.isnan(self.edge) and not len(waiting.encoders):
-            # The first block starts at the first encoder sample: earlier samples are not needed.
-            return replace(self, waiting=after(waiting, until, np.inf)), []
         length = self._length_for(waiting)
         if length > self.length:
             return replace(self, length=length).added(measurements, until)
-        edge = self._first_edge(waiting)
-        blocks: list[Block] = []
-        while edge + self.length + 2 * _STAMP <= until + 4 * _STAMP:
+        times, blocks = waiting.encoders.time, list[Block]()
+        edge, is_first = self.edge, np.isnan(self.edge)
+        while True:
+            if is_first:  # at the next encoder sample: earlier samples are not needed
+                following = np.searchsorted(times, -np.inf if np.isnan(edge) else edge, "right")
+                if following == len(times):
+                    return BlockQueue(self.length, waiting=after(waiting, until, np.inf)), blocks
+                edge = float(times[following]) - _STAMP
             # The first block contains both its first and its last sample.
-            is_first = np.isnan(self.edge) and not blocks
             end = edge + self.length + (2 * _STAMP if is_first else 0.0)
-            end += self._gap(waiting, end, until)
-            blocks.append(Block(edge, end, after(waiting, edge, end)))
-            edge = end
-        if not blocks:
-            return replace(self, waiting=waiting), []
-        return BlockQueue(self.length, edge, after(waiting, edge, np.inf)), blocks
+            last, later = self._encoders_about(times, edge, end, until)
+            if edge + self.length > until + 2 * _STAMP or np.isnan(later):
+                break
+            is_gap = later - last > self.length
+            if is_gap:
+                end = last + _STAMP if last > edge else edge
+            block = Block(edge, end, after(waiting, edge, end))
+            if len(block.samples.encoders) >= (FEWEST_SAMPLES if is_first and is_gap else 1):
+                blocks.append(block)
+            edge, is_first = end, is_gap
+        begun = np.nan if is_first else edge
+        return BlockQueue(self.length, begun, after(waiting, edge, np.inf)), blocks
 
-    def _gap(self, waiting: Log, end: float, until: float) -> float:
-        """Return the time [s] by which a block without encoder samples is longer than others.
+    def _encoders_about(
+        self, times: NDArray[np.float64], edge: float, end: float, until: float
+    ) -> tuple[float, float]:
+        """Return the times of the last encoder sample in a block and of the next one [s].
 
-        A gap in the samples is one block, however long it is.
+        The latter is that of the end if it does not matter, infinite in a gap that has not ended,
+        and NaN if it is not yet known whether there is a gap.
         """
-        times = waiting.encoders.time
         following = int(np.searchsorted(times, end, side="right"))
-        if following and times[following - 1] > end - self.length:
-            return 0.0
-        gap_end = min(until, times[following]) if following < len(times) else until
-        return self.length * max(np.floor((gap_end - end) / self.length), 0.0)
+        last = max(float(times[following - 1]), edge) if following else edge
+        if end - last <= LATE * self.length / SAMPLES_PER_BLOCK:
+            return last, end
+        if following < len(times):
+            return last, float(times[following])
+        return last, np.inf if until - last > self.length else np.nan
 
     def _length_for(self, waiting: Log) -> float:
         """Return the length of blocks [s], longer if a log's encoders are slower than the suite's.
@@ -157,7 +178,8 @@ class BlockQueue:
             return []
         start = self._first_edge(self.waiting)
         end = float(self.waiting.encoders.time[-1]) + _STAMP
-        if end - start < 1e-3 * self.length:
+        is_short = np.isnan(self.edge) and len(self.waiting.encoders) < FEWEST_SAMPLES
+        if is_short or end - start < 1e-3 * self.length:
             return []
         return [Block(start, end, after(self.waiting, start, end))]
 

@@ -89,7 +89,8 @@ def _changes(found: Fit, question: Question) -> list[list[int]]:
         wide = log.opened(range(count - 1))
         for first in range(0, count - 1, MOST):
             last = min(first + MOST, count - 1)
-            ends, later = range(last - first), slice(last, min(last + LATER + 1, count))
+            ends = [k for k in range(last - first) if not log.gaps[first + k]]
+            later = slice(last, min(last + LATER + 1, count))
             own, part = wide.part(first, last), rolled.part(first, last)
             parts = own, part
             known = sweep(

@@ -10,9 +10,10 @@ so the jerk's prior bridges missing samples with the uncertainty that they leave
 pieces, s and f have the largest marginal likelihood (evidence). With λ = s²/f², ν = `DECLARED` and
 the banded M = BᵀB + PᵀP/λ, for n samples and K coefficients of the whole log,
 
-    −2 log(evidence) = (ν + n − 3) log(ν + S) + log det M + (K − 3) log λ − log det PᵀP
+    −2 log(evidence) = (ν + n − d) log(ν + S) + log det M + (K − d) log λ − log det PᵀP
 
-with the penalized χ² S, and det PᵀP that on the coefficients that have a jerk.
+with d = 3 for each part of the log that has no gap inside, the penalized χ² S, and det PᵀP that on
+the coefficients that have a jerk.
 
 Sources: Wahba 1990, Spline Models for Observational Data, ch. 1 and 4.
 """
@@ -20,6 +21,7 @@ Sources: Wahba 1990, Spline Models for Observational Data, ch. 1 and 4.
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -193,7 +195,8 @@ class _Splines:
         weights: (N, J) of every block.
 
     Attributes:
-        places: of the blocks' coefficients among those of the log; neighbours share `ORDER`.
+        places: of the blocks' coefficients among those of the log; neighbours share `ORDER`, if no
+            gap is between them.
 
     """
 
@@ -202,9 +205,12 @@ class _Splines:
     ) -> None:
         self.rate, self._weights = rate, weights
         pieces = [each.pieces(rate) for each in samples]
-        starts = np.cumsum([0, *(n + DEGREE - ORDER for n in pieces)]).tolist()
-        self.places = [slice(a, a + n + DEGREE) for a, n in zip(starts, pieces)]
-        self.size, J = starts[-1] + ORDER, weights[0].shape[1]
+        begins = [a.end < b.start for a, b in pairwise(samples)]  # behind a gap
+        self._free, J = ORDER * (1 + sum(begins)), weights[0].shape[1]
+        ends = np.cumsum([n + DEGREE - ORDER for n in pieces])
+        ends += ORDER * np.cumsum([1, *begins])
+        self.places = [slice(b - n - DEGREE, b) for b, n in zip(ends.tolist(), pieces)]
+        self.size = self.places[-1].stop
         self._A = [each.design(n) for each, n in zip(samples, pieces, strict=True)]
         self._P = [each.penalty(n) for each, n in zip(samples, pieces, strict=True)]
         self._PP, groups = self._banded(self._P), defaultdict(list)
@@ -223,7 +229,7 @@ class _Splines:
         own = [np.diag(np.linalg.qr(P[:, :-ORDER], mode="r")) for P in self._P]
         volume = 2 * np.sum(np.log(np.abs(np.concatenate(own))))
         self._constant = -volume - 2 * np.sum(np.log(np.concatenate(weights)), axis=0)
-        self._freedom = DECLARED + sum(map(len, weights)) - ORDER
+        self._freedom = DECLARED + sum(map(len, weights)) - self._free
 
     def _expand(self) -> None:
         """Compute sums of squares and their gradients at `_c`."""
@@ -254,7 +260,7 @@ class _Splines:
     def values(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return −2 log(evidence) (J, G) at u = log λ (J, G)."""
         S, volume = self._squares(u)
-        volume = volume + (self.size - ORDER) * u + self._constant[:, None]
+        volume = volume + (self.size - self._free) * u + self._constant[:, None]
         return np.asarray(self._freedom * np.log(DECLARED + S) + volume)
 
     def _squares(self, u: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

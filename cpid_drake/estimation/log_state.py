@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -40,6 +41,8 @@ class LogState:
         forces: of each block: (K,) entries of white forces, in units of their σ.
         walks: of each block but a log's last: (w,) change at its end of the constants that walk.
         open: blocks at whose ends attitude, centre of mass, L and v may change by any amount.
+        gaps: of each block but a log's last: time until the next one begins [s]. Nothing is known
+            of the joints in a gap, so that attitude, centre of mass, L and v begin anew behind it.
         pulls: of each block but a log's last: (12,) derivative of half χ² by the change at its end,
             which is zero, if the end is closed.
         weights: of each block: (M,) weights of a sensor's samples.
@@ -56,6 +59,7 @@ class LogState:
     origin: float
     starts: tuple[TrajectoryState, ...] = ()
     open: frozenset[int] = frozenset()
+    gaps: tuple[float, ...] = ()
     pulls: tuple[NDArray[np.float64], ...] = ()
     weights: tuple[dict[str, NDArray[np.float64]], ...] = ()
     noise: dict[str, float] = field(default_factory=dict)
@@ -87,9 +91,10 @@ class LogState:
         forces = tuple(model.no_forces(block.start, block.end) for block in blocks)
         weights = tuple(dict[str, NDArray[np.float64]]() for _ in blocks)
         pulls = tuple(np.zeros(12) for _ in blocks[1:])
+        gaps = tuple(later.start - block.end for block, later in pairwise(blocks))
         parts = tuple(joints)
         own = smoothness, walks, forces, blocks[0].start, starts
-        return cls(name, blocks, parts, *own, pulls=pulls, weights=weights)
+        return cls(name, blocks, parts, *own, gaps=gaps, pulls=pulls, weights=weights)
 
     @classmethod
     def of(cls, model: Model, samples: Log | Iterable[Log], name: str = "log") -> "LogState":
@@ -103,8 +108,15 @@ class LogState:
         return cls.of_blocks(model, blocks_of(BlockQueue.of(model.suite), stream), name)
 
     def opened(self, ends: Iterable[int]) -> "LogState":
-        """Return the log open at the ends of some blocks, and closed at all others."""
-        return replace(self, open=frozenset(ends))
+        """Return the log open at the ends of some blocks, and closed at all others.
+
+        What begins anew behind a gap does not change there.
+        """
+        return replace(self, open=frozenset(k for k in ends if not self.gaps[k]))
+
+    def step(self, k: int) -> float:
+        """Return the time [s] from the start of block k, not a log's last, to that of the next."""
+        return self.blocks[k].length + self.gaps[k]
 
     def link(self, model: Model, k: int) -> NDArray[np.float64]:
         """Return σ (12,) of a change of attitude, centre of mass, L and v at the end of block k."""
@@ -125,7 +137,8 @@ class LogState:
         return square + float(pull @ (2 * change - aim))
 
     def _sigma(self, model: Model, k: int, closed: float) -> NDArray[np.float64]:
-        return farthest(model) if k in self.open else _sizes(model, closed, closed, closed)
+        is_open = k in self.open or self.gaps[k]
+        return farthest(model) if is_open else _sizes(model, closed, closed, closed)
 
     @property
     def changes(self) -> list[float]:
@@ -152,7 +165,7 @@ class LogState:
 
     def part(self, first: int, end: int) -> "LogState":
         """Return the blocks from `first` up to `end`, with what changes behind the last of them."""
-        lists = ("blocks", "joints", "forces", "walks", "weights", "starts", "pulls")
+        lists = ("blocks", "joints", "forces", "walks", "weights", "starts", "gaps", "pulls")
         parts: dict[str, Any] = {name: getattr(self, name)[first:end] for name in lists}
         ends = frozenset(k - first for k in self.open if first <= k < end)
         return replace(self, open=ends, **parts)

@@ -13,6 +13,7 @@ does not explain is bridged by its joints alone.
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -30,7 +31,7 @@ from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.estimation.log_state import LogState, farthest
 from cpid_drake.estimation.online_block import NAME, Known, closed, compared, is_likely, solved
 from cpid_drake.estimation.roll import Rolled
-from cpid_drake.estimation.sweep import changed, sweep
+from cpid_drake.estimation.sweep import OPEN, boundary_size, changed, sweep
 from cpid_drake.estimation.unknowns import BODIES, PSI, Model
 from cpid_drake.estimation.weights import spread
 from cpid_drake.estimation.whiteness import LagSums
@@ -239,7 +240,7 @@ def _changes(model: Model, found: Fit) -> list[int]:
     samples.
     """
     (log,), (rolled,) = found.logs, found.rolled
-    ends = range(len(log.blocks) - 1)
+    ends = [k for k, gap in enumerate(log.gaps) if not gap]
     if not ends:
         return []
     noise = {n: max(1.0, spread(rest)) for n, rest in rolled.all_residuals().items()}
@@ -272,21 +273,18 @@ def _after(model: Model, each: Recent) -> tuple[OnlineState, bool]:
     """Return the state after a block, and whether noise explains all of it.
 
     A whole block that noise does not explain is not used; a part of a cut one is bridged by its
-    joints alone. So is a gap of the encoders: what is guessed of the joints is not linear.
+    joints alone.
     """
-    state, parts, is_explained = each.before, [each.block], True
+    state, parts, is_explained = _behind_gap(model, each), [each.block], True
     if each.is_cut and len(each.block.samples.encoders) > 1:
         parts = each.block.cut()
     for part in parts:
-        known, is_gap, found = state.known, not len(part.samples.encoders), None
+        known, found = state.known, None
         assert known is not None
-        try:
-            if not is_gap:
-                found = solved(model, known, part)
-        except (InputError, np.linalg.LinAlgError):
-            pass
+        with suppress(InputError, np.linalg.LinAlgError):
+            found = solved(model, known, part)
         is_good = found is not None and is_likely(*found[1:])
-        if not (is_good or is_gap or each.is_cut):
+        if not (is_good or each.is_cut):
             return state, False
         if found is None or not is_good:
             joints = {name: part.samples[name] for name in OF_JOINTS}
@@ -294,15 +292,27 @@ def _after(model: Model, each: Recent) -> tuple[OnlineState, bool]:
             others = {n: len(s) for n, s in part.samples.items() if n not in OF_JOINTS}
             state = replace(state, rejected=Counter(state.rejected) + Counter(others))
             found = solved(model, known, alone, is_linked=False)
-        if not (is_gap or is_good):
             is_explained = False
             state = replace(state, bridged=state.bridged + part.length)
         after, log, rolled = found
-        if is_gap:  # nothing is known of where the base is then
-            lost, _ = changed(after.gaussian, np.arange(12), farthest(model), np.zeros(12))
-            after = replace(after, gaussian=lost)
         state = replace(state, known=after).observed(log, rolled)
     return state, is_explained
+
+
+def _behind_gap(model: Model, each: Recent) -> OnlineState:
+    """Return the state before a block; behind a gap, all that is at its start begins anew."""
+    known, block = each.before.known, each.block
+    assert known is not None
+    gap = block.start - known.log.blocks[-1].end
+    if not gap:
+        return each.before
+    n = boundary_size(model)
+    columns = np.concatenate([np.arange(n), n + model.walking_columns])
+    walk = np.sqrt(gap) * model.walking_sigma
+    sigma = np.concatenate([farthest(model), np.full(n - 12, OPEN), walk])
+    lost, _ = changed(known.gaussian, columns, sigma, np.zeros(len(sigma)))
+    track = np.zeros_like(known.track)
+    return replace(each.before, known=replace(known, gaussian=lost, track=track))
 
 
 def _settled(model: Model, state: OnlineState, oldest: float) -> OnlineState:

@@ -25,7 +25,7 @@ class Rolled:
         models, trajectories: of each block.
         residuals: of each block: (M, d) in units of the declared σ, by sensor.
         links: of each block but the last: (12,) change of attitude, centre of mass, L and v from
-            its end to the start of the next.
+            its end to the start of the next; zero if a gap is between them.
         joints: sum of squares of the rows of joints and of what walks.
         start: sum of squares of what is known at its start.
         by_psi: (10, 10) derivative of ψ about the known bodies' present mass by the target's
@@ -133,7 +133,7 @@ def roll(model: Model, log: LogState, values: Values) -> Rolled:
         models.append(part)
         nominal.append(constants)
     relate([part.motion for part in models])
-    for k, (part, block) in enumerate(zip(models, log.blocks, strict=True)):
+    for k, part in enumerate(models):
         first = replace(log.starts[k], psi=psi, constants=nominal[k], forces=log.forces[k])
         trajectory = part.motion.trajectory(first)
         trajectories.append(trajectory)
@@ -143,10 +143,11 @@ def roll(model: Model, log: LogState, values: Values) -> Rolled:
         )
         cost += float(np.sum(part.motion.joints.rest**2))
         if k < len(log.walks):
-            cost += float(np.sum((log.walks[k] / sigma) ** 2)) / block.length
+            cost += float(np.sum((log.walks[k] / sigma) ** 2)) / log.step(k)
         if k + 1 < len(log.blocks):
             end = jumped(part.motion.end(trajectory), moved)
-            links.append(jump_between(end, log.starts[k + 1]))
+            link = np.zeros(12) if log.gaps[k] else jump_between(end, log.starts[k + 1])
+            links.append(link)
     start = float(np.sum(first_values(model, log, values) ** 2))
     return Rolled(models, trajectories, residuals, links, cost, start, by_psi)
 

@@ -7,12 +7,14 @@ velocity V of this centre are linear in the target's ψ. In W they are
 
 with a constant L of each log, and the declared thrust. The motion is that of splines through the
 samples of gyro, or attitude, and position. The rows of a log with thrust, or with open ends of
-blocks, are changes over about half a second, so that errors and sudden changes do not add up.
+blocks, are changes over about half a second, so that errors and sudden changes do not add up. Each
+part of a log between gaps has its own L and V₀.
 Source: Ning et al. 2016, Eqs. 6 and 9, in the relative form (design, 3.2).
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import chain, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,28 +64,33 @@ class SeenMotion:
 
 def start_of(model: Model, logs: Sequence[LogState]) -> tuple[Values, list[LogState]]:
     """Return values of all unknowns, and the logs with a start."""
-    motions = [_motion(model, log) for log in logs]
-    psi = _balanced(model, logs, motions)
+    parts = [[(part, _motion(model, part)) for part in _parts(log)] for log in logs]
+    psi = _balanced(model, [part for each in parts for part in each])
     values = model.start([log.name for log in logs]) | {PSI: psi}
     started = []
-    for log, motion in zip(logs, motions, strict=True):
-        states = _states(model, log, motion, _momentum(motion, psi), psi)
+    for log, own in zip(logs, parts, strict=True):
+        found = [_states(model, *part, _momentum(part[1], psi), psi) for part in own]
+        states = tuple(chain.from_iterable(found))
         first = states[0]
         values[f"{MOMENTUM}|{log.name}"] = np.concatenate([first.L, first.v_Wcm])
         started.append(replace(log, starts=states))
     return values, started
 
 
-def _balanced(
-    model: Model, logs: Sequence[LogState], motions: Sequence[SeenMotion]
-) -> NDArray[np.float64]:
+def _parts(log: LogState) -> list[LogState]:
+    """Return the parts of a log between gaps, if attitudes are seen soon behind them."""
+    begins = (k for k, gap in enumerate(log.gaps, 1) if gap and len(log.blocks[k].samples.attitude))
+    return [log.part(first, end) for first, end in pairwise([0, *begins, len(log.blocks)])]
+
+
+def _balanced(model: Model, parts: Sequence[tuple[LogState, SeenMotion]]) -> NDArray[np.float64]:
     """Return ψ (10,) from all rows and the priors."""
     psi = model.unknown(PSI).mean
     found = Gaussian.of_rows({PSI: 10}, np.zeros((10, 11)))
     for row in model.rows:
         found = found.add(row.moved(psi))
-    for log, motion in zip(logs, motions, strict=True):
-        L = Unknown(f"L|{log.name}", 3, np.zeros(3), np.full(3, model.L_sigma), "log")
+    for k, (log, motion) in enumerate(parts):
+        L = Unknown(f"L|{k}", 3, np.zeros(3), np.full(3, model.L_sigma), "log")
         found = found.add(L.prior)
         for rows in _rows(model, log, motion, psi):
             left = rows[:, :-1] @ np.linalg.lstsq(rows[:, :-1], rows[:, -1])[0] - rows[:, -1]

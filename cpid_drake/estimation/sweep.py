@@ -124,7 +124,8 @@ def sweep(
 
     """
     known = known_at_start(model, log, values) if before is None else before
-    walking, pose = boundary_size(model) + model.walking_columns, np.arange(12)
+    boundary = np.arange(boundary_size(model))
+    walking, pose, joints = len(boundary) + model.walking_columns, boundary[:12], boundary[12:]
     steps = list[_Change | _Block]()
     motions = [part.motion for part in rolled.models]
     bodies = model.known_bodies, values.get(BODIES)
@@ -135,10 +136,13 @@ def sweep(
             known = linked(known, f"link {k}|{log.name}", log.link(model, k), rolled.links[k])
         if k < len(log.walks):
             columns, now = walking, log.walks[k]
-            sigma = model.walking_sigma * np.sqrt(log.blocks[k].length)
+            sigma = model.walking_sigma * np.sqrt(log.step(k))
             if k < len(rolled.links) and k not in carry:
                 columns, now = np.append(columns, pose), np.append(now, rolled.links[k])
                 sigma = np.append(sigma, log.link(model, k))
+            if log.gaps[k]:
+                columns, now = np.append(columns, joints), np.append(now, np.zeros(len(joints)))
+                sigma = np.append(sigma, np.full(len(joints), OPEN))
             known, rows = changed(known, columns, sigma, now)
             steps.append(_Change(columns, rows, now, k))
     return Swept(known, steps)
@@ -189,7 +193,7 @@ def back(model: Model, log: LogState, swept: Swept, step: Values, share: float =
             w = len(model.walking_columns)
             walks[each.block] = walks[each.block] + share * u[:w]
             if len(u) > w:
-                change = each.now[w:] + u[w:]
+                change = (each.now + u)[w : w + 12]
                 pulls[each.block] = change / log.link(model, each.block) ** 2
             continue
         k -= 1

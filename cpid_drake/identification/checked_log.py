@@ -185,7 +185,7 @@ def in_joint_order(measurements: Log, spacecraft: Spacecraft) -> Log:
     measurements = Log(wanted, everything, measurements.column_map)
     time, value = measurements.encoders.time, measurements.encoders.value.copy()
     if not wanted:  # no joints: known at all times
-        time = measurements.attitude.time
+        time = np.unique(np.concatenate([measurements.attitude.time, measurements.gyro.time]))
         value = np.empty((len(time), 0))
     for k in np.flatnonzero(np.isnan(value).all(axis=0) & (len(value) > 0)).tolist():
         if not spacecraft.tree.is_rotor(k):

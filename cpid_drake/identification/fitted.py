@@ -109,7 +109,8 @@ def estimate(
         for log in found.logs
         for name, factor in log.noise.items()
     }
-    warnings = (*warnings, *noise_warnings(noise), *change_warnings(changes))
+    gaps = [text for log in found.logs for text in gap_warnings(log, where[log.name])]
+    warnings = (*warnings, *gaps, *noise_warnings(noise), *change_warnings(changes))
     for name in logs:
         key = model.unknown(MOMENTUM).key(name)
         is_wrong = key in given and key not in question.given
@@ -168,6 +169,19 @@ def change_warnings(times: Sequence[float]) -> tuple[str, ...]:
     count = "once" if len(times) == 1 else f"{len(times)} times"
     text = f"the momentum changed {count}, last at {max(times):.3f} s"
     return (f"{text}; it was estimated again from then on",)
+
+
+def gap_warnings(log: LogState, where: str = "") -> tuple[str, ...]:
+    """Return the warning about a log's gaps; `where` comes before it."""
+    gaps = [(log.blocks[k].end, log.blocks[k + 1].start) for k, gap in enumerate(log.gaps) if gap]
+    if not gaps:
+        return ()
+    start, end = max(gaps, key=lambda gap: gap[1] - gap[0])
+    text = "there is a gap" if len(gaps) == 1 else f"there are {len(gaps)} gaps, the longest"
+    return (
+        f"{where}{text} from {start:.3f} s to {end:.3f} s in the samples of the joints: no sample "
+        "inside is used, and attitude, position and momentum are estimated again behind it",
+    )
 
 
 def _fit(

@@ -8,6 +8,7 @@ fitted to the beginning of the log.
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -138,8 +139,8 @@ def validate(
             zero and unknown in the test of the target.
         known_bodies: uncertainty of the spacecraft; default: none.
         planar: whether the spacecraft floats on a table; see `identify`.
-        beginning: share of the log to which start, momentum and biases are fitted for the
-            prediction.
+        beginning: share of the log, or of its longest part without a gap, to which start, momentum
+            and biases are fitted for the prediction.
 
     Raises:
         InputError: the log cannot be used (see `check_log`), is too short or lacks attitude or
@@ -157,7 +158,8 @@ def validate(
             raise InputError(f"the log has no samples of {SENSORS[name].quantity}")
     sensors, said = suite_of(sensors, log)
     model = Model(spacecraft.tree, sensors, known_bodies)
-    samples = LogState.of(model, log.measurements)
+    whole = LogState.of(model, log.measurements)
+    samples = _longest_part(model, whole)
     start, end = samples.blocks[0].start, samples.blocks[-1].end
     first = sum(block.end <= start + beginning * (end - start) for block in samples.blocks)
     if not 0 < first < len(samples.blocks):
@@ -174,7 +176,7 @@ def validate(
         known_bodies=known_bodies,
         planar=planar,
     )
-    if own.momentum != "unknown":
+    if own.momentum != "unknown" and samples.blocks[0] is whole.blocks[0]:
         used = momentum or TotalMomentum.zero()
         value = np.concatenate([used.L_WScm_W, used.v_WScm_W])
         model = model.with_prior(MOMENTUM, value, EXACT * model.unknown(MOMENTUM).sigma)
@@ -198,6 +200,16 @@ def validate(
     said = (*own.failures, *said, *own.warnings)
     start = samples.blocks[first].start
     return Validation(start, end, own.momentum, tuple(errors), *_test(model, own, target), said)
+
+
+def _longest_part(model: Model, log: LogState) -> LogState:
+    """Return the longest part of a log without a gap, behind which all begins anew."""
+    begins = (k for k, gap in enumerate(log.gaps, 1) if gap)
+    parts = pairwise([0, *begins, len(log.blocks)])
+    first, end = max(parts, key=lambda part: part[1] - part[0])
+    if end - first == len(log.blocks):
+        return log
+    return LogState.of_blocks(model, log.blocks[first:end], log.name)
 
 
 def _test(model: Model, own: Identification, target: TargetPrior) -> tuple[float, int, float]:

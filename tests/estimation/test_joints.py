@@ -204,6 +204,22 @@ def test_a_pause_of_minutes_is_one_piece_that_disturbs_no_sample():
     assert np.abs(shown - paused.encoders.value).max() < 6 * SIGMA
 
 
+def test_joints_are_elsewhere_behind_a_gap():
+    """A part without blocks connects nothing: in half a second they have turned by a radian."""
+    given = log(duration=8.0, rates=False)
+    time, value = given.encoders.time, given.encoders.value
+    moved = Samples(time, value + (time > 4.25)[:, None])
+    samples = given.updated({"encoders": moved.where((time <= 4.0) | (time >= 4.5))})
+    edges = [-1e-7, 1.0, 2.0, 3.0, 4.0], [4.5 - 1e-7, 5.5, 6.5, 7.5, 8.0]
+    blocks = [Block(a, b, after(samples, a, b)) for part in edges for a, b in pairwise(part)]
+    smoothness, parts = smooth_joints(blocks, SUITE)
+    np.testing.assert_allclose(smoothness.noise, 1.0, rtol=0.12)
+    for part in parts:
+        at = np.linspace(part.start + 1e-3, part.end, 20)
+        error = part.evaluate(at)[:, 0] - motion(at) - (part.start > 4.25)
+        assert np.sqrt(np.mean(error**2)) < SIGMA
+
+
 @pytest.mark.parametrize("rate", [50.0, 500.0])
 @pytest.mark.parametrize("frequency", [0.1, 1.0, 2.0, 5.0])
 def test_a_fast_motion_is_no_noise(frequency, rate):

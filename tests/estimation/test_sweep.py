@@ -33,9 +33,11 @@ class Vector:
         self.first = sum(self.sizes.values()) + 12
         pieces = [part.size - ORDER for part in log.joints]
         self.J = model.joint_count
-        self.joints = self.J * (sum(pieces) + ORDER)
+        parts = 1 + sum(gap > 0 for gap in log.gaps)
+        self.joints = self.J * (sum(pieces) + ORDER * parts)
         self.walks = sum(w.size for w in log.walks)
-        self.changes = {k: u for k, u in enumerate(roll(model, log, values).links) if k in log.open}
+        links = enumerate(roll(model, log, values).links)
+        self.changes = {k: u for k, u in links if k in log.open or log.gaps[k]}
         self.jumps = 12 * len(self.changes)
         self.forces = sum(f.size for f in log.forces)
         self.size = self.first + self.joints + self.walks + self.jumps
@@ -59,10 +61,10 @@ class Vector:
         values[f"{MOMENTUM_OF_LOG}|{log.name}"] = np.concatenate([start.L, start.v_Wcm])
         c = x[at : at + self.joints].reshape(-1, self.J)
         at, row, joints = at + self.joints, 0, []
-        for part in log.joints:
+        for part, gap in zip(log.joints, (*log.gaps, 0.0), strict=True):
             step = c[row : row + part.size]
             joints.append(replace(part, coefficients=part.coefficients + step))
-            row += part.size - ORDER
+            row += part.size - (0 if gap else ORDER)
         walks = [
             w + u for w, u in zip(log.walks, x[at : at + self.walks].reshape(len(log.walks), -1))
         ]
@@ -109,7 +111,8 @@ def residuals(model, log, values):
     if declared is not None:
         shares["torque"] = declared.torque_walk / declared.torque
     sigma = np.concatenate([np.full(u.size, shares[u.name]) for u in walking])
-    parts += [w / sigma / np.sqrt(b.length) for w, b in zip(log.walks, log.blocks)]
+    lengths = np.diff([block.start for block in log.blocks])
+    parts += [w / sigma / np.sqrt(length) for w, length in zip(log.walks, lengths)]
     parts += [rolled.links[k] / farthest(model) for k in log.open]
     for u in model.table:
         value = values[u.key(log.name)]
@@ -163,6 +166,7 @@ def swept_with_priors(model, log, values):
 
 SUITES = {
     "plain": coarse_suite(gyro=Gyro(20.0, 0.005, 1.0, 5.0)),
+    "gap": coarse_suite(gyro=Gyro(20.0, 0.005, 1.0, 50.0)),
     "errors": coarse_suite(
         gyro=Gyro(20.0, 0.005, 1.0, 5.0, scale_ppm=300.0, delay_ms=2.0),
         attitude=AttitudeSensor(5.0, 5.0, 40.0, np.array([0.0, 0.6, 0.8]), mounting_arcsec=60.0),
@@ -188,23 +192,29 @@ SUITES = {
     params=[
         "errors",
         "thrust",
+        "gap",
         *(pytest.param(each, marks=pytest.mark.slow) for each in ("bodies", "link")),
     ],
 )
 def problem(request, tmp_path_factory, skewed_target):
-    """A turned base: two blocks of 0.8 s and 1.2 s, at values that are not the best ones."""
+    """A turned base: two blocks of 0.8 s and 1.2 s, at values that are not the best ones.
+
+    Behind a gap of 0.3 s, attitude, centre of mass, momentum and joints are others.
+    """
     suite = SUITES.get(request.param, SUITES["plain"])
     case = make_case(tmp_path_factory.mktemp("craft"), skewed_target, suite, MOMENTUM, 3.0)
     bodies = BodyUncertainty(mass=0.01, com=0.002) if request.param == "bodies" else None
     model, samples = Model(case.craft.tree, suite, bodies), add_noise(suite, case.samples, 1)
-    blocks = [case.block(a, b, samples) for a, b in ((0.999, 1.8), (1.8, 3.0))]
+    second = 2.1 if request.param == "gap" else 1.8
+    blocks = [case.block(a, b, samples) for a, b in ((0.999, 1.8), (second, 3.0))]
     log = LogState.of_blocks(model, blocks)
     jumps = {0: 0.3 * JUMP} if request.param == "link" else {}
     start = case.state(0.999)
     momentum = {f"{MOMENTUM_OF_LOG}|{log.name}": np.concatenate([start.L, start.v_Wcm])}
     values = model.start([log.name]) | {PSI: 1.02 * start.psi} | momentum
     turned = Rotation.from_rotvec([1e-3, -2e-3, 1.5e-3]) * start.attitude
-    log = replace(log, starts=(replace(start, attitude=turned), start), open=frozenset(jumps))
+    starts = replace(start, attitude=turned), case.state(second)
+    log = replace(log, starts=starts, open=frozenset(jumps))
     rng = np.random.default_rng(2)
     for u in model.table:
         if u.name not in (PSI, MOMENTUM_OF_LOG):

@@ -16,7 +16,7 @@ from cpid_drake.logs.files import write_log
 from cpid_drake.logs.log import THRUST, ideal_log
 from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.presets import load_sensors
-from cpid_drake.sensors.sensors import AttitudeSensor, VectorSensor
+from cpid_drake.sensors.sensors import AttitudeSensor, Gyro, VectorSensor
 from cpid_drake.sensors.suite import SensorSuite
 
 TARGET = InertialParameters(
@@ -46,7 +46,11 @@ def craft(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def log(craft):
-    """Return what the sensors measure while thrusters fire, exactly as logged."""
+    return add_noise(SUITE, samples_of(craft, SUITE), 0)
+
+
+def samples_of(craft, suite):
+    """Return what sensors measure without noise while thrusters fire, exactly as logged."""
     thrust, still = log_of_burns(BURNS), Sines.drawn(0, 0, 9.0)
 
     def motion(times):
@@ -56,8 +60,7 @@ def log(craft):
         )  # fmt: skip
         return base.to_motion((), times, still)
 
-    ideal = ideal_log(SUITE, (), motion, still.duration)
-    return add_noise(SUITE, ideal.updated({THRUST: thrust}), 0)
+    return ideal_log(suite, (), motion, still.duration).updated({THRUST: thrust})
 
 
 @pytest.mark.parametrize(
@@ -71,6 +74,23 @@ def test_a_platform_is_identified_without_encoders(craft, log, estimator, is_dec
     assert found.failures == ()
     error = found.parameters - TARGET.to_vector()
     assert np.abs(error / np.sqrt(np.diag(found.covariance))).max() < 3.5
+
+
+def test_a_gap_of_the_attitude_is_none_while_a_gyro_measures(craft):
+    """Nothing but the samples of the base shows a platform's motion."""
+    suite = replace(SUITE, gyro=Gyro(50.0, 0.01, 1.0))
+    perfect = samples_of(craft, suite)
+    whole = add_noise(suite, perfect, 0)
+    seen = (whole.attitude.time < 2.5) | (whole.attitude.time > 6.5)
+    found, other = (
+        identify(craft, each, sensors=suite)
+        for each in (whole.updated({"attitude": whole.attitude.where(seen)}), whole)
+    )
+    assert found.failures == ()
+    assert not any("gap" in text for text in found.warnings)
+    sigma, least = (np.sqrt(np.diag(each.covariance)) for each in (found, other))
+    assert (sigma < 1.5 * least).all()
+    assert np.abs((found.parameters - TARGET.to_vector()) / sigma).max() < 3.5
 
 
 def test_a_log_of_a_platform_is_written_and_read(tmp_path, log):

@@ -40,6 +40,24 @@ def test_the_right_target_is_valid(craft, suite, skewed_target, momentum_W):
         assert error.rms < 5 * error.noise
 
 
+@pytest.mark.parametrize(
+    ("gap", "part", "close"),
+    [((5.5, 6.7), (1.0, 5.5), ("attitude", "position")), ((2.0, 4.2), (5.2, 9.0), ("attitude",))],
+    ids=["first", "later"],
+)
+def test_the_longest_part_without_a_gap_is_predicted(craft, suite, skewed_target, gap, part, close):
+    """Behind the gap with a momentum of its own, so that a velocity is extrapolated."""
+    exact = measured(craft, Sines.drawn(4, 105, 9.0, 0.5), skewed_target, suite)
+    noisy, times = add_noise(suite, exact, seed=1), exact.encoders.time
+    seen = (times < gap[0]) | (times > gap[1])
+    log = noisy.updated({"encoders": noisy.encoders.where(seen)})
+    found = validate(craft, target_of(skewed_target.to_vector(), 0.01 * SIGMA), log, sensors=suite)
+    assert (found.start, found.end) == pytest.approx(part, abs=0.1)
+    assert found.in_sigma < 2
+    for error in found.errors:
+        assert error.sensor not in close or error.rms < 3 * error.noise
+
+
 def test_a_wrong_target_is_valid_only_if_it_is_uncertain(craft, suite, log, skewed_target):
     noisy = add_noise(suite, log, seed=1)
     heavier = skewed_target.to_vector() * np.array([1.05, *np.ones(9)])

@@ -36,6 +36,7 @@ def found():
     solution = LeastSquaresSolution(
         estimate,
         covariance,
+        covariance,
         Gaussian.of_rows({"x": 10}, np.column_stack([root, root @ estimate])),
         rank=10,
         singular_values=np.linspace(10.0, 1.0, 10),

@@ -64,3 +64,30 @@ def step_changes(
     changed = h * (step_weights(N) @ change.reshape(N, -1)).reshape(N - 1, *change.shape[1:])
     changed += h**2 / 12 * (rate[:-1] @ change[1:] - rate[1:] @ change[:-1])
     return np.asarray(by_theta @ (changed + late))
+
+
+def carried(
+    first: NDArray[np.float64],
+    last: NDArray[np.float64],
+    added: NDArray[np.float64],
+    start: NDArray[np.float64],
+    h: float,
+) -> NDArray[np.float64]:
+    """Return x (N, d, n) at the nodes of ẋ = A x + ẏ, by the trapezoidal rule.
+
+    Args:
+        first, last: (N − 1, d, d) A at the ends of the steps.
+        added: (N − 1, d, n) changes of y.
+        start: (d, n) x at the first node.
+        h: length of a step [s].
+
+    """
+    one = np.eye(len(start))
+    left = np.linalg.inv(one - h / 2 * last)
+    forward, added = left @ (one + h / 2 * first), left @ added
+    x = np.empty((len(added) + 1, *start.shape))
+    x[0] = start
+    for k in range(len(forward)):
+        np.matmul(forward[k], x[k], out=x[k + 1])
+        x[k + 1] += added[k]
+    return x

@@ -23,11 +23,13 @@ from scipy.spatial.transform import Rotation
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.kinematics import forward_kinematics
 from cpid_drake.dynamics.orbit import Orbit
-from cpid_drake.dynamics.rotations import cross, exponentials, rotate, skew
+from cpid_drake.dynamics.rotations import cross, exponentials, rotate, sines, skew
 from cpid_drake.dynamics.sensitivity import MotionSensitivity
 from cpid_drake.dynamics.tree import KinematicTree
+from cpid_drake.errors import InputError
 from cpid_drake.estimation.likelihood.actuators import ThrustLog
 from cpid_drake.estimation.likelihood.attitude_steps import (
+    carried,
     integrated_attitude,
     step_angles,
     step_changes,
@@ -47,6 +49,9 @@ TOGETHER = 32
 
 _STEPS_PER_PIECE = 3.5
 """Grid steps per piece of the joint motion's splines, so that the grid resolves errors of rates."""
+
+_ROUNDS = 60
+"""A turn that so many rounds of Newton's iteration do not find is too fast for the grid."""
 
 _MOST_STEPS = 400
 """Grid steps of a block: one that is longer than 10 s has encoders that show no faster motion."""
@@ -200,13 +205,15 @@ class BaseMotion:
         """Integrate the base's attitude over the grid.
 
         Raises:
-            InputError: the system's inertia is not positive definite for this target.
+            InputError: the system's inertia is not positive definite for this target, or the base
+                turns by more than about a radian in a step.
 
         """
         dynamics, N = self.dynamics, len(self.nodes)
         inverse, h = dynamics.mobility(state.psi), dynamics.momentum_at_rest(state.psi)
         step = self.nodes[1] - self.nodes[0]
-        R = first = state.attitude.as_matrix()
+        first = state.attitude.as_matrix()
+        R = np.broadcast_to(first, (N, 3, 3))
         L = np.broadcast_to(state.L, (len(self.times), 3))
         wheel = self.constants.value(state.constants, WHEEL)
         for force in self.forces.values():
@@ -217,26 +224,34 @@ class BaseMotion:
         J = None if self.orbit is None else self.grid.inertia(state.psi)
         added, pushed, last = np.zeros(3), None, 0.0
         # With momentum the velocity depends on the attitude: iterate until the next change, by the
-        # ratio of those before, is rounding error.
-        for _ in range(60):
-            before = R
+        # ratio of those before, is rounding error. Where Picard's iteration does not fall fast, it
+        # multiplies rounding errors by the exponential of the turn: then it is Newton's.
+        for _ in range(_ROUNDS):
             if self.orbit is not None and J is not None:
                 inertia_W = R @ J @ np.swapaxes(R, -1, -2)
                 added = self._accumulated(self.orbit.torque(inertia_W, self.nodes))
             total = L[:N] + added
             if self.thrust is not None:
-                everywhere = np.broadcast_to(R, (N, 3, 3))
-                pushed = self.thrust.momentum(everywhere, state.psi)
+                pushed = self.thrust.momentum(R, state.psi)
                 total = total + pushed[:N]
             w = rotate(inverse[:N], rotate(np.swapaxes(R, -1, -2), total) - h[:N])
             spline = UniformSpline(self.nodes[0], step, w)
             if self.thrust is not None:
-                spline = self.thrust.spline(w, inverse[:N], everywhere, state.psi)
-            R = integrated_attitude(first, step_angles(spline.steps(), w, step))
-            change = float(np.abs(R - before).max())
+                spline = self.thrust.spline(w, inverse[:N], R, state.psi)
+            turned = integrated_attitude(first, step_angles(spline.steps(), w, step))
+            change = float(np.abs(turned - R).max())
+            if change > last / 10 > 0:
+                back = np.swapaxes(R, -1, -2)
+                A = R @ inverse[:N] @ back @ skew(total)
+                miss = np.diff(sines(turned @ back), axis=0)[..., None]
+                turn = carried(A[:-1], A[1:], miss, np.zeros((3, 1)), step)[..., 0]
+                turned = exponentials(turn) @ R
+            R = turned
             if change**2 <= 1e-12 * max(change, last):
                 break
             last = change
+        else:
+            raise InputError(f"the base turns too fast to follow in steps of {step:.3g} s")
         travel = None
         if self.thrust is not None:
             travel = self.thrust.travel(R, state.psi)
@@ -352,15 +367,9 @@ class BaseMotion:
             first, last = first.copy(), last.copy()
             first[:, 3:, :3] += mean
             last[:, 3:, :3] += mean
-        one = np.eye(A.shape[-1])
-        left = np.linalg.inv(one - h / 2 * last)
-        forward = left @ (one + h / 2 * first)
-        added = left @ turned
-        change = np.zeros((N, len(one), w.shape[-1]))
-        change[0, :3] = initial
-        for k in range(len(forward)):
-            np.matmul(forward[k], change[k], out=change[k + 1])
-            change[k + 1] += added[k]
+        start = np.zeros((A.shape[-1], w.shape[-1]))
+        start[:3] = initial
+        change = carried(first, last, turned, start, h)
         return change, w + coupling @ change
 
     def interpolation(self, times: NDArray[np.float64]) -> NDArray[np.float64] | csr_array:
