@@ -133,9 +133,10 @@ def step(model: Model, state: OnlineState, block: Block) -> OnlineState:
         return _grown(model, replace(state, window=(*state.window, block)))
     try:
         return _continued(model, state, block)
-    except (InputError, np.linalg.LinAlgError):  # nothing that is known predicts a motion
-        settled = (*state.settled, block.start)
-        return OnlineState((block,), settled=settled, is_free=True)
+    except (InputError, np.linalg.LinAlgError):  # no motion has these samples: they are a gap
+        rejected = Counter(state.rejected) + Counter({n: len(s) for n, s in block.samples.items()})
+        bridged, length = state.bridged + block.length, state.length + block.length
+        return replace(state, rejected=rejected, bridged=bridged, length=length)
 
 
 def _continued(model: Model, state: OnlineState, block: Block) -> OnlineState:

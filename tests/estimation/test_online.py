@@ -123,6 +123,21 @@ def test_a_sensor_that_fails_is_not_used_any_more(case, model):
     assert found.check("unexplained share").statistic > 0.2
 
 
+def test_samples_that_no_motion_has_are_a_gap(case, model):
+    """A joint that reads 1e12 m for a second: what was known of the target is not lost."""
+    samples = add_noise(SUITE, case.samples, 1)
+    encoders = samples["encoders"]
+    value, wrong = encoders.value.copy(), (encoders.time > 4.05) & (encoders.time < 4.95)
+    value[wrong, 1] = 1e12
+    state = run(model, [samples.updated({"encoders": Samples(encoders.time, value)})])
+    assert state.events == ()
+    assert not state.is_free
+    assert state.rejected["encoders"] >= wrong.sum()
+    assert nees(case, *target(state.known.unknowns(model), state.known.values)) < 30
+    found = identification_of_state(model, state, TotalMomentum.zero())
+    assert found.check("unexplained share").statistic > 0.1
+
+
 def test_stored_blocks_are_few(case, model):
     """At rest nothing becomes known, and nothing is called a change."""
     still = {}
