@@ -327,15 +327,21 @@ def _settled(model: Model, state: OnlineState, oldest: float) -> OnlineState:
     return replace(state, known=known, settled=settled)
 
 
-def change_beyond_linear(model: Model, known: Known) -> float:
+def change_beyond_linear(model: Model, known: Known, gaussian: Gaussian) -> float:
     """Return the relative change d of the system's inertia since the first block that is linear.
 
     It is 0 if its second-order effect d² is below the error of the inertia.
+
+    Args:
+        model: the unknowns.
+        known: after the last block.
+        gaussian: what it says of the unknowns, about its values.
+
     """
     log, psi = known.log, known.values[PSI]
     B = _by_inertia(model, log, psi)
     change = float(np.linalg.norm(B @ (psi - known.about[PSI])) / len(B) ** 0.25)
-    return change if change**2 > _inertia_error(model, log, known.unknowns(model), psi) else 0.0
+    return change if change**2 > _inertia_error(model, log, gaussian, psi) else 0.0
 
 
 def _inertia_error(

@@ -66,7 +66,7 @@ def identification_of_state(
         gaussian = prior_of(model, [], values)
     else:
         values, noise, gaussian = known.values, known.log.noise, known.unknowns(model)
-        change = change_beyond_linear(model, known)
+        change = change_beyond_linear(model, known, gaussian)
         given = np.concatenate([assumed.L_WScm_W, assumed.v_WScm_W])
         question = Question({}, {} if assumed.is_unknown else {f"{MOMENTUM}|{LOG}": given})
         is_wrong = without_contradicted(gaussian, values, question, model).given != question.given

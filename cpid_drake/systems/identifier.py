@@ -19,7 +19,6 @@ from pydrake.systems.framework import (
 
 from cpid_drake.dynamics.rows import row_family
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.gaussian import solution_of_rows
 from cpid_drake.estimation.least_squares import updated_information
@@ -42,7 +41,7 @@ class Identifier(SpacecraftSystem):
 
     @abstractmethod
     def _solve(self, context: Context) -> Identification:
-        """Return the identification as a function of the state alone."""
+        """Return the identification with its nearest rigid body: a function of the state alone."""
 
     def identification(self, context: Context) -> Identification:
         """Return the identification of this system's context, with its checks.
@@ -71,11 +70,11 @@ class Identifier(SpacecraftSystem):
         self.ExecuteForcedEvents(context)
         return self.identification(context)
 
-    def _declare_outputs(self, tree: KinematicTree, state_ticket: DependencyTicket) -> None:
+    def _declare_outputs(self, state_ticket: DependencyTicket) -> None:
         """Declare the ports; `_solve` depends on the state with this ticket."""
 
         def solve(context: Context, value: AbstractValue) -> None:
-            value.set_value(with_nearest_body(self._solve(context), tree))
+            value.set_value(self._solve(context))
 
         self._solution = self.DeclareCacheEntry(
             "identification",
@@ -192,7 +191,7 @@ class MomentumIdentifier(Identifier):
         self._extra = momentum_columns(spacecraft.tree, self._family, self._momentum)
         self._size = self._extra + 11
         self._quaternion = spacecraft.state_columns["quaternion_WB"]
-        self._scratch = PlantScratch(spacecraft.plant)
+        self._scratch, self._tree = PlantScratch(spacecraft.plant), spacecraft.tree
 
         self._state_port = self.DeclareVectorInputPort(
             "state", spacecraft.plant.num_multibody_states()
@@ -207,7 +206,7 @@ class MomentumIdentifier(Identifier):
             period_sec=period, offset_sec=offset, update=self._take_sample
         )
         self.DeclareForcedDiscreteUpdateEvent(self._take_sample_if_due)
-        self._declare_outputs(spacecraft.tree, self.xd_ticket())
+        self._declare_outputs(self.xd_ticket())
 
     def rows(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the rows [A | b] of one sample x = [q; v]; columns of an unknown momentum lead."""
@@ -272,7 +271,7 @@ class MomentumIdentifier(Identifier):
         )
         solution = solution_of_rows(rows, int(row_count) - self._extra)
         freedom = solution.row_count - solution.rank
-        return Identification.of_solution(
+        found = Identification.of_solution(
             self._parameterization,
             solution,
             sample_count=int(samples),
@@ -281,6 +280,7 @@ class MomentumIdentifier(Identifier):
             momentum=self._momentum.name,
             checks=part_checks(earlier, rows, freedom) if solution.rank == 10 else (),
         )
+        return with_nearest_body(found, self._tree)
 
 
 def is_number(value: object) -> bool:

@@ -3,6 +3,7 @@
 from collections import Counter, defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from cpid_drake.errors import InputError
 from cpid_drake.estimation.block import BlockQueue, after
 from cpid_drake.estimation.online import OnlineState, finish, step
 from cpid_drake.estimation.unknowns import Model
+from cpid_drake.identification.consistency import with_nearest_body
 from cpid_drake.identification.online import identification_of_state
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import Identification
@@ -153,7 +155,8 @@ class SensorIdentifier(Identifier):
             period_sec=period, offset_sec=0.0, update=self._collect
         )
         self.DeclareForcedUnrestrictedUpdateEvent(self._finish)
-        self._declare_outputs(spacecraft.tree, self.xa_ticket())
+        self._answers = WeakKeyDictionary[OnlineState, Identification]()
+        self._declare_outputs(self.xa_ticket())
 
     def online_state(self, context: Context) -> OnlineState:
         """Return the estimator's state in this system's context."""
@@ -237,7 +240,10 @@ class SensorIdentifier(Identifier):
     @one_thread
     def _solve(self, context: Context) -> Identification:
         memory = self._memory(context)
-        found = identification_of_state(self._model, memory.online, self._momentum)
+        found = self._answers.get(memory.online)  # most samples leave the fit as it is
+        if found is None:
+            found = identification_of_state(self._model, memory.online, self._momentum)
+            found = self._answers[memory.online] = with_nearest_body(found, self._model.tree)
         rejected = Counter(memory.rejected) + Counter(found.rejected)
         return replace(found, rejected=dict(rejected))
 
