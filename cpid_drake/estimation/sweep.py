@@ -10,8 +10,8 @@ are one Gauss-Newton step of all unknowns at once.
 Source: Bierman 1977, ch. V and X (square-root information filter and smoother).
 """
 
-from collections.abc import Collection
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,11 +83,13 @@ class Swept:
         end: of what is at the end of the last block, `BOUNDARY`, and then of the log's, the
             hardware's and the target's unknowns, about the present values.
         steps: what `back` needs, in the order of the sweep.
+        stops: as `end`, at the ends of some blocks.
 
     """
 
     end: Gaussian
     steps: list[_Change | _Block]
+    stops: Mapping[int, Gaussian] = field(default_factory=dict)
 
     @property
     def absorbed(self) -> dict[str, float]:
@@ -110,6 +112,7 @@ def sweep(
     carry: Collection[int] = (),
     before: Gaussian | None = None,
     forward_only: bool = False,
+    stops: Collection[int] = (),
 ) -> Swept:
     """Linearize a log about given values.
 
@@ -121,8 +124,10 @@ def sweep(
         carry: the blocks whose changes at the end remain unknowns of the result, "link k".
         before: what is known at the start, as `Swept.end`; default: the priors of a log's start.
         forward_only: leave out what `back` needs: a quarter of a megabyte a block.
+        stops: the blocks at whose ends the result also has what is known.
 
     """
+    at = dict[int, Gaussian]()
     known = known_at_start(model, log, values) if before is None else before
     boundary = np.arange(boundary_size(model))
     walking, pose, joints = len(boundary) + model.walking_columns, boundary[:12], boundary[12:]
@@ -132,6 +137,7 @@ def sweep(
     for k, trajectory in enumerate(with_changes(motions, rolled.trajectories, *bodies)):
         block, known = _eliminated(model, log, k, rolled, trajectory, known, forward_only)
         steps += [] if block is None else [block]
+        at |= {k: known} if k in stops else {}
         if k in carry:
             known = linked(known, f"link {k}|{log.name}", log.link(model, k), rolled.links[k])
         if k < len(log.walks):
@@ -145,7 +151,7 @@ def sweep(
                 sigma = np.append(sigma, np.full(len(joints), OPEN))
             known, rows = changed(known, columns, sigma, now)
             steps.append(_Change(columns, rows, now, k))
-    return Swept(known, steps)
+    return Swept(known, steps, at)
 
 
 def known_at_start(model: Model, log: LogState, values: Values) -> Gaussian:

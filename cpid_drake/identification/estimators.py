@@ -32,7 +32,6 @@ class Estimator:
             if it cannot use a prior or several logs.
         uses_rows: whether it uses momentum rows, which know neither the log of thrust nor the
             uncertainty of the spacecraft; else it uses all samples as they are.
-        reports: number of estimates over time in a report; smaller for slow estimators.
 
     """
 
@@ -41,7 +40,6 @@ class Estimator:
     good_for: str
     estimate: Callable[[Known, Mapping[str, CheckedLog], Callable[[str], object]], Identification]
     uses_rows: bool = False
-    reports: int = 8
 
 
 ESTIMATORS: dict[str, Estimator] = {
@@ -53,7 +51,6 @@ ESTIMATORS: dict[str, Estimator] = {
             "exact logs of any length; a quick look, with noise ten times or more less accurate",
             by_rows.estimate,
             uses_rows=True,
-            reports=24,
         ),
         Estimator(
             online.NAME,

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -46,6 +47,7 @@ from cpid_drake.identification.comparison import (
 )
 from cpid_drake.identification.effects import EffectEstimate
 from cpid_drake.identification.leaning import leaning
+from cpid_drake.identification.over_time import over_time
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import Identification
 from cpid_drake.identification.together import with_sources
@@ -157,6 +159,8 @@ def estimate(
     held = held_by(found, question, compared)
     if model.known_bodies is None and found.converged and result.solution is not None:
         result = replace(result, leaning=leaning(found, result.solution, held))
+    if len(logs) == 1:
+        result = replace(result, history=partial(over_time, found, held, NAME))
     if len(logs) == 1 and known.prior is None:
         return result
     return _separated(result, found, held, known.prior, used)

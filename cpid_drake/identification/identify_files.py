@@ -14,11 +14,10 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.identification.checked_log import Known, left_out_warnings
-from cpid_drake.identification.estimators import ESTIMATORS
 from cpid_drake.identification.identify import identify
 from cpid_drake.identification.prior import load_prior
 from cpid_drake.identification.request import Request, Source
-from cpid_drake.identification.result import Identification
+from cpid_drake.identification.result import History, Identification
 from cpid_drake.input_files.validation import from_tree, load_yaml, parse_yaml
 from cpid_drake.logs.conversion import LogFile
 from cpid_drake.logs.files import inspect_log, refuse_problems
@@ -27,8 +26,8 @@ from cpid_drake.resources import __version__, resolve_model
 from cpid_drake.sensors.presets import load_sensors
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
-Estimates = Sequence[tuple[float, Identification]]
-"""Identifications from the samples up to some times [s]; those that are not possible are absent."""
+PARTS = 12
+"""From so many parts of a log estimates over time are identified."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,8 +87,10 @@ def identify_files(
     return Evidence(inputs, tuple(file for _, file in opened), found)
 
 
-def converge(evidence: Evidence, progress: Callable[[str], None] = lambda step: None) -> Estimates:
-    """Identify from growing parts of the only log, in the same way as from all samples.
+def converge(evidence: Evidence, progress: Callable[[str], None] = lambda step: None) -> History:
+    """Return the estimates from growing parts of the only log.
+
+    A fit has them from one pass; another estimator identifies the parts in the same way as all.
 
     Args:
         evidence: the samples and how they were identified.
@@ -98,10 +99,11 @@ def converge(evidence: Evidence, progress: Callable[[str], None] = lambda step: 
     """
     result, inputs, data = evidence.found, evidence.inputs, evidence.log
     _, end = data.interval
+    if result.history is not None:
+        return [*result.history(), (end, result)]
     same = replace(inputs, estimator=result.estimator, rows=result.rows, planar=result.is_planar)
-    count = ESTIMATORS[result.estimator].reports
     estimates = []
-    for time in (end * np.arange(1, count) / count).tolist():
+    for time in (end * np.arange(1, PARTS) / PARTS).tolist():
         progress(f"identifying from the first {time:.4g} of {end:.4g} s")
         with suppress(InputError):  # too few samples, or nothing moves yet
             found = identify(data=data.between(0.0, time), **vars(same))

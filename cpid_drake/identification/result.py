@@ -1,6 +1,6 @@
 """The result of an identification: one tree, which is the JSON file and what the page reads."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -48,6 +48,10 @@ Intervals = Annotated[Array, Numbers(10, 2, unknown=True)]
 Rank = Annotated[int, Ge(0), Le(10)]
 
 
+History = Sequence[tuple[float, "Identification"]]
+"""Times [s], and the estimates from the samples up to them."""
+
+
 @dataclass(frozen=True, eq=False)
 class Combinations:
     """An estimate of ten unknowns, of all or of some combinations, in which its errors are normal.
@@ -77,7 +81,7 @@ class Identification:
     `print(result)` shows warnings, failed checks and the table that `cpid identify` prints;
     `result["m"]` is one parameter with its σ and its interval.
 
-    The last four attributes are what the estimate was computed with. They are not in files.
+    The last five attributes are what the estimate was computed with. They are not in files.
 
     Attributes:
         format: see `FORMAT`.
@@ -129,6 +133,8 @@ class Identification:
         sensors: the sensors that were assumed; None if all samples had the same weight.
         residuals: measured minus predicted, in σ by sensor, or by "linear" and "angular" for rows,
             in `RowFamily.linear_unit` and N·m·s; of a long log, those of rows are parts of it.
+        history: returns times [s] and the estimates from the samples up to them; None if only
+            another identification can tell.
 
     """
 
@@ -166,6 +172,7 @@ class Identification:
     solution: Annotated[LeastSquaresSolution | None, InMemory()] = None
     sensors: Annotated[SensorSuite | None, InMemory()] = None
     residuals: Annotated[Mapping[str, Samples], InMemory()] = field(default_factory=dict)
+    history: Annotated[Callable[[], "History"] | None, InMemory()] = None
 
     @classmethod
     def of_solution(

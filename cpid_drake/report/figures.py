@@ -9,13 +9,13 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
-from cpid_drake.identification.identify_files import Estimates
+from cpid_drake.identification.result import History
 from cpid_drake.logs.log import Log
 from cpid_drake.output_files.pictures import COLORS, Picture, curves, label_axes
 
 
 def convergence_pictures(
-    estimates: Estimates, truth: InertialParameters | None = None
+    estimates: History, truth: InertialParameters | None = None
 ) -> list[Picture]:
     """Return a picture for each parameter: its estimates over time, with 95 % intervals."""
     true = np.full(10, np.nan) if truth is None else truth.to_vector()
@@ -59,7 +59,7 @@ def motion_pictures(log: Log) -> list[Picture]:
     return [curves(*each) for each in found]
 
 
-def _draw_parameter(estimates: Estimates, true: float, i: int, axes: Axes) -> None:
+def _draw_parameter(estimates: History, true: float, i: int, axes: Axes) -> None:
     time = np.array([time for time, _ in estimates])
     value = np.array([found.parameters[i] for _, found in estimates])
     bands = np.array([found.intervals[i] for _, found in estimates])

@@ -7,13 +7,12 @@ from pathlib import Path
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.errors import InputError
 from cpid_drake.identification.identify_files import (
-    Estimates,
     Evidence,
     converge,
     identify_files,
     request_of_result,
 )
-from cpid_drake.identification.result import Identification
+from cpid_drake.identification.result import History, Identification
 from cpid_drake.identification.result_files import read_result
 from cpid_drake.report.run_folder import Run
 
@@ -36,7 +35,7 @@ class Findings:
 
     result: Identification
     evidence: Evidence | None = None
-    estimates: Estimates = ()
+    estimates: History = ()
     missing: str = ""
     run: Run | None = None
 

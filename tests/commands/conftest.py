@@ -1,10 +1,7 @@
 """Commands are run in empty folders, and what must be refused is refused in one line."""
 
-from dataclasses import replace
-
 import pytest
 
-from cpid_drake.identification.estimators import ESTIMATORS
 from cpid_drake.report.pages import identification
 
 
@@ -31,7 +28,5 @@ def refusal(cpid):
 
 @pytest.fixture
 def short_reports(monkeypatch):
-    """Reports have two estimates over time and no replay: both are tested elsewhere."""
-    for name, record in ESTIMATORS.items():
-        monkeypatch.setitem(ESTIMATORS, name, replace(record, reports=2))
+    """Reports have no replay: it is tested elsewhere."""
     monkeypatch.setattr(identification, "replay_html", lambda *_, **options: "<p>replay</p>")

@@ -2,11 +2,9 @@
 
 import json
 import re
-from dataclasses import replace
 
 import pytest
 
-from cpid_drake.identification.estimators import ESTIMATORS
 from cpid_drake.output_files.pictures import Picture
 from cpid_drake.report.pages import identification
 from cpid_drake.resources import models_directory
@@ -20,10 +18,8 @@ FREE_FLYER = (
 
 @pytest.fixture(scope="module", autouse=True)
 def quick():
-    """Few windows, and pages without drawings and replay: those are tested elsewhere."""
+    """Pages without drawings and replay: those are tested elsewhere."""
     with pytest.MonkeyPatch.context() as patch:
-        for name, record in ESTIMATORS.items():
-            patch.setitem(ESTIMATORS, name, replace(record, reports=3))
         patch.setattr(identification, "replay_html", lambda *args, **options: "replay")
         patch.setattr(Picture, "html", lambda picture: "")
         yield

@@ -113,9 +113,9 @@ class TestNoisyLogs:
     def test_fits_that_leave_combinations_open_determine_all_together(self, craft, skewed_target):
         """Poor sensors do not see the base's slow turning about the axes that no joint has."""
         poor = coarse_suite(
-            attitude=AttitudeSensor(5.0, 400.0, 3200.0, np.array([0.0, 0.6, 0.8])),
-            gyro=Gyro(20.0, 0.6, 120.0, 12.0),
-            position=VectorSensor(5.0, 2e-2),
+            attitude=AttitudeSensor(5.0, 800.0, 6400.0, np.array([0.0, 0.6, 0.8])),
+            gyro=Gyro(20.0, 1.2, 240.0, 24.0),
+            position=VectorSensor(5.0, 4e-2),
         )
         some = {
             str(j): add_noise(poor, measured(craft, turned(craft, j), skewed_target, poor), j)

@@ -2,14 +2,12 @@
 
 import json
 import re
-from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
 import pytest
 
 from cpid_drake import write_log
-from cpid_drake.identification.estimators import ESTIMATORS
 from cpid_drake.identification.identify_files import converge, identify_files
 from cpid_drake.identification.request import Request, SpacecraftReference
 from cpid_drake.identification.result_files import result_text, write_result
@@ -54,10 +52,8 @@ class Page(HTMLParser):
 
 @pytest.fixture(scope="module", autouse=True)
 def quick():
-    """Few windows, and no replay: that is tested in a browser."""
+    """No replay: that is tested in a browser."""
     with pytest.MonkeyPatch.context() as patch:
-        for name, record in ESTIMATORS.items():
-            patch.setitem(ESTIMATORS, name, replace(record, reports=4))
         patch.setattr(identification, "replay_html", lambda *args, **options: SCRIPT)
         yield
 
@@ -147,10 +143,7 @@ class TestWhatIsSaid:
 
 
 class TestFigures:
-    @pytest.mark.slow
-    def test_convergence_ends_at_the_estimate_and_has_gaps_before_it(self, exact, monkeypatch):
-        for name, record in ESTIMATORS.items():
-            monkeypatch.setitem(ESTIMATORS, name, replace(record, reports=6))
+    def test_convergence_ends_at_the_estimate_and_has_gaps_before_it(self, exact):
         evidence = identify_files([Request(str(exact), SERVICER, end=11.5)])
         found = converge(evidence)
         (_, first), *_, (time, last) = found

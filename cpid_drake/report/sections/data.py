@@ -7,8 +7,8 @@ from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.rows import ROW_FAMILIES
 from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.identification.estimators import estimator_label
-from cpid_drake.identification.identify_files import Estimates, Evidence
-from cpid_drake.identification.result import Identification
+from cpid_drake.identification.identify_files import Evidence
+from cpid_drake.identification.result import History, Identification
 from cpid_drake.logs.log import Log
 from cpid_drake.output_files.pictures import curves
 from cpid_drake.report.figures import convergence_pictures, motion_pictures
@@ -86,7 +86,7 @@ def checks_section(result: Identification, again: Identification | None) -> Sect
     return Section("Checks", warnings=texts, tables=[table] if rows else [])
 
 
-def convergence_section(estimates: Estimates, truth: InertialParameters | None) -> Section:
+def convergence_section(estimates: History, truth: InertialParameters | None) -> Section:
     """Return the section with the estimates from growing parts of the log."""
     text = (
         "Estimates from the samples up to each time, with their 95 % intervals as a band. The axes "
