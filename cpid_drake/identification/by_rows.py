@@ -30,7 +30,7 @@ from cpid_drake.identification.leaning import with_larger_base
 from cpid_drake.identification.result import Identification
 from cpid_drake.identification.together import with_sources
 from cpid_drake.logs.log import Log
-from cpid_drake.logs.noise_estimation import sample_sigmas
+from cpid_drake.logs.noise_estimation import has_noise, sample_sigmas
 from cpid_drake.logs.smoothing import smooth_windows
 from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.suite import SensorSuite
@@ -189,8 +189,8 @@ def best_rows(counts: Sequence[Mapping[str, int]], sensors: SensorSuite | None) 
 def is_measured(log: CheckedLog, tree: KinematicTree, family: RowFamily) -> bool:
     """Return whether a log has samples of sensors, which a fit can use.
 
-    States are given as such, or have a momentum that is constant to `INTEGRATION` for some target:
-    no sensors are so good.
+    Exact states are given as such, or show no noise, or have a momentum that is constant to
+    `INTEGRATION` for some target: no sensors are so good.
     """
     samples = log.measurements
     if log.states is not None or not len(samples.attitude):
@@ -198,6 +198,8 @@ def is_measured(log: CheckedLog, tree: KinematicTree, family: RowFamily) -> bool
     motion = complete_samples(samples, family)
     if motion is None:
         return True
+    if not has_noise(samples):
+        return False
     rows = LogRows(tree, family, TotalMomentum.unknown())
     some = motion.select(slice(None, None, -(-len(motion) // _SOME)))
     rows.add(some, np.zeros((1, 0, 0)))

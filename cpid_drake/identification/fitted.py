@@ -89,7 +89,7 @@ def estimate(
     question = Question.of(model, declared, logs, known.momentum)
     found = _fit(model, states, known.prior, progress)
     noisiest = max((factor for log in found.logs for factor in log.noise.values()), default=1.0)
-    if known.known_bodies is None and noisiest <= MOST_NOISE:
+    if known.known_bodies is None and found.converged and noisiest <= MOST_NOISE:
         other = with_bodies(found, question, progress)
         if other is not None:
             found, warnings = other, (*warnings, BODIES_ACT)

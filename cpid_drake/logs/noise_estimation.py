@@ -49,10 +49,24 @@ def estimate_suite(log: Log) -> SensorSuite:
                 f"give the sensors, or at least {FEWEST} samples"
             )
         rate = float(np.clip(1 / np.median(np.diff(samples.time)), 1e-3, 1e5))
-        least = RESOLUTION * float(np.sqrt(np.var(samples.value, axis=0).sum()))
-        sigma = max(sensor_noise(name, samples), least)
+        sigma = max(sensor_noise(name, samples), _resolution(samples))
         setattr(suite, name, SENSORS[name].errors.with_noise(rate, sigma))
     return suite
+
+
+def has_noise(log: Log) -> bool:
+    """Return whether some sensor's noise is above `RESOLUTION`, or may be: samples can be few."""
+    for name, samples in log.items():
+        try:
+            if samples.value.size and sensor_noise(name, samples) > _resolution(samples):
+                return True
+        except InputError:
+            return True
+    return False
+
+
+def _resolution(samples: Samples) -> float:
+    return RESOLUTION * float(np.sqrt(np.var(samples.value, axis=0).sum()))
 
 
 def sensor_noise(name: str, samples: Samples) -> float:
