@@ -3,7 +3,9 @@
 Gauss-Newton steps on the sum of all logs' sweeps: target, hardware, momenta and forces, starts,
 biases and joint motion move together, and the target stays inside of its cone. A share of a step is
 taken if χ² would not fall by all of it. Samples that are far off weigh less; each sensor has a
-noise factor of 1 or more, which comes from the residuals once steps are small. A prior, or another
+noise factor of 1 or more, which comes from the residuals once steps are small. Before, the samples
+are no more precise beside the hardware's priors than their residuals are small: else errors of the
+hardware would explain, by thousands of their σ, what is wrong with the start. A prior, or another
 result, is one more Gaussian in the sum.
 
 Source: Nocedal and Wright 2006, ch. 10.3 (Gauss-Newton) and 17.3 (closed ends).
@@ -32,7 +34,7 @@ CLOSE = 1e-2
 a tenth of σ along one direction."""
 
 SETTLED = 1e-3
-"""The noise comes from the residuals once a step reduces χ² by less than this for each residual:
+"""The noise comes from the residuals once a step reduces their squares by less than this share:
 what values far from the minimum do not explain is no noise."""
 
 LINEAR = 0.1
@@ -62,6 +64,7 @@ class Fit:
         cost: χ² of all rows.
         sweeps: number of linearizations.
         converged: whether no step would change anything by more than `CLOSE` says.
+        misfit: size of the residuals in σ, by which the hardware's priors weigh more; 1 at the end.
 
     """
 
@@ -74,6 +77,7 @@ class Fit:
     cost: float = 0.0
     sweeps: int = 0
     converged: bool = False
+    misfit: float = 1.0
 
     @cached_property
     def gaussian(self) -> Gaussian:
@@ -140,12 +144,13 @@ def _best(
     close: float = CLOSE,
 ) -> Fit:
     """Return the best fit near one; its weights follow the residuals if nothing is held."""
-    share, settled = 1.0, held is not None
+    share, settled, misfit = 1.0, held is not None, np.inf
     while now.sweeps < MOST_SWEEPS:
         text = f"fitting: sweep {now.sweeps + 1}, χ² {now.cost:.6g}"
         if now.sweeps and progress(text) is False:
             break
-        now = replace(_linear(now), sweeps=now.sweeps + 1)
+        misfit = 1.0 if settled else min(misfit, _misfit(now))
+        now = replace(_linear(replace(now, misfit=misfit)), sweeps=now.sweeps + 1)
         step = _Step.of(now, held)
         is_close = step.square < close
         if settled and is_close:
@@ -160,10 +165,22 @@ def _best(
         else:
             break
         if held is None:
-            settled = step.fall < SETTLED * sum(r.count for r in there.rolled)
+            settled = step.fall < SETTLED * misfit**2 * sum(r.count for r in there.rolled)
             there = _reweighted(there, [each.absorbed for each in now.swept] if settled else None)
         now = there
     return now
+
+
+def _misfit(now: Fit) -> float:
+    """Return the root mean square of all residuals in σ, or 1."""
+    parts = list(zip(now.rolled, now.logs, strict=True))
+    squares = sum(rolled.cost_inside(log) for rolled, log in parts)
+    return float(np.sqrt(max(1.0, squares / max(sum(r.count for r, _ in parts), 1))))
+
+
+def _weighed(prior: Gaussian, factor: float) -> Gaussian:
+    """Return a prior whose σ are smaller by a factor."""
+    return replace(prior, R=factor * prior.R, z=factor * prior.z, rho2=factor**2 * prior.rho2)
 
 
 def _reweighted(now: Fit, absorbed: Sequence[dict[str, float]] | None = None) -> Fit:
@@ -217,7 +234,7 @@ def _linear(now: Fit) -> Fit:
     logs = zip(now.logs, now.rolled, strict=True)
     swept = [sweep(now.model, *each, now.values) for each in logs]
     model = now.model
-    known = hardware_prior_of(model, now.logs, now.values)
+    known = _weighed(hardware_prior_of(model, now.logs, now.values), now.misfit)
     seen = reduce(Gaussian.add, [each.gaussian for each in swept], known)
     return replace(now, seen=seen, swept=swept)
 
@@ -271,11 +288,12 @@ def hardware_prior_of(
 
 def _cost(found: Fit, logs: Sequence[LogState], weighed_at: Values) -> float:
     """Return the sum of squares of all rows at the values of a fit; see `link_cost`."""
-    prior = prior_of(found.model, found.logs, found.values, weighed_at)
-    values = found.values
+    model, values = found.model, found.values
+    prior = _weighed(hardware_prior_of(model, found.logs, values, weighed_at), found.misfit)
+    prior = prior.add(model.cone.prior(PSI, values[PSI]))
     step = {} if weighed_at is values else {n: value - weighed_at[n] for n, value in values.items()}
     parts = zip(logs, found.rolled, strict=True)
-    samples = sum(r.cost(found.model, log, step) for log, r in parts)
+    samples = sum(r.cost(model, log, step) for log, r in parts)
     return samples + prior.cost(np.zeros(prior.size))
 
 

@@ -86,11 +86,6 @@ def test_a_tumble_is_linear_in_the_bodies_errors_about_their_best_values_only(
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(
-    strict=True,
-    reason="a firing inside of a block, 1e8 in χ², bends the errors of the bodies before it is "
-    "open: the fit does not converge, and fails its check",
-)
 def test_a_firing_is_found_although_the_spacecraft_is_uncertain(tmp_path, skewed_target):
     suite, uncertainty = coarse_suite(), BodyUncertainty(mass=0.01, com=0.003, inertia=0.02)
     case = make_case(tmp_path, skewed_target, suite, duration=6.0)

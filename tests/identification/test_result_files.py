@@ -128,7 +128,7 @@ def test_what_is_written_is_read_back_to_the_last_digit(result, tmp_path):
 
 
 def test_no_branch_of_the_tree_is_left_out_of_this_test(result):
-    in_memory = ("form", "solution", "sensors", "residuals")
+    in_memory = ("form", "solution", "sensors", "residuals", "history")
     values = [getattr(result, key.name) for key in fields(result) if key.name not in in_memory]
     assert all(isinstance(value, np.ndarray) or value not in (None, (), "", {}) for value in values)
 
