@@ -51,9 +51,9 @@ def fit_with_events(
     quiet = [replace(log, noise={}, weights=tuple({} for _ in log.blocks)) for log in found.logs]
     if not any(_changes(replace(found, logs=quiet), question)):
         return found, {}
-    now, wide, tests = found.logs, found, dict[str, Whiteness]()
-    if not found.converged:  # what a change has bent is no start
-        now = [LogState.of_blocks(model, log.blocks, log.name) for log in now]
+    wide, tests = found, dict[str, Whiteness]()
+    # What a change has bent is no start.
+    now = [LogState.of_blocks(model, log.blocks, log.name) for log in found.logs]
     for last in (False, True):  # whole blocks, then parts of those beside changes
         logs = [log.opened(range(len(log.blocks) - 1)) for log in now]
         wide = fit(model, logs, values=wide.values, progress=progress)
