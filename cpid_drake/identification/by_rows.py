@@ -52,8 +52,8 @@ _FORCES = (
 _SOME = 100  # samples of a log that show what the estimate leans on, or its noise
 _CAUSE = "the spacecraft, a frame, a sign or a clock is not as assumed, or forces acted"
 _NOISE = (
-    "momentum rows ignore the noise inside of them: the estimate is biased, and its intervals are "
-    "too narrow; identify with --estimator trajectory_fit"
+    "momentum rows ignore the noise inside of them: the estimate is biased, and its intervals may "
+    "be too narrow; identify with --estimator trajectory_fit"
 )
 _MOMENTA = ("zero", "known", "unknown")
 
