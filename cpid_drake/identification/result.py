@@ -48,10 +48,6 @@ Intervals = Annotated[Array, Numbers(10, 2, unknown=True)]
 Rank = Annotated[int, Ge(0), Le(10)]
 
 
-History = Sequence[tuple[float, "Identification"]]
-"""Times [s], and the estimates from the samples up to them."""
-
-
 @dataclass(frozen=True, eq=False)
 class Combinations:
     """An estimate of ten unknowns, of all or of some combinations, in which its errors are normal.
@@ -358,6 +354,10 @@ class Identification:
         """Return the files that the result was computed from, as far as they exist."""
         found = (path for source in self.sources for path in source.request.found())
         return list(dict.fromkeys(found))
+
+
+History = Sequence[tuple[float, Identification]]
+"""Times [s], and the estimates from the samples up to them."""
 
 
 def extremes(form: Parameterization, unknowns: Array, covariance: Array, quantile: float) -> Array:
