@@ -50,8 +50,8 @@ TOGETHER = 32
 _STEPS_PER_PIECE = 3.5
 """Grid steps per piece of the joint motion's splines, so that the grid resolves errors of rates."""
 
-_ROUNDS = 60
-"""A turn that so many rounds of Newton's iteration do not find is too fast for the grid."""
+_ROUNDS = 120
+"""Most rounds of Newton's iteration, each of which follows the turn about a radian farther."""
 
 _MOST_STEPS = 400
 """Grid steps of a block: one that is longer than 10 s has encoders that show no faster motion."""
