@@ -39,7 +39,7 @@ def fit_with_events(
     ends of all blocks open: what imitates changes, such as correlated noise, is seen there.
 
     Args:
-        found: a fit without changes, which is returned if the samples show none.
+        found: a fit, which is returned if the samples show no changes but its own.
         question: the candidates beside the changes, which are judged together.
         progress: see `fit`.
 
@@ -49,11 +49,12 @@ def fit_with_events(
     """
     model = found.model
     quiet = [replace(log, noise={}, weights=tuple({} for _ in log.blocks)) for log in found.logs]
-    if not any(_changes(replace(found, logs=quiet), question)):
+    changes = _changes(replace(found, logs=quiet), question)
+    if all(log.open.issuperset(own) for log, own in zip(quiet, changes, strict=True)):
         return found, {}
     wide, tests = found, dict[str, Whiteness]()
     # What a change has bent is no start.
-    now = [LogState.of_blocks(model, log.blocks, log.name) for log in found.logs]
+    now = [log.of_others(model, log.blocks) for log in found.logs]
     for last in (False, True):  # whole blocks, then parts of those beside changes
         logs = [log.opened(range(len(log.blocks) - 1)) for log in now]
         wide = fit(model, logs, values=wide.values, progress=progress)
@@ -125,20 +126,25 @@ def _compared(
 
 
 def _cut(model: Model, log: LogState, rolled: Rolled, changes: Sequence[int]) -> LogState:
-    """Return a log whose blocks beside the changes are cut into parts, which keep their states."""
+    """Return a log whose whole blocks beside the changes are cut into parts.
+
+    The parts keep their states.
+    """
     if not changes:
         return log
+    usual = max(block.length for block in log.blocks)
     blocks, starts, ends = list[Block](), list[TrajectoryState](), set[int]()
     for k, (block, motion, trajectory) in enumerate(
         zip(log.blocks, rolled.models, rolled.trajectories, strict=True)
     ):
-        parts = block.cut() if k in changes or k - 1 in changes else [block]
+        is_whole = block.length > usual / 2
+        parts = block.cut() if is_whole and {k, k - 1} & {*changes} else [block]
         blocks += parts
         starts += [log.starts[k]]
         nodes = np.searchsorted(motion.motion.nodes, [part.start for part in parts[1:]])
         starts += [motion.motion.at_node(trajectory, int(node)) for node in nodes]
         ends |= {len(blocks) - 1} if k in log.open else set()
-    cut = LogState.of_blocks(model, blocks, log.name, tuple(starts))
+    cut = log.of_others(model, blocks, tuple(starts))
     return replace(cut, open=frozenset(ends))
 
 

@@ -33,6 +33,9 @@ from cpid_drake.estimation.unknowns import MOMENTUM, Model
 SIZES = 10.0 ** np.arange(1, -7, -1)
 """Sizes of an error that are compared, in units of its σ."""
 
+CHANGES = 1 / 40
+"""A change of the momentum is expected at the end of one of so many blocks."""
+
 NAMED = 0.9
 """Probability from which a candidate is said to act."""
 
@@ -166,6 +169,7 @@ class Question:
         count = Counter(kinds.values())
         odds = {name: 1 / len(count) / count[kind] for name, kind in kinds.items()}
         odds |= {name: 1.0 for name in sigma if name.startswith(f"{MOMENTUM}|")}
+        odds |= {name: CHANGES for name in sigma if name.startswith("link ")}
         return compare(found, sigma, kept, odds)
 
 

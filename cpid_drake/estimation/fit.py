@@ -30,12 +30,15 @@ from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.estimation.weights import reweighted
 
 CLOSE = 1e-2
-"""The fit ends when a step would change all that outlives a block by less than this, squared, in σ:
-a tenth of σ along one direction."""
+"""The fit ends with a step that changes all that outlives a block by less than this, squared, in σ,
+or whose χ² differs by less from that of a linear fit: a tenth of σ along one direction."""
 
 SETTLED = 1e-3
-"""The noise comes from the residuals once a step reduces their squares by less than this share:
-what values far from the minimum do not explain is no noise."""
+"""The noise comes from the residuals once a step leaves no larger share of their squares than this
+above what a linear fit predicts: what values far from the minimum do not explain is no noise."""
+
+SAME = 1e-2
+"""Change of a weight or of a noise factor that does not matter."""
 
 LINEAR = 0.1
 """`about` needs no step with a smaller χ²: a third of σ."""
@@ -108,10 +111,11 @@ def fit(
     """
     logs = list(logs)
     if values is None or not all(log.starts for log in logs):
-        values, logs = start_of(model, logs)
+        values, logs = start_of(model, logs, values)
     rolled = [roll(model, log, values) for log in logs]
     now = Fit(model, values, logs, rolled, hardware_prior_of(model, logs, values))
-    return _best(_reweighted(now), progress)
+    settled = all(log.freedom for log in logs)
+    return _best(now if settled else _reweighted(now), progress)
 
 
 def about(found: Fit, held: Values) -> Fit:
@@ -144,7 +148,8 @@ def _best(
     close: float = CLOSE,
 ) -> Fit:
     """Return the best fit near one; its weights follow the residuals if nothing is held."""
-    share, settled, misfit = 1.0, held is not None, np.inf
+    share, misfit = 1.0, np.inf
+    settled = held is not None or all(log.freedom for log in now.logs)
     while now.sweeps < MOST_SWEEPS:
         text = f"fitting: sweep {now.sweeps + 1}, χ² {now.cost:.6g}"
         if now.sweeps and progress(text) is False:
@@ -153,9 +158,6 @@ def _best(
         now = replace(_linear(replace(now, misfit=misfit)), sweeps=now.sweeps + 1)
         step = _Step.of(now, held)
         is_close = step.square < close
-        if settled and is_close:
-            cost = _cost(now, now.logs, now.values)
-            return replace(now, cost=cost, converged=True)  # weights are those of the residuals
         for _ in range(_REJECTED):
             there, fall = step.taken(now, share), share * (2 - share) * step.fall
             gain = -1.0 if there is None else (step.before - there.cost) / fall
@@ -164,9 +166,15 @@ def _best(
                 break
         else:
             break
+        excess = there.cost - step.least
+        if settled and is_close:
+            return replace(there, converged=True)
+        linear = there
         if held is None:
-            settled = step.fall < SETTLED * misfit**2 * sum(r.count for r in there.rolled)
+            settled = excess < SETTLED * misfit**2 * sum(r.count for r in there.rolled)
             there = _reweighted(there, [each.absorbed for each in now.swept] if settled else None)
+        if misfit == 1.0 and abs(excess) < close and _are_same(linear.logs, there.logs):
+            return replace(linear, converged=True)
         now = there
     return now
 
@@ -181,6 +189,17 @@ def _misfit(now: Fit) -> float:
 def _weighed(prior: Gaussian, factor: float) -> Gaussian:
     """Return a prior whose σ are smaller by a factor."""
     return replace(prior, R=factor * prior.R, z=factor * prior.z, rho2=factor**2 * prior.rho2)
+
+
+def _are_same(logs: Sequence[LogState], others: Sequence[LogState]) -> bool:
+    """Return whether logs have nearly the same noise factors and weights."""
+    for log, other in zip(logs, others, strict=True):
+        for before, after in zip((log.noise, *log.weights), (other.noise, *other.weights)):
+            for name in before | after:
+                a, b = before.get(name, 1.0), after.get(name, 1.0)
+                if np.max(np.abs(np.subtract(a, b)), initial=0.0) > SAME:
+                    return False
+    return True
 
 
 def _reweighted(now: Fit, absorbed: Sequence[dict[str, float]] | None = None) -> Fit:
@@ -198,14 +217,19 @@ class _Step:
         step: (n,) of all unknowns that outlive a block.
         square: sum of its squares in σ of what is known.
         before: χ² before the step, with the pulls of closed ends that belong to it.
-        fall: by so much the whole step should reduce χ².
+        least: χ² after the whole step, if all were linear.
 
     """
 
     step: NDArray[np.float64]
     square: float
     before: float
-    fall: float
+    least: float
+
+    @property
+    def fall(self) -> float:
+        """By so much the whole step should reduce χ²."""
+        return max(self.before - self.least, 1e-300)
 
     @classmethod
     def of(cls, now: Fit, held: Values | None) -> "_Step":
@@ -215,7 +239,7 @@ class _Step:
         if now.swept:
             logs = zip(now.logs, _after(now, step), strict=True)
             before = _cost(now, [replace(a, pulls=b.pulls) for a, b in logs], now.values)
-        return cls(step, square, before, max(before - least, 1e-300))
+        return cls(step, square, before, least)
 
     def taken(self, now: Fit, share: float) -> Fit | None:
         """Return the fit after a share of the step; None if no motion can be predicted there."""
@@ -232,11 +256,25 @@ def _next(share: float, gain: float) -> float:
 def _linear(now: Fit) -> Fit:
     """Return a fit with the Gaussian about its values."""
     logs = zip(now.logs, now.rolled, strict=True)
-    swept = [sweep(now.model, *each, now.values) for each in logs]
     model = now.model
+    swept = [
+        sweep(model, log, of_first(model, log, rolled, now.values), now.values)
+        for log, rolled in logs
+    ]
     known = _weighed(hardware_prior_of(model, now.logs, now.values), now.misfit)
     seen = reduce(Gaussian.add, [each.gaussian for each in swept], known)
     return replace(now, seen=seen, swept=swept)
+
+
+def of_first(model: Model, log: LogState, rolled: Rolled, values: Values) -> Rolled:
+    """Return a prediction with the derivatives at the first values of target and hardware.
+
+    See `Past`.
+    """
+    if log.past is None or not any(unknown.scope == "hardware" for unknown in model.table):
+        return rolled
+    first = roll(model, log, {**values, **log.past.first})
+    return replace(first, residuals=rolled.residuals, links=rolled.links)
 
 
 def prior_of(
@@ -328,7 +366,8 @@ def _moved(now: Fit, step: NDArray[np.float64], logs: Sequence[LogState]) -> Fit
     values = now.values | steps
     for log in logs:
         first = log.starts[0]
-        values[f"{MOMENTUM}|{log.name}"] = np.concatenate([first.L, first.v_Wcm])
+        if log.past is None:
+            values[f"{MOMENTUM}|{log.name}"] = np.concatenate([first.L, first.v_Wcm])
     try:
         rolled = [roll(now.model, log, values) for log in logs]
     except (InputError, np.linalg.LinAlgError):

@@ -99,29 +99,29 @@ def smooth_joints(
     return smoothness, parts
 
 
-def joint_part(block: Block, suite: SensorSuite, smoothness: Smoothness) -> JointPart:
-    """Return a block's own information about its joints, about a motion of zero."""
-    samples = _JointSamples(block, suite)
-    return samples.part(smoothness, np.ones(samples.values.shape))
-
-
-def tracked(track: NDArray[np.float64], part: JointPart) -> tuple[JointPart, NDArray[np.float64]]:
-    """Return a part about the motion that its sensors show so far, and the rows at its end.
+def continued(
+    block: Block,
+    suite: SensorSuite,
+    smoothness: Smoothness,
+    before: NDArray[np.float64] | None,
+) -> JointPart:
+    """Return one more block's joint motion.
 
     Args:
-        track: (J, `ORDER`, `ORDER` + 1) rows about the joints at the start.
-        part: the next part.
+        block: its samples.
+        suite: the sensors' errors.
+        smoothness: of the joints.
+        before: (ORDER, J) coefficients at the end of the block before; None behind a gap.
 
     """
-    J, K = len(track), part.size
-    before = np.zeros((J, ORDER, K + 1))
-    before[:, :, :ORDER], before[:, :, K] = track[:, :, :ORDER], track[:, :, ORDER]
-    own = np.dstack([part.rows, part.target])
-    T = triangles(np.concatenate([before, own], axis=1))
-    c = np.zeros((K, J))
-    for j, rows in enumerate(T):
-        c[:, j] = np.linalg.lstsq(rows[:K, :K], rows[:K, K], rcond=1e-12)[0]
-    return part.about(c), T[:, K - ORDER : K, K - ORDER :]
+    samples = _JointSamples(block, suite)
+    part = samples.part(smoothness, np.ones(samples.values.shape))
+    c, first = np.zeros_like(part.coefficients), 0
+    if before is not None:
+        first, c[:ORDER] = ORDER, before
+    for own, rest, A in zip(c.T, part.about(c).rest, part.rows, strict=True):
+        own[first:] += np.linalg.lstsq(A[:, first:], rest, rcond=1e-12)[0]
+    return part.about(c)
 
 
 def triangles(rows: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.block import Block, BlockQueue, blocks_of
-from cpid_drake.estimation.joints import Smoothness, smooth_joints
-from cpid_drake.estimation.likelihood.joint_motion import JointPart
+from cpid_drake.estimation.joints import Smoothness, continued, smooth_joints
+from cpid_drake.estimation.likelihood.joint_motion import ORDER, JointPart
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
+from cpid_drake.estimation.past import Past
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.logs.log import Log, Samples
 
@@ -47,6 +48,9 @@ class LogState:
             which is zero, if the end is closed.
         weights: of each block: (M,) weights of a sensor's samples.
         noise: factors of the sensors' declared σ.
+        freedom: degrees of freedom of one residual that is not far off, by sensor; none before the
+            noise is known.
+        past: what is known before the first block; None if it is the first of all.
 
     """
 
@@ -63,6 +67,8 @@ class LogState:
     pulls: tuple[NDArray[np.float64], ...] = ()
     weights: tuple[dict[str, NDArray[np.float64]], ...] = ()
     noise: dict[str, float] = field(default_factory=dict)
+    freedom: dict[str, float] = field(default_factory=dict)
+    past: Past | None = None
 
     @classmethod
     def of_blocks(
@@ -71,17 +77,18 @@ class LogState:
         blocks: Iterable[Block],
         name: str = "log",
         starts: tuple[TrajectoryState, ...] = (),
+        past: Past | None = None,
     ) -> "LogState":
         """Return a log of successive blocks, with smoothed joints.
 
-        Without starts it begins with the first block that has attitude samples.
+        Without starts and a past it begins with the first block that has attitude samples.
 
         Raises:
             InputError: no block has attitude samples.
 
         """
         blocks = tuple(blocks)
-        seen = (k for k, b in enumerate(blocks) if starts or len(b.samples.attitude))
+        seen = (k for k, b in enumerate(blocks) if starts or past or len(b.samples.attitude))
         first = next(seen, None)
         if first is None:
             raise InputError("no attitude samples while the joints are known: none to start from")
@@ -94,7 +101,7 @@ class LogState:
         gaps = tuple(later.start - block.end for block, later in pairwise(blocks))
         parts = tuple(joints)
         own = smoothness, walks, forces, blocks[0].start, starts
-        return cls(name, blocks, parts, *own, gaps=gaps, pulls=pulls, weights=weights)
+        return cls(name, blocks, parts, *own, gaps=gaps, pulls=pulls, weights=weights, past=past)
 
     @classmethod
     def of(cls, model: Model, samples: Log | Iterable[Log], name: str = "log") -> "LogState":
@@ -106,6 +113,29 @@ class LogState:
         """
         stream = [samples] if isinstance(samples, Log) else samples
         return cls.of_blocks(model, blocks_of(BlockQueue.of(model.suite), stream), name)
+
+    def of_others(
+        self, model: Model, blocks: Iterable[Block], starts: tuple[TrajectoryState, ...] = ()
+    ) -> "LogState":
+        """Return a log of other blocks with the same past; see `of_blocks`."""
+        fresh = LogState.of_blocks(model, blocks, self.name, starts, past=self.past)
+        return replace(fresh, noise=self.noise if self.past else {})
+
+    def extended(self, model: Model, block: Block, start: TrajectoryState) -> "LogState":
+        """Return the log with one more block, whose joints continue as smooth as those before."""
+        gap, before = block.start - self.blocks[-1].end, self.joints[-1].coefficients[-ORDER:]
+        part = continued(block, model.suite, self.smoothness, None if gap else before)
+        return replace(
+            self,
+            blocks=(*self.blocks, block),
+            joints=(*self.joints, part),
+            starts=(*self.starts, start),
+            forces=(*self.forces, model.no_forces(block.start, block.end)),
+            walks=(*self.walks, np.zeros(len(model.walking_columns))),
+            gaps=(*self.gaps, gap),
+            pulls=(*self.pulls, np.zeros(12)),
+            weights=(*self.weights, {}),
+        )
 
     def opened(self, ends: Iterable[int]) -> "LogState":
         """Return the log open at the ends of some blocks, and closed at all others.
@@ -168,7 +198,7 @@ class LogState:
         lists = ("blocks", "joints", "forces", "walks", "weights", "starts", "gaps", "pulls")
         parts: dict[str, Any] = {name: getattr(self, name)[first:end] for name in lists}
         ends = frozenset(k - first for k in self.open if first <= k < end)
-        return replace(self, open=ends, **parts)
+        return replace(self, open=ends, past=None if first else self.past, **parts)
 
     def weighted(self, k: int, sensor: str, rest: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return residuals (M, ...) of a sensor in block k, with weights and noise factor."""

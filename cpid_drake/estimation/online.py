@@ -1,19 +1,12 @@
-"""The fit online: block after block, with a state that is a value.
+"""The fit online: the fit of the last blocks, and a Gaussian of what is behind them.
 
-At first, errors of the sensors look like effects of the target: the blocks are stored, and all of
-them are fitted at doubling lengths. Once the inertia of the system is well known, or the stored
-blocks are many, a block is linear about the target: from then on every block is swept once when it
-is complete, and only what is known at its end is kept.
-
-Attitude, centre of mass and momentum may change at the start of every block. This change remains an
-unknown for `KEPT` blocks; see `online_block`. Where something changed, it may have changed inside
-of a block: the blocks before and after are cut into parts and solved once more. A part that noise
-does not explain is bridged by its joints alone.
+Every block is added to a window of blocks, which `fit` and `fit_with_events` solve as they solve a
+whole log. What leaves the window is marginalized, linear about its values then: see `Past`. A fit
+of a whole log is one with a window that never ends. A block about which no fit is found is a gap.
 """
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -22,32 +15,32 @@ from numpy.typing import NDArray
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.block import Block, BlockQueue, blocks_of
-from cpid_drake.estimation.evidence import NAMED
-from cpid_drake.estimation.fit import Fit, fit, prior_of
-from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.joints import tracked
-from cpid_drake.estimation.least_squares import KNOWN
+from cpid_drake.estimation.events import fit_with_events
+from cpid_drake.estimation.evidence import Question
+from cpid_drake.estimation.fit import Fit, fit, of_first
+from cpid_drake.estimation.joints import smooth_joints
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
-from cpid_drake.estimation.log_state import LogState, farthest
-from cpid_drake.estimation.online_block import NAME, Known, closed, compared, is_likely, solved
-from cpid_drake.estimation.roll import Rolled
-from cpid_drake.estimation.sweep import OPEN, boundary_size, changed, sweep
+from cpid_drake.estimation.likelihood.motion import TrajectoryState
+from cpid_drake.estimation.log_state import LogState
+from cpid_drake.estimation.past import Past
+from cpid_drake.estimation.roll import Rolled, first_table
+from cpid_drake.estimation.start import state_of
+from cpid_drake.estimation.sweep import known_at_start, sweep
 from cpid_drake.estimation.unknowns import BODIES, PSI, Model
-from cpid_drake.estimation.weights import spread
 from cpid_drake.estimation.whiteness import LagSums
 from cpid_drake.logs.log import Log
 
-WELL_KNOWN = 1e-3
-"""Relative error of the system's inertia from which a block is linear about the target."""
+NAME = "online"
+"""Name of the log of an online fit."""
+
+WINDOW = 4
+"""Default length of the window, in blocks."""
 
 LONGEST = 8
-"""So many blocks are stored at most: then a target that is known at all is well enough known."""
+"""Its length, in blocks, until the target is well known, if it is to be shorter."""
 
-KEPT = 4
-"""A change at the start of a block remains an unknown until so many blocks have followed."""
-
-OF_JOINTS = ("encoders", "joint_rates", "thrust")
-"""What is used of a part of a block that noise does not explain."""
+WELL_KNOWN = 1e-3
+"""Relative error of the system's inertia from which a block is linear about the target."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,73 +48,54 @@ class OnlineState:
     """The state of the online fit.
 
     Attributes:
-        window: stored blocks, until the target is well known.
-        next_fit: number of blocks at which the window is fitted.
-        known: what is known at the end of the last block that is fitted; None before the first.
-        settled: times at which the momentum changed [s], of links that are no unknowns any more.
-        used, rejected: number of samples, and of those that weigh less or not at all, by sensor.
-        lags: sums over the residuals of every sensor and over products of neighbours.
-        bridged: length of the pieces that nothing explains [s].
-        length: of all blocks that are fitted [s].
-        is_free: whether the momentum has changed before the first block that is fitted.
-        recent: the last blocks, each with the state before it.
+        window: number of blocks that are solved anew with every new one; infinite for all.
+        question: what is compared with changes of the momentum; see `fit_with_events`.
+        waiting: blocks that no fit explains yet.
+        found: the fit of the last blocks; None before the first.
+        settled: times at which the momentum changed [s], before the window.
+        used, rejected: number of samples, and of those that weigh less or not at all, by sensor,
+            before the window.
+        lags: sums over the residuals of every sensor and over products of neighbours, before it.
 
     """
 
-    window: tuple[Block, ...] = ()
-    next_fit: int = 0
-    known: Known | None = None
+    window: float = WINDOW
+    question: Question = field(default_factory=lambda: Question({}, {}))
+    waiting: tuple[Block, ...] = ()
+    found: Fit | None = None
     settled: tuple[float, ...] = ()
     used: Mapping[str, int] = field(default_factory=dict)
     rejected: Mapping[str, int] = field(default_factory=dict)
     lags: Mapping[str, LagSums] = field(default_factory=dict)
-    bridged: float = 0.0
-    length: float = 0.0
-    is_free: bool = False
-    recent: tuple["Recent", ...] = ()
 
     @property
     def events(self) -> tuple[float, ...]:
         """Times at which the momentum changed [s]."""
-        links = () if self.known is None else self.known.links
-        return (*self.settled, *(link.time for link in links if link.probability >= NAMED))
+        return self.settled if self.found is None else (*self.settled, *self.found.logs[0].changes)
 
-    def observed(self, log: LogState, rolled: Rolled) -> "OnlineState":
-        """Return the state with the numbers of samples and the residuals of the blocks of a log."""
+    def observed(self) -> "OnlineState":
+        """Return the state with the numbers of samples and the residuals of the window, too."""
+        return (
+            self if self.found is None else self._observed(self.found.logs[0], self.found.rolled[0])
+        )
+
+    def _observed(self, log: LogState, rolled: Rolled) -> "OnlineState":
+        """Return the state with those of the blocks of a log."""
         used, rejected, lags = Counter(self.used), Counter(self.rejected), dict(self.lags)
         for block, weights in zip(log.blocks, log.weights, strict=True):
             for name, samples in block.samples.items():
                 far = int(np.sum(weights.get(name, np.ones(1)) < 1))
                 used[name] += len(samples) - far
                 rejected[name] += far
-        for name, rest in rolled.all_residuals().items():
+        for name, rest in rolled.part(0, len(log.blocks)).all_residuals().items():
             lags[name] = lags.get(name, LagSums()).added(rest)
-        length = self.length + sum(block.length for block in log.blocks)
-        return replace(self, used=used, rejected=rejected, lags=lags, length=length)
-
-
-@dataclass(frozen=True, eq=False)
-class Recent:
-    """A block that is solved once more if something changed beside it.
-
-    Attributes:
-        before: the state before it.
-        block: the block.
-        is_cut: whether it is solved in two halves.
-
-    """
-
-    before: OnlineState
-    block: Block
-    is_cut: bool = False
+        return replace(self, used=used, rejected=rejected, lags=lags)
 
 
 def step(model: Model, state: OnlineState, block: Block) -> OnlineState:
     """Return the state after one more block.
 
-    The work is bounded. While blocks are stored: at lengths of 1, 2, 4, … blocks a fit of at most
-    `LONGEST` of them, of `fit.MOST_SWEEPS` sweeps. Then: one or two sweeps of the block; and once
-    for every change, those of the last `KEPT` + 1 blocks, two of which are cut into parts.
+    The work is bounded: a fit of the window, and three where the momentum changed.
 
     Args:
         model: the unknowns.
@@ -129,241 +103,142 @@ def step(model: Model, state: OnlineState, block: Block) -> OnlineState:
         block: the samples that follow.
 
     """
-    if state.window or state.known is None:
-        return _grown(model, replace(state, window=(*state.window, block)))
+    blocks = (*state.waiting, block)
     try:
-        return _continued(model, state, block)
-    except (InputError, np.linalg.LinAlgError):  # no motion has these samples: they are a gap
-        rejected = Counter(state.rejected) + Counter({n: len(s) for n, s in block.samples.items()})
-        bridged, length = state.bridged + block.length, state.length + block.length
-        return replace(state, rejected=rejected, bridged=bridged, length=length)
+        found = _fitted(model, state, blocks)
+        found, _ = fit_with_events(found, state.question)
+    except (InputError, np.linalg.LinAlgError):
+        found = None
+    if found is None or not found.converged:
+        first = 1 - LONGEST if state.found is None else len(blocks)
+        return replace(_without(state, blocks[:first][-1:]), waiting=blocks[first:])
+    state = replace(state, waiting=(), found=replace(found, swept=[]))
+    while count := _leaving(state):
+        state = _marginalized(state, count)
+    return state
 
 
-def _continued(model: Model, state: OnlineState, block: Block) -> OnlineState:
-    """Return the state after one more block, from what is known before it."""
-    recent = (*state.recent, Recent(replace(state, recent=()), block))[-KEPT - 1 :]
-    after, is_explained = _after(model, recent[-1])
-    cut = _beside_changes(recent, after)
-    if not (is_explained or recent[-1].is_cut):
-        cut = {*cut, len(recent) - 1}
-    if cut:
-        recent = tuple(replace(r, is_cut=r.is_cut or k in cut) for k, r in enumerate(recent))
-        again, after = [], recent[min(cut)].before
-        for each in recent[min(cut) :]:
-            again.append(replace(each, before=after))
-            after, _ = _after(model, again[-1])
-        recent = (*recent[: min(cut)], *again)
-    return replace(_settled(model, after, recent[-KEPT:][0].block.start), recent=recent)
-
-
-def run(model: Model, stream: Iterable[Log]) -> OnlineState:
+def run(model: Model, stream: Iterable[Log], state: OnlineState | None = None) -> OnlineState:
     """Return the state after all samples of successive chunks.
 
     Args:
         model: the unknowns.
         stream: screened samples.
+        state: before them; default: nothing is known.
 
     """
-    state = OnlineState()
+    state = state or OnlineState()
     for block in blocks_of(BlockQueue.of(model.suite), stream):
         state = step(model, state, block)
-    return finish(model, state)
+    return state
 
 
-def finish(model: Model, state: OnlineState) -> OnlineState:
-    """Return the state with all stored blocks fitted; blocks may follow.
-
-    Args:
-        model: the unknowns.
-        state: after the last block.
-
-    """
-    window, known = state.window, state.known
-    if not window or (known is not None and known.log.blocks[-1] is window[-1]):
-        return state
-    return _grown(model, replace(state, next_fit=0))
+def _fitted(model: Model, state: OnlineState, blocks: Sequence[Block]) -> Fit:
+    """Return the fit of the blocks of the window and of one more."""
+    if state.found is None:
+        return fit(model, [LogState.of_blocks(model, blocks, NAME)])
+    [log], block = state.found.logs, blocks[-1]
+    log = log.extended(model, block, _start(state.found, block))
+    if log.past is None:  # as smooth as all of them show
+        smoothness, joints = smooth_joints(log.blocks, model.suite)
+        log = replace(log, smoothness=smoothness, joints=tuple(joints))
+    return fit(model, [log], values=state.found.values)
 
 
-def _beside_changes(recent: Sequence[Recent], after: OnlineState) -> set[int]:
-    """Return the whole blocks before and after those times at which something changed."""
-    assert after.known is not None
-    changes = [link.time for link in after.known.links if link.probability >= NAMED]
-    return {
-        k
-        for k, each in enumerate(recent)
-        if not each.is_cut and {each.block.start, each.block.end} & set(changes)
-    }
+def _start(found: Fit, block: Block) -> TrajectoryState:
+    """Return the state at the start of one more block: where the last one ends, if it is known."""
+    model, [log], [rolled] = found.model, found.logs, found.rolled
+    if block.start > log.blocks[-1].end and len(block.samples.attitude):
+        alone = LogState.of_blocks(model, [block], NAME)
+        return state_of(model, alone, found.values[PSI])
+    return rolled.models[-1].motion.end(rolled.trajectories[-1])
 
 
-def _grown(model: Model, state: OnlineState) -> OnlineState:
-    """Return the state with a longer window, fitted if it is long enough.
-
-    If something changed, the window begins anew after the block that follows the change; the
-    momentum is unknown then. If the longest window does not determine the target, it goes on with
-    its later half.
-    """
-    window = state.window
-    is_full = len(window) >= LONGEST
-    if len(window) < state.next_fit and not is_full:
-        return state
-    state = replace(state, next_fit=2 * len(window))
-    later = replace(state, window=window[len(window) // 2 :]) if is_full else state
-    try:
-        found = fit(model, [LogState.of_blocks(model, window, NAME)])
-        changes = _changes(model, found)
-        error = _inertia_error(model, found.logs[0], found.gaussian, found.values[PSI])
-        known = _begun(model, found)
-    except (InputError, np.linalg.LinAlgError):
-        return later
-    if changes:
-        return _restarted(state, changes)
-    if not found.converged:
-        return replace(later, known=known, is_free=is_full or state.is_free)
-    is_stored = error > (KNOWN if is_full else WELL_KNOWN)
-    state = replace(state, window=later.window if is_stored else (), known=known)
-    state = replace(state, used={}, rejected={}, lags={}, length=0.0)
-    return state.observed(found.logs[0], found.rolled[0])
+def _without(state: OnlineState, blocks: Sequence[Block]) -> OnlineState:
+    """Return the state after blocks that are not used."""
+    rejected = Counter(state.rejected)
+    for block in blocks:
+        rejected.update({name: len(s) for name, s in block.samples.items()})
+    return replace(state, rejected=rejected)
 
 
-def _restarted(state: OnlineState, changes: Sequence[int]) -> OnlineState:
-    """Return the state with the blocks of the window after those beside the last change."""
-    window = state.window
-    first = [k for k in changes if k - 1 not in changes]  # one change can open several ends
-    settled = (*state.settled, *(window[k].end for k in first))
-    later = window[changes[-1] + 2 :]
-    return replace(state, window=later, next_fit=0, settled=settled, known=None, is_free=True)
+def _leaving(state: OnlineState) -> int:
+    """Return how many blocks leave the window: two together, if one change opened both ends."""
+    assert state.found is not None
+    found, [log] = state.found, state.found.logs
+    count = 2 if {0, 1} <= log.open else 1
+    usual = max(block.length for block in log.blocks)
+    left = (log.blocks[-1].end - log.blocks[min(count, len(log.blocks)) - 1].end) / usual
+    if left < state.window - 1e-3:
+        return 0
+    return count if left >= LONGEST - 1e-3 or inertia_error(found) < WELL_KNOWN else 0
 
 
-def _changes(model: Model, found: Fit) -> list[int]:
-    """Return the blocks of a window at whose ends something changed.
-
-    A change makes residuals that look like noise with a long memory; the noise here is that of most
-    samples.
-    """
-    (log,), (rolled,) = found.logs, found.rolled
-    ends = [k for k, gap in enumerate(log.gaps) if not gap]
-    if not ends:
-        return []
-    noise = {n: max(1.0, spread(rest)) for n, rest in rolled.all_residuals().items()}
-    quiet = replace(log, noise=noise).opened(ends)
-    carried = sweep(model, quiet, rolled, found.values, carry=ends).gaussian
-    total = prior_of(model, [quiet], found.values).add(carried)
-    names = [name for name in total.places if name.startswith("link ")]
-    acting = compared(model, total, names).probability
-    return [k for k, name in zip(ends, names, strict=True) if acting[name] >= NAMED]
-
-
-def _begun(model: Model, found: Fit) -> Known:
-    """Return what a fit of the window knows at its end."""
-    log, rolled = found.logs[0], found.rolled[0]
-    end = sweep(model, log, rolled, found.values).end
-    gaussian = end.add(prior_of(model, [log], found.values))
-    track = np.zeros((model.joint_count, ORDER, ORDER + 1))
-    for part in log.joints:
-        track = tracked(track, part)[1]
-    last = replace(
-        log.part(len(log.blocks) - 1, len(log.blocks)),
-        weights=({},),
-        starts=(rolled.models[-1].motion.end(rolled.trajectories[-1]),),
+def _marginalized(state: OnlineState, count: int) -> OnlineState:
+    """Return the state without the first blocks, linear about their values."""
+    assert state.found is not None
+    found, [log], [rolled] = state.found, state.found.logs, state.found.rolled
+    model, values = found.model, found.values
+    gone, rest = log.part(0, count), log.part(count, len(log.blocks))
+    about = of_first(model, log, rolled, values).part(0, count)
+    before = known_at_start(model, log, values)
+    known = sweep(model, gone, about, values, before=before, forward_only=True).end
+    noise = dict(log.past.noise) if log.past else {}
+    for name, share in log.freedom.items():
+        for block, weights in zip(rolled.residuals[:count], log.weights, strict=False):
+            if name in block:
+                near = block[name][weights.get(name, np.ones(len(block[name]))) == 1.0]
+                sums = np.array([np.sum(near**2), near.size * share])
+                noise[name] = noise.get(name, 0.0) + sums
+    first = {u.name: values[u.name] for u in model.table if u.scope != "log"}
+    past = Past(
+        replace(known, rho2=0.0),
+        rest.starts[0],
+        rest.joints[0].coefficients[:ORDER],
+        first_table(model, rest, values),
+        log.past.first if log.past else first,
+        noise,
     )
-    about = {u.name: found.values[u.name] for u in model.table if u.scope != "log"}
-    return Known(found.values, last, gaussian, (), track, about, converged=found.converged)
+    kept = rolled.part(count, len(log.blocks))
+    return replace(
+        state._observed(gone, rolled),
+        settled=(*state.settled, *gone.changes),
+        found=replace(found, logs=[replace(rest, past=past)], rolled=[kept]),
+    )
 
 
-def _after(model: Model, each: Recent) -> tuple[OnlineState, bool]:
-    """Return the state after a block, and whether noise explains all of it.
-
-    A whole block that noise does not explain is not used; a part of a cut one is bridged by its
-    joints alone.
-    """
-    state, parts, is_explained = _behind_gap(model, each), [each.block], True
-    if each.is_cut and len(each.block.samples.encoders) > 1:
-        parts = each.block.cut()
-    for part in parts:
-        known, found = state.known, None
-        assert known is not None
-        with suppress(InputError, np.linalg.LinAlgError):
-            found = solved(model, known, part)
-        is_good = found is not None and is_likely(*found[1:])
-        if not (is_good or each.is_cut):
-            return state, False
-        if found is None or not is_good:
-            joints = {name: part.samples[name] for name in OF_JOINTS}
-            alone = replace(part, samples=replace(part.samples, samples=joints))
-            others = {n: len(s) for n, s in part.samples.items() if n not in OF_JOINTS}
-            state = replace(state, rejected=Counter(state.rejected) + Counter(others))
-            found = solved(model, known, alone, is_linked=False)
-            is_explained = False
-            state = replace(state, bridged=state.bridged + part.length)
-        after, log, rolled = found
-        state = replace(state, known=after).observed(log, rolled)
-    return state, is_explained
-
-
-def _behind_gap(model: Model, each: Recent) -> OnlineState:
-    """Return the state before a block; behind a gap, all that is at its start begins anew."""
-    known, block = each.before.known, each.block
-    assert known is not None
-    gap = block.start - known.log.blocks[-1].end
-    if not gap:
-        return each.before
-    n = boundary_size(model)
-    columns = np.concatenate([np.arange(n), n + model.walking_columns])
-    walk = np.sqrt(gap) * model.walking_sigma
-    sigma = np.concatenate([farthest(model), np.full(n - 12, OPEN), walk])
-    lost, _ = changed(known.gaussian, columns, sigma, np.zeros(len(sigma)))
-    track = np.zeros_like(known.track)
-    return replace(each.before, known=replace(known, gaussian=lost, track=track))
-
-
-def _settled(model: Model, state: OnlineState, oldest: float) -> OnlineState:
-    """Return the state in which old links are no unknowns."""
-    known, settled = state.known, state.settled
-    assert known is not None
-    gone = [each for each in known.links if each.time < oldest]
-    settled = (*settled, *(each.time for each in gone if each.probability >= NAMED))
-    links = tuple(each for each in known.links if each not in gone)
-    known = replace(known, gaussian=closed(model, known.gaussian, gone), links=links)
-    return replace(state, known=known, settled=settled)
-
-
-def change_beyond_linear(model: Model, known: Known, gaussian: Gaussian) -> float:
-    """Return the relative change d of the system's inertia since the first block that is linear.
+def change_beyond_linear(found: Fit) -> float:
+    """Return the relative change d of the system's inertia since blocks were first linear about it.
 
     It is 0 if its second-order effect d² is below the error of the inertia.
-
-    Args:
-        model: the unknowns.
-        known: after the last block.
-        gaussian: what it says of the unknowns, about its values.
-
     """
-    log, psi = known.log, known.values[PSI]
-    B = _by_inertia(model, log, psi)
-    change = float(np.linalg.norm(B @ (psi - known.about[PSI])) / len(B) ** 0.25)
-    return change if change**2 > _inertia_error(model, log, gaussian, psi) else 0.0
+    [log], psi = found.logs, found.values[PSI]
+    if log.past is None:
+        return 0.0
+    B = _by_inertia(found)
+    change = float(np.linalg.norm(B @ (psi - log.past.first[PSI])) / len(B) ** 0.25)
+    return change if change**2 > inertia_error(found) else 0.0
 
 
-def _inertia_error(
-    model: Model, log: LogState, gaussian: Gaussian, psi: NDArray[np.float64]
-) -> float:
+def inertia_error(found: Fit) -> float:
     """Return the relative error of the system's inertia about its centre of mass.
 
     It is the root mean square of Wᵀ δJ W, with J = W⁻ᵀW⁻¹, along the axes that can turn. Errors of
     the known bodies, which stay uncertain for ever, are not in it.
     """
-    exact = {BODIES: 0.0} if BODIES in gaussian.places else {}
-    covariance = gaussian.condition(exact).marginal([PSI]).covariance()
-    B = _by_inertia(model, log, psi)
+    exact = {BODIES: 0.0} if BODIES in found.gaussian.places else {}
+    covariance = found.gaussian.condition(exact).marginal([PSI]).covariance()
+    B = _by_inertia(found)
     return float(np.sqrt(np.trace(B @ covariance @ B.T) / np.sqrt(len(B))))
 
 
-def _by_inertia(model: Model, log: LogState, psi: NDArray[np.float64]) -> NDArray[np.float64]:
+def _by_inertia(found: Fit) -> NDArray[np.float64]:
     """Return the derivative (9, 10) of Wᵀ J W by ψ at the end of a log; (1, 10) on a table."""
-    q = log.joints[-1].coefficients[-ORDER][None]
-    dynamics = BodyDynamics.at(model.tree, q, np.zeros_like(q))
+    tree, psi = found.model.tree, found.values[PSI]
+    q = found.logs[0].joints[-1].coefficients[-ORDER][None]
+    dynamics = BodyDynamics.at(tree, q, np.zeros_like(q))
     J, none = dynamics.inertia(psi)[0], dynamics.inertia(np.zeros(10))[0]
-    normal_B = model.tree.normal_B
+    normal_B = tree.normal_B
     if normal_B is None:
         W = np.linalg.inv(np.linalg.cholesky(J)).T
     else:

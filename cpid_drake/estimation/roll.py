@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.estimation.likelihood.model import BlockModel, jump_between
 from cpid_drake.estimation.likelihood.motion import Trajectory, TrajectoryState, relate
 from cpid_drake.estimation.likelihood.white_reading import WhiteReading
@@ -148,14 +150,35 @@ def roll(model: Model, log: LogState, values: Values) -> Rolled:
             end = jumped(part.motion.end(trajectory), moved)
             link = np.zeros(12) if log.gaps[k] else jump_between(end, log.starts[k + 1])
             links.append(link)
-    start = float(np.sum(first_values(model, log, values) ** 2))
+    start = _start_cost(model, log, values)
     return Rolled(models, trajectories, residuals, links, cost, start, by_psi)
+
+
+def past_of(model: Model, log: LogState, values: Values) -> Gaussian:
+    """Return what a log's past tells, about the present values at the log's start."""
+    assert log.past is not None
+    joints = log.joints[0].coefficients[:ORDER]
+    return log.past.about(log.starts[0], joints, first_table(model, log, values))
+
+
+def first_table(model: Model, log: LogState, values: Values) -> NDArray[np.float64]:
+    """Return the values (n,) of the table; of what walks, those at the start of a log."""
+    table = np.concatenate([values[u.key(log.name)] for u in model.table])
+    table[model.walking_columns] -= np.sum(log.walks, axis=0)
+    return table
+
+
+def _start_cost(model: Model, log: LogState, values: Values) -> float:
+    """Return the sum of squares of what is known at a log's start."""
+    if log.past is None:
+        return float(np.sum(first_values(model, log, values) ** 2))
+    past = past_of(model, log, values)
+    return past.cost(np.zeros(past.size))
 
 
 def first_values(model: Model, log: LogState, values: Values) -> NDArray[np.float64]:
     """Return the values (w,) at the start of the constants that walk."""
-    last = [values[u.key(log.name)] for u in model.walking]
-    return np.asarray(np.concatenate([np.empty(0), *last]) - np.sum(log.walks, axis=0))
+    return first_table(model, log, values)[model.walking_columns]
 
 
 def jumped(state: TrajectoryState, change: NDArray[np.float64]) -> TrajectoryState:

@@ -62,19 +62,37 @@ class SeenMotion:
     dynamics: BodyDynamics
 
 
-def start_of(model: Model, logs: Sequence[LogState]) -> tuple[Values, list[LogState]]:
-    """Return values of all unknowns, and the logs with a start."""
+def start_of(
+    model: Model, logs: Sequence[LogState], values: Values | None = None
+) -> tuple[Values, list[LogState]]:
+    """Return values of all unknowns, and the logs with a start.
+
+    Args:
+        model: the unknowns.
+        logs: without a start.
+        values: which stay if a log has a past.
+
+    """
     parts = [[(part, _motion(model, part)) for part in _parts(log)] for log in logs]
-    psi = _balanced(model, [part for each in parts for part in each])
-    values = model.start([log.name for log in logs]) | {PSI: psi}
+    if values is None or not any(log.past for log in logs):
+        psi = _balanced(model, [part for each in parts for part in each])
+        values = model.start([log.name for log in logs]) | {PSI: psi}
+    values, psi = dict(values), values[PSI]
     started = []
     for log, own in zip(logs, parts, strict=True):
         found = [_states(model, *part, _momentum(part[1], psi), psi) for part in own]
         states = tuple(chain.from_iterable(found))
         first = states[0]
-        values[f"{MOMENTUM}|{log.name}"] = np.concatenate([first.L, first.v_Wcm])
+        if log.past is None:
+            values[f"{MOMENTUM}|{log.name}"] = np.concatenate([first.L, first.v_Wcm])
         started.append(replace(log, starts=states))
     return values, started
+
+
+def state_of(model: Model, log: LogState, psi: NDArray[np.float64]) -> TrajectoryState:
+    """Return the state at the start of a log without gaps, for a target ψ (10,)."""
+    motion = _motion(model, log)
+    return _states(model, log, motion, _momentum(motion, psi), psi)[0]
 
 
 def _parts(log: LogState) -> list[LogState]:

@@ -24,7 +24,7 @@ from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.estimation.likelihood.motion import Trajectory
 from cpid_drake.estimation.log_state import LogState
-from cpid_drake.estimation.roll import Rolled, Values, first_values, jumped
+from cpid_drake.estimation.roll import Rolled, Values, first_values, jumped, past_of
 from cpid_drake.estimation.unknowns import BODIES, FASTEST_DRIFT, MOMENTUM, PSI, Model
 
 EXACT = 1e-9
@@ -122,7 +122,8 @@ def sweep(
         rolled: its prediction at these values.
         values: the values.
         carry: the blocks whose changes at the end remain unknowns of the result, "link k".
-        before: what is known at the start, as `Swept.end`; default: the priors of a log's start.
+        before: what is known at the start, as `Swept.end`; default: the priors of a log's start,
+            or its past.
         forward_only: leave out what `back` needs: a quarter of a megabyte a block.
         stops: the blocks at whose ends the result also has what is known.
 
@@ -158,8 +159,10 @@ def known_at_start(model: Model, log: LogState, values: Values) -> Gaussian:
     """Return what is known at the start of a log, about its present values, as `Swept.end`.
 
     L and v are the log's momentum, what walks has its prior, and joints, attitude and centre of
-    mass are open.
+    mass are open; or what its past tells.
     """
+    if log.past is not None:
+        return past_of(model, log, values)
     n, places = boundary_size(model), model.places
     rows = np.zeros((n, n + sum(u.size for u in model.table) + 1))
     sigma = np.full(n, OPEN)

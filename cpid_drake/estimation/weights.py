@@ -35,12 +35,13 @@ def reweighted(
         absorbed: see `Swept`; None if the noise stays.
 
     """
-    weights, noise = [dict(each) for each in log.weights], dict(log.noise)
+    weights, noise, shares = [dict(each) for each in log.weights], dict(log.noise), {}
+    past = log.past.noise if log.past else {}
     residuals = rolled.all_residuals()
     count = sum(rest.size for rest in residuals.values())
     sampled = {f"{name}.{BIAS}" for name in residuals}
     biases = sum(each.size for each in model.table if each.name in sampled)
-    free = 12 + 10 + biases
+    free = 0 if log.past else 12 + 10 + biases
     for name, rest in residuals.items():
         w = weights_of(rest) if name in SENSORS else np.ones(len(rest))  # a force is no outlier
         ends = np.cumsum([len(block[name]) for block in rolled.residuals if name in block])[:-1]
@@ -53,9 +54,11 @@ def reweighted(
         near = rest[w == 1.0]  # what is far off says nothing about the noise
         lost = min(free / count + absorbed.get(name, 0.0) / rest.size, MOST_LOST)
         time = _correlation_time(near, lost) if name in SENSORS else 1.0  # means of a force: smooth
-        freedom = near.size * (1 - lost) / time
-        square = (DECLARED + float(np.sum(near**2))) / (DECLARED + freedom)
-        noise[name] = max(1.0, float(np.sqrt(square)))
+        shares[name] = (1 - lost) / time
+        sums = past.get(name, 0.0) + np.array([np.sum(near**2), near.size * shares[name]])
+        square, freedom = DECLARED + sums
+        noise[name] = max(1.0, float(np.sqrt(square / freedom)))
+    log = replace(log, freedom=shares) if shares else log
     return replace(log, weights=tuple(weights), noise=noise)
 
 

@@ -18,10 +18,10 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.block import BlockQueue, after
-from cpid_drake.estimation.online import OnlineState, finish, step
+from cpid_drake.estimation.online import WINDOW, OnlineState, step
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.identification.consistency import with_nearest_body
-from cpid_drake.identification.online import identification_of_state
+from cpid_drake.identification.online import identification_of_state, question_of
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import Identification
 from cpid_drake.logs.log import THRUST, Log, Samples
@@ -107,6 +107,8 @@ class SensorIdentifier(Identifier):
         reads_thrust: whether there is a log of thrust.
         known_bodies: uncertainty of the spacecraft's bodies, of the arm's geometry and of the
             grasp, whose errors are estimated too; default: none.
+        window: number of blocks that are solved anew with every new one: the longer, the nearer
+            to the fit of all samples, and the more work.
 
     Raises:
         InputError: invalid sensors (see `suite.check_sensors`), no encoders, a period that is
@@ -124,6 +126,7 @@ class SensorIdentifier(Identifier):
         prior: TargetPrior | None = None,
         reads_thrust: bool = False,
         known_bodies: BodyUncertainty | None = None,
+        window: float = WINDOW,
     ) -> None:
         super().__init__()
         self.set_name("sensor_identifier")
@@ -149,7 +152,13 @@ class SensorIdentifier(Identifier):
         if reads_thrust:
             self._sample_ports[THRUST] = self.DeclareVectorInputPort(THRUST, 7)
         self._memory_index = self.DeclareAbstractState(
-            Value(_Memory(BlockQueue.of(suite), dict.fromkeys(self._sample_ports, np.nan)))
+            Value(
+                _Memory(
+                    BlockQueue.of(suite),
+                    dict.fromkeys(self._sample_ports, np.nan),
+                    OnlineState(window, question_of(momentum)),
+                )
+            )
         )
         self.DeclarePeriodicUnrestrictedUpdateEvent(
             period_sec=period, offset_sec=0.0, update=self._collect
@@ -184,7 +193,6 @@ class SensorIdentifier(Identifier):
         for block in memory.queue.finished():
             queue = replace(memory.queue, edge=block.end, waiting=None)
             memory = replace(memory, queue=queue, online=step(self._model, memory.online, block))
-        memory = replace(memory, online=finish(self._model, memory.online))
         state.get_mutable_abstract_state(self._memory_index).set_value(memory)
         return EventStatus.Succeeded()
 

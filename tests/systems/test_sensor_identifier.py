@@ -102,7 +102,8 @@ def play(identifier, context, measurements, *, delay=None, until=np.inf) -> None
 
 
 def diagnostics(identifier, context) -> dict:
-    found, state = identifier.identification(context), identifier.online_state(context)
+    found = identifier.identification(context)
+    state = identifier.online_state(context).observed()
     counts = {"momentum_changes": len(found.momentum_changes)}
     for name in SENSORS:
         counts[f"{name}_rejected"] = found.rejected.get(name, 0)
@@ -113,10 +114,10 @@ def diagnostics(identifier, context) -> dict:
 def known(identifier, context) -> np.ndarray:
     """Return what is known at the end of the last block, as one vector."""
     state = identifier.online_state(context)
-    if state.window or state.known is None:
-        return np.array([len(state.window)])
-    gaussian = state.known.gaussian
-    return np.concatenate([state.known.values[PSI], gaussian.z, gaussian.R.ravel()])
+    if state.found is None:
+        return np.array([len(state.waiting)])
+    gaussian = state.found.gaussian
+    return np.concatenate([state.found.values[PSI], gaussian.z, gaussian.R.ravel()])
 
 
 # -- samples -------------------------------------------------------------------------------------
@@ -176,7 +177,7 @@ def test_it_equals_the_estimator_on_the_logged_samples(simulation, finished, sam
     """Every sample of the run is used, those of its very end too."""
     identifier, suite = simulation.identifier, simulation.sensors.suite
     context = identifier.GetMyContextFromRoot(finished)
-    assert identifier.online_state(context).window == ()
+    assert identifier.online_state(context).waiting == ()
     found = identifier.identification(context)
     assert found.sample_count == sum(len(samples[name]) for name in SENSORS)
     batch = identify(simulation.spacecraft, samples, sensors=suite, estimator="recursive_fit")
