@@ -58,7 +58,7 @@ def fit_with_events(
     for last in (False, True):  # whole blocks, then parts of those beside changes
         logs = [log.opened(range(len(log.blocks) - 1)) for log in now]
         wide = fit(model, logs, values=wide.values, progress=progress)
-        if wide.cost > FAR**2 * sum(each.count for each in wide.rolled):
+        if not is_explained(wide):
             return found, {}  # changes do not explain the samples
         changes = _changes(wide, question)
         if last or not any(changes):
@@ -68,6 +68,11 @@ def fit_with_events(
         now = [_cut(model, *each) for each in parts]
     logs = [log.opened(each) for log, each in zip(wide.logs, changes, strict=True)]
     return fit(model, logs, values=wide.values, progress=progress), tests
+
+
+def is_explained(found: Fit) -> bool:
+    """Return whether residuals are as small as samples that do not weigh less."""
+    return found.cost < FAR**2 * sum(each.count for each in found.rolled)
 
 
 def _tests(found: Fit, changes: Sequence[Sequence[int]]) -> dict[str, Whiteness]:

@@ -25,7 +25,7 @@ from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Rolled, Values, roll
 from cpid_drake.estimation.start import start_of
 from cpid_drake.estimation.sweep import Swept, back, sweep
-from cpid_drake.estimation.target import LOG_SIZE
+from cpid_drake.estimation.target import LOG_SIZE, TargetCone
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.estimation.weights import reweighted
 
@@ -34,8 +34,8 @@ CLOSE = 1e-2
 or whose χ² differs by less from that of a linear fit: a tenth of σ along one direction."""
 
 SETTLED = 1e-3
-"""The noise comes from the residuals once a step leaves no larger share of their squares than this
-above what a linear fit predicts: what values far from the minimum do not explain is no noise."""
+"""The noise comes from the residuals once no larger share of their squares than this is left to
+explain: what values far from the minimum do not explain is no noise."""
 
 SAME = 1e-2
 """Change of a weight or of a noise factor that does not matter."""
@@ -159,8 +159,8 @@ def _best(
         step = _Step.of(now, held)
         is_close = step.square < close
         for _ in range(_REJECTED):
-            there, fall = step.taken(now, share), share * (2 - share) * step.fall
-            gain = -1.0 if there is None else (step.before - there.cost) / fall
+            there = step.taken(now, share)
+            gain = -1.0 if there is None else (step.before - there.cost) / step.fall(share)
             share = share if is_close else _next(share, gain)
             if there is not None and (gain > 0 or is_close):
                 break
@@ -169,12 +169,14 @@ def _best(
         excess = there.cost - step.least
         if settled and is_close:
             return replace(there, converged=True)
-        linear = there
+        before = there.logs
         if held is None:
-            settled = excess < SETTLED * misfit**2 * sum(r.count for r in there.rolled)
+            left = excess if misfit == 1.0 else step.fall(1.0)  # priors will weigh less
+            settled = left < SETTLED * misfit**2 * sum(r.count for r in there.rolled)
             there = _reweighted(there, [each.absorbed for each in now.swept] if settled else None)
-        if misfit == 1.0 and abs(excess) < close and _are_same(linear.logs, there.logs):
-            return replace(linear, converged=True)
+        is_last = settled and misfit == 1.0 and abs(excess) < close
+        if is_last and _are_same(before, there.logs):
+            return replace(there, converged=True)
         now = there
     return now
 
@@ -217,7 +219,9 @@ class _Step:
         step: (n,) of all unknowns that outlive a block.
         square: sum of its squares in σ of what is known.
         before: χ² before the step, with the pulls of closed ends that belong to it.
-        least: χ² after the whole step, if all were linear.
+        least: χ² after the whole step, if all were linear but the target's prior.
+        cone: the possible targets.
+        psi, psi_step: (10,) the target before the step, and its step.
 
     """
 
@@ -225,11 +229,26 @@ class _Step:
     square: float
     before: float
     least: float
+    cone: TargetCone
+    psi: NDArray[np.float64]
+    psi_step: NDArray[np.float64]
 
-    @property
-    def fall(self) -> float:
-        """By so much the whole step should reduce χ²."""
-        return max(self.before - self.least, 1e-300)
+    def fall(self, share: float) -> float:
+        """Return by how much a share of the step should reduce χ².
+
+        Along the step, χ² of the rows is quadratic, that of the target's prior is not; together
+        they are least at its end.
+        """
+        (first, _), (now, _), (last, slope) = (self._prior(part) for part in (0.0, share, 1.0))
+        rows = self.before - first - (self.least - last)
+        of_rows = share * (2 - share) * rows - share * (1 - share) * slope
+        return max(of_rows + first - now, 1e-300)
+
+    def _prior(self, share: float) -> tuple[float, float]:
+        """Return χ² of the target's prior after a share of the step, and its derivative."""
+        xi, by = self.cone.log_size(self.psi + share * self.psi_step)
+        xi, by = xi / LOG_SIZE, by / LOG_SIZE
+        return float(xi @ xi), float(2 * xi @ by @ self.psi_step)
 
     @classmethod
     def of(cls, now: Fit, held: Values | None) -> "_Step":
@@ -239,7 +258,8 @@ class _Step:
         if now.swept:
             logs = zip(now.logs, _after(now, step), strict=True)
             before = _cost(now, [replace(a, pulls=b.pulls) for a, b in logs], now.values)
-        return cls(step, square, before, least)
+        psi_step = step[now.gaussian.places[PSI]]
+        return cls(step, square, before, least, now.model.cone, now.values[PSI], psi_step)
 
     def taken(self, now: Fit, share: float) -> Fit | None:
         """Return the fit after a share of the step; None if no motion can be predicted there."""

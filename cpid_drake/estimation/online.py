@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.block import Block, BlockQueue, blocks_of
-from cpid_drake.estimation.events import fit_with_events
+from cpid_drake.estimation.events import fit_with_events, is_explained
 from cpid_drake.estimation.evidence import Question
 from cpid_drake.estimation.fit import Fit, fit, of_first
 from cpid_drake.estimation.joints import smooth_joints
@@ -37,7 +37,7 @@ WINDOW = 4
 """Default length of the window, in blocks."""
 
 LONGEST = 8
-"""Its length, in blocks, until the target is well known, if it is to be shorter."""
+"""As many blocks stay until the target is well known."""
 
 WELL_KNOWN = 1e-3
 """Relative error of the system's inertia from which a block is linear about the target."""
@@ -109,7 +109,7 @@ def step(model: Model, state: OnlineState, block: Block) -> OnlineState:
         found, _ = fit_with_events(found, state.question)
     except (InputError, np.linalg.LinAlgError):
         found = None
-    if found is None or not found.converged:
+    if found is None or not (found.converged or is_explained(found)):
         first = 1 - LONGEST if state.found is None else len(blocks)
         return replace(_without(state, blocks[:first][-1:]), waiting=blocks[first:])
     state = replace(state, waiting=(), found=replace(found, swept=[]))
