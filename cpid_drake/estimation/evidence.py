@@ -20,7 +20,7 @@ Sources: MacKay 2003, Information Theory, Inference, and Learning Algorithms, ch
 import re
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -145,6 +145,26 @@ class Question:
                     value = np.concatenate([momentum.L_WScm_W, momentum.v_WScm_W])
                     given[unknown.key(name)] = value
         return cls(candidates, given)
+
+    def without_contradicted(
+        self, gaussian: Gaussian, values: Mapping[str, NDArray[np.float64]], model: Model
+    ) -> "Question":
+        """Return the question without those of the given momenta that the samples contradict.
+
+        Args:
+            gaussian: of all unknowns about their values.
+            values: of the unknowns.
+            model: with the σ of a momentum that is not given.
+
+        """
+        if not self.given:
+            return self
+        about = {name: value - self.given.get(name, 0.0) for name, value in values.items()}
+        sigma = model.unknown(MOMENTUM).sigma
+        candidates = self.candidates | dict.fromkeys(self.given, sigma)
+        likely = Question(candidates, {}).answer(gaussian, about).probability
+        given = {name: value for name, value in self.given.items() if likely[name] < NAMED}
+        return replace(self, given=given)
 
     def answer(
         self,

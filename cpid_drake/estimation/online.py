@@ -106,7 +106,8 @@ def step(model: Model, state: OnlineState, block: Block) -> OnlineState:
     blocks = (*state.waiting, block)
     try:
         found = _fitted(model, state, blocks)
-        found, _ = fit_with_events(found, state.question)
+        asked = state.question.without_contradicted(found.gaussian, found.values, model)
+        found, _ = fit_with_events(found, asked)
     except (InputError, np.linalg.LinAlgError):
         found = None
     if found is None or not (found.converged or is_explained(found)):
@@ -191,12 +192,14 @@ def _marginalized(state: OnlineState, count: int) -> OnlineState:
                 sums = np.array([np.sum(near**2), near.size * share])
                 noise[name] = noise.get(name, 0.0) + sums
     first = {u.name: values[u.name] for u in model.table if u.scope != "log"}
+    if log.past and inertia_error(found) < WELL_KNOWN:  # what was told before is little
+        first = log.past.first
     past = Past(
         replace(known, rho2=0.0),
         rest.starts[0],
         rest.joints[0].coefficients[:ORDER],
         first_table(model, rest, values),
-        log.past.first if log.past else first,
+        first,
         noise,
     )
     kept = rolled.part(count, len(log.blocks))
@@ -208,7 +211,7 @@ def _marginalized(state: OnlineState, count: int) -> OnlineState:
 
 
 def change_beyond_linear(found: Fit) -> float:
-    """Return the relative change d of the system's inertia since blocks were first linear about it.
+    """Return the relative change d of the system's inertia since it was well known.
 
     It is 0 if its second-order effect d² is below the error of the inertia.
     """

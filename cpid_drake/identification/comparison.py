@@ -26,7 +26,7 @@ from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.posterior import known_target
 from cpid_drake.estimation.roll import Rolled, Values
 from cpid_drake.estimation.sweep import sweep
-from cpid_drake.estimation.unknowns import BODIES, MOMENTUM, PSI, Model
+from cpid_drake.estimation.unknowns import BODIES, PSI, Model
 from cpid_drake.identification.checks import IMPROBABLE, Check, halves_check
 from cpid_drake.identification.effects import LEARNED, EffectEstimate
 from cpid_drake.sensors.disturbances import Disturbances
@@ -115,28 +115,6 @@ def undeclared_floor(model: Model) -> tuple[str, ...]:
         return ()
     text = "the disturbances of the sensors' file have neither acceleration_noise nor torque_noise"
     return (f"{text}: what a floor causes looks like noise",)
-
-
-def without_contradicted(
-    gaussian: Gaussian, values: Values, question: Question, model: Model
-) -> Question:
-    """Return a question without those of the given momenta that the samples contradict.
-
-    Args:
-        gaussian: of all unknowns about their values.
-        values: of the unknowns.
-        question: with what is given.
-        model: with the σ of a momentum that is not given.
-
-    """
-    if not question.given:
-        return question
-    about = {name: value - question.given.get(name, 0.0) for name, value in values.items()}
-    sigma = model.unknown(MOMENTUM).sigma
-    candidates = question.candidates | dict.fromkeys(question.given, sigma)
-    likely = Question(candidates, {}).answer(gaussian, about).probability
-    given = {name: value for name, value in question.given.items() if likely[name] < NAMED}
-    return replace(question, given=given)
 
 
 def with_plausible(

@@ -43,7 +43,6 @@ from cpid_drake.identification.comparison import (
     with_bodies,
     with_plausible,
     with_thrust_errors,
-    without_contradicted,
 )
 from cpid_drake.identification.effects import EffectEstimate
 from cpid_drake.identification.leaning import leaning
@@ -94,11 +93,11 @@ def estimate(
         if other is not None:
             found, warnings = other, (*warnings, BODIES_ACT)
     model = found.model
-    asked = without_contradicted(found.gaussian, found.values, question, model)
+    asked = question.without_contradicted(found.gaussian, found.values, model)
     found, beside = fit_with_events(found, asked, progress)
     changes = sorted(time for log in found.logs for time in log.changes)
     given = question.given  # is compared again beside the changes
-    question = without_contradicted(found.gaussian, found.values, question, model)
+    question = question.without_contradicted(found.gaussian, found.values, model)
     progress("comparing")
     compared = question.answer(found.gaussian, found.values)
     found = about(found, held_by(found, question, compared))

@@ -3,8 +3,6 @@
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
-import numpy as np
-
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
@@ -13,7 +11,7 @@ from cpid_drake.estimation.fit import prior_of
 from cpid_drake.estimation.online import NAME as LOG
 from cpid_drake.estimation.online import OnlineState, change_beyond_linear, run
 from cpid_drake.estimation.posterior import known_target
-from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
+from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.identification.checked_log import CheckedLog, Known, suite_of
 from cpid_drake.identification.checks import (
     Check,
@@ -22,7 +20,7 @@ from cpid_drake.identification.checks import (
     noise_warnings,
     rejection_checks,
 )
-from cpid_drake.identification.comparison import size_checks, without_contradicted
+from cpid_drake.identification.comparison import size_checks
 from cpid_drake.identification.fitted import (
     at_momentum,
     change_warnings,
@@ -42,11 +40,9 @@ NOT_LINEAR = (
 """The failed check if the first blocks were linearized about another target."""
 
 
-def question_of(momentum: TotalMomentum | None) -> Question:
-    """Return what is compared online: whether the momentum is as given, or zero."""
-    assumed = momentum or TotalMomentum.zero()
-    given = np.concatenate([assumed.L_WScm_W, assumed.v_WScm_W])
-    return Question({}, {} if assumed.is_unknown else {f"{MOMENTUM}|{LOG}": given})
+def question_of(model: Model, momentum: TotalMomentum | None) -> Question:
+    """Return what is compared online: changes, and whether the momentum is as given, or zero."""
+    return Question.of(model, model.constants.errors, [LOG], momentum)
 
 
 def identification_of_state(
@@ -61,7 +57,7 @@ def identification_of_state(
             else unknown.
 
     """
-    found, question, is_wrong, change = state.found, question_of(momentum), False, 0.0
+    found, is_wrong, change = state.found, False, 0.0
     assumed, noise, warnings = momentum or TotalMomentum.zero(), {}, ()
     if found is None:
         values = model.start([LOG])
@@ -69,7 +65,8 @@ def identification_of_state(
     else:
         values, gaussian, noise = found.values, found.gaussian, found.logs[0].noise
         change, warnings = change_beyond_linear(found), gap_warnings(found.logs[0])
-        is_wrong = without_contradicted(gaussian, values, question, model).given != question.given
+        question = question_of(model, assumed)
+        is_wrong = question.without_contradicted(gaussian, values, model).given != question.given
         if not is_wrong:
             gaussian = at_momentum(gaussian, values, assumed, LOG)
         elif momentum is None:
@@ -121,7 +118,7 @@ def estimate(
     if known.prior is not None:
         model = replace(model, rows=(known.prior.of_psi(model),))
     progress("fitting")
-    state = OnlineState(question=question_of(known.momentum))
+    state = OnlineState(question=question_of(model, known.momentum))
     state = run(model, log.measurements.blocks(), state)
     found = identification_of_state(model, state, known.momentum)
     return replace(found, warnings=(*warnings, *found.warnings))

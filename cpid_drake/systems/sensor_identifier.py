@@ -156,7 +156,7 @@ class SensorIdentifier(Identifier):
                 _Memory(
                     BlockQueue.of(suite),
                     dict.fromkeys(self._sample_ports, np.nan),
-                    OnlineState(window, question_of(momentum)),
+                    OnlineState(window, question_of(self._model, self._momentum)),
                 )
             )
         )
