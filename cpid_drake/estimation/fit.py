@@ -14,6 +14,7 @@ Source: Nocedal and Wright 2006, ch. 10.3 (Gauss-Newton) and 17.3 (closed ends).
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -196,10 +197,11 @@ def _weighed(prior: Gaussian, factor: float) -> Gaussian:
 def _are_same(logs: Sequence[LogState], others: Sequence[LogState]) -> bool:
     """Return whether logs have nearly the same noise factors and weights."""
     for log, other in zip(logs, others, strict=True):
-        for before, after in zip((log.noise, *log.weights), (other.noise, *other.weights)):
-            for name in before | after:
-                a, b = before.get(name, 1.0), after.get(name, 1.0)
-                if np.max(np.abs(np.subtract(a, b)), initial=0.0) > SAME:
+        parts: Any = [(log.noise, other.noise), *zip(log.weights, other.weights, strict=True)]
+        for before, after in parts:
+            for name in {*before, *after}:
+                change = np.subtract(before.get(name, 1.0), after.get(name, 1.0))
+                if np.max(np.abs(change), initial=0.0) > SAME:
                     return False
     return True
 

@@ -181,9 +181,9 @@ def _marginalized(state: OnlineState, count: int) -> OnlineState:
     found, [log], [rolled] = state.found, state.found.logs, state.found.rolled
     model, values = found.model, found.values
     gone, rest = log.part(0, count), log.part(count, len(log.blocks))
-    about = of_first(model, log, rolled, values).part(0, count)
+    linear = of_first(model, log, rolled, values).part(0, count)
     before = known_at_start(model, log, values)
-    known = sweep(model, gone, about, values, before=before, forward_only=True).end
+    known = sweep(model, gone, linear, values, before=before, forward_only=True).end
     noise = dict(log.past.noise) if log.past else {}
     for name, share in log.freedom.items():
         for block, weights in zip(rolled.residuals[:count], log.weights, strict=False):
@@ -191,15 +191,16 @@ def _marginalized(state: OnlineState, count: int) -> OnlineState:
                 near = block[name][weights.get(name, np.ones(len(block[name]))) == 1.0]
                 sums = np.array([np.sum(near**2), near.size * share])
                 noise[name] = noise.get(name, 0.0) + sums
-    first = {u.name: values[u.name] for u in model.table if u.scope != "log"}
+    about: Mapping[str, NDArray[np.float64]]
+    about = {u.name: values[u.name] for u in model.table if u.scope != "log"}
     if log.past and inertia_error(found) < WELL_KNOWN:  # what was told before is little
-        first = log.past.first
+        about = log.past.first
     past = Past(
         replace(known, rho2=0.0),
         rest.starts[0],
         rest.joints[0].coefficients[:ORDER],
         first_table(model, rest, values),
-        first,
+        about,
         noise,
     )
     kept = rolled.part(count, len(log.blocks))

@@ -58,7 +58,8 @@ def identification_of_state(
 
     """
     found, is_wrong, change = state.found, False, 0.0
-    assumed, noise, warnings = momentum or TotalMomentum.zero(), {}, ()
+    assumed, warnings = momentum or TotalMomentum.zero(), tuple[str, ...]()
+    noise = dict[str, float]()
     if found is None:
         values = model.start([LOG])
         gaussian = prior_of(model, [], values)

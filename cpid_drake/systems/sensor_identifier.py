@@ -45,8 +45,8 @@ _SHARE_OF_INTERVAL = 0.9  # of a sensor's sampling interval in which no further 
 class SensorIdentifier(Identifier):
     """Identifies the target's ten inertial parameters online, from sensors at their own rates.
 
-    It runs `estimation.online.step`: it solves one block of samples, about a second, at a time. It
-    contains the *known* spacecraft only.
+    It runs `estimation.online.step`: it fits the last blocks of samples, each about a second long,
+    and keeps a Gaussian of what is behind them. It contains the *known* spacecraft only.
 
     .. pydrake_system::
 
@@ -93,10 +93,9 @@ class SensorIdentifier(Identifier):
 
     The state is one abstract value that is never changed, only replaced. Its size does not grow
     with time, and clones of a Context share it. The work of an update is bounded; see
-    `estimation.online.step`. Most updates only collect samples. One that completes a block costs
-    some 10 ms of processor time for a second of samples of 12 joints; where the momentum changed,
-    ten times as much; and at the beginning, until the target is well known, that of a fit of all
-    samples so far after 1, 2, 4, … blocks.
+    `estimation.online.step`. Most updates only collect samples. One that completes a block solves
+    the blocks of the window once or twice, some 50 ms of processor time for 12 joints; where the
+    momentum changed, ten times as much.
 
     Args:
         spacecraft: the known spacecraft.
