@@ -37,6 +37,9 @@ The samples reduce the variance of a size at least tenfold.
 """
 
 
+_PANEL = 16  # columns that are eliminated together: the fastest
+
+
 def updated_information(
     information: NDArray[np.float64], augmented_rows: NDArray[np.float64]
 ) -> NDArray[np.float64]:
@@ -45,17 +48,14 @@ def updated_information(
     That of no rows is zero.
     Rows are not checked: a row that is not finite makes the result not finite.
     """
-    updated, _, _, _ = lapack.dtpqrt(0, len(information), information, augmented_rows)
+    n = min(_PANEL, len(information))
+    updated, _, _, _ = lapack.dtpqrt(0, n, information, augmented_rows)
     return np.asarray(updated)
 
 
 def triangle(rows: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return R (n, n) of the QR decomposition of rows (M, n); M may be smaller than n."""
-    m, n = rows.shape
-    if m < n:
-        rows = np.vstack([rows, np.zeros((n - m, n))])
-    work = int(lapack.dgeqrf_lwork(*rows.shape)[0])
-    return np.triu(lapack.dgeqrf(rows, lwork=work)[0][:n])
+    return updated_information(np.zeros((rows.shape[1], rows.shape[1])), rows)
 
 
 def describe_unobservable(directions: NDArray[np.float64], names: Sequence[str]) -> str:
