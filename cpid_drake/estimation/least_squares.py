@@ -54,8 +54,16 @@ def updated_information(
 
 
 def triangle(rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return R (n, n) of the QR decomposition of rows (M, n); M may be smaller than n."""
-    return updated_information(np.zeros((rows.shape[1], rows.shape[1])), rows)
+    """Return R (n, n) of the QR decomposition of rows (M, n); M may be smaller than n.
+
+    Rows that weigh much more than others come first: below them, others would be rounded to theirs
+    (Cox and Higham 1998).
+    """
+    m, n = rows.shape
+    if m < n:
+        rows = np.vstack([rows, np.zeros((n - m, n))])
+    work = int(lapack.dgeqrf_lwork(*rows.shape)[0])
+    return np.triu(lapack.dgeqrf(rows, lwork=work)[0][:n])
 
 
 def describe_unobservable(directions: NDArray[np.float64], names: Sequence[str]) -> str:

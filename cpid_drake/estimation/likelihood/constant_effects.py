@@ -9,7 +9,6 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.dynamics.sensitivity import MotionSensitivity
 from cpid_drake.estimation.likelihood.compliance import write_shifts, write_turns
 from cpid_drake.estimation.likelihood.constants import (
     COMPLIANCE,

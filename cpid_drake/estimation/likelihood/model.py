@@ -148,22 +148,24 @@ class BlockModel:
         readings, moved = self._response(trajectory, change)
         by_zeros = by_joint_errors(self.motion)
 
-        def whole(by: NDArray[np.float64]) -> NDArray[np.float64]:
-            """Return the derivatives by all unknowns, one after the other, from those by effects."""
-            by, found = by.reshape(-1, by.shape[-1]), np.zeros((self._width, by[..., 0].size))
+        def write_all(rows: NDArray[np.float64], by: NDArray[np.float64]) -> None:
+            """Write the derivatives (n, m) by all unknowns from those (m, ...) by effects."""
             for name, place in places.items():
-                found[columns[name]] = by[:, place].T
+                rows[columns[name]] = by[:, place].T
             for name, of_zero in by_zeros.items():
-                found[columns[name]] = (by[:, joints] @ of_zero).T
-            return found.T
+                rows[columns[name]] = (by[:, joints] @ of_zero).T
 
-        parts = [np.empty((0, self._width))]
-        for name, sensor in self.sensors.items():
-            rows = whole(sensor.whitened(readings[name]))
-            for unknown, by in sensor.by_unknowns(trajectory).items():
-                rows[:, columns[unknown]] += sensor.whitened(by).reshape(len(rows), -1)
-            parts.append(rows)
-        rows, end, held = np.concatenate([x.T for x in parts], axis=1).T, whole(moved), self.held
+        parts = {n: s.whitened(readings[n]) for n, s in self.sensors.items()}
+        ends = np.cumsum([0, *(by[..., 0].size for by in parts.values())]).tolist()
+        J, by_end = np.zeros((self._width, ends[-1])), np.zeros((self._width, 12))
+        write_all(by_end, moved)
+        for (name, by), first, last in zip(parts.items(), ends[:-1], ends[1:], strict=True):
+            write_all(J[:, first:last], by.reshape(last - first, -1))
+            sensor = self.sensors[name]
+            for unknown, of_reading in sensor.by_unknowns(trajectory).items():
+                own = sensor.whitened(of_reading).reshape(last - first, -1)
+                J[columns[unknown], first:last] += own.T
+        rows, end, held = J.T, by_end.T, self.held
         # What a table holds has no effect but for rounding, which would grow from block to block.
         rows[:, held] = end[:, held] = 0.0
         fixed = held[held < len(end)]
@@ -248,15 +250,23 @@ class BlockModel:
         places = [firsts[name] + np.array(HELD[name]) for name in HELD.keys() & firsts.keys()]
         return np.concatenate(places)
 
-    def joint_rows(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return rows [A | b] of what the joints' own sensors tell in this block."""
-        joints, place = self.motion.joints, self.columns["joints"]
-        J, r, K = joints.rows.shape
-        rows, each = np.zeros((J, r, J, K)), np.arange(J)
-        rows[each, :, each] = joints.rows
-        A = np.zeros((J * r, self._width))
-        A[:, place] = rows.reshape(J * r, J * K)
-        return A, joints.rest.ravel()
+    @property
+    def kept(self) -> NDArray[np.intp]:
+        """Columns of what outlives the block."""
+        return np.arange(self.columns["psi"].start - self.motion.constants.size, self._width)
+
+    def joint_triangle(self, order: NDArray[np.intp]) -> NDArray[np.float64]:
+        """Return rows [A | b] of what the joints' own sensors tell, each at its joint's column.
+
+        With columns in an order in which those of one joint stay in theirs, they are a triangle
+        (n + 1, n + 1).
+        """
+        joints, place = self.motion.joints, np.argsort(order)[self.columns["joints"]]
+        n, place = len(order), place.reshape(len(joints.rows), -1)
+        T = np.zeros((n + 1, n + 1), order="F")
+        T[place[:, :, None], place[:, None]] = joints.rows
+        T[place, -1] = joints.rest
+        return T
 
 
 def jump_between(state: TrajectoryState, other: TrajectoryState) -> NDArray[np.float64]:
