@@ -40,6 +40,10 @@ The samples reduce the variance of a size at least tenfold.
 _PANEL = 16  # columns that are eliminated together: the fastest
 
 
+IMPROBABLE = 1e-4
+"""Probability of what the data show, if all is as assumed, below which the assumption is wrong."""
+
+
 def updated_information(
     information: NDArray[np.float64], augmented_rows: NDArray[np.float64]
 ) -> NDArray[np.float64]:
@@ -60,10 +64,9 @@ def triangle(rows: NDArray[np.float64]) -> NDArray[np.float64]:
     (Cox and Higham 1998).
     """
     m, n = rows.shape
-    if m < n:
-        rows = np.vstack([rows, np.zeros((n - m, n))])
-    work = int(lapack.dgeqrf_lwork(*rows.shape)[0])
-    return np.triu(lapack.dgeqrf(rows, lwork=work)[0][:n])
+    work = int(lapack.dgeqrf_lwork(m, n)[0])
+    R = np.triu(lapack.dgeqrf(rows, lwork=work)[0][:n])
+    return R if m >= n else np.vstack([R, np.zeros((n - m, n))])
 
 
 def describe_unobservable(directions: NDArray[np.float64], names: Sequence[str]) -> str:
