@@ -155,9 +155,10 @@ def sweep(
     walking, pose, joints = len(boundary) + model.walking_columns, boundary[:12], boundary[12:]
     steps = list[_Change | _Block]()
     linear = _linearized(model, log, rolled, values, use_known=forward_only)
-    for k, (rows, samples) in enumerate(linear):
-        known, block = _eliminated(rolled.models[k], rows, known)
-        steps += [] if forward_only else [_Block.of(rolled, k, rows, samples, block)]
+    for k, (own, samples) in enumerate(linear):
+        known, T = _eliminated(rolled.models[k], own, known)
+        if samples is not None and not forward_only:
+            steps.append(_Block.of(rolled, k, own, samples, T))
         at |= {k: known} if k in stops else {}
         if k in carry:
             known = linked(known, f"link {k}|{log.name}", log.link(model, k), rolled.links[k])
@@ -279,16 +280,16 @@ def _eliminated(
     places = np.r_[:g, g + 12 : count, size]  # of the block's columns but the start
     begin = np.argsort(own.order)[part.at_start[12:]] - 12  # its joints
     of_before = np.r_[:12, 12 + places[begin], 12 + g + len(part.at_end) : size + 13]
-    c, e = count - g, g + 12  # the first rows of both triangles
+    c, e, known = count - g, g + 12, before.rows  # the first rows of both triangles
     rows = np.zeros((c + e, size + 13))
-    rows[:c, of_before] = before.rows[:c]
+    rows[:c, of_before] = known[:c]
     rows[c:, :12], rows[c:, 12 + places] = own.T[:e, :12], own.T[:e, 12:]
     by_end = rows[:, :12] @ np.linalg.inv(own.end[:, :12])
     rows[:, 12 + places[:-1]] -= by_end @ own.end[:, own.order[12:]]
     rows[:, 12 + g : 12 + e] = by_end
     T, others = triangle(rows[:, 12:]), np.zeros((size + 1, size + 1), order="F")
     others[np.ix_(places[g:], places[g:])] = own.T[e:, e:]
-    others[count:size, count:] = before.rows[c:, c:]
+    others[count:size, count:] = known[c:, c:]
     T[e:, e:] = updated_information(others[e:, e:], T[e:, e:])
     rho2 = before.rho2 + float(T[-1, -1]) ** 2
     return Gaussian.of_triangle(before.sizes, T[g:-1, g:], rho2), T
@@ -307,12 +308,14 @@ def changed(
     m, n = len(columns), known.size
     if not m:
         return known, np.zeros((0, n + 1))
-    rows = np.zeros((m + n, m + n + 1))
+    before, p = known.rows, 1 + int(columns.max())  # the first rows contain them
+    rows = np.zeros((m + p, m + n + 1))
     rows[:m, :m], rows[:m, -1] = np.diag(1 / sigma), -now / sigma
-    rows[m:, :m], rows[m:, m:-1], rows[m:, -1] = -known.R[:, columns], known.R, known.z
+    rows[m:, :m], rows[m:, m:] = -before[:p, columns], before[:p]
     T = triangle(rows)
+    before[:p] = T[m : m + p, m:]
     of_change = solve_triangular(T[:m, :m], T[:m, m:])
-    return Gaussian.of_triangle(known.sizes, T[m:-1, m:], known.rho2), of_change
+    return Gaussian.of_triangle(known.sizes, before, known.rho2), of_change
 
 
 def linked(

@@ -54,7 +54,7 @@ def by_joint_errors(motion: BaseMotion) -> dict[str, NDArray[np.float64]]:
             by[joints, :, np.arange(len(joints))] = -error.sigma * (
                 one if error.kind == ZERO else elapsed
             )
-            found[error.name] = by.reshape(J * K, -1)
+            found[error.name] = by.reshape(J * K, len(joints))
     return found
 
 

@@ -262,7 +262,7 @@ class BlockModel:
         (n + 1, n + 1).
         """
         joints, place = self.motion.joints, np.argsort(order)[self.columns["joints"]]
-        n, place = len(order), place.reshape(len(joints.rows), -1)
+        n, place = len(order), place.reshape(joints.rest.shape)
         T = np.zeros((n + 1, n + 1), order="F")
         T[place[:, :, None], place[:, None]] = joints.rows
         T[place, -1] = joints.rest
