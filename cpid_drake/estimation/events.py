@@ -4,19 +4,21 @@ A firing, a contact or a push changes attitude, centre of mass, L and v between 
 amount (12 entries). With the ends of all blocks open, every change is an unknown of one fit, and
 `evidence.compare` decides which of them are not zero: by the same criterion as for errors of the
 sensors. The blocks beside a change are cut into parts, so that a change inside a block has an end
-near it, and all ends are judged once more.
+near it, and all ends are judged once more. More changes than are probable are another cause, which
+no finer cut shows.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import pdtrik
 
 from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.evidence import MOST, Comparison, Question
 from cpid_drake.estimation.fit import Fit, fit, prior_of
 from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.least_squares import FAR
+from cpid_drake.estimation.least_squares import FAR, IMPROBABLE
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
 from cpid_drake.estimation.log_state import LogState, farthest
 from cpid_drake.estimation.roll import Rolled, Values
@@ -61,18 +63,24 @@ def fit_with_events(
         if not is_explained(wide):
             return found, {}  # changes do not explain the samples
         changes = _changes(wide, question)
-        if last or not any(changes):
+        logs = [log.opened(each) for log, each in zip(wide.logs, changes, strict=True)]
+        count = sum(len(log.changes) for log in logs)
+        if last or not 0 < count <= most_changes(len(logs)):
             break
         tests = _tests(wide, changes)
         parts = zip(wide.logs, wide.rolled, changes, strict=True)
         now = [_cut(model, *each) for each in parts]
-    logs = [log.opened(each) for log, each in zip(wide.logs, changes, strict=True)]
     return fit(model, logs, values=wide.values, progress=progress), tests
 
 
 def is_explained(found: Fit) -> bool:
     """Return whether residuals are as small as samples that do not weigh less."""
     return found.cost < FAR**2 * sum(each.count for each in found.rolled)
+
+
+def most_changes(logs: int) -> int:
+    """Return the most changes that are probable in so many logs: one in a log is expected."""
+    return int(np.ceil(pdtrik(1 - IMPROBABLE, logs)))
 
 
 def _tests(found: Fit, changes: Sequence[Sequence[int]]) -> dict[str, Whiteness]:

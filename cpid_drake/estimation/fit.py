@@ -131,7 +131,7 @@ def about(found: Fit, held: Values) -> Fit:
 
     """
     step = _Step.of(found, held)
-    if step.square < LINEAR:
+    if step.square < LINEAR or not found.converged:  # else it has no best values to go to
         return replace(found, swept=[])
     now = found if found.swept else _linear(found)
     there, none = step.taken(now, 1.0), {name: 0.0 * value for name, value in held.items()}

@@ -37,6 +37,13 @@ The samples reduce the variance of a size at least tenfold.
 """
 
 
+_PANEL = 16  # columns that are eliminated together: the fastest
+
+
+IMPROBABLE = 1e-4
+"""Probability of what the data show, if all is as assumed, below which the assumption is wrong."""
+
+
 def updated_information(
     information: NDArray[np.float64], augmented_rows: NDArray[np.float64]
 ) -> NDArray[np.float64]:
@@ -45,17 +52,21 @@ def updated_information(
     That of no rows is zero.
     Rows are not checked: a row that is not finite makes the result not finite.
     """
-    updated, _, _, _ = lapack.dtpqrt(0, len(information), information, augmented_rows)
+    n = min(_PANEL, len(information))
+    updated, _, _, _ = lapack.dtpqrt(0, n, information, augmented_rows)
     return np.asarray(updated)
 
 
 def triangle(rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return R (n, n) of the QR decomposition of rows (M, n); M may be smaller than n."""
+    """Return R (n, n) of the QR decomposition of rows (M, n); M may be smaller than n.
+
+    Rows that weigh much more than others come first: below them, others would be rounded to theirs
+    (Cox and Higham 1998).
+    """
     m, n = rows.shape
-    if m < n:
-        rows = np.vstack([rows, np.zeros((n - m, n))])
-    work = int(lapack.dgeqrf_lwork(*rows.shape)[0])
-    return np.triu(lapack.dgeqrf(rows, lwork=work)[0][:n])
+    work = int(lapack.dgeqrf_lwork(m, n)[0])
+    R = np.triu(lapack.dgeqrf(rows, lwork=work)[0][:n])
+    return R if m >= n else np.vstack([R, np.zeros((n - m, n))])
 
 
 def describe_unobservable(directions: NDArray[np.float64], names: Sequence[str]) -> str:

@@ -1,11 +1,12 @@
 """Prediction of a log: the samples of all blocks at given values of all unknowns."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from cpid_drake.estimation.block_rows import BlockRows
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.estimation.likelihood.model import BlockModel, jump_between
@@ -30,6 +31,7 @@ class Rolled:
             its end to the start of the next; zero if a gap is between them.
         joints: sum of squares of the rows of joints and of what walks.
         start: sum of squares of what is known at its start.
+        linear: the rows of blocks, as far as they have been linearized about these values.
         by_psi: (10, 10) derivative of ψ about the known bodies' present mass by the target's
             coordinates.
 
@@ -42,6 +44,7 @@ class Rolled:
     joints: float
     start: float
     by_psi: NDArray[np.float64]
+    linear: dict[BlockModel, BlockRows] = field(default_factory=dict)
 
     def part(self, first: int, end: int) -> "Rolled":
         """Return the prediction of the blocks from `first` up to `end`."""

@@ -10,22 +10,22 @@ are one Gauss-Newton step of all unknowns at once.
 Source: Bierman 1977, ch. V and X (square-root information filter and smoother).
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from cpid_drake.estimation.block_rows import BlockRows
 from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.least_squares import triangle
+from cpid_drake.estimation.least_squares import triangle, updated_information
 from cpid_drake.estimation.likelihood.effects import with_changes
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.estimation.likelihood.model import BlockModel
-from cpid_drake.estimation.likelihood.motion import Trajectory
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Rolled, Values, first_values, jumped, past_of
-from cpid_drake.estimation.unknowns import BODIES, FASTEST_DRIFT, MOMENTUM, PSI, Model
+from cpid_drake.estimation.unknowns import BODIES, FASTEST_DRIFT, MOMENTUM, Model
 
 EXACT = 1e-9
 """σ of what is conserved, or held while the rest is fitted, as a share of its plausible size."""
@@ -61,6 +61,28 @@ class _Block:
     rows: NDArray[np.float64]
     end: NDArray[np.float64]
     absorbed: dict[str, float]
+
+    @classmethod
+    def of(
+        cls,
+        rolled: Rolled,
+        k: int,
+        own: BlockRows,
+        samples: NDArray[np.float64],
+        T: NDArray[np.float64],
+    ) -> "_Block":
+        """Return block k from its rows, those of its samples alone, and its triangle."""
+        part, g = rolled.models[k], len(own.gone)
+        first, residuals = part.kept[0], rolled.residuals[k]
+        keep = np.concatenate(
+            [part.at_end, np.arange(first, first + len(T) - 1 - g - len(part.at_end))]
+        )
+        start = np.linalg.solve(own.end[:, :12], own.end[:, own.gone])
+        of_gone = samples[:, 12 : 12 + g] - samples[:, :12] @ start
+        leverage = np.sum((of_gone @ np.linalg.inv(T[:g, :g])) ** 2, axis=1)
+        ends = np.cumsum([each.size for each in residuals.values()])
+        absorbed = {n: float(x.sum()) for n, x in zip(residuals, np.split(leverage, ends))}
+        return cls(part, own.gone, keep, solve_triangular(T[:g, :g], T[:g, g:]), own.end, absorbed)
 
     def solved(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the steps of all columns of the block's model, given those at its end."""
@@ -133,11 +155,11 @@ def sweep(
     boundary = np.arange(boundary_size(model))
     walking, pose, joints = len(boundary) + model.walking_columns, boundary[:12], boundary[12:]
     steps = list[_Change | _Block]()
-    motions = [part.motion for part in rolled.models]
-    bodies = model.known_bodies, values.get(BODIES)
-    for k, trajectory in enumerate(with_changes(motions, rolled.trajectories, *bodies)):
-        block, known = _eliminated(model, log, k, rolled, trajectory, known, forward_only)
-        steps += [] if block is None else [block]
+    linear = _linearized(model, log, rolled, values, use_known=forward_only)
+    for k, (own, samples) in enumerate(linear):
+        known, T = _eliminated(rolled.models[k], own, known)
+        if samples is not None and not forward_only:
+            steps.append(_Block.of(rolled, k, own, samples, T))
         at |= {k: known} if k in stops else {}
         if k in carry:
             known = linked(known, f"link {k}|{log.name}", log.link(model, k), rolled.links[k])
@@ -224,52 +246,56 @@ def back(model: Model, log: LogState, swept: Swept, step: Values, share: float =
     )
 
 
+def _linearized(
+    model: Model, log: LogState, rolled: Rolled, values: Values, *, use_known: bool
+) -> Iterator[tuple[BlockRows, NDArray[np.float64] | None]]:
+    """Yield the rows of all blocks, and those of their samples alone if they are new."""
+    scales, known = [], list[BlockRows | None]()
+    for k, (part, rest) in enumerate(zip(rolled.models, rolled.residuals, strict=True)):
+        each = (np.repeat(log.scale(k, n, len(e)), e.shape[1]) for n, e in rest.items())
+        scales.append(np.concatenate([np.empty(0), *each]))
+        rows = rolled.linear.get(part) if use_known else None
+        is_same = rows is not None and np.array_equal(rows.scale, scales[k])
+        known.append(rows if is_same else None)
+    new = [k for k, rows in enumerate(known) if rows is None]
+    motions = [rolled.models[k].motion for k in new]
+    at = [rolled.trajectories[k] for k in new]
+    trajectories = with_changes(motions, at, model.known_bodies, values.get(BODIES))
+    for part, rest, rows, scale in zip(rolled.models, rolled.residuals, known, scales, strict=True):
+        samples = None
+        if rows is None:
+            r = np.concatenate([np.empty(0), *(each.ravel() for each in rest.values())])
+            rows, samples = BlockRows.of(part, next(trajectories), rolled.by_psi, r, scale)
+            rolled.linear[part] = rows
+        yield rows, samples
+
+
 def _eliminated(
-    model: Model,
-    log: LogState,
-    k: int,
-    rolled: Rolled,
-    trajectory: Trajectory,
-    before: Gaussian,
-    forward_only: bool,
-) -> tuple[_Block | None, Gaussian]:
-    """Return block k without what ends with it, if it is needed, and what is known at its end."""
-    part, carried = rolled.models[k], before.rows
-    J, end = part.jacobian(trajectory)
-    links, rest = part.joint_rows()
-    psi, by_psi = part.columns[PSI], rolled.by_psi
-    J[:, psi], end[:, psi] = J[:, psi] @ by_psi, end[:, psi] @ by_psi
-    residuals = rolled.residuals[k]
-    r = [log.weighted(k, name, each).ravel() for name, each in residuals.items()]
-    w = [np.repeat(log.scale(k, n, len(e)), e.shape[1]) for n, e in residuals.items()]
-    J = np.concatenate([np.empty(0), *w])[:, None] * J
-    n, known, total = boundary_size(model), J.shape[1], carried.shape[1] - 1
-    first = psi.start - model.constants.size  # of the unknowns that outlive the block
-    outside = n + known - first  # columns of carried that are no columns of the block's model
-    rows = np.zeros((len(carried) + len(rest) + len(J), known + total - outside + 1))
-    a, b = len(carried), len(carried) + len(rest)
-    rows[:a, part.at_start] = carried[:, :n]
-    rows[:a, first:] = carried[:, n:]
-    rows[a:b, :known], rows[a:b, -1] = links, rest
-    rows[b:, :known], rows[b:, -1] = J, np.concatenate([np.empty(0), *r])
-    # Replace attitude, centre of mass and momentum at the start by those at the end.
-    by_end = rows[:, :12] @ np.linalg.inv(end[:, :12])
-    rows[:, :known] -= by_end @ end
-    rows[:, :12] = by_end
-    ends = part.at_end
-    keep = np.concatenate([ends, np.arange(first, rows.shape[1] - 1)])
-    gone = np.setdiff1d(np.arange(first), ends)
-    T = triangle(rows[:, np.concatenate([gone, keep, [rows.shape[1] - 1]])])
-    g, kept = len(gone), len(keep)
+    part: BlockModel, own: BlockRows, before: Gaussian
+) -> tuple[Gaussian, NDArray[np.float64]]:
+    """Return what is known at the end of a block, and the triangle [R | z] without its start.
+
+    Attitude, centre of mass and momentum at the start are replaced by those at the end, and
+    eliminated together with what ends with the block from the rows that contain them: other rows
+    remain a triangle.
+    """
+    g, size, count = len(own.gone), len(own.gone) + before.size, len(own.order)
+    places = np.r_[:g, g + 12 : count, size]  # of the block's columns but the start
+    begin = np.argsort(own.order)[part.at_start[12:]] - 12  # its joints
+    of_before = np.r_[:12, 12 + places[begin], 12 + g + len(part.at_end) : size + 13]
+    c, e, known = count - g, g + 12, before.rows  # the first rows of both triangles
+    rows = np.zeros((c + e, size + 13))
+    rows[:c, of_before] = known[:c]
+    rows[c:, :12], rows[c:, 12 + places] = own.T[:e, :12], own.T[:e, 12:]
+    by_end = rows[:, :12] @ np.linalg.inv(own.end[:, :12])
+    rows[:, 12 + places[:-1]] -= by_end @ own.end[:, own.order[12:]]
+    rows[:, 12 + g : 12 + e] = by_end
+    T, others = triangle(rows[:, 12:]), np.zeros((size + 1, size + 1), order="F")
+    others[np.ix_(places[g:], places[g:])] = own.T[e:, e:]
+    others[count:size, count:] = known[c:, c:]
+    T[e:, e:] = updated_information(others[e:, e:], T[e:, e:])
     rho2 = before.rho2 + float(T[-1, -1]) ** 2
-    after = Gaussian.of_triangle(before.sizes, T[g : g + kept, g:], rho2)
-    if forward_only:
-        return None, after
-    leverage = np.sum(solve_triangular(T[:g, :g], rows[b:, gone].T, trans="T") ** 2, axis=0)
-    ends = np.cumsum([each.size for each in residuals.values()])
-    own = {n: float(x.sum()) for n, x in zip(residuals, np.split(leverage, ends))}
-    of_gone = solve_triangular(T[:g, :g], T[:g, g:])
-    return _Block(part, gone, keep, of_gone, end, own), after
+    return Gaussian.of_triangle(before.sizes, T[g:-1, g:], rho2), T
 
 
 def changed(
@@ -285,23 +311,28 @@ def changed(
     m, n = len(columns), known.size
     if not m:
         return known, np.zeros((0, n + 1))
-    rows = np.zeros((m + n, m + n + 1))
+    before, p = known.rows, 1 + int(columns.max())  # the first rows contain them
+    rows = np.zeros((m + p, m + n + 1))
     rows[:m, :m], rows[:m, -1] = np.diag(1 / sigma), -now / sigma
-    rows[m:, :m], rows[m:, m:-1], rows[m:, -1] = -known.R[:, columns], known.R, known.z
+    rows[m:, :m], rows[m:, m:] = -before[:p, columns], before[:p]
     T = triangle(rows)
+    before[:p] = T[m : m + p, m:]
     of_change = solve_triangular(T[:m, :m], T[:m, m:])
-    return Gaussian.of_triangle(known.sizes, T[m:-1, m:], known.rho2), of_change
+    return Gaussian.of_triangle(known.sizes, before, known.rho2), of_change
 
 
 def linked(
     known: Gaussian, name: str, sigma: NDArray[np.float64], now: NDArray[np.float64]
 ) -> Gaussian:
-    """Return what is known after a change (12,) of attitude, p, L and v, a further unknown."""
+    """Return what is known after a change (12,) of attitude, p, L and v, a further unknown.
+
+    Those are the first columns, which only the first rows contain: the rows remain a triangle.
+    """
     n = known.size
-    rows = np.zeros((12 + n, n + 13))
-    rows[:12, n:-1], rows[:12, -1] = np.diag(1 / sigma), -now / sigma
-    rows[12:, :n], rows[12:, n:-1], rows[12:, -1] = known.R, -known.R[:, :12], known.z
-    return Gaussian.of_rows({**known.sizes, name: 12}, rows, known.rho2)
+    T = np.zeros((n + 12, n + 13))
+    T[:n, :n], T[:n, n:-1], T[:n, -1] = known.R, -known.R[:, :12], known.z
+    T[n:, n:-1], T[n:, -1] = np.diag(1 / sigma), -now / sigma
+    return Gaussian.of_triangle({**known.sizes, name: 12}, T, known.rho2)
 
 
 def boundary_size(model: Model) -> int:

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from cpid_drake.dynamics.parameterizations import (
     standard_to_pseudo_inertia,
     standard_to_relative,
-    tensor_to_vector,
 )
 from cpid_drake.estimation.gaussian import Gaussian
 
@@ -73,9 +72,9 @@ class TargetCone:
     def log_size(self, psi: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the coordinates ξ₀ (10,) of ψ about the plausible solid, and ∂ξ₀/∂ψ (10, 10)."""
         sizes, axes = np.linalg.eigh(self._relative(psi))
-        by_standard = np.linalg.inv(_by_standard(_of_relative(psi, self.mass), self.mass))
+        by_standard = _by_standard(_of_relative(psi, self.mass), self.mass)
         into = axes.T @ self._inverse_root
-        moved = np.array([standard_to_pseudo_inertia(phi) for phi in by_standard.T])
+        moved = standard_to_pseudo_inertia(np.asarray(np.linalg.inv(by_standard)).T)
         changes = _slopes(sizes, np.log(sizes), 1 / sizes) * (into @ moved @ into.T)
         by = np.tensordot(axes @ changes @ axes.T, _BASIS, axes=([1, 2], [1, 2])).T
         return np.tensordot(_BASIS, (axes * np.log(sizes)) @ axes.T, axes=2), by
@@ -196,6 +195,12 @@ def _slopes(
     return np.where(is_same, (slopes[:, None] + slopes) / 2, rises)
 
 
+_SHIFTS = np.zeros((6, 3, 3))  # entry by entry the matrices of P(h) = |h|²1 − hhᵀ
+for _k, (_i, _j) in enumerate(zip(*np.triu_indices(3), strict=True)):
+    _SHIFTS[_k] = (_i == _j) * np.eye(3)
+    _SHIFTS[_k, [_i, _j], [_j, _i]] -= 0.5 * (1 + (_i == _j))
+
+
 def psi_about(
     x: NDArray[np.float64], nominal_mass: float, mass: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -225,7 +230,7 @@ def _of_relative(psi: NDArray[np.float64], mass: float) -> NDArray[np.float64]:
     """Return φ (10,) of ψ about known bodies of a mass: the inverse of `standard_to_relative`."""
     up = mass / (mass - psi[0])  # 1 + m / mass
     m, h = up * psi[0], up * psi[1:4]
-    return np.concatenate([[m], h, psi[4:] + _shift(h, h) / (mass + m)])
+    return np.concatenate([[m], h, psi[4:] + _SHIFTS @ h @ h / (mass + m)])
 
 
 def _by_standard(phi: NDArray[np.float64], mass: float) -> NDArray[np.float64]:
@@ -233,11 +238,6 @@ def _by_standard(phi: NDArray[np.float64], mass: float) -> NDArray[np.float64]:
     h, total = phi[1:4], mass + phi[0]
     f, by = mass / total, np.eye(10)
     by[0, 0], by[1:4, 0], by[1:4, 1:4] = f**2, -f / total * h, f * np.eye(3)
-    by[4:, 0] = _shift(h, h) / total**2
-    by[4:, 1:4] = -2 / total * np.column_stack([_shift(h, e) for e in np.eye(3)])
+    by[4:, 0] = _SHIFTS @ h @ h / total**2
+    by[4:, 1:4] = -2 / total * (_SHIFTS @ h)
     return by
-
-
-def _shift(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the symmetric bilinear form of P(h) = |h|²1 − hhᵀ, as a vector (6,)."""
-    return np.asarray(tensor_to_vector((a @ b) * np.eye(3) - (np.outer(a, b) + np.outer(b, a)) / 2))

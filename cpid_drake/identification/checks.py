@@ -9,16 +9,15 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtri, fdtri, pdtrik
+from scipy.special import chdtri, fdtri
 
 from cpid_drake.digits import significant
+from cpid_drake.estimation.events import most_changes
 from cpid_drake.estimation.evidence import NAMED
 from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.least_squares import IMPROBABLE as IMPROBABLE
 from cpid_drake.estimation.whiteness import MOST_CORRELATED, Whiteness
 from cpid_drake.sensors.sensors import SENSORS
-
-IMPROBABLE = 1e-4
-"""Probability of what the data show, if all is as assumed, below which a check fails."""
 
 AGREEMENT, CONVERGENCE, NEAREST = "agreement", "convergence", "distance of the nearest rigid body"
 """Names of the checks that sources have one target, a fit is the best, and a rigid body has it."""
@@ -102,7 +101,7 @@ def fit_checks(
     yield Check.of("unexplained share", sentence, unexplained, MOST_UNEXPLAINED)
     largest = max(noise.values(), default=1.0)
     if changes:
-        most = float(np.ceil(pdtrik(1 - IMPROBABLE, logs)))  # one in a log is expected
+        most = float(most_changes(logs))
         what = "are many" if changes > most else "leave residuals that are larger than noise"
         sentence = (
             f"{changes} changes of the momentum {what}: another cause, such as a force, a hidden "

@@ -6,6 +6,7 @@ Suites, logs, simulated noise, log files, estimators and reports all read `SENSO
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import lru_cache
 from operator import attrgetter
 from typing import Annotated, Self
 
@@ -110,11 +111,17 @@ class AttitudeSensor(SensorErrors):
     @property
     def R_BS(self) -> NDArray[np.float64]:
         """(3, 3) rotation whose last column is the boresight in B."""
-        z = np.asarray(self.boresight_B, dtype=float)
-        z = z / np.linalg.norm(z)
-        x = np.cross(z, np.eye(3)[np.abs(z).argmin()])
-        x /= np.linalg.norm(x)
-        return np.stack([x, np.cross(z, x), z], axis=1)
+        return _frame_about(tuple(np.asarray(self.boresight_B, dtype=float).tolist()))
+
+
+@lru_cache(maxsize=64)
+def _frame_about(axis: tuple[float, ...]) -> NDArray[np.float64]:
+    """Return a rotation (3, 3) whose last column is along an axis."""
+    z = np.array(axis, dtype=float)
+    z = z / np.linalg.norm(z)
+    x = np.cross(z, np.eye(3)[np.abs(z).argmin()])
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z], axis=1)
 
 
 @dataclass

@@ -114,8 +114,9 @@ def _write(
         moved = by_size[1:4]
         spin = rotate(dynamics.R_BC, by_rate + cross(dynamics.s, moved))
         momentum = value * (Y @ by_size) + rate * spin
-        change.w[:, :, axis] = -rotate(trajectory.inverse, momentum)
+        change.w[:, :, axis] = -rotate(trajectory.inverse, momentum)[: len(change.w)]
         change.com[:, :, axis] = rotate(per_mass, value * moved)
-        change.com_rate[:, :, axis] = rotate(
-            per_mass, value * cross(dynamics.w_BC, moved) + rate * moved
-        )
+        if len(change.com_rate):
+            change.com_rate[:, :, axis] = rotate(
+                per_mass, value * cross(dynamics.w_BC, moved) + rate * moved
+            )

@@ -7,8 +7,8 @@ not here changes readings only; the model of its sensor has their derivatives.
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cpid_drake.dynamics.sensitivity import MotionSensitivity
 from cpid_drake.estimation.likelihood.compliance import write_shifts, write_turns
 from cpid_drake.estimation.likelihood.constants import (
     COMPLIANCE,
@@ -22,14 +22,40 @@ from cpid_drake.estimation.likelihood.constants import (
 )
 from cpid_drake.estimation.likelihood.effects import (
     MotionChange,
-    joint_changes,
-    write_change,
     write_force,
 )
 from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory
 
 Write = Callable[[BaseMotion, Trajectory, float, MotionChange], None]
 """Writes the change of the motion by σ of each entry of an error."""
+
+
+def moves(error: ConstantError, motion: BaseMotion) -> bool:
+    """Return whether a constant error changes the motion as `write_constant` writes it.
+
+    Other errors change the readings alone, or the joint motion; see `by_joint_errors`.
+    """
+    return error.kind in (*OF_THRUST, *_WRITE) or error.name in motion.forces
+
+
+def by_joint_errors(motion: BaseMotion) -> dict[str, NDArray[np.float64]]:
+    """Return the derivatives (J K, size) of the joints' coefficients by errors of their zeros.
+
+    The measured positions are the true ones plus the zero, and the time since the origin times the
+    drift. A spline is such a line if its coefficients are.
+    """
+    one, elapsed = motion.joints.lines(motion.origin)
+    K, J = motion.joints.coefficients.shape
+    found = {}
+    for error in motion.constants.errors.values():
+        if error.kind in (ZERO, DRIFT):
+            joints = range(J) if error.kind == ZERO else [error.joint]
+            by = np.zeros((J, K, len(joints)))
+            by[joints, :, np.arange(len(joints))] = -error.sigma * (
+                one if error.kind == ZERO else elapsed
+            )
+            found[error.name] = by.reshape(J * K, len(joints))
+    return found
 
 
 def write_constant(
@@ -42,8 +68,6 @@ def write_constant(
         change.thrust[motion.constants.of_thrust.index(error.name)] = error.sigma
     elif error.name in motion.forces:
         write_force(motion.forces[error.name], motion, trajectory, change)
-    elif error.kind == DRIFT:
-        _write_drift(motion, trajectory, error, change)
     elif error.kind in _WRITE:
         _WRITE[error.kind](motion, trajectory, error.sigma, change)
 
@@ -53,32 +77,14 @@ def _wheel(motion: BaseMotion, trajectory: Trajectory, sigma: float, change: Mot
 
     That of the other bodies is counted at the start, so that a wheel alone is no momentum.
     """
-    R, end = trajectory.R, len(motion.nodes) - 1
-    change.w[:] = sigma * trajectory.inverse @ (np.swapaxes(R, -1, -2) @ R[0] - np.eye(3))
-    change.L[:] = sigma * (R[0] - R[end])
-
-
-def _zeros(motion: BaseMotion, trajectory: Trajectory, sigma: float, change: MotionChange) -> None:
-    """Write that of the joints' zeros: the measured positions are the true ones plus these."""
-    by_q, _ = joint_changes(motion, trajectory)
-    less = MotionSensitivity(*(-sigma * value for value in vars(by_q).values()))
-    write_change(change, less, motion, trajectory)
-
-
-def _write_drift(
-    motion: BaseMotion, trajectory: Trajectory, error: ConstantError, change: MotionChange
-) -> None:
-    """Write that of a constant rate of a joint's zero: position and rate are too large."""
-    elapsed, j = (motion.times - motion.origin)[:, None], error.joint
-    by_q, by_qdot = (vars(each).values() for each in joint_changes(motion, trajectory))
-    by = (elapsed * q[..., j] + qdot[..., j] for q, qdot in zip(by_q, by_qdot, strict=True))
-    less = MotionSensitivity(*(-error.sigma * value[..., None] for value in by))
-    write_change(change, less, motion, trajectory)
+    N = len(motion.nodes)
+    R = trajectory.R[:N]
+    change.w[:] = sigma * (trajectory.mobility @ R[0] - trajectory.inverse[:N])
+    change.L[:] = sigma * (R[0] - R[-1])
 
 
 _WRITE: dict[str, Write] = {
     WHEEL: _wheel,
     COMPLIANCE: write_turns,
     STRETCH: write_shifts,
-    ZERO: _zeros,
 }

@@ -35,13 +35,15 @@ from cpid_drake.estimation.likelihood.thrust import inverse_mass, transition
 
 @dataclass(frozen=True, eq=False)
 class MotionChange:
-    """First-order change of the base's motion by n quantities, at U instants.
+    """First-order change of the base's motion by n quantities, at U instants, first N nodes.
 
     Attributes:
-        w: (U, 3, n) change of the angular velocity at unchanged attitude, in B.
+        w: (N, 3, n) change of the angular velocity at unchanged attitude, in B.
         com: (U, 3, n) change of the centre of mass ρ from B's origin, in B.
-        com_rate: (U, 3, n) change of the rate of ρ as seen from B, in B.
-        screw: (U, 6, n) small screws that displace the target against B, at B's origin, in B.
+        com_rate: (U, 3, n) change of the rate of ρ as seen from B, in B; (0, 3, n) if it is not
+            needed.
+        screw: (N, 6, n) small screws that displace the target against B, at B's origin, in B;
+            (0, 6, n) if they are not needed.
         position, velocity: (U, 3, n) change of place and velocity of the system's centre of mass,
             in W; without that by the thrust, which follows from the others.
         attitude: (3, n) change of the attitude at the start, a rotation in W.
@@ -65,12 +67,18 @@ class MotionChange:
     delay: NDArray[np.float64]
 
     @classmethod
-    def zeros(cls, instants: int, n: int, of_thrust: int = 0) -> "MotionChange":
-        """Return no change by n quantities, with so many errors of the thrust."""
-        w, com, com_rate, position, velocity = np.zeros((5, instants, 3, n))
-        screw, (attitude, L) = np.zeros((instants, 6, n)), np.zeros((2, 3, n))
-        (inverse, delay), thrust = np.zeros((2, n)), np.zeros((of_thrust, n))
-        return cls(w, com, com_rate, screw, position, velocity, attitude, L, inverse, thrust, delay)
+    def zeros(cls, motion: BaseMotion, n: int, *, with_rates: bool = True) -> "MotionChange":
+        """Return no change of a motion by n quantities; without rates of ρ if nobody reads them."""
+        nodes, instants, has_thrust = (
+            len(motion.nodes),
+            len(motion.times),
+            motion.thrust is not None,
+        )
+        com, position, velocity = np.zeros((3, instants, 3, n))
+        w, rate = np.zeros((nodes, 3, n)), np.zeros((instants * with_rates, 3, n))
+        screw, (attitude, L) = np.zeros((nodes * has_thrust, 6, n)), np.zeros((2, 3, n))
+        (inverse, delay), thrust = np.zeros((2, n)), np.zeros((len(motion.constants.of_thrust), n))
+        return cls(w, com, rate, screw, position, velocity, attitude, L, inverse, thrust, delay)
 
     def columns(self, part: slice) -> "MotionChange":
         """Return views of some columns."""
@@ -80,7 +88,7 @@ class MotionChange:
 def write_start(motion: BaseMotion, trajectory: Trajectory, change: MotionChange) -> None:
     """Write that of attitude, centre of mass, L about it and its velocity at the start, in W."""
     change.attitude[:, :3] = change.L[:, 6:9] = np.eye(3)
-    mobility = trajectory.inverse @ np.swapaxes(trajectory.R, -1, -2)
+    mobility = trajectory.mobility
     change.w[:, :, 6:9] = mobility
     wheel = motion.constants.value(trajectory.state.constants, "wheel")
     if wheel is not None:  # it turns with the base
@@ -93,14 +101,18 @@ def write_start(motion: BaseMotion, trajectory: Trajectory, change: MotionChange
 
 def write_joints(motion: BaseMotion, trajectory: Trajectory, change: MotionChange) -> None:
     """Write that of errors of the coefficients of the joints' splines, joint after joint."""
-    B, B_dot = (motion.joints.basis(motion.times, order)[:, None, None] for order in range(2))
+    bases = [motion.joints.basis(motion.times, order)[:, None, None] for order in range(2)]
+    by_q, by_qdot = joint_changes(motion, trajectory)
 
-    def by_errors(q: NDArray[np.float64], qdot: NDArray[np.float64]) -> NDArray[np.float64]:
-        both = q[..., None] * B + qdot[..., None] * B_dot
-        return both.reshape(*both.shape[:2], -1)
+    def by_errors(name: str, count: int) -> NDArray[np.float64]:
+        each = (getattr(by, name)[:count, ..., None] for by in (by_q, by_qdot))
+        q, qdot = (by * basis[:count] for by, basis in zip(each, bases, strict=True))
+        q += qdot
+        return q.reshape(*q.shape[:2], np.prod(q.shape[2:]))
 
-    by_q, by_qdot = (vars(each).values() for each in joint_changes(motion, trajectory))
-    by = MotionSensitivity(*(by_errors(*both) for both in zip(by_q, by_qdot, strict=True)))
+    U, rates = len(motion.times), len(change.com_rate)
+    counts = {"w": rates or len(change.w), "com": U, "v": rates, "screw": len(change.screw)}
+    by = MotionSensitivity(**{name: by_errors(name, count) for name, count in counts.items()})
     write_change(change, by, motion, trajectory)
 
 
@@ -110,7 +122,7 @@ def write_force(
     """Write that of the entries of a force."""
     impulse = force.impulse(motion.times)
     if force.turns:
-        change.w[:] = trajectory.inverse @ (np.swapaxes(trajectory.R, -1, -2) @ impulse)
+        change.w[:] = trajectory.mobility @ impulse[: len(change.w)]
         change.L[:] = impulse[len(motion.nodes) - 1]
     else:
         change.position[:], change.velocity[:] = force.travel(motion.times), impulse
@@ -118,14 +130,15 @@ def write_force(
 
 def write_target(motion: BaseMotion, trajectory: Trajectory, change: MotionChange) -> None:
     """Write that of the ten relative unknowns ψ = (μ, μc, I_*)."""
-    dynamics = motion.dynamics
-    change.w[:] = -trajectory.inverse @ dynamics.regressor(trajectory.w)
+    dynamics, N = motion.dynamics, len(motion.nodes)
+    change.w[:] = -trajectory.inverse[:N] @ motion.grid.regressor(trajectory.w[:N])
     by_torque = motion.gradient_by_psi(trajectory)
     if by_torque is not None:
-        change.w[:] += trajectory.inverse @ np.swapaxes(trajectory.R, -1, -2) @ by_torque
-        change.L[:] = by_torque[len(motion.nodes) - 1]
+        change.w[:] += trajectory.mobility @ by_torque[:N]
+        change.L[:] = by_torque[N - 1]
     change.com[:, :, :4] = dynamics.com_regressor()
-    change.com_rate[:, :, :4] = dynamics.com_rate_regressor()
+    if len(change.com_rate):
+        change.com_rate[:, :, :4] = dynamics.com_rate_regressor()
     change.inverse_mass[0] = -(dynamics.mass**-2)
 
 
@@ -250,9 +263,11 @@ def write_change(
     change: MotionChange, by: MotionSensitivity, motion: BaseMotion, trajectory: Trajectory
 ) -> None:
     """Write a sensitivity into `change`; v = −(ω × ρ + ρ') is solved for the change of ρ'."""
-    rho = motion.dynamics.com(trajectory.state.psi)
-    change.w[:], change.com[:], change.screw[:] = by.w, by.com, by.screw
-    change.com_rate[:] = skew(rho) @ by.w - skew(trajectory.w) @ by.com - by.v
+    change.w[:], change.com[:] = by.w[: len(change.w)], by.com
+    change.screw[:] = by.screw[: len(change.screw)]
+    if len(change.com_rate):
+        rho = motion.dynamics.com(trajectory.state.psi)
+        change.com_rate[:] = skew(rho) @ by.w - skew(trajectory.w) @ by.com - by.v
 
 
 def _relative_to_base(

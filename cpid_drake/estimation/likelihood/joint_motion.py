@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import BSpline
 
@@ -56,6 +57,11 @@ class JointPart:
         """Return the derivatives (M, K) of a joint's position (or rate, …) w.r.t. coefficients."""
         return spline_basis(self.start, self.end, self.pieces, np.asarray(times), derivative)
 
+    def lines(self, origin: float) -> NDArray[np.float64]:
+        """Return the coefficients (2, K) of the positions 1 and t − origin."""
+        one, elapsed = _lines(round(self.end - self.start, 9), self.pieces)
+        return np.stack([one, elapsed + (self.start - origin) * one])
+
     def evaluate(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return positions and rates (M, 2, J) at times (M,)."""
         return np.stack([self.basis(times, d) @ self.coefficients for d in range(2)], axis=1)
@@ -90,6 +96,19 @@ def spline_basis(
 def _basis(length: float, pieces: int, times: bytes, derivative: int) -> NDArray[np.float64]:
     """Return the basis at times since the start: the same in every sweep, and in many blocks."""
     return np.asarray(_functions(length, pieces)(np.frombuffer(times), nu=derivative))
+
+
+@lru_cache(maxsize=64)
+def _lines(length: float, pieces: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the coefficients (K,) of the positions 1 and t in a block that starts at zero."""
+    basis = _functions(length, pieces)
+    one, time = (np.linalg.solve(basis.c, x) for x in (np.ones(len(basis.c)), _means(basis.t)))
+    return one, time
+
+
+def _means(knots: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the coefficients (K,) of B-splines whose sum is the time: means of their knots."""
+    return np.asarray(sliding_window_view(knots[1:-1], DEGREE).mean(axis=1))
 
 
 @lru_cache(maxsize=64)

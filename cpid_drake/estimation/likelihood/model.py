@@ -13,7 +13,11 @@ from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.gaussian import places_of
 from cpid_drake.estimation.likelihood.actuators import thrust_log
-from cpid_drake.estimation.likelihood.constant_effects import write_constant
+from cpid_drake.estimation.likelihood.constant_effects import (
+    by_joint_errors,
+    moves,
+    write_constant,
+)
 from cpid_drake.estimation.likelihood.constants import (
     OF_GRASP,
     Constants,
@@ -61,7 +65,7 @@ class BlockModel:
     Attributes:
         motion: the base's motion.
         sensors: models of the sensors that have samples, by name.
-        effects: the function that writes each effect, by name.
+        effects: the function that writes each effect on the motion, by name.
         columns: columns of each effect in the Jacobian; those of the target and of the known bodies
             are last.
         at_start, at_end: columns of the base's state and of the joints at both ends.
@@ -108,19 +112,23 @@ class BlockModel:
         bodies = known_bodies, errors
         self.sensors |= {each.name: WhiteReading(self.motion, each, *bodies) for each in white}
         K, J = joints.coefficients.shape
-        effects: dict[str, tuple[int, Write]] = {
+        effects: dict[str, tuple[int, Write | None]] = {
             "start": (12, write_start),
             "joints": (K * J, write_joints),
             **{f.name: (f.size, partial(write_force, f)) for f in white},
-            **{n: (e.size, partial(write_constant, e)) for n, e in constants.errors.items()},
-            "psi": (10, write_target),
         }
+        for name, error in constants.errors.items():
+            write = partial(write_constant, error) if moves(error, self.motion) else None
+            effects[name] = error.size, write
+        effects["psi"] = 10, write_target
         if known_bodies is not None:
             count = known_bodies.count(tree.wheels, J)
             effects["bodies"] = count, partial(write_bodies, known_bodies, errors)
         self.columns = places_of({name: size for name, (size, _) in effects.items()})
-        self.effects = {name: write for name, (_, write) in effects.items()}
+        self.effects = {name: write for name, (_, write) in effects.items() if write is not None}
+        self._places = places_of({name: effects[name][0] for name in self.effects})
         self._width = sum(size for size, _ in effects.values())
+        self._with_rates = "velocity" in classes
         of_joints = np.arange(12, 12 + K * J).reshape(J, K)
         self.at_start, self.at_end = (
             np.concatenate([np.arange(12), of_joints[:, ends].ravel()])
@@ -133,18 +141,31 @@ class BlockModel:
         The latter are those of attitude (a rotation in W), centre of mass, L and velocity at the
         block's end. The columns are `columns`, known bodies included.
         """
-        n = self._width
-        change = self._no_change(n)
+        columns, places, joints = self.columns, self._places, self._places["joints"]
+        change = self._no_change(sum(place.stop - place.start for place in places.values()))
         for name, write in self.effects.items():
-            write(self.motion, trajectory, change.columns(self.columns[name]))
-        readings, end = self._response(trajectory, change)
-        parts = [np.empty((0, n))]
-        for name, sensor in self.sensors.items():
-            rows = readings[name]
-            for unknown, by in sensor.by_unknowns(trajectory).items():
-                rows[:, :, self.columns[unknown]] += by
-            parts.append(sensor.whitened(rows).reshape(-1, n))
-        rows, held = np.vstack(parts), self.held
+            write(self.motion, trajectory, change.columns(places[name]))
+        readings, moved = self._response(trajectory, change)
+        by_zeros = by_joint_errors(self.motion)
+
+        def write_all(rows: NDArray[np.float64], by: NDArray[np.float64]) -> None:
+            """Write the derivatives (n, m) by all unknowns from those (m, ...) by effects."""
+            for name, place in places.items():
+                rows[columns[name]] = by[:, place].T
+            for name, of_zero in by_zeros.items():
+                rows[columns[name]] = (by[:, joints] @ of_zero).T
+
+        parts = {n: s.whitened(readings[n]) for n, s in self.sensors.items()}
+        ends = np.cumsum([0, *(by[..., 0].size for by in parts.values())]).tolist()
+        J, by_end = np.zeros((self._width, ends[-1])), np.zeros((self._width, 12))
+        write_all(by_end, moved)
+        for (name, by), first, last in zip(parts.items(), ends[:-1], ends[1:], strict=True):
+            write_all(J[:, first:last], by.reshape(last - first, -1))
+            sensor = self.sensors[name]
+            for unknown, of_reading in sensor.by_unknowns(trajectory).items():
+                own = sensor.whitened(of_reading).reshape(last - first, -1)
+                J[columns[unknown], first:last] += own.T
+        rows, end, held = J.T, by_end.T, self.held
         # What a table holds has no effect but for rounding, which would grow from block to block.
         rows[:, held] = end[:, held] = 0.0
         fixed = held[held < len(end)]
@@ -183,26 +204,23 @@ class BlockModel:
         return readings, end
 
     def _no_change(self, n: int) -> MotionChange:
-        return MotionChange.zeros(len(self.motion.times), n, len(self.motion.constants.of_thrust))
+        return MotionChange.zeros(self.motion, n, with_rates=self._with_rates)
 
     def _response(
         self, trajectory: Trajectory, change: MotionChange
     ) -> tuple[dict[str, NDArray[np.float64]], NDArray[np.float64]]:
         """Return what a change of the motion changes in the readings, and at the block's end.
 
-        The readings (M, 3, n) are in SI units, by sensor; for the end see `jacobian`. The change
-        gets that of the attitude.
+        The readings (M, 3, n) are in SI units, by sensor; for the end see `jacobian`.
         """
         motion, psi, N = self.motion, trajectory.state.psi, len(self.motion.nodes)
         R, thrust, L = trajectory.R, motion.thrust, change.L
         if thrust is not None:
-            moved = change.com[:N], change.screw[:N], change.thrust, change.delay
+            moved = change.com[:N], change.screw, change.thrust, change.delay
             by = thrust.momentum_change(R[:N], psi, *moved)
-            change.w[:] += trajectory.inverse @ np.swapaxes(R, -1, -2) @ by
+            change.w[:] += trajectory.mobility @ by[:N]
             L = L + by[N - 1]
-        ends, change.w[:N] = motion.pose_change(
-            trajectory, change.w[:N], change.attitude, change.delay
-        )
+        ends, w = motion.pose_change(trajectory, change.w, change.attitude, change.delay)
         xi = ends[:, :3]
         if ends.shape[1] > 3:
             L = L + ends[-1, 3:]
@@ -213,7 +231,7 @@ class BlockModel:
         if thrust is not None:
             both = thrust.travel_change(R[:N], psi, xi, change.inverse_mass, *moved[1:])
             position, velocity = position + both[:, :3], velocity + both[:, 3:]
-        change = replace(change, position=position, velocity=velocity)
+        change = replace(change, w=w, position=position, velocity=velocity)
         rows = {n: s.jacobian(trajectory, change, xi) for n, s in self.sensors.items()}
         return rows, np.concatenate([xi[-1], position[N - 1], L, velocity[N - 1]])
 
@@ -232,15 +250,23 @@ class BlockModel:
         places = [firsts[name] + np.array(HELD[name]) for name in HELD.keys() & firsts.keys()]
         return np.concatenate(places)
 
-    def joint_rows(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return rows [A | b] of what the joints' own sensors tell in this block."""
-        joints, place = self.motion.joints, self.columns["joints"]
-        J, r, K = joints.rows.shape
-        rows, each = np.zeros((J, r, J, K)), np.arange(J)
-        rows[each, :, each] = joints.rows
-        A = np.zeros((J * r, self._width))
-        A[:, place] = rows.reshape(J * r, J * K)
-        return A, joints.rest.ravel()
+    @property
+    def kept(self) -> NDArray[np.intp]:
+        """Columns of what outlives the block."""
+        return np.arange(self.columns["psi"].start - self.motion.constants.size, self._width)
+
+    def joint_triangle(self, order: NDArray[np.intp]) -> NDArray[np.float64]:
+        """Return rows [A | b] of what the joints' own sensors tell, each at its joint's column.
+
+        With columns in an order in which those of one joint stay in theirs, they are a triangle
+        (n + 1, n + 1).
+        """
+        joints, place = self.motion.joints, np.argsort(order)[self.columns["joints"]]
+        n, place = len(order), place.reshape(joints.rest.shape)
+        T = np.zeros((n + 1, n + 1), order="F")
+        T[place[:, :, None], place[:, None]] = joints.rows
+        T[place, -1] = joints.rest
+        return T
 
 
 def jump_between(state: TrajectoryState, other: TrajectoryState) -> NDArray[np.float64]:

@@ -110,6 +110,12 @@ class Trajectory:
     by_joints: tuple[MotionSensitivity, MotionSensitivity] | None = None
     by_bodies: MotionSensitivity | None = None
 
+    @property
+    def mobility(self) -> NDArray[np.float64]:
+        """∂ω/∂L (N, 3, 3) at the nodes, of ω in B and L in W."""
+        N = self.spline.c.shape[1] + 1
+        return self.inverse[:N] @ np.swapaxes(self.R[:N], -1, -2)
+
     def rotations(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return R_WB (M, 3, 3) at times between the grid's ends, by the formula of whole steps."""
         k, t, angle = self.spline.since_node(times)
@@ -346,7 +352,7 @@ class BaseMotion:
         """
         h, N = self.nodes[1] - self.nodes[0], len(self.nodes)
         R, L = trajectory.R[:N], trajectory.L[:N]
-        mobility = trajectory.inverse[:N] @ np.swapaxes(R, -1, -2)
+        mobility = trajectory.mobility
         coupling = mobility @ skew(L)
         A = R @ coupling
         theta = step_angles(trajectory.spline.steps(), trajectory.w[:N], h)

@@ -124,7 +124,14 @@ class RampedSpline(UniformSpline):
 
 def spline_weights(nodes: NDArray[np.float64], times: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (M, N) weights of N equidistant nodes at times (M,): those of `UniformSpline`."""
-    return _unit_splines(len(nodes))((times - nodes[0]) / (nodes[1] - nodes[0]))
+    at = np.round((times - nodes[0]) / (nodes[1] - nodes[0]), 12)
+    return _spline_weights(len(nodes), at.tobytes())
+
+
+@lru_cache(maxsize=1024)
+def _spline_weights(count: int, times: bytes) -> NDArray[np.float64]:
+    """Return the weights at times since the first node: the same in every sweep."""
+    return _unit_splines(count)(np.frombuffer(times))
 
 
 @lru_cache(maxsize=64)
