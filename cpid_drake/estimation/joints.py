@@ -99,28 +99,12 @@ def smooth_joints(
     return smoothness, parts
 
 
-def continued(
-    block: Block,
-    suite: SensorSuite,
-    smoothness: Smoothness,
-    before: NDArray[np.float64] | None,
-) -> JointPart:
-    """Return one more block's joint motion.
-
-    Args:
-        block: its samples.
-        suite: the sensors' errors.
-        smoothness: of the joints.
-        before: (ORDER, J) coefficients at the end of the block before; None behind a gap.
-
-    """
-    samples = _JointSamples(block, suite)
-    part = samples.part(smoothness, np.ones(samples.values.shape))
-    c, first = np.zeros_like(part.coefficients), 0
-    if before is not None:
-        first, c[:ORDER] = ORDER, before
+def continued(part: JointPart, before: NDArray[np.float64]) -> JointPart:
+    """Return the part that continues what is at the end of the block before, (ORDER, J)."""
+    c = part.coefficients.copy()
+    c[:ORDER] = before
     for own, rest, A in zip(c.T, part.about(c).rest, part.rows, strict=True):
-        own[first:] += np.linalg.lstsq(A[:, first:], rest, rcond=1e-12)[0]
+        own[ORDER:] += np.linalg.lstsq(A[:, ORDER:], rest, rcond=1e-12)[0]
     return part.about(c)
 
 

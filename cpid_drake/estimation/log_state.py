@@ -122,13 +122,20 @@ class LogState:
         return replace(fresh, noise=self.noise if self.past else {})
 
     def extended(self, model: Model, block: Block, start: TrajectoryState) -> "LogState":
-        """Return the log with one more block, whose joints continue as smooth as those before."""
-        gap, before = block.start - self.blocks[-1].end, self.joints[-1].coefficients[-ORDER:]
-        part = continued(block, model.suite, self.smoothness, None if gap else before)
+        """Return the log with one more block; with a past, joints of the others stay as they are.
+
+        The joints' motion is as smooth as that of all its blocks.
+        """
+        blocks, gap = (*self.blocks, block), block.start - self.blocks[-1].end
+        smoothness, joints = smooth_joints(blocks, model.suite)
+        if self.past is not None:
+            part, last = joints[-1], self.joints[-1].coefficients[-ORDER:]
+            joints = [*self.joints, part if gap else continued(part, last)]
         return replace(
             self,
-            blocks=(*self.blocks, block),
-            joints=(*self.joints, part),
+            blocks=blocks,
+            smoothness=smoothness,
+            joints=tuple(joints),
             starts=(*self.starts, start),
             forces=(*self.forces, model.no_forces(block.start, block.end)),
             walks=(*self.walks, np.zeros(len(model.walking_columns))),

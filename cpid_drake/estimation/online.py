@@ -18,7 +18,6 @@ from cpid_drake.estimation.block import Block, BlockQueue, blocks_of
 from cpid_drake.estimation.events import fit_with_events, is_explained
 from cpid_drake.estimation.evidence import Question
 from cpid_drake.estimation.fit import Fit, fit, of_first
-from cpid_drake.estimation.joints import smooth_joints
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
 from cpid_drake.estimation.log_state import LogState
@@ -138,11 +137,8 @@ def _fitted(model: Model, state: OnlineState, blocks: Sequence[Block]) -> Fit:
     """Return the fit of the blocks of the window and of one more."""
     if state.found is None:
         return fit(model, [LogState.of_blocks(model, blocks, NAME)])
-    [log], block = state.found.logs, blocks[-1]
-    log = log.extended(model, block, _start(state.found, block))
-    if log.past is None:  # as smooth as all of them show
-        smoothness, joints = smooth_joints(log.blocks, model.suite)
-        log = replace(log, smoothness=smoothness, joints=tuple(joints))
+    [log] = state.found.logs
+    log = log.extended(model, blocks[-1], _start(state.found, blocks[-1]))
     return fit(model, [log], values=state.found.values)
 
 
