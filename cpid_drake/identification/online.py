@@ -8,12 +8,13 @@ import numpy as np
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
-from cpid_drake.estimation.evidence import Question
+from cpid_drake.estimation.evidence import Question, without_contradicted
 from cpid_drake.estimation.fit import prior_of
 from cpid_drake.estimation.online import OnlineState, change_beyond_linear, run
 from cpid_drake.estimation.online_block import NAME as LOG
 from cpid_drake.estimation.posterior import known_target
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
+from cpid_drake.identification.budget import size_checks
 from cpid_drake.identification.checked_log import CheckedLog, Known, suite_of
 from cpid_drake.identification.checks import (
     Check,
@@ -22,7 +23,6 @@ from cpid_drake.identification.checks import (
     noise_warnings,
     rejection_checks,
 )
-from cpid_drake.identification.comparison import size_checks, without_contradicted
 from cpid_drake.identification.fitted import (
     at_momentum,
     change_warnings,

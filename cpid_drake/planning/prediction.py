@@ -85,7 +85,7 @@ class MotionSetting:
         """Return the setting of a scenario with these sensors."""
         momentum = np.asarray(scenario.simulation.momentum_W, dtype=float)
         unknown = bool(momentum.any() or scenario.identification.unknown_momentum)
-        return cls(spacecraft, suite, momentum, unknown, scenario.body_uncertainty())
+        return cls(spacecraft, suite.exact(), momentum, unknown, scenario.body_uncertainty())
 
     def momentum(self, target: InertialParameters, q: NDArray[np.float64]) -> TotalMomentum:
         """Return the momentum about the system's centre of mass, at joint positions q (J,)."""

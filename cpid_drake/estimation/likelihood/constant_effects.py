@@ -11,10 +11,12 @@ import numpy as np
 from cpid_drake.dynamics.sensitivity import MotionSensitivity
 from cpid_drake.estimation.likelihood.compliance import write_shifts, write_turns
 from cpid_drake.estimation.likelihood.constants import (
+    ACCELERATION_B,
     COMPLIANCE,
     DRIFT,
     OF_THRUST,
     STRETCH,
+    TORQUE_B,
     VALVE_DELAY,
     WHEEL,
     ZERO,
@@ -42,8 +44,6 @@ def write_constant(
         change.thrust[motion.constants.of_thrust.index(error.name)] = error.sigma
     elif error.name in motion.forces:
         write_force(motion.forces[error.name], motion, trajectory, change)
-    elif error.kind == DRIFT:
-        _write_drift(motion, trajectory, error, change)
     elif error.kind in _WRITE:
         _WRITE[error.kind](motion, trajectory, error.sigma, change)
 
@@ -65,15 +65,41 @@ def _zeros(motion: BaseMotion, trajectory: Trajectory, sigma: float, change: Mot
     write_change(change, less, motion, trajectory)
 
 
-def _write_drift(
-    motion: BaseMotion, trajectory: Trajectory, error: ConstantError, change: MotionChange
-) -> None:
-    """Write that of a constant rate of a joint's zero: position and rate are too large."""
-    elapsed, j = (motion.times - motion.origin)[:, None], error.joint
+def _drifts(motion: BaseMotion, trajectory: Trajectory, sigma: float, change: MotionChange) -> None:
+    """Write that of constant rates of the joints' zeros: positions and rates are too large."""
+    elapsed = (motion.times - motion.origin)[:, None, None]
     by_q, by_qdot = (vars(each).values() for each in joint_changes(motion, trajectory))
-    by = (elapsed * q[..., j] + qdot[..., j] for q, qdot in zip(by_q, by_qdot, strict=True))
-    less = MotionSensitivity(*(-error.sigma * value[..., None] for value in by))
+    by = (elapsed * q + qdot for q, qdot in zip(by_q, by_qdot, strict=True))
+    less = MotionSensitivity(*(-sigma * value for value in by))
     write_change(change, less, motion, trajectory)
+
+
+def _leak_torque(
+    motion: BaseMotion, trajectory: Trajectory, sigma: float, change: MotionChange
+) -> None:
+    """Write that of a torque about the centre of mass that turns with the base."""
+    N = len(motion.nodes)
+    impulse = sigma * motion.accumulated(trajectory.R[:N])
+    later = motion.interpolation(motion.times[N:]) @ impulse.reshape(N, -1)
+    gained = np.concatenate([impulse, later.reshape(-1, 3, 3)])
+    change.w[:] = trajectory.inverse @ np.swapaxes(trajectory.R, -1, -2) @ gained
+    change.L[:] = impulse[-1]
+
+
+def _leak_acceleration(
+    motion: BaseMotion, trajectory: Trajectory, sigma: float, change: MotionChange
+) -> None:
+    """Write that of an acceleration of the centre of mass that turns with the base.
+
+    A table lets none act along its normal.
+    """
+    N, normal = len(motion.nodes), motion.tree.normal_B
+    free = np.eye(3) if normal is None else np.eye(3) - np.outer(normal, normal)
+    velocity = sigma * motion.accumulated(trajectory.R[:N] @ free)
+    both = np.concatenate([motion.accumulated(velocity), velocity], axis=1).reshape(N, -1)
+    later = motion.interpolation(motion.times[N:]) @ both
+    found = np.concatenate([both, later]).reshape(-1, 6, 3)
+    change.position[:], change.velocity[:] = found[:, :3], found[:, 3:]
 
 
 _WRITE: dict[str, Write] = {
@@ -81,4 +107,7 @@ _WRITE: dict[str, Write] = {
     COMPLIANCE: write_turns,
     STRETCH: write_shifts,
     ZERO: _zeros,
+    DRIFT: _drifts,
+    TORQUE_B: _leak_torque,
+    ACCELERATION_B: _leak_acceleration,
 }
