@@ -85,7 +85,7 @@ class MotionSetting:
         """Return the setting of a scenario with these sensors."""
         momentum = np.asarray(scenario.simulation.momentum_W, dtype=float)
         unknown = bool(momentum.any() or scenario.identification.unknown_momentum)
-        return cls(spacecraft, suite.exact(), momentum, unknown, scenario.body_uncertainty())
+        return cls(spacecraft, suite, momentum, unknown, scenario.body_uncertainty())
 
     def momentum(self, target: InertialParameters, q: NDArray[np.float64]) -> TotalMomentum:
         """Return the momentum about the system's centre of mass, at joint positions q (J,)."""
@@ -103,7 +103,7 @@ class MotionSetting:
             tree,
             relative_parameterization(tree.mass).from_parameters(parameters),
             ideal_log(self.suite, self.spacecraft.joint_names, at, motion.duration),
-            self.suite,
+            self.suite.exact(),
             momentum=self.momentum(target, motion.evaluate(0.0)[0]),
             known_bodies=self.known_bodies,
         )

@@ -77,34 +77,34 @@ class ErrorKind:
         return float(self.sigma * size)
 
 
-_FORCE = 2 / 3  # as the area of a craft
+_AREA = 2 / 3
+"""Power of the mass with which forces grow: as the area of a craft."""
+
+
+def _acceleration(frame: str, name: str) -> ErrorKind:
+    words = f"an external acceleration of {{}}, in {frame}"
+    unit, power = "m/s²", _AREA - 1
+    return ErrorKind(
+        *(name, "disturbances", name, 3, unit, 1.0, 1e-3, words), by_mass=power, is_shared=False
+    )
+
+
+def _torque(frame: str, name: str) -> ErrorKind:
+    words = f"an external torque of {{}} about the centre of mass, in {frame}"
+    unit = "N·m"
+    return ErrorKind(
+        *(name, "disturbances", name, 3, unit, 1.0, 3e-3, words),
+        by_mass=_AREA,
+        by_length=1,
+        is_shared=False,
+    )
+
+
 _KINDS = (
-    *(
-        ErrorKind(
-            f"{name}{where}",
-            "disturbances",
-            f"{name}{where}",
-            3,
-            unit,
-            1.0,
-            sigma,
-            words.format("B" if where else "W"),
-            by_mass=by_mass,
-            by_length=by_length,
-            is_shared=False,
-        )
-        for where in ("", "_B")
-        for name, unit, sigma, by_mass, by_length, words in (
-            (
-                *("acceleration", "m/s²", 1e-3, _FORCE - 1, 0),
-                "an external acceleration of {{}}, in {}",
-            ),
-            (
-                *("torque", "N·m", 3e-3, _FORCE, 1),
-                "an external torque of {{}} about the centre of mass, in {}",
-            ),
-        )
-    ),
+    _acceleration("W", "acceleration"),
+    _torque("W", "torque"),
+    _acceleration("B", "acceleration_B"),
+    _torque("B", "torque_B"),
     ErrorKind(
         *("thrust_scale", "disturbances", "thrust_scale", 1, "%", 0.01, 0.1),
         "the true thrust differs from the logged one by {}",
@@ -280,7 +280,7 @@ def _with_noise(
     known = tree.at_rest
     radius, a = float(np.sqrt(np.trace(known.I_BBcm) / 2 / known.mass)), 0.0
     if tree.normal_B is not None:
-        a = FLOOR * (known.mass / MASS) ** (_FORCE - 1)
+        a = FLOOR * (known.mass / MASS) ** (_AREA - 1)
     torque = a * known.mass * radius
     if thrusters is not None:  # the target is taken to be as heavy as the spacecraft
         share = KINDS["force"].sigma
