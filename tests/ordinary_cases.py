@@ -299,7 +299,7 @@ def make(design: Design) -> Ordinary:
     Every second craft was at rest before the motion; the others drift at 3 mm/s and 1 mrad/s.
     """
     craft, rng = CRAFTS[design.craft], np.random.default_rng([2016, design.number])
-    spacecraft, suite = craft.spacecraft, load_sensors(design.sensors)
+    spacecraft, suite = craft.spacecraft, load_sensors(design.sensors, unstated="exact")
     motion = MOTIONS[design.motion](Arms.of(craft), rng, design.length)
     mass, radius = _base(design.craft)
     truth = _target(rng, mass, radius, design.share)

@@ -25,6 +25,7 @@ SUITE = SensorSuite(
     attitude=AttitudeSensor(10.0, 200.0, 200.0),
     position=VectorSensor(10.0, 5e-4),
     encoders=JointSensor(50.0, 2e-4),
+    unstated="exact",
 )
 DURATION = 12.0
 

@@ -141,7 +141,7 @@ def coarse_suite(**changes) -> SensorSuite:
         "position": VectorSensor(5.0, 1e-3),
         "encoders": JointSensor(20.0, 1e-5),
     }
-    return SensorSuite("coarse", **(sensors | changes))
+    return SensorSuite("coarse", **(sensors | changes)).exact()
 
 
 def every_sensor(**changes) -> SensorSuite:
@@ -154,7 +154,7 @@ def every_sensor(**changes) -> SensorSuite:
         encoders=JointSensor(rate=30.0, bits=17),
         joint_rates=JointSensor(rate=3.0, sigma=1e-4),
     )
-    return replace(suite, **changes)
+    return replace(suite, **changes).exact()
 
 
 def log_of(telemetry, decimals=None) -> Log:
@@ -171,11 +171,6 @@ def log_of(telemetry, decimals=None) -> Log:
 def sigmas(found: Identification) -> NDArray[np.float64]:
     """Return the σ (10,) of an estimate."""
     return np.sqrt(np.diag(found.covariance))
-
-
-def acting(found: Identification) -> list:
-    """Return the errors that act although nobody has declared them."""
-    return [effect for effect in found.effects if effect.declaration]
 
 
 def nees(found: Identification, target: InertialParameters) -> float:

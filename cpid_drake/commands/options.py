@@ -16,6 +16,7 @@ from rich.console import Console
 import cpid_drake as cpid
 from cpid_drake.commands.spacecraft_file import EXPLICIT, SpacecraftFile, load_spacecraft_file
 from cpid_drake.errors import InputError
+from cpid_drake.identification.identify_files import EXACT
 from cpid_drake.output_files.drafts import refuse_unfinished
 from cpid_drake.resources import find_scenario, package_folders, resolve_model
 
@@ -179,10 +180,11 @@ class LogOptions(PartOptions, SpacecraftOptions):
     momentum: MomentumOption = None
     known_bodies: Annotated[
         str | None,
-        "--known-bodies KEY=NUMBER,...|YAML",
+        "--known-bodies KEY=NUMBER,...|YAML|exact",
         "Uncertainty of the spacecraft, 1 sigma, that the intervals include: mass and "
         "inertia (relative), com [m], joint_position_mm, joint_axis_mrad, grasp_mm, "
-        "grasp_mrad. Default: the model is exact.",
+        "grasp_mrad. Default: mass=0.01,com=0.005,inertia=0.01, but exact if the sensors' file "
+        "says `unstated: exact`.",
     ] = None
     planar: Annotated[
         bool | None,
@@ -199,8 +201,9 @@ class LogOptions(PartOptions, SpacecraftOptions):
 
     def files(self) -> list[str | Path]:
         """Return the files that the options name."""
-        bodies = self.known_bodies if self.known_bodies and "=" not in self.known_bodies else None
-        given = (self.sensors, self.columns, self.prior, bodies)
+        bodies = self.known_bodies or EXACT
+        of_bodies = None if "=" in bodies or bodies == EXACT else bodies
+        given = (self.sensors, self.columns, self.prior, of_bodies)
         return [*super().files(), *(file for file in given if file)]
 
     def request(self, log: str) -> "cpid.Request":

@@ -1,24 +1,21 @@
-"""Which errors act? One criterion: the evidence of a fit with and without each candidate.
+"""Does a log have momentum, and does it change? The evidence of a fit with and without it.
 
-A fit with all candidates free is a Gaussian. Without a candidate, it is that Gaussian conditioned
-on zero: no second fit. The evidence ∫ L(x) p(x) dx of a set F of free candidates, with
-x ~ N(0, (a σ)²) for each, is in information form
+Only these can be exactly zero; all other errors are always unknowns. A fit with all candidates free
+is a Gaussian. Without a candidate, it is that Gaussian conditioned on zero: no second fit. The
+evidence ∫ L(x) p(x) dx of a set F of free candidates, with x ~ N(0, (a σ)²) for each, is in
+information form
 
     ½ bᵀA⁻¹b − ½ log det A − Σ log a,     A = H_FF + a⁻²,
 
 H and b the information of the samples about the candidates in units of σ. Each candidate has the
 size a among `SIZES` that its own evidence prefers, at the price of log(len(SIZES)): a vague prior
-would hide what is small. Before the samples, one of n kinds of errors is expected to act: the odds
-of each are 1/n, which single joints share. Those of a momentum that nobody has given are even.
-Every set has its probability, and the target is the average over all sets: what the samples cannot
-tell apart widens its interval.
+would hide what is small. Every set has its probability, and the target is the average over all
+sets: what the samples cannot tell apart widens its interval.
 
 Sources: MacKay 2003, Information Theory, Inference, and Learning Algorithms, ch. 28; Hoeting et al.
 1999, Bayesian Model Averaging.
 """
 
-import re
-from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -33,9 +30,6 @@ from cpid_drake.estimation.unknowns import MOMENTUM, Model
 SIZES = 10.0 ** np.arange(1, -7, -1)
 """Sizes of an error that are compared, in units of its σ."""
 
-CHANGES = 1 / 40
-"""A change of the momentum is expected at the end of one of so many blocks."""
-
 NAMED = 0.9
 """Probability from which a candidate is said to act."""
 
@@ -45,6 +39,11 @@ before it."""
 
 UNLIKELY = 0.02
 """Odds of a candidate beside those before it, below which no more are compared."""
+
+MOMENTUM_ODDS, CHANGE_ODDS, WRONG_ODDS = 1 / 10, 1 / 40, 1 / 100
+"""Odds before the samples: that a log has a momentum of which nobody tells, that momentum changes
+at the end of one block, and that a momentum is not as given. A size of which the samples tell
+nothing would otherwise look as likely as none."""
 
 _NEGLIGIBLE = 1e-6  # probability of a set that does not count in the average
 
@@ -109,7 +108,7 @@ class Question:
     """What a comparison asks.
 
     Attributes:
-        candidates: σ of the entries of each candidate.
+        candidates: σ of the momenta that may be zero.
         given: values of unknowns that the caller has given.
 
     """
@@ -118,33 +117,21 @@ class Question:
     given: dict[str, NDArray[np.float64]]
 
     @classmethod
-    def of(
-        cls,
-        model: Model,
-        declared: Collection[str],
-        logs: Collection[str],
-        momentum: TotalMomentum | None,
-    ) -> "Question":
-        """Return the question about all that is not declared.
+    def of(cls, model: Model, logs: Collection[str], momentum: TotalMomentum | None) -> "Question":
+        """Return the question about the momenta of some logs.
 
         Args:
-            model: with a σ of every candidate.
-            declared: names of the constant errors that are no candidates.
+            model: with a σ of the momentum.
             logs: names of the logs.
             momentum: the total momentum; None to compare zero with an unknown one.
 
         """
-        candidates, given = {}, {}
-        for unknown in model.table:
-            is_error = unknown.name in model.constants.errors and unknown.name not in declared
-            is_momentum = unknown.name == MOMENTUM
-            for name in logs:
-                if is_error or (is_momentum and momentum is None):
-                    candidates[unknown.key(name)] = unknown.sigma
-                elif is_momentum and momentum is not None and not momentum.is_unknown:
-                    value = np.concatenate([momentum.L_WScm_W, momentum.v_WScm_W])
-                    given[unknown.key(name)] = value
-        return cls(candidates, given)
+        unknown = model.unknown(MOMENTUM)
+        keys = [unknown.key(name) for name in logs]
+        if momentum is None:
+            return cls(dict.fromkeys(keys, unknown.sigma), {})
+        value = np.concatenate([momentum.L_WScm_W, momentum.v_WScm_W])
+        return cls({}, {} if momentum.is_unknown else dict.fromkeys(keys, value))
 
     def without_contradicted(
         self, gaussian: Gaussian, values: Mapping[str, NDArray[np.float64]], model: Model
@@ -157,14 +144,15 @@ class Question:
             model: with the σ of a momentum that is not given.
 
         """
-        if not self.given:
+        given = self.given
+        if not given:
             return self
-        about = {name: value - self.given.get(name, 0.0) for name, value in values.items()}
-        sigma = model.unknown(MOMENTUM).sigma
-        candidates = self.candidates | dict.fromkeys(self.given, sigma)
-        likely = Question(candidates, {}).answer(gaussian, about).probability
-        given = {name: value for name, value in self.given.items() if likely[name] < NAMED}
-        return replace(self, given=given)
+        about = np.concatenate([values[n] - given.get(n, 0.0) for n in gaussian.places])
+        candidates = dict.fromkeys(given, model.unknown(MOMENTUM).sigma)
+        kept = [name for name in gaussian.places if name not in candidates]
+        odds = dict.fromkeys(candidates, WRONG_ODDS)
+        likely = compare(gaussian.moved(-about), candidates, kept, odds).probability
+        return replace(self, given={n: v for n, v in given.items() if likely[n] < NAMED})
 
     def answer(
         self,
@@ -172,25 +160,29 @@ class Question:
         values: Mapping[str, NDArray[np.float64]],
         further: Mapping[str, NDArray[np.float64]] | None = None,
     ) -> Comparison:
-        """Compare all sets of candidates; the errors of single joints share the odds of one kind.
+        """Compare all sets of candidates.
 
         Args:
             gaussian: of all unknowns about their values.
             values: of the unknowns.
-            further: more candidates with their σ.
+            further: changes of momentum with their σ, which are candidates too.
 
         """
         x = np.concatenate([values[name] for name in gaussian.places])
         given = {name: value for name, value in self.given.items() if name in values}
         found = gaussian.moved(-x).condition(given)
-        sigma = self.candidates | dict(further or {})
+        changes = dict(further or {})
+        sigma = self.candidates | changes
         kept = [name for name in found.places if name not in sigma]
-        kinds = {name: re.sub(r"joint \d+\.", "", name) for name in sigma}
-        count = Counter(kinds.values())
-        odds = {name: 1 / len(count) / count[kind] for name, kind in kinds.items()}
-        odds |= {name: 1.0 for name in sigma if name.startswith(f"{MOMENTUM}|")}
-        odds |= {name: CHANGES for name in sigma if name.startswith("link ")}
+        odds = dict.fromkeys(self.candidates, MOMENTUM_ODDS) | dict.fromkeys(changes, CHANGE_ODDS)
         return compare(found, sigma, kept, odds)
+
+    def held(
+        self, values: Mapping[str, NDArray[np.float64]], best: Collection[str]
+    ) -> dict[str, NDArray[np.float64]]:
+        """Return the momenta that are held if the best candidates act, less their values."""
+        zero = {name: np.zeros(1) for name in self.candidates if name not in best}
+        return {name: value - values[name] for name, value in (zero | self.given).items()}
 
 
 class _Sets:

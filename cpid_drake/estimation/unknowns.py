@@ -17,9 +17,10 @@ from cpid_drake.dynamics.sensitivity import with_errors
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.gaussian import Gaussian, places_of
-from cpid_drake.estimation.likelihood.constants import BIAS, OF_GRASP, VALVE_FORCE, Constants
+from cpid_drake.estimation.likelihood.constants import VALVE_FORCE, Constants
 from cpid_drake.estimation.likelihood.forces import white_forces
 from cpid_drake.estimation.target import TargetCone
+from cpid_drake.sensors.error_kinds import bodies_of, with_plausible
 from cpid_drake.sensors.suite import SensorSuite
 
 FASTEST_TUMBLE = 2.0
@@ -95,6 +96,28 @@ class Model:
         if self.known_bodies is None:
             object.__setattr__(self, "tree", self.tree.lumped)
 
+    @classmethod
+    def of(
+        cls,
+        tree: KinematicTree,
+        suite: SensorSuite,
+        known_bodies: BodyUncertainty | None = None,
+        *,
+        has_thrust: bool = False,
+    ) -> "Model":
+        """Return the model in which all that nobody states has a plausible σ.
+
+        Args:
+            tree: the known spacecraft.
+            suite: its sensors.
+            known_bodies: uncertainty of its bodies as stated; None if it is not.
+            has_thrust: whether thrusters fired.
+
+        """
+        tree = tree.lumped if known_bodies is None else tree
+        bodies = bodies_of(suite, known_bodies)
+        return cls(tree, with_plausible(suite, tree, has_thrust=has_thrust), bodies)
+
     @cached_property
     def constants(self) -> Constants:
         """The constant errors of the suite."""
@@ -130,10 +153,9 @@ class Model:
         """The unknowns in the order of columns: constant errors, target, bodies, momentum."""
         table = []
         for error in self.constants.errors.values():
-            has = (error.sensor and error.kind != BIAS) or error.kind in OF_GRASP
             zero, one = np.zeros(error.size), np.ones(error.size)
             walk = error.walk / error.sigma
-            scope: Scope = "hardware" if has else "log"
+            scope: Scope = "hardware" if error.is_shared else "log"
             fails = error.kind == VALVE_FORCE
             table.append(Unknown(error.name, error.size, zero, one, scope, walk, fails))
         # A solid sphere about C's origin of a tenth of the spacecraft's mass.

@@ -73,7 +73,7 @@ def estimate(
     craft, family = known.spacecraft, known.family
     assert family is not None
     trees = dict[str, KinematicTree]()
-    if known.known_bodies is None:
+    if known.has_exact_bodies:
         trees = {"": craft.tree} | with_larger_base(craft.tree)
     told = {name: _told(known, log, trees) for name, log in logs.items()}
     fields = {name: own for name, (own, _, _) in told.items()}

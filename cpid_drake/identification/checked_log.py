@@ -29,6 +29,13 @@ SLOWER = 100.0
 """The same for a sensor whose rate is declared, in declared steps."""
 
 
+OLD_ZEROS = (
+    "the sensors' file has errors of zero and no `version: 2`: they are read as not stated, and "
+    "have a plausible size; with `version: 2`, zero means that there is no such error"
+)
+"""The warning about a file in which zero was the default of every error."""
+
+
 @dataclass(frozen=True, eq=False)
 class Known:
     """What is known besides the logs: the arguments of `identify.identify`, by their names."""
@@ -41,6 +48,11 @@ class Known:
     known_bodies: BodyUncertainty | None = None
     prior: TargetPrior | None = None
     planar: bool | None = None
+
+    @property
+    def has_exact_bodies(self) -> bool:
+        """Whether no error of the spacecraft's model is included, but by the trajectory fit."""
+        return self.known_bodies is None or self.known_bodies.is_zero
 
     @property
     def family(self) -> RowFamily | None:
@@ -87,7 +99,7 @@ def suite_of(sensors: SensorSuite | None, *logs: CheckedLog) -> tuple[SensorSuit
     has a noise factor of its own.
     """
     if sensors is not None:
-        return sensors, ()
+        return sensors, (OLD_ZEROS,) * (sensors.version == 1)
     text = "the sensors' noise was estimated from the log; give the sensors if you know them"
     [suite, *others] = (estimate_suite(log.measurements) for log in logs)
     for other in others:

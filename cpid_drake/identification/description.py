@@ -12,11 +12,17 @@ from cpid_drake.digits import decimals, significant, with_half_width
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.dynamics.plane import parallel_axis
+from cpid_drake.estimation.least_squares import quantile_95
+from cpid_drake.identification.budget import ALL, BudgetRow
 from cpid_drake.identification.checks import AGREEMENT
-from cpid_drake.identification.leaning import ALL, LINK
+from cpid_drake.identification.leaning import ALL as ALL_MASSES
+from cpid_drake.identification.leaning import LINK
 
 if TYPE_CHECKING:
     from cpid_drake.identification.result import Identification
+
+SHOWN = 5
+"""Number of rows of the budget that are shown."""
 
 _Row = tuple[str, str, str, str, str, str]
 
@@ -86,14 +92,16 @@ def origin(result: "Identification") -> str:
     frame = "" if result.spacecraft is None else f" in {result.spacecraft.capture_frame}"
     source = result.sources[0] if len(result.sources) == 1 else None
     window = f" in {source.start:.6g} to {source.end:.6g} s" if source else ""
-    return f"Target{frame}, {_how(result)}{window}"
+    exact = f", for an exact {result.given[0]}" if result.given else ""
+    return f"Target{frame}, {_how(result)}{window}{exact}"
 
 
 def _cells(result: "Identification") -> list[_Row]:
     """Return the table of the parameters, its heads first."""
     leans = np.abs(np.array([np.full(10, np.nan), *result.leaning.values()]))
     nearest = np.full(10, np.nan) if result.nearest is None else result.nearest
-    cells: list[_Row] = [("", "estimate", "95 % interval", "", "consistent", "by 1 % of a body")]
+    by_bodies = "by 1 % of a body" if result.leaning else ""
+    cells: list[_Row] = [("", "estimate", "95 % interval", "", "consistent", by_bodies)]
     for k, name in enumerate(PARAMETER_NAMES):
         each, change = result[name], np.fmax.reduce(leans[:, k])
         last = f"{nearest[k]:.{each.decimals}f}" if np.isfinite(nearest[k]) else ""
@@ -119,14 +127,12 @@ def _notes(result: "Identification") -> list[str]:
     if result.condition is not None:
         lines.append(f"  condition    {significant(result.condition, 4)}")
     lines.append(f"  consistency  {consistency_words(result)}")
-    if len(result.sources) == 1 and result.sources[0].request.known_bodies is None:
-        lines.append("  assumed      an exact spacecraft model; --known-bodies includes its errors")
     if result.rejected:
         by_sensor = ", ".join(f"{count} of {name}" for name, count in result.rejected.items())
         lines.append(f"  not used     {by_sensor}")
-    for effect in result.effects:
-        state = effect.describe() if effect.is_learned else "not determined by these samples"
-        lines.append(f"  estimated    {effect.name}: {state}")
+    learned = (effect for effect in result.effects if effect.is_learned)
+    lines += [f"  estimated    {effect.name}: {effect.describe()}" for effect in learned]
+    lines += _budget(result)
     lines += _leaning(result)
     if result.logs:
         lines += ["", *_of_logs(result)]
@@ -157,6 +163,36 @@ def _of_axes(result: "Identification") -> Iterator[str]:
     yield ""
 
 
+def _budget(result: "Identification") -> Iterator[str]:
+    """Yield what the variance comes from: the errors with the largest shares."""
+    rows = [row for row in result.budget if row.name != ALL][:SHOWN]
+    if not rows:
+        return
+    yield "  uncertainty  would be less by this share of the variance, if known (shares overlap):"
+    width = max(len(row.name) for row in rows)
+    for row in rows:
+        line = f"      {row.name:{width}}  {', '.join(shares_in_words(row))}"
+        if row.value is not None and row.sigma is not None and row.matters is not None:
+            value = with_half_width(row.value, quantile_95() * row.sigma)
+            line += f"; it is {value} {row.unit}, half of this goes if known to "
+            line += f"{significant(row.matters)} (1 σ)"
+        yield line
+    for total in (row for row in result.budget if row.name == ALL):
+        words = ", ".join(shares_in_words(total))
+        yield f"      {ALL:{width}}  {words}"
+
+
+def shares_in_words(row: BudgetRow) -> Iterator[str]:
+    """Yield the shares of mass, centre of mass and inertia; of the last two the largest."""
+    for part in (slice(0, 1), slice(1, 4), slice(4, 10)):
+        own = row.shares[part]
+        if np.isfinite(own).any():
+            k = int(np.nanargmax(own))
+            share = 100 * own[k]
+            text = f"{share:.0f}" if share < 99.5 else significant(share, 4)
+            yield f"{PARAMETER_NAMES[part][k]} {text} %"
+
+
 def _leaning(result: "Identification") -> Iterator[str]:
     """Yield by how much errors of what is held would move the estimate, at most in σ."""
     sigma = np.sqrt(np.diag(result.covariance))
@@ -169,7 +205,7 @@ def _leaning(result: "Identification") -> Iterator[str]:
             if known[0]:
                 share = significant(100 * change[0] / result.parameters[0], sign="+")
                 text = f"m by {share} %, {text}" if k else f"m by {share} %, which is {largest}"
-            what = name if name in (LINK, ALL) else f"the base's {name}"
+            what = name if name in (LINK, ALL_MASSES) else f"the base's {name}"
             yield f"  leans on     1 % of {what} changes {text}"
 
 

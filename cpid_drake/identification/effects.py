@@ -10,29 +10,10 @@ from cpid_drake.digits import with_half_width
 from cpid_drake.estimation.least_squares import FAR, quantile_95
 from cpid_drake.estimation.likelihood.constants import VALVE_FORCE, ConstantError
 from cpid_drake.input_files.validation import Numbers
+from cpid_drake.sensors.error_kinds import KINDS
 
 LEARNED = 0.5
 """Share of the prior σ below which the samples have determined an entry."""
-
-_WORDS = {
-    "acceleration": "an external acceleration of {}, in W",
-    "torque": "an external torque of {} about the centre of mass, in W",
-    "wheel": "rotors in the base that the model has not have the angular momentum {}, in B",
-    "thrust_scale": "the true thrust differs from the logged one by {}",
-    "force": "the force of valve {sensor} is off by {}",
-    "common_force": "the forces of all valves are off by {}",
-    "loss": "each further open valve costs {} of the force",
-    "valve_delay": "the thrust acts {} later than its log",
-    "compliance": "the grasp is flexible: the target turns against C by {} about its axes",
-    "translational_compliance": "the grasp is flexible: the target moves along C's axes by {}",
-    "delay": "the stamps of the {sensor} are {} late",
-    "mounting": "the {sensor} is turned by {} from the axes of the base",
-    "scale": "the {sensor} shows {} too much about its axes",
-    "misalignment": "the axes of the {sensor} are misaligned by {}",
-    "lever_arm": "the {sensor} is that of a point at {} from the origin of the base",
-    "zero": "the zeros of the joints are off by {}",
-    "drift": "the zero of {sensor} moves by {}",
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +28,6 @@ class EffectEstimate:
         prior_sigma: σ of each entry before the first sample.
         log: name of the log to which an external force belongs; empty for errors that all logs have
             in common, and if there is only one log.
-        declaration: the line of a sensors' file that declares this error; empty if the file did.
 
     """
 
@@ -57,7 +37,6 @@ class EffectEstimate:
     sigma: Annotated[NDArray[np.float64], Numbers()]
     prior_sigma: float
     log: str = ""
-    declaration: str = ""
 
     @classmethod
     def of(
@@ -72,7 +51,7 @@ class EffectEstimate:
         Args:
             error: with its σ and its unit.
             value, sigma: (k,) as shares of this σ.
-            others: `log` and `declaration`.
+            others: `log`.
 
         """
         unit = error.sigma / error.scale
@@ -97,4 +76,4 @@ class EffectEstimate:
         text = f"{numbers} {self.unit}" if len(self.value) == 1 else f"({numbers}) {self.unit}"
         sensor, _, kind = self.name.rpartition(".")
         where = f" during {self.log}" if self.log else ""
-        return _WORDS.get(kind, f"{self.name}: {{}}").format(text, sensor=sensor) + where
+        return KINDS[kind].words.format(text, sensor=sensor) + where

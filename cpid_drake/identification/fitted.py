@@ -18,31 +18,20 @@ from cpid_drake.estimation.events import fit_with_events
 from cpid_drake.estimation.evidence import NAMED, Comparison, Question
 from cpid_drake.estimation.fit import Fit, about, fit, prior_of
 from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.likelihood.constants import BIAS, Constants
+from cpid_drake.estimation.likelihood.constants import BIAS
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.posterior import known_target
 from cpid_drake.estimation.roll import Values
 from cpid_drake.estimation.sweep import EXACT, sweep
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.estimation.whiteness import whiteness
+from cpid_drake.identification.budget import error_budget, size_checks
 from cpid_drake.identification.checked_log import CheckedLog, Known, suite_of
 from cpid_drake.identification.checks import (
-    MOST_NOISE,
     Check,
     fit_checks,
     momentum_words,
     noise_warnings,
-)
-from cpid_drake.identification.comparison import (
-    BODIES_ACT,
-    held_by,
-    part_checks,
-    size_checks,
-    undeclared_errors,
-    undeclared_floor,
-    with_bodies,
-    with_plausible,
-    with_thrust_errors,
 )
 from cpid_drake.identification.effects import EffectEstimate
 from cpid_drake.identification.leaning import leaning
@@ -68,31 +57,16 @@ def estimate(
     """
     suite, warnings = suite_of(known.sensors, *logs.values())
     has_thrust = any(log.measurements.has_thrust for log in logs.values())
-    if has_thrust:
-        suite, said = with_thrust_errors(suite, known.spacecraft.tree)
-        warnings = (*warnings, *said)
-    moves = False
-    if suite.encoders is not None:
-        far = MOST_NOISE * float(suite.sigmas("encoders")[0])
-        q = [log.measurements.encoders.value for log in logs.values()]
-        moves = any(float(np.std(each, axis=0).max(initial=0.0)) > far for each in q)
-    candidates = with_plausible(suite, has_thrust=has_thrust, joints_move=moves)
-    model = Model(known.spacecraft.tree, candidates, known.known_bodies)
+    tree, bodies = known.spacecraft.tree, known.known_bodies
+    model = Model.of(tree, suite, bodies, has_thrust=has_thrust)
     where = {name: f"{name}: " if len(logs) > 1 else "" for name in logs}
     states = []
     for name, log in logs.items():
         with prefix_errors(where[name].removesuffix(": ")):
             states.append(LogState.of(model, log.measurements, name))
     progress("fitting")
-    declared = Constants.of(suite, model.joint_count).errors
-    question = Question.of(model, declared, logs, known.momentum)
+    question = Question.of(model, logs, known.momentum)
     found = _fit(model, states, known.prior, progress)
-    noisiest = max((factor for log in found.logs for factor in log.noise.values()), default=1.0)
-    if known.known_bodies is None and found.converged and noisiest <= MOST_NOISE:
-        other = with_bodies(found, question, progress)
-        if other is not None:
-            found, warnings = other, (*warnings, BODIES_ACT)
-    model = found.model
     asked = question.without_contradicted(found.gaussian, found.values, model)
     found, beside = fit_with_events(found, asked, progress)
     changes = sorted(time for log in found.logs for time in log.changes)
@@ -100,7 +74,7 @@ def estimate(
     question = question.without_contradicted(found.gaussian, found.values, model)
     progress("comparing")
     compared = question.answer(found.gaussian, found.values)
-    found = about(found, held_by(found, question, compared))
+    found = about(found, question.held(found.values, compared.best))
     compared = question.answer(found.gaussian, found.values)
     average = compared.gaussian
     gaussian = average.moved(np.concatenate([found.values[name] for name in average.places]))
@@ -120,11 +94,9 @@ def estimate(
         is_given = known.momentum is not None
         said, failed = momentum_words(likely, is_given=is_given, where=where[name])
         warnings, checks = (*warnings, *said), [*checks, *failed]
-    acting, said, failed = undeclared_errors(found, question, compared)
-    effects = (*effects_of(model, found.values, gaussian, *logs), *acting)
-    said = (*said, *(f"{e.describe()}: it failed" for e in effects if e.failed_valve))
+    effects = effects_of(model, found.values, gaussian, *logs)
+    said = tuple(f"{e.describe()}: it failed" for e in effects if e.failed_valve)
     sizes = size_checks(model, found.values, gaussian, effects)
-    parts = part_checks(found, question, compared)
     series, counts = _residuals(found)
     rejected, used = Counter[str](), Counter[str]()
     for (source, sensor), (far, count) in counts.items():
@@ -135,27 +107,29 @@ def estimate(
     fails = tuple(
         fit_checks(found.converged, unexplained, noise, tests, len(changes), len(logs), beside)
     )
-    if not all(check.passed for check in fails):
-        said = (*said, *undeclared_floor(model))
     [first, *others] = logs
     own = {} if others else momentum_of(model, found.values, gaussian, first, compared)
     result = Identification.of_solution(
         relative_parameterization(model.mass),
         known_target(model, found.values[PSI], gaussian, count=used.total()),
-        sensors=suite,
+        sensors=model.suite,
         sample_count=used.total(),
         estimator=NAME,
         residuals=series if len(logs) == 1 else {},
         rejected={name: count for name, count in rejected.items() if count},
         momentum_changes=tuple(changes),
         warnings=(*warnings, *said),
-        checks=(*checks, *failed, *sizes, *parts, *fails),
+        checks=(*checks, *sizes, *fails),
         momentum="unknown" if is_free else (known.momentum or TotalMomentum.zero()).name,
         noise=noise,
         effects=effects,
         **own,
     )
-    held = held_by(found, question, compared)
+    held = question.held(found.values, compared.best)
+    is_known = np.isfinite(np.diag(result.covariance))
+    if found.converged and is_known.any():
+        names = known.spacecraft.joint_names
+        result = replace(result, budget=error_budget(found, held, is_known, names))
     if model.known_bodies is None and found.converged and result.solution is not None:
         result = replace(result, leaning=leaning(found, result.solution, held))
     if len(logs) == 1:
@@ -282,8 +256,10 @@ def cramer_rao_bound(
         InputError: no attitude samples, or no motion can be predicted.
 
     """
-    model = Model(tree, sensors, known_bodies)
-    log = LogState.of(model, measurements)
+    logs = [measurements] if isinstance(measurements, Log) else list(measurements)
+    has_thrust = any(log.has_thrust for log in logs)
+    model = Model.of(tree, sensors, known_bodies, has_thrust=has_thrust)
+    log = LogState.of(model, logs)
     R = np.diag(1 / (EXACT * model.plausible))
     held = Gaussian.of_rows({PSI: 10}, np.column_stack([R, R @ psi]))
     fitted = fit(replace(model, rows=(held,)), [log])

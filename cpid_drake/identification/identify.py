@@ -14,14 +14,21 @@ from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.identification.checked_log import CheckedLog, Known, check_log
 from cpid_drake.identification.checks import Check, rejection_checks
 from cpid_drake.identification.consistency import checked
-from cpid_drake.identification.estimators import ESTIMATORS, Estimator, require_sensors, with_method
+from cpid_drake.identification.estimators import (
+    ESTIMATORS,
+    TRAJECTORY_FIT,
+    Estimator,
+    require_sensors,
+    with_method,
+)
 from cpid_drake.identification.leaning import leaning_of_any_samples
 from cpid_drake.identification.planar import PROPOSED, could_be_planar, one_normal
 from cpid_drake.identification.prior import TargetPrior
-from cpid_drake.identification.result import Identification
+from cpid_drake.identification.result import SPACECRAFT, Identification
 from cpid_drake.logs.conventions import check_conventions
 from cpid_drake.logs.log import Log
 from cpid_drake.processes import one_thread
+from cpid_drake.sensors.error_kinds import bodies_of
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
@@ -64,13 +71,16 @@ def identify(
             samples, without sensors and known bodies, whose momentum is constant to 1e-5.
         rows: row family of least squares (`cpid_drake.dynamics.rows.ROW_FAMILIES`); default:
             "standard", or "relative" for data without position and velocity.
-        sensors: the sensors' errors. Default: all complete samples have the same weight, and an
-            estimator that needs the noise estimates it from the data.
+        sensors: the sensors' errors; of those whose σ is not stated, the trajectory fit takes a
+            plausible σ. Default: all complete samples have the same weight, and an estimator that
+            needs the noise estimates it from the data.
         momentum: the total momentum of spacecraft and target, or "zero" or "unknown"; default: zero
             if the samples agree with this, else unknown.
         known_bodies: uncertainty of the spacecraft's own bodies, of the arm's geometry and of the
             grasp, whose errors the trajectory fit and the recursive fit estimate with these σ as
-            prior, and include in their covariance; default: none.
+            prior, and include in their covariance; `BodyUncertainty()` if they are exact. Default:
+            the trajectory fit includes 1 % of masses and inertias and 5 mm of each centre of mass,
+            unless the sensors say `unstated: exact`.
         prior: what is known about the target; default: nothing.
         planar: whether the spacecraft floats on a table whose normal is W's z axis, such as an
             air-bearing table: only momentum in the plane is then used, because the table holds the
@@ -130,8 +140,13 @@ def identify(
         raise InputError(f"most likely, {causes}: {text}" if causes else text) from error
     tree = spacecraft.tree
     found = replace(found, is_planar=tree.normal_B is not None, normal_C=tree.normal_C)
-    found = checked(_with_logs(found, logs, method, known_bodies is not None), tree)
-    if known_bodies is None:
+    found = checked(_with_logs(found, logs, method, not known.has_exact_bodies), tree)
+    is_exact = known.has_exact_bodies or method.uses_rows
+    if method.name == TRAJECTORY_FIT:
+        is_exact = bodies_of(sensors or SensorSuite(), known_bodies) is None
+    if is_exact:
+        found = replace(found, given=(SPACECRAFT,))
+    if is_exact and known.has_exact_bodies:
         has_thrust = any(log.measurements.has_thrust for log in logs.values())
         has_scale = has_thrust or found.momentum == "known"
         beyond = leaning_of_any_samples(found.parameters, tree, has_scale=has_scale)

@@ -26,6 +26,9 @@ from cpid_drake.resources import __version__, resolve_model
 from cpid_drake.sensors.presets import load_sensors
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
+EXACT = "exact"
+"""The uncertainty of a spacecraft whose model is exact."""
+
 PARTS = 12
 """From so many parts of a log estimates over time are identified."""
 
@@ -140,14 +143,16 @@ def read_uncertainty(text: str) -> BodyUncertainty:
     """Return an uncertainty from a YAML file, or from a text such as "mass=0.01,grasp_mm=2".
 
     Args:
-        text: the path of a YAML file with the attributes of `BodyUncertainty` as keys, or pairs
-            KEY=NUMBER with commas between them.
+        text: the path of a YAML file with the attributes of `BodyUncertainty` as keys, pairs
+            KEY=NUMBER with commas between them, or "exact".
 
     Raises:
         InputError: no such file, not YAML, unknown keys, or values that are not numbers >= 0.
 
     """
     whole = "the uncertainty of known bodies"
+    if text == EXACT:
+        return BodyUncertainty()
     if "=" not in text:
         return load_yaml(BodyUncertainty, resolve_model(Path(text)), text, whole)
     tree = parse_yaml(f"{{{text.replace('=', ': ')}}}".encode(), text)

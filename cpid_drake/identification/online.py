@@ -12,6 +12,7 @@ from cpid_drake.estimation.online import NAME as LOG
 from cpid_drake.estimation.online import OnlineState, change_beyond_linear, run
 from cpid_drake.estimation.posterior import known_target
 from cpid_drake.estimation.unknowns import PSI, Model
+from cpid_drake.identification.budget import size_checks
 from cpid_drake.identification.checked_log import CheckedLog, Known, suite_of
 from cpid_drake.identification.checks import (
     Check,
@@ -20,7 +21,6 @@ from cpid_drake.identification.checks import (
     noise_warnings,
     rejection_checks,
 )
-from cpid_drake.identification.comparison import size_checks
 from cpid_drake.identification.fitted import (
     at_momentum,
     change_warnings,
@@ -42,7 +42,7 @@ NOT_LINEAR = (
 
 def question_of(model: Model, momentum: TotalMomentum | None) -> Question:
     """Return what is compared online: changes, and whether the momentum is as given, or zero."""
-    return Question.of(model, model.constants.errors, [LOG], momentum)
+    return Question.of(model, [LOG], momentum)
 
 
 def identification_of_state(

@@ -19,6 +19,7 @@ from cpid_drake.dynamics.parameterizations import (
 from cpid_drake.errors import InputError, choose_from
 from cpid_drake.estimation.gaussian import LeastSquaresSolution
 from cpid_drake.estimation.least_squares import describe_unobservable, quantile_95
+from cpid_drake.identification.budget import BudgetRow
 from cpid_drake.identification.checks import CONVERGENCE, NEAREST, Check
 from cpid_drake.identification.description import describe, gap, html, summary
 from cpid_drake.identification.effects import EffectEstimate
@@ -32,7 +33,10 @@ if TYPE_CHECKING:  # Drake and Matplotlib take half a second to import
     from matplotlib.figure import Figure
     from pydrake.multibody.tree import SpatialInertia
 
-FORMAT = 6
+SPACECRAFT = "spacecraft model"
+"""What is given of an estimate that includes no error of the spacecraft's bodies."""
+
+FORMAT = 7
 """Version of the keys of a result file."""
 
 TURNS = 4
@@ -114,11 +118,12 @@ class Identification:
             estimators that look for none.
         noise: factors by which the noise of sensors is larger than given; for several logs by
             "sensor of log".
-        effects: estimates of the constant errors that the sensors declare, of forces, and of errors
-            that act although nobody declares them.
+        effects: estimates of the constant errors of sensors, forces and grasp.
+        given: what is taken to be exact although nothing is: "spacecraft model", or nothing.
         leaning: change (10,) of the parameters if what is held were 1 % larger: "mass" or "inertia"
             of the base (not online), the link that holds the target, or all masses and inertias;
             NaN where not known. Empty if the spacecraft is uncertain.
+        budget: what the variance comes from, largest first; see `budget`.
         logs: the estimates from each log alone and, last, from the prior alone, by their names; if
             several logs or a prior were used.
         checks: see `cpid_drake.identification.checks`; those that failed come first.
@@ -159,7 +164,9 @@ class Identification:
     momentum_changes: tuple[float, ...] | None = None
     noise: Mapping[str, float] = field(default_factory=dict)
     effects: tuple[EffectEstimate, ...] = ()
+    given: tuple[str, ...] = ()
     leaning: Mapping[str, Ten] = field(default_factory=dict)
+    budget: tuple[BudgetRow, ...] = ()
     logs: Mapping[str, "Identification"] = field(default_factory=dict)
     checks: tuple[Check, ...] = ()
     warnings: tuple[str, ...] = ()

@@ -157,7 +157,8 @@ def validate(
         if not log.counts.get(name):
             raise InputError(f"the log has no samples of {SENSORS[name].quantity}")
     sensors, said = suite_of(sensors, log)
-    model = Model(spacecraft.tree, sensors, known_bodies)
+    thrust = log.measurements.has_thrust
+    model = Model.of(spacecraft.tree, sensors, known_bodies, has_thrust=thrust)
     whole = LogState.of(model, log.measurements)
     samples = _longest_part(model, whole)
     start, end = samples.blocks[0].start, samples.blocks[-1].end

@@ -129,11 +129,16 @@ def load_yaml(
             unknown tags, or values of another type or out of their limits.
 
     """
+    return from_tree(schema, read_yaml(file, where, whole, tags), where, whole)
+
+
+def read_yaml(file: Path, where: str, whole: str, tags: tuple[str, ...] = ()) -> object:
+    """Return the tree of a YAML file; the arguments and errors are those of `load_yaml`."""
     with file.open("rb") as stream:
         data = stream.read(LARGEST_FILE + 1)
     if len(data) > LARGEST_FILE:
         raise InputError(f"{where}: larger than {LARGEST_FILE / 1e6:g} MB: not {whole}")
-    return from_tree(schema, parse_yaml(data, where, tags), where, whole)
+    return parse_yaml(data, where, tags)
 
 
 def parse_yaml(data: bytes, where: str, tags: tuple[str, ...] = ()) -> object:

@@ -107,19 +107,20 @@ class SensorNoise:
             stream = random_stream(self.seed, _STREAMS[name], _KINDS.index(kind))
             return stream.standard_normal(shape)
 
-        drawn = ConstantErrors(errors.delay_ms * 1e-3 * float(normal("delay", 1)[0]))
+        drawn = ConstantErrors((errors.delay_ms or 0.0) * 1e-3 * float(normal("delay", 1)[0]))
         if isinstance(errors, AttitudeSensor):
-            mounting = errors.mounting_arcsec * ARCSECOND * normal("mounting", 3)
+            mounting = (errors.mounting_arcsec or 0.0) * ARCSECOND * normal("mounting", 3)
             return replace(drawn, mounting_B=mounting)
         if isinstance(errors, Gyro):
-            scale = errors.misalignment_arcsec * ARCSECOND * normal("misalignment", 3, 3)
-            np.fill_diagonal(scale, errors.scale_ppm * 1e-6 * normal("scale", 3))
+            scale = (errors.misalignment_arcsec or 0.0) * ARCSECOND * normal("misalignment", 3, 3)
+            np.fill_diagonal(scale, (errors.scale_ppm or 0.0) * 1e-6 * normal("scale", 3))
             return replace(drawn, scale=scale)
         if isinstance(errors, VectorSensor):
-            return replace(drawn, lever_arm_B=errors.lever_arm_mm * 1e-3 * normal("lever_arm", 3))
+            arm = (errors.lever_arm_mm or 0.0) * 1e-3 * normal("lever_arm", 3)
+            return replace(drawn, lever_arm_B=arm)
         if name == "encoders" and isinstance(errors, JointSensor):
-            zero = errors.zero_mrad * 1e-3 * normal("zero", joint_count)
-            drift = errors.drift_mrad_per_s * 1e-3 * normal("drift", joint_count)
+            zero = (errors.zero_mrad or 0.0) * 1e-3 * normal("zero", joint_count)
+            drift = (errors.drift_mrad_per_s or 0.0) * 1e-3 * normal("drift", joint_count)
             return replace(drawn, zero=zero, drift=drift)
         has_encoders = self.suite.encoders is not None
         return replace(drawn, delay=self.constants("encoders").delay) if has_encoders else drawn

@@ -345,7 +345,7 @@ def load_planner(
     """
     scenario = load_scenario(path)
     own = scenario.make_suite() if sensors is None else None
-    suite = own or load_sensors(sensors or "flight")
+    suite = own or load_sensors(sensors or "flight", unstated="exact")
     planner = Planner(scenario, suite, options)
     if prior is not None:
         frame = scenario.spacecraft.capture_frame

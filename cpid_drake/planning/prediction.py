@@ -103,7 +103,7 @@ class MotionSetting:
             tree,
             relative_parameterization(tree.mass).from_parameters(parameters),
             ideal_log(self.suite, self.spacecraft.joint_names, at, motion.duration),
-            self.suite,
+            self.suite.exact(),
             momentum=self.momentum(target, motion.evaluate(0.0)[0]),
             known_bodies=self.known_bodies,
         )

@@ -363,10 +363,13 @@ class Scenario:
         return self.joint_motion.make(spacecraft, default)
 
     def make_suite(self) -> SensorSuite | None:
-        """Return the sensors, or None if there are none; raises as `presets.load_sensors`."""
-        if self.sensors.explicit is not None:
-            return self.sensors.explicit
-        return load_sensors(self.sensors.suite) if self.sensors.suite else None
+        """Return the sensors, or None if there are none; raises as `presets.load_sensors`.
+
+        A simulated world has no other errors than theirs.
+        """
+        config = self.sensors
+        own = config.explicit or (load_sensors(config.suite) if config.suite else None)
+        return None if own is None else own.exact()
 
     def make_disturbance(self) -> SimulatedDisturbance:
         """Return the external forces and torques of the simulation; see `DisturbanceConfig`."""

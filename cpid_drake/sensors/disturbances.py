@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from cpid_drake.dynamics.orbit import Orbit
 from cpid_drake.errors import InputError
 
-Size = Annotated[float, Ge(0)]
+Size = Annotated[float | None, Ge(0)]
 
 
 def random_stream(seed: int, *key: int) -> np.random.Generator:
@@ -29,7 +29,7 @@ def random_stream(seed: int, *key: int) -> np.random.Generator:
 
 @dataclass
 class Disturbances:
-    """σ of external forces and torques; zero means that there are none.
+    """σ of external forces and torques: None if not stated, zero if there are none.
 
     The acceleration is that of the centre of mass of spacecraft and target. The torque is that
     about this centre. Both are expressed in W. Drag, a leaking valve, gravity gradient over a short
@@ -44,6 +44,8 @@ class Disturbances:
         acceleration_walk: random walk of the acceleration: it changes in a time t by this value
             times √t [m/s²/√s].
         torque_walk: random walk of the torque [N·m/√s].
+        acceleration_B, torque_B: the same in B, as of a leak [m/s², N·m]. No seed draws them.
+        acceleration_B_walk, torque_B_walk: their random walks [m/s²/√s, N·m/√s].
         thrust_scale: σ of the error of the scale of logged thrust: the true thrust is the logged
             one times one plus this error, common to all its components.
         compliance_urad: σ of the compliance of the grasp about each axis of C: the target turns
@@ -61,20 +63,24 @@ class Disturbances:
 
     """
 
-    acceleration: Size = 0.0
-    torque: Size = 0.0
-    acceleration_noise: Size = 0.0
-    torque_noise: Size = 0.0
-    acceleration_walk: Size = 0.0
-    torque_walk: Size = 0.0
-    thrust_scale: Size = 0.0
-    compliance_urad: Size = 0.0
-    translational_compliance_um: Size = 0.0
-    wheel: Size = 0.0
+    acceleration: Size = None
+    torque: Size = None
+    acceleration_noise: Size = None
+    torque_noise: Size = None
+    acceleration_walk: Size = None
+    torque_walk: Size = None
+    acceleration_B: Size = None
+    torque_B: Size = None
+    acceleration_B_walk: Size = None
+    torque_B_walk: Size = None
+    thrust_scale: Size = None
+    compliance_urad: Size = None
+    translational_compliance_um: Size = None
+    wheel: Size = None
     orbit: Orbit | None = None
 
     def __post_init__(self) -> None:
-        for name in ("acceleration", "torque"):
+        for name in ("acceleration", "torque", "acceleration_B", "torque_B"):
             if getattr(self, f"{name}_walk") and not getattr(self, name):
                 raise InputError(f"{name}_walk needs {name}, the σ at the start")
 
@@ -109,14 +115,18 @@ class SimulatedDisturbance:
     ) -> None:
         size = disturbances or Disturbances()
         self._seed = int(seed)
-        self._walk = np.repeat([size.torque_walk, size.acceleration_walk], 3)
-        self._noise = np.repeat([size.torque_noise, size.acceleration_noise], 3)
-        self._constant = np.repeat([size.torque, size.acceleration], 3) * self._normal(0, 1)[0]
+
+        def stated(kind: str) -> NDArray[np.float64]:
+            sigmas = [getattr(size, f"{name}{kind}") or 0.0 for name in ("torque", "acceleration")]
+            return np.repeat(sigmas, 3)
+
+        self._walk, self._noise = stated("_walk"), stated("_noise")
+        self._constant = stated("") * self._normal(0, 1)[0]
         for part, given in ((slice(0, 3), torque_W), (slice(3, 6), acceleration_W)):
             if given is not None:
                 self._constant[part] = given
         self._pieces = np.empty((0, 6))
-        self.thrust_scale = float(size.thrust_scale * self._normal(2, 1)[0, 0])
+        self.thrust_scale = float((size.thrust_scale or 0.0) * self._normal(2, 1)[0, 0])
 
     @property
     def is_zero(self) -> bool:

@@ -29,6 +29,9 @@ CALIBRATED_GYRO_BIAS = 10.0
 Rate = Annotated[float, Interval(ge=1e-3, le=1e5)]
 Noise = Annotated[float, Ge(0)]
 
+Stated = Annotated[float | None, Ge(0)]
+"""σ of an error: None if it is not stated, zero if there is no such error."""
+
 # -- the errors of sensors ------------------------------------------------------------------------
 
 
@@ -36,7 +39,8 @@ Noise = Annotated[float, Ge(0)]
 class SensorErrors(ABC):
     """Rate, white noise and constant errors of a sensor; each kind of sensor has its own subclass.
 
-    A constant error is unknown, and its σ is given; zero means that the sensor does not have it.
+    A constant error is unknown. Its σ is stated, or None if it is not: estimators then take a
+    plausible one (`errors.with_plausible`). Zero means that the sensor does not have it.
 
     Attributes:
         rate: samples per second [Hz].
@@ -47,7 +51,7 @@ class SensorErrors(ABC):
     """
 
     rate: Rate = 10.0
-    delay_ms: Noise = field(default=0.0, kw_only=True)
+    delay_ms: Stated = field(default=None, kw_only=True)
     dropouts: Noise = field(default=0.0, kw_only=True)
     dropout_length: Annotated[float, Gt(0)] = field(default=1.0, kw_only=True)
 
@@ -89,7 +93,7 @@ class AttitudeSensor(SensorErrors):
     boresight_B: Annotated[NDArray[np.float64], Numbers(3)] = field(
         default_factory=lambda: np.array([0.0, 0.0, 1.0])
     )
-    mounting_arcsec: Noise = 0.0
+    mounting_arcsec: Stated = None
 
     def __post_init__(self) -> None:
         if not 1e-100 < np.abs(self.boresight_B).max() < 1e100:
@@ -141,10 +145,10 @@ class Gyro(SensorErrors):
 
     rate: Rate = 100.0
     angle_random_walk: Noise = 0.0
-    bias: Noise = 0.0
-    bias_random_walk: Noise = 0.0
-    scale_ppm: Noise = 0.0
-    misalignment_arcsec: Noise = 0.0
+    bias: Stated = None
+    bias_random_walk: Stated = None
+    scale_ppm: Stated = None
+    misalignment_arcsec: Stated = None
     integrates: bool = False
 
     @classmethod
@@ -165,12 +169,12 @@ class Gyro(SensorErrors):
     @property
     def bias_sigma(self) -> float:
         """σ of the constant bias [rad/s]."""
-        return self.bias * DEGREE_PER_HOUR
+        return (self.bias or 0.0) * DEGREE_PER_HOUR
 
     @property
     def bias_growth(self) -> float:
         """Random walk of the bias: its σ after a time t is this value times √t [rad/s/√s]."""
-        return self.bias_random_walk * DEGREE_PER_HOUR / 60
+        return (self.bias_random_walk or 0.0) * DEGREE_PER_HOUR / 60
 
 
 @dataclass
@@ -202,7 +206,7 @@ class VectorSensor(_UniformSensor):
 
     """
 
-    lever_arm_mm: Noise = 0.0
+    lever_arm_mm: Stated = None
 
 
 @dataclass
@@ -222,8 +226,8 @@ class JointSensor(_UniformSensor):
     rate: Rate = 100.0
     sigma: Noise = 0.0
     bits: Annotated[int, Interval(ge=0, le=32)] = 0
-    zero_mrad: Noise = 0.0
-    drift_mrad_per_s: Noise = 0.0
+    zero_mrad: Stated = None
+    drift_mrad_per_s: Stated = None
 
     @property
     def step(self) -> float:

@@ -1,7 +1,7 @@
 """The sensors of the table that a spacecraft has, with their rates and errors."""
 
-from dataclasses import dataclass
-from typing import Annotated
+from dataclasses import dataclass, replace
+from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Interval
@@ -39,6 +39,9 @@ class SensorSuite:
             Euler angles); None for no rounding.
         disturbances: external forces and torques that act while the sensors measure; None without.
         thrusters: the valves that the log has columns of; None without.
+        unstated: "exact" if errors without a stated σ are zero; None if they may have a plausible
+            size, see `error_kinds.with_plausible`.
+        version: of the keys. Before 2, zeros of a file mean "not stated".
 
     """
 
@@ -52,6 +55,8 @@ class SensorSuite:
     decimals: Decimals | None = None
     disturbances: Disturbances | None = None
     thrusters: Thrusters | None = None
+    unstated: Literal["exact"] | None = None
+    version: Literal[1, 2] = 2
 
     def __getitem__(self, name: str) -> SensorErrors:
         """Return the errors of a sensor that is present.
@@ -68,6 +73,10 @@ class SensorSuite:
     def present(self) -> dict[str, SensorErrors]:
         """Return the errors of the sensors that are present, by name."""
         return {name: self[name] for name in SENSORS if getattr(self, name, None) is not None}
+
+    def exact(self) -> "SensorSuite":
+        """Return the sensors of a world that has no other errors than the stated ones."""
+        return replace(self, unstated="exact", version=2)
 
     @property
     def orbit(self) -> Orbit | None:

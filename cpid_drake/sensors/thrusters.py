@@ -46,7 +46,7 @@ class Valve:
     position: Vector = field(default_factory=lambda: np.zeros(3))
     direction: Vector = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
     force: Annotated[float, Gt(0)] = 1.0
-    force_sigma: Annotated[float, Ge(0)] = 0.0
+    force_sigma: Annotated[float | None, Ge(0)] = None
     on: Literal["body", "target"] = "body"
     axes: Literal["body", "world"] = "body"
 
@@ -71,9 +71,9 @@ class Thrusters:
     """
 
     valves: dict[str, Valve] = field(default_factory=dict)
-    delay_ms: Annotated[float, Ge(0)] = 0.0
-    loss: Annotated[float, Ge(0)] = 0.0
-    common_force: Annotated[float, Ge(0)] = 0.0
+    delay_ms: Annotated[float | None, Ge(0)] = None
+    loss: Annotated[float | None, Ge(0)] = None
+    common_force: Annotated[float | None, Ge(0)] = None
 
     def __post_init__(self) -> None:
         if not self.valves:

@@ -106,7 +106,7 @@ def exciting_motion(
         return whole.select(np.flatnonzero(np.isin(grid, instants)))
 
     samples, log = at(times), at(np.arange(0.0, config.duration + 1e-9, config.log_period))
-    zero, suite = TotalMomentum.zero(), load_sensors(_SUITE)
+    zero, suite = TotalMomentum.zero(), load_sensors(_SUITE, unstated="exact")
     rows, fits = [], []
     for number in decimals:
         progress(f"fitting the exciting motion, {number} decimals")

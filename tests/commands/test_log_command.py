@@ -70,15 +70,20 @@ def test_a_log_of_ros_is_mapped_checked_converted_and_identified(cpid):
 
 
 def test_a_log_of_vicon_with_a_marker_off_the_origin_gives_the_target(cpid, vicon):
-    """Of noise of 0.1 mm and 0.002°; the marker's place is rounded to 0.1 mm."""
+    """Of noise of 0.1 mm and 0.002°; the marker's place is rounded to 0.1 mm.
+
+    Nobody states the errors of sensors and spacecraft, so the intervals contain them.
+    """
     code, stdout, _ = cpid("log", "map", vicon, *CRAFT, "--out", "map.yaml")
     assert code == 0
     point = yaml.safe_load(stdout)["position"]["point_B"]
     np.testing.assert_allclose(point, MARKER, atol=1e-3)
     assert cpid("identify", vicon, *CRAFT, "--columns", "map.yaml", "--json", "r.json")[0] == 0
-    found = read_result("r.json").parameters
+    found = read_result("r.json")
+    assert (np.abs(found.parameters - TRUTH) < 4 * np.sqrt(np.diag(found.covariance))).all()
     for part in (slice(0, 1), slice(1, 4), slice(4, 10)):
-        np.testing.assert_allclose(found[part], TRUTH[part], atol=1e-3 * np.abs(TRUTH[part]).max())
+        right, size = TRUTH[part], np.abs(TRUTH[part]).max()
+        np.testing.assert_allclose(found.parameters[part], right, atol=0.02 * size)
 
 
 @pytest.mark.parametrize(

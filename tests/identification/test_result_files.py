@@ -9,6 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from cpid_drake import InputError
+from cpid_drake.identification.budget import BudgetRow
 from cpid_drake.identification.checks import Check
 from cpid_drake.identification.effects import EffectEstimate
 from cpid_drake.identification.request import Request, Source, SpacecraftReference
@@ -31,8 +32,8 @@ def result(skewed_target) -> Identification:
         np.array([0.1]),
         20.0,
         "log.csv",
-        "gyro: {delay_ms: 20}",
     )
+    row = BudgetRow("zero of elbow", np.full(10, 0.2), "mrad", 0.1, 0.5, 0.3)
     alone = Identification(
         parameters=unknown,
         covariance=np.eye(10),
@@ -78,6 +79,8 @@ def result(skewed_target) -> Identification:
         noise={"gyro": 1.5},
         leaning={"mass": 0.1 * unknown},
         effects=(delay,),
+        given=("spacecraft model",),
+        budget=(row,),
         is_planar=True,
         normal_C=np.array([0.0, 0.0, 1.0]),
         logs={"log.csv": alone, "the prior": alone},

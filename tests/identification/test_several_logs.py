@@ -234,14 +234,16 @@ class TestPrior:
         self, craft, suite, logs, skewed_target, estimator, place, sigma
     ):
         """The rows' unknown is m c: the prior is linear about the mass that the log shows."""
-        prior, options = self.of_one(skewed_target, place, sigma), {"sensors": suite}
+        prior = self.of_one(skewed_target, place, sigma)
+        options = {"sensors": suite, "momentum": TotalMomentum.zero()}
         alone = identify(craft, logs["log 0"], estimator=estimator, **options)
         found = identify(craft, logs["log 0"], estimator=estimator, prior=prior, **options)
         assert any(f"determines {('m', 'cx')[place]}" in text for text in found.warnings)
         assert sigmas(found)[place] == pytest.approx(sigma, rel=0.01)
         error = found.parameters - skewed_target.to_vector()
         assert abs(error[place]) < 3 * sigma
-        assert np.all(sigmas(found) <= 1.001 * sigmas(alone))
+        louder = max([1.0, *(found.noise[name] / alone.noise[name] for name in alone.noise)])
+        assert np.all(sigmas(found) <= 1.001 * louder * sigmas(alone))
 
     def test_an_earlier_result_knows_all_ten_together(self, craft, tmp_path):
         """One slow joint: the ten together are known a hundred times better than the mass."""
@@ -249,7 +251,7 @@ class TestPrior:
         target = InertialParameters(40.0, [0.3, -0.2, 0.4], inertia)
         motion = Sines.drawn(4, 1, 10.0, 0.3)
         motion = replace(motion, amplitude=motion.amplitude * [0, 1, 0, 0])
-        suite, later = load_sensors("flight"), Sines.drawn(4, 2, 5.0, 0.5)
+        suite, later = load_sensors("flight", unstated="exact"), Sines.drawn(4, 2, 5.0, 0.5)
         slow, fast = (measured(craft, each, target, suite) for each in (motion, later))
         earlier = identify(craft, add_noise(suite, slow, seed=1), sensors=suite)
         assert sigmas(earlier)[0] > 1e-3 * target.mass

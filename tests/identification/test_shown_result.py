@@ -37,13 +37,13 @@ def log():
 
 @pytest.fixture(scope="module")
 def result(craft, log):
-    return identify(craft, log, sensors=load_sensors("testbed"))
+    return identify(craft, log, sensors=load_sensors("testbed", unstated="exact"))
 
 
 @pytest.fixture(scope="module")
 def unknown(craft, log):
     """From so short a log that nothing is determined, but m has a lower bound."""
-    return identify(craft, log.between(0.0, 0.5), sensors=load_sensors("testbed"))
+    return identify(craft, log.between(0.0, 0.5), sensors=load_sensors("testbed", unstated="exact"))
 
 
 def failing(result):

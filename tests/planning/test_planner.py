@@ -22,6 +22,7 @@ from cpid_drake.scenario.simulation import make_simulation
 from cpid_drake.studies.trials import fit_errors, make_case
 
 ARM = [f"capture_arm_joint{k}" for k in range(1, 7)]
+FLIGHT = load_sensors("flight", unstated="exact")
 SMALL = PlanOptions(frequency=0.3, candidates=64, iterations=12, targets=3, joint=ARM)
 
 
@@ -32,7 +33,7 @@ def scenario():
 
 @pytest.fixture(scope="module")
 def planner(scenario):
-    planner = Planner(scenario, load_sensors("flight"), SMALL)
+    planner = Planner(scenario, FLIGHT, SMALL)
     planner.run()
     return planner
 
@@ -106,7 +107,7 @@ def test_it_keeps_the_ends_and_all_limits_of_drakes_plant(planner, scenario):
 
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_plan(planner, scenario):
-    again = Planner(scenario, load_sensors("flight"), SMALL)
+    again = Planner(scenario, FLIGHT, SMALL)
     np.testing.assert_array_equal(again.run().parameters, planner.best.parameters)
 
 
@@ -114,7 +115,7 @@ def test_the_same_seed_gives_the_same_plan(planner, scenario):
 def test_little_motion_of_the_base_can_be_required(scenario):
     limits = {"base_attitude": 60.0, "base_rate": 16.0}
     options = replace(SMALL, **limits, base_displacement=0.2, targets=1)
-    planner = Planner(scenario, load_sensors("flight"), options)
+    planner = Planner(scenario, FLIGHT, options)
     best = planner.run()
     for target in planner.checked_targets:  # also the heaviest, which move the base most
         found = planner.setting.predict(best.motion, target)
@@ -124,7 +125,7 @@ def test_little_motion_of_the_base_can_be_required(scenario):
 
 
 def test_an_interrupt_leaves_a_motion_within_all_limits(scenario):
-    planner = Planner(scenario, load_sensors("flight"), SMALL)
+    planner = Planner(scenario, FLIGHT, SMALL)
 
     def interrupt(what, best):
         if what.startswith("gradient"):
@@ -151,14 +152,14 @@ def test_an_interrupt_leaves_a_motion_within_all_limits(scenario):
 )
 def test_impossible_choices_are_refused(changes, message, scenario):
     with pytest.raises(InputError, match=message):
-        Planner(scenario, load_sensors("flight"), replace(SMALL, **changes)).run()
+        Planner(scenario, FLIGHT, replace(SMALL, **changes)).run()
 
 
 @pytest.mark.slow
 def test_a_front_turns_the_base_less_and_less():
     """Where the motion returns to its start, so that the base need not turn."""
     scenario = load_scenario(shipped_scenario("exciting_motion"))
-    planner = Planner(scenario, load_sensors("flight"), replace(SMALL, targets=1, iterations=24))
+    planner = Planner(scenario, FLIGHT, replace(SMALL, targets=1, iterations=24))
     plans = front(planner, planner.run())
     assert len(plans) > 3
     assert (np.diff([plan.turn for plan in plans]) < 0).all()
@@ -184,7 +185,7 @@ def test_random_and_broadband_motions_move_as_much_as_the_limits_allow(planner):
 @pytest.mark.parametrize("name", ["paper", "uncertain_spacecraft"])
 def test_the_errors_of_fits_are_as_large_as_predicted(name):
     """With an uncertain spacecraft its bodies are drawn, too."""
-    planner = Planner(load_scenario(shipped_scenario(name)), load_sensors("flight"))
+    planner = Planner(load_scenario(shipped_scenario(name)), FLIGHT)
     target, craft = planner.targets[0], planner.spacecraft
     body = InertialParameters.from_vector(target)
     case = make_case(planner.scenario, craft, body, planner.suite, 1)

@@ -38,7 +38,7 @@ def scenario():
 @pytest.fixture(scope="module")
 def truth(scenario):
     """Four seconds of the motion, a target without symmetry."""
-    config, suite = scenario.spacecraft, load_sensors("flight")
+    config, suite = scenario.spacecraft, load_sensors("flight", unstated="exact")
     case = make_case(scenario, config.make(), GENERIC, suite, 5)
     return Truth(config, replace(case, duration=4.0))
 

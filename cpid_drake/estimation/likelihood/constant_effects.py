@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 
 from cpid_drake.estimation.likelihood.compliance import write_shifts, write_turns
 from cpid_drake.estimation.likelihood.constants import (
+    ACCELERATION_B,
     COMPLIANCE,
     DRIFT,
     OF_THRUST,
     STRETCH,
+    TORQUE_B,
     VALVE_DELAY,
     WHEEL,
     ZERO,
@@ -83,8 +85,34 @@ def _wheel(motion: BaseMotion, trajectory: Trajectory, sigma: float, change: Mot
     change.L[:] = sigma * (R[0] - R[-1])
 
 
+def _leak_torque(
+    motion: BaseMotion, trajectory: Trajectory, sigma: float, change: MotionChange
+) -> None:
+    """Write that of a torque about the centre of mass that turns with the base."""
+    impulse = sigma * motion.accumulated(trajectory.R[: len(motion.nodes)])
+    change.w[:], change.L[:] = trajectory.mobility @ impulse, impulse[-1]
+
+
+def _leak_acceleration(
+    motion: BaseMotion, trajectory: Trajectory, sigma: float, change: MotionChange
+) -> None:
+    """Write that of an acceleration of the centre of mass that turns with the base.
+
+    A table lets none act along its normal.
+    """
+    N, normal = len(motion.nodes), motion.tree.normal_B
+    free = np.eye(3) if normal is None else np.eye(3) - np.outer(normal, normal)
+    velocity = sigma * motion.accumulated(trajectory.R[:N] @ free)
+    both = np.concatenate([motion.accumulated(velocity), velocity], axis=1).reshape(N, -1)
+    later = motion.interpolation(motion.times[N:]) @ both
+    found = np.concatenate([both, later]).reshape(-1, 6, 3)
+    change.position[:], change.velocity[:] = found[:, :3], found[:, 3:]
+
+
 _WRITE: dict[str, Write] = {
     WHEEL: _wheel,
     COMPLIANCE: write_turns,
     STRETCH: write_shifts,
+    TORQUE_B: _leak_torque,
+    ACCELERATION_B: _leak_acceleration,
 }

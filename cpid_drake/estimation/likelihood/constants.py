@@ -5,12 +5,14 @@ the prior of the estimate. Every entry of one constant error has the same σ.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.estimation.gaussian import places_of
-from cpid_drake.sensors.sensors import ARCSECOND, DEGREE_PER_HOUR, Gyro
+from cpid_drake.sensors.error_kinds import KINDS, ErrorKind
+from cpid_drake.sensors.sensors import Gyro
 from cpid_drake.sensors.suite import SensorSuite
 
 THRUST_SCALE = "thrust_scale"
@@ -29,6 +31,9 @@ OF_THRUST = (THRUST_SCALE, VALVE_FORCE, COMMON_FORCE, VALVE_LOSS, VALVE_DELAY)
 ACCELERATION, TORQUE = "acceleration", "torque"
 """Names of a steady acceleration of the system's centre of mass and a torque about it, in W."""
 
+ACCELERATION_B, TORQUE_B = "acceleration_B", "torque_B"
+"""Names of the same in B."""
+
 WHEEL = "wheel"
 """Name of the angular momentum of rotors in the base, in B."""
 
@@ -44,8 +49,8 @@ ZERO, DRIFT = "zero", "drift"
 BIAS = "bias"
 """Kind of a gyro's bias, which walks from block to block."""
 
-OF_GRASP = (COMPLIANCE, STRETCH)
-"""Kinds whose nominal value is zero."""
+OF_FIRST_ORDER = (COMPLIANCE, STRETCH, ACCELERATION_B)
+"""Kinds whose effect is of first order about zero: the predicted motion does not have it."""
 
 
 @dataclass(frozen=True)
@@ -53,14 +58,12 @@ class ConstantError:
     """One constant error.
 
     Attributes:
-        name: `ACCELERATION`, `TORQUE`, `THRUST_SCALE`, `WHEEL`, `COMPLIANCE` or `STRETCH`, or a
-            sensor and a kind, such as "attitude.delay" or "encoders.joint 1.drift".
+        name: a kind (see `error_kinds.KINDS`), or a sensor and a kind, such as "attitude.delay".
         size: number of entries.
         sigma: σ of each entry [SI units, rad].
         unit: unit in texts.
         scale: SI value of this unit.
         walk: random walk: the σ of the change after a time t is this value times √t [SI units/√s].
-        joint: number of the joint that alone has it, from 0; -1 for other errors.
 
     """
 
@@ -70,7 +73,6 @@ class ConstantError:
     unit: str
     scale: float
     walk: float = 0.0
-    joint: int = -1
 
     @property
     def sensor(self) -> str:
@@ -82,57 +84,39 @@ class ConstantError:
         """Kind of the error, such as "delay"."""
         return self.name.rpartition(".")[2]
 
-
-_KINDS = {
-    "delay": ("delay_ms", 1, "ms", 1e-3),
-    "mounting": ("mounting_arcsec", 3, "arcsec", ARCSECOND),
-    "scale": ("scale_ppm", 3, "ppm", 1e-6),
-    "misalignment": ("misalignment_arcsec", 6, "arcsec", ARCSECOND),
-    "lever_arm": ("lever_arm_mm", 3, "mm", 1e-3),
-    ZERO: ("zero_mrad", 0, "mrad", 1e-3),
-}
-"""The field with the σ of each kind, its number of entries (0: one per joint), unit and scale."""
+    @property
+    def is_shared(self) -> bool:
+        """Whether all logs of one hardware have the same error."""
+        return KINDS[self.kind].is_shared
 
 
 def constant_errors(suite: SensorSuite, joint_count: int) -> tuple[ConstantError, ...]:
     """Return the constant errors with σ > 0 of a suite, for a spacecraft with so many joints."""
     found, forces, thrusters = list[ConstantError](), suite.disturbances, suite.thrusters
-    if forces is not None:
-        found += [
-            ConstantError(
-                ACCELERATION, 3, forces.acceleration, "m/s²", 1.0, forces.acceleration_walk
-            ),
-            ConstantError(TORQUE, 3, forces.torque, "N·m", 1.0, forces.torque_walk),
-            ConstantError(THRUST_SCALE, 1, forces.thrust_scale, "%", 0.01),
-            ConstantError(WHEEL, 3, forces.wheel, "N·m·s", 1.0),
-            ConstantError(COMPLIANCE, 3, 1e-6 * forces.compliance_urad, "µrad/(N·m)", 1e-6),
-            ConstantError(STRETCH, 3, 1e-6 * forces.translational_compliance_um, "µm/N", 1e-6),
-        ]
+
+    def add(kind: ErrorKind, owner: Any, before: str = "") -> None:
+        """Add a kind of errors if its owner has it."""
+        sigma = kind.to_SI * (getattr(owner, kind.field, None) or 0.0)
+        if kind.owner == "valve":
+            sigma /= owner.force
+        walk = getattr(owner, f"{kind.field}_walk", None) or 0.0
+        if isinstance(owner, Gyro) and kind.name == BIAS:  # one that is exact would have no σ
+            sigma, walk = max(sigma, 1e-9), owner.bias_growth
+        size = kind.entries or joint_count
+        if sigma > 0 and size:
+            name = f"{before}{kind.name}"
+            found.append(ConstantError(name, size, sigma, kind.unit, kind.scale, walk))
+
+    owners: list[tuple[str, Any, str]] = [("disturbances", forces, "")]
     if thrusters is not None:
-        found += [
-            ConstantError(f"{name}.{VALVE_FORCE}", 1, valve.force_sigma / valve.force, "%", 0.01)
-            for name, valve in thrusters.valves.items()
-        ]
-        for kind, sigma, unit, scale in (
-            (COMMON_FORCE, thrusters.common_force, "%", 0.01),
-            (VALVE_LOSS, thrusters.loss, "%", 0.01),
-            (VALVE_DELAY, 1e-3 * thrusters.delay_ms, "ms", 1e-3),
-        ):
-            found.append(ConstantError(f"{THRUSTERS}.{kind}", 1, sigma, unit, scale))
-    for sensor, errors in suite.present().items():
-        for kind, (field, size, unit, scale) in _KINDS.items():
-            name, sigma = f"{sensor}.{kind}", scale * getattr(errors, field, 0.0)
-            found.append(ConstantError(name, size or joint_count, sigma, unit, scale))
-        drift = 1e-3 * getattr(errors, "drift_mrad_per_s", 0.0)
-        found += [  # one that drifts does not say that others do
-            ConstantError(f"{sensor}.joint {j + 1}.{DRIFT}", 1, drift, "mrad/s", 1e-3, joint=j)
-            for j in range(joint_count)
-        ]
-        if isinstance(errors, Gyro):  # a bias that is known exactly would have no σ
-            sigma, walk = max(errors.bias_sigma, 1e-9), errors.bias_growth
-            name = f"{sensor}.{BIAS}"
-            found.append(ConstantError(name, 3, sigma, "deg/h", DEGREE_PER_HOUR, walk))
-    return tuple(error for error in found if error.sigma > 0)
+        owners += [("valve", valve, f"{name}.") for name, valve in thrusters.valves.items()]
+        owners.append(("thrusters", thrusters, f"{THRUSTERS}."))
+    owners += [("sensor", errors, f"{name}.") for name, errors in suite.present().items()]
+    for owner, errors, before in owners:
+        for kind in KINDS.values():
+            if kind.owner == owner:
+                add(kind, errors, before)
+    return tuple(found)
 
 
 class Constants:

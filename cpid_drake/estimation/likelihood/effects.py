@@ -201,8 +201,7 @@ def inertia_changes(
         by_q = J @ joint_sensitivity(outboard, psi, grid)[0].w
         elapsed = (motion.nodes[nodes] - motion.origin)[:, None, None]
         for e in errors_of_q:
-            own = by_q if e.kind == ZERO else elapsed * by_q[..., e.joint : e.joint + 1]
-            found[e.name] = -e.sigma * own
+            found[e.name] = -e.sigma * (by_q if e.kind == ZERO else elapsed * by_q)
     if uncertainty is not None:
         present = np.zeros(uncertainty.count(tree.wheels, q.shape[1])) if errors is None else errors
         found["bodies"] = J @ uncertain_sensitivity(outboard, psi, grid, uncertainty, present).w

@@ -92,7 +92,7 @@ def white_forces(suite: SensorSuite, start: float, end: float, is_planar: bool) 
     steps = [1 / each.rate for each in suite.present().values() if isinstance(each, Gyro)]
     pieces = {TORQUE_NOISE: max(min([PIECE, *steps]), SHORTEST_PIECE), ACCELERATION_NOISE: PIECE}
     for (name, piece), axes in zip(pieces.items(), (turn, move), strict=True):
-        sigma = float(getattr(suite.disturbances, name, 0.0))
+        sigma = float(getattr(suite.disturbances, name, None) or 0.0)
         if sigma > 0:
             count = max(1, round((end - start) / piece))
             rows = slice(first, first + count * len(axes))

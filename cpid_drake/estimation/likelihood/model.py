@@ -19,7 +19,7 @@ from cpid_drake.estimation.likelihood.constant_effects import (
     write_constant,
 )
 from cpid_drake.estimation.likelihood.constants import (
-    OF_GRASP,
+    OF_FIRST_ORDER,
     Constants,
 )
 from cpid_drake.estimation.likelihood.effects import (
@@ -176,16 +176,16 @@ class BlockModel:
     def bent(
         self, trajectory: Trajectory
     ) -> tuple[dict[str, NDArray[np.float64]], NDArray[np.float64]]:
-        """Return what a flexible grasp adds to the readings and to the state at the block's end.
+        """Return what is of first order adds to the readings and to the state at the block's end.
 
-        The trajectory is that of a rigid grasp; the effect is of first order in the compliance.
+        That is a flexible grasp, or a force that turns with the base: the trajectory has neither.
 
         Returns:
             (M, d) in units of σ, by sensor, and (12,) change of attitude, centre of mass, L and v.
-            Nothing and zero without such a grasp.
+            Nothing and zero without such errors.
 
         """
-        flexible = [name for name in OF_GRASP if name in self.effects]
+        flexible = [name for name in OF_FIRST_ORDER if name in self.effects]
         readings, end = dict[str, NDArray[np.float64]](), np.zeros(12)
         if not flexible:
             return readings, end
@@ -195,7 +195,7 @@ class BlockModel:
             value = trajectory.state.constants[constants.place(name)]
             each = self._no_change(len(value))
             self.effects[name](self.motion, trajectory, each)
-            for part in ("w", "com", "com_rate"):
+            for part in ("w", "com", "com_rate", "position", "velocity", "L"):
                 getattr(change, part)[..., 0] += getattr(each, part) @ value
         rows, by = self._response(trajectory, change)
         readings = {n: self.sensors[n].whitened(part)[..., 0] for n, part in rows.items()}

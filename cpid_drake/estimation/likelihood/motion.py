@@ -34,7 +34,7 @@ from cpid_drake.estimation.likelihood.attitude_steps import (
     step_angles,
     step_changes,
 )
-from cpid_drake.estimation.likelihood.constants import DRIFT, WHEEL, ZERO, Constants
+from cpid_drake.estimation.likelihood.constants import DRIFT, TORQUE_B, WHEEL, ZERO, Constants
 from cpid_drake.estimation.likelihood.forces import Force, steady_forces
 from cpid_drake.estimation.likelihood.joint_motion import JointPart
 from cpid_drake.estimation.likelihood.thrust import BlockThrust, transition
@@ -228,14 +228,17 @@ class BaseMotion:
         if wheel is not None:  # which turns with the base; L is that of the other bodies
             h, L = h + wheel, L + first @ wheel
         J = None if self.orbit is None else self.grid.inertia(state.psi)
-        added, pushed, last = np.zeros(3), None, 0.0
+        leak = self.constants.value(state.constants, TORQUE_B)
+        added, pushed, last = np.zeros((N, 3)), None, 0.0
         # With momentum the velocity depends on the attitude: iterate until the next change, by the
         # ratio of those before, is rounding error. Where Picard's iteration does not fall fast, it
         # multiplies rounding errors by the exponential of the turn: then it is Newton's.
         for _ in range(_ROUNDS):
             if self.orbit is not None and J is not None:
                 inertia_W = R @ J @ np.swapaxes(R, -1, -2)
-                added = self._accumulated(self.orbit.torque(inertia_W, self.nodes))
+                added = self.accumulated(self.orbit.torque(inertia_W, self.nodes))
+            if leak is not None:
+                added = self.accumulated(R @ leak) + (added if J is not None else 0.0)
             total = L[:N] + added
             if self.thrust is not None:
                 pushed = self.thrust.momentum(R, state.psi)
@@ -266,7 +269,7 @@ class BaseMotion:
         if not len(times):
             return nodes
         R = np.concatenate([R, nodes.rotations(times)])
-        if J is not None:
+        if J is not None or leak is not None:
             L = L + np.concatenate([added, self.interpolation(times) @ added])
         L = L if pushed is None else L + pushed
         L_B = rotate(np.swapaxes(R, -1, -2), L)
@@ -283,11 +286,11 @@ class BaseMotion:
         R, r_W = trajectory.R[:N], self.orbit.nadir(self.nodes)
         r = rotate(np.swapaxes(R, -1, -2), r_W)
         by_psi = skew(r_W) @ R @ self.grid.inertia_regressor(r)
-        added = self._accumulated(3 * self.orbit.n**2 * by_psi)
+        added = self.accumulated(3 * self.orbit.n**2 * by_psi)
         later = self.interpolation(self.times[N:]) @ added.reshape(N, -1)
         return np.concatenate([added, later.reshape(-1, 3, 10)])
 
-    def _accumulated(self, rates: NDArray[np.float64]) -> NDArray[np.float64]:
+    def accumulated(self, rates: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the integrals of rates (N, ...) at the nodes from the start to each node."""
         h = self.nodes[1] - self.nodes[0]
         steps = h * np.tensordot(step_weights(len(rates)), rates, axes=1)
@@ -336,8 +339,8 @@ class BaseMotion:
         """Integrate ξ̇ = R (w + J⁻¹Rᵀ(L × ξ + λ)) and, with a torque, λ̇ = ∂τ/∂ξ ξ.
 
         ξ is the change of the attitude, a rotation in W; λ is the change of L because the torque τ
-        of gravity gradient and thrust changes with the attitude. R w is integrated as the attitude
-        is, the other terms by the trapezoidal rule.
+        of gravity gradient, thrust and leaks changes with the attitude. R w is integrated as the
+        attitude is, the other terms by the trapezoidal rule.
 
         Args:
             trajectory: the trajectory to linearize about.
@@ -346,7 +349,7 @@ class BaseMotion:
             delay: (n,) change of the delay of the thrust [s].
 
         Returns:
-            ξ (N, 3, n), or ξ and λ (N, 6, n) in an orbit or with thrust; and the total change of
+            ξ (N, 3, n), or ξ and λ (N, 6, n) with such a torque; and the total change of
             the angular velocity (N, 3, n), in B.
 
         """
@@ -358,12 +361,15 @@ class BaseMotion:
         theta = step_angles(trajectory.spline.steps(), trajectory.w[:N], h)
         late = trajectory.spline.steps_by_delay()[..., None] * delay
         turned = step_changes(R, trajectory.w[:N], theta, w, h, late)
-        if self.orbit is not None or self.thrust is not None:
+        leak = self.constants.value(trajectory.state.constants, TORQUE_B)
+        if self.orbit is not None or self.thrust is not None or leak is not None:
             coupling = np.concatenate([coupling, mobility], axis=-1)
             torque = np.zeros((N, 3, 3))
             if self.orbit is not None:
                 J = R @ self.grid.inertia(trajectory.state.psi) @ np.swapaxes(R, -1, -2)
                 torque = self.orbit.torque_by_attitude(J, self.nodes)
+            if leak is not None:
+                torque = torque - skew(R @ leak)
             below = np.concatenate([torque, np.zeros_like(torque)], axis=-1)
             A = np.concatenate([R @ coupling, below], axis=-2)
             turned = np.concatenate([turned, np.zeros_like(turned)], axis=-2)

@@ -20,6 +20,7 @@ from cpid_drake.report.sections.data import (
     sensors_section,
 )
 from cpid_drake.report.sections.estimate import (
+    budget_section,
     effects_section,
     logs_section,
     observability_section,
@@ -52,6 +53,7 @@ def identification_report(findings: Findings, progress: Progress = lambda step: 
         result_section(result, findings.truth),
         *([logs_section(result)] if result.logs else []),
         checks_section(result, None if evidence is None else evidence.found),
+        *([budget_section(result)] if result.budget else []),
         *([effects_section(result)] if result.effects else []),
         observability_section(result),
     ]

@@ -102,7 +102,6 @@ def effects_section(result: Identification) -> Section:
             *rounded_pair(value, factor * sigma),
             significant(factor * effect.prior_sigma),
             effect.unit,
-            effect.declaration if i == 0 else "",
         ]
         for effect in result.effects
         for i, (value, sigma) in enumerate(zip(effect.value, effect.sigma))
@@ -110,13 +109,33 @@ def effects_section(result: Identification) -> Section:
     texts = [effect.describe() for effect in result.effects]
     note = " ".join(f"{text[0].upper()}{text[1:]}." for text in texts)
     text = (
-        "These unknown constants were estimated as well. The sensors' file declares them, but for "
-        "those with a line to add to it, which the samples show."
+        "These unknown constants were estimated as well, with the σ that the sensors' file states, "
+        "or with a plausible one."
     )
-    heads = ["", "estimate", "± 95 %", "± 95 % before", "unit", "not declared: add"]
+    heads = ["", "estimate", "± 95 %", "± 95 % before", "unit"]
     return Section(
         "Estimated errors and forces", texts=[text], tables=[Table(heads, rows, note=note)]
     )
+
+
+def budget_section(result: Identification) -> Section:
+    """Return the section with what the variance of each parameter comes from."""
+    rows = []
+    for row in result.budget:
+        shares = [f"{100 * share:.0f}" if np.isfinite(share) else "" for share in row.shares]
+        numbers = ["", "", ""]
+        if row.value is not None and row.sigma is not None and row.matters is not None:
+            half = quantile_95() * row.sigma
+            numbers = [with_half_width(row.value, half), significant(row.matters), row.unit]
+        rows.append([row.name, *shares, *numbers])
+    note = (
+        "Share [%] of the variance of each parameter that would go if this error were exact. They "
+        "overlap, and do not add up. Half of a share goes if the error is known to the σ of the "
+        "last but one column: state it in the sensors' file, or with --known-bodies. Errors with "
+        "less than 1 % of every parameter are left out."
+    )
+    heads = ["", *PARAMETER_NAMES, "estimate ± 95 %", "half goes at σ", "unit"]
+    return Section("Error budget", tables=[Table(heads, rows, note=note)])
 
 
 def observability_section(result: Identification) -> Section:

@@ -139,6 +139,7 @@ def _job(plan: Plan, number: int, values: dict[str, Any]) -> _Job:
     trial = plan.trial(values)
     spacecraft = _spacecraft(json.dumps(asdict(trial.spacecraft)))
     suite = trial.sensors.explicit or (trial.sensors.suite and _suite(trial.sensors.suite)) or None
+    suite = None if suite is None else suite.exact()
     truth = trial.target_truth()
     case = make_case(trial, spacecraft, truth, suite or SensorSuite(), plan.campaign.seed)
     if trial.tumble_C.any():
@@ -158,7 +159,7 @@ def _spacecraft(config: str) -> Spacecraft:
 
 @lru_cache(maxsize=32)
 def _suite(name: str) -> SensorSuite:
-    return load_sensors(name)
+    return load_sensors(name, unstated="exact")
 
 
 # -- the truth -------------------------------------------------------------------------------------

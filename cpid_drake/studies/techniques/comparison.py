@@ -196,7 +196,8 @@ def _cells(
                 names = (*estimators, *own)
             if motion == ONE_JOINT:
                 names = (PLANAR,) if target == GENERIC else (FIT, PLANAR) if is_first else (FIT,)
-            made = make_case(scenario, spacecraft, targets[target], load_sensors(sensors), seed)
+            suite = load_sensors(sensors, unstated="exact")
+            made = make_case(scenario, spacecraft, targets[target], suite, seed)
             moving = motions[motion]
             length = moving.duration if motion == ONE_JOINT else made.duration
             case = replace(made, motion=moving, duration=length, momentum=TotalMomentum.zero())

@@ -1,0 +1,229 @@
+"""The error budget: what the variance of an estimate comes from, and errors that are too large.
+
+All unknowns besides the target are errors with a prior. If one of them were exact, the Gaussian of
+all unknowns would be conditioned on it, and an entry x of the variance p of a parameter π would
+lose cov(π, x)² / var(x). Shares overlap, so they do not sum to one. Of what walks this would fix
+only the last value: what a kind that walks costs follows from a sweep in which it is constant, and
+then conditioned on.
+"""
+
+from collections.abc import Iterator, Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cpid_drake.digits import significant
+from cpid_drake.dynamics.parameterizations import relative_parameterization
+from cpid_drake.estimation.fit import Fit, prior_of
+from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.likelihood.constants import BIAS
+from cpid_drake.estimation.roll import Values
+from cpid_drake.estimation.sweep import sweep
+from cpid_drake.estimation.unknowns import BODIES, MOMENTUM, PSI, Model, Unknown
+from cpid_drake.identification.checks import Check
+from cpid_drake.identification.effects import EffectEstimate
+from cpid_drake.input_files.validation import Numbers
+from cpid_drake.sensors.sensors import Gyro
+
+FAR = 4.0
+"""No error is larger than so many of its σ: one entry in 16,000 is."""
+
+LEAST = 0.01
+"""Least share of a row of the budget, of any parameter."""
+
+ALL = "all errors together"
+"""Name of the row of everything that is estimated besides the target."""
+
+_GROUPS = {
+    "forces that walk": ("acceleration", "acceleration_B"),
+    "torques that walk": ("torque", "torque_B"),
+    "biases that walk": (BIAS,),
+}
+"""Kinds that walk and look alike."""
+
+_XYZ = ("x", "y", "z")
+_STRETCHES = ("xx", "yy", "zz", "xy", "xz", "yz")
+
+
+@dataclass(frozen=True, eq=False)
+class BudgetRow:
+    """What one error adds to the variance of an estimate.
+
+    Attributes:
+        name: of the error, in words.
+        shares: (10,) share of the variance of each parameter that would go if the error were exact;
+            NaN where the parameter is not known.
+        unit: of the three numbers that follow; empty if they are None.
+        value, sigma: the estimate and its σ; None of several errors, and of what walks.
+        matters: σ to which the error must be known so that half of its share goes.
+
+    """
+
+    name: str
+    shares: Annotated[NDArray[np.float64], Numbers(10, unknown=True)]
+    unit: str = ""
+    value: float | None = None
+    sigma: float | None = None
+    matters: float | None = None
+
+
+def error_budget(
+    found: Fit, held: Values, known: NDArray[np.bool_], joints: Sequence[str]
+) -> tuple[BudgetRow, ...]:
+    """Return the budget, the largest shares first; that of all errors together is the first row.
+
+    Args:
+        found: a fit.
+        held: unknowns that are held, with their values less those of the fit.
+        known: (10,) whether each parameter is known.
+        joints: names of the joints.
+
+    """
+    model, psi = found.model, found.values[PSI]
+    whole = found.gaussian.condition({n: v for n, v in held.items() if n in found.values})
+    errors = [name for name in whole.places if name != PSI]
+    if not errors:
+        return ()
+    both = whole.marginal([PSI, *errors])
+    solution, P = both.solve(), both.covariance()
+    jacobian = relative_parameterization(model.mass).jacobian(psi + solution[:10])
+    total = np.diag(jacobian @ P[:10, :10] @ jacobian.T)
+
+    def share(left: Gaussian) -> NDArray[np.float64]:
+        """Return the shares that go if this is left."""
+        own = left.marginal([PSI]).covariance()
+        return np.where(known, 1 - np.diag(jacobian @ own @ jacobian.T) / total, np.nan)
+
+    rows, k = list[BudgetRow](), 10
+    by_name = {unknown.name: unknown for unknown in model.table}
+    for key in errors:
+        unknown = by_name[key.partition("|")[0]]
+        walks = unknown.walk > 0
+        for name, unit, scale in _entries(model, unknown, joints):
+            of_target, variance = jacobian @ P[:10, k], P[k, k]
+            value, sigma, prior = found.values[key], np.sqrt(variance), unknown.sigma
+            entry = k - both.places[key].start
+            if not walks:
+                where = f" of {key.partition('|')[2]}" if len(found.logs) > 1 and "|" in key else ""
+                shares = np.where(known, of_target**2 / (variance * total), np.nan)
+                needed = 1 / np.hypot(1 / prior[entry], 1 / sigma)
+                numbers = (value[entry] + solution[k], sigma, needed)
+                rows.append(
+                    BudgetRow(name + where, shares, unit, *(float(scale * x) for x in numbers))
+                )
+            k += 1
+    rows += [BudgetRow(name, share(left)) for name, left in _without_walks(found, held)]
+    largest = {id(row): float(np.nanmax(row.shares, initial=0.0)) for row in rows}
+    rows = [row for row in rows if largest[id(row)] >= LEAST]
+    return tuple(sorted(rows, key=lambda row: (row.name != ALL, -largest[id(row)])))
+
+
+def _without_walks(found: Fit, held: Values) -> Iterator[tuple[str, Gaussian]]:
+    """Yield the name of each group of errors that walk, and what is known if they were exact."""
+    names = {
+        group: {u.name for u in found.model.walking if u.name.rpartition(".")[2] in kinds}
+        for group, kinds in _GROUPS.items()
+    }
+    names = {group: each for group, each in names.items() if each}
+    everything = set().union(*names.values())
+    swept = {group: _exact(found, held, each) for group, each in names.items()}
+    yield from swept.items()
+    if len(names) == 1:
+        [left] = swept.values()
+    else:
+        left = _exact(found, held, everything) if names else found.gaussian.condition(held)
+    yield ALL, left.condition({name: 0.0 for name in left.places if name != PSI})
+
+
+def _exact(found: Fit, held: Values, names: set[str]) -> Gaussian:
+    """Return what is known if some errors that walk were exact."""
+    model = replace(found.model, suite=copy(found.model.suite))
+    forces, present = model.suite.disturbances, model.suite.present()
+    steady = dict[str, Any]()
+    for name in names:
+        sensor, _, kind = name.rpartition(".")
+        gyro = present.get(sensor)
+        if isinstance(gyro, Gyro):
+            setattr(model.suite, sensor, replace(gyro, bias_random_walk=0.0))
+        else:
+            steady[f"{kind}_walk"] = 0.0
+    if forces is not None:
+        model.suite.disturbances = replace(forces, **steady)
+    keep = np.concatenate([np.full(u.size, u.name not in names) for u in found.model.walking])
+    total = prior_of(model, found.logs, found.values)
+    for log, rolled in zip(found.logs, found.rolled, strict=True):
+        less = replace(log, walks=tuple(walk[keep] for walk in log.walks))
+        total = total.add(sweep(model, less, rolled, found.values, forward_only=True).gaussian)
+    exact = {name: 0.0 for name in total.places if name.partition("|")[0] in names}
+    return total.condition(exact | {n: v for n, v in held.items() if n in total.places})
+
+
+def _entries(
+    model: Model, unknown: Unknown, joints: Sequence[str]
+) -> Iterator[tuple[str, str, float]]:
+    """Yield name, unit and value in this unit of one σ of each entry of an unknown."""
+    if unknown.name == BODIES:
+        yield from _of_bodies(model, joints)
+        return
+    if unknown.name == MOMENTUM:
+        for k in range(6):
+            name = f"momentum, {'L' if k < 3 else 'v'} {_XYZ[k % 3]}"
+            yield name, "N·m·s" if k < 3 else "m/s", 1.0
+        return
+    error = model.constants.errors[unknown.name]
+    kind = error.kind.replace("_", " ")
+    owner = f" of {error.sensor}" if error.sensor else ""
+    for k in range(error.size):
+        place = f", {_XYZ[k]}" if error.size == 3 else f", {k + 1}" if error.size > 1 else ""
+        if error.kind in ("zero", "drift"):
+            owner, place = f" of {joints[k]}", ""
+        yield f"{kind}{owner}{place}", error.unit, error.sigma / error.scale
+
+
+def _of_bodies(model: Model, joints: Sequence[str]) -> Iterator[tuple[str, str, float]]:
+    """Yield the same of the errors of bodies, geometry and grasp; see `BodyUncertainty`."""
+    uncertainty = model.known_bodies
+    assert uncertainty is not None
+    found = list[tuple[str, str, float]]()
+    for body in model.tree.bodies:
+        found.append((f"mass of {body.name}", "%", 100.0))
+        found += [(f"centre of mass of {body.name}, {axis}", "mm", 1e3) for axis in _XYZ]
+        found += [(f"inertia of {body.name}, {entry}", "%", 200.0) for entry in _STRETCHES]
+    for joint in joints:
+        found += [(f"place of {joint}, {axis}", "mm", 1e3) for axis in _XYZ]
+        found += [(f"axis of {joint}, {k}", "mrad", 1e3) for k in (1, 2)]
+    found += [(f"place of the grasp, {axis}", "mm", 1e3) for axis in _XYZ]
+    found += [(f"attitude of the grasp, {axis}", "mrad", 1e3) for axis in _XYZ]
+    sigmas = uncertainty.all_sigmas(model.tree.wheels, len(joints))
+    for (name, unit, scale), sigma in zip(found, sigmas, strict=True):
+        if sigma > 0:
+            yield name, unit, scale * float(sigma)
+
+
+def size_checks(
+    model: Model, values: Values, gaussian: Gaussian, effects: Sequence[EffectEstimate]
+) -> tuple[Check, ...]:
+    """Return the check of errors that are too large for their σ; what may fail is left out.
+
+    Args:
+        model, values, gaussian: all unknowns, their values, and what is known about these values.
+        effects: the constant errors.
+
+    """
+    sizes = {e.name: float(np.abs(e.value).max()) / e.prior_sigma for e in effects}
+    sizes = {n: size for n, size in sizes.items() if not model.unknown(n).may_fail}
+    if model.known_bodies is not None and BODIES in gaussian.places:
+        own = values[BODIES] + gaussian.marginal([BODIES]).solve()
+        sizes[BODIES] = float(np.abs(own).max(initial=0.0))
+    if not sizes:
+        return ()
+    name = max(sizes, key=lambda each: sizes[each])
+    found = next((e.describe() for e in effects if e.name == name), "the spacecraft's bodies")
+    sentence = (
+        f"an error is {significant(sizes[name])} times as large as its sigma: {found}; declare "
+        "what the hardware can have, or look for another cause"
+    )
+    return (Check.of("declared sizes", sentence, sizes[name], FAR),)

@@ -1,0 +1,294 @@
+"""The kinds of errors that sensors, forces, grasp and thrusters have: one record for each.
+
+`with_plausible` is the only place that decides what an estimate does not know: an error whose σ is
+not stated has a plausible one, because no real error is exactly zero. An error that leaves no trace
+in the samples may still be in the estimate, so none is left out because the samples do not show it.
+"""
+
+from dataclasses import dataclass, fields, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from cpid_drake.dynamics.tree import KinematicTree
+from cpid_drake.dynamics.uncertainty import BodyUncertainty
+from cpid_drake.sensors.disturbances import Disturbances
+from cpid_drake.sensors.sensors import ARCSECOND, DEGREE_PER_HOUR, Gyro
+from cpid_drake.sensors.suite import SensorSuite
+from cpid_drake.sensors.thrusters import Thrusters
+
+MASS, RADIUS = 10.0, 0.2
+"""Mass [kg] and radius of gyration [m] of a craft whose errors have the sizes of the table."""
+
+WALKS = 0.03
+"""σ by which a force changes in a second, as a share of its own."""
+
+BIAS_WALKS = 1 / 3
+"""The same of a gyro's bias in the root of an hour."""
+
+PLAUSIBLE_BODIES = BodyUncertainty(mass=0.01, com=0.005, inertia=0.01)
+"""Uncertainty of bodies of which nobody says how well they are known."""
+
+Owner = Literal["sensor", "disturbances", "thrusters", "valve"]
+
+
+@dataclass(frozen=True)
+class ErrorKind:
+    """A kind of constant errors.
+
+    Attributes:
+        name: of the kind.
+        owner: whose error it is.
+        field: key of its σ in a sensors' file.
+        entries: number of its entries; 0 for one per joint.
+        unit: unit in texts.
+        scale: SI value of this unit.
+        sigma: plausible σ of a craft of `MASS` and `RADIUS`, in the unit of the field.
+        words: the estimate in words.
+        by_mass, by_length: powers of mass and radius of gyration with which it grows.
+        file_scale: SI value of the field's unit; 0 if it is `scale`.
+        is_shared: whether all logs of one hardware have the same error.
+
+    """
+
+    name: str
+    owner: Owner
+    field: str
+    entries: int
+    unit: str
+    scale: float
+    sigma: float
+    words: str
+    by_mass: float = 0.0
+    by_length: float = 0.0
+    file_scale: float = 0.0
+    is_shared: bool = True
+
+    @property
+    def to_SI(self) -> float:
+        """SI value of the unit of the field."""
+        return self.file_scale or self.scale
+
+    def plausible(self, tree: KinematicTree) -> float:
+        """Return the plausible σ for a craft with these known bodies, in the unit of the field."""
+        known = tree.at_rest
+        radius = float(np.sqrt(np.trace(known.I_BBcm) / 2 / known.mass))
+        size = (known.mass / MASS) ** self.by_mass * (radius / RADIUS) ** self.by_length
+        return float(self.sigma * size)
+
+
+_AREA = 2 / 3
+"""Power of the mass with which forces grow: as the area of a craft."""
+
+
+def _acceleration(frame: str, name: str) -> ErrorKind:
+    words = f"an external acceleration of {{}}, in {frame}"
+    unit, power = "m/s²", _AREA - 1
+    return ErrorKind(
+        *(name, "disturbances", name, 3, unit, 1.0, 1e-3, words), by_mass=power, is_shared=False
+    )
+
+
+def _torque(frame: str, name: str) -> ErrorKind:
+    words = f"an external torque of {{}} about the centre of mass, in {frame}"
+    unit = "N·m"
+    return ErrorKind(
+        *(name, "disturbances", name, 3, unit, 1.0, 3e-3, words),
+        by_mass=_AREA,
+        by_length=1,
+        is_shared=False,
+    )
+
+
+_KINDS = (
+    _acceleration("W", "acceleration"),
+    _torque("W", "torque"),
+    _acceleration("B", "acceleration_B"),
+    _torque("B", "torque_B"),
+    ErrorKind(
+        *("thrust_scale", "disturbances", "thrust_scale", 1, "%", 0.01, 0.1),
+        "the true thrust differs from the logged one by {}",
+        file_scale=1.0,
+        is_shared=False,
+    ),
+    ErrorKind(
+        *("wheel", "disturbances", "wheel", 3, "N·m·s", 1.0, 1e-2),
+        "rotors in the base that the model has not have the angular momentum {}, in B",
+        by_mass=1,
+        by_length=2,
+        is_shared=False,
+    ),
+    ErrorKind(
+        *("compliance", "disturbances", "compliance_urad", 3, "µrad/(N·m)", 1e-6, 300.0),
+        "the grasp is flexible: the target turns against C by {} about its axes",
+        by_mass=-1,
+    ),
+    ErrorKind(
+        *("translational_compliance", "disturbances", "translational_compliance_um", 3),
+        *("µm/N", 1e-6, 10.0),
+        "the grasp is flexible: the target moves along C's axes by {}",
+        by_mass=-1,
+    ),
+    ErrorKind(
+        *("force", "valve", "force_sigma", 1, "%", 0.01, 0.1),
+        "the force of valve {sensor} is off by {}",
+        file_scale=1.0,
+    ),
+    ErrorKind(
+        *("common_force", "thrusters", "common_force", 1, "%", 0.01, 0.05),
+        "the forces of all valves are off by {}",
+        file_scale=1.0,
+    ),
+    ErrorKind(
+        *("loss", "thrusters", "loss", 1, "%", 0.01, 0.1),
+        "each further open valve costs {} of the force",
+        file_scale=1.0,
+    ),
+    ErrorKind(
+        *("valve_delay", "thrusters", "delay_ms", 1, "ms", 1e-3, 100.0),
+        "the thrust acts {} later than its log",
+    ),
+    ErrorKind(
+        *("delay", "sensor", "delay_ms", 1, "ms", 1e-3, 30.0),
+        "the stamps of the {sensor} are {} late",
+    ),
+    ErrorKind(
+        *("mounting", "sensor", "mounting_arcsec", 3, "arcsec", ARCSECOND, 360.0),
+        "the {sensor} is turned by {} from the axes of the base",
+    ),
+    ErrorKind(
+        *("scale", "sensor", "scale_ppm", 3, "ppm", 1e-6, 1000.0),
+        "the {sensor} shows {} too much about its axes",
+    ),
+    ErrorKind(
+        *("misalignment", "sensor", "misalignment_arcsec", 6, "arcsec", ARCSECOND, 200.0),
+        "the axes of the {sensor} are misaligned by {}",
+    ),
+    ErrorKind(
+        *("lever_arm", "sensor", "lever_arm_mm", 3, "mm", 1e-3, 30.0),
+        "the {sensor} is that of a point at {} from the origin of the base",
+        by_length=1,
+    ),
+    ErrorKind(
+        *("zero", "sensor", "zero_mrad", 0, "mrad", 1e-3, 2.0),
+        "the zeros of the joints are off by {}",
+    ),
+    ErrorKind(
+        *("drift", "sensor", "drift_mrad_per_s", 0, "mrad/s", 1e-3, 0.02),
+        "the zeros of the joints move by {}",
+    ),
+    ErrorKind(
+        *("bias", "sensor", "bias", 3, "deg/h", DEGREE_PER_HOUR, 10.0),
+        "the bias of the {sensor} is {}",
+        is_shared=False,
+    ),
+)
+
+KINDS: dict[str, ErrorKind] = {kind.name: kind for kind in _KINDS}
+"""The kinds by name."""
+
+FLOOR = 1e-3
+"""Plausible white noise of the acceleration by a table's floor, for a craft of `MASS`
+[m/s²/√Hz]."""
+
+
+def with_plausible(
+    suite: SensorSuite, tree: KinematicTree, *, has_thrust: bool = False
+) -> SensorSuite:
+    """Return a suite in which every σ is stated: plausible, or zero with `unstated: exact`.
+
+    Args:
+        suite: the sensors.
+        tree: the known bodies, whose mass and size scale forces, lever arms and compliances.
+        has_thrust: whether thrusters fired.
+
+    """
+    is_exact = suite.unstated == "exact"
+
+    def filled(errors: Any, owner: Owner, without: frozenset[str] = frozenset()) -> Any:
+        """Return errors with a σ of each kind that the owner has."""
+        names = {each.name for each in fields(errors)}
+        own = {}
+        for kind in _KINDS:
+            if kind.owner == owner and kind.field in names and getattr(errors, kind.field) is None:
+                left_out = is_exact or kind.name in without
+                own[kind.field] = 0.0 if left_out else kind.plausible(tree)
+        return replace(errors, **own)
+
+    valves = suite.thrusters
+    without = set() if has_thrust and valves is None else {"thrust_scale"}  # valves have their own
+    forces = filled(suite.disturbances or Disturbances(), "disturbances", frozenset(without))
+    forces = _with_changes(forces, is_exact)
+    if valves is not None:
+        thrusters: Thrusters = filled(valves, "thrusters")
+        own = {
+            name: valve
+            if valve.force_sigma is not None
+            else replace(
+                valve, force_sigma=(not is_exact) * KINDS["force"].plausible(tree) * valve.force
+            )
+            for name, valve in thrusters.valves.items()
+        }
+        valves = replace(thrusters, valves=own)
+    forces = _with_noise(forces, valves, tree, is_exact)
+    made = replace(suite, disturbances=forces, thrusters=valves)
+    for name, errors in suite.present().items():
+        left_out = set[str]()
+        if name == "joint_rates":  # their clock and their zeros are those of the encoders
+            left_out = {"delay", "zero", "drift"}
+        elif name == "attitude" and valves is not None and valves.delay_ms:
+            left_out = {"delay"}  # all sensors late is the thrust early: attitude is the clock
+        elif isinstance(errors, Gyro) and forces.torque_noise:
+            left_out = {"delay"}  # a torque in every sample takes what a delay does
+        found = filled(errors, "sensor", frozenset(left_out))
+        if isinstance(found, Gyro) and found.bias_random_walk is None:
+            walk = 0.0 if is_exact else BIAS_WALKS * (found.bias or 0.0)
+            found = replace(found, bias_random_walk=walk)
+        setattr(made, name, found)
+    return made
+
+
+def bodies_of(suite: SensorSuite, bodies: BodyUncertainty | None) -> BodyUncertainty | None:
+    """Return the uncertainty of the spacecraft's bodies; None if they are exact.
+
+    Args:
+        suite: the sensors; `unstated: exact` is said of the bodies too.
+        bodies: as declared; None if nothing is.
+
+    """
+    if bodies is None:
+        return None if suite.unstated == "exact" else PLAUSIBLE_BODIES
+    return None if bodies.is_zero else bodies
+
+
+def _with_changes(forces: Disturbances, is_exact: bool) -> Disturbances:
+    """Return forces that walk, if nobody says that they do not."""
+    own = dict[str, Any]()
+    for name in ("acceleration", "torque", "acceleration_B", "torque_B"):
+        if getattr(forces, f"{name}_walk") is None:
+            own[f"{name}_walk"] = 0.0 if is_exact else WALKS * getattr(forces, name)
+    return replace(forces, **own)
+
+
+def _with_noise(
+    forces: Disturbances, thrusters: Thrusters | None, tree: KinematicTree, is_exact: bool
+) -> Disturbances:
+    """Return forces with white noise: of a table's floor, and of valves.
+
+    No force of a valve is exact: its noise in a second is as large as its constant error.
+    """
+    known = tree.at_rest
+    radius, a = float(np.sqrt(np.trace(known.I_BBcm) / 2 / known.mass)), 0.0
+    if tree.normal_B is not None:
+        a = FLOOR * (known.mass / MASS) ** (_AREA - 1)
+    torque = a * known.mass * radius
+    if thrusters is not None:  # the target is taken to be as heavy as the spacecraft
+        share = KINDS["force"].sigma
+        force = share * float(np.mean([valve.force for valve in thrusters.valves.values()]))
+        a = float(np.hypot(a, force / known.mass / 2))
+        torque = float(np.hypot(torque, force * radius))
+    own = dict[str, Any]()
+    for name, size in (("acceleration_noise", a), ("torque_noise", torque)):
+        if getattr(forces, name) is None:
+            own[name] = 0.0 if is_exact else size
+    return replace(forces, **own)
