@@ -55,7 +55,9 @@ class BlockRows:
         psi = part.columns[PSI]
         J[:, psi], end[:, psi] = J[:, psi] @ by_psi, end[:, psi] @ by_psi
         start, ends = np.split(part.at_end, [12])
-        gone = np.setdiff1d(np.arange(12, part.kept[0]), ends)
+        ends_here = np.ones(part.kept[0], dtype=bool)
+        ends_here[part.at_end] = False
+        gone = np.flatnonzero(ends_here)
         order = np.concatenate([start, gone, ends, part.kept])
         rows = np.empty((len(order) + 1, len(J))).T
         np.multiply(J.T[order], scale, out=rows.T[:-1])
