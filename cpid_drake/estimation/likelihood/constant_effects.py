@@ -51,12 +51,9 @@ def by_joint_errors(motion: BaseMotion) -> dict[str, NDArray[np.float64]]:
     found = {}
     for error in motion.constants.errors.values():
         if error.kind in (ZERO, DRIFT):
-            joints = range(J) if error.kind == ZERO else [error.joint]
-            by = np.zeros((J, K, len(joints)))
-            by[joints, :, np.arange(len(joints))] = -error.sigma * (
-                one if error.kind == ZERO else elapsed
-            )
-            found[error.name] = by.reshape(J * K, len(joints))
+            by, each = np.zeros((J, K, J)), np.arange(J)
+            by[each, :, each] = -error.sigma * (one if error.kind == ZERO else elapsed)
+            found[error.name] = by.reshape(J * K, J)
     return found
 
 
