@@ -127,6 +127,8 @@ def _without_walks(found: Fit, held: Values) -> Iterator[tuple[str, Gaussian]]:
         group: {u.name for u in found.model.walking if u.name.rpartition(".")[2] in kinds}
         for group, kinds in _GROUPS.items()
     }
+    if any(log.past for log in found.logs):  # what is behind a window cannot be swept again
+        names = {}
     names = {group: each for group, each in names.items() if each}
     everything = set().union(*names.values())
     swept = {group: _exact(found, held, each) for group, each in names.items()}

@@ -1,6 +1,6 @@
 """The fit online, block after block, as an estimator and as an identification at any time."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from cpid_drake.dynamics.parameterizations import relative_parameterization
@@ -12,22 +12,9 @@ from cpid_drake.estimation.online import NAME as LOG
 from cpid_drake.estimation.online import OnlineState, change_beyond_linear, run
 from cpid_drake.estimation.posterior import known_target
 from cpid_drake.estimation.unknowns import PSI, Model
-from cpid_drake.identification.budget import size_checks
+from cpid_drake.identification.answer import Observed, answer_of
 from cpid_drake.identification.checked_log import CheckedLog, Known, suite_of
-from cpid_drake.identification.checks import (
-    Check,
-    fit_checks,
-    momentum_words,
-    noise_warnings,
-    rejection_checks,
-)
-from cpid_drake.identification.fitted import (
-    at_momentum,
-    change_warnings,
-    effects_of,
-    gap_warnings,
-    momentum_of,
-)
+from cpid_drake.identification.checks import Check
 from cpid_drake.identification.result import Identification
 
 NAME = "recursive_fit"
@@ -41,12 +28,15 @@ NOT_LINEAR = (
 
 
 def question_of(model: Model, momentum: TotalMomentum | None) -> Question:
-    """Return what is compared online: changes, and whether the momentum is as given, or zero."""
+    """Return what is asked online: whether the momentum is as given, or zero."""
     return Question.of(model, [LOG], momentum)
 
 
 def identification_of_state(
-    model: Model, state: OnlineState, momentum: TotalMomentum | None
+    model: Model,
+    state: OnlineState,
+    momentum: TotalMomentum | None,
+    joints: Sequence[str] | None = None,
 ) -> Identification:
     """Return what is known after the last block.
 
@@ -55,51 +45,36 @@ def identification_of_state(
         state: after the last block.
         momentum: the total momentum at the start; None for zero if the samples agree with this,
             else unknown.
+        joints: names of the joints, for the error budget; default: no budget.
 
     """
-    found, is_wrong, change = state.found, False, 0.0
-    assumed, warnings = momentum or TotalMomentum.zero(), tuple[str, ...]()
-    noise = dict[str, float]()
-    if found is None:
+    if state.found is None:
         values = model.start([LOG])
-        gaussian = prior_of(model, [], values)
-    else:
-        values, gaussian, noise = found.values, found.gaussian, found.logs[0].noise
-        change, warnings = change_beyond_linear(found), gap_warnings(found.logs[0])
-        question = question_of(model, assumed)
-        is_wrong = question.without_contradicted(gaussian, values, model).given != question.given
-        if not is_wrong:
-            gaussian = at_momentum(gaussian, values, assumed, LOG)
-        elif momentum is None:
-            assumed = TotalMomentum.unknown()
-    said, failed = momentum_words(float(is_wrong), is_given=momentum is not None)
-    effects = effects_of(model, values, gaussian, LOG)
+        nothing = known_target(model, values[PSI], prior_of(model, [], values))
+        form, assumed = relative_parameterization(model.mass), momentum or TotalMomentum.zero()
+        return Identification.of_solution(
+            form,
+            nothing,
+            sensors=model.suite,
+            sample_count=0,
+            estimator=NAME,
+            momentum=assumed.name,
+        )
     everything = state.observed()
     tests = {name: sums.whiteness for name, sums in everything.lags.items()}
-    used = {name: everything.used.get(name, 0) for name in model.suite.present()}
-    far = everything.rejected
-    unexplained = max(far.get(name, 0) / max(far.get(name, 0) + n, 1) for name, n in used.items())
-    return Identification.of_solution(
-        relative_parameterization(model.mass),
-        known_target(model, values[PSI], gaussian),
-        sensors=model.suite,
-        sample_count=sum(used.values()),
-        estimator=NAME,
-        rejected={name: count for name, count in everything.rejected.items() if count},
-        momentum_changes=tuple(sorted(state.events)),
-        warnings=(*warnings, *noise_warnings(noise), *change_warnings(state.events), *said),
-        checks=(
-            *failed,
-            *((Check("linearity", NOT_LINEAR.format(100 * change)),) if change else ()),
-            *size_checks(model, values, gaussian, effects),
-            *fit_checks(found is None or found.converged, unexplained, noise, tests),
-            *rejection_checks(everything.rejected, used),
-        ),
-        momentum=assumed.name,
-        noise=noise,
-        effects=effects,
-        **momentum_of(model, values, gaussian, LOG),
+    used, far = everything.used, everything.rejected
+    counts = {
+        (LOG, n): (far.get(n, 0), far.get(n, 0) + used.get(n, 0)) for n in model.suite.present()
+    }
+    observed = Observed(tests, counts, tuple(sorted(state.events)))
+    result, found, _ = answer_of(
+        state.found, state.question, momentum, observed, joints=joints, estimator=NAME
     )
+    change = change_beyond_linear(found)
+    if not change:
+        return result
+    fails = Check("linearity", NOT_LINEAR.format(100 * change))
+    return replace(result, checks=(*result.checks, fails))
 
 
 def estimate(
@@ -113,13 +88,14 @@ def estimate(
     """
     if len(logs) > 1:
         raise InputError(f"{NAME} identifies from one log; use the trajectory fit")
-    [log] = logs.values()
+    [log], craft = logs.values(), known.spacecraft
     suite, warnings = suite_of(known.sensors, log)
-    model = Model(known.spacecraft.tree, suite, known.known_bodies)
+    has_thrust = log.measurements.has_thrust
+    model = Model.of(craft.tree, suite, known.known_bodies, has_thrust=has_thrust)
     if known.prior is not None:
         model = replace(model, rows=(known.prior.of_psi(model),))
     progress("fitting")
     state = OnlineState(question=question_of(model, known.momentum))
     state = run(model, log.measurements.blocks(), state)
-    found = identification_of_state(model, state, known.momentum)
+    found = identification_of_state(model, state, known.momentum, craft.joint_names)
     return replace(found, warnings=(*warnings, *found.warnings))

@@ -139,7 +139,7 @@ class SensorIdentifier(Identifier):
                 f"identification period must be > 0 s and at most {shortest:g} s, the period of "
                 f"the fastest sensor, not {period}"
             )
-        model = Model(spacecraft.tree, suite, known_bodies)
+        model = Model.of(spacecraft.tree, suite, known_bodies, has_thrust=reads_thrust)
         self._model = replace(model, rows=() if prior is None else (prior.of_psi(model),))
         self._momentum = momentum or TotalMomentum.zero()
         self._joint_names, self._suite, self._period = spacecraft.joint_names, suite, period

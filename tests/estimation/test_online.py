@@ -14,7 +14,7 @@ from cpid_drake.estimation.fit import fit
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.online import LONGEST, OnlineState, run, step
 from cpid_drake.estimation.unknowns import BODIES, PSI, Model
-from cpid_drake.identification.fitted import at_momentum
+from cpid_drake.identification.answer import at_momentum
 from cpid_drake.identification.online import identification_of_state
 from cpid_drake.logs.log import Log, Samples
 from cpid_drake.logs.simulated_noise import add_noise
