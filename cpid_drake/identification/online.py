@@ -59,6 +59,7 @@ def identification_of_state(
             sample_count=0,
             estimator=NAME,
             momentum=assumed.name,
+            momentum_changes=(),
         )
     everything = state.observed()
     tests = {name: sums.whiteness for name, sums in everything.lags.items()}
