@@ -217,6 +217,8 @@ def with_plausible(
 
     valves = suite.thrusters
     without = set() if has_thrust and valves is None else {"thrust_scale"}  # valves have their own
+    if has_thrust:  # the first order needs loads that change slowly against the grasp's modes
+        without |= {"compliance", "translational_compliance"}
     forces = filled(suite.disturbances or Disturbances(), "disturbances", frozenset(without))
     forces = _with_changes(forces, is_exact)
     if valves is not None:

@@ -128,6 +128,20 @@ class TestScenario:
         assert "lists its sensors itself" in message
 
 
+def test_the_result_says_whether_the_spacecraft_is_taken_as_exact(cpid):
+    """Of a log whose sensors are a preset for anybody's hardware, its bodies are not."""
+    options = ("--to", "5", "--sensors", "testbed", "--json", "r.json", "--force")
+    for more, is_exact in (((), False), (("--known-bodies", "exact"), True)):
+        code, stdout, _ = cpid("identify", SAMPLE, *FREE_FLYER, *options, *more)
+        found = read_result("r.json")
+        assert code == 0
+        assert found.given == (("spacecraft model",) if is_exact else ())
+        assert ("for an exact spacecraft model" in stdout) == is_exact
+        of_bodies = [row for row in found.budget if "mass of" in row.name]
+        assert bool(of_bodies) != is_exact
+        assert "all errors together" in stdout
+
+
 class TestOneLog:
     def test_an_exact_log_gives_the_target(self, cpid, exact, skewed_target):
         code, stdout, stderr = cpid("identify", exact, *SERVICER, "--json", "r.json", "--quiet")

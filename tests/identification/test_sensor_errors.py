@@ -143,6 +143,16 @@ class TestNotStated:
         assert exact.given == ("spacecraft model",)
         assert not found.given
 
+    def test_silence_about_errors_does_not_look_like_momentum(self, found):
+        """Torques that walk hide a small momentum, but do not make it likely."""
+        assert found.momentum == "zero"
+        assert not any("momentum" in text for text in found.warnings)
+
+    def test_zeros_of_an_old_file_are_said_once_not_to_be_exact(self, craft, log, suite):
+        old = replace(silent(suite), version=1)
+        said = identify(craft, log(), sensors=old).warnings
+        assert sum("version: 2" in text for text in said) == 1
+
     @pytest.mark.slow
     @pytest.mark.parametrize("name", ["gyro.scale", "encoders.zero", "attitude.delay"])
     def test_a_hidden_one_is_in_the_intervals(self, craft, log, suite, skewed_target, name):

@@ -1,0 +1,138 @@
+"""What nobody states is not exactly zero: stated, exact and plausible errors of sensors and craft."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from planar_cases import planar_craft
+
+from cpid_drake import SensorSuite, load_sensors
+from cpid_drake.dynamics.uncertainty import BodyUncertainty
+from cpid_drake.estimation.likelihood.constants import constant_errors
+from cpid_drake.input_files.validation import dump_yaml
+from cpid_drake.sensors.disturbances import Disturbances
+from cpid_drake.sensors.error_kinds import KINDS, bodies_of, with_plausible
+from cpid_drake.sensors.sensors import SENSORS
+from cpid_drake.sensors.thrusters import Thrusters, Valve
+
+OF_BOTH = ("acceleration", "torque")
+
+
+def stated(suite, tree, **options):
+    """Return the sizes of all errors [SI units, rad], by name."""
+    found = constant_errors(with_plausible(suite, tree, **options), 3)
+    return {error.name: error.sigma for error in found}
+
+
+def grown(tree, mass, length):
+    """Return bodies that are heavier and larger by factors."""
+    bodies = tuple(
+        replace(
+            body,
+            mass=mass * body.mass,
+            p_PF=length * body.p_PF,
+            p_BBcm=length * body.p_BBcm,
+            I_BBcm=mass * length**2 * body.I_BBcm,
+        )
+        for body in tree.bodies
+    )
+    return replace(tree, bodies=bodies)
+
+
+@pytest.fixture(scope="module")
+def tree(tmp_path_factory):
+    return planar_craft(tmp_path_factory.mktemp("craft")).tree
+
+
+def test_every_kind_of_a_silent_suite_has_a_size(tree):
+    suite = SensorSuite(**{name: sensor.errors() for name, sensor in SENSORS.items()})
+    found = stated(suite, tree)
+    kinds = {name.rpartition(".")[2] for name in found}
+    assert kinds == set(KINDS) - {
+        *("thrust_scale", "force", "common_force", "loss", "valve_delay"),
+    }
+    assert not any(name.startswith("joint_rates.") for name in found)  # those of the encoders
+    forces = with_plausible(suite, tree).disturbances
+    for name in (*OF_BOTH, *(f"{each}_B" for each in OF_BOTH)):
+        walk, size = getattr(forces, f"{name}_walk"), getattr(forces, name)
+        assert walk == pytest.approx(0.03 * size)
+    assert forces.acceleration_noise == forces.torque_noise == 0.0
+
+
+def test_exact_means_that_only_what_is_stated_errs(tree):
+    suite = load_sensors("orbit", unstated="exact")
+    names = set(stated(suite, tree, has_thrust=True))
+    assert names == {
+        *("attitude.mounting", "attitude.delay", "gyro.scale", "gyro.misalignment", "gyro.delay"),
+        *("gyro.bias", "position.lever_arm", "position.delay", "encoders.zero"),
+        *OF_BOTH,
+    }
+    assert bodies_of(suite, None) is None
+    assert set(stated(load_sensors("orbit"), tree)) > names
+
+
+def test_a_stated_size_is_kept_and_zero_is_exact(tree):
+    suite = load_sensors("testbed")
+    suite.position = replace(suite.position, lever_arm_mm=7.0)
+    suite.gyro = replace(suite.gyro, scale_ppm=0.0)
+    found = stated(suite, tree)
+    assert found["position.lever_arm"] == pytest.approx(7e-3)
+    assert "gyro.scale" not in found
+    again = with_plausible(with_plausible(suite, tree), tree)
+    assert again == with_plausible(suite, tree)
+
+
+def test_sizes_scale_with_the_craft(tree):
+    """Forces grow with the area, so that light craft are accelerated more; grasps get stiffer."""
+    suite = load_sensors("testbed")
+    small, heavy = (stated(suite, each) for each in (tree, grown(tree, 8.0, 2.0)))
+    ratios = {name: heavy[name] / small[name] for name in small}
+    assert ratios["acceleration"] == pytest.approx(1 / 2)
+    assert ratios["torque"] == pytest.approx(8.0)
+    assert ratios["position.lever_arm"] == pytest.approx(2.0)
+    assert ratios["compliance"] == pytest.approx(1 / 8)
+    assert ratios["wheel"] == pytest.approx(32.0)
+    assert ratios["encoders.zero"] == ratios["gyro.scale"] == 1.0
+
+
+def test_a_floor_and_valves_make_noise(tree):
+    suite = load_sensors("testbed")
+    table = replace(tree, normal_B=np.array([0.0, 0.0, 1.0]))
+    on_table = with_plausible(suite, table).disturbances
+    assert 1e-4 < on_table.acceleration_noise < 1e-2
+    quiet = replace(suite, disturbances=Disturbances(acceleration_noise=0.0, torque_noise=0.0))
+    assert with_plausible(quiet, table).disturbances.acceleration_noise == 0.0
+    fired = replace(suite, thrusters=Thrusters({"a": Valve(force=2.0), "b": Valve(force=4.0)}))
+    found = stated(fired, tree, has_thrust=True)
+    assert found["a.force"] == found["b.force"] == pytest.approx(0.1)
+    assert found["thrusters.common_force"] == pytest.approx(0.05)
+    assert "compliance" not in found  # loads of valves change at once
+    assert "attitude.delay" not in found  # the clock against which the thrust is late
+    assert with_plausible(fired, tree).disturbances.torque_noise > 0
+
+
+def test_bodies_are_uncertain_unless_somebody_says_that_they_are_exact():
+    suite, small = load_sensors("testbed"), BodyUncertainty(mass=0.002)
+    assert bodies_of(suite, None) == BodyUncertainty(mass=0.01, com=0.005, inertia=0.01)
+    assert bodies_of(suite, BodyUncertainty()) is None
+    assert bodies_of(suite, small) == bodies_of(suite.exact(), small) == small
+
+
+@pytest.mark.parametrize("version", ["", "version: 2\n"])
+def test_zeros_of_old_files_are_not_stated(tmp_path, version):
+    """Before version 2, zero was the default of every error."""
+    path = tmp_path / "sensors.yaml"
+    path.write_text(f"{version}gyro: {{angle_random_walk: 0.0, scale_ppm: 0.0, delay_ms: 2}}\n")
+    suite = load_sensors(path)
+    assert suite.gyro.scale_ppm == (0.0 if version else None)
+    assert (suite.gyro.delay_ms, suite.gyro.angle_random_walk) == (2.0, 0.0)
+    assert suite.version == (2 if version else 1)
+
+
+@pytest.mark.parametrize("name", ["flight", "orbit", "ideal"])
+def test_a_suite_is_written_and_read_without_loss(tmp_path, name):
+    suite = load_sensors(name).exact()
+    (tmp_path / "again.yaml").write_text(dump_yaml(suite))
+    again = load_sensors(tmp_path / "again.yaml")
+    assert repr(again) == repr(suite)
+    assert [each.name for each in fields(again)][-2:] == ["unstated", "version"]
