@@ -16,7 +16,6 @@ from cpid_drake.identification.checks import Check, rejection_checks
 from cpid_drake.identification.consistency import checked
 from cpid_drake.identification.estimators import (
     ESTIMATORS,
-    TRAJECTORY_FIT,
     Estimator,
     require_sensors,
     with_method,
@@ -141,9 +140,7 @@ def identify(
     tree = spacecraft.tree
     found = replace(found, is_planar=tree.normal_B is not None, normal_C=tree.normal_C)
     found = checked(_with_logs(found, logs, method, not known.has_exact_bodies), tree)
-    is_exact = known.has_exact_bodies or method.uses_rows
-    if method.name == TRAJECTORY_FIT:
-        is_exact = bodies_of(sensors or SensorSuite(), known_bodies) is None
+    is_exact = method.uses_rows or bodies_of(sensors or SensorSuite(), known_bodies) is None
     if is_exact:
         found = replace(found, given=(SPACECRAFT,))
     if is_exact and known.has_exact_bodies:
