@@ -64,6 +64,8 @@ def triangle(rows: NDArray[np.float64]) -> NDArray[np.float64]:
     (Cox and Higham 1998).
     """
     m, n = rows.shape
+    if not m:
+        return np.zeros((n, n))
     work = int(lapack.dgeqrf_lwork(m, n)[0])
     R = np.triu(lapack.dgeqrf(rows, lwork=work)[0][:n])
     return R if m >= n else np.vstack([R, np.zeros((n - m, n))])
