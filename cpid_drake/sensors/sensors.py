@@ -40,7 +40,7 @@ class SensorErrors(ABC):
     """Rate, white noise and constant errors of a sensor; each kind of sensor has its own subclass.
 
     A constant error is unknown. Its σ is stated, or None if it is not: estimators then take a
-    plausible one (`errors.with_plausible`). Zero means that the sensor does not have it.
+    plausible one (`error_kinds.with_plausible`). Zero means that the sensor does not have it.
 
     Attributes:
         rate: samples per second [Hz].
