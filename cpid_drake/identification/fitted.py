@@ -34,6 +34,7 @@ from cpid_drake.identification.checks import (
     noise_warnings,
 )
 from cpid_drake.identification.effects import EffectEstimate
+from cpid_drake.identification.halves import part_checks
 from cpid_drake.identification.leaning import leaning
 from cpid_drake.identification.over_time import over_time
 from cpid_drake.identification.prior import TargetPrior
@@ -96,7 +97,9 @@ def estimate(
         warnings, checks = (*warnings, *said), [*checks, *failed]
     effects = effects_of(model, found.values, gaussian, *logs)
     said = tuple(f"{e.describe()}: it failed" for e in effects if e.failed_valve)
+    held = question.held(found.values, compared.best)
     sizes = size_checks(model, found.values, gaussian, effects)
+    parts = part_checks(found, held)
     series, counts = _residuals(found)
     rejected, used = Counter[str](), Counter[str]()
     for (source, sensor), (far, count) in counts.items():
@@ -119,13 +122,12 @@ def estimate(
         rejected={name: count for name, count in rejected.items() if count},
         momentum_changes=tuple(changes),
         warnings=(*warnings, *said),
-        checks=(*checks, *sizes, *fails),
+        checks=(*checks, *sizes, *parts, *fails),
         momentum="unknown" if is_free else (known.momentum or TotalMomentum.zero()).name,
         noise=noise,
         effects=effects,
         **own,
     )
-    held = question.held(found.values, compared.best)
     is_known = np.isfinite(np.diag(result.covariance))
     if found.converged and is_known.any():
         names = known.spacecraft.joint_names
