@@ -53,7 +53,7 @@ def simulate(scenario, source, seed):
             builder, spacecraft, state=state, period=0.5, offset=0.5
         )
     else:
-        suite = cpid.load_sensors(source)
+        suite = cpid.load_sensors(source, unstated="exact")
         sensors = cpid.SpacecraftSensors.AddToBuilder(
             builder, spacecraft, state=state, suite=suite, seed=seed
         )

@@ -227,7 +227,9 @@ def main() -> None:
     scenario = load_scenario(shipped_scenario("paper"))
     precision = args.precision / 100
     try:
-        craft, history, target = run(scenario, load_sensors(args.sensors), precision, args.seed)
+        craft, history, target = run(
+            scenario, load_sensors(args.sensors, unstated="exact"), precision, args.seed
+        )
     except InputError as error:
         parser.exit(2, f"{parser.prog}: error: {error}\n")
 

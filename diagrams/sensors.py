@@ -28,7 +28,7 @@ spacecraft.add_to(plant, tank, scene_graph=scene_graph)  # in zero gravity
 plant.SetDefaultPositions([1, 0, 0, 0, 0, 0, 0, *start])  # attitude, position, joints: at rest
 state, force = plant.get_state_output_port(), plant.get_applied_generalized_force_input_port()
 desired = builder.AddSystem(TrajectorySource(path, output_derivative_order=2)).get_output_port()
-suite = cpid.load_sensors("flight")
+suite = cpid.load_sensors("flight", unstated="exact")
 sensors = cpid.SpacecraftSensors.AddToBuilder(builder, spacecraft, state=state, suite=suite)
 samples = sensors.sample_ports()
 identifier = cpid.SensorIdentifier.AddToBuilder(builder, spacecraft, **samples, suite=suite)

@@ -66,7 +66,8 @@ def main() -> None:
         event_context.SetTime(event_context.get_time() + 1.0)  # else Drake answers from its cache
         identifier.EvalUniquePeriodicDiscreteUpdate(event_context)
 
-    suite, model = load_sensors("flight"), Model(craft.tree, load_sensors("flight"))
+    suite = load_sensors("flight", unstated="exact")
+    model = Model.of(craft.tree, suite)
     exciting = load_scenario(find_scenario("exciting_motion")).make_joint_motion(craft)
 
     def moved(times: np.ndarray) -> Motion:

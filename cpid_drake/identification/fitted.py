@@ -24,6 +24,7 @@ from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.estimation.whiteness import Whiteness, whiteness
 from cpid_drake.identification.answer import Observed, answer_of, at_momentum
 from cpid_drake.identification.checked_log import CheckedLog, Known, suite_of
+from cpid_drake.identification.halves import part_checks
 from cpid_drake.identification.leaning import leaning
 from cpid_drake.identification.over_time import over_time
 from cpid_drake.identification.prior import TargetPrior
@@ -66,6 +67,7 @@ def estimate(
     result, found, held = answer
     result = replace(
         result,
+        checks=(*result.checks, *part_checks(found, held)),
         residuals=series if len(logs) == 1 else {},
         warnings=(*warnings, *result.warnings),
     )

@@ -11,7 +11,19 @@ from types import SimpleNamespace
 import numpy as np
 from hardware_draws import KINDS
 from logs import Repeated, World, log_of, save
-from rows import CAUGHT, EXACT, Trial, cli, cli_trial, identified, monte_carlo, row_of, trial_of
+from rows import (
+    CAUGHT,
+    EXACT,
+    Trial,
+    cli,
+    cli_trial,
+    exact,
+    exact_file,
+    identified,
+    monte_carlo,
+    row_of,
+    trial_of,
+)
 from scipy.spatial.transform import Rotation, Slerp
 
 from cpid_drake import (
@@ -21,7 +33,6 @@ from cpid_drake import (
     TotalMomentum,
     identify,
     load_scenario,
-    load_sensors,
     read_log,
     shipped_scenario,
 )
@@ -97,7 +108,13 @@ def simulated(folder: Path) -> dict:
 
 def free_flyer(folder: Path) -> dict:
     """The shipped sample, as the README identifies it."""
-    trial = cli_trial(world_of("free_flyer_payload"), folder, SAMPLE, "--sensors", "testbed")
+    trial = cli_trial(
+        world_of("free_flyer_payload"),
+        folder,
+        SAMPLE,
+        "--sensors",
+        SAMPLE.with_name("free_flyer_sensors.yaml"),
+    )
     return row_of("the README's log of a free-flyer, testbed", [trial])
 
 
@@ -105,7 +122,7 @@ def free_flyer(folder: Path) -> dict:
 
 
 def at_rate(rate: float, *names: str) -> SensorSuite:
-    suite = deepcopy(load_sensors("flight"))
+    suite = deepcopy(exact("flight"))
     for name in names:
         getattr(suite, name).rate = rate
     return suite
@@ -181,7 +198,7 @@ def lower_arm(world: World) -> World:
 
 def two_logs(folder: Path) -> Rows:
     """Logs of two motions together, with an exact and with an uncertain spacecraft."""
-    suite, rows = load_sensors("flight"), {}
+    suite, rows = exact("flight"), {}
     bodies = load_scenario(shipped_scenario("uncertain_spacecraft")).known_bodies
     for name, seeds in (("two_logs", 3), ("two_logs_uncertain", 1)):
         trials, options = [], {"known_bodies": bodies} if "uncertain" in name else {}
@@ -211,15 +228,15 @@ sigma: 0.1
 def prior(folder: Path) -> dict:
     """A motion that leaves the target open, completed by a prior."""
     world = lower_arm(world_of("exciting_motion"))
-    log = log_of(world, load_sensors("flight"), 1, folder / "log.npz")
+    log = log_of(world, exact("flight"), 1, folder / "log.npz")
     (folder / "prior.yaml").write_text(PRIOR, encoding="utf-8")
-    words = ["--sensors", "flight", "--prior", folder / "prior.yaml"]
+    words = ["--sensors", exact_file(folder, "flight"), "--prior", folder / "prior.yaml"]
     return row_of("one joint moves, a prior of 10 %", [cli_trial(world, folder, log, *words)])
 
 
 def gaps(folder: Path) -> dict:
     """A slow log with gaps in the joints and larger noise, as real ones have."""
-    suite, trials, world = deepcopy(load_sensors("air_bearing")), [], world_of("air_bearing")
+    suite, trials, world = deepcopy(exact("air_bearing")), [], world_of("air_bearing")
     suite.encoders.rate = 5.0
     for seed in range(2):
         columns = load(log := log_of(world, suite, seed, folder / "log.npz", noise=3.0))
@@ -266,9 +283,9 @@ HIDDEN = {
 
 
 def with_effect(key: str, size: float) -> SensorSuite:
-    suite, (sensor, _, name) = deepcopy(load_sensors("flight")), key.partition(".")
+    suite, (sensor, _, name) = deepcopy(exact("flight")), key.partition(".")
     if sensor == "disturbances":
-        suite.disturbances = replace(load_sensors("flight_thrust").disturbances, thrust_scale=0.0)
+        suite.disturbances = replace(exact("flight_thrust").disturbances, thrust_scale=0.0)
     setattr(getattr(suite, sensor), name, size * EFFECTS[key])
     return suite
 
@@ -348,10 +365,10 @@ def spoiled(folder: Path) -> Rows:
         if name == "payload_other_arm":
             world.attach("operating_arm_gripper", 20.0, [0.3, 0.0, 0.0], 0.2)
         noise = 5.0 if name == "noise_x5" else 1.0
-        log = log_of(world, load_sensors(sensors), 1, folder / "log.npz", noise=noise)
+        log = log_of(world, exact(sensors), 1, folder / "log.npz", noise=noise)
         np.savez(log, **spoil(load(log)))
         options = ["--momentum", "zero"] if name == "tumble_forgotten" else []
-        trial = cli_trial(world, folder, log, "--sensors", sensors, *options)
+        trial = cli_trial(world, folder, log, "--sensors", exact_file(folder, sensors), *options)
         what = f"{scenario}, {sensors}, {name}"
         rows[f"spoiled_{name}"] = row_of(what, [trial], is_spoiled=True, why=CAUGHT, words=words)
     return rows
@@ -387,10 +404,18 @@ def hardware(kind: str, *seeds: int) -> Callable[[Path], dict]:
 def hour(folder: Path) -> dict:
     """An hour at 100 Hz, by `cpid identify` with rows."""
     world = Repeated(load_scenario(shipped_scenario("exciting_motion")), 360)
-    suite = deepcopy(load_sensors("flight"))  # rounding would be the same in each repetition
+    suite = deepcopy(exact("flight"))  # rounding would be the same in each repetition
     suite.encoders.sigma, suite.encoders.bits = 2 * np.pi / 2**20 / np.sqrt(12), 0
     log = log_of(world, suite, 1, folder / "log.npz")
-    trial = cli_trial(world, folder, log, "--sensors", "flight", "--estimator", "least_squares")
+    trial = cli_trial(
+        world,
+        folder,
+        log,
+        "--sensors",
+        exact_file(folder, "flight"),
+        "--estimator",
+        "least_squares",
+    )
     return row_of("exciting_motion 360 times, flight, standard rows", [trial])
 
 
@@ -413,7 +438,7 @@ def million(folder: Path) -> dict:
 def plan(folder: Path) -> dict:
     """The σ of one plan."""
     small = ["--targets", "1", "--candidates", "200"]
-    words = ["--sensors", "flight", "--out", folder / "motion.yaml", *small]
+    words = ["--sensors", exact_file(folder, "flight"), "--out", folder / "motion.yaml", *small]
     done = cli("plan", "motion", "paper", *words)
     [line] = [line for line in done.stdout.splitlines() if "worst σ, %" in line]
     own, found = map(float, re.findall(r"\d[\d.e-]*", line))

@@ -27,6 +27,7 @@ from cpid_drake import (
     read_log,
     shipped_scenario,
 )
+from cpid_drake.input_files.validation import dump_yaml
 from cpid_drake.studies.trials import bound_of, ideal_samples, make_case
 
 FLOOR = 1e-8
@@ -182,6 +183,18 @@ def cli(*words: str | Path) -> subprocess.CompletedProcess:
     return subprocess.run(command, capture_output=True, text=True, check=False, preexec_fn=limit)
 
 
+def exact(sensors: str) -> SensorSuite:
+    """Return a preset without the errors that it does not state, as a simulation has them."""
+    return load_sensors(sensors, unstated="exact")
+
+
+def exact_file(folder: Path, sensors: str) -> Path:
+    """Write the same as a file."""
+    path = folder / f"{sensors}.yaml"
+    path.write_text(dump_yaml(exact(sensors)), encoding="utf-8")
+    return path
+
+
 def cli_trial(world: World, folder: Path, log: Path, *words: str | Path) -> Trial:
     """Run `cpid identify` on a log of a world, and compare its result file with the truth."""
     out, craft = folder / "found.json", world.scenario.spacecraft
@@ -300,7 +313,7 @@ def monte_carlo(what: str, name: str, folder: Path, sensors: str | SensorSuite =
         options: of `identify`.
 
     """
-    suite = load_sensors(sensors) if isinstance(sensors, str) else sensors
+    suite = exact(sensors) if isinstance(sensors, str) else sensors
     scenario = load_scenario(shipped_scenario(name))
     world, trials = change(World(scenario)), []
     if scenario.identification.unknown_momentum:

@@ -12,7 +12,7 @@ from cpid_drake import identify, load_sensors, read_log
 @pytest.mark.slow
 def test_it_is_found_and_blames_no_body(tmp_path):
     """χ² is 1e8 without changes: what such a fit makes of the bodies says nothing about them."""
-    world, suite = fired(world_of("thruster_firing")), load_sensors("flight")
+    world, suite = fired(world_of("thruster_firing")), load_sensors("flight", unstated="exact")
     log = read_log(log_of(world, suite, 1, tmp_path / "log.npz"))
     found = identify(world.craft, log, sensors=suite)
     assert not found.failures

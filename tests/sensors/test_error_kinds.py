@@ -1,4 +1,4 @@
-"""What nobody states is not exactly zero: stated, exact and plausible errors of sensors and craft."""
+"""What nobody states is not zero: stated, exact and plausible errors of sensors and craft."""
 
 from dataclasses import fields, replace
 
