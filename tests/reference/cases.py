@@ -17,11 +17,11 @@ from rows import (
     Trial,
     cli,
     cli_trial,
-    exact,
-    exact_file,
     identified,
     monte_carlo,
     row_of,
+    suite_file,
+    suite_of,
     trial_of,
 )
 from scipy.spatial.transform import Rotation, Slerp
@@ -115,14 +115,14 @@ def free_flyer(folder: Path) -> dict:
         "--sensors",
         SAMPLE.with_name("free_flyer_sensors.yaml"),
     )
-    return row_of("the README's log of a free-flyer, testbed", [trial])
+    return row_of("the README's log of a free-flyer", [trial])
 
 
 # -- other worlds ---------------------------------------------------------------------------------
 
 
 def at_rate(rate: float, *names: str) -> SensorSuite:
-    suite = deepcopy(exact("flight"))
+    suite = deepcopy(suite_of("flight"))
     for name in names:
         getattr(suite, name).rate = rate
     return suite
@@ -198,7 +198,7 @@ def lower_arm(world: World) -> World:
 
 def two_logs(folder: Path) -> Rows:
     """Logs of two motions together, with an exact and with an uncertain spacecraft."""
-    suite, rows = exact("flight"), {}
+    suite, rows = suite_of("flight"), {}
     bodies = load_scenario(shipped_scenario("uncertain_spacecraft")).known_bodies
     for name, seeds in (("two_logs", 3), ("two_logs_uncertain", 1)):
         trials, options = [], {"known_bodies": bodies} if "uncertain" in name else {}
@@ -228,15 +228,15 @@ sigma: 0.1
 def prior(folder: Path) -> dict:
     """A motion that leaves the target open, completed by a prior."""
     world = lower_arm(world_of("exciting_motion"))
-    log = log_of(world, exact("flight"), 1, folder / "log.npz")
+    log = log_of(world, suite_of("flight"), 1, folder / "log.npz")
     (folder / "prior.yaml").write_text(PRIOR, encoding="utf-8")
-    words = ["--sensors", exact_file(folder, "flight"), "--prior", folder / "prior.yaml"]
+    words = ["--sensors", suite_file(folder, "flight"), "--prior", folder / "prior.yaml"]
     return row_of("one joint moves, a prior of 10 %", [cli_trial(world, folder, log, *words)])
 
 
 def gaps(folder: Path) -> dict:
     """A slow log with gaps in the joints and larger noise, as real ones have."""
-    suite, trials, world = deepcopy(exact("air_bearing")), [], world_of("air_bearing")
+    suite, trials, world = deepcopy(suite_of("air_bearing")), [], world_of("air_bearing")
     suite.encoders.rate = 5.0
     for seed in range(2):
         columns = load(log := log_of(world, suite, seed, folder / "log.npz", noise=3.0))
@@ -283,9 +283,9 @@ HIDDEN = {
 
 
 def with_effect(key: str, size: float) -> SensorSuite:
-    suite, (sensor, _, name) = deepcopy(exact("flight")), key.partition(".")
+    suite, (sensor, _, name) = deepcopy(suite_of("flight")), key.partition(".")
     if sensor == "disturbances":
-        suite.disturbances = replace(exact("flight_thrust").disturbances, thrust_scale=0.0)
+        suite.disturbances = replace(suite_of("flight_thrust").disturbances, thrust_scale=0.0)
     setattr(getattr(suite, sensor), name, size * EFFECTS[key])
     return suite
 
@@ -365,10 +365,10 @@ def spoiled(folder: Path) -> Rows:
         if name == "payload_other_arm":
             world.attach("operating_arm_gripper", 20.0, [0.3, 0.0, 0.0], 0.2)
         noise = 5.0 if name == "noise_x5" else 1.0
-        log = log_of(world, exact(sensors), 1, folder / "log.npz", noise=noise)
+        log = log_of(world, suite_of(sensors), 1, folder / "log.npz", noise=noise)
         np.savez(log, **spoil(load(log)))
         options = ["--momentum", "zero"] if name == "tumble_forgotten" else []
-        trial = cli_trial(world, folder, log, "--sensors", exact_file(folder, sensors), *options)
+        trial = cli_trial(world, folder, log, "--sensors", suite_file(folder, sensors), *options)
         what = f"{scenario}, {sensors}, {name}"
         rows[f"spoiled_{name}"] = row_of(what, [trial], is_spoiled=True, why=CAUGHT, words=words)
     return rows
@@ -404,7 +404,7 @@ def hardware(kind: str, *seeds: int) -> Callable[[Path], dict]:
 def hour(folder: Path) -> dict:
     """An hour at 100 Hz, by `cpid identify` with rows."""
     world = Repeated(load_scenario(shipped_scenario("exciting_motion")), 360)
-    suite = deepcopy(exact("flight"))  # rounding would be the same in each repetition
+    suite = deepcopy(suite_of("flight"))  # rounding would be the same in each repetition
     suite.encoders.sigma, suite.encoders.bits = 2 * np.pi / 2**20 / np.sqrt(12), 0
     log = log_of(world, suite, 1, folder / "log.npz")
     trial = cli_trial(
@@ -412,7 +412,7 @@ def hour(folder: Path) -> dict:
         folder,
         log,
         "--sensors",
-        exact_file(folder, "flight"),
+        suite_file(folder, "flight"),
         "--estimator",
         "least_squares",
     )
@@ -438,7 +438,7 @@ def million(folder: Path) -> dict:
 def plan(folder: Path) -> dict:
     """The σ of one plan."""
     small = ["--targets", "1", "--candidates", "200"]
-    words = ["--sensors", exact_file(folder, "flight"), "--out", folder / "motion.yaml", *small]
+    words = ["--sensors", suite_file(folder, "flight"), "--out", folder / "motion.yaml", *small]
     done = cli("plan", "motion", "paper", *words)
     [line] = [line for line in done.stdout.splitlines() if "worst σ, %" in line]
     own, found = map(float, re.findall(r"\d[\d.e-]*", line))

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from cases import Columns, gyro_in_world, world_of
 from logs import log_of
-from rows import cli_trial, exact, exact_file
+from rows import cli_trial, suite_file, suite_of
 from scipy.spatial.transform import Rotation
 
 PLACE, GYRO, QUATERNION = ("x", "y", "z"), ("bwx", "bwy", "bwz"), ("qw", "qx", "qy", "qz")
@@ -156,13 +156,13 @@ def main() -> None:
         for scenario in given.scenarios:
             world, sensors = world_of(scenario), "testbed" if "flyer" in scenario else "flight"
             for draw in given.draws:
-                log = log_of(world, exact(sensors), draw + 1, folder / "log.npz")
+                log = log_of(world, suite_of(sensors), draw + 1, folder / "log.npz")
                 with np.load(log) as file:
                     right = dict(file)
                 for k, spoil in enumerate(SPOILS):
                     columns, words = spoil(right, np.random.default_rng([draw, k]))
                     np.savez(log, **columns)
-                    trial = cli_trial(world, folder, log, "--sensors", exact_file(folder, sensors))
+                    trial = cli_trial(world, folder, log, "--sensors", suite_file(folder, sensors))
                     is_named = bool(re.search(words.lower(), trial.text.lower()))
                     count, named, wrong = count + 1, named + is_named, wrong + trial.is_wrong
                     state = "WRONG" if trial.is_wrong else f"exit {trial.code}"

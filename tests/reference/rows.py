@@ -183,15 +183,15 @@ def cli(*words: str | Path) -> subprocess.CompletedProcess:
     return subprocess.run(command, capture_output=True, text=True, check=False, preexec_fn=limit)
 
 
-def exact(sensors: str) -> SensorSuite:
+def suite_of(sensors: str) -> SensorSuite:
     """Return a preset without the errors that it does not state, as a simulation has them."""
     return load_sensors(sensors, unstated="exact")
 
 
-def exact_file(folder: Path, sensors: str) -> Path:
+def suite_file(folder: Path, sensors: str) -> Path:
     """Write the same as a file."""
     path = folder / f"{sensors}.yaml"
-    path.write_text(dump_yaml(exact(sensors)), encoding="utf-8")
+    path.write_text(dump_yaml(suite_of(sensors)), encoding="utf-8")
     return path
 
 
@@ -313,7 +313,7 @@ def monte_carlo(what: str, name: str, folder: Path, sensors: str | SensorSuite =
         options: of `identify`.
 
     """
-    suite = exact(sensors) if isinstance(sensors, str) else sensors
+    suite = suite_of(sensors) if isinstance(sensors, str) else sensors
     scenario = load_scenario(shipped_scenario(name))
     world, trials = change(World(scenario)), []
     if scenario.identification.unknown_momentum:
