@@ -10,7 +10,7 @@ import numpy as np
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.estimation.evidence import NAMED, Comparison, Question
-from cpid_drake.estimation.fit import Fit, about
+from cpid_drake.estimation.fit import Fit
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.likelihood.constants import BIAS
 from cpid_drake.estimation.log_state import LogState
@@ -71,8 +71,8 @@ def answer_of(
     *,
     joints: Sequence[str] | None,
     estimator: str,
-) -> tuple[Identification, Fit, Values]:
-    """Return what a fit says, the fit about what is most probable, and what is held there.
+) -> tuple[Identification, Values]:
+    """Return what a fit says, and what is held in it.
 
     Args:
         found: the fit.
@@ -87,8 +87,6 @@ def answer_of(
     where = {name: f"{name}: " if len(names) > 1 else "" for name in names}
     given = question.given
     question = question.without_contradicted(found.gaussian, found.values, model)
-    compared = question.answer(found.gaussian, found.values)
-    found = about(found, question.held(found.values, compared.best))
     compared = question.answer(found.gaussian, found.values)
     average = compared.gaussian
     gaussian = average.moved(np.concatenate([found.values[name] for name in average.places]))
@@ -140,7 +138,7 @@ def answer_of(
     is_known = np.isfinite(np.diag(result.covariance))
     if joints is not None and found.converged and is_known.any():
         result = replace(result, budget=error_budget(found, held, is_known, joints))
-    return result, found, held
+    return result, held
 
 
 def change_warnings(times: Sequence[float]) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import prefix_errors
 from cpid_drake.estimation.events import fit_with_events
 from cpid_drake.estimation.evidence import Question
-from cpid_drake.estimation.fit import Fit, fit, prior_of
+from cpid_drake.estimation.fit import Fit, about, fit, prior_of
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.posterior import known_target
@@ -61,10 +61,14 @@ def estimate(
     asked = question.without_contradicted(found.gaussian, found.values, model)
     found, beside = fit_with_events(found, asked, progress)
     progress("comparing")
+    asked = question.without_contradicted(found.gaussian, found.values, model)
+    best = asked.answer(found.gaussian, found.values).best
+    found = about(found, asked.held(found.values, best))
     series, observed = _observed(found, beside)
     names = known.spacecraft.joint_names
-    answer = answer_of(found, question, known.momentum, observed, joints=names, estimator=NAME)
-    result, found, held = answer
+    result, held = answer_of(
+        found, question, known.momentum, observed, joints=names, estimator=NAME
+    )
     result = replace(
         result,
         checks=(*result.checks, *part_checks(found, held)),

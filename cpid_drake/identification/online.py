@@ -68,10 +68,10 @@ def identification_of_state(
         (LOG, n): (far.get(n, 0), far.get(n, 0) + used.get(n, 0)) for n in model.suite.present()
     }
     observed = Observed(tests, counts, tuple(sorted(state.events)))
-    result, found, _ = answer_of(
+    result, _ = answer_of(
         state.found, state.question, momentum, observed, joints=joints, estimator=NAME
     )
-    change = change_beyond_linear(found)
+    change = change_beyond_linear(state.found)
     if not change:
         return result
     fails = Check("linearity", NOT_LINEAR.format(100 * change))
