@@ -6,10 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cpid_drake import InertialParameters, read_log, write_log
+from cpid_drake import InertialParameters, load_sensors, read_log, write_log
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.identification.description import principal_axes
 from cpid_drake.identification.result_files import read_result
+from cpid_drake.input_files.validation import dump_yaml
 from cpid_drake.resources import models_directory
 
 SAMPLE = models_directory() / "telemetry/free_flyer.csv"
@@ -236,11 +237,15 @@ class TestSeveralLogs:
 class TestPrior:
     @pytest.mark.slow
     def test_a_result_is_a_prior(self, cpid, halves):
+        """As both logs together, of sensors without errors that both would share."""
         first, second = halves
-        assert cpid("identify", first, *NOISY, "--json", "1.json", "--quiet")[0] == 0
-        assert cpid("identify", *halves, *NOISY, "--json", "2.json", "--quiet")[0] == 0
+        suite = dump_yaml(load_sensors("testbed", unstated="exact"))
+        Path("exact.yaml").write_text(suite)
+        known = (*NOISY, "--sensors", "exact.yaml")
+        assert cpid("identify", first, *known, "--json", "1.json", "--quiet")[0] == 0
+        assert cpid("identify", *halves, *known, "--json", "2.json", "--quiet")[0] == 0
         options = ("--prior", "1.json", "--json", "3.json")
-        code, stdout, stderr = cpid("identify", second, *NOISY, *options)
+        code, stdout, stderr = cpid("identify", second, *known, *options)
         assert code == 0
         assert "the prior 1.json was used; it determines" in stderr
         assert "the prior 1.json  rank 10" in stdout

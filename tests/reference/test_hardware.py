@@ -130,7 +130,6 @@ def test_a_platform_that_only_valves_move_is_identified(tmp_path, seed, declared
     assumed to err so much that the mass need not be known.
     """
     found = identified(valves(seed, tmp_path, declared=declared), "--momentum", "unknown")
-    assert ("these errors are assumed" in found["text"]) != declared
     assert found["code"] in (0, 3)
     assert found["named"]
     assert not found["changes"]
@@ -141,7 +140,8 @@ def test_a_platform_that_only_valves_move_is_identified(tmp_path, seed, declared
 @pytest.mark.slow
 def test_weakly_known_inertia_does_not_move_the_rest(tmp_path):
     """The samples know the inertia to 70 % of a size, and more than 3 σ from where it is held."""
-    found = identified(pushed(11, tmp_path), "--momentum", "unknown")
+    known = "--momentum", "unknown", "--known-bodies", "exact"
+    found = identified(pushed(11, tmp_path), *known)
     assert found["code"] in (0, 3)
     assert chdtrc(found["known"], found["nees"]) > 1e-3
 
