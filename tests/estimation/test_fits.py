@@ -198,16 +198,14 @@ def test_a_firing_is_found(tmp_path, skewed_target, time, duration):
 
 
 @pytest.mark.slow
-def test_a_good_part_after_a_hopeless_beginning_is_found(tmp_path, skewed_target):
-    """Two joints are exchanged for five seconds."""
-    case = make_case(tmp_path, skewed_target, SUITE, duration=18.0)
+def test_a_hopeless_beginning_fails_a_check(tmp_path, skewed_target):
+    """Two joints are exchanged for two seconds: what is behind the window is not forgotten."""
+    case = make_case(tmp_path, skewed_target, SUITE, duration=6.0)
     log = add_noise(SUITE, case.samples, 1)
     time, value = log.encoders.time, log.encoders.value.copy()
-    value[time < 5.0] = value[time < 5.0][:, [0, 2, 1, 3]]
+    value[time < 2.0] = value[time < 2.0][:, [0, 2, 1, 3]]
     spoiled = log.updated({"encoders": Samples(time, value)})
-    found = fitted(case, spoiled, estimator="recursive_fit")
-    assert len(found.momentum_changes) >= 1
-    assert nees(case, found) < chi2.isf(1e-4, 10)
+    assert fitted(case, spoiled, estimator="recursive_fit").failures
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,7 @@ so that a row of the table can be compared estimate by estimate.
 """
 
 from collections.abc import Sequence
+from copy import copy
 from itertools import pairwise
 from pathlib import Path
 
@@ -233,7 +234,7 @@ def log_of(world: World, suite: SensorSuite, seed: int, path: Path, *, hardware:
     fixed = np.random.default_rng([2, seed if hardware is None else hardware])
     scale = _draw_forces(world, suite, rng)
     sensors = {n: getattr(suite, n) for n in ("attitude", "gyro", "position", "encoders")}
-    sensors = {name: sensor for name, sensor in sensors.items() if sensor is not None}
+    sensors = {name: _stated(sensor) for name, sensor in sensors.items() if sensor is not None}
     true = {
         name: np.arange(int(world.duration * sensor.rate + 1e-9) + 1) / sensor.rate
         for name, sensor in sensors.items()
@@ -304,9 +305,18 @@ def save(path: Path, series: dict[str, tuple[Array, Array]]) -> None:
     np.savez(path, **columns)
 
 
+def _stated(errors):
+    """Return errors of which those that are not stated are zero."""
+    result = copy(errors)
+    for name, value in ({} if errors is None else vars(errors)).items():
+        if value is None and name != "orbit":
+            setattr(result, name, 0.0)
+    return result
+
+
 def _draw_forces(world: World, suite: SensorSuite, rng: np.random.Generator) -> float:
     """Draw the disturbance of a world; return the error of the scale of logged thrust."""
-    size, given = suite.disturbances, world.scenario.simulation.disturbance
+    size, given = _stated(suite.disturbances), world.scenario.simulation.disturbance
     pieces, scale = np.zeros((int(np.ceil(world.duration / WALK)), 6)), 0.0
     if size is not None:
         constant = np.repeat([size.torque, size.acceleration], 3) * rng.standard_normal(6)
