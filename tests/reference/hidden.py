@@ -22,7 +22,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent))  # as pytest does
 from hidden_world import CRAFTS, KINDS, Array, Craft, simulate
 
-from cpid_drake import InputError, SensorSuite, Spacecraft, identify
+from cpid_drake import BodyUncertainty, InputError, SensorSuite, Spacecraft, identify
 from cpid_drake.logs.log import Log
 
 
@@ -51,7 +51,9 @@ class Answer:
         )
 
 
-def answer(craft: Craft, log: Log, truth: Array, suite: SensorSuite) -> Answer:
+def answer(
+    craft: Craft, log: Log, truth: Array, suite: SensorSuite, bodies: BodyUncertainty | None = None
+) -> Answer:
     """Identify a log as a user would, and compare with the truth."""
     start = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
@@ -59,7 +61,7 @@ def answer(craft: Craft, log: Log, truth: Array, suite: SensorSuite) -> Answer:
         file.write_text(craft.mjcf())
         spacecraft = Spacecraft(file, base="base", capture_frame="grip")
     try:
-        found = identify(spacecraft, log, sensors=suite)
+        found = identify(spacecraft, log, sensors=suite, known_bodies=bodies)
     except InputError as error:
         return Answer(2, str(error), seconds=time.perf_counter() - start)
     code = 4 if found.failures else 0 if found.is_complete else 3
@@ -103,6 +105,7 @@ def main() -> None:
     parser.add_argument("--kinds", default=",".join(KINDS))
     parser.add_argument("--craft", choices=list(CRAFTS))
     parser.add_argument("--exact", action="store_true", help="errors not stated are zero")
+    parser.add_argument("--bodies", action="store_true", help="the bodies are declared exact")
     options = parser.parse_args()
     warnings.simplefilter("ignore")
     answers: dict[tuple[str, str], list[Answer]] = {}
@@ -112,7 +115,8 @@ def main() -> None:
                 craft = CRAFTS[name]
                 suite = craft.suite().exact() if options.exact else craft.suite()
                 log, truth = simulate(craft, KINDS[kind], seed)
-                made = answer(craft, log, truth, suite)
+                bodies = BodyUncertainty() if options.bodies else None
+                made = answer(craft, log, truth, suite, bodies)
                 answers.setdefault((name, kind), []).append(made)
                 print(f"{name} {kind} {seed}: {made}", flush=True)
     print(table(answers))
