@@ -164,6 +164,7 @@ class Hidden:
         wheel: whether a rotor spins in the base.
         gradient: whether the craft is in an orbit.
         base: share by which mass and inertia of the base are larger.
+        arm: σ of places [m] and axes [rad] of the joints.
 
     """
 
@@ -179,6 +180,7 @@ class Hidden:
     wheel: bool = False
     gradient: bool = False
     base: float = 0.0
+    arm: float = 0.0
 
 
 KINDS: dict[str, Hidden] = {
@@ -203,6 +205,7 @@ KINDS: dict[str, Hidden] = {
     "wheel": Hidden(wheel=True),
     "gradient": Hidden(gradient=True),
     "base": Hidden(base=0.01),
+    "arm": Hidden(arm=5e-4),
 }
 
 # -- the simulator --------------------------------------------------------------------------------
@@ -248,6 +251,11 @@ class World:
         for joint in spec.joints:  # rotors turn with the motors, and have no momentum in a base
             if joint.name.startswith("joint"):
                 joint.armature = 0.02 * craft.target[0] * size * (0.1 if hidden.joints else 1)
+        drawn = rng.spawn(1)[0]  # the motion stays the same
+        for k in range(len(craft.links)):
+            body, joint = spec.body(f"link{k + 1}"), spec.joint(f"joint{k + 1}")
+            body.pos = body.pos + hidden.arm * drawn.standard_normal(3)
+            joint.axis = joint.axis + hidden.arm * drawn.standard_normal(3)
         option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
         self.model = spec.compile()
         self.data, self.base = mujoco.MjData(self.model), self.model.body("base").id
