@@ -3,7 +3,8 @@
 Position, rate and acceleration continue at the ends of blocks; the spline of a block is quintic.
 With samples q at times t, the rows of all its coefficients c are
 
-    B(t) c = q / (σ f)    samples, with a noise factor f of the declared σ
+    B(t) c = q / (σ f)    samples, with a noise factor f of the declared σ; a rounded value that
+                          is repeated counts once
     P c = 0 / s           |P c|² = ∫ jerk² dt: the jerk is white noise of size s
 
 so the jerk's prior bridges missing samples with the uncertainty that they leave. The number of
@@ -41,6 +42,7 @@ FINER = 2
 DECLARED = 10.0
 """The declared σ of a sensor counts as much as so many samples."""
 
+_NAMES = "encoders", "joint_rates"
 _GRID = np.arange(-29.0, 16.0, 3.0)  # of log λ: jerk noise of 1e-6 to 1e3 rad/s³·√s
 _WORTH = 6.0  # of −2 log(evidence) for a rougher motion: strong evidence (Kass and Raftery 1995)
 _FAST = 16.0  # pieces in a second, which follow 5 Hz: with too few, a fast motion looks like noise
@@ -78,12 +80,15 @@ def smooth_joints(
 
     """
     samples = [_JointSamples(block, suite) for block in blocks]
-    weights = [np.ones(each.values.shape) for each in samples]
+    once = _once(samples)
+    weights = once
     try:
         for _ in range(_REWEIGHTINGS):
-            splines = _Splines(samples, FINER * _best_rate(samples, weights), weights)
+            rate = FINER * _best_rate(samples, weights, once)
+            splines = _Splines(samples, rate, weights, once)
             u, noise = splines.best()
-            before, weights = weights, splines.weights(u, noise)
+            loss = splines.weights(u, noise)
+            before, weights = weights, [w * o for w, o in zip(loss, once, strict=True)]
             pairs = zip(before, weights, strict=True)
             if max(np.abs(a - b).max(initial=0.0) for a, b in pairs) < _SAME:
                 break
@@ -114,12 +119,38 @@ def triangles(rows: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.linalg.qr(np.pad(rows, ((0, 0), (0, max(n - M, 0)), (0, 0))), mode="r"))
 
 
+def _once(samples: Sequence["_JointSamples"]) -> list[NDArray[np.float64]]:
+    """Return the weights (N, J) by which a value that n successive samples repeat counts once.
+
+    The error of a sensor with steps is that of its step: as long as its value stays, the samples
+    tell nothing new. A value that is not repeated has the weight 1, and so have sensors without
+    steps.
+    """
+    weights = [np.ones(each.values.shape) for each in samples]
+    for name in _NAMES:
+        parts = [
+            (w, each) for w, each in zip(weights, samples, strict=True) if name in each.stepped
+        ]
+        if not parts:
+            continue
+        value = np.concatenate([each.values[each.stepped[name]] for _, each in parts])
+        count = np.ones(value.shape)
+        for own, x in zip(count.T, value.T, strict=True):
+            edges = np.flatnonzero(np.diff(x, prepend=np.nan, append=np.nan))
+            own[:] = np.repeat(np.diff(edges), np.diff(edges))
+        ends = np.cumsum([len(each.values[each.stepped[name]]) for _, each in parts])[:-1]
+        for (w, each), n in zip(parts, np.split(count, ends), strict=True):
+            w[each.stepped[name]] = 1 / np.sqrt(n)
+    return weights
+
+
 class _JointSamples:
     """The samples of the joints' sensors in one block.
 
     Attributes:
         start, end: [s].
         values: (N, J) all samples in units of σ.
+        stepped: the rows of sensors that have steps, by name.
 
     """
 
@@ -127,9 +158,15 @@ class _JointSamples:
         self.start, self.end = block.start, block.end
         self._parts: list[tuple[Samples, int, float]] = [
             (block.samples[name], derivative, float(suite.sigmas(name)[0]))
-            for derivative, name in enumerate(("encoders", "joint_rates"))
+            for derivative, name in enumerate(_NAMES)
             if name in suite.present() and len(block.samples[name])
         ]
+        self.stepped, first = dict[str, slice](), 0
+        for name in _NAMES:
+            count = len(block.samples[name]) if name in suite.present() else 0
+            if count and suite.step(name) > 0:
+                self.stepped[name] = slice(first, first + count)
+            first += count
         values = [samples.value / sigma for samples, _, sigma in self._parts]
         nothing = np.empty((0, len(block.samples.joint_names)))
         self.values = np.concatenate([nothing, *values])
@@ -177,6 +214,7 @@ class _Splines:
         samples: of successive blocks.
         rate: pieces in a second.
         weights: (N, J) of every block.
+        once: (N, J) the weights without outliers; see `_once`.
 
     Attributes:
         places: of the blocks' coefficients among those of the log; neighbours share `ORDER`, if no
@@ -185,7 +223,11 @@ class _Splines:
     """
 
     def __init__(
-        self, samples: Sequence[_JointSamples], rate: float, weights: list[NDArray[np.float64]]
+        self,
+        samples: Sequence[_JointSamples],
+        rate: float,
+        weights: list[NDArray[np.float64]],
+        once: list[NDArray[np.float64]],
     ) -> None:
         self.rate, self._weights = rate, weights
         pieces = [each.pieces(rate) for each in samples]
@@ -213,7 +255,8 @@ class _Splines:
         own = [np.diag(np.linalg.qr(P[:, :-ORDER], mode="r")) for P in self._P]
         volume = 2 * np.sum(np.log(np.abs(np.concatenate(own))))
         self._constant = -volume - 2 * np.sum(np.log(np.concatenate(weights)), axis=0)
-        self._freedom = DECLARED + sum(map(len, weights)) - self._free
+        samples_once = np.sum(np.concatenate(once) ** 2, axis=0)
+        self._freedom = DECLARED + np.maximum(samples_once - self._free, 0.0)
 
     def _expand(self) -> None:
         """Compute sums of squares and their gradients at `_c`."""
@@ -245,7 +288,7 @@ class _Splines:
         """Return −2 log(evidence) (J, G) at u = log λ (J, G)."""
         S, volume = self._squares(u)
         volume = volume + (self.size - self._free) * u + self._constant[:, None]
-        return np.asarray(self._freedom * np.log(DECLARED + S) + volume)
+        return np.asarray(self._freedom[:, None] * np.log(DECLARED + S) + volume)
 
     def _squares(self, u: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return penalized χ² and log det M (J, G) at u = log λ (J, G)."""
@@ -300,7 +343,11 @@ class _Splines:
         return [loss_weight(r / noise) for r in left]
 
 
-def _best_rate(samples: Sequence[_JointSamples], weights: list[NDArray[np.float64]]) -> float:
+def _best_rate(
+    samples: Sequence[_JointSamples],
+    weights: list[NDArray[np.float64]],
+    once: list[NDArray[np.float64]],
+) -> float:
     """Return the pieces in a second with the most evidence, or less if it is about as much.
 
     More than `_FAST` are tried as long as they have more.
@@ -309,7 +356,7 @@ def _best_rate(samples: Sequence[_JointSamples], weights: list[NDArray[np.float6
     best, least, pieces = 1 / usual, np.inf, 1
     most = float(np.median([len(each.values) for each in samples])) / 2  # samples show no more
     while pieces == 1 or pieces <= most:
-        splines = _Splines(samples, pieces / usual, weights)
+        splines = _Splines(samples, pieces / usual, weights, once)
         grid = np.broadcast_to(_GRID, (weights[0].shape[1], len(_GRID)))
         value = float(splines.values(grid).min(axis=1).sum())
         if value < least - _WORTH:

@@ -231,3 +231,32 @@ def test_a_fast_motion_is_no_noise(frequency, rate):
     smoothness, parts = smooth_joints(blocks_of(samples), suite)
     np.testing.assert_allclose(smoothness.noise, 1.0, rtol=0.2)
     assert np.abs(evaluated(parts, t) - moving).max() < step
+
+
+@pytest.mark.parametrize("rate", [50.0, 200.0])
+def test_a_joint_at_rest_is_known_to_the_step_of_its_encoder(rate):
+    """However many samples repeat its value: the error of rounding stays the same."""
+    step = 2 * np.pi / 2**12
+    suite = SensorSuite(encoders=JointSensor(rate, bits=12))
+    time = np.arange(0.0, 10.0 + 1e-9, 1 / rate)
+    rest = Log(("hinge",), {"encoders": Samples(time, np.full((len(time), 1), 7 * step))})
+    _, parts = smooth_joints(blocks_of(rest), suite)
+    information = 0.0
+    for part in parts:
+        basis = part.basis(np.linspace(part.start + 1e-6, part.end, 50), 0)
+        shift = np.linalg.lstsq(basis, np.ones(50), rcond=1e-12)[0]  # of the whole motion by 1 rad
+        information += float(np.sum((part.rows[0] @ shift) ** 2))
+    assert 1 / np.sqrt(information) == pytest.approx(step / np.sqrt(12), rel=0.05)
+
+
+def test_values_that_change_from_sample_to_sample_are_all_used():
+    step, time = 2 * np.pi / 2**12, np.arange(0.0, 5.0 + 1e-9, 0.02)
+    value = step * np.round(0.5 * time[:, None] / step)
+    moves = Log(("hinge",), {"encoders": Samples(time, value)})
+    white = JointSensor(50.0, step / np.sqrt(12))
+    found = []
+    for encoders in (JointSensor(50.0, bits=12), white):
+        suite = SensorSuite(encoders=encoders)
+        _, parts = smooth_joints(blocks_of(moves), suite)
+        found.append([part.rows for part in parts[:1]])
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-6)
