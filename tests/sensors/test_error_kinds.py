@@ -78,8 +78,8 @@ def test_a_stated_size_is_kept_and_zero_is_exact(tree):
     found = stated(suite, tree)
     assert found["position.lever_arm"] == pytest.approx(7e-3)
     assert "gyro.scale" not in found
-    again = with_plausible(with_plausible(suite, tree), tree)
-    assert again == with_plausible(suite, tree)
+    once = with_plausible(suite, tree)
+    assert dump_yaml(with_plausible(once, tree)) == dump_yaml(once)
 
 
 def test_sizes_scale_with_the_craft(tree):
