@@ -383,7 +383,7 @@ def extremes(form: Parameterization, unknowns: Array, covariance: Array, quantil
     parameters, P = form.to_parameters(unknowns), covariance
     place, side, sign = np.arange(10)[:, None], np.arange(2), np.array([-1.0, 1.0])
     x, least = np.broadcast_to(unknowns, (10, 2, 10)), np.zeros((10, 2))
-    with np.errstate(invalid="ignore", divide="ignore"):
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):  # at the pole
         for _ in range(TURNS):
             steps = x[..., None, :] + 1e-30j * np.eye(10)
             slope = np.nan_to_num(form.to_parameters(steps).imag[place, side, :, place] * 1e30)
