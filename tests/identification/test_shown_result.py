@@ -15,7 +15,9 @@ from cpid_drake import (
     load_sensors,
     read_log,
 )
+from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.identification.checks import Check
+from cpid_drake.identification.result import extremes
 from cpid_drake.resources import models_directory
 
 MODELS = models_directory()
@@ -194,3 +196,11 @@ class TestFigure:
         for axes in figure.axes:
             assert "not known" in [text.get_text() for text in axes.texts]
         figure.canvas.draw()
+
+
+def test_of_a_target_without_mass_only_the_mass_has_bounds():
+    """Its centre of mass is anywhere: c = (m c) / m has a pole there."""
+    form, sigma = relative_parameterization(100.0), 1e-13
+    found = extremes(form, np.zeros(10), sigma**2 * np.eye(10), 2.0)
+    np.testing.assert_allclose(found[0], [-2 * sigma, 2 * sigma], rtol=1e-6)
+    assert np.isnan(found[1:4]).all()
