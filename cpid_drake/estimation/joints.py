@@ -22,11 +22,12 @@ Sources: Wahba 1990, Spline Models for Observational Data, ch. 1 and 4.
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.linalg import lapack
 
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.block import Block
@@ -44,6 +45,7 @@ DECLARED = 10.0
 
 _NAMES = "encoders", "joint_rates"
 _GRID = np.arange(-29.0, 16.0, 3.0)  # of log λ: jerk noise of 1e-6 to 1e3 rad/s³·√s
+_WIDTH = DEGREE + 2 * ORDER - 1  # of the bands: functions at both ends are sums of neighbours
 _WORTH = 6.0  # of −2 log(evidence) for a rougher motion: strong evidence (Kass and Raftery 1995)
 _FAST = 16.0  # pieces in a second, which follow 5 Hz: with too few, a fast motion looks like noise
 _REWEIGHTINGS = 6  # at most; outliers look like a rough motion or like noise until they are known
@@ -277,12 +279,18 @@ class _Splines:
 
     def _banded(self, rows: list[NDArray[np.float64]]) -> NDArray[np.float64]:
         """Return the sum of XᵀX over the rows X of all blocks, as SciPy stores banded matrices."""
-        width = max(X.shape[1] for X in rows)
-        band = np.zeros((width, self.size))
+        band = np.zeros((_WIDTH, self.size))
         for X, place in zip(rows, self.places, strict=True):
-            i, j = np.triu_indices(X.shape[1])
-            band[width - 1 + i - j, place.start + j] += (X.T @ X)[i, j]
+            i, j = _band(X.shape[1])
+            band[_WIDTH - 1 + i - j, place.start + j] += (X.T @ X)[i, j]
         return band
+
+    def _root(self, AA: NDArray[np.float64], q: float) -> NDArray[np.float64]:
+        """Return the Cholesky factor of AA + q PᵀP, both banded."""
+        L, failed = lapack.dpbtrf(AA + q * self._PP)
+        if failed:
+            raise np.linalg.LinAlgError("the samples do not determine so rough a motion")
+        return np.asarray(L)
 
     def values(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return −2 log(evidence) (J, G) at u = log λ (J, G)."""
@@ -298,11 +306,11 @@ class _Splines:
                 q, (j, g) = np.exp(-value), np.nonzero(u[joints] == value)
                 j = np.array(joints)[j]
                 try:
-                    L = cholesky_banded(AA + q * self._PP, check_finite=False)
-                except np.linalg.LinAlgError:  # the samples do not determine so rough a motion
+                    L = self._root(AA, q)
+                except np.linalg.LinAlgError:
                     continue
                 by = self._by_left[:, j] - q * self._by_jerk[:, j]
-                fall = np.sum(by * cho_solve_banded((L, False), by, check_finite=False), axis=0)
+                fall = np.einsum("kj,kj->j", by, lapack.dpbtrs(L, by)[0])
                 S[j, g] = np.maximum(self._left2[j] + q * self._jerk2[j] - fall, 0.0)
                 log_det[j, g] = 2 * np.sum(np.log(L[-1]))
         return S, log_det
@@ -314,25 +322,24 @@ class _Splines:
             for j in joints:
                 q = np.exp(-u[j])
                 by = self._by_left[:, j] - q * self._by_jerk[:, j]
-                L = cholesky_banded(AA + q * self._PP, check_finite=False)
-                c[:, j] += cho_solve_banded((L, False), by, check_finite=False)
+                c[:, j] += lapack.dpbtrs(self._root(AA, q), by)[0]
         return c
 
     def best(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return u = log λ (J,) and the noise factors (J,).
 
-        The smoothest u of a grid that is not much worse than the best one; then parabolas.
+        The smoothest u of a grid that is not much worse than the best one; then the best one near
+        it, by a parabola.
         """
         values = self.values(np.broadcast_to(_GRID, (len(self._left2), len(_GRID))))
         u = _GRID[np.argmax(values < values.min(axis=1)[:, None] + _WORTH, axis=1)]
-        for step in (0.75, 0.1):
-            at = u[:, None] + step * np.arange(-4, 5)
-            values = self.values(at)
-            k = np.clip(np.argmin(values, axis=1), 1, 7)[:, None]
-            a, b, c = (np.take_along_axis(values, k + i, 1)[:, 0] for i in (-1, 0, 1))
-            with np.errstate(invalid="ignore"):  # beside a motion that is too rough for the samples
-                shift = np.nan_to_num(0.5 * (a - c) / np.maximum(a - 2 * b + c, 1e-12))
-            u = np.take_along_axis(at, k, 1)[:, 0] + step * np.clip(shift, -1, 1)
+        near = u[:, None] + np.arange(-4.0, 5.0)
+        values = self.values(near)
+        k = np.clip(np.argmin(values, axis=1), 1, 7)[:, None]
+        a, b, c = (np.take_along_axis(values, k + i, 1)[:, 0] for i in (-1, 0, 1))
+        with np.errstate(invalid="ignore"):  # beside a motion that is too rough for the samples
+            shift = np.nan_to_num(0.5 * (a - c) / np.maximum(a - 2 * b + c, 1e-12))
+        u = np.take_along_axis(near, k, 1)[:, 0] + np.clip(shift, -1, 1)
         return u, np.sqrt((DECLARED + self._squares(u[:, None])[0][:, 0]) / self._freedom)
 
     def weights(
@@ -341,6 +348,14 @@ class _Splines:
         """Return the weights (N, J) of every block that the residuals show."""
         left = self._residuals(self.solved(u))
         return [loss_weight(r / noise) for r in left]
+
+
+@lru_cache(maxsize=64)
+def _band(size: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the entries of the upper band of a matrix."""
+    i, j = np.triu_indices(size)
+    inside = j - i < _WIDTH
+    return i[inside], j[inside]
 
 
 def _best_rate(
