@@ -143,7 +143,7 @@ def rank(
         given = {file.name: planner.load_motion(file) for file in files or []}
         target, craft, found = planner.targets[0], planner.spacecraft, {}
         body = cpid.InertialParameters.from_vector(target)
-        case = studies.make_case(planner.scenario, craft, body, planner.suite, chosen.seed)
+        case = studies.make_case(planner.scenario, craft, body, planner.suite.exact(), chosen.seed)
         for name, each in {**dict(planning.reference_motions(planner)), **given}.items():
             errors = []
             moving = replace(case, motion=each, duration=each.duration)

@@ -80,7 +80,7 @@ class Planner:
 
     Args:
         scenario: spacecraft, the motion whose ends are kept, momentum, uncertainty.
-        suite: the sensors.
+        suite: the sensors, as stated.
         options: the choices of the user.
         prior: what is known about the target.
         best: the best plan so far, also after an interrupt.
@@ -344,9 +344,8 @@ def load_planner(
 
     """
     scenario = load_scenario(path)
-    own = scenario.make_suite() if sensors is None else None
-    suite = own or load_sensors(sensors or "flight", unstated="exact")
-    planner = Planner(scenario, suite, options)
+    own = scenario.stated_suite() if sensors is None else None
+    planner = Planner(scenario, own or load_sensors(sensors or "flight"), options)
     if prior is not None:
         frame = scenario.spacecraft.capture_frame
         planner.prior = load_prior(prior, planner.spacecraft, frame)

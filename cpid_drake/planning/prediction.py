@@ -31,7 +31,9 @@ class Prediction:
     """What is expected of a motion with one target, and what a fit found in trials.
 
     Attributes:
-        sigma: (10,) Cramér-Rao bound on σ of π, with all effects; NaN where not determined.
+        sigma: (10,) Cramér-Rao bound on σ of π if only what the sensors and the spacecraft state
+            has errors; NaN where not determined.
+        plausible_sigma: (10,) the same if all that they do not state has plausible errors.
         scale: (10,) scale of each parameter.
         base_angle: largest turn of the base from its attitude at the start [rad].
         base_rate: its largest angular velocity [rad/s].
@@ -42,6 +44,7 @@ class Prediction:
     """
 
     sigma: NDArray[np.float64]
+    plausible_sigma: NDArray[np.float64]
     scale: NDArray[np.float64]
     base_angle: float
     base_rate: float
@@ -67,7 +70,7 @@ class MotionSetting:
 
     Attributes:
         spacecraft: the known spacecraft.
-        suite: its sensors.
+        suite: its sensors, as stated.
         momentum_W: (6,) total momentum [L; P] about W's origin at the start [N·m·s, N·s].
         is_unknown: whether the momentum is estimated.
         known_bodies: uncertainty of the known bodies; None if they are exact.
@@ -99,17 +102,23 @@ class MotionSetting:
         def at(times: NDArray[np.float64]) -> Motion:
             return self.telemetries(motion, parameters[None], times)[0]
 
-        covariance = cramer_rao_bound(
-            tree,
-            relative_parameterization(tree.mass).from_parameters(parameters),
-            ideal_log(self.suite, self.spacecraft.joint_names, at, motion.duration),
-            self.suite.exact(),
-            momentum=self.momentum(target, motion.evaluate(0.0)[0]),
-            known_bodies=self.known_bodies,
-        )
-        base = at(motion.instants())
+        log = ideal_log(self.suite, self.spacecraft.joint_names, at, motion.duration)
+
+        def sigma(suite: SensorSuite) -> NDArray[np.float64]:
+            covariance = cramer_rao_bound(
+                tree,
+                relative_parameterization(tree.mass).from_parameters(parameters),
+                log,
+                suite,
+                momentum=self.momentum(target, motion.evaluate(0.0)[0]),
+                known_bodies=self.known_bodies,
+            )
+            return np.sqrt(np.diag(covariance))
+
+        stated, base = sigma(self.suite.exact()), at(motion.instants())
+        plausible = stated if self.suite.unstated == "exact" else sigma(self.suite)
         scale = parameter_scale(parameters, SCALE_LENGTH)
-        return Prediction(np.sqrt(np.diag(covariance)), scale, *_base_lengths(base))
+        return Prediction(stated, plausible, scale, *_base_lengths(base))
 
     def telemetries(
         self, motion: JointMotion, targets: NDArray[np.float64], times: NDArray[np.float64]

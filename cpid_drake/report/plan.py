@@ -16,8 +16,9 @@ from cpid_drake.planning.prediction import MotionSetting, Prediction
 from cpid_drake.report.page import Table
 
 LEGEND = (
-    "σ: Cramér-Rao bound with all errors that the sensors declare and the spacecraft's "
-    "uncertainty. Scale: the mass, 0.5 m, and the trace of I of the assumed target."
+    "σ: Cramér-Rao bound with all errors that the sensors' file and the spacecraft's uncertainty "
+    "state, if all else is calibrated. Plausible: if all else has errors of a plausible size. "
+    "Scale: the mass, 0.5 m, and the trace of I of the assumed target."
 )
 """The explanation of the tables."""
 
@@ -27,10 +28,12 @@ _SIZE = (4.6, 4.2)  # of each picture of a plan [in]
 def motion_table(found: Mapping[str, Prediction], title: str) -> Table:
     """Return what is expected of motions, one column each, and what a fit found in trials."""
     columns = found.values()
-    rows: dict[str, Sequence[float]] = {
-        f"σ({name}), {unit}": [each.sigma[k] for each in columns]
-        for k, (name, unit) in enumerate(zip(PARAMETER_NAMES, PARAMETER_UNITS, strict=True))
-    }
+    rows = dict[str, Sequence[float]]()
+    is_calibrated = all(each.plausible_sigma is each.sigma for each in columns)
+    for k, (name, unit) in enumerate(zip(PARAMETER_NAMES, PARAMETER_UNITS, strict=True)):
+        rows[f"σ({name}), {unit}"] = [each.sigma[k] for each in columns]
+        if not is_calibrated:
+            rows[f"σ({name}), plausible"] = [each.plausible_sigma[k] for each in columns]
     rows["worst σ, % of scale"] = [100 * each.worst for each in columns]
     rows["turn of the base, deg"] = [np.degrees(each.base_angle) for each in columns]
     rows["its rate, deg/s"] = [np.degrees(each.base_rate) for each in columns]

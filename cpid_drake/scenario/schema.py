@@ -363,13 +363,17 @@ class Scenario:
         return self.joint_motion.make(spacecraft, default)
 
     def make_suite(self) -> SensorSuite | None:
-        """Return the sensors, or None if there are none; raises as `presets.load_sensors`.
+        """Return the sensors of the simulated world, which has no other errors than theirs.
 
-        A simulated world has no other errors than theirs.
+        None if there are none; raises as `presets.load_sensors`.
         """
-        config = self.sensors
-        own = config.explicit or (load_sensors(config.suite) if config.suite else None)
+        own = self.stated_suite()
         return None if own is None else own.exact()
+
+    def stated_suite(self) -> SensorSuite | None:
+        """Return the sensors with the errors that the file states; None if there are none."""
+        config = self.sensors
+        return config.explicit or (load_sensors(config.suite) if config.suite else None)
 
     def make_disturbance(self) -> SimulatedDisturbance:
         """Return the external forces and torques of the simulation; see `DisturbanceConfig`."""

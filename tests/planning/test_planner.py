@@ -9,6 +9,7 @@ from cpid_drake import (
     InertialParameters,
     InputError,
     TargetPrior,
+    identify,
     load_scenario,
     load_sensors,
     shipped_scenario,
@@ -19,7 +20,7 @@ from cpid_drake.planning.plan_options import PlanOptions
 from cpid_drake.planning.planner import Planner
 from cpid_drake.scenario.limits import check_limits
 from cpid_drake.scenario.simulation import make_simulation
-from cpid_drake.studies.trials import fit_errors, make_case
+from cpid_drake.studies.trials import draw, fit_errors, make_case
 
 ARM = [f"capture_arm_joint{k}" for k in range(1, 7)]
 FLIGHT = load_sensors("flight", unstated="exact")
@@ -193,3 +194,18 @@ def test_the_errors_of_fits_are_as_large_as_predicted(name):
     prediction = planner.setting.predict(planner.own_motion, target)
     ratio = np.sqrt(np.mean(errors**2, axis=0)) / (prediction.sigma / prediction.scale)
     assert 0.6 < np.sqrt(np.mean(ratio**2)) < 1.5
+
+
+def test_what_nobody_states_widens_the_prediction_as_it_widens_an_identification(scenario):
+    """The world of the trial has none of these errors: only the intervals contain them."""
+    stated = Planner(scenario, load_sensors("flight"))
+    exact, target = Planner(scenario, FLIGHT), stated.targets[0]
+    found, calibrated = (each.setting.predict(each.own_motion, target) for each in (stated, exact))
+    np.testing.assert_allclose(found.sigma, calibrated.sigma)
+    np.testing.assert_array_equal(calibrated.plausible_sigma, calibrated.sigma)
+    body, craft = InertialParameters.from_vector(target), stated.spacecraft
+    log = draw(make_case(scenario, craft, body, FLIGHT, 1), craft, 0)
+    result = identify(craft, log, sensors=stated.suite, momentum="zero")
+    sigma = np.sqrt(np.diag(result.covariance))
+    np.testing.assert_allclose(found.plausible_sigma, sigma, rtol=0.3)
+    assert (sigma > 5 * calibrated.sigma).all()
