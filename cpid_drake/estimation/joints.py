@@ -328,18 +328,18 @@ class _Splines:
     def best(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return u = log λ (J,) and the noise factors (J,).
 
-        The smoothest u of a grid that is not much worse than the best one; then the best one near
-        it, by a parabola.
+        The smoothest u of a grid that is not much worse than the best one; then parabolas.
         """
         values = self.values(np.broadcast_to(_GRID, (len(self._left2), len(_GRID))))
         u = _GRID[np.argmax(values < values.min(axis=1)[:, None] + _WORTH, axis=1)]
-        near = u[:, None] + np.arange(-4.0, 5.0)
-        values = self.values(near)
-        k = np.clip(np.argmin(values, axis=1), 1, 7)[:, None]
-        a, b, c = (np.take_along_axis(values, k + i, 1)[:, 0] for i in (-1, 0, 1))
-        with np.errstate(invalid="ignore"):  # beside a motion that is too rough for the samples
-            shift = np.nan_to_num(0.5 * (a - c) / np.maximum(a - 2 * b + c, 1e-12))
-        u = np.take_along_axis(near, k, 1)[:, 0] + np.clip(shift, -1, 1)
+        for step in (0.75, 0.1):
+            at = u[:, None] + step * np.arange(-4, 5)
+            values = self.values(at)
+            k = np.clip(np.argmin(values, axis=1), 1, 7)[:, None]
+            a, b, c = (np.take_along_axis(values, k + i, 1)[:, 0] for i in (-1, 0, 1))
+            with np.errstate(invalid="ignore"):  # beside a motion that is too rough for the samples
+                shift = np.nan_to_num(0.5 * (a - c) / np.maximum(a - 2 * b + c, 1e-12))
+            u = np.take_along_axis(at, k, 1)[:, 0] + step * np.clip(shift, -1, 1)
         return u, np.sqrt((DECLARED + self._squares(u[:, None])[0][:, 0]) / self._freedom)
 
     def weights(
