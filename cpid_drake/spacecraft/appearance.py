@@ -17,7 +17,8 @@ from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody, SpatialInertia
 
 from cpid_drake.errors import InputError
-from cpid_drake.spacecraft.model_file import check_model, make_parser, message_of
+from cpid_drake.spacecraft.model_file import check_model
+from cpid_drake.spacecraft.parsing import message_of, parse
 
 OPACITY = 0.5
 """Of a target, so that an estimate inside of it is seen."""
@@ -65,8 +66,8 @@ def add_target_appearance(
     scene_graph = SceneGraph()
     model = MultibodyPlant(time_step=0.0)
     model.RegisterAsSourceForSceneGraph(scene_graph)
+    parse(model, visual_model, str(visual_model), folders)
     try:
-        make_parser(model, folders).AddModels(visual_model)
         model.Finalize()
     except (RuntimeError, ValueError, SystemExit) as error:
         raise InputError(f"{visual_model}: {message_of(error, visual_model)}") from error

@@ -7,18 +7,20 @@ includes itself.
 
 import logging
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
-from pydrake.multibody.parsing import LoadModelDirectives, PackageMap, Parser
+from pydrake.multibody.parsing import LoadModelDirectives, PackageMap
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RotationalInertia
 
 from cpid_drake.errors import InputError
 from cpid_drake.resources import resolve_model
+from cpid_drake.spacecraft.parsing import make_parser, message_of, parse, summary
 
 _MODEL_ENDINGS = (".urdf", ".sdf", ".xml", ".dmd.yaml")
 
@@ -34,7 +36,32 @@ _NUMBERS = frozenset(
         *("xyaxes", "zaxis", "axis", "fromto", "size", "density", "diaginertia", "fullinertia"),
     )
 )
-_MJCF_MASSES = {"settotalmass", "boundmass", "boundinertia", "balanceinertia", "inertiagrouprange"}
+
+_CHILDREN = {
+    (".urdf", "link"): frozenset(
+        (
+            *("inertial", "visual", "collision", "contact", "sensor", "self_collision_checking"),
+            *("collision_checking", "self_filter", "surface", "gravity", "kinematic", "gazebo"),
+        )
+    ),
+    (".urdf", "joint"): frozenset(
+        (
+            *("origin", "parent", "child", "axis", "limit", "dynamics", "mimic", "calibration"),
+            *("safety_controller", "hardwareInterface", "gazebo"),
+        )
+    ),
+    (".urdf", "inertial"): frozenset(("origin", "mass", "inertia")),
+    (".xml", "body"): frozenset(
+        ("body", "joint", "freejoint", "inertial", "geom", "site", "camera", "light", "include")
+    ),
+}
+_CHILDREN[".xml", "worldbody"] = _CHILDREN[".xml", "body"]
+"""What is read of an element: Drake ignores other children of these without a word."""
+
+_ONCE = frozenset(("inertial", "inertia", "mass", "origin", "pose", "axis"))
+"""Elements of which Drake reads one, if a parent has several."""
+
+_POSES = frozenset(("pos", "quat", "euler", "axisangle", "xyaxes", "zaxis"))
 
 
 class ModelFile:
@@ -71,21 +98,12 @@ class ModelFile:
     def parse_into(self, plant: MultibodyPlant) -> None:
         """Add the model to a plant that is not finalized, and set the plant's gravity to zero.
 
-        Drake logs its warnings the first time.
-
-        Raises:
-            InputError: Drake cannot read the file.
-
+        What Drake ignores is logged the first time; see `parsing.parse`, which also says what is
+        refused.
         """
-        logger = logging.getLogger("drake")
-        level = logger.level
-        logger.setLevel(logging.ERROR if self._is_parsed else level)
-        try:
-            make_parser(plant, self.folders).AddModels(self.path)
-        except (RuntimeError, ValueError, SystemExit) as error:
-            raise self.error(message_of(error, self.path)) from error
-        finally:
-            logger.setLevel(level)
+        ignored = parse(plant, self.path, self.model, self.folders)
+        if ignored and not self._is_parsed:
+            logging.getLogger(__name__).warning("%s: %s", self.model, summary(ignored))
         self._is_parsed = True
         plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
 
@@ -109,24 +127,6 @@ class ModelFile:
             if "loop" in text:
                 text = "its joints form a closed loop; only trees are supported"
             raise self.error(text) from error
-
-
-def make_parser(plant: MultibodyPlant, folders: Mapping[str, Path]) -> Parser:
-    """Return a parser that knows these packages and does not download any."""
-    parser = Parser(plant)
-    parser.package_map().Remove("drake_models")
-    for name, folder in folders.items():
-        parser.package_map().Add(name, folder)
-    return parser
-
-
-def message_of(error: BaseException, path: Path) -> str:
-    """Return the message of an error of Drake's in one line, without the file's path."""
-    name, text = re.escape(str(path)), " ".join(str(error).split())
-    text = re.sub(rf"/?{name}:(\d+): (error|warning): ", r"line \1: ", text)
-    text = re.sub(rf"{name}:(\d+):(\d+): ", r"line \1, column \2: ", text)
-    text = re.sub(r" (for <root> )?while (accepting|visiting) .*", "", text)
-    return re.sub(rf"^(error|warning): |{name}: |Failure at \S+ in \w+\(\): ", "", text)
 
 
 def check_model(
@@ -176,6 +176,8 @@ def check_model(
             # MJCF paths start at the folder of the first MJCF file.
             main = next((each for each in around if each.suffix.lower() == ".xml"), file)
             elements = _read_xml(file, place)
+            for element, line in elements.items():
+                _refuse_templates(element, f"{place}: line {line}: ")
             for element, line in elements.items():
                 _check_numbers(element, ending, f"{place}: line {line}: ")
             for element, line in elements.items():
@@ -240,6 +242,12 @@ def _read_xml(file: Path, place: str) -> dict[ElementTree.Element, int]:
     return lines
 
 
+def _refuse_templates(element: ElementTree.Element, where: str) -> None:
+    """Refuse an element that xacro would replace."""
+    if "xacro}" in element.tag or any("${" in text for text in element.attrib.values()):
+        raise InputError(f"{where}this file is a xacro template: run xacro first")
+
+
 def _check_numbers(element: ElementTree.Element, ending: str, where: str) -> None:
     """Refuse a text in place of a number, of which Drake would read the beginning."""
     tag = element.tag
@@ -257,19 +265,38 @@ def _check_numbers(element: ElementTree.Element, ending: str, where: str) -> Non
 
 
 def _check_meaning(element: ElementTree.Element, ending: str, where: str) -> None:
-    """Refuse what Drake would ignore or replace."""
-    tag = element.tag
-    if tag == "inertial":
-        _check_inertia(element, ending, where)
+    """Refuse what Drake would ignore or read as something else, without a word."""
+    tag, parts = element.tag, Counter(part.tag for part in element)
+    known = _CHILDREN.get((ending, tag), parts)
+    if tag == "joint" and "child" not in parts:  # of a transmission, or of ros2_control
+        known = parts
+    for part in parts:
+        name = part.rpartition("}")[2]
+        if part not in known and "}" not in part and not name.startswith("drake:"):
+            raise InputError(
+                f"{where}<{name}> in <{tag}> is not read, and a mass, a joint or a pose may be lost: "
+                "write what it makes in another way in a copy of the file, or take it out; what is "
+                f"read is {', '.join(sorted(known))}"
+            )
+        if name in _ONCE and parts[part] > 1 and ending != ".xml":
+            raise InputError(f"{where}<{tag}> has {parts[part]} <{name}>: only one is read")
+    if tag == "link" and ending != ".xml":
+        for inertial in element.iter("inertial"):
+            _check_inertia(inertial, ending, f"{where}link '{element.get('name', '')}': ")
+    elif tag == "body" and ending == ".xml":
+        for inertial in element.findall("inertial"):
+            _check_inertia(inertial, ending, f"{where}body '{element.get('name', '')}': ")
+        if parts["joint"] > 1 and _POSES & set(element.attrib):
+            raise InputError(
+                f"{where}body '{element.get('name', '')}' has {parts['joint']} joints and a pose, "
+                "which Drake applies at the wrong one: put each joint in a body of its own"
+            )
     elif tag == "mimic" and ending == ".sdf":
         raise InputError(f"{where}a mimic joint couples joints; Drake would ignore it")
+    elif tag == "fluid_added_mass":
+        raise InputError(f"{where}<fluid_added_mass> is not read: there is no fluid in orbit")
     elif tag == "equality" and ending == ".xml" and len(element):
         raise InputError(f"{where}an equality constraint closes a loop or couples joints")
-    elif tag == "compiler" and (changes := _MJCF_MASSES & set(element.attrib)):
-        raise InputError(
-            f"{where}{min(changes)}: masses or inertias other than the bodies' own; Drake would "
-            "ignore it"
-        )
 
 
 def _is_number(word: str, *, may_be_infinite: bool) -> bool:
@@ -299,4 +326,12 @@ def _check_inertia(inertial: ElementTree.Element, ending: str, where: str) -> No
     size, values = float(mass), [float(moment) for moment in moments]
     is_valid = RotationalInertia(*values).CouldBePhysicallyValid()
     if size < 0 or (size == 0 and any(values)) or not is_valid:
-        raise InputError(f"{where}no rigid body has the mass {mass} and the inertia {values}")
+        remedy = (
+            "principal moments are positive, and none exceeds the sum of the other two; of a dummy "
+            "link, write the mass 0 and the inertia 0, or merge it with its neighbour"
+        )
+        if values[2] > 0 and not any(values[:2]):
+            remedy = "on a table ixx and iyy do not matter: write the value of izz for both"
+        raise InputError(
+            f"{where}no rigid body has the mass {mass} and the inertia {values}: {remedy}"
+        )

@@ -38,7 +38,10 @@ def find_element(plant: MultibodyPlant, kind: str, name: str, where: str) -> Any
         return find(bare, plant.GetModelInstanceByName(scope)) if scope else find(name)
     except RuntimeError as error:
         text = str(error).partition("(): ")[2]
-        raise InputError(f"{where}: {text:.400}; scope a name as INSTANCE::NAME") from error
+        remedy = "scope a name as INSTANCE::NAME"
+        if where.endswith(".xml"):
+            remedy += "; a <site> is not read: write a <body> in its place"
+        raise InputError(f"{where}: {text:.400}; {remedy}") from error
 
 
 def unique_names(
