@@ -51,6 +51,10 @@ class InertialParameters:
     I_TTcm_C: NDArray[np.float64]
 
     def __post_init__(self) -> None:
+        if any(
+            isinstance(each, (str, bytes)) for each in (self.mass, self.p_CTcm_C, self.I_TTcm_C)
+        ):
+            raise InputError("inertial parameters must be numbers, not text")
         try:
             mass = float(self.mass)
             com = np.array(self.p_CTcm_C, dtype=float)

@@ -16,6 +16,8 @@ import numpy as np
 import yaml
 from numpy.typing import ArrayLike, NDArray
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, FrameIndex, JointIndex, ModelInstanceIndex
 
 from cpid_drake.dynamics.inertia import InertialParameters
@@ -103,7 +105,8 @@ def export_target(
     Raises:
         InputError: no rigid body has the parameters, the format is unknown, the name is taken or
             not plain, the file exists, the folder cannot be written to, or names of the spacecraft
-            are not unique. In all these cases no file is written.
+            are not unique, or Drake does not read these parameters from the file. In all these
+            cases no file is written.
 
     """
     path = Path(path)
@@ -124,6 +127,8 @@ def export_target(
     else:
         beside = path.with_name(f"{path.name.removesuffix(ending)}_{name}.urdf")
         texts = {path: _directives(beside, name, spacecraft), beside: model_text("urdf", [target])}
+    for place, text in texts.items():
+        _check_reading(place, text, target)
     known = () if spacecraft is None else (spacecraft.path,)
     check_outputs([("", place) for place in texts], known, force=overwrite)
     with ExitStack() as drafts:  # the last is moved to its place first: the directives refer to it
@@ -171,6 +176,23 @@ def _clear_of_the_limits(target: InertialParameters) -> InertialParameters:
     if exact or min(low, low + middle - high) > 1e-13 * total:
         return target
     return InertialParameters(target.mass, target.p_CTcm_C, inertia + 1e-13 * total * np.eye(3))
+
+
+def _check_reading(place: Path, text: str, target: Link) -> None:
+    """Refuse a model from which Drake reads another target than the one that is written."""
+    if place.name.endswith(FORMATS["drake-yaml"]):
+        return  # it names the file beside it
+    plant = MultibodyPlant(time_step=0.0)
+    Parser(plant).AddModelsFromString(text, place.suffix[1:])
+    found = plant.GetBodyByName(target.name).default_spatial_inertia()
+    assert target.body is not None
+    written, read = target.body.to_vector(), InertialParameters.from_spatial_inertia(found)
+    size = np.abs(written).max()
+    if not np.allclose(read.to_vector(), written, rtol=1e-9, atol=1e-12 * size):
+        raise InputError(
+            f"{place}: not written: Drake would read {read.to_vector()} from it instead of "
+            f"{written}; choose another format"
+        )
 
 
 # -- links ---------------------------------------------------------------------------------------

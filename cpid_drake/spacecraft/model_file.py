@@ -274,7 +274,7 @@ def _check_meaning(element: ElementTree.Element, ending: str, where: str) -> Non
         name = part.rpartition("}")[2]
         if part not in known and "}" not in part and not name.startswith("drake:"):
             raise InputError(
-                f"{where}<{name}> in <{tag}> is not read, and a mass, a joint or a pose may be lost: "
+                f"{where}<{name}> in <{tag}> is not read; a mass, a joint or a pose may be lost: "
                 "write what it makes in another way in a copy of the file, or take it out; what is "
                 f"read is {', '.join(sorted(known))}"
             )

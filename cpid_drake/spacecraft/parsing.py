@@ -16,8 +16,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from cpid_drake.errors import InputError
 
 _IGNORED = re.compile(
-    r"The (?:tag|attribute) '(?P<name>[^']+)' found (?:as a child of|in a) '(?P<parent>[^']+)'(?: tag)?"
-    r"(?: is currently unsupported and will be ignored)?|"
+    r"The (?:tag|attribute) '(?P<name>[^']+)' found (?:as a child of|in a) '(?P<parent>[^']+)'"
+    r"(?: tag)?(?: is currently unsupported and will be ignored)?|"
     r"Ignoring unsupported SDFormat element in (?P<of>\w+): (?P<element>\w+)"
 )
 
@@ -103,8 +103,9 @@ def parse(
             ignored[name] += 1
             continue
         text = _IGNORED.sub(r"'\g<name>\g<element>' of <\g<parent>\g<of>> is not read", message)
+        text = message_of(text, path).rstrip(".")
         raise InputError(
-            f"{where}: {message_of(text, path).rstrip('.'):.300}; a mass, a joint or a frame may be "
+            f"{where}: {text:.300}; a mass, a joint or a frame may be "
             "lost: write it in another way in a copy of the file, or take it out"
         )
     return ignored

@@ -69,7 +69,7 @@ class Spacecraft:
 
     Raises:
         InputError: no such file, frame or body; base welded to the world or not the floating body;
-            capture frame on the base or on the world; no mass; closed loops or constraints; joints
+            capture frame on the world; no mass; closed loops or constraints; joints
             of other types; bodies with an inertia that no rigid body has.
 
     """

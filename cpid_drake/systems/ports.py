@@ -1,6 +1,7 @@
 """What all systems of a spacecraft share: their connection in a diagram, their scratch contexts."""
 
 import threading
+from inspect import signature
 from typing import Any, Self
 
 import numpy as np
@@ -37,16 +38,20 @@ class SpacecraftSystem(LeafSystem):
                 of the constructor, by name.
 
         Raises:
-            InputError: an input gets no port, or a port has another size or no counterpart; also
-                the errors of the constructor.
+            InputError: an option is unknown, an input gets no port, or a port has another size or
+                no counterpart; also the errors of the constructor.
 
         """
         ports = {n: p for n, p in given.items() if isinstance(p, (InputPort, OutputPort))}
-        system = cls(spacecraft, **{n: value for n, value in given.items() if n not in ports})
+        options = {n: value for n, value in given.items() if n not in ports}
+        known = signature(cls).parameters
+        for unknown in (n for n in options if n not in known):
+            raise InputError(
+                f"{cls.__name__} has no option '{unknown}', and {unknown} is no port; options are "
+                f"{', '.join([*known][1:]) or 'none'}"
+            )
+        system = cls(spacecraft, **options)
         name = system.get_name()
-        for index in range(system.num_input_ports()):
-            if (wanted := system.get_input_port(index).get_name()) not in ports:
-                raise InputError(f"{name}: no output port is given for its input '{wanted}'")
         pairs = []
         for own, port in ports.items():
             is_input = isinstance(port, OutputPort)
@@ -59,6 +64,9 @@ class SpacecraftSystem(LeafSystem):
                     f"has {mine.size()}: connect a port of the same spacecraft"
                 )
             pairs.append((port, mine) if is_input else (mine, port))
+        for index in range(system.num_input_ports()):
+            if (wanted := system.get_input_port(index).get_name()) not in ports:
+                raise InputError(f"{name}: no output port is given for its input '{wanted}'")
         builder.AddSystem(system)
         for output, into in pairs:
             builder.Connect(output, into)

@@ -178,6 +178,8 @@ def test_a_body_nearest_to_one_of_negative_mass_has_some_mass():
 @pytest.mark.parametrize(
     ("values", "message"),
     [
+        (("60", np.zeros(3), np.eye(3)), "numbers, not text"),
+        ((60.0, np.zeros(3), "eye"), "numbers, not text"),
         ((1.0, [0, 0], np.eye(3)), "shape"),
         ((1.0, [0, 0, 0], np.eye(2)), "shape"),
         ((np.nan, [0, 0, 0], np.eye(3)), "finite"),

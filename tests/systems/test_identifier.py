@@ -154,6 +154,26 @@ def test_samples_are_taken_at_the_given_times(servicer, motion, period, offset, 
 
 
 @pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"perod": 1.0}, "has no option 'perod'.*options are rows, momentum, period, offset"),
+        ({"stat": None}, "has no option 'stat'"),
+        ({}, "no output port is given for its input 'state'"),
+    ],
+)
+def test_a_misspelt_option_or_port_is_named(servicer, given, message):
+    with pytest.raises(InputError, match=message):
+        MomentumIdentifier.AddToBuilder(DiagramBuilder(), servicer, **given)
+
+
+def test_a_misspelt_port_is_named(servicer, motion):
+    builder = DiagramBuilder()
+    source = builder.AddSystem(ConstantVectorSource(servicer.to_states(motion)[0]))
+    with pytest.raises(InputError, match="has no input 'stat'"):
+        MomentumIdentifier.AddToBuilder(builder, servicer, stat=source.get_output_port())
+
+
+@pytest.mark.parametrize(
     ("change", "message"),
     [
         ((slice(0, 4), 0.3), "quaternion has norm 0.6"),
