@@ -13,6 +13,7 @@ from .identification.request import Request, SpacecraftReference
 from .identification.result import Identification
 from .identification.result_files import read_result, write_result
 from .identification.validation import validate
+from .live.identifier import OnlineIdentifier
 from .logs.column_map import ColumnMap
 from .logs.conversion import from_columns as from_columns
 from .logs.files import read_log, write_log
@@ -51,6 +52,7 @@ __all__ = [
     "MomentumIdentifier",
     "Motion",
     "MultiSine",
+    "OnlineIdentifier",
     "ParameterEstimate",
     "PassivityController",
     "Request",

@@ -13,11 +13,11 @@ from cpid_drake import (
     shipped_scenario,
 )
 from cpid_drake.estimation.unknowns import PSI
+from cpid_drake.live.stream import LATENESS
 from cpid_drake.logs.log import Log, Samples
 from cpid_drake.sensors.sensors import (
     SENSORS,
 )
-from cpid_drake.systems.sensor_identifier import LONGEST_DELAY
 
 DURATION = 3.5
 
@@ -161,7 +161,7 @@ def test_samples_that_come_late_are_used_as_if_they_were_punctual(flight, sample
 def test_samples_that_come_too_late_are_rejected_and_counted(flight, samples):
     """The others determine the target as without these samples."""
     context = flight.CreateDefaultContext()
-    play(flight, context, samples, delay={"position": LONGEST_DELAY + 2.5}, until=5.5)
+    play(flight, context, samples, delay={"position": LATENESS + 2.5}, until=5.5)
     flight.Finish(context)
     counts = diagnostics(flight, context)
     late = int((samples.position.time < 2.5 - 1e-9).sum())

@@ -1,0 +1,1 @@
+"""Identification of samples as they arrive."""

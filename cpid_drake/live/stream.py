@@ -1,0 +1,196 @@
+"""The online fit of samples as they arrive: screened, cut into blocks, solved block after block."""
+
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.dynamics.uncertainty import BodyUncertainty
+from cpid_drake.errors import InputError
+from cpid_drake.estimation.block import BlockQueue, after
+from cpid_drake.estimation.online import WINDOW, OnlineState, step
+from cpid_drake.estimation.unknowns import Model
+from cpid_drake.identification.consistency import with_nearest_body
+from cpid_drake.identification.online import identification_of_state, question_of
+from cpid_drake.identification.prior import TargetPrior
+from cpid_drake.identification.result import Identification
+from cpid_drake.logs.log import THRUST, Log, Samples
+from cpid_drake.logs.screening import last_time, screen
+from cpid_drake.sensors.sensors import SENSORS
+from cpid_drake.sensors.suite import SensorSuite, check_sensors, require_encoders
+from cpid_drake.spacecraft.spacecraft import Spacecraft
+
+LATENESS = 0.5
+"""A block waits at most this time for samples that arrive late [s].
+
+Delays of star trackers and of relative navigation are shorter. The estimate is later by this time
+while a sensor is silent.
+"""
+
+_SHARE_OF_INTERVAL = 0.9  # of a sensor's sampling interval in which no further sample can come
+
+_RETRY = 0.1  # of a block: a block that waits for the end of a gap is asked for so often
+
+Sample = tuple[str, NDArray[np.float64]]
+"""Name of a sensor and (1 + width,) stamp [s] and value."""
+
+
+@dataclass(frozen=True, eq=False)
+class StreamState:
+    """What is known of a stream: a value that is never changed, only replaced.
+
+    Attributes:
+        queue: samples of the block that is not complete.
+        online: the state of the fit.
+        waiting: samples that are not screened yet.
+        rejected: number of unusable samples, by sensor.
+        screening: what screening remembers.
+
+    """
+
+    queue: BlockQueue
+    online: OnlineState
+    waiting: tuple[Sample, ...] = ()
+    rejected: Mapping[str, int] = field(default_factory=dict)
+    screening: Log | None = None
+
+    def __deepcopy__(self, memo: dict) -> "StreamState":
+        """Return the value itself, which never changes."""
+        return self
+
+
+class Stream:
+    """How the samples of a spacecraft's sensors are solved as they arrive.
+
+    Args:
+        spacecraft: the known spacecraft.
+        suite: its sensors.
+        momentum: the total momentum, zero (default) or unknown.
+        prior: what is known about the target before the first sample; default: nothing.
+        reads_thrust: whether there is a log of thrust.
+        known_bodies: uncertainty of the spacecraft's bodies, of the arm's geometry and of the
+            grasp; default: as `identify`.
+        window: number of blocks that are solved anew with every new one.
+        lateness: a sample may arrive after others that are later by this time [s].
+        in_order: whether the samples of each sensor arrive in the order of their stamps.
+
+    Attributes:
+        widths: number of entries of a sample's value, by sensor.
+
+    Raises:
+        InputError: invalid sensors (see `suite.check_sensors`), no encoders, a lateness or a
+            window that is not positive.
+
+    """
+
+    def __init__(
+        self,
+        spacecraft: Spacecraft,
+        suite: SensorSuite,
+        *,
+        momentum: TotalMomentum | None = None,
+        prior: TargetPrior | None = None,
+        reads_thrust: bool = False,
+        known_bodies: BodyUncertainty | None = None,
+        window: float = WINDOW,
+        lateness: float = LATENESS,
+        in_order: bool = False,
+    ) -> None:
+        check_sensors(suite, "sensors")
+        require_encoders(suite, "sensors")
+        for name, value in (("lateness", lateness), ("window", window)):
+            if not value > 0:
+                raise InputError(f"{name} must be positive, not {value}")
+        model = Model.of(spacecraft.tree, suite, known_bodies, has_thrust=reads_thrust)
+        self._model = replace(model, rows=() if prior is None else (prior.of_psi(model),))
+        self._suite, self._joint_names = suite, spacecraft.joint_names
+        self._momentum = momentum or TotalMomentum.zero()
+        self._window, self._lateness, self._in_order = window, lateness, in_order
+        joints = len(spacecraft.joint_names)
+        self.widths = {name: SENSORS[name].width_of(joints) for name in suite.present()}
+        if reads_thrust:
+            self.widths[THRUST] = 6
+
+    def start(self) -> StreamState:
+        """Return the state before the first sample."""
+        question = question_of(self._model, self._momentum)
+        return StreamState(BlockQueue.of(self._suite), OnlineState(self._window, question))
+
+    def processed(self, state: StreamState, *, is_end: bool = False) -> StreamState:
+        """Return the state after all blocks that are complete.
+
+        Args:
+            state: with the samples that wait.
+            is_end: whether no more samples come, so that nothing waits for them.
+
+        """
+        newest = max((sample[0] for _, sample in state.waiting), default=-np.inf)
+        until = newest if is_end or self._in_order else newest - self._lateness
+        given, waiting = self._log_of(state.waiting, until)
+        screened = screen(given, self._suite, state.screening)
+        timely, queue, online = screened.log, state.queue, state.online
+        if not np.isnan(queue.edge):
+            timely = after(timely, queue.edge, np.inf)
+        late = {name: len(s) - len(timely[name]) for name, s in screened.log.items()}
+        if self._in_order:
+            until = self._complete_until(screened.memory)
+        queue, blocks = queue.added(timely, until)
+        for block in blocks:
+            online = step(self._model, online, block)
+        rejected = Counter(state.rejected) + Counter(screened.rejected) + Counter(late)
+        return StreamState(queue, online, waiting, rejected, screened.memory)
+
+    def finished(self, state: StreamState) -> StreamState:
+        """Return the state after all samples, those of the incomplete block included."""
+        state = self.processed(state, is_end=True)
+        for block in state.queue.finished():
+            queue = replace(state.queue, edge=block.end, waiting=None)
+            state = replace(state, queue=queue, online=step(self._model, state.online, block))
+        return state
+
+    def due(self, state: StreamState, newest: float) -> float:
+        """Return the stamp from which on a block may be complete [s].
+
+        Args:
+            state: after processing.
+            newest: the latest stamp [s].
+
+        """
+        queue = state.queue
+        if self._in_order and state.screening:  # as far as all have arrived
+            missing = queue.next_edge - self._complete_until(state.screening)
+            return newest + (queue.length if np.isnan(missing) else max(missing, 0.0))
+        edge = newest + queue.length if np.isnan(queue.edge) else queue.next_edge
+        return max(edge + self._lateness, newest + _RETRY * queue.length)
+
+    def identification(self, state: StreamState) -> Identification:
+        """Return what the fit of a state knows; see `counted`."""
+        found = identification_of_state(self._model, state.online, self._momentum)
+        return with_nearest_body(found, self._model.tree)
+
+    def counted(self, found: Identification, state: StreamState) -> Identification:
+        """Return an identification with the samples that were rejected before the fit."""
+        return replace(found, rejected=dict(Counter(state.rejected) + Counter(found.rejected)))
+
+    def _log_of(self, samples: Iterable[Sample], until: float) -> tuple[Log, tuple[Sample, ...]]:
+        """Return the samples up to a time, in the order of their stamps, and all others."""
+        rows, later = defaultdict(list), list[Sample]()
+        for name, sample in samples:
+            if self._in_order or sample[0] <= until:
+                rows[name].append(sample)
+            else:
+                later.append((name, sample))
+        arrays = {name: np.array(each) for name, each in rows.items()}
+        if not self._in_order:
+            arrays = {n: each[np.argsort(each[:, 0], kind="stable")] for n, each in arrays.items()}
+        parts = {name: Samples(each[:, 0], each[:, 1:]) for name, each in arrays.items()}
+        return Log(self._joint_names, parts), tuple(later)
+
+    def _complete_until(self, recent: Log) -> float:
+        """Return the time until which the samples of all sensors have arrived in order [s]."""
+        newest, present = recent.interval[1], self._suite.present()
+        complete = min(last_time(recent[n]) + _SHARE_OF_INTERVAL / present[n].rate for n in present)
+        return min(newest, max(complete, newest - self._lateness))
