@@ -12,6 +12,7 @@ FOLDER = ROOT / "diagrams"
 SCRIPTS = sorted(path.name for path in FOLDER.glob("*.py"))
 ARGUMENTS = {
     "own_spacecraft.py": [],
+    "live.py": [],
     "adaptive_control.py": ["--figure", "errors.png"],
     "plan_identify_replan.py": ["--figure", "loop.png"],
     "passivity.py": ["--duration", "2"],

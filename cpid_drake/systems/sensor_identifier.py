@@ -72,7 +72,7 @@ class SensorIdentifier(Identifier):
     The state is one abstract value that is never changed, only replaced. Its size does not grow
     with time, and clones of a Context share it. The work of an update is bounded; see
     `estimation.online.step`. Most updates only collect samples. One that completes a block solves
-    the blocks of the window once or twice, some 50 ms of processor time for 12 joints; where the
+    the blocks of the window once or twice, some 100 ms of processor time for 12 joints; where the
     momentum changed, ten times as much.
 
     Args:
