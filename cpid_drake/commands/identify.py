@@ -10,12 +10,6 @@ from cpid_drake.commands import options
 from cpid_drake.identification.description import describe
 from cpid_drake.output_files.overwriting import check_outputs
 
-NOT_ALL_KNOWN = 3
-"""Exit code if the data do not determine all that can act on the motion."""
-
-CHECK_FAILED = 4
-"""Exit code if something contradicts the assumptions behind the answer."""
-
 
 def identify(
     logs: Annotated[
@@ -63,6 +57,4 @@ def identify(
     options.print_warnings(result.warnings)
     if not quiet:
         print("\n".join(describe(result)))
-    if result.failures:
-        return CHECK_FAILED
-    return 0 if result.is_complete else NOT_ALL_KNOWN
+    return options.exit_code(result)

@@ -9,7 +9,7 @@ from annotated_types import Interval
 from rich.console import Console
 
 from cpid_drake.commands import options
-from cpid_drake.commands.identify import CHECK_FAILED
+from cpid_drake.commands.options import CHECK_FAILED
 from cpid_drake.commands.usage import group
 from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.identification.checked_log import check_log, left_out_warnings

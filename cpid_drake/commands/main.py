@@ -18,6 +18,7 @@ from cpid_drake.resources import __version__, version_of
 COMMANDS = {
     "identify": "Identify the target that a spacecraft holds from logs of its motion.",
     "simulate": "Simulate a scenario; write the log of its sensors and the true parameters.",
+    "live": "Identify from samples as they arrive.",
     "plan": "Plan the joint motion that determines the target best; rank motions; export one.",
     "validate": "Test an identified target with another log, and predict this log.",
     "export": "Export an identified target as a model: URDF, SDF, MJCF or Drake model directives.",

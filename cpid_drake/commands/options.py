@@ -20,6 +20,12 @@ from cpid_drake.identification.identify_files import EXACT
 from cpid_drake.output_files.drafts import refuse_unfinished
 from cpid_drake.resources import find_scenario, package_folders, resolve_model
 
+NOT_ALL_KNOWN = 3
+"""Exit code if the data do not determine all that can act on the motion."""
+
+CHECK_FAILED = 4
+"""Exit code if something contradicts the assumptions behind the answer."""
+
 _AS_THEY_ARE = ("estimator", "rows", "start", "end", "leave_out_bad", "columns", "prior")
 """Options that are fields of a request of the same name and value."""
 
@@ -255,6 +261,13 @@ def extra(name: str) -> Iterator[None]:
 def log_console(quiet: bool = False) -> Console:
     """Return a console for plain text on stderr; long lines are not wrapped."""
     return Console(stderr=True, quiet=quiet, markup=False, highlight=False, soft_wrap=True)
+
+
+def exit_code(found: "cpid.Identification") -> int:
+    """Return the exit code of an identification."""
+    if found.failures:
+        return CHECK_FAILED
+    return 0 if found.is_complete else NOT_ALL_KNOWN
 
 
 def print_warnings(texts: Iterable[str]) -> None:

@@ -8,7 +8,7 @@ from typing import Annotated
 from pydrake.systems.framework import Context
 
 from cpid_drake.commands import options
-from cpid_drake.commands.identify import CHECK_FAILED
+from cpid_drake.commands.options import CHECK_FAILED
 from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.output_files.overwriting import check_folder
 from cpid_drake.resources import find_scenario

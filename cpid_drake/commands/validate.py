@@ -8,7 +8,7 @@ from typing import Annotated
 from annotated_types import Interval
 
 from cpid_drake.commands import options
-from cpid_drake.commands.identify import CHECK_FAILED
+from cpid_drake.commands.options import CHECK_FAILED
 from cpid_drake.digits import significant
 from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.identification.checked_log import left_out_warnings

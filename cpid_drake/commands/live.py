@@ -1,0 +1,118 @@
+"""`cpid live`: identification of samples as they arrive."""
+
+import time
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from annotated_types import Interval
+from rich.live import Live
+from rich.table import Table
+
+import cpid_drake as cpid
+from cpid_drake.commands import options
+from cpid_drake.commands.usage import group
+from cpid_drake.digits import with_half_width
+from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
+from cpid_drake.errors import InputError
+from cpid_drake.estimation.least_squares import quantile_95
+from cpid_drake.identification.checked_log import in_joint_order
+from cpid_drake.identification.description import describe
+from cpid_drake.identification.identify_files import open_log, opened_inputs
+
+REFRESH = 0.25
+"""Time between two updates of the table [s]."""
+
+
+@dataclass
+class _Shown:
+    """What the table shows.
+
+    Attributes:
+        found: the identification.
+        time: stamp of the latest sample [s].
+        count: number of samples so far.
+        lag: time by which the replay is late [s].
+
+    """
+
+    found: "cpid.Identification"
+    time: float
+    count: int
+    lag: float
+
+    def table(self) -> Table:
+        """Return the estimate, and how the stream does."""
+        table = Table("", "estimate", "± 95 %", "", title=f"{self.time:.1f} s", caption=self._state())
+        half = quantile_95() * np.sqrt(np.diag(self.found.covariance))
+        for name, value, own, unit in zip(
+            PARAMETER_NAMES, self.found.parameters, half, PARAMETER_UNITS, strict=True
+        ):
+            if np.isfinite(own):
+                table.add_row(name, *with_half_width(value, own).split(" ± "), unit)
+            else:
+                table.add_row(name, "not known", "", unit)
+        return table
+
+    def _state(self) -> str:
+        rejected, failed = sum(self.found.rejected.values()), self.found.failures
+        text = f"{self.count} samples, {rejected} rejected; {self.lag:.1f} s late"
+        return "; ".join([text, *(f"failed: {each}" for each in failed[:1])])
+
+
+def replay(
+    log: Annotated[str, "LOG", options.LOG_KINDS],
+    chosen: options.LogOptions,
+    rate: Annotated[float, "Ratio of replayed to real time.", Interval(ge=0.1, le=1e4)] = 1.0,
+    quiet: options.QuietOption = False,
+) -> int:
+    """Feed a log through the online identifier in real time, and show what it knows.
+
+    The end is that of `cpid identify`, with its exit codes.
+    """
+    request = chosen.request(log)
+    if request.estimator not in (None, "recursive_fit") or request.rows is not None:
+        raise InputError(
+            "cpid live identifies with recursive_fit: leave out --estimator and --rows"
+        )
+    inputs = opened_inputs(request, lambda step: None)
+    if inputs.sensors is None:
+        raise InputError("cpid live needs the sensors' errors: give --sensors")
+    craft = inputs.spacecraft
+    if request.planar:
+        craft = craft.on_table()
+    _, file = open_log(request, craft.joint_names)
+    samples = in_joint_order(file.log, craft)
+    identifier = cpid.OnlineIdentifier(
+        craft,
+        inputs.sensors,
+        momentum=inputs.momentum,
+        prior=inputs.prior,
+        reads_thrust=samples.has_thrust,
+        known_bodies=inputs.known_bodies,
+    )
+    stream = sorted(
+        ((t, name, v) for name, s in samples.items() for t, v in zip(s.time, s.value, strict=True)),
+        key=lambda message: message[:2],
+    )
+    begin, shown = time.monotonic(), -np.inf
+    with Live(console=options.log_console(quiet), refresh_per_second=8) as screen:
+        for count, (stamp, name, value) in enumerate(stream, start=1):
+            lag = time.monotonic() - begin - (stamp - stream[0][0]) / rate
+            if lag < 0:
+                time.sleep(-lag)
+            identifier.add(name, stamp, value)
+            if time.monotonic() - shown > REFRESH:
+                shown = time.monotonic()
+                known = _Shown(identifier.estimate(), stamp, count, max(lag, 0.0))
+                screen.update(known.table())
+        found = identifier.finish()
+        screen.update(_Shown(found, stream[-1][0], len(stream), 0.0).table())
+    options.print_warnings(found.warnings)
+    if not quiet:
+        print("\n".join(describe(found)))
+    return options.exit_code(found)
+
+
+live = group("Identify from samples as they arrive.", replay=replay)
+live.callback()(lambda: None)  # so that its only command is called by its name

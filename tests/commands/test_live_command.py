@@ -1,0 +1,55 @@
+"""`cpid live replay`: a log in real time, with the end of `cpid identify`."""
+
+import re
+import time
+
+import pytest
+
+from cpid_drake.resources import models_directory
+
+FOLDER = models_directory() / "telemetry"
+SAMPLE = FOLDER / "free_flyer.csv"
+SENSORS = ("--sensors", FOLDER / "free_flyer_sensors.yaml")
+CRAFT = ("--scenario", "free_flyer_payload")
+
+
+def test_it_ends_with_the_answer_of_identify(cpid):
+    code, live, said = cpid("live", "replay", SAMPLE, *CRAFT, *SENSORS, "--rate", 1000)
+    other_code, whole, _ = cpid("identify", SAMPLE, *CRAFT, *SENSORS)
+    assert code == other_code == 0
+
+    def mass(text: str) -> list[float]:
+        [row] = re.findall(r"^ +m +(\S+) +\[(\S+), (\S+)\] +kg", text, re.M)
+        return [float(each) for each in row]
+
+    estimate, low, high = mass(live)
+    other, *_ = mass(whole)
+    assert abs(estimate - other) < 0.1 * (high - low) / 4
+    assert "4004 samples, 0 rejected" in said
+    assert "recursive_fit" in live
+
+
+def test_it_keeps_the_time_of_the_log(cpid):
+    begin = time.monotonic()
+    code, *_ = cpid("live", "replay", SAMPLE, *CRAFT, *SENSORS, "--rate", 5, "--quiet")
+    assert code == 0
+    assert time.monotonic() - begin > 10.0 / 5
+
+
+OWN = (
+    *("--spacecraft", models_directory() / "free_flyer/free_flyer.urdf"),
+    *("--base", "body", "--capture-frame", "capture_point"),
+)
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        (OWN, "give --sensors"),
+        ((*CRAFT, *SENSORS, "--rows", "eq18"), "leave out --estimator and --rows"),
+        ((*CRAFT, *SENSORS, "--estimator", "trajectory_fit"), "leave out --estimator"),
+        ((*CRAFT, *SENSORS, "--from", "100"), "free_flyer.csv"),
+    ],
+)
+def test_what_cannot_be_replayed_is_refused(refusal, given, says):
+    assert says in refusal("live", "replay", SAMPLE, *given)
