@@ -1,7 +1,7 @@
 """`cpid log`: checks logs, finds out what their columns mean, and converts them."""
 
 from collections import Counter
-from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -14,6 +14,7 @@ from cpid_drake.commands.usage import group
 from cpid_drake.errors import InputError, prefix_errors
 from cpid_drake.identification.checked_log import check_log, left_out_warnings
 from cpid_drake.identification.checks import label_of
+from cpid_drake.logs.channels import Channel, look_at
 from cpid_drake.logs.conventions import Findings, check_conventions
 from cpid_drake.logs.conversion import LogFile
 from cpid_drake.logs.files import inspect_log, read_log, read_table, write_log
@@ -42,11 +43,13 @@ def check(
     spacecraft = craft.make() if craft.is_given else None
     joints = None if spacecraft is None else spacecraft.joint_names
     found = inspect_log(file, topics=reading.topics(), columns=reading.columns, joints=joints)
-    errors, warnings, said = _compared(found, spacecraft)
+    errors, warnings, said, channels = _compared(found, spacecraft)
     count, unchecked = len(found.problems) + len(errors), [*said.unchecked, *said.not_compared]
+    if errors and not said.comparisons:
+        unchecked.append("units, signs and frames: nothing was compared, because of the errors")
     hidden = max(len(found.problems) - _SHOWN, 0)
     out = Console(markup=False, highlight=False, soft_wrap=True)
-    out.print("\n".join(contents(found, file, said.comparisons)))
+    out.print("\n".join(contents(found, file, channels, said.comparisons)))
     lines = [f"warning: {warning}" for warning in warnings]
     lines += [f"error: {problem}" for problem in [*found.problems[:_SHOWN], *errors]]
     lines += [f"... and {hidden} more"] * (hidden > 0)
@@ -62,25 +65,30 @@ def check(
     return 0
 
 
-def _compared(found: LogFile, craft: Spacecraft | None) -> tuple[list[str], list[str], Findings]:
-    """Return errors, warnings, and what the comparisons of a log say."""
+def _compared(
+    found: LogFile, craft: Spacecraft | None
+) -> tuple[list[str], list[str], Findings, tuple[Channel, ...]]:
+    """Return errors, warnings, what the comparisons of a log say, and its channels."""
     warnings, rejected = left_out_warnings(found.left_out_joints), Counter(found.partial)
-    errors: Sequence[str]
-    if craft is None:
-        screened = screen(found.log)
-        said = check_conventions(screened.log, None)
-        errors, noted = said.failures, said.warnings
-        rejected += Counter(screened.rejected)
-    else:
-        try:
+    seen = look_at(found.log, craft)
+    errors, noted, said = [*seen.errors], [*seen.warnings], Findings()
+    channels, unchecked = seen.table, seen.not_compared
+    try:
+        if craft is not None:
             checked = check_log(craft, found.log)
-        except InputError as error:
-            return [str(error)], warnings, Findings()
-        said = checked.conventions
-        errors, noted = checked.failures, checked.warnings
-        rejected += Counter(checked.rejected)
+            said, unchecked = checked.conventions, ()
+            errors, noted = [*checked.failures], [*checked.warnings]
+            rejected += Counter(checked.rejected)
+        elif not seen.errors:
+            screened = screen(seen.log)
+            said = check_conventions(screened.log, None)
+            errors, noted = [*said.failures], [*noted, *said.warnings]
+            rejected += Counter(screened.rejected)
+    except InputError as error:
+        errors = errors or [str(error)]
+    said = replace(said, not_compared=(*said.not_compared, *unchecked))
     unusable = [f"unusable samples of {label_of(name)}: {n}" for name, n in rejected.items()]
-    return [*errors], [*warnings, *noted, *unusable], said
+    return errors, [*warnings, *noted, *unusable], said, channels
 
 
 def map_columns(

@@ -14,6 +14,7 @@ from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError
 from cpid_drake.identification.planar import normal_in_base, placed
 from cpid_drake.identification.prior import TargetPrior
+from cpid_drake.logs.channels import Channel, look_at
 from cpid_drake.logs.conventions import Findings, check_conventions
 from cpid_drake.logs.log import Log, Samples
 from cpid_drake.logs.noise_estimation import estimate_suite
@@ -75,6 +76,7 @@ class CheckedLog:
             momentum, and reasons why no table can have carried the spacecraft.
         conventions: what comparing positions with rates, and the motion with the momentum, says.
         states: the caller's exact states, which were not sampled by sensors; else None.
+        channels: what was found in every channel.
 
     """
 
@@ -85,6 +87,7 @@ class CheckedLog:
     failures: tuple[str, ...] = ()
     conventions: Findings = field(default_factory=Findings)
     states: Motion | None = None
+    channels: tuple[Channel, ...] = ()
 
     @property
     def counts(self) -> dict[str, int]:
@@ -143,13 +146,17 @@ def check_log(
         normal_B = normal_in_base(data.quaternion_WB) if is_placed else None
         return replace(log_of_states(data), normal_B=normal_B)
     _refuse_slow(data, sensors)
-    screened = screen(in_joint_order(data, spacecraft), sensors)
+    seen = look_at(data, spacecraft)
+    if seen.errors:
+        raise InputError("; ".join(seen.errors))
+    screened = screen(in_joint_order(seen.log, spacecraft), sensors)
     measurements = screened.log
     spacecraft, notes, failures = placed(spacecraft, measurements, planar)
     tree = spacecraft.tree
     found = check_conventions(measurements, tree, by_momentum=by_momentum)
     others = [name for name in data.joint_names if name not in spacecraft.joint_names]
-    warnings = [*left_out_warnings(others), *notes, *found.warnings]
+    found = replace(found, not_compared=(*found.not_compared, *seen.not_compared))
+    warnings = [*left_out_warnings(others), *seen.warnings, *notes, *found.warnings]
     return CheckedLog(
         measurements,
         screened.rejected,
@@ -157,6 +164,7 @@ def check_log(
         tree.normal_B,
         (*found.failures, *failures),
         found,
+        channels=seen.table,
     )
 
 
@@ -194,7 +202,7 @@ def in_joint_order(measurements: Log, spacecraft: Spacecraft) -> Log:
         if name in measurements.samples and SENSORS[name].width is None
     }
     everything = {**measurements.samples, **of_joints}
-    measurements = Log(wanted, everything, measurements.column_map)
+    measurements = replace(measurements, joint_names=wanted, samples=everything, motion={})
     time, value = measurements.encoders.time, measurements.encoders.value.copy()
     if not wanted:  # no joints: known at all times
         time = np.unique(np.concatenate([measurements.attitude.time, measurements.gyro.time]))

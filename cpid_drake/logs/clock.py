@@ -6,9 +6,12 @@ the others; a wrong clock does not.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.errors import InputError
@@ -17,6 +20,12 @@ from cpid_drake.logs.score import MOMENTUM, Comparison
 
 WRONG = 0.005
 """Smallest relative error of a clock that is named: crystals are a hundred times better."""
+
+SEEN = 0.01
+"""Smallest residual that a delay may explain: errors of smoothing leave less."""
+
+LONGEST_DELAY = 1.0
+"""Longest delay between two sensors that is looked for [s]."""
 
 _PAIRS = (("encoders", "joint_rates"), ("attitude", "gyro"), ("position", "velocity"))
 
@@ -41,6 +50,36 @@ def clock_factor(comparisons: Sequence[Comparison]) -> float | None:
     factor = float(np.mean(factors))
     is_same = np.ptp(factors) < abs(factor - 1) / 5
     return factor if abs(factor - 1) > WRONG and is_same and factor > 0 else None
+
+
+def with_delay(comparison: Comparison, time: NDArray[np.float64]) -> Comparison:
+    """Return a comparison of a position and its rate with the delay that explains it, if one does.
+
+    Args:
+        comparison: not of the momentum.
+        time: (N,) of its values [s].
+
+    """
+    moved, measured = comparison.values
+    if comparison.name == MOMENTUM or comparison.residual < SEEN or len(time) < 20:
+        return comparison
+    most = min(LONGEST_DELAY, (time[-1] - time[0]) / 5)
+    inner = (time >= time[0] + most) & (time <= time[-1] - most)
+    spline, there = CubicSpline(time, moved), measured[inner]
+
+    def residual(delay: float) -> float:
+        change = spline(time[inner] + delay)
+        size = max(np.sum(change**2), np.sum(there**2), 1e-300)
+        return float(np.sqrt(np.sum((change - there) ** 2) / size))
+
+    delays = np.linspace(-most, most, 201)
+    k = int(np.argmin([residual(delay) for delay in delays]))
+    low, high = delays[max(k - 1, 0)], delays[min(k + 1, 200)]
+    best = minimize_scalar(residual, bounds=(low, high), method="bounded")
+    explains = 3 * best.fun < min(residual(0.0), comparison.residual)
+    if not (explains and 0 < k < 200):
+        return comparison
+    return replace(comparison, delay=float(best.x), residual_without=float(best.fun))
 
 
 def time_from_rates(samples: Mapping[str, Samples]) -> dict[str, Samples]:

@@ -14,7 +14,7 @@ import numpy as np
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.errors import listed
 from cpid_drake.logs.alternatives import Alternative, alternatives
-from cpid_drake.logs.clock import clock_factor
+from cpid_drake.logs.clock import clock_factor, with_delay
 from cpid_drake.logs.column_map import ColumnMap
 from cpid_drake.logs.log import Log
 from cpid_drake.logs.score import (
@@ -75,9 +75,11 @@ class Findings:
         if self.better:
             return (self.sentence,) if self.better[0].is_point else ()
         return tuple(
-            f"{c.sides[0]} and {c.sides[1]} differ by {c.residual:.0%}, in any convention"
+            c.text
+            if c.delay
+            else f"{c.sides[0]} and {c.sides[1]} differ by {c.residual:.0%}, in any convention"
             for c in self.comparisons
-            if c.name != MOMENTUM and c.residual > DIFFERS
+            if c.name != MOMENTUM and (c.residual > DIFFERS or c.delay)
         )
 
     @property
@@ -132,6 +134,8 @@ def check_conventions(
             "of a joint or of the model's masses do)"
         )
     clock = None if better else clock_factor(found)
+    if not better and clock is None:
+        found = [with_delay(each, given.time) for each in found]
     unmoved = _not_compared(log, {each.name for each in found})
     return Findings(tuple(found), clock, tuple(better), tuple(unchecked), unmoved)
 

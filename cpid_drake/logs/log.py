@@ -67,6 +67,7 @@ class Log:
             `VALVE` and its name.
         column_map: how the samples were read from columns; None for the package's own columns.
         motion: of a simulation, the true motion at the samples of sensors with a lever arm.
+        notes: by sensor, what was found while its samples were read.
 
     """
 
@@ -74,6 +75,7 @@ class Log:
     samples: Mapping[str, Samples] = field(default_factory=dict)
     column_map: "ColumnMap | None" = None
     motion: Mapping[str, Motion] = field(default_factory=dict)
+    notes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name in self.samples:

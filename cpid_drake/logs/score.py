@@ -106,6 +106,8 @@ class Comparison:
         sides: what the two sides are, in words.
         values: (N, k) each, at the common instants.
         residual: their difference relative to the larger one.
+        delay: how much later the first side is by its stamps [s]; 0 if that explains nothing.
+        residual_without: the residual without this delay.
 
     """
 
@@ -113,6 +115,20 @@ class Comparison:
     sides: tuple[str, str]
     values: tuple[Array, Array]
     residual: float
+    delay: float = 0.0
+    residual_without: float = 0.0
+
+    @property
+    def text(self) -> str:
+        """How much the sides differ, and by which delay they differ less."""
+        first, second = self.sides
+        text = f"{first} and {second} differ by {self.residual:.2%} of the motion"
+        if not self.delay:
+            return text
+        order = "later" if self.delay > 0 else "earlier"
+        clocks = f"{1e3 * abs(self.delay):.0f} ms {order} than those of {second}"
+        less = f"{self.residual_without:.2%}"
+        return f"{text}, but by {less} if the stamps of {self.name} are {clocks}"
 
 
 def instants_of(log: Log) -> Instants | None:

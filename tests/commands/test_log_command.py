@@ -122,8 +122,11 @@ class TestCheck:
         assert (code, stderr) == (0, "")
         assert "changes of attitude and angular velocity differ by" in stdout
         assert "not checked" not in stdout
-        assert "1001 samples, 0 to 10 s, every 0.01 s" in stdout
-        assert "joints             4: arm_joint1, arm_joint2" in stdout
+        assert "1001 rows, 0 to 10 s" in stdout
+        assert "4 joints: arm_joint1, arm_joint2" in stdout
+        lines = [line.split() for line in stdout.splitlines()]
+        assert ["attitude", "1001", "100", "Hz", "-", "used", "-"] in lines
+        assert ["velocity", "0", "-", "-", "none", "-"] in lines
         assert "no problems found" in stdout
 
     def test_after_a_warning_there_is_no_all_clear(self, cpid):

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.input_files.validation import dump_yaml
+from cpid_drake.logs.channels import look_at
 from cpid_drake.logs.column_map import ColumnMap, TimeUnit
 from cpid_drake.logs.conversion import read_columns
 from cpid_drake.logs.log import Log, Samples
@@ -62,7 +63,8 @@ class GuessedMap:
     def log(self) -> Log:
         """The samples as read with the map, joints in the spacecraft's order, missing ones at 0."""
         table = Table(dict(self.columns))
-        log, joints = screen(read_columns(self.column_map, table, "the log").log).log, {}
+        read = read_columns(self.column_map, table, "the log").log
+        log, joints = screen(look_at(read, self.spacecraft).log).log, {}
         names = self.spacecraft.joint_names
         for name in ("encoders", "joint_rates"):
             samples = log[name]

@@ -1,0 +1,400 @@
+"""What every channel of a log holds, looked at before anything is compared.
+
+A channel is one sensor's samples. Some samples say something else than their sensor measured: the
+angle of a joint jumps by a turn, a driver never fills a rate, a value is held or interpolated
+between two measurements, or a sensor is at the end of its scale. What can be made good is made
+good, the rest is left out, and the table of channels says which; so no comparison and no estimator
+takes it for motion.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
+from scipy.spatial.transform import Rotation
+
+from cpid_drake.errors import InputError, listed
+from cpid_drake.logs.log import Log, Samples, without_flips
+from cpid_drake.logs.noise_estimation import FEWEST, RESOLUTION, noise_level, rounding
+from cpid_drake.logs.screening import as_arrays
+from cpid_drake.sensors.sensors import SENSORS
+from cpid_drake.spacecraft.spacecraft import Spacecraft
+
+TURN = 2 * np.pi
+
+PAIRS = {"joint_rates": "encoders", "gyro": "attitude", "velocity": "position"}
+"""By rate, the channel that changes at this rate."""
+
+_SLACK = 0.1  # by which a wrapped angle may leave one turn: noise [rad]
+_SHOWS = 0.02  # smallest change that contradicts a constant [rad, m]
+_REGULAR = 0.9  # share of equal runs from which values are held, not equal by chance
+_AT_END = 4  # equal samples in a row at the end of a scale
+_FASTEST = 2.0  # usual step of a wheel from which turns between samples may be missed [rad]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One line of the table of channels.
+
+    Attributes:
+        name: of the sensor.
+        rows: number of its samples.
+        rate: their usual rate [Hz]; 0 for fewer than two samples.
+        gap: length and start [s] of the longest gap of more than three usual steps; None without.
+        found: what was found in it, in words; empty if it is all right.
+        is_used: whether it is used.
+
+    """
+
+    name: str
+    rows: int
+    rate: float
+    gap: tuple[float, float] | None
+    found: tuple[str, ...]
+    is_used: bool
+
+    @property
+    def text(self) -> str:
+        """What was found, with the channel's name."""
+        return f"{SENSORS[self.name].quantity}: {'; '.join(self.found)}"
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Channel, rows, rate, gap, use and findings, in words."""
+        gap = f"{self.gap[0]:.4g} s at {self.gap[1]:.6g} s" if self.gap else "-"
+        use = "used" if self.is_used else "left out" if self.rows else "none"
+        rate = f"{self.rate:.4g} Hz" if self.rate else "-"
+        found = "; ".join(self.found) or "-"
+        return SENSORS[self.name].quantity, str(self.rows), rate, gap, use, found
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A log after its channels were looked at.
+
+    Attributes:
+        log: what is used.
+        table: all channels.
+        errors: what makes the log unusable, with the remedies.
+
+    """
+
+    log: Log
+    table: tuple[Channel, ...] = ()
+    errors: tuple[str, ...] = ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What was found, by channel."""
+        return tuple(channel.text for channel in self.table if channel.found)
+
+    @property
+    def not_compared(self) -> tuple[str, ...]:
+        """The comparisons of which a side is left out."""
+        out = [channel.name for channel in self.table if channel.rows and not channel.is_used]
+        return tuple(
+            f"{SENSORS[position].quantity} with {SENSORS[rate].quantity} "
+            f"({SENSORS[rate if rate in out else position].quantity} left out)"
+            for rate, position in PAIRS.items()
+            if rate in out or position in out
+        )
+
+
+def look_at(log: Log, spacecraft: Spacecraft | None = None) -> Seen:
+    """Look at every channel of a log, and return what of it is used.
+
+    Args:
+        log: the samples as read; values need not be finite.
+        spacecraft: the known spacecraft, of which joints slide, and the angles of some have no
+            effect; None if it is not known.
+
+    Raises:
+        InputError: samples are not numbers, or their shapes do not match the sensor.
+
+    """
+    log, rotors, sliding = as_arrays(log), set[str](), set[str]()
+    if spacecraft is not None:
+        names, tree = spacecraft.joint_names, spacecraft.tree
+        rotors = {name for k, name in enumerate(names) if tree.is_rotor(k)}
+        sliding = {names[b.joint] for b in tree.bodies if b.joint >= 0 and b.prismatic}
+    look = _Look(log, rotors, sliding)
+    for name in ("attitude", "gyro", "position", "velocity"):
+        look.leave_out_copies(name)
+    look.unwrap()
+    look.leave_out_constants()
+    for name in PAIRS:
+        look.leave_out_ends(name)
+    table = tuple(
+        _channel(name, look.log[name], found, name in look.out)
+        for name, found in look.found.items()
+    )
+    kept = {name: s for name, s in look.log.samples.items() if name not in look.out}
+    return Seen(replace(look.log, samples=kept, motion={}), table, tuple(look.errors))
+
+
+@dataclass(eq=False)
+class _Look:
+    """The channels of a log while they are looked at."""
+
+    log: Log
+    rotors: set[str]
+    sliding: set[str]
+    found: dict[str, list[str]] = field(init=False)
+    out: set[str] = field(default_factory=set)
+    errors: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.found = {name: [*self.log.notes.get(name, ())] for name in SENSORS}
+
+    def given(self, name: str) -> Samples | None:
+        """Return the finite samples of a channel in the order of time; None for too few."""
+        if name in self.out or name not in self.log.samples:
+            return None
+        samples = self.log[name]
+        there = np.isfinite(samples.value) | np.isnan(samples.value).all(axis=0)
+        samples = samples.where(there.all(axis=1) & np.isfinite(samples.time))
+        latest = np.maximum.accumulate(np.append(-np.inf, samples.time))[:-1]
+        samples = samples.where(samples.time > latest)
+        return samples if len(samples) >= FEWEST and samples.value.shape[1] else None
+
+    def keep(self, name: str, times: Array) -> None:
+        """Keep the samples of a channel at some of its times."""
+        samples = self.log[name]
+        self.log = self.log.updated({name: samples.where(np.isin(samples.time, times))})
+
+    def leave_out(self, name: str, why: str) -> None:
+        """Leave out a channel."""
+        self.found[name].append(f"{why}, left out")
+        self.out.add(name)
+
+    # -- copies ----------------------------------------------------------------------------------
+
+    def leave_out_copies(self, name: str) -> None:
+        """Leave out samples that hold or interpolate others: they are no measurements."""
+        given = self.given(name)
+        if given is None or not _changes(given.value).any():
+            return
+        value = given.value[:, _changes(given.value)]
+        step, bound = rounding(value), 1e-12 * np.abs(value).max()
+        bend = np.abs(np.diff(value, n=2, axis=0)).max(axis=1)
+        for word, new in (
+            ("repeats", np.append(True, (np.diff(value, axis=0) != 0).any(axis=1))),
+            ("interpolates", np.concatenate([[True], bend > max(4 * step, bound), [True]])),
+        ):
+            rows = np.flatnonzero(new)
+            runs = np.diff(rows)
+            usual = int(np.median(runs)) if runs.size >= FEWEST else 1
+            if usual < 2 or np.mean(np.abs(runs - usual) <= 1) < _REGULAR:
+                continue
+            if _noise(given.where(rows)) > 2 * step:
+                text = f"{word} each value over {usual} rows: {len(new) - len(rows)} rows left out"
+                self.found[name].append(text)
+                self.keep(name, given.time[rows])
+                return
+
+    # -- jumps by a turn -------------------------------------------------------------------------
+
+    def unwrap(self) -> None:
+        """Remove jumps by whole turns from the positions of joints."""
+        given, rates = self.given("encoders"), self.given("joint_rates")
+        if given is None:
+            return
+        value, changed = given.value.copy(), []
+        for k, joint in enumerate(self.log.joint_names):
+            turned = np.zeros(len(given))
+            if rates is not None and np.isfinite(rates.value[:, k]).all():
+                integral = cumulative_trapezoid(rates.value[:, k], rates.time, initial=0.0)
+                turned = np.interp(given.time, rates.time, integral)
+            if joint in self.sliding:
+                continue
+            new, count = unwrapped(value[:, k], turned)
+            if count:
+                changed.append(f"{joint} ({count} jumps)")
+                value[:, k] = new
+            steps = np.abs(np.diff(new)) if count else np.zeros(1)
+            if not turned.any() and np.median(steps) > _FASTEST:
+                self.errors.append(
+                    f"q:{joint} turns by {np.median(steps):.2g} rad between samples, and is given "
+                    f"within one turn: its speed cannot be known; give its rates, qd:{joint}"
+                )
+        if changed:
+            self.found["encoders"].append(f"wrapped by whole turns, unwrapped: {listed(changed)}")
+            self.log = self.log.updated({"encoders": Samples(given.time, value)})
+
+    # -- constants -------------------------------------------------------------------------------
+
+    def leave_out_constants(self) -> None:
+        """Leave out channels that are exactly constant while others show that they change."""
+        for rate, position in PAIRS.items():
+            self._check_rate(rate, position)
+            self._check_position(rate, position)
+        attitude, moving = self.given("attitude"), self._moving_joints()
+        if attitude is None or _changes(attitude.value).any() or not moving:
+            return
+        text = f"constant while {listed(moving)} moved"
+        others = [each for each in map(self.given, ("position", "velocity", "gyro")) if each]
+        if any(_noise(each) > RESOLUTION * np.ptp(each.value) for each in others):
+            self.errors.append(
+                f"attitude: {text}: it is not filled, and nothing gives the base's turn"
+            )
+        self.found["attitude"].append(text)
+
+    def _moving_joints(self) -> list[str]:
+        """Return the joints, except wheels, that move."""
+        given = self.given("encoders")
+        if given is None:
+            return []
+        moved = np.ptp(given.value, axis=0) > _SHOWS
+        names = zip(self.log.joint_names, moved, strict=True)
+        return [joint for joint, moves in names if moves and joint not in self.rotors]
+
+    def _check_rate(self, rate: str, position: str) -> None:
+        """Leave out a rate of which an entry is constant while the position changes otherwise."""
+        given, moved = self.given(rate), self.given(position)
+        if given is None:
+            return
+        constant = ~_changes(given.value)
+        if moved is None:
+            if constant.all() and rate != "joint_rates" and (moving := self._moving_joints()):
+                self.leave_out(rate, f"constant while {listed(moving)} moved: not filled")
+            return
+        other = _path(position, moved) - given.value[0] * (moved.time - moved.time[0])[:, None]
+        noise = _noise(moved)
+        wrong = constant & (np.ptp(other, axis=0) > max(_SHOWS, 10 * noise))
+        if wrong.any():
+            names = self.log.joint_names if rate == "joint_rates" else "xyz"
+            which = listed([names[k] for k in np.flatnonzero(wrong)])
+            size = "zero" if not given.value[0, wrong].any() else "constant"
+            what = SENSORS[position].quantity
+            self.leave_out(rate, f"{size} in {which} while the {what} changed: not filled")
+
+    def _check_position(self, rate: str, position: str) -> None:
+        """Leave out a position that is constant while its rate, or the joints, move."""
+        given, rates = self.given(position), self.given(rate)
+        if given is None:
+            return
+        constant, moves = ~_changes(given.value), np.zeros(given.value.shape[1], dtype=bool)
+        if rates is not None:
+            drift = rates.value - rates.value.mean(axis=0)
+            path = cumulative_trapezoid(drift, rates.time, axis=0, initial=0.0)
+            width = moves.size if position == "encoders" else 3
+            moves[:width] = np.ptp(path, axis=0)[: moves.size] > _SHOWS
+        if position == "encoders":
+            self._check_joints(given, constant & moves)
+        elif constant.all() and moves.any():
+            self.leave_out(
+                position, f"constant while the {SENSORS[rate].quantity} changed: not filled"
+            )
+        elif position == "position" and constant.all() and (moving := self._moving_joints()):
+            self.leave_out(position, f"constant while {listed(moving)} moved: not filled")
+
+    def _check_joints(self, given: Samples, wrong: NDArray[np.bool_]) -> None:
+        value = given.value.copy()
+        for k in np.flatnonzero(wrong).tolist():
+            joint = self.log.joint_names[k]
+            text = f"q:{joint} is constant while qd:{joint} shows motion: it is not filled"
+            if joint in self.rotors:
+                value[:, k] = np.nan
+                self.found["encoders"].append(f"{text}; the integral of qd:{joint} is used")
+            else:
+                self.errors.append(f"{text}; give its positions")
+        if np.isnan(value).any():
+            self.log = self.log.updated({"encoders": Samples(given.time, value)})
+
+    # -- ends of scale ---------------------------------------------------------------------------
+
+    def leave_out_ends(self, name: str) -> None:
+        """Leave out samples at the end of a sensor's scale."""
+        given = self.given(name)
+        if given is None:
+            return
+        at_end = np.zeros(len(given), dtype=bool)
+        for column in given.value.T:
+            for end in (column.max(), column.min()):
+                same = column == end
+                edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]])))
+                longest = int(np.max(edges[1::2] - edges[::2], initial=0))
+                others = column[~same]
+                is_measured = len(np.unique(others)) > 0.5 * len(others) > FEWEST
+                if longest >= _AT_END and is_measured and end != 0:
+                    noise = _noise(Samples(given.time[~same], others[:, None]))
+                    at_end |= same if noise > 1e-4 * np.ptp(column) else False
+        if at_end.any() and not at_end.all():
+            largest = float(np.abs(given.value[at_end]).max())
+            text = f"{at_end.sum()} rows at the end of the scale ({largest:.4g}), left out"
+            self.found[name].append(text)
+            self.keep(name, given.time[~at_end])
+
+
+def unwrapped(value: Array, turned: Array) -> tuple[Array, int]:
+    """Return an angle (N,) [rad] without jumps by whole turns, and the number of jumps.
+
+    Args:
+        value: the angle. It is unchanged unless it jumps by more than half a turn, and stays within
+            one turn, or the jump is one turn between small steps.
+        turned: the angle (N,) by its rate, from any zero; it is used if it explains the angle.
+
+    """
+    steps = np.diff(value)
+    jumps = np.abs(steps) > np.pi
+    if not jumps.any():
+        return value, 0
+    is_within = bool(np.ptp(value) <= TURN + _SLACK)
+    if not is_within:
+        rest = np.abs(np.abs(steps) - TURN)
+        usual = float(np.median(np.abs(steps)))
+        is_turn = jumps & (rest < max(0.5, 5 * usual)) & (usual < 0.5)
+        if not (is_turn == jumps).all():
+            return value, 0
+    expected = np.diff(turned)
+    rest = _rest(steps - expected)
+    if np.sqrt(np.mean(rest**2)) > 0.6:  # other rates leave 1.8
+        expected, rest = np.zeros(len(steps)), _rest(steps)
+    new = np.append(value[0], value[0] + np.cumsum(expected + rest))
+    return new, int((np.abs(new[1:] - new[:-1] - steps) > np.pi).sum())
+
+
+def _rest(steps: Array) -> Array:
+    """Return steps without whole turns."""
+    return np.asarray(steps - TURN * np.round(steps / TURN))
+
+
+def _changes(value: Array) -> NDArray[np.bool_]:
+    """Return which entries (width,) of values are not exactly constant."""
+    return np.asarray((value != value[0]).any(axis=0) & np.isfinite(value).all(axis=0))
+
+
+def _noise(samples: Samples) -> float:
+    """Return the noise of the finite entries; 0 if it cannot be estimated."""
+    value = samples.value[:, np.isfinite(samples.value).all(axis=0)]
+    try:
+        return noise_level(Samples(samples.time, value)) if value.size else 0.0
+    except InputError:
+        return 0.0
+
+
+def _path(name: str, samples: Samples) -> Array:
+    """Return what the rate of a channel sums up to: for the attitude, the turn in B."""
+    if name != "attitude":
+        return samples.value
+    norm = np.linalg.norm(samples.value, axis=1, keepdims=True)
+    R = Rotation.from_quat(
+        without_flips(samples.value / np.where(norm > 0, norm, 1.0)), scalar_first=True
+    )
+    turns = (R[:-1].inv() * R[1:]).as_rotvec()
+    return np.concatenate([np.zeros((1, 3)), np.cumsum(turns, axis=0)])
+
+
+def _channel(name: str, samples: Samples, found: Sequence[str], is_out: bool) -> Channel:
+    """Return the line of a channel."""
+    rate, gap, steps = 0.0, None, np.diff(samples.time)
+    usual = float(np.median(steps)) if steps.size else 0.0
+    if usual > 0:
+        rate, k = 1 / usual, int(steps.argmax())
+        gap = (float(steps[k]), float(samples.time[k])) if steps[k] > 3 * usual else None
+    rows = len(samples) if samples.value.shape[1] else 0
+    return Channel(name, rows, rate, gap, tuple(found), rows > 0 and not is_out)
