@@ -70,23 +70,24 @@ def _compared(
 ) -> tuple[list[str], list[str], Findings, tuple[Channel, ...]]:
     """Return errors, warnings, what the comparisons of a log say, and its channels."""
     warnings, rejected = left_out_warnings(found.left_out_joints), Counter(found.partial)
-    seen = look_at(found.log, craft)
-    errors, noted, said = [*seen.errors], [*seen.warnings], Findings()
-    channels, unchecked = seen.table, seen.not_compared
+    errors, noted, said, seen = list[str](), list[str](), Findings(), look_at(found.log)
+    channels = seen.table
     try:
         if craft is not None:
             checked = check_log(craft, found.log)
-            said, unchecked = checked.conventions, ()
+            said, channels = checked.conventions, checked.channels
             errors, noted = [*checked.failures], [*checked.warnings]
             rejected += Counter(checked.rejected)
-        elif not seen.errors:
+        elif seen.errors:
+            errors, noted = [*seen.errors], [*seen.warnings]
+        else:
             screened = screen(seen.log)
             said = check_conventions(screened.log, None)
-            errors, noted = [*said.failures], [*noted, *said.warnings]
+            said = replace(said, not_compared=(*said.not_compared, *seen.not_compared))
+            errors, noted = [*said.failures], [*seen.warnings, *said.warnings]
             rejected += Counter(screened.rejected)
     except InputError as error:
-        errors = errors or [str(error)]
-    said = replace(said, not_compared=(*said.not_compared, *unchecked))
+        errors, noted = [str(error)], [*seen.warnings]
     unusable = [f"unusable samples of {label_of(name)}: {n}" for name, n in rejected.items()]
     return errors, [*warnings, *noted, *unusable], said, channels
 

@@ -11,12 +11,12 @@ from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.rows import RowFamily, row_family
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.errors import InputError
+from cpid_drake.errors import InputError, listed
 from cpid_drake.identification.planar import normal_in_base, placed
 from cpid_drake.identification.prior import TargetPrior
-from cpid_drake.logs.channels import Channel, look_at
+from cpid_drake.logs.channels import Channel, Seen, look_at
 from cpid_drake.logs.conventions import Findings, check_conventions
-from cpid_drake.logs.log import Log, Samples
+from cpid_drake.logs.log import Log, Samples, with_fixed_joints
 from cpid_drake.logs.noise_estimation import estimate_suite
 from cpid_drake.logs.screening import as_arrays, screen
 from cpid_drake.sensors.sensors import SENSORS
@@ -146,10 +146,10 @@ def check_log(
         normal_B = normal_in_base(data.quaternion_WB) if is_placed else None
         return replace(log_of_states(data), normal_B=normal_B)
     _refuse_slow(data, sensors)
-    seen = look_at(data, spacecraft)
+    seen = in_joint_order(data, spacecraft)
     if seen.errors:
         raise InputError("; ".join(seen.errors))
-    screened = screen(in_joint_order(seen.log, spacecraft), sensors)
+    screened = screen(seen.log, sensors)
     measurements = screened.log
     spacecraft, notes, failures = placed(spacecraft, measurements, planar)
     tree = spacecraft.tree
@@ -174,16 +174,16 @@ def left_out_warnings(joints: Sequence[str]) -> list[str]:
     return [text] if joints else []
 
 
-def in_joint_order(measurements: Log, spacecraft: Spacecraft) -> Log:
-    """Return measurements with their joints in the spacecraft's order, without other joints.
+def in_joint_order(measurements: Log, spacecraft: Spacecraft) -> Seen:
+    """Return the channels of a log with its joints in the spacecraft's order, without others.
 
     The angle of a rotor (a balanced wheel) has no effect, so its positions may be missing (all
     NaN): the integral of its rates, from zero, replaces them.
 
     Raises:
-        InputError: a joint of the spacecraft is missing; the positions of a joint that is not a
-            rotor are missing; both the positions and the rates of a rotor are missing; shapes do
-            not match.
+        InputError: a joint of the spacecraft is missing, or the log's joints are all others; the
+            positions of a joint that is not a rotor are missing; both the positions and the rates
+            of a rotor are missing; shapes do not match.
 
     """
     have, wanted = measurements.joint_names, spacecraft.joint_names
@@ -194,7 +194,15 @@ def in_joint_order(measurements: Log, spacecraft: Spacecraft) -> Log:
             f"{', '.join(wanted)}, the log's are {', '.join(map(repr, have))}; if the log has "
             "other names for its columns, give --columns (`cpid log map` writes such a file)"
         )
+    if have and not wanted:
+        raise InputError(
+            f"the spacecraft has no joints, but the log has {listed(have)}: this is another "
+            "spacecraft; leave the joints out of the log if they did not move"
+        )
     measurements = as_arrays(measurements)
+    q = measurements.encoders.value
+    travels = {n: float(np.ptp(q[:, k])) for k, n in enumerate(have) if len(q) and n not in wanted}
+    measurements = with_fixed_joints(measurements, travels)
     order = [have.index(name) for name in wanted]
     of_joints = {
         name: Samples(samples.time, samples.value[:, order])
@@ -202,10 +210,11 @@ def in_joint_order(measurements: Log, spacecraft: Spacecraft) -> Log:
         if name in measurements.samples and SENSORS[name].width is None
     }
     everything = {**measurements.samples, **of_joints}
-    measurements = replace(measurements, joint_names=wanted, samples=everything, motion={})
-    time, value = measurements.encoders.time, measurements.encoders.value.copy()
+    ordered = replace(measurements, joint_names=wanted, samples=everything, motion={})
+    seen = look_at(ordered, spacecraft)
+    time, value = seen.log.encoders.time, seen.log.encoders.value.copy()
     if not wanted:  # no joints: known at all times
-        time = np.unique(np.concatenate([measurements.attitude.time, measurements.gyro.time]))
+        time = np.unique(np.concatenate([seen.log.attitude.time, seen.log.gyro.time]))
         value = np.empty((len(time), 0))
     for k in np.flatnonzero(np.isnan(value).all(axis=0) & (len(value) > 0)).tolist():
         if not spacecraft.tree.is_rotor(k):
@@ -213,8 +222,8 @@ def in_joint_order(measurements: Log, spacecraft: Spacecraft) -> Log:
                 f"there is no column 'q:{wanted[k]}'; positions are optional for rotors only: "
                 "wheels that are balanced about their axis and carry nothing"
             )
-        value[:, k] = _turned(measurements, k, time)
-    return measurements.updated({"encoders": Samples(time, value)})
+        value[:, k] = _turned(seen.log, k, time)
+    return replace(seen, log=seen.log.updated({"encoders": Samples(time, value)}))
 
 
 def _turned(measurements: Log, k: int, times: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -37,6 +37,8 @@ def read_npz(file: Path, where: str) -> Table:
                 except (ValueError, MemoryError) as error:
                     unreadable[name] = f"is not a NumPy array of numbers: {error!s:.99}"
                     continue
+                if array.dtype.kind == "M" and array.ndim == 1 and not np.isnat(array).any():
+                    array = (array - array[:1]) / np.timedelta64(1, "s")
                 if array.dtype.kind in "fiu" and array.ndim == 1:
                     columns[name] = array.astype(float)
                 else:
@@ -67,7 +69,10 @@ def read_parquet(file: Path, where: str) -> Table:
         schema = source.schema_arrow
         unreadable = repeated_names(schema.names, where)
         for name, kind in zip(schema.names, schema.types):
-            if not (pyarrow.types.is_floating(kind) or pyarrow.types.is_integer(kind)):
+            if pyarrow.types.is_timestamp(kind) and name not in unreadable:
+                stamps = source.read(columns=[name]).column(name).to_numpy()
+                columns[name] = (stamps - stamps[:1]) / np.timedelta64(1, "s")
+            elif not (pyarrow.types.is_floating(kind) or pyarrow.types.is_integer(kind)):
                 unreadable.setdefault(name, f"must hold numbers, not {kind}")
             elif name not in unreadable:
                 chunks = source.read(columns=[name]).column(name).cast(pyarrow.float64())

@@ -19,15 +19,13 @@ from cpid_drake.errors import InputError, listed
 from cpid_drake.logs.log import Log, Samples, without_flips
 from cpid_drake.logs.noise_estimation import FEWEST, RESOLUTION, noise_level, rounding
 from cpid_drake.logs.screening import as_arrays
+from cpid_drake.logs.unwrapping import unwrapped
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.spacecraft.spacecraft import Spacecraft
-
-TURN = 2 * np.pi
 
 PAIRS = {"joint_rates": "encoders", "gyro": "attitude", "velocity": "position"}
 """By rate, the channel that changes at this rate."""
 
-_SLACK = 0.1  # by which a wrapped angle may leave one turn: noise [rad]
 _SHOWS = 0.02  # smallest change that contradicts a constant [rad, m]
 _REGULAR = 0.9  # share of equal runs from which values are held, not equal by chance
 _AT_END = 4  # equal samples in a row at the end of a scale
@@ -330,42 +328,9 @@ class _Look:
             self.keep(name, given.time[~at_end])
 
 
-def unwrapped(value: Array, turned: Array) -> tuple[Array, int]:
-    """Return an angle (N,) [rad] without jumps by whole turns, and the number of jumps.
-
-    Args:
-        value: the angle. It is unchanged unless it jumps by more than half a turn, and stays within
-            one turn, or the jump is one turn between small steps.
-        turned: the angle (N,) by its rate, from any zero; it is used if it explains the angle.
-
-    """
-    steps = np.diff(value)
-    jumps = np.abs(steps) > np.pi
-    if not jumps.any():
-        return value, 0
-    is_within = bool(np.ptp(value) <= TURN + _SLACK)
-    if not is_within:
-        rest = np.abs(np.abs(steps) - TURN)
-        usual = float(np.median(np.abs(steps)))
-        is_turn = jumps & (rest < max(0.5, 5 * usual)) & (usual < 0.5)
-        if not (is_turn == jumps).all():
-            return value, 0
-    expected = np.diff(turned)
-    rest = _rest(steps - expected)
-    if np.sqrt(np.mean(rest**2)) > 0.6:  # other rates leave 1.8
-        expected, rest = np.zeros(len(steps)), _rest(steps)
-    new = np.append(value[0], value[0] + np.cumsum(expected + rest))
-    return new, int((np.abs(new[1:] - new[:-1] - steps) > np.pi).sum())
-
-
-def _rest(steps: Array) -> Array:
-    """Return steps without whole turns."""
-    return np.asarray(steps - TURN * np.round(steps / TURN))
-
-
 def _changes(value: Array) -> NDArray[np.bool_]:
-    """Return which entries (width,) of values are not exactly constant."""
-    return np.asarray((value != value[0]).any(axis=0) & np.isfinite(value).all(axis=0))
+    """Return which entries (width,) of values are not exactly constant; absent ones are not."""
+    return np.asarray((value != value[0]).any(axis=0))
 
 
 def _noise(samples: Samples) -> float:

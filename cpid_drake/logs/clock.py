@@ -134,3 +134,28 @@ def time_from_rates(samples: Mapping[str, Samples]) -> dict[str, Samples]:
         return np.interp(t, time, new) + outside
 
     return {name: Samples(moved(s.time), s.value) for name, s in samples.items()}
+
+
+def refuse_single_precision(time: NDArray[np.float64], column: str) -> None:
+    """Refuse stamps that were rounded to single precision.
+
+    Raises:
+        InputError: all are numbers of single precision, which are too far apart there.
+
+    """
+    time = time[np.isfinite(time)]
+    with np.errstate(over="ignore"):
+        single = time.astype(np.float32)
+    steps = np.diff(time)
+    if len(time) < 3 or not (single == time).all():
+        return
+    unit = float(np.spacing(np.abs(single).max()))
+    step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.02
+    is_even = (steps > 0).all() and np.abs(steps / step - np.round(steps / step)).max() < 1e-3
+    is_rounded = (time != np.round(time)).any() or (steps == 0).mean() > 0.5
+    if not is_even and is_rounded and unit > 0.02 * step:
+        raise InputError(
+            f"the stamps in column '{column}' are rounded to single precision (float32), whose "
+            f"numbers at {time.max():.6g} are {unit:.3g} apart: write them as float64, or count "
+            "from the start of the log"
+        )

@@ -119,7 +119,20 @@ def with_own_columns(
             "attitude (qw, qx, qy, qz) to be rotated into the body; if it is in the body, name it "
             f"{', '.join(in_B)}"
         )
+    for name in free:
+        plain, bracket, _ = name.partition("[")
+        if bracket and _is_own(plain.strip()):
+            raise InputError(
+                f"{where}: the column '{name}' states its unit: a map of columns must name it "
+                "(`cpid log map` writes one), or ignore it (ignore_columns)"
+            )
     _find_joints(used, free, joints)
+    lacking = [joint for joint in used.ignore_joints if joint not in given.ignore_joints]
+    if lacking and not joints:
+        raise InputError(
+            f"{where}: the spacecraft has no joints, but the log has {listed(lacking)}: this is "
+            "another spacecraft, or a map of columns must say that they are not used: ignore_joints"
+        )
     positions, constant = used.joint_positions.columns, used.joint_positions.constant
     for joint in constant:
         if joint in positions or joint in used.joint_rates.columns:

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.rotations import rotate_by_quaternion
-from cpid_drake.errors import InputError
-from cpid_drake.logs.clock import time_from_rates
+from cpid_drake.errors import InputError, listed, prefix_errors
+from cpid_drake.logs.clock import refuse_single_precision, time_from_rates
 from cpid_drake.logs.column_choice import with_own_columns
 from cpid_drake.logs.column_map import (
     ColumnMap,
@@ -22,13 +22,16 @@ from cpid_drake.logs.column_map import (
     check_column_map,
     scale_of,
 )
-from cpid_drake.logs.log import THRUST, Log, Samples
+from cpid_drake.logs.log import THRUST, Log, Samples, with_fixed_joints
 from cpid_drake.logs.screening import LARGEST, QUATERNION_NORM
 from cpid_drake.logs.table import Table
 from cpid_drake.sensors.thrusters import VALVE
 
 LARGEST_TIME = 1e11
 """Largest plausible time in a file [s]."""
+
+RESTART = 12
+"""Number of rows after a time that goes back from which another log begins."""
 
 _INVERSE = np.array([1.0, -1.0, -1.0, -1.0])
 """Signs of the entries of the inverse of a quaternion."""
@@ -110,7 +113,11 @@ def read_columns(
     check_column_map(given, map_name)
     used = with_own_columns(given, table, where, map_name=map_name, joints=joints)
     conversion = _Conversion(used, table)
-    log = conversion.log()
+    with prefix_errors(where):
+        log = conversion.log()
+    left_out = tuple(joint for joint in used.ignore_joints if joint not in given.ignore_joints)
+    travels = {joint: _travel(table, used, joint) for joint in left_out}
+    log = with_fixed_joints(log, travels)
     if not np.isfinite(log.interval[0]) and not conversion.problems:
         raise InputError(f"{where}: the file has no samples")
     names = {*used.named}
@@ -120,8 +127,16 @@ def read_columns(
         [text for _, text in sorted(conversion.problems, key=lambda problem: problem[0])],
         {name: count for name, count in conversion.partial.items() if count},
         tuple(name for name in (*table.columns, *table.unreadable) if name not in names),
-        tuple(joint for joint in used.ignore_joints if joint not in given.ignore_joints),
+        left_out,
     )
+
+
+def _travel(table: Table, used: ColumnMap, joint: str) -> float:
+    """Return the range of positions of a joint that is not used, in the log's unit."""
+    section = used.joint_positions
+    column = table.columns.get(f"{section.prefix}{joint}{section.suffix}", np.empty(0))
+    column = column[np.isfinite(column)]
+    return float(np.ptp(column)) if column.size else 0.0
 
 
 # -- values ---------------------------------------------------------------------------------------
@@ -142,6 +157,16 @@ class _Conversion:
         self.partial = Counter(table.rejected)
         self._usable = np.ones(len(table), dtype=bool)
         self._samples: dict[str, Samples] = {}
+        self.notes = dict[str, tuple[str, ...]](table.notes)
+        rates, positions = used.joint_rates.columns, used.joint_positions.columns
+        empty = [joint for joint, column in rates.items() if table.is_empty(column)]
+        if empty:
+            used.joint_rates.columns = {}
+            text = f"there are none of {listed(empty)}, so those of all joints are left out"
+            self.notes["joint_rates"] = (*self.notes.get("joint_rates", ()), text)
+        for joint in [each for each in positions if each in used.joint_rates.columns]:
+            if table.is_empty(positions[joint]):
+                del positions[joint]
 
     def log(self) -> Log:
         """Return the samples without problems; positions of joints with rates only are NaN."""
@@ -160,6 +185,8 @@ class _Conversion:
             rates, dict.fromkeys(constant, 0.0) if rates.columns else {}
         )
         self._refuse_order(time)
+        encoders = self._in_common_rows("encoders", time, encoders)
+        joint_rates = self._in_common_rows("joint_rates", time, joint_rates)
         q = self._quaternions(attitude)
         R_WB = q / np.linalg.norm(q, axis=1, keepdims=True)
         w = _spatial(gyro, last=True) @ used.angular_velocity.R_BS.T
@@ -193,7 +220,7 @@ class _Conversion:
             value[:, [joints.index(joint) for joint in positions]] = samples.value
             self._samples["encoders"] = Samples(samples.time, value)
         found = time_from_rates(self._samples) if used.time.from_rates else self._samples
-        return Log(joints, found, used)
+        return Log(joints, found, used, notes=self.notes)
 
     def _take(self, name: str, time: Array, value: Array, logged: Array) -> None:
         """Add the complete samples of a sensor; count those of which some cells are absent."""
@@ -254,6 +281,26 @@ class _Conversion:
             q[there] = turned.as_quat(scalar_first=True)
         return q
 
+    def _in_common_rows(self, name: str, time: Array, block: Array) -> Array:
+        """Return samples of joints that come in rows of their own at those of the rarest joint."""
+        there = np.isfinite(block) & self._usable[:, None]
+        counts = there.sum(axis=0)
+        if not counts.size or not counts.all() or there.all(axis=1).sum() > counts.min() / 2:
+            return block
+        rows = np.flatnonzero(there[:, counts.argmin()])
+        new = np.full(block.shape, np.nan)
+        for k, each in enumerate(there.T):
+            own = time[each]
+            if len(own) < 2:
+                return block
+            right = np.searchsorted(own, time[rows]).clip(1, len(own) - 1)
+            is_near = own[right] - own[right - 1] <= 3 * np.median(np.diff(own))
+            is_near &= (time[rows] >= own[0]) & (time[rows] <= own[-1])
+            new[rows, k] = np.where(is_near, np.interp(time[rows], own, block[each, k]), np.nan)
+        text = "come in rows of their own, interpolated to those of the rarest joint"
+        self.notes[name] = (*self.notes.get(name, ()), text)
+        return new
+
     # -- problems ----------------------------------------------------------------------------
 
     def _refuse(self, row: int | np.intp, column: str, text: str) -> None:
@@ -272,6 +319,7 @@ class _Conversion:
     def _times(self) -> Array:
         """Return the time (N,) [s]; rows without a plausible one are problems."""
         given, column = self._map.time, self._map.time.column
+        refuse_single_precision(self._table.columns[column], column)
         ticks = self._table.columns[column] - given.epoch
         time = ticks / given.rate if given.rate else ticks * scale_of(given.unit)
         if given.nanoseconds is not None:
@@ -289,12 +337,31 @@ class _Conversion:
 
     def _refuse_order(self, time: Array) -> None:
         latest = np.fmax.accumulate(np.append(-np.inf, np.where(self._usable, time, -np.inf)))[:-1]
-        for row in np.flatnonzero(self._usable & (time <= latest)):
+        back = self._usable & (time <= latest)
+        column = self._map.time.column
+        for start, end in _runs(back):
             now, before = (
-                np.format_float_positional(t, trim="-") for t in (time[row], latest[row])
+                np.format_float_positional(t, trim="-") for t in (time[start], latest[start])
             )
-            what = "is there twice" if time[row] == latest[row] else f"comes after {before} s"
-            self._refuse(row, self._map.time.column, f"time {now} s {what}")
+            if end - start >= RESTART and (np.diff(time[start:end]) > 0).all():
+                self._refuse(
+                    start,
+                    column,
+                    f"the time starts again at {now} s after {before} s, for {end - start} rows: "
+                    "are these several logs, one after the other? Cut the file there",
+                )
+                self._usable[start:end] = False
+                continue
+            for row in range(start, end):
+                now = np.format_float_positional(time[row], trim="-")
+                what = "is there twice" if time[row] == latest[row] else f"comes after {before} s"
+                self._refuse(row, column, f"time {now} s {what}")
+
+
+def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return start and end of all runs of true entries."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]])))
+    return [*zip(edges[::2].tolist(), edges[1::2].tolist())]
 
 
 def _spatial(block: Array, *, last: bool = False) -> Array:

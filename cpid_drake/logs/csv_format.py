@@ -1,7 +1,8 @@
 """Logs in text files: a header, then one line per time; absent samples are empty cells.
 
-Commas separate the cells, or semicolons, tabs or blanks, as in the header. Without a header, the
-columns are named 1, 2, 3, ….
+Commas separate the cells, or semicolons, tabs or blanks, as in the first line. The names may stand
+in a comment above the numbers, as NumPy writes them, and a line of units may follow them. Without a
+header, the columns are named 1, 2, 3, …. Headers of Vicon's and Motive's exports are read, too.
 """
 
 import csv
@@ -13,16 +14,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.errors import InputError
-from cpid_drake.logs.table import Table, repeated_names
+from cpid_drake.logs.column_map import UNITS
+from cpid_drake.logs.table import Table, repeated_names, seconds_of_stamps
 
 _LONGEST_LINE = 1_000_000
-"""Longest line of a text file [bytes]: 10000 columns of 100 digits. A binary file has none."""
+"""Longest line of a text file: 10000 columns of 100 digits. A binary file has none."""
 
 _BLOCK = 20_000
 """Lines that are converted at once: their cells as text take a few tens of megabytes."""
 
 _VICON = ("Segments", "Objects", "Trajectories", "Joints", "Model Outputs")
 """First lines of Vicon's files."""
+
+_SI = {"s", "m", "rad", "N", "N*m"}
+_UNITS = {word: unit for unit, (_, words) in UNITS.items() for word in (unit, *words.split())}
+_NO_UNIT = ("", "-", "1", "none", "n/a", "quaternion", "unitless")
 
 Lines = Iterator[tuple[int, str]]
 
@@ -31,7 +37,7 @@ def read_csv(file: Path, where: str) -> Table:
     """Read a log; cells that are not finite numbers are in `Table.texts`.
 
     Raises:
-        InputError: the file is empty, has no usable header, or is not text.
+        InputError: the file is empty, has no usable header, is not text, or holds several logs.
 
     """
     lines = _lines(file, where)
@@ -41,12 +47,19 @@ def read_csv(file: Path, where: str) -> Table:
     blocks = [np.empty((0, len(header)))]
     texts: dict[str, dict[int, str]] = {}
     count = 0
+    lines = (line for line in lines if not line[1].startswith("#"))
     while block := list(islice(lines, _BLOCK)):
         values = _plain(block, len(header), separator)
         if values is not None:
             kept = [number for number, _ in block]
         else:
-            rows, kept = _cells(block, len(header), separator, problems)
+            rows, kept = _cells(block, header, separator, problems, where)
+            if (
+                not count
+                and rows
+                and (units := _units(rows[0], header, f"{where}: line {kept[0]}"))
+            ):
+                header, rows, kept = units, rows[1:], kept[1:]
             values = np.empty((len(rows), len(header)))
             for k, cells in enumerate(zip(*rows)):
                 values[:, k], others = _numbers(cells)
@@ -55,8 +68,13 @@ def read_csv(file: Path, where: str) -> Table:
         blocks.append(values)
         numbers.append(np.array(kept, dtype=int))
         count += len(values)
+    columns = dict(zip(header, np.ascontiguousarray(np.concatenate(blocks).T)))
+    for name in [name for name, cells in texts.items() if np.isnan(columns[name]).all()]:
+        seconds = seconds_of_stamps([*texts[name].values()])
+        if seconds is not None:
+            columns[name][[*texts.pop(name)]] = seconds
     return Table(
-        dict(zip(header, np.ascontiguousarray(np.concatenate(blocks).T))),
+        columns,
         np.concatenate(numbers),
         "line",
         texts,
@@ -76,22 +94,22 @@ def write_csv(path: Path, columns: list[str], values: NDArray[np.float64]) -> No
 
 
 def _lines(file: Path, where: str) -> Lines:
-    """Yield the lines that are not empty or comments, with their numbers."""
+    """Yield the lines that are not empty, with their numbers; any line ends."""
     number = 0
     try:
-        with file.open("rb") as stream:
-            while data := stream.readline(_LONGEST_LINE + 1):
+        with file.open(encoding="utf-8-sig", errors="surrogateescape", newline=None) as stream:
+            while line := stream.readline(_LONGEST_LINE + 1):
                 number += 1
-                if len(data) > _LONGEST_LINE:
+                if len(line) > _LONGEST_LINE:
                     raise InputError(f"{where}: line {number} is longer than {_LONGEST_LINE} bytes")
-                line = data.decode("utf-8-sig" if number == 1 else "utf-8").rstrip("\r\n")
-                if line and line[0] != "#":
+                line = line.rstrip("\n")
+                if not line.isascii() and any("\ud800" <= c <= "\udfff" for c in line):
+                    raise InputError(
+                        f"{where}: line {number} is not text in UTF-8; if this is a CSV file, save "
+                        "it in that encoding"
+                    )
+                if line.strip():
                     yield number, line
-    except UnicodeDecodeError as error:
-        raise InputError(
-            f"{where}: line {number} is not text in UTF-8; if this is a CSV file, save it in that "
-            "encoding"
-        ) from error
     except OSError as error:
         raise InputError(f"{where}: cannot be read: {error.strerror}") from error
 
@@ -102,7 +120,11 @@ def _header(lines: Lines, where: str) -> tuple[str, list[str], str | None, Lines
     A header of Vicon's Nexus or Tracker has five lines: the kind of data, frames per second,
     bodies, names, and units. Names are then such as "Base:TX [mm]" and "Frame [100 Hz]".
     """
+    comments = list[tuple[int, str]]()
     number, line = next(lines, (0, ""))
+    while line.startswith("#"):
+        comments = [*comments[-20:], (number, line.lstrip("# \t"))]
+        number, line = next(lines, (0, ""))
     if not line:
         raise InputError(f"{where}: the file is empty")
     if "\0" in line:
@@ -113,13 +135,21 @@ def _header(lines: Lines, where: str) -> tuple[str, list[str], str | None, Lines
     try:
         if line.strip(",; \t").strip('"') in _VICON:
             return f"line {number + 4}", _vicon_names(lines), ",", lines
-        names = [name.strip() for name in _split(line, separator)]
+        if line.startswith("Format Version"):
+            return (*_motive_names(line, lines, where), ",", lines)
+        names = _split(line, separator)
+        if all(names) and (not _numbers(names)[1] or seconds_of_stamps(names[:1]) is not None):
+            lines = chain([(number, line)], lines)
+            for number, comment in reversed(comments):
+                found = _split(comment, separator)
+                if len(found) == len(names) > 1 and len(_numbers(found)[1]) == len(found):
+                    return f"line {number}", found, separator, lines
+            names = [str(k + 1) for k in range(len(names))]
     except (ValueError, csv.Error) as error:
         problem = f"the header cannot be read: {error}"
         raise InputError(f"{where}: line {number}: {problem}") from error
-    if not _numbers(names)[1] and all(names):
-        names = [str(k + 1) for k in range(len(names))]
-        lines = chain([(number, line)], lines)
+    while len(names) > 1 and not names[-1]:
+        names.pop()
     return f"line {number}", names, separator, lines
 
 
@@ -127,11 +157,71 @@ def _vicon_names(lines: Lines) -> list[str]:
     rate, bodies, names, units = (_split(text, ",") for _, text in islice(lines, 4))
     header, body = [], ""
     for k, name in enumerate(names):
-        body = (bodies[k] if k < len(bodies) else "").strip() or body
-        unit = units[k].strip() if k < len(units) else ""
-        unit = f"{rate[0].strip()} Hz" if name == "Frame" else unit
-        header.append((f"{body}:" if body else "") + name.strip() + (f" [{unit}]" if unit else ""))
+        body = (bodies[k] if k < len(bodies) else "") or body
+        unit = units[k] if k < len(units) else ""
+        unit = f"{rate[0]} Hz" if name == "Frame" else unit
+        header.append((f"{body}:" if body else "") + name + (f" [{unit}]" if unit else ""))
     return header
+
+
+def _motive_names(first: str, lines: Lines, where: str) -> tuple[str, list[str]]:
+    """Return place and names, such as "body:Position X [m]", of an export of OptiTrack's Motive.
+
+    Its header has lines of kinds, names and numbers of the bodies, of quantities, and of axes.
+    """
+    said = _split(first, ",")
+    settings = dict(zip(said[::2], said[1::2]))
+    if settings.get("Rotation Type", "Quaternion") != "Quaternion":
+        raise InputError(
+            f"{where}: line 1: Motive's rotations are exported as {settings['Rotation Type']}: "
+            "export them with the rotation type Quaternion"
+        )
+    unit = _UNITS.get(settings.get("Length Units", "meters").lower(), "")
+    rows = dict[str, list[str]]()
+    for number, line in islice(lines, 8):
+        cells = _split(line, ",")
+        if cells[0] == "Frame":
+            count = len(cells) - 2
+            bodies, kinds = (rows.get(key, [])[-count:] for key in ("Name", "quantity"))
+            if not len(bodies) == len(kinds) == count > 0:
+                break
+            header = cells[:2]
+            for body, kind, axis in zip(bodies, kinds, cells[2:]):
+                length = f" [{unit}]" if kind == "Position" and unit else ""
+                header.append(f"{body}:{kind} {axis}".strip() + length)
+            return f"line {number}", header
+        rows[next(filter(None, cells[:3]), "quantity")] = cells
+    raise InputError(f"{where}: the header of Motive's export cannot be read: it lacks its lines")
+
+
+def _units(row: list[str], header: list[str], where: str) -> list[str]:
+    """Return names with units, if a row holds those of the columns; none if it holds numbers.
+
+    Raises:
+        InputError: a row below the header holds neither numbers nor units.
+
+    """
+    words = [cell.strip("[]() ") for cell in row]
+    if (
+        not any(words)
+        or len(_numbers(row)[1]) < sum(map(bool, words))
+        or seconds_of_stamps(row[:1]) is not None
+    ):
+        return []
+    found = list[str]()
+    for name, word in zip(header, words):
+        base, _, per = word.partition("/")
+        unit = _UNITS.get(base) or _UNITS.get(base.lower())
+        if word.lower() in _NO_UNIT or (unit in _SI and per in ("", "s", "sec")):
+            found.append(name)
+        elif unit is not None and per in ("", "s", "sec"):
+            found.append(f"{name} [{unit}{'/s' * bool(per)}]")
+        else:
+            raise InputError(
+                f"{where}: '{word:.40}' in column '{name}' is neither a number nor a unit; keep "
+                "one line of names above the numbers, or put # before the others"
+            )
+    return found
 
 
 def _split(line: str, separator: str | None) -> list[str]:
@@ -141,9 +231,13 @@ def _split(line: str, separator: str | None) -> list[str]:
         csv.Error: its quotes are not valid in CSV.
 
     """
-    if '"' in line and separator is not None:
-        return next(csv.reader([line], delimiter=separator, strict=True))
-    return line.split(separator)
+    if separator is None:
+        return line.split()
+    if '"' in line:
+        line = line.strip()
+        cells = next(csv.reader([line], delimiter=separator, strict=True, skipinitialspace=True))
+        return [cell.strip() for cell in cells]
+    return [cell.strip() for cell in line.split(separator)]
 
 
 def _plain(
@@ -160,18 +254,26 @@ def _plain(
 
 def _cells(
     block: list[tuple[int, str]],
-    width: int,
+    header: list[str],
     separator: str | None,
     problems: list[tuple[int, str]],
+    where: str,
 ) -> tuple[list[list[str]], list[int]]:
     """Return the cells of lines and the lines' numbers; lines that cannot be split are problems."""
-    rows, kept = [], []
+    rows, kept, width = [], [], len(header)
     for number, line in block:
         try:
             cells = _split(line, separator)
         except csv.Error as error:
             problems.append((number, f"line {number}: quotes are wrong: {error}"))
             continue
+        while len(cells) > width and not cells[-1]:
+            cells.pop()
+        if cells == header and width > 1:
+            raise InputError(
+                f"{where}: line {number} repeats the header: the file holds several logs, one "
+                "after the other; cut it there, and identify from all of them together"
+            )
         if len(cells) == width:
             rows.append(cells)
             kept.append(number)

@@ -206,6 +206,22 @@ def concatenated(pieces: Sequence[Log]) -> Log:
     return Log(pieces[0].joint_names, samples)
 
 
+def with_fixed_joints(log: Log, travels: Mapping[str, float]) -> Log:
+    """Return a log with a note on joints that the spacecraft lacks, and that move in the log.
+
+    Args:
+        log: the log.
+        travels: how far each of these joints moves, in the log's unit.
+
+    """
+    moved = [f"{joint} by {travel:.3g}" for joint, travel in travels.items() if travel > 0.02]
+    if not moved:
+        return log
+    text = f"joints moved that the spacecraft does not have, as if they were fixed: {listed(moved)}"
+    notes = {**log.notes, "encoders": (*log.notes.get("encoders", ()), text)}
+    return replace(log, notes=notes)
+
+
 def without_flips(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return quaternions (N, 4) of the same attitudes, without jumps of their sign."""
     flips = np.sum(quaternion[1:] * quaternion[:-1], axis=1) < 0

@@ -1,5 +1,6 @@
 """The columns of a log file as they are in the file."""
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -23,6 +24,7 @@ class Table:
             `columns`.
         problems: rows that could not be read: their numbers in the file, and what is wrong.
         rejected: by quantity, the number of samples that the reader left out.
+        notes: by sensor, what the reader found.
         header: place of the names in the file, for messages, such as "line 1".
 
     """
@@ -34,6 +36,7 @@ class Table:
     unreadable: Mapping[str, str] = field(default_factory=dict)
     problems: list[tuple[int, str]] = field(default_factory=list)
     rejected: Counter[str] = field(default_factory=Counter)
+    notes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     header: str = ""
 
     def __post_init__(self) -> None:
@@ -47,6 +50,11 @@ class Table:
     def __len__(self) -> int:
         return next((len(column) for column in self.columns.values()), 0)
 
+    def is_empty(self, name: str) -> bool:
+        """Return whether a column has rows, and nothing in them."""
+        column = self.columns[name]
+        return column.size > 0 and name not in self.texts and bool(np.isnan(column).all())
+
     def block(self, names: Iterable[str]) -> NDArray[np.float64]:
         """Return columns side by side, (N, k)."""
         columns = [self.columns[name] for name in names]
@@ -56,6 +64,32 @@ class Table:
         """Return the number of a row in the file, and the place of a cell for messages."""
         number = int(row if self.lines is None else self.lines[row])
         return number, f"{self.row_word} {number}" + (f", column '{column}'" if column else "")
+
+
+_STAMP = re.compile(
+    r"(?P<day>\d{4}-\d\d-\d\d)?[T ]?(?P<time>\d\d:\d\d:\d\d([.,]\d{1,9})?)"
+    r"(?P<zone> ?(Z|UTC|[+-]\d\d:?\d\d))?"
+)
+_DAY = 86_400 * 10**9  # ns
+
+
+def seconds_of_stamps(texts: Sequence[str]) -> NDArray[np.float64] | None:
+    """Return seconds since the first of stamps of ISO 8601, or of hh:mm:ss; None for other texts.
+
+    All must have a date and the same time zone, or none; a time of day may pass midnight.
+    """
+    found = [_STAMP.fullmatch(text) for text in texts]
+    kinds = {(bool(m["day"]), m["zone"]) if m else None for m in found}
+    if len(kinds) != 1 or None in kinds:
+        return None
+    days = ((m["day"] or "1970-01-01", m["time"].replace(",", ".")) for m in found if m)
+    try:
+        stamps = np.array(["T".join(pair) for pair in days], dtype="datetime64[ns]").astype(int)
+    except ValueError:  # no such day or hour
+        return None
+    if not found[0] or not found[0]["day"]:
+        stamps = stamps + _DAY * np.append(0, np.cumsum(np.diff(stamps) < -_DAY // 2))
+    return np.asarray((stamps - stamps[0]) / 1e9)
 
 
 def repeated_names(names: Sequence[str], where: str) -> dict[str, str]:

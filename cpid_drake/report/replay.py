@@ -18,7 +18,6 @@ from cpid_drake.errors import InputError
 from cpid_drake.identification.by_rows import complete_samples
 from cpid_drake.identification.checked_log import in_joint_order
 from cpid_drake.identification.result import Identification
-from cpid_drake.logs.channels import look_at
 from cpid_drake.logs.log import Log
 from cpid_drake.logs.noise_estimation import estimate_suite
 from cpid_drake.logs.screening import screen
@@ -118,7 +117,7 @@ def motion_of(log: Log, spacecraft: Spacecraft, sensors: SensorSuite | None) -> 
 
     """
     beginning = log.between(0.0, LONGEST)
-    screened = screen(in_joint_order(look_at(beginning, spacecraft).log, spacecraft)).log
+    screened = screen(in_joint_order(beginning, spacecraft).log).log
     with_position = bool(len(screened.position))
     if len(screened.attitude):
         for rows in ("standard", *([] if with_position else ["relative"])):

@@ -43,7 +43,8 @@ def find_joints(guess: GuessedMap) -> set[str]:
             raise InputError(
                 f"no column can be the position of joint '{joint}': none has its name, and there "
                 f"are no {len(needed)} numbered columns; the columns of numbers are "
-                f"{', '.join(free[:20])}"
+                f"{', '.join(free[:20])}; a log of motion capture alone needs the "
+                "joint positions beside it, on the same clock"
             )
     without = [joint for joint in positions if joint not in rates]
     if rates and without:
@@ -52,7 +53,7 @@ def find_joints(guess: GuessedMap) -> set[str]:
         guess.say("joint_rates", "columns beside the positions, named as rates")
         guess.column_map.joint_rates.columns = {j: rates[j] for j in names if j in rates}
     guess.column_map.joint_positions.columns = {j: positions[j] for j in names if j in positions}
-    if others := [c[2:] for c in free if c.startswith("q:") and c[2:] not in names]:
+    if others := [c[2:] for c in free if c.startswith("q:") and c not in used]:
         guess.column_map.ignore_joints = others
         guess.say("ignore_joints", "the spacecraft has no such joints")
     return used
