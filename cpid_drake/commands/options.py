@@ -51,7 +51,8 @@ TopicOption = Annotated[
     list[str] | None,
     "--topic KIND=/NAME",
     "Topic of a bag that has several of a kind (odometry, pose, imu, joints), or of thrust; may be "
-    "repeated.",
+    "repeated. Of joints several, joints=/arm,/wheels; of transforms with the frames of world and "
+    "base, pose=/tf:WORLD:BASE.",
 ]
 LeaveOutBadOption = Annotated[bool, "Leave out and count rows that have a problem."]
 ForceOption = Annotated[bool, "Replace files that exist. Inputs are never replaced."]

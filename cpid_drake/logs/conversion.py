@@ -162,7 +162,9 @@ class _Conversion:
         empty = [joint for joint, column in rates.items() if table.is_empty(column)]
         if empty:
             used.joint_rates.columns = {}
-            text = f"there are none of {listed(empty)}, so those of all joints are left out"
+            text = "empty or NaN in all rows: not filled"
+            if len(empty) < len(rates):
+                text = f"those of {listed(empty)} are not filled, and those of all are left out"
             self.notes["joint_rates"] = (*self.notes.get("joint_rates", ()), text)
         for joint in [each for each in positions if each in used.joint_rates.columns]:
             if table.is_empty(positions[joint]):

@@ -4,9 +4,8 @@ Reads the message types in `TOPIC_TYPES` from bags with either storage (sqlite3,
 PyPI package `rosbags` does the parsing, so ROS need not be installed.
 """
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +19,20 @@ from cpid_drake.logs.screening import QUATERNION_NORM
 from cpid_drake.logs.table import Table
 from cpid_drake.sensors.sensors import SENSORS
 
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
+"""Type of topics with the transforms of many frames."""
+
 TOPIC_TYPES = {
-    "odometry": "nav_msgs/msg/Odometry",
-    "pose": "geometry_msgs/msg/PoseStamped",
-    "imu": "sensor_msgs/msg/Imu",
-    "joints": "sensor_msgs/msg/JointState",
-    "thrust": "geometry_msgs/msg/WrenchStamped",
+    "odometry": ("nav_msgs/msg/Odometry",),
+    "pose": (
+        "geometry_msgs/msg/PoseStamped",
+        "geometry_msgs/msg/PoseWithCovarianceStamped",
+        "geometry_msgs/msg/TransformStamped",
+        TRANSFORMS,
+    ),
+    "imu": ("sensor_msgs/msg/Imu",),
+    "joints": ("sensor_msgs/msg/JointState",),
+    "thrust": ("geometry_msgs/msg/WrenchStamped",),
 }
 """Message types that are read, by kind of topic."""
 
@@ -34,8 +41,6 @@ _SOURCES = {
     "gyro": ("imu", "odometry"),
     "position": ("odometry", "pose"),
     "velocity": ("odometry",),
-    "encoders": ("joints",),
-    "joint_rates": ("joints",),
     THRUST: ("thrust",),
 }
 """For each quantity, the kinds of topic that can hold its samples; the first that does is used."""
@@ -44,13 +49,31 @@ LARGEST_STEP_BACK = 1.0
 """Largest decrease of the stamps from message to message [s]."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Topic:
-    """The messages of a topic: stamps (N,) [ns]; stamps and values (n, width) by quantity."""
+Series = tuple[NDArray[np.int64], NDArray[np.float64]]
+"""Stamps (N,) [ns] and values (N, width)."""
 
-    stamps: NDArray[np.int64]
-    samples: Mapping[str, tuple[NDArray[np.int64], NDArray[np.float64]]]
-    joint_names: tuple[str, ...]
+
+@dataclass(eq=False)
+class _Messages:
+    """The messages of topics: stamps [ns]; stamps and values by quantity, or by joint's column."""
+
+    stamps: list[int] = field(default_factory=list)
+    samples: dict[str, tuple[list[int], list[Sequence[float]]]] = field(default_factory=dict)
+    empty: int = 0
+
+    def add(self, stamp: int, values: Mapping[str, Sequence[float]]) -> None:
+        """Add the quantities in a message."""
+        self.stamps.append(stamp)
+        self.empty += not values
+        for name, numbers in values.items():
+            stamps, rows = self.samples.setdefault(name, ([], []))
+            stamps.append(stamp)
+            rows.append(numbers)
+
+    def series(self, name: str) -> Series:
+        """Return the samples of a quantity."""
+        stamps, rows = self.samples[name]
+        return np.array(stamps, dtype=np.int64), np.array(rows, dtype=float)
 
 
 def read_rosbag(path: str | Path, topics: Mapping[str, str]) -> Table:
@@ -68,8 +91,10 @@ def read_rosbag(path: str | Path, topics: Mapping[str, str]) -> Table:
     force sensors: force and torque of all thrusters about the base's origin, in a frame of B's
     axes. Each message holds until the next.
 
-    Every joint state must name all joints, in any order; joints in several messages or topics are
-    not combined. Columns are in the order of the first message.
+    Poses are those of any of the types; of a topic of many transforms, those between two frames.
+    Joint states are merged by the joints' names, from all topics. Empty messages are counted and
+    left out. NaN, by which drivers say that they have no value, is absent. Topics that are not used
+    are listed with the ignored columns.
 
     Times are the headers' stamps, not the times of recording, and start at zero at the bag's first
     stamp. The subtraction is done in whole nanoseconds, because seconds since 1970 have an error of
@@ -80,8 +105,9 @@ def read_rosbag(path: str | Path, topics: Mapping[str, str]) -> Table:
     Args:
         path: the bag's folder, or a single .db3 or .mcap file.
         topics: the topic to read by kind in `TOPIC_TYPES`, such as {"imu": "/imu/data"}; "" for no
-            topic. A kind except "thrust" may be omitted if the bag has at most one topic of its
-            type.
+            topic; of joints several, "/arm,/wheels"; of transforms with the frames of W and B,
+            "/tf:world:base". A kind except "thrust" may be omitted if the bag has at most one topic
+            of its types, without transforms.
 
     Raises:
         InputError: `rosbags` is not installed; no bag, or a damaged one; several topics of a kind,
@@ -104,109 +130,180 @@ def read_rosbag(path: str | Path, topics: Mapping[str, str]) -> Table:
             raise InputError(f"{where}: a folder without metadata.yaml: not a ROS 2 bag")
         with Reader(Path(path)) as reader:
             chosen = _choose_topics(where, reader.connections, topics)
-            read = {kind: _read_topic(where, reader, store, kind, chosen[kind]) for kind in chosen}
+            read = {k: _read(where, reader, store, k, names) for k, names in chosen.items()}
+            every = {c.topic: c.msgtype for c in reader.connections}
     except InputError:
         raise
     except Exception as error:  # the package raises exceptions of many types on damaged bags
         problem = f"{type(error).__name__}: {error}"
         raise InputError(f"{where}: not a ROS 2 bag, or a damaged one ({problem})") from error
-    return _table(read)
+    return _table(read, chosen, every)
 
 
-def _table(topics: Mapping[str, _Topic]) -> Table:
+def _table(
+    topics: Mapping[str, _Messages], chosen: Mapping[str, list[str]], every: Mapping[str, str]
+) -> Table:
     """Return the columns of a bag, one row for each stamp of any topic."""
-    every = np.concatenate([topic.stamps for topic in topics.values()])
-    middle = np.sort(every)[every.size // 2]
-    origin = every[np.abs(every - middle) < 10 * 86400 * 10**9].min()
-    rows = np.unique(every)
-    columns = {"time": (rows - origin) / 1e9}
-    texts: dict[str, dict[int, str]] = {}
-    rejected = Counter[str]()
+    stamps = np.concatenate([np.array(each.stamps, dtype=np.int64) for each in topics.values()])
+    middle = np.sort(stamps)[stamps.size // 2]
+    origin = stamps[np.abs(stamps - middle) < 10 * 86400 * 10**9].min()
+    rows = np.unique(stamps)
+    table = Table({"time": (rows - origin) / 1e9}, notes={})
+    used = {"joints"}
     for quantity, kinds in _SOURCES.items():
-        there = [topics[k] for k in kinds if k in topics and quantity in topics[k].samples]
+        there = [kind for kind in kinds if kind in topics and quantity in topics[kind].samples]
         if not there:
             continue
-        stamps, value = there[0].samples[quantity]
+        used.add(there[0])
+        series = topics[there[0]].series(quantity)
         names: tuple[str, ...] = THRUST_COLUMNS
         if quantity != THRUST:
-            names = SENSORS[quantity].columns_of(topics["joints"].joint_names)
-        kept = np.unique(stamps, return_index=True)[1]
+            names = SENSORS[quantity].columns
+        attitude = None
         if quantity in ("attitude", "velocity"):  # the velocity needs the attitude of its message
-            q = there[0].samples["attitude"][1]
-            kept = kept[q[kept].any(axis=1)]
-            if quantity == "velocity":
-                norm = np.linalg.norm(q, axis=1, keepdims=True)
-                is_unit = np.abs(norm - 1) < QUATERNION_NORM
-                value = rotate_by_quaternion(q / np.where(is_unit, norm, np.nan), value)
-        rejected[quantity] = len(value) - len(kept)
-        place = np.searchsorted(rows, stamps[kept])
-        for name, column in zip(names, value[kept].T):
-            columns[name] = np.full(len(rows), np.nan)
-            columns[name][place] = column
-            if np.isnan(column).any():
-                texts[name] = dict.fromkeys(place[np.isnan(column)].tolist(), "nan")
-    return Table(columns, texts=texts, rejected=rejected)
+            attitude = topics[there[0]].series("attitude")[1]
+        if quantity == "velocity" and attitude is not None:
+            norm = np.linalg.norm(attitude, axis=1, keepdims=True)
+            is_unit = np.abs(norm - 1) < QUATERNION_NORM
+            q = attitude / np.where(is_unit, norm, np.nan)
+            series = series[0], rotate_by_quaternion(q, series[1])
+        _put(table, rows, quantity, names, series, attitude)
+    for name in topics["joints"].samples:
+        quantity = "joint_rates" if name.startswith("qd:") else "encoders"
+        _put(table, rows, quantity, (name,), topics["joints"].series(name), None)
+    if topics["joints"].empty:
+        text = f"{topics['joints'].empty} empty messages left out"
+        table.notes["encoders"] = (*table.notes.get("encoders", ()), text)
+    taken = {topic for kind in used if kind in chosen for topic in chosen[kind]}
+    table.unreadable = {
+        f"topic {topic} ({kind.split('/')[-1]})": "is a topic that is not used"
+        for topic, kind in sorted(every.items())
+        if topic not in {each.partition(":")[0] for each in taken}
+    }
+    return table
 
 
-def _choose_topics(where: str, connections: list, topics: Mapping[str, str]) -> dict[str, str]:
-    """Return the topic to read by kind, for all kinds in the bag."""
+def _put(
+    table: Table,
+    rows: NDArray[np.int64],
+    quantity: str,
+    names: Sequence[str],
+    series: Series,
+    attitude: NDArray[np.float64] | None,
+) -> None:
+    """Add columns of a quantity, without samples of no attitude or of a stamp that repeats."""
+    stamps, value = series
+    kept = np.unique(stamps, return_index=True)[1]
+    if attitude is not None:
+        kept = kept[attitude[kept].any(axis=1)]
+    rejected = len(value) - len(kept)
+    table.rejected[quantity] = max(table.rejected[quantity], rejected)
+    absent = np.isnan(value[kept]).any(axis=1)
+    if absent.any() and quantity not in ("encoders", "joint_rates"):
+        text = f"{absent.sum()} samples of {', '.join(names)} are NaN, left out"
+        table.notes[quantity] = (*table.notes.get(quantity, ()), text)
+    place = np.searchsorted(rows, stamps[kept])
+    for name, column in zip(names, value[kept].T, strict=True):
+        table.columns[name] = np.full(len(rows), np.nan)
+        table.columns[name][place] = column
+
+
+def _choose_topics(
+    where: str, connections: list, topics: Mapping[str, str]
+) -> dict[str, list[str]]:
+    """Return the topics to read by kind, for all kinds in the bag."""
     for kind in topics:
         if kind not in TOPIC_TYPES:
             raise InputError(f"no topics of kind '{kind}'; choose from {', '.join(TOPIC_TYPES)}")
-    chosen = {}
-    for kind, message_type in TOPIC_TYPES.items():
+    chosen = dict[str, list[str]]()
+    for kind, types in TOPIC_TYPES.items():
         wanted = topics.get(kind, "" if kind == "thrust" else None)
-        there = sorted({c.topic for c in connections if c.msgtype == message_type})
-        if wanted and wanted not in there:
-            names = ", ".join(there) or "none"
-            raise InputError(f"{where}: no topic {wanted} of type {message_type}; of it: {names}")
-        if wanted is None and len(there) > 1:
+        there = {c.topic: c.msgtype for c in sorted(connections) if c.msgtype in types}
+        plain = sorted(topic for topic in there if there[topic] != TRANSFORMS)
+        words = " or ".join(types)
+        if wanted is None and len(plain) > 1 and kind != "joints":
             raise InputError(
-                f"{where}: several topics of type {message_type}: {', '.join(there)}; choose one, "
-                f"as in topics={{'{kind}': '{there[0]}'}} (they are not merged)"
+                f"{where}: several topics of type {words}: {', '.join(plain)}; choose one, as in "
+                f"--topic {kind}={plain[0]} or topics={{'{kind}': '{plain[0]}'}}"
             )
-        if there and wanted != "":
-            chosen[kind] = wanted or there[0]
+        names = plain if wanted is None else [each for each in wanted.split(",") if each]
+        for name in names:
+            if name.partition(":")[0] not in there:
+                known = ", ".join(sorted(there)) or "none"
+                raise InputError(f"{where}: no topic {name} of type {words}; of it: {known}")
+        if names:
+            chosen[kind] = names
     if "joints" not in chosen:
-        raise InputError(f"{where}: no topic with joint positions ({TOPIC_TYPES['joints']})")
+        raise InputError(f"{where}: no topic with joint positions ({TOPIC_TYPES['joints'][0]})")
     if not chosen.keys() & {"odometry", "pose", "imu"}:
-        types = ", ".join(TOPIC_TYPES[kind] for kind in ("odometry", "pose", "imu"))
-        raise InputError(f"{where}: no topic with the motion of the base (of type {types})")
+        types = tuple(each for kind in ("odometry", "pose", "imu") for each in TOPIC_TYPES[kind])
+        found = sorted({c.topic for c in connections if c.msgtype == TRANSFORMS})
+        remedy = (
+            f"; name the frames of {found[0]}: --topic pose={found[0]}:WORLD:BASE" if found else ""
+        )
+        raise InputError(
+            f"{where}: no topic with the motion of the base (of type {', '.join(types)}){remedy}"
+        )
     return chosen
 
 
-def _read_topic(where: str, reader: Any, store: Any, kind: str, topic: str) -> _Topic:
-    """Return the samples of a topic; refuse messages that contradict each other."""
-    where, message_type = f"{where}: {topic}", TOPIC_TYPES[kind]
-    wanted = (topic, message_type)
-    connections = [c for c in reader.connections if (c.topic, c.msgtype) == wanted]
-    stamps: list[int] = []
-    samples: dict[str, tuple[list[int], list[Sequence[float]]]] = {}
-    frames, joints = set(), ()
-    for _, _, data in reader.messages(connections=connections):
-        message = store.deserialize_cdr(data, message_type)
-        if kind == "joints":
-            joints = joints or tuple(message.name)
-            values = _joint_values(message, joints, where, len(stamps))
-        else:
-            values = _values(message, kind)
-            frames.add((message.header.frame_id, getattr(message, "child_frame_id", "")))
-        stamps.append(message.header.stamp.sec * 10**9 + message.header.stamp.nanosec)
-        for quantity, numbers in values.items():
-            own_stamps, own_values = samples.setdefault(quantity, ([], []))
-            own_stamps.append(stamps[-1])
-            own_values.append(numbers)
+def _read(where: str, reader: Any, store: Any, kind: str, topics: Sequence[str]) -> _Messages:
+    """Return the samples of topics of a kind; refuse messages that contradict each other."""
+    read, owners = _Messages(), dict[str, str]()
+    for topic in topics:
+        name, *frames = topic.split(":")
+        one = _read_topic(f"{where}: {name}", reader, store, kind, name, tuple(frames))
+        for column in one.samples if kind == "joints" else ():
+            if owners.setdefault(column, name) != name:
+                raise InputError(
+                    f"{where}: {owners[column]} and {name} both have '{column}': name the topics "
+                    f"of joints to read, as in --topic joints={name}"
+                )
+        read.stamps += one.stamps
+        read.samples |= one.samples
+        read.empty += one.empty
+    if kind == "joints" and not any(name.startswith("q:") for name in read.samples):
+        raise InputError(f"{where}: {', '.join(topics)} has no joint positions in its messages")
+    return read
+
+
+def _read_topic(
+    where: str, reader: Any, store: Any, kind: str, topic: str, wanted: tuple[str, ...]
+) -> _Messages:
+    """Return the samples of a topic; `wanted` are the frames W and B of a topic of transforms."""
+    connections = [
+        c for c in reader.connections if c.topic == topic and c.msgtype in TOPIC_TYPES[kind]
+    ]
+    read, frames, count = _Messages(), set[tuple[str, ...]](), 0
+    for connection, _, data in reader.messages(connections=connections):
+        message = store.deserialize_cdr(data, connection.msgtype)
+        count += 1
+        for part in message.transforms if connection.msgtype == TRANSFORMS else (message,):
+            both = part.header.frame_id, getattr(part, "child_frame_id", "")
+            pair = () if kind == "joints" else tuple(filter(None, both))
+            frames.add(pair)
+            if wanted and pair != wanted:
+                continue
+            stamp = part.header.stamp.sec * 10**9 + part.header.stamp.nanosec
+            if kind == "joints":
+                read.add(stamp, _joint_values(part, where, count - 1))
+            else:
+                read.add(stamp, _values(part, kind))
     expected = sum(connection.msgcount for connection in connections)
-    if len(stamps) < expected:
-        raise InputError(f"{where}: only {len(stamps)} of {expected} messages are present")
-    if kind == "joints" and not stamps:
-        raise InputError(f"{where} has no messages: no joint positions")
-    if len(frames) > 1:
-        named = [" ".join(pair).strip() or "(none)" for pair in sorted(frames)[:5]]
+    if count < expected:
+        raise InputError(f"{where}: only {count} of {expected} messages are present")
+    named = [" to ".join(pair) or "(none)" for pair in sorted(frames)[:8]]
+    if wanted and wanted not in frames:
         raise InputError(
-            f"{where} is of several frames: {'; '.join(named)}; only the base's is wanted"
+            f"{where}: no transform from {' to '.join(wanted)}, only {'; '.join(named)}; chains "
+            "are not followed"
         )
-    times = np.array(stamps, dtype=np.int64)
+    if len(frames) > 1 and not wanted:
+        remedy = f"as in --topic {':'.join((f'{kind}={topic}', *max(frames)))}"
+        raise InputError(
+            f"{where} is of several frames: {'; '.join(named)}; name the base's, {remedy}"
+        )
+    times = np.array(read.stamps, dtype=np.int64)
     if times.size > 1 and (times == times[0]).all():
         raise InputError(f"{where}: all headers have the stamp {times[0] / 1e9:g} s; set the time")
     back = np.maximum.accumulate(times) - times
@@ -216,31 +313,20 @@ def _read_topic(where: str, reader: Any, store: Any, kind: str, topic: str) -> _
             f"{where}: stamps jump back by {back[far][0] / 1e9:g} s at message {far.argmax()}; a "
             "clock was set back, or these are several runs: cut the bag"
         )
-    arrays = {name: (np.array(own), np.array(each)) for name, (own, each) in samples.items()}
-    return _Topic(times, arrays, joints)
+    return read
 
 
-def _joint_values(
-    message: Any, names: tuple[str, ...], where: str, k: int
-) -> dict[str, Sequence[float]]:
-    """Return positions and rates of message k in the order of the first message's names."""
-    if not names or len(set(names)) < len(names):
-        listed = ", ".join(names) or "none"
-        raise InputError(f"{where} must name every joint once, not {listed}")
-    if sorted(message.name) != sorted(names):
-        raise InputError(
-            f"{where}: message {k} names joints {', '.join(message.name)}, the first one "
-            f"{', '.join(names)}; every message must name all joints"
-        )
+def _joint_values(message: Any, where: str, k: int) -> dict[str, Sequence[float]]:
+    """Return positions and rates of message k by columns."""
+    if len(set(message.name)) < len(message.name):
+        raise InputError(f"{where} must name every joint once, not {', '.join(message.name)}")
     values: dict[str, Sequence[float]] = {}
-    for quantity, numbers in (("encoders", message.position), ("joint_rates", message.velocity)):
-        if len(numbers) not in (0, len(names)):
+    for prefix, numbers in (("q:", message.position), ("qd:", message.velocity)):
+        if len(numbers) not in (0, len(message.name)):
             raise InputError(
-                f"{where}: message {k} has {len(numbers)} values for {len(names)} joints"
+                f"{where}: message {k} has {len(numbers)} values for {len(message.name)} joints"
             )
-        if len(numbers):
-            by_name = dict(zip(message.name, numbers.tolist()))
-            values[quantity] = [by_name[name] for name in names]
+        values |= {prefix + name: (float(x),) for name, x in zip(message.name, numbers)}
     return values
 
 
@@ -256,7 +342,10 @@ def _values(message: Any, kind: str) -> dict[str, Sequence[float]]:
         if message.angular_velocity_covariance[0] != -1:
             values["gyro"] = _vector(message.angular_velocity)
         return values
-    pose = message.pose.pose if kind == "odometry" else message.pose
+    if hasattr(message, "transform"):
+        pose = message.transform
+        return {"attitude": _quaternion(pose.rotation), "position": _vector(pose.translation)}
+    pose = message.pose.pose if hasattr(message.pose, "pose") else message.pose
     values = {"attitude": _quaternion(pose.orientation), "position": _vector(pose.position)}
     if kind == "odometry":
         twist = message.twist.twist

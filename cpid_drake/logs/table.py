@@ -36,7 +36,7 @@ class Table:
     unreadable: Mapping[str, str] = field(default_factory=dict)
     problems: list[tuple[int, str]] = field(default_factory=list)
     rejected: Counter[str] = field(default_factory=Counter)
-    notes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    notes: dict[str, tuple[str, ...]] = field(default_factory=dict)
     header: str = ""
 
     def __post_init__(self) -> None:
