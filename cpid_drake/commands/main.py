@@ -1,10 +1,14 @@
 """The `cpid` command: its subcommands, its exit codes and its end."""
 
+import codecs
+import locale
 import logging
 import os
 import platform
 import sys
+import unicodedata
 from importlib import import_module
+from io import TextIOWrapper
 from typing import Annotated, Any
 
 import typer
@@ -95,9 +99,48 @@ def _common(
     pass
 
 
+_PLAIN = {
+    "²": "^2",
+    "³": "^3",
+    "·": "*",
+    "±": "+-",
+    "°": " deg",
+    "σ": "sigma",
+    "χ": "chi",
+    "µ": "u",
+}
+_PLAIN |= {
+    "→": "->",
+    "…": "...",
+    "√": "sqrt",
+    "−": "-",
+    "×": "x",
+    "≤": "<=",
+    "≥": ">=",
+    "Δ": "delta",
+}
+_PLAIN |= {"–": "-", "—": "-", "─": "-", "∞": "inf", "ψ": "psi", "ω": "omega", "≈": "~"}
+
+
+def _plain(error: UnicodeError) -> tuple[str, int]:
+    """Replace what a terminal cannot show by what it can."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    text = error.object[error.start : error.end]
+    found = "".join(_PLAIN.get(c, unicodedata.normalize("NFKD", c)) for c in text)
+    kept = "".join(c for c in found if not unicodedata.combining(c))
+    return kept.encode("ascii", "replace").decode(), error.end
+
+
 def main() -> None:
     """Run `cpid` and exit with a code of `EXIT_CODES`; an error is one line on stderr."""
+    codecs.register_error("plain", _plain)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="plain")
     try:
+        if codecs.lookup(locale.getpreferredencoding(False)).name == "ascii":
+            raise InputError("Drake cannot read its files in an ASCII locale; set PYTHONUTF8=1")
         code = app(standalone_mode=False) or 0
         sys.stdout.flush()  # a full disk is noticed here
     except InputError as error:

@@ -16,7 +16,7 @@ from rich.console import Console
 import cpid_drake as cpid
 from cpid_drake.commands.spacecraft_file import EXPLICIT, SpacecraftFile, load_spacecraft_file
 from cpid_drake.errors import InputError
-from cpid_drake.identification.identify_files import EXACT
+from cpid_drake.identification.arguments import EXACT
 from cpid_drake.output_files.drafts import refuse_unfinished
 from cpid_drake.resources import find_scenario, package_folders, resolve_model
 

@@ -1,16 +1,26 @@
 """`identify`: a target from any data with any estimator."""
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 
 import numpy as np
 
-from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError, prefix_errors
+from cpid_drake.identification.arguments import (
+    LogLike,
+    PathLike,
+    bodies_of,
+    logs_of,
+    momentum_of,
+    planar_of,
+    prior_of,
+    require_spacecraft,
+    sensors_of,
+)
 from cpid_drake.identification.checked_log import CheckedLog, Known, check_log
 from cpid_drake.identification.checks import Check, rejection_checks
 from cpid_drake.identification.consistency import checked
@@ -25,9 +35,8 @@ from cpid_drake.identification.planar import PROPOSED, could_be_planar, one_norm
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import SPACECRAFT, Identification
 from cpid_drake.logs.conventions import check_conventions
-from cpid_drake.logs.log import Log
 from cpid_drake.processes import one_thread
-from cpid_drake.sensors.error_kinds import bodies_of
+from cpid_drake.sensors.error_kinds import bodies_of as errors_of_bodies
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
@@ -41,14 +50,14 @@ THRUST_NOT_USED = (
 @one_thread
 def identify(
     spacecraft: Spacecraft,
-    data: Motion | Log | Mapping[str, Motion | Log],
+    data: LogLike | Mapping[str, LogLike] | Sequence[PathLike],
     *,
     estimator: str | None = None,
     rows: str | None = None,
-    sensors: SensorSuite | None = None,
+    sensors: SensorSuite | PathLike | None = None,
     momentum: TotalMomentum | str | None = None,
-    known_bodies: BodyUncertainty | None = None,
-    prior: TargetPrior | None = None,
+    known_bodies: BodyUncertainty | PathLike | None = None,
+    prior: TargetPrior | PathLike | None = None,
     planar: bool | None = None,
     progress: Callable[[str], object] = lambda step: None,
 ) -> Identification:
@@ -58,10 +67,14 @@ def identify(
     the errors of sensors and of the spacecraft. The result then has a test whether the logs agree,
     and their separate estimates (`Identification.logs`).
 
+    Names and paths are accepted where the command line accepts them: of logs, sensors, the
+    momentum, known bodies and the prior.
+
     Args:
         spacecraft: the known spacecraft.
         data: exact states at common times, or samples of sensors, each at its own times, as from
-            `read_log`; of several logs by their names. The joints of measurements may be in
+            `read_log`, or the path of a log in the package's own columns; of several logs by their
+            names, or several paths. The joints of measurements may be in
             any order. Exact states may belong to unconnected instants; measurements must belong to
             one motion.
         estimator: name of an estimator (`cpid_drake.identification.estimators.ESTIMATORS`) or of a
@@ -90,19 +103,21 @@ def identify(
             convergence.
 
     Raises:
-        InputError: there is no log; the estimator or the rows are unknown, or cannot handle this
-            momentum; the data contain other joints than the spacecraft's; a sensor that the
-            estimator needs is missing (the message lists the estimators that could use the data);
+        InputError: an argument is of another type; there is no log, or it cannot be read; the
+            estimator or the rows are unknown, or cannot handle this momentum; the data contain
+            other joints than the spacecraft's; a sensor that the estimator needs is missing (the
+            message lists the estimators that could use the data);
             there are too few samples; the prior determines combinations of other unknowns than the
             estimator's.
 
     """
-    data = data if isinstance(data, Mapping) else {"log": data}
-    if not data:
-        raise InputError("there is no log to identify from")
-    momentum = TotalMomentum.named(momentum) if isinstance(momentum, str) else momentum
-    where, logs = {name: name if len(data) > 1 else "" for name in data}, dict[str, CheckedLog]()
-    for name, each in data.items():
+    require_spacecraft(spacecraft)
+    named = logs_of(data, spacecraft)
+    sensors, momentum = sensors_of(sensors), momentum_of(momentum)
+    known_bodies, prior = bodies_of(known_bodies), prior_of(prior, spacecraft)
+    planar = planar_of(planar)
+    where, logs = {name: name if len(named) > 1 else "" for name in named}, dict[str, CheckedLog]()
+    for name, each in named.items():
         progress(f"checking {name}")
         with prefix_errors(where[name]):
             logs[name] = check_log(spacecraft, each, sensors, planar, by_momentum=False)
@@ -140,7 +155,7 @@ def identify(
     tree = spacecraft.tree
     found = replace(found, is_planar=tree.normal_B is not None, normal_C=tree.normal_C)
     found = checked(_with_logs(found, logs, method, not known.has_exact_bodies), tree)
-    is_exact = method.uses_rows or bodies_of(sensors or SensorSuite(), known_bodies) is None
+    is_exact = method.uses_rows or errors_of_bodies(sensors or SensorSuite(), known_bodies) is None
     if is_exact:
         found = replace(found, given=(SPACECRAFT,))
     if is_exact and known.has_exact_bodies:

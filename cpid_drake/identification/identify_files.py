@@ -10,24 +10,18 @@ from typing import Any
 
 import numpy as np
 
-from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError, prefix_errors
+from cpid_drake.identification.arguments import bodies_of, momentum_of, sensors_of
 from cpid_drake.identification.checked_log import Known, left_out_warnings
 from cpid_drake.identification.identify import identify
 from cpid_drake.identification.prior import load_prior
 from cpid_drake.identification.request import Request, Source
 from cpid_drake.identification.result import History, Identification
-from cpid_drake.input_files.validation import from_tree, load_yaml, parse_yaml
 from cpid_drake.logs.conversion import LogFile
 from cpid_drake.logs.files import inspect_log, refuse_problems
 from cpid_drake.logs.log import Log
 from cpid_drake.resources import __version__, resolve_model
-from cpid_drake.sensors.presets import load_sensors
 from cpid_drake.spacecraft.spacecraft import Spacecraft
-
-EXACT = "exact"
-"""The uncertainty of a spacecraft whose model is exact."""
 
 PARTS = 12
 """From so many parts of a log estimates over time are identified."""
@@ -128,35 +122,14 @@ def opened_inputs(request: Request, progress: Callable[[str], object]) -> Known:
     craft = request.spacecraft
     progress("reading the model")
     spacecraft = Spacecraft(**vars(craft))
-    momentum = None if request.momentum is None else TotalMomentum.named(request.momentum)
-    sensors = load_sensors(request.sensors) if request.sensors is not None else None
-    bodies = None if request.known_bodies is None else read_uncertainty(request.known_bodies)
+    momentum, sensors = momentum_of(request.momentum), sensors_of(request.sensors)
+    bodies = bodies_of(request.known_bodies)
     prior = None
     if request.prior is not None:
         prior = load_prior(request.prior, spacecraft, craft.capture_frame)
     progress("reading the telemetry")
     options = request.estimator, request.rows, sensors, momentum, bodies, prior, request.planar
     return Known(spacecraft, *options)
-
-
-def read_uncertainty(text: str) -> BodyUncertainty:
-    """Return an uncertainty from a YAML file, or from a text such as "mass=0.01,grasp_mm=2".
-
-    Args:
-        text: the path of a YAML file with the attributes of `BodyUncertainty` as keys, pairs
-            KEY=NUMBER with commas between them, or "exact".
-
-    Raises:
-        InputError: no such file, not YAML, unknown keys, or values that are not numbers >= 0.
-
-    """
-    whole = "the uncertainty of known bodies"
-    if text == EXACT:
-        return BodyUncertainty()
-    if "=" not in text:
-        return load_yaml(BodyUncertainty, resolve_model(Path(text)), text, whole)
-    tree = parse_yaml(f"{{{text.replace('=', ': ')}}}".encode(), text)
-    return from_tree(BodyUncertainty, tree, text, whole)
 
 
 def open_log(request: Request, joints: tuple[str, ...]) -> tuple[Source, LogFile]:

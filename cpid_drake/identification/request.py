@@ -53,7 +53,7 @@ class Request:
         leave_out_bad: whether to leave out rows that have a problem.
         columns: the YAML file of a map of the telemetry's columns; None for the package's own.
         planar: whether a table carries the spacecraft; None to recognize logs of x, y and yaw.
-        known_bodies: uncertainty of the spacecraft, see `identify_files.read_uncertainty`; None if
+        known_bodies: uncertainty of the spacecraft, see `arguments.read_uncertainty`; None if
             the spacecraft is known exactly.
         prior: the file of a prior of the target; None without one.
 

@@ -24,6 +24,15 @@ from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Rolled, roll
 from cpid_drake.estimation.sweep import EXACT
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
+from cpid_drake.identification.arguments import (
+    PathLike,
+    bodies_of,
+    logs_of,
+    momentum_of,
+    prior_of,
+    require_spacecraft,
+    sensors_of,
+)
 from cpid_drake.identification.checked_log import check_log, suite_of
 from cpid_drake.identification.fitted import NAME
 from cpid_drake.identification.identify import identify
@@ -119,12 +128,12 @@ class Validation:
 @one_thread
 def validate(
     spacecraft: Spacecraft,
-    target: TargetPrior,
-    data: Log,
+    target: TargetPrior | PathLike,
+    data: Log | PathLike,
     *,
-    sensors: SensorSuite | None = None,
-    momentum: TotalMomentum | None = None,
-    known_bodies: BodyUncertainty | None = None,
+    sensors: SensorSuite | PathLike | None = None,
+    momentum: TotalMomentum | str | None = None,
+    known_bodies: BodyUncertainty | PathLike | None = None,
     planar: bool | None = None,
     beginning: float = 0.3,
 ) -> Validation:
@@ -143,14 +152,20 @@ def validate(
             and biases are fitted for the prediction.
 
     Raises:
-        InputError: the log cannot be used (see `check_log`), is too short or lacks attitude or
-            encoders; the target does not determine the relative unknowns; the share is not between
-            0 and 1.
+        InputError: an argument is of another type; the log cannot be used (see `check_log`), is too
+            short or lacks attitude or encoders; the target does not determine the relative
+            unknowns; the share is not between 0 and 1.
 
     """
     if not 0 < beginning < 1:
         raise InputError(f"the beginning must be a share between 0 and 1, not {beginning:g}")
-    log = check_log(spacecraft, data, sensors, planar)
+    require_spacecraft(spacecraft)
+    [given] = logs_of(data, spacecraft).values()
+    sensors, momentum = sensors_of(sensors), momentum_of(momentum)
+    known_bodies, known_target = bodies_of(known_bodies), prior_of(target, spacecraft)
+    if known_target is None:
+        raise InputError("there is no target to validate")
+    log = check_log(spacecraft, given, sensors, planar)
     if log.normal_B is not None:
         spacecraft = spacecraft.on_table(log.normal_B)
     for name in ("attitude", "encoders"):
@@ -170,7 +185,7 @@ def validate(
         )
     own = identify(
         spacecraft,
-        data,
+        given,
         estimator=NAME,
         sensors=sensors,
         momentum=momentum,
@@ -181,7 +196,7 @@ def validate(
         used = momentum or TotalMomentum.zero()
         value = np.concatenate([used.L_WScm_W, used.v_WScm_W])
         model = model.with_prior(MOMENTUM, value, EXACT * model.unknown(MOMENTUM).sigma)
-    predicted = _predicted(model, samples, own.residuals, first, target.of_psi(model))
+    predicted = _predicted(model, samples, own.residuals, first, known_target.of_psi(model))
     errors = []
     for name, rest in own.residuals.items():
         parts = zip(predicted.models[first:], predicted.residuals[first:], strict=True)
@@ -200,7 +215,9 @@ def validate(
         errors.append(SensorError(name, unit, len(size), rms, largest, noise, _rms(rest.value)))
     said = (*own.failures, *said, *own.warnings)
     start = samples.blocks[first].start
-    return Validation(start, end, own.momentum, tuple(errors), *_test(model, own, target), said)
+    return Validation(
+        start, end, own.momentum, tuple(errors), *_test(model, own, known_target), said
+    )
 
 
 def _longest_part(model: Model, log: LogState) -> LogState:

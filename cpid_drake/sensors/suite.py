@@ -119,6 +119,10 @@ def check_sensors(suite: SensorSuite, where: str) -> None:
             zero or a delay of joint rates.
 
     """
+    if not isinstance(suite, SensorSuite):
+        raise InputError(
+            f"{where}: give a SensorSuite, not {suite!r:.80}; load_sensors reads a preset or a file"
+        )
     check_values(suite, where, "a sensor suite")
     for name, errors in suite.present().items():
         for key in ("zero_mrad", "drift_mrad_per_s") if name == "joint_rates" else ():

@@ -1,0 +1,161 @@
+"""Arguments of `identify` and `validate`: objects, or the names and paths of the command line."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from cpid_drake.dynamics.motion import Motion
+from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.dynamics.uncertainty import BodyUncertainty
+from cpid_drake.errors import InputError
+from cpid_drake.identification.prior import TargetPrior, load_prior
+from cpid_drake.input_files.validation import from_tree, load_yaml, parse_yaml
+from cpid_drake.logs.files import inspect_log, refuse_problems
+from cpid_drake.logs.log import Log
+from cpid_drake.resources import resolve_model
+from cpid_drake.sensors.presets import load_sensors
+from cpid_drake.sensors.suite import SensorSuite
+from cpid_drake.spacecraft.spacecraft import Spacecraft
+
+EXACT = "exact"
+"""The uncertainty of a spacecraft whose model is exact."""
+
+PathLike = str | Path
+
+LogLike = Motion | Log | PathLike
+"""Exact states, a log, or its file."""
+
+
+def require_spacecraft(given: object) -> None:
+    """Refuse what is no spacecraft.
+
+    Raises:
+        InputError: it is a path, or anything else.
+
+    """
+    if isinstance(given, Spacecraft):
+        return
+    remedy = f"Spacecraft({str(given)!r}, base=..., capture_frame=...)"
+    if not isinstance(given, PathLike):
+        remedy = "Spacecraft(model, base=..., capture_frame=...)"
+    raise InputError(
+        f"the spacecraft must be a Spacecraft, not {given!r:.80}: a model alone does not say which "
+        f"body is the base and which frame holds the target; give {remedy}"
+    )
+
+
+def logs_of(
+    data: LogLike | Mapping[str, LogLike] | Sequence[PathLike], spacecraft: Spacecraft
+) -> dict[str, Motion | Log]:
+    """Return logs by their names; files are read.
+
+    Raises:
+        InputError: there is none, or it is no log; see also `inspect_log`.
+
+    """
+    if isinstance(data, Sequence) and not isinstance(data, str):
+        data = {str(each): each for each in data}
+    elif isinstance(data, PathLike):
+        data = {str(data): data}
+    elif not isinstance(data, Mapping):
+        data = {"log": data}
+    if not data:
+        raise InputError("there is no log to identify from")
+    return {name: _log_of(name, each, spacecraft) for name, each in data.items()}
+
+
+def _log_of(name: str, given: LogLike, spacecraft: Spacecraft) -> Motion | Log:
+    if isinstance(given, PathLike):
+        file = inspect_log(given, joints=spacecraft.joint_names)
+        refuse_problems(file.problems, str(given))
+        return file.log
+    if not isinstance(given, (Motion, Log)):
+        raise InputError(
+            f"'{name}' must be a Log, a Motion, or the path of a log, not {type(given).__name__}: "
+            "`from_columns` makes a log of columns in memory"
+        )
+    return given
+
+
+def sensors_of(given: SensorSuite | PathLike | None) -> SensorSuite | None:
+    """Return sensors; a preset or a file is read.
+
+    Raises:
+        InputError: they are no sensors; see also `load_sensors`.
+
+    """
+    if isinstance(given, PathLike):
+        return load_sensors(given)
+    return _checked("sensors", given, SensorSuite, "a preset, or a file")
+
+
+def bodies_of(given: BodyUncertainty | PathLike | None) -> BodyUncertainty | None:
+    """Return the uncertainty of a spacecraft; a text or a file is read.
+
+    Raises:
+        InputError: it is none; see also `read_uncertainty`.
+
+    """
+    if isinstance(given, PathLike):
+        return read_uncertainty(str(given))
+    return _checked("known_bodies", given, BodyUncertainty, "a text, or a file")
+
+
+def prior_of(given: TargetPrior | PathLike | None, spacecraft: Spacecraft) -> TargetPrior | None:
+    """Return what is known of a target; a file is read.
+
+    Raises:
+        InputError: it is none; see also `load_prior`.
+
+    """
+    if isinstance(given, PathLike):
+        return load_prior(str(given), spacecraft, spacecraft.capture_frame.name())
+    return _checked("prior", given, TargetPrior, "a file")
+
+
+def momentum_of(given: TotalMomentum | str | None) -> TotalMomentum | None:
+    """Return a total momentum, also by its name.
+
+    Raises:
+        InputError: there is none of this name.
+
+    """
+    if isinstance(given, str):
+        return TotalMomentum.named(given)
+    return _checked("momentum", given, TotalMomentum, "zero, or unknown")
+
+
+def planar_of(given: bool | None) -> bool | None:
+    """Return whether a table carries a spacecraft.
+
+    Raises:
+        InputError: it is neither true, false nor None.
+
+    """
+    return _checked("planar", given, bool, "or None")
+
+
+def _checked(name: str, given: Any, kind: type, others: str) -> Any:
+    if given is None or isinstance(given, kind):
+        return given
+    raise InputError(f"{name} must be a {kind.__name__}, {others}, not {given!r:.80}")
+
+
+def read_uncertainty(text: str) -> BodyUncertainty:
+    """Return an uncertainty from a YAML file, or from a text such as "mass=0.01,grasp_mm=2".
+
+    Args:
+        text: the path of a YAML file with the attributes of `BodyUncertainty` as keys, pairs
+            KEY=NUMBER with commas between them, or "exact".
+
+    Raises:
+        InputError: no such file, not YAML, unknown keys, or values that are not numbers >= 0.
+
+    """
+    whole = "the uncertainty of known bodies"
+    if text == EXACT:
+        return BodyUncertainty()
+    if "=" not in text:
+        return load_yaml(BodyUncertainty, resolve_model(Path(text)), text, whole)
+    tree = parse_yaml(f"{{{text.replace('=', ': ')}}}".encode(), text)
+    return from_tree(BodyUncertainty, tree, text, whole)
