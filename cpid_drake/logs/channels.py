@@ -131,7 +131,9 @@ def look_at(log: Log, spacecraft: Spacecraft | None = None) -> Seen:
         for name, found in look.found.items()
     )
     kept = {name: s for name, s in look.log.samples.items() if name not in look.out}
-    return Seen(replace(look.log, samples=kept, motion={}), table, tuple(look.errors))
+    notes = {name: tuple(found) for name, found in look.found.items() if found}
+    used = replace(look.log, samples=kept, motion={}, notes=notes)
+    return Seen(used, table, tuple(look.errors))
 
 
 @dataclass(eq=False)
@@ -310,7 +312,7 @@ class _Look:
         given = self.given(name)
         if given is None:
             return
-        at_end = np.zeros(len(given), dtype=bool)
+        at_end, ends = np.zeros(len(given), dtype=bool), list[str]()
         for column in given.value.T:
             for end in (column.max(), column.min()):
                 same = column == end
@@ -318,12 +320,14 @@ class _Look:
                 longest = int(np.max(edges[1::2] - edges[::2], initial=0))
                 others = column[~same]
                 is_measured = len(np.unique(others)) > 0.5 * len(others) > FEWEST
-                if longest >= _AT_END and is_measured and end != 0:
-                    noise = _noise(Samples(given.time[~same], others[:, None]))
-                    at_end |= same if noise > 1e-4 * np.ptp(column) else False
+                if longest < _AT_END or not is_measured or end == 0:
+                    continue
+                noise = _noise(Samples(given.time[~same], others[:, None]))
+                if noise > 1e-4 * np.ptp(column):
+                    at_end |= same
+                    ends.append(f"{end:.4g}")
         if at_end.any() and not at_end.all():
-            largest = float(np.abs(given.value[at_end]).max())
-            text = f"{at_end.sum()} rows at the end of the scale ({largest:.4g}), left out"
+            text = f"{at_end.sum()} rows at the end of the scale ({listed(ends)}), left out"
             self.found[name].append(text)
             self.keep(name, given.time[~at_end])
 

@@ -125,6 +125,8 @@ def _header(lines: Lines, where: str) -> tuple[str, list[str], str | None, Lines
     while line.startswith("#"):
         comments = [*comments[-20:], (number, line.lstrip("# \t"))]
         number, line = next(lines, (0, ""))
+    if line.startswith("sep="):  # a spreadsheet's note on the separator
+        number, line = next(lines, (0, ""))
     if not line:
         raise InputError(f"{where}: the file is empty")
     if "\0" in line:

@@ -135,19 +135,19 @@ def find_joint_units(guess: GuessedMap) -> None:
     stated = unit_of(*(at.columns[joint] for joint in turning))
     rate_stated = unit_of(*(rate_at.columns[j] for j in turning if j in rate_at.columns))
 
-    def is_within(scale: float) -> bool:
+    def is_within(scale: float, beyond: float = 0.1) -> bool:
         return all(
-            low[k] - 0.1 <= scale * np.nanmin(guess.columns[at.columns[joint]])
-            and scale * np.nanmax(guess.columns[at.columns[joint]]) <= high[k] + 0.1
+            low[k] - beyond <= scale * np.nanmin(guess.columns[at.columns[joint]])
+            and scale * np.nanmax(guess.columns[at.columns[joint]]) <= high[k] + beyond
             for joint, k in arms.items()
         )
 
     if stated in ("deg", "rad", "mrad"):
         at.unit = cast(Any, stated)
         guess.say("joint_positions", f"in {at.unit}: the names say so")
-    elif not is_within(1.0) and is_within(np.pi / 180):
+    elif not is_within(1.0, np.pi) and is_within(np.pi / 180):
         at.unit = "deg"
-        guess.say("joint_positions", "in deg: in rad they would exceed the joints' limits")
+        guess.say("joint_positions", "in deg: in rad they would far exceed the joints' limits")
     elif arms:
         guess.free.add("joint_positions.unit")
     if rate_stated in ("deg", "rad", "mrad", "rpm"):
