@@ -316,6 +316,8 @@ class _Conversion:
                 remedy = "give a number with a decimal point"
                 if cell.lower().lstrip("+-") in ("nan", "inf", "infinity"):
                     remedy = "leave the cell of an absent sample empty"
+                elif name == self._map.time.column and "," not in cell:
+                    remedy = "give seconds, or all stamps in the same form of ISO 8601 or hh:mm:ss"
                 self._refuse(row, name, f"'{cell:.40}' is not a finite number; {remedy}")
 
     def _times(self) -> Array:

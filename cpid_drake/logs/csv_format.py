@@ -6,6 +6,7 @@ header, the columns are named 1, 2, 3, …. Headers of Vicon's and Motive's expo
 """
 
 import csv
+import re
 from collections.abc import Iterator, Sequence
 from itertools import chain, islice
 from pathlib import Path
@@ -26,8 +27,12 @@ _BLOCK = 20_000
 _VICON = ("Segments", "Objects", "Trajectories", "Joints", "Model Outputs")
 """First lines of Vicon's files."""
 
+_MOTIVE = {"Type", "ID", "Parent"}
+"""Lines of the header of Motive's files that are not used."""
+
 _SI = {"s", "m", "rad", "N", "N*m"}
 _UNITS = {word: unit for unit, (_, words) in UNITS.items() for word in (unit, *words.split())}
+_DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
 _NO_UNIT = ("", "-", "1", "none", "n/a", "quaternion", "unitless")
 
 Lines = Iterator[tuple[int, str]]
@@ -147,6 +152,8 @@ def _header(lines: Lines, where: str) -> tuple[str, list[str], str | None, Lines
                 if len(found) == len(names) > 1 and len(_numbers(found)[1]) == len(found):
                     return f"line {number}", found, separator, lines
             names = [str(k + 1) for k in range(len(names))]
+    except InputError:
+        raise
     except (ValueError, csv.Error) as error:
         problem = f"the header cannot be read: {error}"
         raise InputError(f"{where}: line {number}: {problem}") from error
@@ -179,12 +186,12 @@ def _motive_names(first: str, lines: Lines, where: str) -> tuple[str, list[str]]
             "export them with the rotation type Quaternion"
         )
     unit = _UNITS.get(settings.get("Length Units", "meters").lower(), "")
-    rows = dict[str, list[str]]()
+    rows = dict[str | int, list[str]]()
     for number, line in islice(lines, 8):
         cells = _split(line, ",")
         if cells[0] == "Frame":
             count = len(cells) - 2
-            bodies, kinds = (rows.get(key, [])[-count:] for key in ("Name", "quantity"))
+            bodies, kinds = (rows.get(key, [])[-count:] for key in ("Name", ""))
             if not len(bodies) == len(kinds) == count > 0:
                 break
             header = cells[:2]
@@ -192,7 +199,7 @@ def _motive_names(first: str, lines: Lines, where: str) -> tuple[str, list[str]]
                 length = f" [{unit}]" if kind == "Position" and unit else ""
                 header.append(f"{body}:{kind} {axis}".strip() + length)
             return f"line {number}", header
-        rows[next(filter(None, cells[:3]), "quantity")] = cells
+        rows["Name" if "Name" in cells[:3] else number if {*cells[:3]} & _MOTIVE else ""] = cells
     raise InputError(f"{where}: the header of Motive's export cannot be read: it lacks its lines")
 
 
@@ -212,6 +219,8 @@ def _units(row: list[str], header: list[str], where: str) -> list[str]:
         return []
     found = list[str]()
     for name, word in zip(header, words):
+        if _DECIMAL_COMMA.fullmatch(word):
+            return []
         base, _, per = word.partition("/")
         unit = _UNITS.get(base) or _UNITS.get(base.lower())
         if word.lower() in _NO_UNIT or (unit in _SI and per in ("", "s", "sec")):

@@ -1,0 +1,366 @@
+"""Logs as other tools write them: each is read right, or refused with place and remedy.
+
+Every case changes the columns of one log of 251 rows, or their text.
+"""
+
+import io
+from datetime import datetime, timedelta
+
+import numpy as np
+import pytest
+from flyer_cases import JOINT, RATE, columns, csv_of, flyer, rows_of, write
+
+from cpid_drake import InputError, read_log
+from cpid_drake.identification.checked_log import check_log
+from cpid_drake.logs.files import inspect_log, read_table
+from cpid_drake.logs.log import Log
+
+ALL = ("attitude", "gyro", "position", "velocity", "encoders", "joint_rates")
+
+
+def body(between=",", end="\n", cell=lambda k, text: text, extra=""):
+    """Return the lines of numbers, each cell changed."""
+    rows = rows_of(columns())[1:]
+    lines = (between.join(cell(k, text) for k, text in enumerate(row)) for row in rows)
+    return "".join(line + extra + end for line in lines)
+
+
+def head(between=",", end="\n", name=lambda text: text):
+    return between.join(name(each) for each in columns()) + end
+
+
+def stamped(form, start=datetime(2026, 1, 1, 23, 59, 55), ending=""):
+    """Return the log with the time of day in a form of strftime, cut to milliseconds."""
+
+    def cell(k, text):
+        if k:
+            return text
+        return (start + timedelta(seconds=float(text))).strftime(form)[:-3] + ending
+
+    return head() + body(cell=cell)
+
+
+def units(*names):
+    """Return a row of units of the groups time, attitude, rate, position, joints."""
+    counts = (1, 4, 3, 3, 4)
+    return ",".join(name for name, count in zip(names, counts) for _ in range(count)) + "\n"
+
+
+SI = units("s", "-", "rad/s", "m", "rad")
+ISO = "%Y-%m-%dT%H:%M:%S.%f"
+
+READ = {
+    "commented header, as of numpy.savetxt": "# " + head() + body(),
+    "comments above a commented header": "# Arm test 7\n#\n# " + head() + body(),
+    "blanks after commas, quoted names": head(", ", name='"{}"'.format) + body(", "),
+    "quoted numbers": head() + body(cell=lambda k, text: f'"{text}"'),
+    "blanks around tabs": head(" \t ") + body(" \t "),
+    "columns of blanks": head("   ") + body("  "),
+    "semicolons with points": head(";") + body(";"),
+    "a spreadsheet's note on the separator": "sep=;\n" + head(";") + body(";"),
+    "trailing commas in rows": head() + body(extra=","),
+    "trailing commas everywhere": head(end=",,\n") + body(extra=",,"),
+    "carriage returns only": head(end="\r") + body(end="\r"),
+    "Windows and a byte order mark": "\ufeff" + head(end="\r\n") + body(end="\r\n"),
+    "lines of blanks between": head() + "  \n" + body(end="\n \n"),
+    "an index without a name": ","
+    + head()
+    + "".join(f"{k},{line}\n" for k, line in enumerate(body().splitlines())),
+    "units": head() + SI + body(),
+    "units in brackets, none of ratios": head()
+    + units("[s]", "", "[rad/s]", "[m]", "(rad)")
+    + body(),
+    "stamps of ISO 8601": stamped(ISO),
+    "stamps in UTC": stamped(ISO, ending="Z"),
+    "stamps with a zone, a blank between": stamped("%Y-%m-%d %H:%M:%S.%f", ending="+02:00"),
+    "times of day over midnight": stamped("%H:%M:%S.%f"),
+    "times of day, semicolons": stamped("%H:%M:%S.%f").replace(",", ";"),
+}
+
+
+@pytest.mark.parametrize("name", READ)
+def test_what_is_plain_is_read(tmp_path, name):
+    found, expected = inspect_log(write(tmp_path, READ[name])), columns()
+    assert found.problems == []
+    log = found.log
+    for sensor, names in (("position", ("x", "y", "z")), ("gyro", ("bwx", "bwy", "bwz"))):
+        np.testing.assert_allclose(log[sensor].time, expected["time"], atol=1e-9)
+        np.testing.assert_array_equal(log[sensor].value.T, [expected[each] for each in names])
+    assert log.joint_names == flyer().joint_names
+    np.testing.assert_array_equal(log.encoders.value[:, 0], expected[JOINT])
+
+
+def numpy_file(time):
+    stream = io.BytesIO()
+    np.savez(stream, **(columns() | {"time": time}))
+    return stream.getvalue()
+
+
+def single(start):
+    return (start + columns()["time"]).astype(np.float32)
+
+
+TIMES = np.datetime64("2026-01-01T00:00:00", "ns") + (columns()["time"] * 1e9).astype(int)
+
+
+def test_stamps_of_arrays_are_read(tmp_path):
+    """Arrays of NumPy and of Parquet hold nanoseconds."""
+    pyarrow, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    parquet.write_table(pyarrow.table(columns() | {"time": TIMES}), tmp_path / "log.parquet")
+    for path in (write(tmp_path, numpy_file(TIMES), "log.npz"), tmp_path / "log.parquet"):
+        log = inspect_log(path).log
+        np.testing.assert_allclose(log.gyro.time, columns()["time"], atol=1e-8)
+
+
+MOTIVE = """Format Version,1.23,Take Name,take1,Rotation Type,Quaternion,Length Units,{}
+
+,Type{}
+,Name{}
+,ID{}
+,{}
+Frame,Time (Seconds),X,Y,Z,W,X,Y,Z
+"""
+
+
+def motive(unit, scale=1.0, shift=""):
+    """Return Motive's export; `shift` are the commas that some versions have in front."""
+    kinds = ",Rotation" * 4 + ",Position" * 3
+    top = MOTIVE.format(unit, *(7 * f",{each}" for each in ("Rigid Body", "body", "1")), kinds)
+    top = "\n".join(shift * line.startswith(",") + line for line in top.splitlines())
+    given = columns()
+    names = ("qx", "qy", "qz", "qw", "x", "y", "z")
+    rows = np.column_stack([given["time"], *(given[name] for name in names)])
+    rows[:, 5:] *= scale
+    lines = (f"{k}," + ",".join(map(repr, row)) for k, row in enumerate(rows.tolist()))
+    return top + "\n" + "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize("shift", ["", ","])
+@pytest.mark.parametrize(
+    ("unit", "short", "scale"), [("Meters", "m", 1), ("Millimeters", "mm", 1e3)]
+)
+def test_exports_of_motive_are_read_with_their_units(tmp_path, shift, unit, short, scale):
+    path = write(tmp_path, motive(unit, scale, shift))
+    table, given = read_table(path), columns()
+    assert table.header == "line 7"
+    np.testing.assert_array_equal(table.columns["Time (Seconds)"], given["time"])
+    np.testing.assert_array_equal(table.columns["body:Rotation W"], given["qw"])
+    np.testing.assert_allclose(table.columns[f"body:Position Y [{short}]"], scale * given["y"])
+    with pytest.raises(InputError, match=r"line 7: there is no column 'time'.*`cpid log map`"):
+        inspect_log(path)
+
+
+def with_cell(line, column, text):
+    rows = rows_of(columns())
+    rows[line - 1][rows[0].index(column)] = text
+    return "".join(",".join(row) + "\n" for row in rows)
+
+
+DEGREES = head() + units("s", "-", "rad/s", "m", "deg") + body()
+
+REFUSED = {
+    "two logs with headers": (
+        head() + body() + head() + body(),
+        "line 253 repeats the header.*cut",
+    ),
+    "two logs without": (
+        head() + body() + body(),
+        "line 253, .*starts again at 0 s .*251 rows.*Cut",
+    ),
+    "joints in degrees by their units": (
+        DEGREES,
+        r"'q:arm_joint1 \[deg\]' states its unit.*log map",
+    ),
+    "positions in mm by their units": (
+        head() + units("s", "-", "rad/s", "mm", "rad") + body(),
+        r"'x \[mm\]' states its unit: a map of columns must name it",
+    ),
+    "a unit in the header": (
+        head(name=lambda n: "x [mm]" if n == "x" else n) + body(),
+        r"'x \[mm\]'",
+    ),
+    "units that are none": (
+        head() + units("s", "-", "apples", "m", "rad") + body(),
+        "line 2: 'apples'",
+    ),
+    "two lines of names": (
+        units("t", "pose", "imu", "pose", "arm") + head() + body(),
+        "one line of",
+    ),
+    "a commented header of MATLAB": ("%" + head() + body(), "did you mean '%time'"),
+    "stamps of which some have a zone": (
+        stamped(ISO, ending="Z").replace("Z", "", 7),
+        "line 2, column 'time': '2026-01-01T23:59:55.000'",
+    ),
+    "stamps of a day that is none": (stamped(ISO).replace("-01-01", "-02-30"), "ISO 8601"),
+    "stamps with the month first": (stamped("%m/%d/%Y %H:%M:%S.%f"), "line 2, .*ISO 8601"),
+    "no stamp in a row": (with_cell(9, "time", ""), "line 9, column 'time': the time is absent"),
+    "stamps that jump back once": (
+        with_cell(9, "time", "0.1"),
+        "line 9, .* 0.1 s comes after 0.24 s",
+    ),
+    "decimal commas": ((head(";") + body(";").replace(".", ",")), "line 2, .*with a decimal point"),
+    "NaN as text": (with_cell(7, "x", "NaN"), "line 7, .*leave the cell of an absent sample empty"),
+    "a word in a cell": (with_cell(7, "x", "lost"), "line 7, column 'x': 'lost'"),
+    "a quaternion that nobody filled": (with_cell(7, "qw", "0"), "line 7: the quaternion's norm"),
+    "a damaged message": (with_cell(7, "x", "1e20"), "line 7, column 'x': 1e.20 is implausible"),
+    "a column twice": (
+        head(name=lambda n: "x" if n == "y" else n) + body(),
+        "'x' is there 2 times",
+    ),
+    "no header": (body(), "the first line must hold the columns' names"),
+    "UTF-16": ((head() + body()).encode("utf-16"), "not text in UTF-8.*save it in that encoding"),
+    "Motive's Euler angles": (motive("Meters").replace("Quaternion", "XYZ"), "type Quaternion"),
+    "Motive's header cut": (motive("Meters").replace(",Name", ",Nom"), "header of Motive's export"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_is_not_plain_is_refused_with_place_and_remedy(tmp_path, name):
+    content, phrase = REFUSED[name]
+    with pytest.raises(InputError, match=phrase):
+        read_log(write(tmp_path, content))
+
+
+@pytest.mark.parametrize("start", [1_767_225_600.0, 400_000.0])
+@pytest.mark.parametrize("kind", ["csv", "npz"])
+def test_stamps_of_single_precision_are_named(tmp_path, start, kind):
+    given = columns() | {"time": single(start).astype(float)}
+    content = csv_of(given) if kind == "csv" else numpy_file(single(start))
+    with pytest.raises(InputError, match=r"'time' are rounded to single precision.*float64"):
+        inspect_log(write(tmp_path, content, f"log.{kind}"))
+
+
+@pytest.mark.parametrize("time", [np.arange(251) / 32, 4.0 * np.arange(251) + 1e6])
+def test_even_stamps_are_no_single_precision(tmp_path, time):
+    inspect_log(write(tmp_path, numpy_file(time), "log.npz"))
+
+
+# -- what is left out, and told ------------------------------------------------------------------
+
+
+def turned(given, low):
+    given[JOINT] = (given[JOINT] - low) % (2 * np.pi) + low
+
+
+def homed(given):
+    given[JOINT][100:] += 2 * np.pi
+
+
+def one_axis(given):
+    given["bwx"][:] = given["bwy"][:] = 0.0
+
+
+def offset(given):
+    given["bwx"][:], given["bwy"][:], given["bwz"][:] = 0.01, -0.02, 0.0
+
+
+def one_rate(given):
+    given["qd:arm_joint2"][:] = 0.0
+
+
+def no_rate(given):
+    given["qd:arm_joint2"][:] = np.nan
+
+
+def no_pose(given):
+    for name in "xyz":
+        given[name][:] = 0.0
+
+
+def held(given):
+    for name in ("qw", "qx", "qy", "qz"):
+        given[name] = given[name][::5].repeat(5)[:251]
+
+
+def own_rows(given):
+    for k, joint in enumerate(flyer().joint_names):
+        given[f"q:{joint}"][np.arange(251) % 4 != k] = np.nan
+        given.pop(f"qd:{joint}", None)
+
+
+def gripper(given):
+    given["q:gripper"] = np.linspace(0.0, 0.08, 251)
+    given["qd:gripper"] = np.full(251, 0.008)
+
+
+def saturated(given):
+    given["bwy"] = np.clip(given["bwy"], -0.4, np.inf)
+
+
+LEFT = {
+    "an angle of 0 to 360°": (lambda given: turned(given, 0.0), ALL, "", ""),
+    "an angle that is wrapped where it starts": (
+        lambda g: turned(g, 2.5),
+        ALL,
+        "encoders",
+        "unwrapped",
+    ),
+    "an angle that a homing sets": (homed, ALL, "encoders", "unwrapped: arm_joint1 (1 jumps)"),
+    "a gyro of one axis": (one_axis, ALL, "gyro", "zero in x, y while the attitude changed"),
+    "a gyro that stands still": (offset, ALL, "gyro", "constant in x, y, z while the attitude"),
+    "a gyro that stands still, alone": (
+        offset,
+        ("gyro", "encoders"),
+        "gyro",
+        "constant while arm_joint1, ",
+    ),
+    "one rate that is not filled": (one_rate, ALL, "joint_rates", "zero in arm_joint2 while"),
+    "one rate that is empty": (no_rate, ALL, "joint_rates", "those of arm_joint2 are not filled"),
+    "no pose": (no_pose, ALL[:3] + ALL[4:], "position", "constant while arm_joint1, "),
+    "an attitude in rows of the gyro": (held, ALL, "attitude", "repeats each value over 5 rows"),
+    "joints in rows of their own": (own_rows, ALL[:4] + ALL[4:5], "encoders", "rows of their own"),
+    "a gripper that moves": (gripper, ALL, "encoders", "as if they were fixed: gripper by 0.08"),
+    "a gyro at its end": (saturated, ALL, "gyro", "at the end of the scale (-0.4), left out"),
+}
+
+
+@pytest.mark.parametrize("name", LEFT)
+def test_what_is_not_measured_is_told_and_does_no_harm(tmp_path, name):
+    """What remains agrees with what was logged, and no convention is doubted."""
+    change, groups, sensor, phrase = LEFT[name]
+    given = columns(*groups)
+    change(given)
+    found = inspect_log(write(tmp_path, csv_of(given)), joints=flyer().joint_names)
+    assert found.problems == []
+    log = check_log(flyer(), found.log)
+    told = {each.name: "; ".join(each.found) for each in log.channels if each.found}
+    assert {*told} == {sensor} - {""}
+    assert phrase in told.get(sensor, "")
+    assert log.failures == ()
+    assert not any("differ by" in warning for warning in log.warnings)
+    true, kept = columns(*groups), log.measurements
+    if len(kept.position):
+        np.testing.assert_array_equal(kept.position.value[:, 0], true["x"])
+    q = np.interp(kept.encoders.time, true["time"], true[JOINT])
+    turns = (kept.encoders.value[:, 0] - q) / (2 * np.pi)
+    np.testing.assert_allclose(turns, np.round(turns[0]), atol=1e-3)
+
+
+def test_joints_that_are_all_others_are_refused(tmp_path):
+    path = write(tmp_path, csv_of(columns()))
+    with pytest.raises(
+        InputError, match=r"has no joints, but the log has arm_joint1.*ignore_joints"
+    ):
+        inspect_log(path, joints=())
+    log = inspect_log(path).log
+    others = Log(tuple("abcd"), log.samples)
+    with pytest.raises(InputError, match=r"no column 'q:arm_joint1'; .*the log's are 'a', 'b'"):
+        check_log(flyer(), others)
+
+
+def test_time_in_milliseconds_is_named(tmp_path):
+    given = columns(*ALL)
+    given["time"] *= 1000
+    found = check_log(flyer(), inspect_log(write(tmp_path, csv_of(given))).log)
+    assert "time.unit: ms" in found.failures[0]
+
+
+def test_rates_in_degrees_are_still_named(tmp_path):
+    """They are filled, only in another unit: no constant."""
+    given = columns(*ALL)
+    for name in [each for each in given if each.startswith("qd:")]:
+        given[name] *= 180 / np.pi
+    assert RATE in given
+    found = check_log(flyer(), inspect_log(write(tmp_path, csv_of(given))).log)
+    assert "joint_rates.unit: deg/s" in found.failures[0]
