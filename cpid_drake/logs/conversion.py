@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.rotations import rotate_by_quaternion
@@ -25,6 +26,7 @@ from cpid_drake.logs.column_map import (
 from cpid_drake.logs.log import THRUST, Log, Samples, with_fixed_joints
 from cpid_drake.logs.screening import LARGEST, QUATERNION_NORM
 from cpid_drake.logs.table import Table
+from cpid_drake.logs.unwrapping import unwrapped
 from cpid_drake.sensors.thrusters import VALVE
 
 LARGEST_TIME = 1e11
@@ -298,7 +300,8 @@ class _Conversion:
             right = np.searchsorted(own, time[rows]).clip(1, len(own) - 1)
             is_near = own[right] - own[right - 1] <= 3 * np.median(np.diff(own))
             is_near &= (time[rows] >= own[0]) & (time[rows] <= own[-1])
-            new[rows, k] = np.where(is_near, np.interp(time[rows], own, block[each, k]), np.nan)
+            value, _ = unwrapped(block[each, k], np.zeros(len(own)))
+            new[rows, k] = np.where(is_near, CubicSpline(own, value)(time[rows]), np.nan)
         text = "come in rows of their own, interpolated to those of the rarest joint"
         self.notes[name] = (*self.notes.get(name, ()), text)
         return new

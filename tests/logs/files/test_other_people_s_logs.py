@@ -309,7 +309,13 @@ LEFT = {
     "one rate that is empty": (no_rate, ALL, "joint_rates", "those of arm_joint2 are not filled"),
     "no pose": (no_pose, ALL[:3] + ALL[4:], "position", "constant while arm_joint1, "),
     "an attitude in rows of the gyro": (held, ALL, "attitude", "repeats each value over 5 rows"),
-    "joints in rows of their own": (own_rows, ALL[:4] + ALL[4:5], "encoders", "rows of their own"),
+    "joints in rows of their own": (own_rows, ALL[:5], "encoders", "rows of their own"),
+    "wrapped joints in rows of their own": (
+        lambda given: (turned(given, -np.pi), own_rows(given)),
+        ALL[:5],
+        "encoders",
+        "rows of their own",
+    ),
     "a gripper that moves": (gripper, ALL, "encoders", "as if they were fixed: gripper by 0.08"),
     "a gyro at its end": (saturated, ALL, "gyro", "at the end of the scale (-0.4), left out"),
 }
