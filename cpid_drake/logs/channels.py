@@ -258,6 +258,8 @@ class _Look:
         if given is None:
             return
         constant = ~_changes(given.value)
+        if not constant.any():
+            return
         if moved is None:
             if constant.all() and rate != "joint_rates" and (moving := self._moving_joints()):
                 self.leave_out(rate, f"constant while {listed(moving)} moved: not filled")
@@ -278,7 +280,7 @@ class _Look:
         if given is None:
             return
         constant, moves = ~_changes(given.value), np.zeros(given.value.shape[1], dtype=bool)
-        if rates is not None:
+        if rates is not None and constant.any():
             drift = rates.value - rates.value.mean(axis=0)
             path = cumulative_trapezoid(drift, rates.time, axis=0, initial=0.0)
             width = moves.size if position == "encoders" else 3
@@ -319,8 +321,9 @@ class _Look:
                 edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]])))
                 longest = int(np.max(edges[1::2] - edges[::2], initial=0))
                 others = column[~same]
-                is_measured = len(np.unique(others)) > 0.5 * len(others) > FEWEST
-                if longest < _AT_END or not is_measured or end == 0:
+                if longest < _AT_END or end == 0 or len(others) < FEWEST:
+                    continue
+                if len(np.unique(others)) < 0.5 * len(others):  # in coarse steps
                     continue
                 noise = _noise(Samples(given.time[~same], others[:, None]))
                 if noise > 1e-4 * np.ptp(column):

@@ -188,6 +188,13 @@ class TestCopies:
         assert (np.diff(given["x"]) == 0).mean() > 0.8
         assert channel(checked(given), "position").found == ()
 
+    def test_a_drift_in_coarse_steps_is_no_copy(self):
+        given = columns()
+        for name in ("x", "y", "z"):
+            given[name] = np.round(0.005 * given["time"], 3)
+        assert np.diff(np.flatnonzero(np.diff(given["x"]))).min() >= 4
+        assert channel(checked(given), "position").found == ()
+
 
 def test_samples_at_the_end_of_the_scale_are_left_out():
     given = columns()

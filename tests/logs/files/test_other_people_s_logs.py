@@ -222,6 +222,12 @@ def test_what_is_not_plain_is_refused_with_place_and_remedy(tmp_path, name):
         read_log(write(tmp_path, content))
 
 
+def test_a_second_log_is_one_problem(tmp_path):
+    found = inspect_log(write(tmp_path, head() + body() + body()))
+    assert len(found.problems) == 1
+    np.testing.assert_array_equal(found.log.gyro.time, columns()["time"])
+
+
 @pytest.mark.parametrize("start", [1_767_225_600.0, 400_000.0])
 @pytest.mark.parametrize("kind", ["csv", "npz"])
 def test_stamps_of_single_precision_are_named(tmp_path, start, kind):
