@@ -46,6 +46,14 @@ class TestWrappedJoints:
         )
         assert log.failures == ()
 
+    def test_limits_hold_up_to_whole_turns(self):
+        """A joint of -3.1 to 3.1 rad at rest near -2.8 rad, logged as 3.5 rad."""
+        given = columns()
+        given[JOINT] = 3.5 + 0.1 * np.sin(given["time"])
+        assert not any("limits" in warning for warning in checked(given).warnings)
+        given[JOINT] = 3.1 + 0.3 * np.sin(given["time"])
+        assert any("beyond the model's limits" in warning for warning in checked(given).warnings)
+
     def test_the_target_is_found(self):
         given = columns()
         given[JOINT] = wrapped(given[JOINT])
