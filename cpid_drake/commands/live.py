@@ -43,7 +43,8 @@ class _Shown:
 
     def table(self) -> Table:
         """Return the estimate, and how the stream does."""
-        table = Table("", "estimate", "± 95 %", "", title=f"{self.time:.1f} s", caption=self._state())
+        title = f"{self.time:.1f} s"
+        table = Table("", "estimate", "± 95 %", "", title=title, caption=self._state())
         half = quantile_95() * np.sqrt(np.diag(self.found.covariance))
         for name, value, own, unit in zip(
             PARAMETER_NAMES, self.found.parameters, half, PARAMETER_UNITS, strict=True
@@ -82,7 +83,11 @@ def replay(
     if request.planar:
         craft = craft.on_table()
     _, file = open_log(request, craft.joint_names)
-    samples = in_joint_order(file.log, craft)
+    seen = in_joint_order(file.log, craft)
+    if seen.errors:
+        raise InputError(f"{log}: {seen.errors[0]}")
+    options.print_warnings(seen.warnings)
+    samples = seen.log
     identifier = cpid.OnlineIdentifier(
         craft,
         inputs.sensors,

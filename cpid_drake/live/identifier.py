@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cpid_drake.errors import InputError, choose_from
+from cpid_drake.identification.arguments import PathLike
 from cpid_drake.identification.result import Identification
 from cpid_drake.live.stream import Stream, StreamState
 from cpid_drake.processes import one_thread
@@ -25,7 +26,7 @@ class OnlineIdentifier:
 
     Args:
         spacecraft: the known spacecraft.
-        sensors: its sensors' errors.
+        sensors: its sensors' errors: a suite, the name of a preset, or a file.
         **options: see `live.stream.Stream`: `momentum`, `prior`, `reads_thrust`, `known_bodies`,
             `window`, `lateness`, `in_order`.
 
@@ -34,7 +35,9 @@ class OnlineIdentifier:
 
     """
 
-    def __init__(self, spacecraft: Spacecraft, sensors: SensorSuite, **options: Any) -> None:
+    def __init__(
+        self, spacecraft: Spacecraft, sensors: SensorSuite | PathLike, **options: Any
+    ) -> None:
         self._begin(stream := Stream(spacecraft, sensors, **options), stream.start())
 
     def _begin(self, stream: Stream, state: StreamState) -> None:

@@ -13,6 +13,14 @@ from cpid_drake.errors import InputError
 from cpid_drake.estimation.block import BlockQueue, after
 from cpid_drake.estimation.online import WINDOW, OnlineState, step
 from cpid_drake.estimation.unknowns import Model
+from cpid_drake.identification.arguments import (
+    PathLike,
+    bodies_of,
+    momentum_of,
+    prior_of,
+    require_spacecraft,
+    sensors_of,
+)
 from cpid_drake.identification.consistency import with_nearest_body
 from cpid_drake.identification.online import identification_of_state, question_of
 from cpid_drake.identification.prior import TargetPrior
@@ -67,7 +75,7 @@ class Stream:
 
     Args:
         spacecraft: the known spacecraft.
-        suite: its sensors.
+        suite: its sensors, or the name of a preset, or a file; so for all other arguments.
         momentum: the total momentum, zero (default) or unknown.
         prior: what is known about the target before the first sample; default: nothing.
         reads_thrust: whether there is a log of thrust.
@@ -89,16 +97,19 @@ class Stream:
     def __init__(
         self,
         spacecraft: Spacecraft,
-        suite: SensorSuite,
+        suite: SensorSuite | PathLike,
         *,
-        momentum: TotalMomentum | None = None,
-        prior: TargetPrior | None = None,
+        momentum: TotalMomentum | str | None = None,
+        prior: TargetPrior | PathLike | None = None,
         reads_thrust: bool = False,
-        known_bodies: BodyUncertainty | None = None,
+        known_bodies: BodyUncertainty | PathLike | None = None,
         window: float = WINDOW,
         lateness: float = LATENESS,
         in_order: bool = False,
     ) -> None:
+        require_spacecraft(spacecraft)
+        suite, momentum = sensors_of(suite) or SensorSuite(), momentum_of(momentum)
+        known_bodies, prior = bodies_of(known_bodies), prior_of(prior, spacecraft)
         check_sensors(suite, "sensors")
         require_encoders(suite, "sensors")
         for name, value in (("lateness", lateness), ("window", window)):

@@ -23,6 +23,7 @@ from cpid_drake.errors import InputError
 from cpid_drake.estimation.gaussian import solution_of_rows
 from cpid_drake.estimation.least_squares import updated_information
 from cpid_drake.estimation.momentum_rows import momentum_columns, momentum_rows
+from cpid_drake.identification.arguments import momentum_of, require_spacecraft
 from cpid_drake.identification.by_rows import NAME, part_checks
 from cpid_drake.identification.consistency import with_nearest_body
 from cpid_drake.identification.result import Identification
@@ -172,7 +173,7 @@ class MomentumIdentifier(Identifier):
         spacecraft: Spacecraft,
         *,
         rows: str = "standard",
-        momentum: TotalMomentum | None = None,
+        momentum: TotalMomentum | str | None = None,
         period: float = 1.0,
         offset: float = 1.0,
     ) -> None:
@@ -182,8 +183,9 @@ class MomentumIdentifier(Identifier):
             raise InputError(f"identification period must be > 0 s, not {period}")
         if not (is_number(offset) and offset >= 0):
             raise InputError(f"identification offset must be >= 0 s, not {offset}")
+        require_spacecraft(spacecraft)
         self._spacecraft = spacecraft
-        self._momentum = momentum or TotalMomentum.zero()
+        self._momentum = momentum_of(momentum) or TotalMomentum.zero()
         if self._momentum.name == "known":
             raise InputError("identification needs a total momentum that is zero or unknown")
         self._family = row_family(rows, self._momentum.is_unknown)

@@ -11,6 +11,7 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.errors import InputError
 from cpid_drake.estimation.online import WINDOW, OnlineState
+from cpid_drake.identification.arguments import PathLike, sensors_of
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import Identification
 from cpid_drake.live.stream import Stream, StreamState
@@ -96,17 +97,18 @@ class SensorIdentifier(Identifier):
     def __init__(
         self,
         spacecraft: Spacecraft,
-        suite: SensorSuite,
+        suite: SensorSuite | PathLike,
         *,
-        momentum: TotalMomentum | None = None,
+        momentum: TotalMomentum | str | None = None,
         period: float | None = None,
-        prior: TargetPrior | None = None,
+        prior: TargetPrior | PathLike | None = None,
         reads_thrust: bool = False,
-        known_bodies: BodyUncertainty | None = None,
+        known_bodies: BodyUncertainty | PathLike | None = None,
         window: float = WINDOW,
     ) -> None:
         super().__init__()
         self.set_name("sensor_identifier")
+        suite = sensors_of(suite) or SensorSuite()
         self._stream = Stream(
             spacecraft,
             suite,

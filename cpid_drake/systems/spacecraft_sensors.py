@@ -16,6 +16,7 @@ from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.errors import prefix_errors
+from cpid_drake.identification.arguments import PathLike, require_spacecraft, sensors_of
 from cpid_drake.logs.log import Log, Samples, first_sample
 from cpid_drake.logs.simulated_noise import SensorNoise
 from cpid_drake.sensors.sensors import SENSORS, SensorErrors
@@ -71,9 +72,13 @@ class SpacecraftSensors(SpacecraftSystem):
 
     """
 
-    def __init__(self, spacecraft: Spacecraft, suite: SensorSuite, seed: int = 0) -> None:
+    def __init__(
+        self, spacecraft: Spacecraft, suite: SensorSuite | PathLike, seed: int = 0
+    ) -> None:
         super().__init__()
         self.set_name("spacecraft_sensors")
+        require_spacecraft(spacecraft)
+        suite = sensors_of(suite) or SensorSuite()
         check_sensors(suite, "sensors")
         if spacecraft.joint_names:
             require_encoders(suite, "sensors")

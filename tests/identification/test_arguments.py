@@ -6,6 +6,9 @@ from flyer_cases import MASS, columns, csv_of, flyer, write
 
 from cpid_drake import (
     InputError,
+    MomentumIdentifier,
+    OnlineIdentifier,
+    SensorIdentifier,
     SpacecraftSensors,
     identify,
     load_sensors,
@@ -95,6 +98,20 @@ def test_validate_reads_them_too(path, tmp_path):
             validate(flyer(), target, path, **options)
 
 
-def test_sensors_of_the_simulation_are_a_suite():
-    with pytest.raises(InputError, match="give a SensorSuite, not 'flight'; load_sensors"):
-        SpacecraftSensors(flyer(), "flight")
+@pytest.mark.parametrize("system", [MomentumIdentifier, OnlineIdentifier, SensorIdentifier])
+def test_systems_take_names_too_and_refuse_a_model(servicer, system):
+    """As the command line does."""
+    sensors = () if system is MomentumIdentifier else ("flight",)
+    system(servicer, *sensors, momentum="unknown")
+    with pytest.raises(InputError, match="momentum"):
+        system(servicer, *sensors, momentum="large")
+    with pytest.raises(InputError, match="must be a Spacecraft"):
+        system("craft.urdf", *sensors)
+
+
+@pytest.mark.parametrize("system", [OnlineIdentifier, SensorIdentifier, SpacecraftSensors])
+def test_sensors_that_are_none_are_refused(servicer, system):
+    with pytest.raises(InputError, match="no sensors"):
+        system(servicer, "nothing.yaml")
+    with pytest.raises(InputError, match="sensors must be"):
+        system(servicer, 5)
