@@ -8,6 +8,7 @@ from typing import Annotated
 import cpid_drake as cpid
 from cpid_drake.commands import options
 from cpid_drake.identification.description import describe
+from cpid_drake.live.mcap import write_mcap
 from cpid_drake.output_files.overwriting import check_outputs
 
 
@@ -21,6 +22,11 @@ def identify(
     chosen: options.LogOptions,
     json_file: Annotated[Path | None, "--json FILE", "Write the result to this file."] = None,
     report: Annotated[Path | None, "--report FILE", "Write a report, one HTML page."] = None,
+    mcap: Annotated[
+        Path | None,
+        "--mcap FILE",
+        "Write estimates over time, residuals and events as ROS 2 messages.",
+    ] = None,
     seconds: Annotated[
         float,
         "The trajectory fit ends after this time at the latest, with the result so far "
@@ -34,7 +40,7 @@ def identify(
     Exit codes: 0 all ten parameters are known, on a table the four that can be; 2 bad input or
     usage; 3 not all are determined; 4 a check failed: the first line says which.
     """
-    outputs = (("--json", json_file), ("--report", report))
+    outputs = (("--json", json_file), ("--report", report), ("--mcap", mcap))
     check_outputs(outputs, [*logs, *chosen.files()], force=force)
     requests = [chosen.request(each) for each in logs]
     console = options.log_console()
@@ -51,6 +57,8 @@ def identify(
             cpid.write_result(json_file, result)
         if report is not None:
             cpid.write_report(evidence, report, status.update)
+        if mcap is not None:
+            write_mcap(mcap, evidence)
     ignored = list(dict.fromkeys(name for file in evidence.files for name in file.ignored))
     if ignored:
         console.print(f"note: ignored columns: {', '.join(ignored[:20])}")
