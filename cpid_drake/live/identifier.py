@@ -27,8 +27,7 @@ class OnlineIdentifier:
     Args:
         spacecraft: the known spacecraft.
         sensors: its sensors' errors: a suite, the name of a preset, or a file.
-        **options: see `live.stream.Stream`: `momentum`, `prior`, `reads_thrust`, `known_bodies`,
-            `window`, `lateness`, `in_order`.
+        **options: the options of `live.stream.Stream`, by name.
 
     Raises:
         InputError: see `Stream`.
