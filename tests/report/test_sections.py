@@ -14,11 +14,13 @@ from cpid_drake.identification.checks import Check
 from cpid_drake.identification.request import Request, Source, SpacecraftReference
 from cpid_drake.identification.result import Identification
 from cpid_drake.identification.result_files import write_result
+from cpid_drake.planning.prediction import Prediction
 from cpid_drake.report.findings import Findings
 from cpid_drake.report.page import Table
 from cpid_drake.report.pages.identification import identification_report
+from cpid_drake.report.plan import motion_table
 from cpid_drake.report.sections.data import checks_section
-from cpid_drake.report.sections.estimate import result_section
+from cpid_drake.report.sections.estimate import logs_section, result_section
 from cpid_drake.sensors.presets import load_sensors
 
 TARGET = InertialParameters(10.0, [0.1, -0.2, 0.3], np.diag([2.0, 3.0, 4.0]))
@@ -86,6 +88,36 @@ class TestIntervals:
             [each.split(" to ") for each in column(table, "95 % interval")], dtype=float
         )
         np.testing.assert_allclose(np.diff(ends)[:, 0], 2 * factor * SIGMA, rtol=0.02)
+
+
+def test_several_logs_stand_side_by_side_with_half_their_intervals(found):
+    """The half-width of a log that knows half as much is twice as large."""
+    poor = replace(found, covariance=4 * found.covariance, intervals=wider(found, 2))
+    [table] = logs_section(replace(found, logs={"a": found, "b": poor})).tables
+    row = next(row for row in table.rows if row[0] == "m")
+    half = 0.4 * t.ppf(0.975, 16 - 10)
+    for head, factor in (("together", 1), ("a", 1), ("b", 2)):
+        cell = row[list(table.heads).index(head)]
+        value, own = (float(each) for each in cell.split(" ± "))
+        assert value == pytest.approx(10.0, abs=0.1)
+        assert own == pytest.approx(factor * half, rel=0.06)
+
+
+def wider(found, factor):
+    """Return intervals that are wider by a factor."""
+    middle = found.intervals.mean(axis=1, keepdims=True)
+    return middle + factor * (found.intervals - middle)
+
+
+def test_a_plan_s_table_is_in_degrees_and_percent():
+    one = np.ones(10)
+    prediction = Prediction(0.02 * one, 0.02 * one, 2 * one, np.pi / 6, np.pi / 180, 0.25, 0.5)
+    table = motion_table({"plan": prediction}, "")
+    shown = {row[0]: float(row[1]) for row in table.rows}
+    assert shown["turn of the base, deg"] == pytest.approx(30.0, rel=0.01)
+    assert shown["its rate, deg/s"] == pytest.approx(1.0, rel=0.01)
+    assert shown["its shift, m"] == pytest.approx(0.25)
+    assert shown["worst σ, % of scale"] == pytest.approx(1.0)
 
 
 def test_the_error_is_estimate_minus_truth_in_sigma(found):

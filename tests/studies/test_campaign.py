@@ -8,6 +8,7 @@ import pytest
 
 from cpid_drake import InputError, identify, load_scenario, load_sensors
 from cpid_drake.dynamics.momentum import total_momentum
+from cpid_drake.logs.log import Log, Samples
 
 pa = pytest.importorskip("pyarrow")
 dask = pytest.importorskip("dask")
@@ -16,9 +17,14 @@ distributed = pytest.importorskip("distributed")
 from cpid_drake.report.pages.campaign import campaign_report  # noqa: E402
 from cpid_drake.studies.campaign import store  # noqa: E402
 from cpid_drake.studies.campaign.run import run_campaign  # noqa: E402
-from cpid_drake.studies.campaign.schema import Axis, load_campaign  # noqa: E402
+from cpid_drake.studies.campaign.schema import Axis, ModelErrors, load_campaign  # noqa: E402
 from cpid_drake.studies.campaign.statistics import statistics_of, verdict  # noqa: E402
-from cpid_drake.studies.campaign.trial import replayed, run_chunk, schema_of  # noqa: E402
+from cpid_drake.studies.campaign.trial import (  # noqa: E402
+    replayed,
+    run_chunk,
+    schema_of,
+    with_sensor_errors,
+)
 
 EXACT = """
 scenario: paper
@@ -140,8 +146,13 @@ def test_a_solid_and_a_tumble_become_inertia_and_momentum(plan):
     motion = scenario.make_joint_motion(craft)
     telemetry = craft.predicted_motion(truth, motion, [0.0, 1.0], scenario.simulation.momentum_W)
     P, L = total_momentum(craft.tree, truth, telemetry)
-    size = 0.1 * truth.I_TTcm_C[0, 0]
-    np.testing.assert_allclose(np.linalg.norm(L, axis=1), size, rtol=1e-6)
+    plant, context = craft.plant, craft.plant.CreateDefaultContext()
+    plant.SetPositionsAndVelocities(context, craft.to_states(telemetry)[0])
+    frames = craft.base.body_frame(), craft.capture_frame
+    R_BC = plant.CalcRelativeTransform(context, *frames).rotation().matrix()
+    L_W = R_BC @ truth.I_TTcm_C @ [0.1, 0.0, 0.0]  # B's axes are W's before the capture
+    np.testing.assert_allclose(L[0], L_W, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(L[1], L_W, rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(P, 0.0, atol=1e-9)
 
 
@@ -180,6 +191,20 @@ def test_given_errors_of_the_model_act_on_the_estimate(plan):
     text = EXACT.replace("fixed: {", errors).replace("  tumble_C: {normal", "  # {")
     [row, *_] = rows(run_chunk(plan(text).text, 0, 1))
     assert row["estimate"][0] / row["truth"][0] == pytest.approx(1 / 0.99, rel=1e-5)
+
+
+def test_a_late_sensor_has_later_stamps_and_an_encoder_its_zero():
+    log = Log(("a",), {n: Samples(np.arange(3.0), np.ones((3, k))) for n, k in SIZES.items()})
+    errors = ModelErrors(delay_ms={"gyro": 20.0}, joint_zero_mrad=np.array([2.0]))
+    found = with_sensor_errors(log, errors)
+    np.testing.assert_allclose(found["gyro"].time, [0.02, 1.02, 2.02])
+    np.testing.assert_allclose(found["encoders"].value, 1.002)
+    np.testing.assert_allclose(found["encoders"].time, [0.0, 1.0, 2.0])
+    np.testing.assert_array_equal(found["gyro"].value, 1.0)
+
+
+SIZES = {"gyro": 3, "encoders": 1}
+"""Sensors and their entries."""
 
 
 def test_drake_simulates_what_the_propagator_propagates(plan):
