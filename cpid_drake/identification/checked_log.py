@@ -244,9 +244,10 @@ def _beyond_limits(spacecraft: Spacecraft, positions: NDArray[np.float64]) -> It
     lowest, highest = positions.min(axis=0, initial=np.inf), positions.max(axis=0, initial=-np.inf)
     low, high = spacecraft.limits.lowest, spacecraft.limits.highest
     turning = {body.joint for body in spacecraft.tree.bodies if not body.prismatic}
-    for k in turning - {-1}:  # whole turns do not count
-        turns = np.round((low[k] + high[k] - lowest[k] - highest[k]) / (4 * np.pi))
-        if np.isfinite(turns):
+    moved = np.isfinite(lowest) & np.isfinite(highest)
+    for k in turning - {-1}:
+        if moved[k] and high[k] - low[k] <= 2 * np.pi + 0.1:  # whole turns do not count
+            turns = np.round((low[k] + high[k] - lowest[k] - highest[k]) / (4 * np.pi))
             lowest[k], highest[k] = np.array([lowest[k], highest[k]]) + 2 * np.pi * turns
     beyond = (lowest <= highest) & ((lowest < low - 0.1) | (highest > high + 0.1))
     for k in np.flatnonzero(beyond).tolist():
