@@ -213,7 +213,7 @@ class _Look:
                 continue
             new, count = unwrapped(value[:, k], turned)
             if count:
-                changed.append(f"{joint} ({count} jumps)")
+                changed.append(f"{joint} ({count} jump{'s' * (count > 1)})")
                 value[:, k] = new
             steps = np.abs(np.diff(new)) if count else np.zeros(1)
             if not turned.any() and np.median(steps) > _FASTEST:
