@@ -100,7 +100,7 @@ def fit(
 
     Args:
         model: the unknowns and their priors.
-        logs: of the same hardware and target.
+        logs: of the same target.
         values: of all unknowns, at which logs that have a start are continued; default: the start
             is what the samples show of the motion.
         progress: called before every sweep but the first with a description; if it returns False,
@@ -210,7 +210,7 @@ def _reweighted(now: Fit, absorbed: Sequence[dict[str, float]] | None = None) ->
     """Return a fit with weights of its residuals, and their noise if it is known what is lost."""
     lost = absorbed or len(now.logs) * (None,)
     parts = zip(now.logs, now.rolled, lost, strict=True)
-    return replace(now, logs=[reweighted(now.model, *each) for each in parts])
+    return replace(now, logs=[reweighted(now.model.of_log(each[0].name), *each) for each in parts])
 
 
 @dataclass(frozen=True, eq=False)
@@ -329,15 +329,14 @@ def hardware_prior_of(
     """
     weighed_at = values if weighed_at is None else weighed_at
     sizes, R, z = {}, [], []
-    for unknown in model.table:
+    for name, (_, unknown) in model.unknowns_of(log.name for log in logs).items():
         if unknown.walk or unknown.name == PSI:  # the prior of what walks is in the sweep
             continue
-        for name in dict.fromkeys(unknown.key(log.name) for log in logs):
-            sizes[name], sigma = unknown.size, unknown.sigma
-            if unknown.may_fail:
-                sigma = sigma / loss_weight(weighed_at[name])
-            R.append(1 / sigma)
-            z.append((unknown.mean - values[name]) / sigma)
+        sizes[name], sigma = unknown.size, unknown.sigma
+        if unknown.may_fail:
+            sigma = sigma / loss_weight(weighed_at[name])
+        R.append(1 / sigma)
+        z.append((unknown.mean - values[name]) / sigma)
     diagonal = np.concatenate([np.empty(0), *R])
     right = np.concatenate([np.empty(0), *z])
     prior = Gaussian.of_rows(sizes, np.column_stack([np.diag(diagonal), right]))

@@ -87,7 +87,7 @@ class LogState:
             InputError: no block has attitude samples.
 
         """
-        blocks = tuple(blocks)
+        blocks, model = tuple(blocks), model.of_log(name)
         seen = (k for k, b in enumerate(blocks) if starts or past or len(b.samples.attitude))
         first = next(seen, None)
         if first is None:
@@ -112,7 +112,8 @@ class LogState:
 
         """
         stream = [samples] if isinstance(samples, Log) else samples
-        return cls.of_blocks(model, blocks_of(BlockQueue.of(model.suite), stream), name)
+        queue = BlockQueue.of(model.of_log(name).suite)
+        return cls.of_blocks(model, blocks_of(queue, stream), name)
 
     def of_others(
         self, model: Model, blocks: Iterable[Block], starts: tuple[TrajectoryState, ...] = ()

@@ -113,6 +113,7 @@ def roll(model: Model, log: LogState, values: Values) -> Rolled:
         InputError: no rigid body has these values.
 
     """
+    model = model.of_log(log.name)
     tree = model.tree_with(values.get(BODIES))
     psi, by_psi = psi_about(values[PSI], model.mass, tree.mass)
     last = constants_of(model, log, values)

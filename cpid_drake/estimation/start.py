@@ -251,6 +251,7 @@ def _pushed(
 
     And the impulse (M, 3), all since the first instant.
     """
+    model = model.of_log(log.name)
     constants, count = model.constants, len(motion.time)
     given = thrust_log(log.thrust, model.suite.thrusters, constants, np.zeros(constants.size))
     if given is None:

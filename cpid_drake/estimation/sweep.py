@@ -150,7 +150,7 @@ def sweep(
         stops: the blocks at whose ends the result also has what is known.
 
     """
-    at = dict[int, Gaussian]()
+    model, at = model.of_log(log.name), dict[int, Gaussian]()
     known = known_at_start(model, log, values) if before is None else before
     boundary = np.arange(boundary_size(model))
     walking, pose, joints = len(boundary) + model.walking_columns, boundary[:12], boundary[12:]
@@ -183,6 +183,7 @@ def known_at_start(model: Model, log: LogState, values: Values) -> Gaussian:
     L and v are the log's momentum, what walks has its prior, and joints, attitude and centre of
     mass are open; or what its past tells.
     """
+    model = model.of_log(log.name)
     if log.past is not None:
         return past_of(model, log, values)
     n, places = boundary_size(model), model.places
@@ -210,6 +211,7 @@ def back(model: Model, log: LogState, swept: Swept, step: Values, share: float =
         share: of the step that is taken.
 
     """
+    model = model.of_log(log.name)
     g = np.concatenate([step[name] for name in swept.end.places if name != BOUNDARY])
     n, R, z = boundary_size(model), swept.end.R, swept.end.z
     x = solve_triangular(R[:n, :n], z[:n] - R[:n, n:] @ g)

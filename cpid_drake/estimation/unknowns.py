@@ -1,13 +1,13 @@
 """What a fit does not know: one table of unknowns, with their priors, and the target's coordinates.
 
 Every unknown has a scope: a `log` has its own momentum and forces, all logs of one `hardware` share
-the errors of its sensors and bodies, and all logs of one `target` share the target. What belongs to
-a block of time (joint motion, white forces) is in the state of its log; see `log_state`.
+the errors of its sensors, and all logs share the target and the spacecraft's bodies. What belongs
+to a block of time (joint motion, white forces) is in the state of its log; see `log_state`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Literal
 
 import numpy as np
@@ -49,6 +49,7 @@ class Unknown:
         walk: σ of its change after 1 s, as a share of `sigma`; the prior is of the first value.
         may_fail: whether it may be far from its mean, so that its prior has a heavy tail: it weighs
             as a sample that is as far off.
+        hardware: see `Model`; empty for what does not belong to sensors.
 
     """
 
@@ -59,6 +60,7 @@ class Unknown:
     scope: Scope
     walk: float = 0.0
     may_fail: bool = False
+    hardware: str = ""
 
     @property
     def prior(self) -> Gaussian:
@@ -68,7 +70,9 @@ class Unknown:
 
     def key(self, log: str) -> str:
         """Return the name of this unknown of a log, among those of all logs."""
-        return f"{self.name}|{log}" if self.scope == "log" else self.name
+        if self.scope == "log":
+            return f"{self.name}|{log}"
+        return f"{self.name}@{self.hardware}" if self.hardware else self.name
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,10 +81,12 @@ class Model:
 
     Attributes:
         tree: the known spacecraft.
-        suite: its sensors, with their errors.
+        suite: its sensors, with their errors; of several hardwares, those of the first log.
         known_bodies: uncertainty of its bodies; None if they are exact.
         priors: mean and σ of unknowns with another prior than that of `table`.
         rows: further information about unknowns, such as a prior of the target.
+        suites: of each log, if not all have the same; one object is one hardware.
+        hardware: the first log with this hardware; empty if all logs have it.
 
     """
 
@@ -91,6 +97,8 @@ class Model:
         default_factory=dict
     )
     rows: tuple[Gaussian, ...] = ()
+    suites: Mapping[str, SensorSuite] = field(default_factory=dict)
+    hardware: str = ""
 
     def __post_init__(self) -> None:
         if self.known_bodies is None:
@@ -100,7 +108,7 @@ class Model:
     def of(
         cls,
         tree: KinematicTree,
-        suite: SensorSuite,
+        sensors: SensorSuite | Mapping[str, SensorSuite],
         known_bodies: BodyUncertainty | None = None,
         *,
         has_thrust: bool = False,
@@ -109,14 +117,41 @@ class Model:
 
         Args:
             tree: the known spacecraft.
-            suite: its sensors.
+            sensors: its sensors, or those of each log; one object is one hardware.
             known_bodies: uncertainty of its bodies as stated; None if it is not.
             has_thrust: whether thrusters fired.
 
         """
         tree = tree.lumped if known_bodies is None else tree
-        bodies = bodies_of(suite, known_bodies)
-        return cls(tree, with_plausible(suite, tree, has_thrust=has_thrust), bodies)
+        suites = sensors if isinstance(sensors, Mapping) else {"": sensors}
+        [first, *others] = suites.values()
+        if all(suite is first for suite in others):
+            suites = {}
+        found = cls(tree, first, bodies_of(known_bodies, first, *others), suites=suites)
+        return found.with_suites(partial(with_plausible, tree=tree, has_thrust=has_thrust))
+
+    def with_suites(self, change: Callable[[SensorSuite], SensorSuite]) -> "Model":
+        """Return the model with changed sensors."""
+        made = {id(suite): change(suite) for suite in (self.suite, *self.suites.values())}
+        suites = {log: made[id(suite)] for log, suite in self.suites.items()}
+        return replace(self, suite=made[id(self.suite)], suites=suites)
+
+    @cached_property
+    def _by_log(self) -> dict[str, "Model"]:
+        first = {id(suite): log for log, suite in [*self.suites.items()][::-1]}
+        made = {
+            log: replace(self, suite=self.suites[log], suites={}, hardware=log)
+            for log in first.values()
+        }
+        return {log: made[first[id(suite)]] for log, suite in self.suites.items()}
+
+    def of_log(self, name: str) -> "Model":
+        """Return the model with the sensors of a log."""
+        return self._by_log[name] if self.suites else self
+
+    def unknowns_of(self, logs: Iterable[str]) -> dict[str, tuple[str, Unknown]]:
+        """Return the unknowns of some logs, each with a log that has it, by `Unknown.key`."""
+        return {u.key(log): (log, u) for log in logs for u in self.of_log(log).table}
 
     @cached_property
     def constants(self) -> Constants:
@@ -157,7 +192,8 @@ class Model:
             walk = error.walk / error.sigma
             scope: Scope = "hardware" if error.is_shared else "log"
             fails = error.kind == VALVE_FORCE
-            table.append(Unknown(error.name, error.size, zero, one, scope, walk, fails))
+            owner = self.hardware if error.is_shared else ""
+            table.append(Unknown(error.name, error.size, zero, one, scope, walk, fails, owner))
         # A solid sphere about C's origin of a tenth of the spacecraft's mass.
         mean = 0.2 / 1.1 * self.plausible * [1, 0, 0, 0, 0.2, 0, 0, 0.2, 0, 0.2]
         table.append(Unknown(PSI, 10, mean, np.full(10, np.inf), "target"))  # see `cone`
@@ -227,4 +263,4 @@ class Model:
 
     def start(self, logs: list[str]) -> dict[str, NDArray[np.float64]]:
         """Return the mean of all unknowns of some logs before the first sample."""
-        return {u.key(log): u.mean.copy() for u in self.table for log in logs}
+        return {key: u.mean.copy() for key, (_, u) in self.unknowns_of(logs).items()}

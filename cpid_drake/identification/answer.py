@@ -177,16 +177,15 @@ def effects_of(
     model: Model, values: Values, gaussian: Gaussian, *logs: str
 ) -> tuple[EffectEstimate, ...]:
     """Return the estimates of constant errors but biases; of those that walk, the last value."""
-    errors, found = model.constants.errors, []
-    shown = {name for name, error in errors.items() if error.kind != BIAS}
-    for unknown in model.table:
-        for log in logs if unknown.scope == "log" else logs[:1]:
-            key = unknown.key(log)
-            if unknown.name in shown and key in gaussian.places:
-                own = gaussian.marginal([key])
-                value, sigma = values[key] + own.solve(), np.sqrt(np.diag(own.covariance()))
-                where = log if unknown.scope == "log" and len(logs) > 1 else ""
-                found.append(EffectEstimate.of(errors[unknown.name], value, sigma, log=where))
+    found = []
+    for key, (log, unknown) in model.unknowns_of(logs).items():
+        error = model.of_log(log).constants.errors.get(unknown.name)
+        if error is not None and error.kind != BIAS and key in gaussian.places:
+            own = gaussian.marginal([key])
+            value, sigma = values[key] + own.solve(), np.sqrt(np.diag(own.covariance()))
+            where = log if unknown.scope == "log" and len(logs) > 1 else ""
+            owner = {"log": where, "hardware": unknown.hardware}
+            found.append(EffectEstimate.of(error, value, sigma, **owner))
     return tuple(found)
 
 

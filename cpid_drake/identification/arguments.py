@@ -1,19 +1,19 @@
 """Arguments of `identify` and `validate`: objects, or the names and paths of the command line."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.errors import InputError
+from cpid_drake.errors import InputError, choose_from
 from cpid_drake.identification.prior import TargetPrior, load_prior
 from cpid_drake.input_files.validation import from_tree, load_yaml, parse_yaml
 from cpid_drake.logs.files import inspect_log, refuse_problems
 from cpid_drake.logs.log import Log
 from cpid_drake.resources import resolve_model
-from cpid_drake.sensors.presets import load_sensors
+from cpid_drake.sensors.presets import load_sensors, sensor_presets
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
@@ -87,6 +87,35 @@ def sensors_of(given: SensorSuite | PathLike | None) -> SensorSuite | None:
     if isinstance(given, PathLike):
         return load_sensors(given)
     return _checked("sensors", given, SensorSuite, "a preset, or a file")
+
+
+def sensors_of_logs(
+    given: SensorSuite | PathLike | Mapping[str, SensorSuite | PathLike] | None,
+    logs: Collection[str],
+) -> dict[str, SensorSuite | None]:
+    """Return the sensors of each log: one object for each preset and each file.
+
+    Raises:
+        InputError: a name is no log, or a log has no sensors; see also `sensors_of`.
+
+    """
+    if not isinstance(given, Mapping):
+        return dict.fromkeys(logs, sensors_of(given))
+    for name in given:
+        if name not in logs:
+            raise InputError(f"sensors: there is no log '{name}'; {choose_from(name, logs)}")
+    read, found = dict[object, SensorSuite | None](), dict[str, SensorSuite | None]()
+    for name in logs:
+        own = given.get(name)
+        if own is None:
+            raise InputError(
+                f"sensors: log '{name}' has none; give those of every log, or one suite for all"
+            )
+        key: object = id(own)
+        if isinstance(own, PathLike):
+            key = str(own) if str(own) in sensor_presets() else Path(own).resolve()
+        found[name] = read[key] = read.get(key) or sensors_of(own)
+    return found
 
 
 def bodies_of(given: BodyUncertainty | PathLike | None) -> BodyUncertainty | None:

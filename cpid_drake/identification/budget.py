@@ -8,8 +8,8 @@ then conditioned on.
 """
 
 from collections.abc import Iterator, Sequence
-from copy import copy
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
@@ -24,9 +24,10 @@ from cpid_drake.estimation.roll import Values
 from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import BODIES, MOMENTUM, PSI, Model, Unknown
 from cpid_drake.identification.checks import Check
-from cpid_drake.identification.effects import EffectEstimate
+from cpid_drake.identification.effects import EffectEstimate, with_sensors_of
 from cpid_drake.input_files.validation import Numbers
 from cpid_drake.sensors.sensors import Gyro
+from cpid_drake.sensors.suite import SensorSuite
 
 FAR = 4.0
 """No error is larger than so many of its σ: one entry in 16,000 is."""
@@ -98,16 +99,20 @@ def error_budget(
         return np.where(known, 1 - np.diag(jacobian @ own @ jacobian.T) / total, np.nan)
 
     rows, k = list[BudgetRow](), 10
-    by_name = {unknown.name: unknown for unknown in model.table}
+    names = [log.name for log in found.logs]
+    unknowns = model.unknowns_of(names)
     for key in errors:
-        unknown = by_name[key.partition("|")[0]]
-        walks = unknown.walk > 0
-        for name, unit, scale in _entries(model, unknown, joints):
+        log, unknown = unknowns[key]
+        walks, where = unknown.walk > 0, ""
+        if unknown.hardware:
+            where = with_sensors_of(unknown.hardware)
+        elif unknown.scope == "log" and len(names) > 1:
+            where = f" of {log}"
+        for name, unit, scale in _entries(model.of_log(log), unknown, joints):
             of_target, variance = jacobian @ P[:10, k], P[k, k]
             value, sigma, prior = found.values[key], np.sqrt(variance), unknown.sigma
             entry = k - both.places[key].start
             if not walks:
-                where = f" of {key.partition('|')[2]}" if len(found.logs) > 1 and "|" in key else ""
                 shares = np.where(known, of_target**2 / (variance * total), np.nan)
                 needed = 1 / np.hypot(1 / prior[entry], 1 / sigma)
                 numbers = (value[entry] + solution[k], sigma, needed)
@@ -123,8 +128,10 @@ def error_budget(
 
 def _without_walks(found: Fit, held: Values) -> Iterator[tuple[str, Gaussian]]:
     """Yield the name of each group of errors that walk, and what is known if they were exact."""
+    table = found.model.unknowns_of(log.name for log in found.logs).values()
+    walking = {u.name for _, u in table if u.walk}
     names = {
-        group: {u.name for u in found.model.walking if u.name.rpartition(".")[2] in kinds}
+        group: {name for name in walking if name.rpartition(".")[2] in kinds}
         for group, kinds in _GROUPS.items()
     }
     if any(log.past for log in found.logs):  # what is behind a window cannot be swept again
@@ -142,25 +149,30 @@ def _without_walks(found: Fit, held: Values) -> Iterator[tuple[str, Gaussian]]:
 
 def _exact(found: Fit, held: Values, names: set[str]) -> Gaussian:
     """Return what is known if some errors that walk were exact."""
-    model = replace(found.model, suite=copy(found.model.suite))
-    forces, present = model.suite.disturbances, model.suite.present()
-    steady = dict[str, Any]()
-    for name in names:
-        sensor, _, kind = name.rpartition(".")
-        gyro = present.get(sensor)
-        if isinstance(gyro, Gyro):
-            setattr(model.suite, sensor, replace(gyro, bias_random_walk=0.0))
-        else:
-            steady[f"{kind}_walk"] = 0.0
-    if forces is not None:
-        model.suite.disturbances = replace(forces, **steady)
-    keep = np.concatenate([np.full(u.size, u.name not in names) for u in found.model.walking])
+    model = found.model.with_suites(partial(_steady, names=names))
     total = prior_of(model, found.logs, found.values)
     for log, rolled in zip(found.logs, found.rolled, strict=True):
+        walking = found.model.of_log(log.name).walking
+        keep = np.concatenate([np.full(u.size, u.name not in names) for u in walking])
         less = replace(log, walks=tuple(walk[keep] for walk in log.walks))
         total = total.add(sweep(model, less, rolled, found.values, forward_only=True).gaussian)
     exact = {name: 0.0 for name in total.places if name.partition("|")[0] in names}
     return total.condition(exact | {n: v for n, v in held.items() if n in total.places})
+
+
+def _steady(suite: SensorSuite, names: set[str]) -> SensorSuite:
+    """Return sensors of which some errors do not walk."""
+    steady, forces = dict[str, Any](), dict[str, Any]()
+    for name in names:
+        sensor, _, kind = name.rpartition(".")
+        gyro = suite.present().get(sensor)
+        if isinstance(gyro, Gyro):
+            steady[sensor] = replace(gyro, bias_random_walk=0.0)
+        elif not sensor:
+            forces[f"{kind}_walk"] = 0.0
+    if suite.disturbances is not None:
+        steady["disturbances"] = replace(suite.disturbances, **forces)
+    return replace(suite, **steady)
 
 
 def _entries(
@@ -215,17 +227,19 @@ def size_checks(
         effects: the constant errors.
 
     """
-    sizes = {e.name: float(np.abs(e.value).max()) / e.prior_sigma for e in effects}
-    sizes = {n: size for n, size in sizes.items() if not model.unknown(n).may_fail}
+    sizes = {
+        e.describe(): float(np.abs(e.value).max()) / e.prior_sigma
+        for e in effects
+        if not e.may_fail
+    }
     if model.known_bodies is not None and BODIES in gaussian.places:
         own = values[BODIES] + gaussian.marginal([BODIES]).solve()
-        sizes[BODIES] = float(np.abs(own).max(initial=0.0))
+        sizes["the spacecraft's bodies"] = float(np.abs(own).max(initial=0.0))
     if not sizes:
         return ()
     name = max(sizes, key=lambda each: sizes[each])
-    found = next((e.describe() for e in effects if e.name == name), "the spacecraft's bodies")
     sentence = (
-        f"an error is {significant(sizes[name])} times as large as its sigma: {found}; declare "
+        f"an error is {significant(sizes[name])} times as large as its sigma: {name}; declare "
         "what the hardware can have, or look for another cause"
     )
     return (Check.of("declared sizes", sentence, sizes[name], FAR),)

@@ -288,7 +288,7 @@ def _told(
     """
     spacecraft, momentum, family = known.spacecraft, known.momentum, known.family
     assert family is not None
-    tree, suite, warnings = spacecraft.tree, known.sensors, tuple[str, ...]()
+    tree, suite, warnings = spacecraft.tree, log.sensors, tuple[str, ...]()
     if log.states is not None:
         suite = None
     elif suite is None and common_times(log.measurements, family) is None:

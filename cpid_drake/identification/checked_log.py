@@ -39,7 +39,10 @@ OLD_ZEROS = (
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """What is known besides the logs: the arguments of `identify.identify`, by their names."""
+    """What is known besides the logs: the arguments of `identify.identify`, by their names.
+
+    Sensors are those of the first log; see `CheckedLog.sensors`.
+    """
 
     spacecraft: Spacecraft
     estimator: str | None = None
@@ -77,6 +80,7 @@ class CheckedLog:
         conventions: what comparing positions with rates, and the motion with the momentum, says.
         states: the caller's exact states, which were not sampled by sensors; else None.
         channels: what was found in every channel.
+        sensors: the sensors' errors; None if they are not given.
 
     """
 
@@ -88,6 +92,7 @@ class CheckedLog:
     conventions: Findings = field(default_factory=Findings)
     states: Motion | None = None
     channels: tuple[Channel, ...] = ()
+    sensors: SensorSuite | None = None
 
     @property
     def counts(self) -> dict[str, int]:
@@ -110,6 +115,18 @@ def suite_of(sensors: SensorSuite | None, *logs: CheckedLog) -> tuple[SensorSuit
             if name not in suite.present() or other.sigmas(name)[0] < suite.sigmas(name)[0]:
                 setattr(suite, name, errors)
     return suite, (text,)
+
+
+def suites_of(
+    logs: Mapping[str, CheckedLog],
+) -> tuple[dict[str, SensorSuite], tuple[str, ...]]:
+    """Return the sensors' errors of each log, and warnings; see `suite_of`."""
+    if any(log.sensors is None for log in logs.values()):
+        suite, said = suite_of(None, *logs.values())
+        return dict.fromkeys(logs, suite), said
+    found = {name: suite_of(log.sensors) for name, log in logs.items()}
+    warnings = dict.fromkeys(text for _, said in found.values() for text in said)
+    return {name: suite for name, (suite, _) in found.items()}, tuple(warnings)
 
 
 def log_of_states(telemetry: Motion) -> CheckedLog:

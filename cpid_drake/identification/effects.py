@@ -26,8 +26,9 @@ class EffectEstimate:
         value: (k,) the estimate.
         sigma: (k,) its σ.
         prior_sigma: σ of each entry before the first sample.
-        log: name of the log to which an external force belongs; empty for errors that all logs have
-            in common, and if there is only one log.
+        log: name of the log to which an external force belongs; empty for errors that several logs
+            have in common, and if there is only one log.
+        hardware: the first log whose sensors have this error; empty if those of all logs have it.
 
     """
 
@@ -37,6 +38,7 @@ class EffectEstimate:
     sigma: Annotated[NDArray[np.float64], Numbers()]
     prior_sigma: float
     log: str = ""
+    hardware: str = ""
 
     @classmethod
     def of(
@@ -51,7 +53,7 @@ class EffectEstimate:
         Args:
             error: with its σ and its unit.
             value, sigma: (k,) as shares of this σ.
-            others: `log`.
+            others: `log` and `hardware`.
 
         """
         unit = error.sigma / error.scale
@@ -64,10 +66,15 @@ class EffectEstimate:
         return bool((is_far | (self.sigma < LEARNED * self.prior_sigma)).any())
 
     @property
+    def may_fail(self) -> bool:
+        """Whether it is the force of a valve."""
+        return self.name.rpartition(".")[2] == VALVE_FORCE
+
+    @property
     def failed_valve(self) -> str:
         """The valve whose force is far from the declared one; empty for other errors."""
-        name, _, kind = self.name.rpartition(".")
-        return name if kind == VALVE_FORCE and abs(self.value[0]) > FAR * self.prior_sigma else ""
+        is_far = self.may_fail and abs(self.value[0]) > FAR * self.prior_sigma
+        return self.name.rpartition(".")[0] if is_far else ""
 
     def describe(self) -> str:
         """Return the estimate in words, with 95 % intervals."""
@@ -76,4 +83,10 @@ class EffectEstimate:
         text = f"{numbers} {self.unit}" if len(self.value) == 1 else f"({numbers}) {self.unit}"
         sensor, _, kind = self.name.rpartition(".")
         where = f" during {self.log}" if self.log else ""
+        where += with_sensors_of(self.hardware) if self.hardware else ""
         return KINDS[kind].words.format(text, sensor=sensor) + where
+
+
+def with_sensors_of(hardware: str) -> str:
+    """Return the words behind an error of one hardware; see `EffectEstimate`."""
+    return f" with the sensors of {hardware}"

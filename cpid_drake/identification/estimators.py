@@ -129,7 +129,7 @@ def require_sensors(log: CheckedLog, known: Known) -> None:
     family = known.family
     if family is not None:
         needs = by_rows.needs_of_rows(family, known.momentum or TotalMomentum.zero())
-    present = log.counts if known.sensors is None else known.sensors.present()
+    present = log.counts if log.sensors is None else log.sensors.present()
     for choice in needs:
         if choice == ("encoders",) and not log.measurements.joint_names:
             continue

@@ -23,7 +23,7 @@ from cpid_drake.estimation.sweep import EXACT, sweep
 from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.estimation.whiteness import Whiteness, whiteness
 from cpid_drake.identification.answer import Observed, answer_of, at_momentum
-from cpid_drake.identification.checked_log import CheckedLog, Known, suite_of
+from cpid_drake.identification.checked_log import CheckedLog, Known, suites_of
 from cpid_drake.identification.halves import part_checks
 from cpid_drake.identification.leaning import leaning
 from cpid_drake.identification.over_time import over_time
@@ -46,10 +46,10 @@ def estimate(
 
     See `estimators.Estimator`.
     """
-    suite, warnings = suite_of(known.sensors, *logs.values())
+    suites, warnings = suites_of(logs)
     has_thrust = any(log.measurements.has_thrust for log in logs.values())
     tree, bodies = known.spacecraft.tree, known.known_bodies
-    model = Model.of(tree, suite, bodies, has_thrust=has_thrust)
+    model = Model.of(tree, suites, bodies, has_thrust=has_thrust)
     where = {name: f"{name}: " if len(logs) > 1 else "" for name in logs}
     states = []
     for name, log in logs.items():
@@ -136,7 +136,7 @@ def _observed(found: Fit, beside: Mapping[str, Whiteness]) -> tuple[dict[str, Sa
     """Return residuals by sensor (of log), and what they tell."""
     series, counts = {}, {}
     for log, rolled in zip(found.logs, found.rolled, strict=True):
-        for name in found.model.suite.present():
+        for name in found.model.of_log(log.name).suite.present():
             key = name if len(found.logs) == 1 else f"{name} of {log.name}"
             times, values, far, count = [np.empty(0)], [], 0, 0
             for block, rest, weights in zip(log.blocks, rolled.residuals, log.weights, strict=True):

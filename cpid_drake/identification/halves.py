@@ -51,7 +51,7 @@ def _beginning(found: Fit) -> Gaussian | None:
 def _values_at(found: Fit, log: LogState, k: int) -> Values:
     """Return the values at the end of the first k blocks of a log."""
     values, later = dict(found.values), np.sum(log.walks[k:], axis=0)
-    for unknown in found.model.walking:
+    for unknown in found.model.of_log(log.name).walking:
         step, later = np.split(later, [unknown.size])
         values[unknown.key(log.name)] = values[unknown.key(log.name)] - step
     return values

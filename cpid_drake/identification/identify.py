@@ -19,7 +19,7 @@ from cpid_drake.identification.arguments import (
     planar_of,
     prior_of,
     require_spacecraft,
-    sensors_of,
+    sensors_of_logs,
 )
 from cpid_drake.identification.checked_log import CheckedLog, Known, check_log
 from cpid_drake.identification.checks import Check, rejection_checks
@@ -54,7 +54,7 @@ def identify(
     *,
     estimator: str | None = None,
     rows: str | None = None,
-    sensors: SensorSuite | PathLike | None = None,
+    sensors: SensorSuite | PathLike | Mapping[str, SensorSuite | PathLike] | None = None,
     momentum: TotalMomentum | str | None = None,
     known_bodies: BodyUncertainty | PathLike | None = None,
     prior: TargetPrior | PathLike | None = None,
@@ -83,16 +83,18 @@ def identify(
             samples, without sensors and known bodies, whose momentum is constant to 1e-5.
         rows: row family of least squares (`cpid_drake.dynamics.rows.ROW_FAMILIES`); default:
             "standard", or "relative" for data without position and velocity.
-        sensors: the sensors' errors; of those whose σ is not stated, the trajectory fit takes a
-            plausible σ. Default: all complete samples have the same weight, and an estimator that
-            needs the noise estimates it from the data.
+        sensors: the sensors' errors, or those of each log by its name: logs with the same object,
+            preset or file have the same hardware, and others have constant errors of their own. Of
+            errors whose σ is not stated, the trajectory fit takes a plausible σ. Default: all
+            complete samples have the same weight, and an estimator that needs the noise estimates
+            it from the data.
         momentum: the total momentum of spacecraft and target, or "zero" or "unknown"; default: zero
             if the samples agree with this, else unknown.
         known_bodies: uncertainty of the spacecraft's own bodies, of the arm's geometry and of the
             grasp, whose errors the trajectory fit and the recursive fit estimate with these σ as
             prior, and include in their covariance; `BodyUncertainty()` if they are exact. Default:
             the trajectory fit includes 1 % of masses and inertias and 5 mm of each centre of mass,
-            unless the sensors say `unstated: exact`.
+            unless the sensors of all logs say `unstated: exact`.
         prior: what is known about the target; default: nothing.
         planar: whether the spacecraft floats on a table whose normal is W's z axis, such as an
             air-bearing table: only momentum in the plane is then used, because the table holds the
@@ -103,24 +105,26 @@ def identify(
             convergence.
 
     Raises:
-        InputError: an argument is of another type; there is no log, or it cannot be read; the
-            estimator or the rows are unknown, or cannot handle this momentum; the data contain
-            other joints than the spacecraft's; a sensor that the estimator needs is missing (the
-            message lists the estimators that could use the data);
-            there are too few samples; the prior determines combinations of other unknowns than the
-            estimator's.
+        InputError: an argument is of another type; there is no log, or it cannot be read; a name of
+            sensors is no log, or a log has none; the estimator or the rows are unknown, or cannot
+            handle this momentum; the data contain other joints than the spacecraft's; a sensor that
+            the estimator needs is missing (the message lists the estimators that could use the
+            data); there are too few samples; the prior determines combinations of other unknowns
+            than the estimator's.
 
     """
     require_spacecraft(spacecraft)
     named = logs_of(data, spacecraft)
-    sensors, momentum = sensors_of(sensors), momentum_of(momentum)
+    suites, momentum = sensors_of_logs(sensors, named), momentum_of(momentum)
+    [suite, *_] = suites.values()
     known_bodies, prior = bodies_of(known_bodies), prior_of(prior, spacecraft)
     planar = planar_of(planar)
     where, logs = {name: name if len(named) > 1 else "" for name in named}, dict[str, CheckedLog]()
     for name, each in named.items():
         progress(f"checking {name}")
         with prefix_errors(where[name]):
-            logs[name] = check_log(spacecraft, each, sensors, planar, by_momentum=False)
+            own = check_log(spacecraft, each, suites[name], planar, by_momentum=False)
+        logs[name] = replace(own, sensors=suites[name])
     normals = {name: log.normal_B for name, log in logs.items() if log.normal_B is not None}
     if normals and len(normals) < len(logs):
         free = next(name for name in logs if name not in normals)
@@ -130,9 +134,7 @@ def identify(
         )
     if normals:
         spacecraft = spacecraft.on_table(one_normal(normals))
-    known = Known(
-        spacecraft, estimator, rows, sensors, momentum, known_bodies, prior, bool(normals)
-    )
+    known = Known(spacecraft, estimator, rows, suite, momentum, known_bodies, prior, bool(normals))
     known = with_method(known, logs)
     assert known.estimator is not None
     method = ESTIMATORS[known.estimator]
@@ -155,7 +157,8 @@ def identify(
     tree = spacecraft.tree
     found = replace(found, is_planar=tree.normal_B is not None, normal_C=tree.normal_C)
     found = checked(_with_logs(found, logs, method, not known.has_exact_bodies), tree)
-    is_exact = method.uses_rows or errors_of_bodies(sensors or SensorSuite(), known_bodies) is None
+    given = (each or SensorSuite() for each in suites.values())
+    is_exact = method.uses_rows or errors_of_bodies(known_bodies, *given) is None
     if is_exact:
         found = replace(found, given=(SPACECRAFT,))
     if is_exact and known.has_exact_bodies:

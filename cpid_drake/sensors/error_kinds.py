@@ -250,16 +250,17 @@ def with_plausible(
     return made
 
 
-def bodies_of(suite: SensorSuite, bodies: BodyUncertainty | None) -> BodyUncertainty | None:
+def bodies_of(bodies: BodyUncertainty | None, *suites: SensorSuite) -> BodyUncertainty | None:
     """Return the uncertainty of the spacecraft's bodies; None if they are exact.
 
     Args:
-        suite: the sensors; `unstated: exact` is said of the bodies too.
         bodies: as declared; None if nothing is.
+        suites: the sensors; `unstated: exact` of all of them is said of the bodies too.
 
     """
     if bodies is None:
-        return None if suite.unstated == "exact" else PLAUSIBLE_BODIES
+        is_exact = all(suite.unstated == "exact" for suite in suites)
+        return None if is_exact else PLAUSIBLE_BODIES
     return None if bodies.is_zero else bodies
 
 

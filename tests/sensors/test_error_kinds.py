@@ -67,7 +67,7 @@ def test_exact_means_that_only_what_is_stated_errs(tree):
         *("gyro.bias", "position.lever_arm", "position.delay", "encoders.zero"),
         *OF_BOTH,
     }
-    assert bodies_of(suite, None) is None
+    assert bodies_of(None, suite) is None
     assert set(stated(load_sensors("orbit"), tree)) > names
 
 
@@ -113,9 +113,9 @@ def test_a_floor_and_valves_make_noise(tree):
 
 def test_bodies_are_uncertain_unless_somebody_says_that_they_are_exact():
     suite, small = load_sensors("testbed"), BodyUncertainty(mass=0.002)
-    assert bodies_of(suite, None) == BodyUncertainty(mass=0.01, com=0.005, inertia=0.01)
-    assert bodies_of(suite, BodyUncertainty()) is None
-    assert bodies_of(suite, small) == bodies_of(suite.exact(), small) == small
+    assert bodies_of(None, suite) == BodyUncertainty(mass=0.01, com=0.005, inertia=0.01)
+    assert bodies_of(BodyUncertainty(), suite) is None
+    assert bodies_of(small, suite) == bodies_of(small, suite.exact()) == small
 
 
 @pytest.mark.parametrize("version", ["", "version: 2\n"])
