@@ -42,7 +42,7 @@ def identify(
     """
     outputs = (("--json", json_file), ("--report", report), ("--mcap", mcap))
     check_outputs(outputs, [*logs, *chosen.files()], force=force)
-    requests = [chosen.request(each) for each in logs]
+    requests = [chosen.request(each, logs) for each in logs]
     console = options.log_console()
     with options.log_console(quiet).status("identifying") as status:
         end = time.monotonic() + seconds

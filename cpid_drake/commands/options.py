@@ -5,7 +5,7 @@ does not wait for Drake.
 """
 
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,6 +17,7 @@ import cpid_drake as cpid
 from cpid_drake.commands.spacecraft_file import EXPLICIT, SpacecraftFile, load_spacecraft_file
 from cpid_drake.errors import InputError
 from cpid_drake.identification.arguments import EXACT
+from cpid_drake.identification.request import log_names
 from cpid_drake.output_files.drafts import refuse_unfinished
 from cpid_drake.resources import find_scenario, package_folders, resolve_model
 
@@ -183,7 +184,13 @@ class LogOptions(PartOptions, SpacecraftOptions):
         "Row family of least_squares, such as standard, relative or eq18; `cpid list` "
         "explains all. Default: standard, or relative for logs without position and velocity.",
     ] = None
-    sensors: SensorsOption = None
+    sensors: Annotated[
+        list[str] | None,
+        "--sensors [NAME=]PRESET|YAML",
+        "Sensor noise: a preset or a YAML file. NAME= before it, the name of a log, gives those of "
+        "this log alone, and may be repeated; logs with the same file have the same hardware. "
+        "Default: estimated from the log if needed.",
+    ] = None
     momentum: MomentumOption = None
     known_bodies: Annotated[
         str | None,
@@ -210,11 +217,45 @@ class LogOptions(PartOptions, SpacecraftOptions):
         """Return the files that the options name."""
         bodies = self.known_bodies or EXACT
         of_bodies = None if "=" in bodies or bodies == EXACT else bodies
-        given = (self.sensors, self.columns, self.prior, of_bodies)
+        sensors = [file for each in self.sensors or [] for file in (each, each.rpartition("=")[2])]
+        given = (*sensors, self.columns, self.prior, of_bodies)
         return [*super().files(), *(file for file in given if file)]
 
-    def request(self, log: str) -> "cpid.Request":
+    def sensors_of(self, logs: Sequence[str]) -> dict[str, str]:
+        """Return the sensors of logs, as far as they are given.
+
+        Raises:
+            InputError: a name is no log, has no sensors or two, or two are given for all logs.
+
+        """
+        names, own, common = dict(zip(log_names(logs), logs, strict=True)), dict[str, str](), ""
+        for entry in self.sensors or []:
+            name = next((each for each in names if entry.startswith(f"{each}=")), "")
+            file, known = entry, common
+            if name:
+                file, known = entry[len(name) + 1 :], own.get(names[name], "")
+            if "=" in file and not name and not Path(file).exists():
+                raise InputError(
+                    f"--sensors {entry}: there is no log {entry.partition('=')[0]}; "
+                    f"the logs are {', '.join(names)}"
+                )
+            if known or not file:
+                raise InputError(
+                    f"--sensors {entry}: give one PRESET or YAML for all logs, and one NAME=PRESET "
+                    "or NAME=YAML for a log with others"
+                )
+            if name:
+                own[names[name]] = file
+            else:
+                common = file
+        return {log: own.get(log, common) for log in logs if log in own or common}
+
+    def request(self, log: str, logs: Sequence[str] = ()) -> "cpid.Request":
         """Return the request to identify a log.
+
+        Args:
+            log: the log.
+            logs: all logs that are identified together; default: this one.
 
         Raises:
             InputError: an option is missing, or a file or a name is wrong.
@@ -224,7 +265,7 @@ class LogOptions(PartOptions, SpacecraftOptions):
         known = self.known()
         bodies = ",".join(f"{key}={value}" for key, value in vars(known.known_bodies).items())
         momentum = self.momentum or known.momentum
-        sensors = self.sensors or known.sensors
+        sensors = self.sensors_of(logs or [log]).get(log, known.sensors)
         if sensors == EXPLICIT:
             raise InputError(
                 f"{self.scenario}: lists its sensors itself; write them into a file of their own, "
@@ -244,7 +285,7 @@ class LogOptions(PartOptions, SpacecraftOptions):
     def of_run(self, folder: Path) -> "LogOptions":
         """Return the options with those of a run of `cpid simulate` where none are given."""
         suite = folder / "sensors.yaml"
-        sensors = self.sensors or (str(suite) if suite.is_file() else None)
+        sensors = self.sensors or ([str(suite)] if suite.is_file() else None)
         return replace(self, scenario=str(folder / "scenario.yaml"), sensors=sensors)
 
 

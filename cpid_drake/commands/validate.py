@@ -63,6 +63,8 @@ def validate(
     if not found.sources:
         raise InputError(f"{result}: the result does not name its spacecraft")
     used = found.sources[0].request
+    if sensors is None and len({source.request.sensors for source in found.sources}) > 1:
+        raise InputError(f"{result}: its logs have different sensors; give --sensors of {log}")
     hashes = [source.sha256.get("telemetry") for source in found.sources]
     if any(each and each == file_hash(log) for each in hashes):
         raise InputError(f"{log}: the result was identified from this log; give another one")

@@ -224,6 +224,8 @@ def _of_bodies(result: "Identification") -> Iterator[str]:
 def _of_logs(result: "Identification") -> Iterator[str]:
     """Yield the lines about the separate estimates of logs and prior."""
     width = max(map(len, result.logs))
+    own = [source.request.sensors for source in result.sources]
+    sensors = dict(zip(result.logs, own)) if len(set(own)) > 1 else {}
     yield f"  The sources {agreement_words(result)}. Each on its own:"
     for name, part in result.logs.items():
         half = (part.intervals[0, 1] - part.intervals[0, 0]) / 2
@@ -233,6 +235,7 @@ def _of_logs(result: "Identification") -> Iterator[str]:
         yield (
             f"      {name:{width}}  rank {part.rank:2}  {part.sample_count:7} samples  "
             f"{agreement_words(part):18}  {mass}"
+            + (f", sensors {sensors[name]}" if name in sensors else "")
         )
 
 

@@ -15,7 +15,7 @@ from cpid_drake.identification.arguments import bodies_of, momentum_of, sensors_
 from cpid_drake.identification.checked_log import Known, left_out_warnings
 from cpid_drake.identification.identify import identify
 from cpid_drake.identification.prior import load_prior
-from cpid_drake.identification.request import Request, Source
+from cpid_drake.identification.request import Request, Source, log_names
 from cpid_drake.identification.result import History, Identification
 from cpid_drake.logs.conversion import LogFile
 from cpid_drake.logs.files import inspect_log, refuse_problems
@@ -48,7 +48,7 @@ def identify_files(
     """Identify the target of a spacecraft from one telemetry file, or from several together.
 
     Args:
-        requests: the requests, which differ in the telemetry only.
+        requests: the requests, which differ in telemetry and sensors only.
         progress: see `identify`.
 
     Raises:
@@ -65,11 +65,14 @@ def identify_files(
         seen[key] = path
     inputs = opened_inputs(request, progress)
     opened = [open_log(each, inputs.spacecraft.joint_names) for each in requests]
-    short = [Path(path).name for path in paths]
-    names = short if len(set(short)) == len(short) else paths
+    names = log_names(paths)
+    options = vars(inputs)
+    if any(each.sensors != request.sensors for each in requests):
+        own = zip(names, requests, strict=True)
+        options = options | {"sensors": {n: e.sensors for n, e in own if e.sensors is not None}}
     with prefix_errors(paths[0] if len(paths) == 1 else ""):
         data = {name: file.log for name, (_, file) in zip(names, opened, strict=True)}
-        found = identify(data=data, **vars(inputs), progress=progress)
+        found = identify(data=data, **options, progress=progress)
     rejected, warnings = Counter(found.rejected), list[str]()
     for name, (_, file) in zip(names, opened, strict=True):
         rejected += Counter(file.partial) + Counter(rows=len(file.problems))

@@ -19,6 +19,12 @@ _OPTIONS = {
 """Options of `cpid identify` that have another name than their fields."""
 
 
+def log_names(paths: Sequence[str]) -> list[str]:
+    """Return the names of logs in results: of their files, or their paths if names are equal."""
+    short = [Path(path).name for path in paths]
+    return short if len(set(short)) == len(short) else list(paths)
+
+
 @dataclass(frozen=True)
 class SpacecraftReference:
     """The spacecraft of a result.
@@ -45,7 +51,8 @@ class Request:
         telemetry: a file or a bag's folder.
         spacecraft: the known spacecraft.
         estimator, rows: see `cpid_drake.identification.identify.identify`.
-        sensors: name of a preset or a YAML file; None if they are unknown.
+        sensors: name of a preset or a YAML file; None if they are unknown. Logs with the same have
+            the same hardware.
         momentum: name of the total momentum, see `TotalMomentum.named`; None to test whether it is
             zero, and to estimate it if it is not.
         start, end: first and last time to use [s]; None for all.
@@ -88,11 +95,15 @@ class Request:
                 paths.append(resolve_model(name, packages))
         return paths
 
-    def command(self, others: Sequence[str] = ()) -> str:
-        """Return the command line of this request, with other logs of the same target."""
-        words = ["cpid", "identify", self.telemetry, *others]
+    def command(self, others: "Sequence[Request]" = ()) -> str:
+        """Return the command line of this request, with those of other logs of the same target."""
+        logs = [each.telemetry for each in (self, *others)]
+        words = ["cpid", "identify", *logs]
         options = {**vars(self.spacecraft), **vars(self)}
         del options["telemetry"], options["spacecraft"]
+        for name, each in zip(log_names(logs)[1:], others, strict=True):
+            if each.sensors != self.sensors:
+                words += ["--sensors", f"{name}={each.sensors}"]
         for name, value in options.items():
             option = f"--{_OPTIONS.get(name, name).replace('_', '-')}"
             if isinstance(value, Mapping):

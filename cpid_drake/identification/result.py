@@ -232,8 +232,7 @@ class Identification:
     def command(self) -> str:
         """The command line that repeats the identification; empty without files."""
         requests = [source.request for source in self.sources]
-        others = [request.telemetry for request in requests[1:]]
-        return requests[0].command(others) if requests else ""
+        return requests[0].command(requests[1:]) if requests else ""
 
     @property
     def failures(self) -> tuple[str, ...]:

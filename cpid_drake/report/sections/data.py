@@ -25,11 +25,11 @@ def request_section(result: Identification) -> Section:
             ("Log", source.request.telemetry),
             ("SHA-256", source.sha256.get("telemetry") or "none (a folder)"),
             ("Time window", f"{source.start:.6g} to {source.end:.6g} s"),
+            ("Sensors", source.request.sensors or "not given"),
         ]
     for source in result.sources[:1]:
         request, craft = source.request, source.request.spacecraft
         given = {
-            "Sensors": request.sensors or "not given",
             "Total momentum": request.momentum or "not given",
             "Spacecraft": craft.model,
             "Base body": craft.base,
