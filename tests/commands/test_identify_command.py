@@ -1,6 +1,7 @@
 """`cpid identify`: what it prints and writes, and how it ends."""
 
 import json
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -211,6 +212,57 @@ class TestSeveralLogs:
         assert cpid("report", "--result", "both.json", "--out", "again.html")[0] == 0
         for page in ("both.html", "again.html"):
             assert "second.csv" in Path(page).read_text()
+
+    @pytest.mark.slow
+    def test_one_may_have_other_sensors(self, cpid, halves, refusal, short_reports):
+        Path("own.yaml").write_text(dump_yaml(load_sensors("testbed")))
+        options = (*NOISY, "--sensors", "second.csv=own.yaml", "--json", "both.json")
+        code, stdout, _ = cpid("identify", *halves, *options, "--report", "both.html")
+        assert code == 0
+        first, second = (line for line in stdout.splitlines() if " samples  agrees" in line)
+        assert first.endswith("kg, sensors testbed")
+        assert second.endswith("kg, sensors own.yaml")
+        result = read_result("both.json")
+        assert [each.request.sensors for each in result.sources] == ["testbed", "own.yaml"]
+        owners = [each.hardware for each in result.effects if each.name == "gyro.scale"]
+        assert owners == list(halves)
+        assert "own.yaml" in Path("both.html").read_text()
+        code, _, _ = cpid(*shlex.split(result.command)[1:], "--json", "again.json")
+        again = read_result("again.json")
+        np.testing.assert_array_equal(again.covariance, result.covariance)
+        assert again.sources == result.sources
+        write_log("third.csv", read_log(SAMPLE).between(2.0, 8.0))
+        message = refusal("validate", "both.json", "third.csv")
+        assert "both.json: its logs have different sensors; give --sensors" in message
+
+    def test_the_same_file_is_the_same_hardware(self, cpid, halves):
+        """By whatever path; a preset is one, too."""
+        Path("own.yaml").write_text(dump_yaml(load_sensors("testbed", unstated="exact")))
+        options = ("--sensors", "own.yaml", "--sensors", "first.csv=./own.yaml", "--json", "x.json")
+        assert cpid("identify", *halves, *FREE_FLYER, *options)[0] == 0
+        effects = read_result("x.json").effects
+        assert not any(each.hardware for each in effects)
+
+    @pytest.mark.parametrize(
+        ("options", "phrase"),
+        [
+            (["thrid.csv=flight"], "there is no log thrid.csv; the logs are first.csv, second.csv"),
+            (["first.csv=flight"], "log 'second.csv' has none; give those of every log"),
+            (["flight", "testbed"], "give one PRESET or YAML for all logs"),
+            (["first.csv=flight", "first.csv=testbed"], "one NAME=PRESET or NAME=YAML for a log"),
+            (["flight", "first.csv="], "one NAME=PRESET or NAME=YAML for a log"),
+            (["flight", "first.csv=fligt"], "no sensors: fligt: no such file"),
+        ],
+    )
+    def test_sensors_that_fit_no_log_are_one_line(self, halves, refusal, options, phrase):
+        given = [each for option in options for each in ("--sensors", option)]
+        assert phrase in refusal("identify", *halves, *FREE_FLYER, *given)
+
+    def test_the_sensors_of_a_log_are_not_replaced(self, halves, refusal):
+        Path("own.yaml").write_text(dump_yaml(load_sensors("testbed")))
+        options = ("--sensors", "second.csv=own.yaml", "--json", "own.yaml", "--force")
+        refusal("identify", *halves, *NOISY, *options)
+        assert load_sensors("own.yaml")
 
     def test_without_time_the_result_so_far_fails_a_check(self, cpid, halves):
         code, stdout, _ = cpid("identify", halves[0], *NOISY, "--seconds", "0", "--json", "x.json")

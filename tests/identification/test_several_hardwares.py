@@ -121,16 +121,24 @@ class TestTwoHardwares:
 
 class TestOneHardware:
     def test_its_errors_are_shared(self, craft, logs):
-        """Two logs know them better than one, so that the target is known better, too."""
+        """Two logs know better what the motion shows of them, and so the mass.
+
+        The zero of the last joint turns the target about its axis: no log shows it. Two hardwares
+        show the difference of theirs, and half of the variance of each is left.
+        """
         pair = {name: logs(0)[name] for name in ("a", "b")}
         shared = identify(craft, pair, sensors=declared(), momentum="zero")
         separate = {name: declared() for name in pair}
         apart = identify(craft, pair, sensors=separate, momentum="zero")
-        assert np.all(sigmas(shared) < sigmas(apart))
-        own = [each for each in apart.effects if each.name == "gyro.scale"]
-        [both] = [each for each in shared.effects if each.name == "gyro.scale"]
+        assert sigmas(shared)[0] < sigmas(apart)[0]
+        for name, seen in (("gyro.scale", slice(3)), ("encoders.zero", slice(3))):
+            [both] = [each for each in shared.effects if each.name == name]
+            own = [each for each in apart.effects if each.name == name]
+            assert len(own) == 2
+            assert all(np.all(both.sigma[seen] < each.sigma[seen]) for each in own)
+        assert both.sigma[3] == pytest.approx(1e3 * ZERO, rel=1e-3)
         for each in own:
-            assert np.all(both.sigma < each.sigma)
+            assert each.sigma[3] == pytest.approx(1e3 * ZERO / np.sqrt(2), rel=1e-2)
 
     def test_the_same_for_each_log_are_those_for_all(self, craft, logs):
         some, suite = logs(1), declared()
@@ -165,7 +173,8 @@ class TestBodies:
             (),
             ("spacecraft model",),
         )
-        assert np.all(sigmas(open_bodies) > 2 * sigmas(exact))
+        assert np.all(sigmas(open_bodies) > sigmas(exact))
+        assert sigmas(open_bodies)[0] > 10 * sigmas(exact)[0]
 
     def test_all_logs_have_the_same(self, craft, logs):
         """Rows of the budget name a body once, however many hardwares there are."""
