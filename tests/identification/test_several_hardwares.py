@@ -9,6 +9,7 @@ from sensing_cases import Sines, coarse_suite, measured, nees, sigmas
 
 from cpid_drake import InputError, identify
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
+from cpid_drake.input_files.validation import dump_yaml
 from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import AttitudeSensor, Gyro, JointSensor
 
@@ -150,6 +151,15 @@ class TestOneHardware:
         np.testing.assert_array_equal(each.parameters, one.parameters)
         assert str(each) == str(one)
 
+    def test_one_file_is_one_hardware(self, craft, logs, tmp_path):
+        pair, path = {name: logs(0)[name] for name in ("a", "b")}, tmp_path / "sensors.yaml"
+        path.write_text(dump_yaml(declared()))
+        one, each = (
+            identify(craft, pair, sensors=sensors, momentum="zero")
+            for sensors in (path, {"a": path, "b": f"{tmp_path}/./sensors.yaml"})
+        )
+        np.testing.assert_array_equal(each.covariance, one.covariance)
+
     def test_a_single_log_may_be_named(self, craft, logs):
         log, suite = logs(0)["a"], declared()
         one, named = (
@@ -201,7 +211,7 @@ def test_rows_are_weighed_by_the_sensors_of_their_log(craft, logs):
         ({"d": declared()}, "there is no log 'd'; choose from a, b, c"),
         ({"a": declared(), "c": declared()}, "log 'b' has none; give"),
         ({}, "log 'a' has none"),
-        ({"a": None, "b": declared(), "c": declared()}, "those of 'a' must be a SensorSuite"),
+        ({"a": None, "b": declared(), "c": declared()}, "log 'a' has none"),
     ],
 )
 def test_sensors_that_do_not_fit_the_logs_are_refused(craft, logs, sensors, message):
