@@ -222,33 +222,28 @@ class LogOptions(PartOptions, SpacecraftOptions):
         return [*super().files(), *(file for file in given if file)]
 
     def sensors_of(self, logs: Sequence[str]) -> dict[str, str]:
-        """Return the sensors of logs, as far as they are given.
+        """Return the given sensors by the names of logs, and under "" those of all others.
 
         Raises:
-            InputError: a name is no log, has no sensors or two, or two are given for all logs.
+            InputError: a name is no log, has no sensors or two, or two are given for all others.
 
         """
-        names, own, common = dict(zip(log_names(logs), logs, strict=True)), dict[str, str](), ""
+        names, own = log_names(logs), dict[str, str]()
         for entry in self.sensors or []:
             name = next((each for each in names if entry.startswith(f"{each}=")), "")
-            file, known = entry, common
-            if name:
-                file, known = entry[len(name) + 1 :], own.get(names[name], "")
+            file = entry[len(name) + 1 :] if name else entry
             if "=" in file and not name and not Path(file).exists():
                 raise InputError(
                     f"--sensors {entry}: there is no log {entry.partition('=')[0]}; "
                     f"the logs are {', '.join(names)}"
                 )
-            if known or not file:
+            if name in own or not file:
                 raise InputError(
                     f"--sensors {entry}: give one PRESET or YAML for all logs, and one NAME=PRESET "
                     "or NAME=YAML for a log with others"
                 )
-            if name:
-                own[names[name]] = file
-            else:
-                common = file
-        return {log: own.get(log, common) for log in logs if log in own or common}
+            own[name] = file
+        return own
 
     def request(self, log: str, logs: Sequence[str] = ()) -> "cpid.Request":
         """Return the request to identify a log.
@@ -265,7 +260,9 @@ class LogOptions(PartOptions, SpacecraftOptions):
         known = self.known()
         bodies = ",".join(f"{key}={value}" for key, value in vars(known.known_bodies).items())
         momentum = self.momentum or known.momentum
-        sensors = self.sensors_of(logs or [log]).get(log, known.sensors)
+        logs = logs or [log]
+        own = self.sensors_of(logs)
+        sensors = own.get(log_names(logs)[logs.index(log)]) or own.get("") or known.sensors
         if sensors == EXPLICIT:
             raise InputError(
                 f"{self.scenario}: lists its sensors itself; write them into a file of their own, "

@@ -293,7 +293,7 @@ class TestPrior:
         first, second = halves
         suite = dump_yaml(load_sensors("testbed", unstated="exact"))
         Path("exact.yaml").write_text(suite)
-        known = (*NOISY, "--sensors", "exact.yaml")
+        known = (*FREE_FLYER, "--sensors", "exact.yaml")
         assert cpid("identify", first, *known, "--json", "1.json", "--quiet")[0] == 0
         assert cpid("identify", *halves, *known, "--json", "2.json", "--quiet")[0] == 0
         options = ("--prior", "1.json", "--json", "3.json")
