@@ -1,8 +1,7 @@
-"""`cpid study`: the paper's study, campaigns of many trials, other techniques."""
+"""`cpid study`: the paper's study, and other techniques."""
 
 import os
 import time
-from pathlib import Path
 from typing import Annotated
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -11,7 +10,7 @@ from cpid_drake.commands import options
 from cpid_drake.commands.usage import group
 from cpid_drake.errors import prefix_errors
 from cpid_drake.output_files.drafts import draft_folder
-from cpid_drake.output_files.overwriting import check_folder, check_outputs
+from cpid_drake.output_files.overwriting import check_folder
 from cpid_drake.report.page import Report
 from cpid_drake.report.pages.study import paper_report, technique_report
 from cpid_drake.report.terminal import print_table
@@ -49,64 +48,6 @@ def paper(
             page.write_folder(draft)
     _print(page, quiet)
     log.print(f"{out}: {summary['wall_seconds']:.1f} s")
-
-
-def campaign(
-    campaign: Annotated[str, "CAMPAIGN", "YAML file of a campaign; see models/campaigns."],
-    out: options.OutFolder,
-    resume: Annotated[bool, "Continue the campaign in the folder."] = False,
-    workers: Annotated[int | None, "Number of processes. Default: one for each processor."] = None,
-    scheduler: Annotated[
-        str | None,
-        "--scheduler ADDRESS",
-        "A running scheduler of dask.distributed, such as tcp://…",
-    ] = None,
-    chunk: Annotated[int | None, "Trials of a task and of a file."] = None,
-    quiet: options.QuietOption = False,
-) -> None:
-    """Run many simulated trials, on this machine or on a cluster; nothing finished is lost."""
-    with options.extra("campaign"):
-        from cpid_drake.studies.campaign import run
-    log = options.log_console(quiet)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    with Progress(*columns, TimeRemainingColumn(), console=log, disable=not log.is_terminal) as bar:
-        task = bar.add_task("trials")
-
-        def progress(state: run.State) -> None:
-            if not state.new and state.dashboard:
-                log.print(f"dashboard: {state.dashboard}")
-            rate = f"{state.new / state.seconds:.3g} trials/s" if state.new else "trials"
-            text = f"{rate}, {state.failed} without estimate"
-            bar.update(task, completed=state.done, total=state.total, description=text)
-
-        ended = run.run_campaign(
-            campaign,
-            out,
-            resume=resume,
-            workers=workers,
-            scheduler=scheduler,
-            chunk=run.CHUNK if chunk is None else chunk,
-            progress=progress,
-        )
-    failed = f", {ended.failed} without estimate" if ended.failed else ""
-    log.print(f"{out}: {ended.done} trials, {ended.new} now in {ended.seconds:.1f} s{failed}")
-    log.print(f"report: cpid study report {out}")
-
-
-def report(
-    folder: Annotated[Path, "FOLDER", "The folder of a campaign."],
-    force: options.ForceOption = False,
-    quiet: options.QuietOption = False,
-) -> None:
-    """Report a campaign: errors, coverage, checks, worst cases, verdicts on its requirements."""
-    with options.extra("campaign"):
-        from cpid_drake.report.pages.campaign import campaign_report
-        from cpid_drake.studies.campaign.statistics import statistics_of
-    check_outputs([("", folder / "report.html")], force=force)
-    page = campaign_report(statistics_of(folder), folder)
-    with draft_folder(folder) as draft:
-        page.write_folder(draft)
-    _print(page, quiet)
 
 
 def compare_techniques(
@@ -173,9 +114,7 @@ def _print(page: Report, quiet: bool) -> None:
 
 
 study = group(
-    "Reproduce the paper's study, run campaigns of many trials, or compare techniques.",
+    "Reproduce the paper's study, or compare techniques.",
     paper=paper,
-    campaign=campaign,
-    report=report,
     techniques=compare_techniques,
 )

@@ -112,8 +112,8 @@ def paper(folder: Path) -> None:
 def accuracy(folder: Path) -> None:
     """Draw the comparison of the estimators, and print its table."""
     campaign = HERE.parents[1] / "models/campaigns/estimators.yaml"
-    cpid("study", "campaign", campaign, "--out", folder / "accuracy")
-    print(cpid("study", "report", folder / "accuracy"))
+    cpid("campaign", "run", campaign, "--out", folder / "accuracy")
+    print(cpid("campaign", "report", folder / "accuracy"))
     shutil.copy(folder / "accuracy/errors.png", HERE / "accuracy_flight.png")
 
 

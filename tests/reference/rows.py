@@ -28,7 +28,7 @@ from cpid_drake import (
     shipped_scenario,
 )
 from cpid_drake.input_files.validation import dump_yaml
-from cpid_drake.studies.trials import bound_of, ideal_samples, make_case
+from cpid_drake.scenario.trials import bound_of, ideal_samples, make_case
 
 FLOOR = 1e-8
 """Error that is rounding, relative to m, to 0.5 m and to the trace of I."""

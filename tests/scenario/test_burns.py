@@ -10,9 +10,9 @@ from cpid_drake.dynamics.momentum import total_momentum
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.logs.burns import Burn
 from cpid_drake.scenario.schema import DisturbanceConfig
+from cpid_drake.scenario.trials import base_trajectory, draw, ideal_samples, make_case
 from cpid_drake.sensors.disturbances import Disturbances, SimulatedDisturbance
 from cpid_drake.sensors.presets import load_sensors
-from cpid_drake.studies.trials import base_trajectory, draw, ideal_samples, make_case
 
 FORCE, POINT, TORQUE = (
     np.array([0.2, -0.1, 0.1]),

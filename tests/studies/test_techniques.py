@@ -9,6 +9,7 @@ from cpid_drake import InputError, load_scenario, load_sensors, shipped_scenario
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.parameterizations import STANDARD
 from cpid_drake.dynamics.rotations import rotate
+from cpid_drake.scenario.trials import make_case
 from cpid_drake.sensors.sensors import Gyro
 from cpid_drake.spacecraft.free_floating import FreeFloatingDynamics
 from cpid_drake.studies.techniques import network, one_joint
@@ -24,7 +25,6 @@ from cpid_drake.studies.techniques.forgetting import (
 from cpid_drake.studies.techniques.records import FIT, techniques
 from cpid_drake.studies.techniques.rows import estimate, instants, worst_error, wrist
 from cpid_drake.studies.techniques.trial import Truth
-from cpid_drake.studies.trials import make_case
 
 SENSORS = load_force_sensors()
 TECHNIQUES = {each.name: each for each in techniques(SENSORS)}

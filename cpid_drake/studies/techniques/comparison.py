@@ -16,13 +16,13 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.errors import InputError
 from cpid_drake.processes import shared_work
 from cpid_drake.scenario.schema import Scenario
+from cpid_drake.scenario.trials import make_case
 from cpid_drake.sensors.presets import load_sensors
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.studies.techniques import one_joint, rows
 from cpid_drake.studies.techniques.force_sensors import ForceSensors
 from cpid_drake.studies.techniques.records import FIT, ONLINE, PLANAR, Technique, techniques
 from cpid_drake.studies.techniques.trial import Truth
-from cpid_drake.studies.trials import make_case
 
 Array = NDArray[np.float64]
 Numbers = dict[str, float]

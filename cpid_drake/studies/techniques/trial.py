@@ -24,11 +24,11 @@ from cpid_drake.logs.log import Log, sample_times
 from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.logs.smoothing import smooth
 from cpid_drake.scenario.schema import SpacecraftConfig
+from cpid_drake.scenario.trials import Case, base_trajectory, bound_of, ideal_samples, seeds_of
 from cpid_drake.sensors.disturbances import random_stream
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.studies.techniques.force_sensors import RATE
-from cpid_drake.studies.trials import Case, base_trajectory, bound_of, ideal_samples, seeds_of
 
 Array = NDArray[np.float64]
 

@@ -14,17 +14,17 @@ pa = pytest.importorskip("pyarrow")
 dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
 
-from cpid_drake.report.pages.campaign import campaign_report  # noqa: E402
-from cpid_drake.studies.campaign import store  # noqa: E402
-from cpid_drake.studies.campaign.run import run_campaign  # noqa: E402
-from cpid_drake.studies.campaign.schema import Axis, ModelErrors, load_campaign  # noqa: E402
-from cpid_drake.studies.campaign.statistics import statistics_of, verdict  # noqa: E402
-from cpid_drake.studies.campaign.trial import (  # noqa: E402
+from cpid_drake.campaign import store  # noqa: E402
+from cpid_drake.campaign.run import run_campaign  # noqa: E402
+from cpid_drake.campaign.schema import Axis, ModelErrors, load_campaign  # noqa: E402
+from cpid_drake.campaign.statistics import statistics_of, verdict  # noqa: E402
+from cpid_drake.campaign.trial import (  # noqa: E402
     replayed,
     run_chunk,
     schema_of,
     with_sensor_errors,
 )
+from cpid_drake.report.pages.campaign import campaign_report  # noqa: E402
 
 EXACT = """
 scenario: paper

@@ -17,10 +17,10 @@ cloudpickle = pytest.importorskip("cloudpickle")
 dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
 
-from cpid_drake.studies.campaign import store  # noqa: E402
-from cpid_drake.studies.campaign.run import CONFIG, run_campaign  # noqa: E402
-from cpid_drake.studies.campaign.schema import load_campaign  # noqa: E402
-from cpid_drake.studies.campaign.trial import run_chunk  # noqa: E402
+from cpid_drake.campaign import store  # noqa: E402
+from cpid_drake.campaign.run import CONFIG, run_campaign  # noqa: E402
+from cpid_drake.campaign.schema import load_campaign  # noqa: E402
+from cpid_drake.campaign.trial import run_chunk  # noqa: E402
 
 pytestmark = [
     pytest.mark.slow,
@@ -48,7 +48,7 @@ def folder(tmp_path):
 
 
 def run(folder, *options):
-    arguments = ("study", "campaign", "campaign.yaml", "--out", "out", "--chunk", "4", *options)
+    arguments = ("campaign", "run", "campaign.yaml", "--out", "out", "--chunk", "4", *options)
     return start("-m", "cpid_drake", *arguments, cwd=folder, start_new_session=True)
 
 
@@ -160,7 +160,7 @@ class Bomb(distributed.WorkerPlugin):
         import os
         import signal
 
-        from cpid_drake.studies.campaign import trial
+        from cpid_drake.campaign import trial
 
         own = trial._job
 

@@ -14,10 +14,10 @@ import pyarrow as pa
 from distributed import Client, LocalCluster, as_completed
 from distributed.scheduler import KilledWorker
 
+from cpid_drake.campaign import store
+from cpid_drake.campaign.schema import Plan, load_campaign
+from cpid_drake.campaign.trial import failed_rows, run_chunk, schema_of
 from cpid_drake.errors import InputError
-from cpid_drake.studies.campaign import store
-from cpid_drake.studies.campaign.schema import Plan, load_campaign
-from cpid_drake.studies.campaign.trial import failed_rows, run_chunk, schema_of
 
 CHUNK = 100
 """Number of trials of a task, which are propagated together: a task costs about 5 ms, is lost whole

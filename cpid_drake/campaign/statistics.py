@@ -17,9 +17,9 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 from scipy.special import betaincinv, chdtri
 
+from cpid_drake.campaign import store
+from cpid_drake.campaign.schema import Axis, Plan
 from cpid_drake.dynamics.parameterizations import SCALE_LENGTH, parameter_scale
-from cpid_drake.studies.campaign import store
-from cpid_drake.studies.campaign.schema import Axis, Plan
 
 CONFIDENCE = 0.95
 """Probability with which a verdict on a requirement, and an interval of a share, is right."""

@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from cpid_drake.campaign.schema import ModelErrors, Plan, Trial, plan_of
 from cpid_drake.dynamics.kinematics import forward_kinematics
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.rotations import exponentials
@@ -24,11 +25,7 @@ from cpid_drake.logs.log import Log, Samples
 from cpid_drake.processes import one_thread
 from cpid_drake.scenario.schema import Scenario, SpacecraftConfig
 from cpid_drake.scenario.simulation import make_simulation
-from cpid_drake.sensors.presets import load_sensors
-from cpid_drake.sensors.suite import SensorSuite
-from cpid_drake.spacecraft.spacecraft import Spacecraft
-from cpid_drake.studies.campaign.schema import ModelErrors, Plan, Trial, plan_of
-from cpid_drake.studies.trials import (
+from cpid_drake.scenario.trials import (
     Case,
     base_trajectory,
     bound_of,
@@ -38,6 +35,9 @@ from cpid_drake.studies.trials import (
     seeds_of,
     true_motions,
 )
+from cpid_drake.sensors.presets import load_sensors
+from cpid_drake.sensors.suite import SensorSuite
+from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 _BATCHED = ("target.", "target", "tumble_C", "simulation.momentum_W")
 _REPEATED, _BOUND = 2, 3  # purposes of random numbers; `Plan.values` has 1
