@@ -8,7 +8,6 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from cpid_drake import report
 from cpid_drake.commands import options
 from cpid_drake.commands.usage import group
-from cpid_drake.output_files.drafts import draft_folder
 from cpid_drake.output_files.overwriting import check_outputs
 
 
@@ -65,11 +64,9 @@ def write_page(
         from cpid_drake.report.pages.campaign import campaign_report
     check_outputs([("", folder / "report.html")], force=force)
     page = campaign_report(statistics_of(folder), folder)
-    with draft_folder(folder) as draft:
-        page.write_folder(draft)
-    for table in (each for section in page.sections for each in section.tables):
-        if not quiet:
-            report.print_table(table)
+    page.write_folder(folder)
+    if not quiet:
+        report.print_tables(page)
 
 
 campaign = group(

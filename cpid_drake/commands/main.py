@@ -30,7 +30,6 @@ COMMANDS = {
     "view": "Show the simulation of a scenario live in the browser, or write its replay.",
     "log": "Check logs, find out what their columns mean, and convert them.",
     "campaign": "Run many simulated trials, and report their errors.",
-    "study": "Reproduce the paper's study, or compare techniques.",
     "list": "List the shipped scenarios and sensors, the estimators and their row families.",
 }
 """The subcommands and what they do; each is an object in the module of its name."""

@@ -100,7 +100,8 @@ def convergence(folder: Path) -> None:
 
 def paper(folder: Path) -> None:
     """Draw the paper's study."""
-    print(cpid("study", "paper", "--out", folder / "paper"))
+    script = HERE.parent / "paper/run.py"
+    subprocess.run([sys.executable, script, "--out", folder / "paper"], check=True)
     names = {
         "configurations-fig-3": "figure3_configurations",
         "mass-against-decimals-table-2": "table2_decimals",

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cpid_drake import InputError, identify, load_scenario, load_sensors
-from cpid_drake.dynamics.momentum import total_momentum
+from cpid_drake.dynamics.momentum import system_momentum
 from cpid_drake.logs.log import Log, Samples
 
 pa = pytest.importorskip("pyarrow")
@@ -145,7 +145,7 @@ def test_a_solid_and_a_tumble_become_inertia_and_momentum(plan):
     craft, truth = scenario.spacecraft.make(), scenario.target_truth()
     motion = scenario.make_joint_motion(craft)
     telemetry = craft.predicted_motion(truth, motion, [0.0, 1.0], scenario.simulation.momentum_W)
-    P, L = total_momentum(craft.tree, truth, telemetry)
+    P, L = system_momentum(craft.tree, truth, telemetry)
     plant, context = craft.plant, craft.plant.CreateDefaultContext()
     plant.SetPositionsAndVelocities(context, craft.to_states(telemetry)[0])
     frames = craft.base.body_frame(), craft.capture_frame

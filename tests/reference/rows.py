@@ -175,7 +175,12 @@ def trial_of(found: Identification, world: World, seconds: float = 0.0) -> Trial
 
 def cli(*words: str | Path) -> subprocess.CompletedProcess:
     """Run `cpid` in another process, which is killed after `LONGEST`."""
-    command = [sys.executable, "-m", "cpid_drake", *map(str, words)]
+    return python("-m", "cpid_drake", *words)
+
+
+def python(*words: str | Path) -> subprocess.CompletedProcess:
+    """Run Python in another process, which is killed after `LONGEST`."""
+    command = [sys.executable, *map(str, words)]
 
     def limit() -> None:
         resource.setrlimit(resource.RLIMIT_CPU, (LONGEST, LONGEST))

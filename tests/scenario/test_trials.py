@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from sensing_cases import MOMENTUM, Sines, coarse_suite
 
-from cpid_drake.dynamics.momentum import total_momentum
+from cpid_drake.dynamics.momentum import system_momentum
 from cpid_drake.dynamics.orbit import Orbit
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.logs.burns import Burn
@@ -35,14 +35,14 @@ def momenta(case, craft, disturbance):
     """Return P, L about the centre of mass, and this centre (N, 3), by sums over the bodies."""
     base = base_trajectory(case, craft.tree, TIMES, disturbance)
     telemetry = base.to_motion(craft.joint_names, TIMES, case.motion)
-    P, L = total_momentum(craft.tree, case.truth, telemetry)
+    P, L = system_momentum(craft.tree, case.truth, telemetry)
     mass = case.truth.mass + craft.mass
     still = replace(telemetry, w_WB=0 * telemetry.w_WB, v_WB=np.zeros_like(P), qdot=0 * telemetry.q)
     # The angular momentum of a system in pure translation with velocity u is m p × u.
     p = np.zeros_like(P)
     for axis in range(3):
         u = np.eye(3)[(axis + 1) % 3]
-        _, moving = total_momentum(craft.tree, case.truth, replace(still, v_WB=np.tile(u, (7, 1))))
+        _, moving = system_momentum(craft.tree, case.truth, replace(still, v_WB=np.tile(u, (7, 1))))
         p[:, axis] = moving[:, (axis + 2) % 3] / mass
     return P, L - np.cross(p, P), p
 

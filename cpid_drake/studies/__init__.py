@@ -1,1 +1,0 @@
-"""Studies: complete experiments that answer one question each; they neither draw nor print."""
