@@ -25,7 +25,7 @@ The public names, in order of their dependencies:
 - `InputError`: the exception for bad input.
 
 The folders `dynamics`, `logs`, `scenario`, `planning`, `report` and others have public names of
-their own, each in its `__init__.pyi`, for studies such as those in `diagrams/`.
+their own, for studies such as those in `diagrams`.
 """
 
 import lazy_loader
