@@ -49,6 +49,43 @@ def test_it_identifies_all_ten_parameters(ran, script):
     assert "Traceback" not in run.stderr
 
 
+@pytest.mark.parametrize(
+    ("study", "arguments", "cause"),
+    [
+        ("paper", [], "--out"),
+        ("paper", ["--out", "x", "--scenario", "pape"], "did you mean 'paper'?"),
+        ("techniques", ["air_bearing", "--out", "x"], "floats freely"),
+        ("techniques", ["tumbling_capture", "--out", "x"], "without momentum"),
+        ("techniques", ["--out", "x", "--force-sensors", "no.yaml"], "no.yaml: no such file"),
+        ("techniques", ["--out", "kept"], "kept/a.txt: exists already"),
+    ],
+)
+def test_a_study_refuses_wrong_usage_in_one_line(tmp_path, study, arguments, cause):
+    (tmp_path / "kept").mkdir()
+    (tmp_path / "kept/a.txt").write_text("text")
+    run = finish(start(FOLDER / study / "run.py", *arguments, cwd=tmp_path))
+    assert run.returncode == 2
+    assert cause in run.stderr.splitlines()[-1]
+    assert "Traceback" not in run.stderr
+    assert [each.name for each in tmp_path.iterdir()] == ["kept"]
+
+
+@pytest.mark.slow
+def test_the_comparison_writes_its_page_and_numbers(tmp_path):
+    options = ("--fast", "--trials", "1", "--jobs", "1", "--quiet", "--out", "out")
+    run = finish(start(FOLDER / "techniques/run.py", "exciting_motion", *options, cwd=tmp_path))
+    assert (run.returncode, run.stdout, run.stderr) == (0, "", "")
+    page = (tmp_path / "out/report.html").read_text()
+    assert "python diagrams/techniques/run.py exciting_motion --trials 1" in page
+    rows = (tmp_path / "out/techniques.csv").read_text().splitlines()
+    [rms] = [
+        row
+        for row in rows
+        if row.startswith('"momentum, trajectory fit",exciting') and "flight,scenario,rms" in row
+    ]
+    assert float(rms.rpartition(",")[2]) < 1e-3
+
+
 @pytest.mark.slow
 def test_the_estimate_makes_the_tracking_error_vanish(ran, folder):
     """1000 times smaller with exact data, 20 times with sensors; without an estimate it stays."""
