@@ -7,7 +7,7 @@ OUT ?= out/paper
 .PHONY: demo test test-slow lint docs benchmark reference reference-compare clean
 
 demo: $(VENV)/installed
-	$(VENV)/bin/cpid study paper --out $(OUT) --force
+	$(VENV)/bin/python diagrams/paper/run.py --out $(OUT) --force
 
 # One thread each: the tests' matrices are small, and threads would only wait for each other.
 PYTEST = OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest --numprocesses auto --dist worksteal

@@ -17,11 +17,15 @@ The public names, in order of their dependencies:
 - `read_log`, `write_log`, `from_columns`: logs as files, or from columns in memory;
 - `ColumnMap`: names, units and conventions of a log's columns;
 - `MomentumIdentifier`, `SpacecraftSensors`, `SensorIdentifier`, `JointController`,
-  `PassivityController`, `JointMotionSource`, `SceneVisualizer`: Drake systems;
+  `JointMotionSource`, `SceneVisualizer`: Drake systems;
 - `HalfCosine`, `MultiSine`, `Spline`: joint motions;
-- `Scenario`, `load_scenario`, `shipped_scenario`, `make_simulation`: from YAML to a Diagram;
+- `Scenario`, `load_scenario`, `shipped_scenario`, `find_scenario`, `make_simulation`: from YAML to
+  a Diagram; `models_directory` has the models, scenarios and logs that come with the package;
 - `export_target`: the target as URDF, SDF, MJCF or directives, alone or on the spacecraft;
 - `InputError`: the exception for bad input.
+
+The folders `dynamics`, `logs`, `scenario`, `planning`, `report` and others have public names of
+their own, for studies such as those in `diagrams`.
 """
 
 import lazy_loader

@@ -19,7 +19,7 @@ from .logs.conversion import from_columns as from_columns
 from .logs.files import read_log, write_log
 from .logs.log import Log
 from .report.pages.identification import write_report
-from .resources import __version__, shipped_scenario
+from .resources import __version__, find_scenario, models_directory, shipped_scenario
 from .scenario.files import load_scenario
 from .scenario.schema import Scenario
 from .scenario.simulation import Simulation, make_simulation
@@ -30,7 +30,6 @@ from .spacecraft.spacecraft import Spacecraft
 from .systems.identifier import MomentumIdentifier
 from .systems.joint_controller import JointController
 from .systems.joint_motion_source import JointMotionSource
-from .systems.passivity_controller import PassivityController
 from .systems.scene_page import keep_scene as keep_scene
 from .systems.scene_visualizer import SceneVisualizer
 from .systems.sensor_identifier import SensorIdentifier
@@ -54,7 +53,6 @@ __all__ = [
     "MultiSine",
     "OnlineIdentifier",
     "ParameterEstimate",
-    "PassivityController",
     "Request",
     "Scenario",
     "SceneVisualizer",
@@ -69,6 +67,7 @@ __all__ = [
     "TotalMomentum",
     "__version__",
     "export_target",
+    "find_scenario",
     "from_columns",
     "identify",
     "identify_files",
@@ -76,6 +75,7 @@ __all__ = [
     "load_scenario",
     "load_sensors",
     "make_simulation",
+    "models_directory",
     "read_log",
     "read_result",
     "shipped_scenario",

@@ -7,9 +7,8 @@ Here they come from the sample log, mixed up by as much as a tenth of a second.
 import random
 
 import cpid_drake as cpid
-from cpid_drake.resources import models_directory
 
-folder = models_directory() / "telemetry"
+folder = cpid.models_directory() / "telemetry"
 spacecraft = cpid.load_scenario(cpid.shipped_scenario("free_flyer_payload")).spacecraft.make()
 log = cpid.read_log(folder / "free_flyer.csv")
 messages = [(t, name, v) for name, s in log.items() for t, v in zip(s.time, s.value, strict=True)]

@@ -8,8 +8,14 @@ import argparse
 
 from pydrake.multibody.tree import BodyIndex
 
-from cpid_drake import InputError, Spacecraft, identify, load_sensors, read_log
-from cpid_drake.resources import models_directory
+from cpid_drake import (
+    InputError,
+    Spacecraft,
+    identify,
+    load_sensors,
+    models_directory,
+    read_log,
+)
 
 
 def main() -> None:

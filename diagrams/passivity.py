@@ -17,10 +17,11 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorC
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 from pydrake.visualization import AddDefaultVisualization
+from techniques.forgetting import reactionless_motion
+from techniques.passivity_controller import PassivityController
+from techniques.rows import worst_error
 
 import cpid_drake as cpid
-from cpid_drake.studies.techniques.forgetting import reactionless_motion
-from cpid_drake.studies.techniques.rows import worst_error
 
 
 def adapt(spacecraft, target, motion, duration, is_composite, meshcat):
@@ -32,7 +33,7 @@ def adapt(spacecraft, target, motion, duration, is_composite, meshcat):
     desired_motion = builder.AddSystem(cpid.JointMotionSource(motion)).get_output_port()
 
     # From here on nothing knows the target.
-    controller = cpid.PassivityController.AddToBuilder(
+    controller = PassivityController.AddToBuilder(
         builder,
         spacecraft,
         state=state,

@@ -32,17 +32,16 @@ from cpid_drake import (
     Scenario,
     SensorIdentifier,
     SensorSuite,
+    Spacecraft,
     SpacecraftSensors,
     TargetPrior,
     load_scenario,
     load_sensors,
     shipped_scenario,
 )
-from cpid_drake.dynamics.parameterizations import parameter_scale
-from cpid_drake.planning.plan_options import PlanOptions
-from cpid_drake.planning.planner import Planner
-from cpid_drake.scenario.joint_motions import HalfCosineMotion
-from cpid_drake.spacecraft.spacecraft import Spacecraft
+from cpid_drake.dynamics import parameter_scale
+from cpid_drake.planning import Planner, PlanOptions
+from cpid_drake.scenario import HalfCosineMotion
 
 LOG_PERIOD = 0.05  # [s]
 ESTIMATE_PERIOD = 0.5  # [s]

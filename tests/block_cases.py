@@ -18,6 +18,7 @@ from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
 from cpid_drake.logs.burns import Burn
 from cpid_drake.logs.log import Log
+from cpid_drake.scenario import trials
 from cpid_drake.sensors.sensors import (
     SENSORS,
     AttitudeSensor,
@@ -26,7 +27,6 @@ from cpid_drake.sensors.sensors import (
     VectorSensor,
 )
 from cpid_drake.sensors.suite import SensorSuite
-from cpid_drake.studies import trials
 
 DURATION = 4.0
 ADDED = (

@@ -6,7 +6,6 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from cpid_drake import Motion, identify
-from cpid_drake.processes import shared_work
 
 
 def blas_threads() -> set[int]:
@@ -39,13 +38,3 @@ def test_identify_needs_one_thread_and_gives_the_others_back(servicer, random_mo
     assert seen
     assert all(each == {1} for each in seen)
     assert blas_threads() == {2}
-
-
-@pytest.mark.slow
-def test_processes_that_share_work_have_one_thread_each(two_threads):
-    assert list(shared_work(threads_of, None, [0, 1], jobs=2)) == [{1}, {1}]
-    assert blas_threads() == {2}
-
-
-def threads_of(inputs: None):
-    return lambda task: blas_threads()

@@ -1,10 +1,15 @@
 """The public names: each is there, and none loads what another one needs."""
 
+import ast
 import importlib.metadata
+import pkgutil
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
+from processes import ROOT
 
 import cpid_drake
 
@@ -43,3 +48,81 @@ def test_a_name_loads_its_own_module():
     modules = modules_after("from cpid_drake import read_log")
     assert "numpy" in modules
     assert not modules & {"pydrake", "matplotlib"}
+
+
+def rooms() -> dict[str, set[str]]:
+    """Return the public names of each folder of the package that lists some."""
+    files = Path(cpid_drake.__file__).parent.glob("*/__init__.pyi")
+    return {file.parent.name: {each.asname or each.name for each in listed(file)} for file in files}
+
+
+def listed(file: Path) -> list[ast.alias]:
+    nodes = ast.walk(ast.parse(file.read_text()))
+    return [each for node in nodes if isinstance(node, ast.ImportFrom) for each in node.names]
+
+
+def test_every_public_name_of_a_folder_is_there_and_is_no_module_of_it():
+    found = rooms()
+    assert {"dynamics", "scenario", "report"} <= found.keys()
+    for room, names in found.items():
+        folder = importlib.import_module(f"cpid_drake.{room}")
+        modules = {each.name for each in pkgutil.iter_modules(folder.__path__)}
+        assert not names & modules, room
+        for name in names:
+            assert getattr(folder, name) is not None, (room, name)
+
+
+def private_names(text: str) -> list[str]:
+    """Return what a script uses of the package and no list of public names has."""
+    tree, known, own, found = ast.parse(text), rooms(), set(cpid_drake.__all__), []
+    places: dict[str, tuple[str, set[str]]] = {}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            for each in node.names:
+                if each.name == "cpid_drake":
+                    places[each.asname or each.name] = ("cpid_drake", own | known.keys())
+                elif each.name.startswith("cpid_drake."):
+                    found.append(each.name)
+        elif isinstance(node, ast.ImportFrom) and (node.module or "").startswith("cpid_drake"):
+            room = node.module.partition(".")[2]
+            public = known.get(room, set()) if room else own | known.keys()
+            found += [f"{node.module}.{n.name}" for n in node.names if n.name not in public]
+            for each in node.names:
+                if not room and each.name in known:
+                    places[each.asname or each.name] = (each.name, known[each.name])
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+            place, public = places.get(node.value.id, ("", None))
+            if public is not None and node.attr not in public:
+                found.append(f"{place}.{node.attr}")
+    return found
+
+
+@pytest.mark.parametrize(
+    ("text", "private"),
+    [
+        ("import cpid_drake as c; c.identify; c.dynamics; c.rows", ["cpid_drake.rows"]),
+        ("import cpid_drake.dynamics.rows", ["cpid_drake.dynamics.rows"]),
+        ("from cpid_drake.dynamics.rows import skew", ["cpid_drake.dynamics.rows.skew"]),
+        ("from cpid_drake.dynamics import skew, rows", ["cpid_drake.dynamics.rows"]),
+        ("from cpid_drake import dynamics; dynamics.skew; dynamics.rows", ["dynamics.rows"]),
+        ("from cpid_drake import identify, processes", ["cpid_drake.processes"]),
+    ],
+)
+def test_a_private_name_is_found(text, private):
+    assert private_names(text) == private
+
+
+SCRIPTS = sorted((ROOT / "diagrams").rglob("*.py"))
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: str(path.relative_to(ROOT)))
+def test_the_diagrams_and_studies_use_public_names_only(script):
+    assert not private_names(script.read_text())
+
+
+def test_the_package_knows_nothing_of_the_studies():
+    """Neither their modules nor their folder: the wheel does not have them."""
+    for file in Path(cpid_drake.__file__).parent.rglob("*.py"):
+        text = file.read_text()
+        assert not re.search(r"^\s*(?:from|import) (?:paper|techniques)\b", text, re.M), file

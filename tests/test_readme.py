@@ -105,13 +105,16 @@ def test_real_sensors_replace_the_line_of_the_identifier(ran):
 @pytest.mark.slow
 def test_all_commands_run_one_after_the_other(tmp_path):
     """In a folder with the models, as they stand; what one writes the next may read."""
-    (tmp_path / "models").symlink_to(ROOT / "models")
-    commands = re.findall(r"^\| .+ \| `cpid (.+)` \|$", README, re.M)
+    for folder in ("models", "diagrams"):
+        (tmp_path / folder).symlink_to(ROOT / folder)
+    programs = {"cpid": ["-m", "cpid_drake"], "python": []}
+    commands = re.findall(r"^\| .+ \| `((?:cpid|python) .+)` \|$", README, re.M)
     assert len(commands) == 10
-    commands += re.findall(r"^cpid (.+)$", README.replace("\\\n", " "), re.M)
+    commands += re.findall(r"^cpid .+$", README.replace("\\\n", " "), re.M)
     assert len(commands) == 11
     for command in commands:
-        arguments = [sys.executable, "-m", "cpid_drake", *shlex.split(command)]
+        program, *words = shlex.split(command)
+        arguments = [sys.executable, *programs[program], *words]
         paths = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
         environment = os.environ | {"PYTHONPATH": paths, "OPENBLAS_NUM_THREADS": "1"}
         done = subprocess.run(

@@ -29,7 +29,7 @@ COMMANDS = {
     "report": "Write the report of an identification or of a simulated run, one HTML page.",
     "view": "Show the simulation of a scenario live in the browser, or write its replay.",
     "log": "Check logs, find out what their columns mean, and convert them.",
-    "study": "Reproduce the paper's study, run campaigns of many trials, or compare techniques.",
+    "campaign": "Run many simulated trials, and report their errors.",
     "list": "List the shipped scenarios and sensors, the estimators and their row families.",
 }
 """The subcommands and what they do; each is an object in the module of its name."""

@@ -130,7 +130,7 @@ def _on_a_base_at_rest(
     return capture, [each.sum(axis=0) for each in (P, L, first, inertias)]
 
 
-def total_momentum(
+def system_momentum(
     tree: KinematicTree, target: InertialParameters, motion: Motion
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return linear [N·s] and angular momentum [N·m·s] of spacecraft and target, (N, 3), in W.

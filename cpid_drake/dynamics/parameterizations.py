@@ -25,7 +25,7 @@ PARAMETER_UNITS = ("kg", "m", "m", "m", *("kg·m²" for name in PARAMETER_NAMES 
 """Units of the entries of the parameter vector π, in its order."""
 
 SCALE_LENGTH = 0.5
-"""Length to which errors of the centre of mass are compared in studies and plans [m]."""
+"""Length to which errors of the centre of mass are compared in campaigns and plans [m]."""
 
 _ROW, _COLUMN = np.triu_indices(3)
 REPORT_ORDER = np.array([0, 3, 5, 1, 2, 4])  # (11, 12, 13, 22, 23, 33) -> (xx, yy, zz, xy, xz, yz)

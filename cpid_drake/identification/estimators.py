@@ -1,4 +1,4 @@
-"""The registry of estimators. The command line, reports and studies read it.
+"""The registry of estimators. The command line and reports read it.
 
 To add an estimator, write a function from what is known and from checked logs, by their names, to a
 `result.Identification`, and put its record here.

@@ -7,11 +7,11 @@ from functools import partial
 import numpy as np
 from matplotlib.axes import Axes
 
+from cpid_drake.campaign.statistics import Statistics, Tally, interval, verdict
 from cpid_drake.digits import significant
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.output_files.pictures import COLORS, INK, WIDE, Picture, label_axes, legend_below
 from cpid_drake.report.page import Section, Table
-from cpid_drake.studies.campaign.statistics import Statistics, Tally, interval, verdict
 
 LEGEND = (
     "Scale: the true mass, 0.5 m, and the trace of I. Bound: Cramér-Rao, of an estimator that "

@@ -10,7 +10,7 @@ from pathlib import Path
 import jinja2
 from markupsafe import Markup
 
-from cpid_drake.output_files.drafts import write_text
+from cpid_drake.output_files.drafts import draft_folder, write_text
 from cpid_drake.output_files.pictures import Picture, save_pictures
 
 
@@ -111,11 +111,17 @@ class Report:
         write_text(path, self.html())
 
     def write_folder(self, folder: Path) -> None:
-        """Write the page, its figures and its other files into an existing folder."""
-        self.save_figures(folder)
-        self.write(folder / "report.html")
-        for name, text in self.files.items():
-            write_text(folder / name, text)
+        """Write the page, its figures and its other files into a folder, all or none.
+
+        Raises:
+            InputError: a file cannot be written; those that were there are then unchanged.
+
+        """
+        with draft_folder(folder) as draft:
+            self.save_figures(draft)
+            self.write(draft / "report.html")
+            for name, text in self.files.items():
+                write_text(draft / name, text)
 
 
 def embedded_json(text: str) -> Markup:

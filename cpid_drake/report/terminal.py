@@ -4,7 +4,13 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table as Drawn
 
-from cpid_drake.report.page import Table
+from cpid_drake.report.page import Report, Table
+
+
+def print_tables(page: Report) -> None:
+    """Print the tables of a page."""
+    for table in (each for section in page.sections for each in section.tables):
+        print_table(table)
 
 
 def print_table(table: Table) -> None:

@@ -1,1 +1,20 @@
-from .joint_motions import MOTION_TAGS as MOTION_TAGS
+from .files import files_of
+from .joint_motions import MOTION_TAGS, HalfCosineMotion
+from .limits import check_limits
+from .schema import SpacecraftConfig
+from .trials import Case, base_trajectory, bound_of, fit_errors, ideal_samples, make_case, seeds_of
+
+__all__ = [
+    "MOTION_TAGS",
+    "Case",
+    "HalfCosineMotion",
+    "SpacecraftConfig",
+    "base_trajectory",
+    "bound_of",
+    "check_limits",
+    "files_of",
+    "fit_errors",
+    "ideal_samples",
+    "make_case",
+    "seeds_of",
+]

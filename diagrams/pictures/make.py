@@ -100,7 +100,8 @@ def convergence(folder: Path) -> None:
 
 def paper(folder: Path) -> None:
     """Draw the paper's study."""
-    print(cpid("study", "paper", "--out", folder / "paper"))
+    script = HERE.parent / "paper/run.py"
+    subprocess.run([sys.executable, script, "--out", folder / "paper"], check=True)
     names = {
         "configurations-fig-3": "figure3_configurations",
         "mass-against-decimals-table-2": "table2_decimals",
@@ -112,8 +113,8 @@ def paper(folder: Path) -> None:
 def accuracy(folder: Path) -> None:
     """Draw the comparison of the estimators, and print its table."""
     campaign = HERE.parents[1] / "models/campaigns/estimators.yaml"
-    cpid("study", "campaign", campaign, "--out", folder / "accuracy")
-    print(cpid("study", "report", folder / "accuracy"))
+    cpid("campaign", "run", campaign, "--out", folder / "accuracy")
+    print(cpid("campaign", "report", folder / "accuracy"))
     shutil.copy(folder / "accuracy/errors.png", HERE / "accuracy_flight.png")
 
 

@@ -1,4 +1,4 @@
-"""The `cpid` command as a user meets it: help, usage, the studies."""
+"""The `cpid` command as a user meets it: help, usage, lists."""
 
 import re
 import subprocess
@@ -24,12 +24,10 @@ def test_help_names_all_commands_and_imports_none_of_their_libraries():
     ("arguments", "cause"),
     [
         (["nonsense"], "nonsense"),
-        (["study", "paper"], "--out"),
-        (["study", "paper", "--out", "x", "--scenario", "pape"], "did you mean 'paper'?"),
-        (["study", "campaign", "no.yaml", "--out", "x"], "no.yaml: no such file"),
-        (["study", "report", "x"], "there is no folder x"),
-        (["study", "techniques", "air_bearing", "--out", "x"], "floats freely"),
-        (["study", "techniques", "tumbling_capture", "--out", "x"], "without momentum"),
+        (["simulate", "paper"], "--out"),
+        (["simulate", "pape", "--out", "x"], "did you mean 'paper'?"),
+        (["campaign", "run", "no.yaml", "--out", "x"], "no.yaml: no such file"),
+        (["campaign", "report", "x"], "there is no folder x"),
     ],
 )
 def test_wrong_usage_is_one_line(refusal, tmp_path, arguments, cause):

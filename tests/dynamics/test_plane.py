@@ -8,7 +8,7 @@ from planar_cases import DURATION, TARGET, motion, planar_craft
 from scipy.spatial.transform import Rotation
 from sensing_cases import true_telemetry
 
-from cpid_drake.dynamics.momentum import total_momentum
+from cpid_drake.dynamics.momentum import system_momentum
 from cpid_drake.dynamics.plane import in_plane, mean_normal, tilt
 
 TIMES = np.arange(0.0, DURATION, 0.1)
@@ -28,7 +28,7 @@ def truth(table):
 def test_the_base_moves_in_the_plane_and_keeps_what_the_table_leaves(table, truth):
     np.testing.assert_allclose(truth.quaternion_WB[:, 1:3], 0, atol=1e-14)
     np.testing.assert_allclose(truth.p_WB[:, 2], 0, atol=1e-14)
-    P, L = total_momentum(table.tree, TARGET, truth)
+    P, L = system_momentum(table.tree, TARGET, truth)
     np.testing.assert_allclose(P[:, :2], np.tile([0.2, -0.1], (len(P), 1)), atol=1e-9)
     np.testing.assert_allclose(L[:, 2], 0.05, atol=1e-7)
     assert np.ptp(L[:, :2], axis=0).min() > 1e-3  # the reactions of the table change the others
@@ -43,7 +43,7 @@ def test_the_table_holds_the_height_of_a_base_whose_arm_rises(tmp_path):
     rising = true_telemetry(table.tree, table.joint_names, motion(), TARGET, TIMES, start)
     np.testing.assert_allclose(rising.p_WB[:, 2], 0, atol=1e-14)
     np.testing.assert_allclose(rising.v_WB[:, 2], 0, atol=1e-14)
-    P, L = total_momentum(table.tree, TARGET, rising)
+    P, L = system_momentum(table.tree, TARGET, rising)
     np.testing.assert_allclose(P[:, :2], np.tile([0.2, -0.1], (len(P), 1)), atol=1e-9)
     np.testing.assert_allclose(L[:, 2], 0.05, atol=1e-7)
     assert np.ptp(P[:, 2]) > 1e-2

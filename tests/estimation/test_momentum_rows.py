@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cpid_drake import InertialParameters, TotalMomentum, identify
-from cpid_drake.dynamics.momentum import momentum_samples, total_momentum
+from cpid_drake.dynamics.momentum import momentum_samples, system_momentum
 from cpid_drake.dynamics.rows import RELATIVE_ROWS, ROW_FAMILIES, STANDARD_ROWS
 from cpid_drake.estimation.momentum_rows import momentum_rows
 from cpid_drake.estimation.rows_fit import LogRows
@@ -38,7 +38,7 @@ def test_a_known_angular_momentum_is_that_of_the_samples(
 ):
     """At the true target every row is fulfilled, sample by sample, whatever the momentum."""
     motion = random_motion(5, 8)
-    P, L = total_momentum(servicer.tree, skewed_target, motion)
+    P, L = system_momentum(servicer.tree, skewed_target, motion)
     samples = momentum_samples(servicer.tree, motion)
     mass = servicer.mass + skewed_target.mass
     p_WTcm = samples.motion.p_WC + samples.motion.R_WC @ skewed_target.p_CTcm_C

@@ -15,7 +15,7 @@ from cpid_drake import (
     identify,
 )
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
-from cpid_drake.dynamics.momentum import total_momentum
+from cpid_drake.dynamics.momentum import system_momentum
 from cpid_drake.dynamics.propagation import propagate
 from cpid_drake.dynamics.rotations import rotate
 
@@ -92,7 +92,7 @@ def test_momentum_is_what_it_should_be_throughout(servicer, skewed_target, motio
     phi = skewed_target.to_standard_vector()
     base = propagate(servicer.tree, motion, phi, times, momentum_W=momentum)
     telemetry = base.to_motion(servicer.joint_names, times, motion)
-    P, L = total_momentum(servicer.tree, skewed_target, telemetry)
+    P, L = system_momentum(servicer.tree, skewed_target, telemetry)
     np.testing.assert_allclose(np.hstack([L, P]), np.tile(momentum, (21, 1)), atol=1e-10)
 
 
@@ -122,5 +122,5 @@ def test_a_sliding_joint_and_wheels_conserve_it_too(tmp_path, skewed_target, whe
     telemetry = true_telemetry(
         craft.tree, craft.joint_names, motion, skewed_target, times, MOMENTUM
     )
-    P, L = total_momentum(craft.tree, skewed_target, telemetry)
+    P, L = system_momentum(craft.tree, skewed_target, telemetry)
     np.testing.assert_allclose(np.hstack([L, P]), np.tile(MOMENTUM, (9, 1)), atol=1e-6)

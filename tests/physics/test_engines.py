@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from sensing_cases import small_craft
 
 from cpid_drake.dynamics.kinematics import forward_kinematics
-from cpid_drake.dynamics.momentum import angular_momentum, linear_momentum, total_momentum
+from cpid_drake.dynamics.momentum import angular_momentum, linear_momentum, system_momentum
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +86,7 @@ def test_total_momentum_agrees_with_a_plant_that_holds_the_target(
     telemetry = random_motion(15, seed=23)
     plant = servicer.make_simulation_plant(skewed_target)
     drake = drake_momentum(plant, servicer.to_states(telemetry), np.zeros((15, 3)))
-    ours = np.hstack(total_momentum(servicer.tree, skewed_target, telemetry))
+    ours = np.hstack(system_momentum(servicer.tree, skewed_target, telemetry))
     np.testing.assert_allclose(ours, drake, rtol=0, atol=1e-12 * np.abs(drake).max())
 
 
@@ -118,7 +118,7 @@ def test_momentum_is_the_derivative_of_the_centre_of_mass(servicer, paper_target
             row.append(plant.CalcCenterOfMassPositionInWorld(context))
         places.append(np.array(row))
     expected = mass * (places[0] - places[1]) / (2 * step)
-    P, _ = total_momentum(servicer.tree, paper_target, telemetry)
+    P, _ = system_momentum(servicer.tree, paper_target, telemetry)
     np.testing.assert_allclose(P, expected, rtol=0, atol=1e-6 * np.abs(P).max())
 
 

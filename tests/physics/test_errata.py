@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from paper.study import sampling_times
+from paper.values import PAPER_TABLE_1
 from paper_equations import instantaneous_rows, linear_rows
 from pydrake.multibody.tree import RotationalInertia, SpatialInertia
 
@@ -14,8 +16,6 @@ from cpid_drake.dynamics.parameterizations import EQ18, tensor_to_vector
 from cpid_drake.dynamics.propagation import propagate
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.dynamics.rows import EQ18_ROWS
-from cpid_drake.studies.paper import sampling_times
-from cpid_drake.studies.paper_values import PAPER_TABLE_1
 
 
 @pytest.fixture(scope="module")

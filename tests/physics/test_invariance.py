@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from sensing_cases import MOMENTUM, Sines, coarse_suite, measured, small_craft, true_telemetry
 
 from cpid_drake import InertialParameters, Spacecraft, TotalMomentum, identify
-from cpid_drake.dynamics.momentum import momentum_samples, total_momentum
+from cpid_drake.dynamics.momentum import momentum_samples, system_momentum
 from cpid_drake.dynamics.rows import RELATIVE_ROWS, ROW_FAMILIES
 from cpid_drake.logs.log import Samples
 from cpid_drake.logs.simulated_noise import add_noise
@@ -65,8 +65,8 @@ def test_momentum_turns_with_the_world(servicer, skewed_target, random_motion):
         v_WB=Q.apply(telemetry.v_WB),
     )
     for before, after in zip(
-        total_momentum(servicer.tree, skewed_target, telemetry),
-        total_momentum(servicer.tree, skewed_target, turned),
+        system_momentum(servicer.tree, skewed_target, telemetry),
+        system_momentum(servicer.tree, skewed_target, turned),
         strict=True,
     ):
         np.testing.assert_allclose(after, Q.apply(before), rtol=0, atol=1e-10)

@@ -20,7 +20,7 @@ from cpid_drake import (
 )
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.kinematics import CaptureMotion, forward_kinematics
-from cpid_drake.dynamics.momentum import momentum_samples, target_momentum, total_momentum
+from cpid_drake.dynamics.momentum import momentum_samples, system_momentum, target_momentum
 from cpid_drake.dynamics.orbit import Orbit
 from cpid_drake.dynamics.parameterizations import (
     EQ18,
@@ -142,7 +142,7 @@ def test_the_targets_momentum_has_all_its_terms():
 def test_the_total_is_about_the_origin_of_W(craft):
     """Shifting all by p changes L by p × P."""
     one, other = (
-        total_momentum(craft.tree, TARGET, seen(qdot=0.4, v_WB=0.3 * Z, p_WB=p))
+        system_momentum(craft.tree, TARGET, seen(qdot=0.4, v_WB=0.3 * Z, p_WB=p))
         for p in (np.zeros(3), np.array([1.0, 2.0, 3.0]))
     )
     np.testing.assert_allclose(other[0], one[0], atol=1e-14)

@@ -19,6 +19,7 @@ from rows import (
     cli_trial,
     identified,
     monte_carlo,
+    python,
     row_of,
     suite_file,
     suite_of,
@@ -55,8 +56,9 @@ def figure(value: float | None, **tolerance: float) -> dict:
 
 
 def paper(folder: Path) -> dict:
-    """The paper's tables, by `cpid study paper`."""
-    cli("study", "paper", "--out", folder / "paper", "--quiet")
+    """The paper's tables, by `diagrams/paper/run.py`."""
+    script = Path(__file__).parents[2] / "diagrams/paper/run.py"
+    python(script, "--out", folder / "paper", "--quiet")
     found = json.loads((folder / "paper" / "summary.json").read_text(encoding="utf-8"))
     one, seven = found["table1"], found["figure7"]
     figures = {
@@ -69,7 +71,7 @@ def paper(folder: Path) -> dict:
         f"mass of {e['decimals']} decimals": figure(e["mass"], within=1e-5) for e in found["table2"]
     }
     why = "the same rounded numbers: masses to 1e-5, errors to 2 %; exact data: an absolute floor"
-    return row_of("cpid study paper: Tables 1, 2, Fig. 7", [], figures=figures, why=why)
+    return row_of("diagrams/paper/run.py: Tables 1, 2, Fig. 7", [], figures=figures, why=why)
 
 
 def exact(folder: Path) -> Rows:

@@ -28,7 +28,7 @@ from cpid_drake import (
     shipped_scenario,
 )
 from cpid_drake.input_files.validation import dump_yaml
-from cpid_drake.studies.trials import bound_of, ideal_samples, make_case
+from cpid_drake.scenario.trials import bound_of, ideal_samples, make_case
 
 FLOOR = 1e-8
 """Error that is rounding, relative to m, to 0.5 m and to the trace of I."""
@@ -175,7 +175,12 @@ def trial_of(found: Identification, world: World, seconds: float = 0.0) -> Trial
 
 def cli(*words: str | Path) -> subprocess.CompletedProcess:
     """Run `cpid` in another process, which is killed after `LONGEST`."""
-    command = [sys.executable, "-m", "cpid_drake", *map(str, words)]
+    return python("-m", "cpid_drake", *words)
+
+
+def python(*words: str | Path) -> subprocess.CompletedProcess:
+    """Run Python in another process, which is killed after `LONGEST`."""
+    command = [sys.executable, *map(str, words)]
 
     def limit() -> None:
         resource.setrlimit(resource.RLIMIT_CPU, (LONGEST, LONGEST))

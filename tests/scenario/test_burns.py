@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from cpid_drake import identify, load_scenario, make_simulation, shipped_scenario
-from cpid_drake.dynamics.momentum import total_momentum
+from cpid_drake.dynamics.momentum import system_momentum
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.logs.burns import Burn
 from cpid_drake.scenario.schema import DisturbanceConfig
+from cpid_drake.scenario.trials import base_trajectory, draw, ideal_samples, make_case
 from cpid_drake.sensors.disturbances import Disturbances, SimulatedDisturbance
 from cpid_drake.sensors.presets import load_sensors
-from cpid_drake.studies.trials import base_trajectory, draw, ideal_samples, make_case
 
 FORCE, POINT, TORQUE = (
     np.array([0.2, -0.1, 0.1]),
@@ -47,7 +47,7 @@ def test_the_plant_gets_the_momentum_of_the_burn(run):
     """Its force times its length, and the moment of the force at its point."""
     simulation, context = run
     telemetry = simulation.motion(context)
-    P, L = total_momentum(simulation.spacecraft.tree, simulation.truth, telemetry)
+    P, L = system_momentum(simulation.spacecraft.tree, simulation.truth, telemetry)
     expected = simulation.expected_momentum(context)
     np.testing.assert_allclose(np.hstack([L, P]), expected, rtol=0, atol=2e-6)
     mass = simulation.spacecraft.mass + simulation.truth.mass

@@ -13,7 +13,7 @@ from cpid_drake import (
     shipped_scenario,
 )
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
-from cpid_drake.dynamics.momentum import total_momentum
+from cpid_drake.dynamics.momentum import system_momentum
 from cpid_drake.dynamics.rotations import skew
 from cpid_drake.spacecraft.compliant_wrist import CompliantWrist
 
@@ -47,7 +47,7 @@ def test_a_compliant_wrist_conserves_momentum(compliant):
     simulation, context = compliant
     telemetry, expected = simulation.motion(context), simulation.expected_momentum(context)
     np.testing.assert_allclose(simulation.momentum(context), expected, rtol=0, atol=1e-7)
-    P, L = total_momentum(simulation.spacecraft.tree, simulation.truth, telemetry)
+    P, L = system_momentum(simulation.spacecraft.tree, simulation.truth, telemetry)
     relative = np.abs(np.hstack([L, P]) - expected)
     assert relative.max() > 1e-2
     assert relative[0].max() < 1e-12, "the springs are relaxed at the start"

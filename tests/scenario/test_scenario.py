@@ -5,6 +5,7 @@ import copy
 import numpy as np
 import pytest
 import yaml
+from paper.study import sampling_times
 
 from cpid_drake import (
     MultiSine,
@@ -16,7 +17,6 @@ from cpid_drake.resources import models_directory
 from cpid_drake.scenario.files import dump_scenario
 from cpid_drake.scenario.joint_motions import MultiSineMotion
 from cpid_drake.sensors.presets import load_sensors
-from cpid_drake.studies.paper import sampling_times
 
 
 @pytest.fixture(scope="module")

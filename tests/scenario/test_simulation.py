@@ -15,16 +15,16 @@ from cpid_drake import (
     make_simulation,
     shipped_scenario,
 )
-from cpid_drake.dynamics.momentum import total_momentum
+from cpid_drake.dynamics.momentum import system_momentum
 from cpid_drake.dynamics.orbit import Orbit
 from cpid_drake.dynamics.propagation import Wrench, propagate
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.scenario.schema import ControllerConfig, DisturbanceConfig
+from cpid_drake.scenario.trials import base_trajectory, make_case
 from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.sensors import JointSensor
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.sprung_mass import SprungMass
-from cpid_drake.studies.trials import base_trajectory, make_case
 
 
 class Swinging:
@@ -73,7 +73,7 @@ def test_a_tumbling_capture_is_identified_with_its_momentum():
     simulation = make_simulation(scenario)
     root_context = simulation.run()
     telemetry = simulation.motion(root_context)
-    P, L = total_momentum(simulation.spacecraft.tree, simulation.truth, telemetry)
+    P, L = system_momentum(simulation.spacecraft.tree, simulation.truth, telemetry)
     momentum = np.tile(scenario.simulation.momentum_W, (len(telemetry), 1))
     np.testing.assert_allclose(np.hstack([L, P]), momentum, rtol=0, atol=1e-7)
     context = simulation.identifier.GetMyContextFromRoot(root_context)
@@ -149,7 +149,7 @@ def test_a_disturbance_changes_the_momentum_as_newtons_laws_say(walk):
     simulation = make_simulation(scenario)
     context = simulation.run()
     telemetry = simulation.motion(context)
-    P, L = total_momentum(simulation.spacecraft.tree, simulation.truth, telemetry)
+    P, L = system_momentum(simulation.spacecraft.tree, simulation.truth, telemetry)
     expected = simulation.expected_momentum(context)
     np.testing.assert_allclose(np.hstack([L, P]), expected, atol=2e-7)
     np.testing.assert_allclose(P[-1] - P[0], expected[-1, 3:] - expected[0, 3:], atol=1e-7)
@@ -176,7 +176,7 @@ def test_an_orbit_turns_and_moves_the_plant_as_it_does_the_base():
     simulation = make_simulation(scenario)
     context = simulation.run()
     telemetry = simulation.motion(context)
-    P, L = total_momentum(simulation.spacecraft.tree, simulation.truth, telemetry)
+    P, L = system_momentum(simulation.spacecraft.tree, simulation.truth, telemetry)
     expected = simulation.expected_momentum(context)
     np.testing.assert_allclose(np.hstack([L, P]), expected, rtol=0, atol=1e-6)
     base = propagate(
@@ -221,7 +221,7 @@ def test_sprung_masses_conserve_momentum(sloshing):
     simulation, context = sloshing
     telemetry, expected = simulation.motion(context), simulation.expected_momentum(context)
     np.testing.assert_allclose(simulation.momentum(context), expected, rtol=0, atol=1e-7)
-    P, L = total_momentum(simulation.spacecraft.tree, simulation.truth, telemetry)
+    P, L = system_momentum(simulation.spacecraft.tree, simulation.truth, telemetry)
     exchanged = np.abs(np.hstack([L, P]) - expected)
     assert exchanged.max() > 1e-3
     assert exchanged[0].max() < 1e-12, "they start at rest in their bodies"
@@ -295,7 +295,7 @@ def test_a_table_holds_height_and_tilt_and_nothing_in_the_plane():
     assert np.abs(telemetry.p_WB[:, 2]).max() < 1e-4
     tilt = telemetry.R_WB[:, :2, 2]
     assert np.abs(tilt).max() < 1e-4
-    P, L = total_momentum(simulation.spacecraft.tree, simulation.truth, telemetry)
+    P, L = system_momentum(simulation.spacecraft.tree, simulation.truth, telemetry)
     expected = simulation.expected_momentum(context)
     np.testing.assert_allclose(P[:, :2], expected[:, 3:5], atol=1e-6)
     np.testing.assert_allclose(L[:, 2], expected[:, 2], atol=2e-6)

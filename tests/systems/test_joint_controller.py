@@ -20,7 +20,7 @@ from cpid_drake import (
     make_simulation,
     shipped_scenario,
 )
-from cpid_drake.dynamics.momentum import total_momentum
+from cpid_drake.dynamics.momentum import system_momentum
 from cpid_drake.dynamics.parameterizations import parameter_scale
 
 
@@ -89,7 +89,7 @@ def test_the_arms_follow_exactly_or_by_feedback(run):
 
 def test_momentum_is_conserved_whatever_the_controller_believes(run):
     _, simulation, telemetry = run
-    P, L = total_momentum(simulation.spacecraft.tree, simulation.truth, telemetry)
+    P, L = system_momentum(simulation.spacecraft.tree, simulation.truth, telemetry)
     assert np.abs(P).max() < 1e-6
     assert np.abs(L).max() < 1e-6
     found = identify(simulation.spacecraft, telemetry, rows="standard")

@@ -2,12 +2,12 @@
 
 from pathlib import Path
 
+from cpid_drake.campaign.statistics import Statistics
+from cpid_drake.campaign.trial import replayed
 from cpid_drake.report import campaign_tables
 from cpid_drake.report.page import Report
 from cpid_drake.report.pages.study import study_report
 from cpid_drake.scenario.files import dump_scenario
-from cpid_drake.studies.campaign.statistics import Statistics
-from cpid_drake.studies.campaign.trial import replayed
 
 
 def campaign_report(found: Statistics, folder: Path) -> Report:
@@ -26,5 +26,5 @@ def campaign_report(found: Statistics, folder: Path) -> Report:
     for number in {each.trial for cases in found.worst.values() for each in cases}:
         files[campaign_tables.scenario_name(number)] = dump_scenario(replayed(found.plan, number))
     facts = [("Scenario", campaign.scenario), ("Campaign", found.plan.hash)]
-    words = ["cpid", "study", "report", str(folder)]
+    words = ["cpid", "campaign", "report", str(folder)]
     return study_report("Campaign", subtitle, sections, facts, words, files)

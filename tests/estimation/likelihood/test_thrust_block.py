@@ -18,9 +18,9 @@ from cpid_drake.estimation.likelihood.constants import Constants
 from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.logs.burns import Burn
 from cpid_drake.logs.log import THRUST, Samples
+from cpid_drake.scenario.trials import base_trajectory, ideal_samples
 from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.sensors import JointSensor
-from cpid_drake.studies.trials import base_trajectory, ideal_samples
 
 START, END = 1.0, 2.5
 BURNS = (

@@ -1,0 +1,3 @@
+from .run import run_campaign
+
+__all__ = ["run_campaign"]

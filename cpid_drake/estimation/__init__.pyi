@@ -1,0 +1,5 @@
+from .momentum_rows import changed
+
+__all__ = [
+    "changed",
+]

@@ -1,0 +1,3 @@
+from .checked_log import log_of_states
+
+__all__ = ["log_of_states"]

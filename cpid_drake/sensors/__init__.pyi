@@ -1,0 +1,5 @@
+from .sensors import Gyro
+
+__all__ = [
+    "Gyro",
+]

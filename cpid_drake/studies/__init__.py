@@ -1,6 +1,0 @@
-"""Studies: complete experiments that answer one question each; they neither draw nor print."""
-
-import lazy_loader
-
-# The names are those of __init__.pyi; each is imported when it is first used.
-__getattr__, _, _ = lazy_loader.attach_stub(__name__, __file__)

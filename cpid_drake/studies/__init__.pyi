@@ -1,3 +1,0 @@
-from .trials import fit_errors, make_case
-
-__all__ = ["fit_errors", "make_case"]

@@ -1,0 +1,5 @@
+from .ports import SpacecraftSystem
+
+__all__ = [
+    "SpacecraftSystem",
+]

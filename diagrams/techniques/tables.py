@@ -1,0 +1,155 @@
+"""Tables and figures of the comparison of techniques."""
+
+from functools import partial
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from cpid_drake.output_files import COLORS, INK, Picture, label_axes, legend_below
+from cpid_drake.report import Section, Table
+from techniques.claims import CLAIMS, judge
+from techniques.comparison import ONE_JOINT, Cell, Comparison
+from techniques.records import FIT
+
+INTRODUCTION = (
+    "Every technique gets the same samples of the same motion with the same noise, only the known "
+    "spacecraft besides, and its best form: unknowns in which no acceleration of the base is "
+    "needed, weights from residuals, zeros and calibrations estimated with their priors. What is "
+    "called naive has a row of its own.",
+    "Errors are those of the worst of the ten parameters, relative to m, 0.5 m and the trace of I: "
+    "RMS over the trials, with its 95 % interval by resampling. Two errors that differ by less "
+    "than a factor of 1.5 are equal. Exact is the error without noise, with a dash for techniques "
+    "that filter samples. The bound is the Cramér–Rao bound of momentum, or, for sensors of "
+    "forces, that of an exact motion. Instants are those whose exact rows tell all ten.",
+)
+"""What the tables show."""
+
+_QUANTITIES = ("exact", "instants", "bound", "rms", "low", "high", "estimates", "seconds")
+
+
+def sections(found: Comparison) -> list[Section]:
+    """Return the page's sections: claims, errors of each cell, other results, failures."""
+    needs = [[each.name, each.measures or "nothing", each.reference] for each in found.records]
+    failures = [f"{', '.join(key)}: {problem}" for key, problem in found.problems.items()]
+    errors = [_errors(found, cell) for cell in found.cells]
+    return [
+        Section("What is compared", texts=INTRODUCTION),
+        Section("The paper’s claims", facts=claims(found)),
+        Section("Errors at a glance", pictures=pictures(found)),
+        Section("Errors of each technique", tables=[each for each in errors if each.rows]),
+        Section("Motions, training and control of their own", tables=[_experiments(found)]),
+        Section(
+            "What each needs",
+            tables=[Table(["", "besides attitude, gyro, encoders", "from"], needs)],
+        ),
+        Section("Failures", texts=failures or ["No technique failed in a trial."]),
+    ]
+
+
+def claims(found: Comparison) -> list[tuple[str, str]]:
+    """Return the claims, each with its verdict and the numbers that it follows from."""
+    result = []
+    for claim in CLAIMS:
+        values, verdict = judge(claim, found)
+        ours = "; ".join(f"{name}: {number(value)}" for name, value in values.items())
+        text = f"{verdict.capitalize()}. The paper: {claim.papers}."
+        result.append((claim.text, f"{text} Here: {ours}." if ours else text))
+    return result
+
+
+def short_table(found: Comparison) -> str:
+    """Return six lines of Markdown, for the README."""
+    names = {
+        FIT: "momentum, `trajectory_fit`",
+        "accelerations, relative": "accelerations, relative form",
+        "joint torques, 0.1 % of full scale": "joint torques of 0.1 % of full scale",
+        "wrist sensor, 0.1 % estimated": "wrist sensor, calibrated to 0.1 %",
+    }
+    columns = [(m, "rms", s) for m in ("paper", "exciting_motion") for s in ("flight", "servicer")]
+    first = "RMS error, worst parameter ([all techniques](docs/explanation-techniques.md))"
+    lines = [[first, *(f"`{m}`, `{s}`" for m, _, s in columns)], ["---"] * 5]
+    for name, label in names.items():
+        lines.append([label, *(number(found.number(name, *column)) for column in columns)])
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def _errors(found: Comparison, cell: Cell) -> Table:
+    rows = []
+    for name in cell.techniques:
+        values = found.numbers[name, cell.motion, cell.sensors, cell.target]
+        if "rms" in values:
+            shown = [number(values.get(each, np.nan)) for each in _QUANTITIES]
+            rows.append([name, *shown])
+    title = (
+        f"{cell.motion} ({cell.truth.case.duration:.3g} s), {cell.sensors}, {cell.target} target"
+    )
+    return Table(["", *_QUANTITIES], rows, f"{title}, {found.trials} trials")
+
+
+def _experiments(found: Comparison) -> Table:
+    rows = [
+        [
+            f"{technique}, {motion}",
+            name if target == "scenario" else f"{name} ({target})",
+            number(value),
+        ]
+        for (technique, motion, _, target), values in found.numbers.items()
+        if "rms" not in values
+        for name, value in values.items()
+    ]
+    note = (
+        "The planar relations of one joint at a time have an error of the model, with exact data; "
+        "three axes determine m, c and three moments. A fast run leaves out the network and "
+        "adaptive control."
+    )
+    return Table(["", "quantity", "value"], rows, note=note)
+
+
+def pictures(found: Comparison) -> list[Picture]:
+    """Return a picture of the errors of all techniques for each motion."""
+    motions = dict.fromkeys(cell.motion for cell in found.cells if cell.motion != ONE_JOINT)
+    return [
+        Picture(f"errors of {each}", partial(_draw_errors, found, each), (8.0, 5.2))
+        for each in motions
+    ]
+
+
+def _draw_errors(found: Comparison, motion: str, axes: Axes) -> None:
+    cells = [cell for cell in found.cells if cell.motion == motion]
+    names = [each.name for each in found.records if each.experiment is None]
+    for k, cell in enumerate(cells):
+        place = (motion, cell.sensors, cell.target)
+        rms, low, high, bounds = (
+            np.array([found.numbers.get((name, *place), {}).get(each, np.nan) for name in names])
+            for each in ("rms", "low", "high", "bound")
+        )
+        y = np.arange(len(names)) + 0.2 * (k - (len(cells) - 1) / 2)
+        spread, color = np.maximum([rms - low, high - rms], 0.0), COLORS[k]
+        label = f"{cell.sensors}, {cell.target} target"
+        axes.errorbar(rms, y, xerr=spread, fmt="o", color=color, label=label, markersize=4)
+        axes.plot(bounds, y, "|", color=color if k else INK, markersize=9)
+    axes.set_xscale("log")
+    axes.set_yticks(np.arange(len(names)), names)
+    axes.invert_yaxis()
+    label_axes(axes, motion, "RMS error of the worst parameter (| bound)", "")
+    legend_below(axes, 3)
+
+
+def number(value: float) -> str:
+    """Return a number with two digits; a dash if there is none."""
+    if not np.isfinite(value):
+        return "–"
+    if 100 <= abs(value) < 1e4:
+        return f"{value:.0f}"
+    return f"{value:.2g}" if 0.01 <= abs(value) < 100 or not value else f"{value:.1e}"
+
+
+def numbers(found: Comparison) -> Table:
+    """Return the table of all numbers, one in each row."""
+    heads = ["technique", "motion", "sensors", "target", "quantity", "value"]
+    rows = [
+        [*key, name, f"{value:.6g}"]
+        for key, values in found.numbers.items()
+        for name, value in values.items()
+    ]
+    return Table(heads, rows)

@@ -1,0 +1,150 @@
+"""The scripts in diagrams/ run from anywhere, and fail in one line."""
+
+import re
+import subprocess
+from functools import cache
+
+import matplotlib.image
+import pytest
+from processes import ROOT, finish, start
+
+FOLDER = ROOT / "diagrams"
+SCRIPTS = sorted(path.name for path in FOLDER.glob("*.py"))
+ARGUMENTS = {
+    "own_spacecraft.py": [],
+    "live.py": [],
+    "adaptive_control.py": ["--figure", "errors.png"],
+    "plan_identify_replan.py": ["--figure", "loop.png"],
+    "passivity.py": ["--duration", "2"],
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("elsewhere")
+
+
+@pytest.fixture(scope="module")
+def ran(folder):
+    """Return a function that runs a script for real, in a folder of its own, and but once."""
+
+    @cache
+    def run(script: str) -> subprocess.CompletedProcess:
+        return finish(start(FOLDER / script, *ARGUMENTS[script], cwd=folder))
+
+    return run
+
+
+def test_every_script_is_tested():
+    """`identify.py` and `sensors.py` are tested as the README's."""
+    assert sorted([*ARGUMENTS, "identify.py", "sensors.py"]) == SCRIPTS
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("script", sorted(ARGUMENTS))
+def test_it_identifies_all_ten_parameters(ran, script):
+    run = ran(script)
+    assert run.returncode == 0, run.stderr
+    assert "determine 10 of 10 parameters" in run.stdout or script == "passivity.py"
+    assert "Traceback" not in run.stderr
+
+
+@pytest.mark.parametrize(
+    ("study", "arguments", "cause"),
+    [
+        ("paper", [], "--out"),
+        ("paper", ["--out", "x", "--scenario", "pape"], "did you mean 'paper'?"),
+        ("techniques", ["air_bearing", "--out", "x"], "floats freely"),
+        ("techniques", ["tumbling_capture", "--out", "x"], "without momentum"),
+        ("techniques", ["--out", "x", "--force-sensors", "no.yaml"], "no.yaml: no such file"),
+        ("techniques", ["--out", "kept"], "kept/a.txt: exists already"),
+    ],
+)
+def test_a_study_refuses_wrong_usage_in_one_line(tmp_path, study, arguments, cause):
+    (tmp_path / "kept").mkdir()
+    (tmp_path / "kept/a.txt").write_text("text")
+    run = finish(start(FOLDER / study / "run.py", *arguments, cwd=tmp_path))
+    assert run.returncode == 2
+    assert cause in run.stderr.splitlines()[-1]
+    assert "Traceback" not in run.stderr
+    assert [each.name for each in tmp_path.iterdir()] == ["kept"]
+
+
+@pytest.mark.slow
+def test_the_comparison_writes_its_page_and_numbers(tmp_path):
+    options = ("--fast", "--trials", "1", "--jobs", "1", "--quiet", "--out", "out")
+    run = finish(start(FOLDER / "techniques/run.py", "exciting_motion", *options, cwd=tmp_path))
+    assert (run.returncode, run.stdout, run.stderr) == (0, "", "")
+    page = (tmp_path / "out/report.html").read_text()
+    assert "python diagrams/techniques/run.py exciting_motion --trials 1" in page
+    rows = (tmp_path / "out/techniques.csv").read_text().splitlines()
+    [rms] = [
+        row
+        for row in rows
+        if row.startswith('"momentum, trajectory fit",exciting') and "flight,scenario,rms" in row
+    ]
+    assert float(rms.rpartition(",")[2]) < 1e-3
+
+
+@pytest.mark.slow
+def test_the_estimate_makes_the_tracking_error_vanish(ran, folder):
+    """1000 times smaller with exact data, 20 times with sensors; without an estimate it stays."""
+    stdout = ran("adaptive_control.py").stdout
+    before, after, _ = re.search(r"^none +(\S+) +(\S+) +(\S+)$", stdout, re.M).groups()
+    assert float(after) >= 0.5 * float(before) > 0.1
+    for name, least in (("exact", 1e3), ("flight", 20.0)):
+        row = re.search(rf"^{name}, used from (\S+) s +(\S+) +(\S+) +(\S+)$", stdout, re.M)
+        start, before, after, ratio = map(float, row.groups())
+        assert 1.0 < start < 5.0
+        assert before > 0.1
+        assert before / after == pytest.approx(ratio, rel=0.1)
+        assert ratio > least
+    picture = matplotlib.image.imread(folder / "errors.png")
+    assert picture.std() > 0.05
+
+
+@pytest.mark.slow
+def test_parameters_come_while_the_arms_move_and_the_base_may_rest(ran, folder):
+    stdout = ran("passivity.py").stdout
+    errors = dict(re.findall(r"^ +(\S+) s +(\S+)$", stdout, re.M))
+    assert float(errors["1.0"]) < 1e-3
+    for page in ("adaptive.html", "still_base.html"):
+        assert f"{page} plays the motion" in stdout
+        assert (folder / page).stat().st_size > 1e5
+    turns = [float(turn) for turn in re.findall(r"turns by (\S+)°", stdout)]
+    assert turns[0] > 100 * turns[1]
+    assert max(float(error) for error in re.findall(r"error (\S+)$", stdout, re.M)) < 1e-3
+
+
+@pytest.mark.slow
+def test_planned_motions_reach_the_asked_precision(ran, folder):
+    """With the second motion; the estimate makes the transfer ten times more exact at least."""
+    stdout = ran("plan_identify_replan.py").stdout
+    found = re.findall(r"^motion (\d): planned in \S+ s, worst σ (\S+) %$", stdout, re.M)
+    sigmas = [float(sigma) for _, sigma in found]
+    assert len(sigmas) == 2
+    assert sigmas[0] > 0.15 >= sigmas[1]
+    error = float(re.search(r"^largest error: (\S+) % of scale$", stdout, re.M)[1])
+    assert error < 4 * sigmas[1]
+    before, after = map(float, re.findall(r"estimate: (\S+) rad$", stdout, re.M))
+    assert before > 10 * after
+    assert matplotlib.image.imread(folder / "loop.png").std() > 0.05
+
+
+@pytest.mark.slow
+def test_the_sample_log_tells_the_bag_that_it_was_made_with(ran):
+    stdout = ran("own_spacecraft.py").stdout
+    mass = float(re.search(r"^m = (\S+) kg", stdout, re.M)[1])
+    together = float(re.search(r"^together (\S+) kg", stdout, re.M)[1])
+    assert mass == pytest.approx(8.5, abs=0.05)
+    assert together - mass == pytest.approx(10.49, abs=0.01)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", ["how-to-logs.md", "how-to-sample-log.md"])
+def test_the_python_of_a_page_runs(page, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    [block] = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / page).read_text(), re.S)
+    names = {}
+    exec(compile(block, page, "exec"), names)
+    assert names["result"].consistent.mass == pytest.approx(8.5, abs=0.05)
