@@ -302,7 +302,7 @@ LEFT = {
         "encoders",
         "unwrapped",
     ),
-    "an angle that a homing sets": (homed, ALL, "encoders", "unwrapped: arm_joint1 (1 jumps)"),
+    "an angle that a homing sets": (homed, ALL, "encoders", "unwrapped: arm_joint1 (1 jump)"),
     "a gyro of one axis": (one_axis, ALL, "gyro", "zero in x, y while the attitude changed"),
     "a gyro that stands still": (offset, ALL, "gyro", "constant in x, y, z while the attitude"),
     "a gyro that stands still, alone": (
