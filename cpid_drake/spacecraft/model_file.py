@@ -58,6 +58,19 @@ _CHILDREN = {
 _CHILDREN[".xml", "worldbody"] = _CHILDREN[".xml", "body"]
 """What is read of an element: Drake ignores other children of these without a word."""
 
+_ATTRIBUTES = {
+    "origin": {"xyz", "rpy"},
+    "mass": {"value"},
+    "inertia": set(_MOMENTS),
+    "axis": {"xyz"},
+    "parent": {"link"},
+    "child": {"link"},
+}
+"""What is read of elements of URDF: Drake ignores other attributes of these without a word."""
+
+_BODIES = frozenset(("inertial", "parent", "child"))
+"""Elements of a link or a joint, by which one is known whose own name is misspelt."""
+
 _ONCE = frozenset(("inertial", "inertia", "mass", "origin", "pose", "axis"))
 """Elements of which Drake reads one, if a parent has several."""
 
@@ -280,6 +293,17 @@ def _check_meaning(element: ElementTree.Element, ending: str, where: str) -> Non
             )
         if name in _ONCE and parts[part] > 1 and ending != ".xml":
             raise InputError(f"{where}<{tag}> has {parts[part]} <{name}>: only one is read")
+    if ending == ".urdf" and (
+        unknown := set(element.attrib) - _ATTRIBUTES.get(tag, {*element.attrib})
+    ):
+        raise InputError(f"{where}'{min(unknown)}' of <{tag}> is not read: correct its name")
+    if ending == ".urdf" and tag == "robot":
+        for part in element:
+            if part.tag not in ("link", "joint") and _BODIES & {each.tag for each in part}:
+                raise InputError(
+                    f"{where}<{part.tag}> in <robot> is not read, and looks like a link or a "
+                    "joint: correct its name"
+                )
     if tag == "link" and ending != ".xml":
         for inertial in element.iter("inertial"):
             _check_inertia(inertial, ending, f"{where}link '{element.get('name', '')}': ")

@@ -209,6 +209,16 @@ OTHERS = {
         ".urdf",
         "<orgin> in <inertial>",
     ),
+    "misspelt attribute": (
+        changed('<origin xyz="0.5', '<origin xzy="0.5'),
+        ".urdf",
+        "'xzy' of <origin> is not read",
+    ),
+    "misspelt link": (
+        urdf(*GOOD, link("boom").replace("link", "lnk")),
+        ".urdf",
+        "<lnk> in <robot> is not read",
+    ),
     "two inertias": (
         changed("</link>", '<inertial><mass value="7"/></inertial></link>'),
         ".urdf",
