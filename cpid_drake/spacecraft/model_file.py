@@ -63,13 +63,8 @@ _ATTRIBUTES = {
     "mass": {"value"},
     "inertia": set(_MOMENTS),
     "axis": {"xyz"},
-    "parent": {"link"},
-    "child": {"link"},
 }
 """What is read of elements of URDF: Drake ignores other attributes of these without a word."""
-
-_BODIES = frozenset(("inertial", "parent", "child"))
-"""Elements of a link or a joint, by which one is known whose own name is misspelt."""
 
 _ONCE = frozenset(("inertial", "inertia", "mass", "origin", "pose", "axis"))
 """Elements of which Drake reads one, if a parent has several."""
@@ -298,10 +293,12 @@ def _check_meaning(element: ElementTree.Element, ending: str, where: str) -> Non
     ):
         raise InputError(f"{where}'{min(unknown)}' of <{tag}> is not read: correct its name")
     if ending == ".urdf" and tag == "robot":
-        for part in element:
-            if part.tag not in ("link", "joint") and _BODIES & {each.tag for each in part}:
+        for inner in element:
+            names = {each.tag for each in inner}
+            is_alike = "inertial" in names or {"parent", "child"} <= names
+            if is_alike and inner.tag not in ("link", "joint"):
                 raise InputError(
-                    f"{where}<{part.tag}> in <robot> is not read, and looks like a link or a "
+                    f"{where}<{inner.tag}> in <robot> is not read, and looks like a link or a "
                     "joint: correct its name"
                 )
     if tag == "link" and ending != ".xml":
