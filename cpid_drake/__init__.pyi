@@ -4,7 +4,8 @@ from .dynamics.motion import Motion
 from .dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from .dynamics.total_momentum import TotalMomentum
 from .dynamics.uncertainty import BodyUncertainty
-from .errors import InputError
+from .files.errors import InputError
+from .files.resources import __version__, find_scenario, models_directory, shipped_scenario
 from .identification.identify import identify
 from .identification.identify_files import identify_files
 from .identification.parameter import ParameterEstimate
@@ -19,7 +20,6 @@ from .logs.conversion import from_columns as from_columns
 from .logs.files import read_log, write_log
 from .logs.log import Log
 from .report.pages.identification import write_report
-from .resources import __version__, find_scenario, models_directory, shipped_scenario
 from .scenario.files import load_scenario
 from .scenario.schema import Scenario
 from .scenario.simulation import Simulation, make_simulation

@@ -5,7 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cpid_drake.digits import decimals, decimals_of, rounded_pair, significant, with_half_width
+from cpid_drake.files.digits import (
+    decimals,
+    decimals_of,
+    rounded_pair,
+    significant,
+    with_half_width,
+)
 
 SIZES = st.floats(1e-12, 1e12)
 

@@ -106,7 +106,7 @@ def private_names(text: str) -> list[str]:
         ("from cpid_drake.dynamics.rows import skew", ["cpid_drake.dynamics.rows.skew"]),
         ("from cpid_drake.dynamics import skew, rows", ["cpid_drake.dynamics.rows"]),
         ("from cpid_drake import dynamics; dynamics.skew; dynamics.rows", ["dynamics.rows"]),
-        ("from cpid_drake import identify, processes", ["cpid_drake.processes"]),
+        ("from cpid_drake import identify, processes", ["cpid_drake.estimation.one_thread"]),
     ],
 )
 def test_a_private_name_is_found(text, private):

@@ -3,7 +3,12 @@
 import pytest
 
 from cpid_drake import InputError
-from cpid_drake.resources import MODELS_PACKAGE, models_directory, package_folders, resolve_model
+from cpid_drake.files.resources import (
+    MODELS_PACKAGE,
+    models_directory,
+    package_folders,
+    resolve_model,
+)
 
 SERVICER = "dual_arm_servicer/dual_arm_servicer.urdf"
 

@@ -17,7 +17,7 @@ from distributed.scheduler import KilledWorker
 from cpid_drake.campaign import store
 from cpid_drake.campaign.schema import Plan, load_campaign
 from cpid_drake.campaign.trial import failed_rows, run_chunk, schema_of
-from cpid_drake.errors import InputError
+from cpid_drake.files.errors import InputError
 
 CHUNK = 100
 """Number of trials of a task, which are propagated together: a task costs about 5 ms, is lost whole

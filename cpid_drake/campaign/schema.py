@@ -19,10 +19,10 @@ from annotated_types import Ge, Interval, MinLen
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.errors import InputError, choose_from, prefix_errors
+from cpid_drake.files.checked_yaml import Numbers, dump_yaml, from_tree, load_yaml, parse_yaml
+from cpid_drake.files.errors import InputError, choose_from, prefix_errors
+from cpid_drake.files.resources import find_scenario, resolve_model
 from cpid_drake.identification.estimators import methods
-from cpid_drake.input_files.validation import Numbers, dump_yaml, from_tree, load_yaml, parse_yaml
-from cpid_drake.resources import find_scenario, resolve_model
 from cpid_drake.scenario.files import (
     check_files,
     files_of,

@@ -9,9 +9,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from cpid_drake.campaign.schema import VERSION, Plan
-from cpid_drake.errors import InputError
-from cpid_drake.output_files.drafts import write_errors, write_text
-from cpid_drake.resources import __version__
+from cpid_drake.files.drafts import write_errors, write_text
+from cpid_drake.files.errors import InputError
+from cpid_drake.files.resources import __version__
 
 PLAN = "campaign.json"
 """The file of the campaign's text in its folder."""

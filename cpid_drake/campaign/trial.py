@@ -17,12 +17,12 @@ from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.rotations import exponentials
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
-from cpid_drake.errors import InputError
+from cpid_drake.estimation.one_thread import one_thread
+from cpid_drake.files.checked_yaml import nulls
+from cpid_drake.files.errors import InputError
 from cpid_drake.identification.identify import identify
 from cpid_drake.identification.result import Identification
-from cpid_drake.input_files.validation import nulls
 from cpid_drake.logs.log import Log, Samples
-from cpid_drake.processes import one_thread
 from cpid_drake.scenario.schema import Scenario, SpacecraftConfig
 from cpid_drake.scenario.simulation import make_simulation
 from cpid_drake.scenario.trials import (

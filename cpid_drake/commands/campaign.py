@@ -8,7 +8,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from cpid_drake import report
 from cpid_drake.commands import options
 from cpid_drake.commands.usage import group
-from cpid_drake.output_files.overwriting import check_outputs
+from cpid_drake.files.overwriting import check_outputs
 
 
 def run_trials(

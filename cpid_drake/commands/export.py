@@ -4,9 +4,9 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from cpid_drake.commands.options import ForceOption, ResultArgument, log_console
-from cpid_drake.errors import InputError
+from cpid_drake.files.errors import InputError
+from cpid_drake.files.overwriting import check_outputs
 from cpid_drake.identification.result_files import read_result
-from cpid_drake.output_files.overwriting import check_outputs
 from cpid_drake.spacecraft.export import export_target, free_name
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 

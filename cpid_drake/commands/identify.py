@@ -7,9 +7,9 @@ from typing import Annotated
 
 import cpid_drake as cpid
 from cpid_drake.commands import options
+from cpid_drake.files.overwriting import check_outputs
 from cpid_drake.identification.description import describe
 from cpid_drake.live.mcap import write_mcap
-from cpid_drake.output_files.overwriting import check_outputs
 
 
 def identify(

@@ -6,8 +6,8 @@ from rich.console import Console
 from rich.table import Table
 
 from cpid_drake.dynamics.rows import ROW_FAMILIES
+from cpid_drake.files.resources import models_directory
 from cpid_drake.identification.estimators import ESTIMATORS
-from cpid_drake.resources import models_directory
 from cpid_drake.sensors.presets import load_sensors, preset_folder, sensor_presets
 
 

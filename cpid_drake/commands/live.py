@@ -12,10 +12,10 @@ from rich.table import Table
 import cpid_drake as cpid
 from cpid_drake.commands import options
 from cpid_drake.commands.usage import group
-from cpid_drake.digits import with_half_width
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
-from cpid_drake.errors import InputError
 from cpid_drake.estimation.least_squares import quantile_95
+from cpid_drake.files.digits import with_half_width
+from cpid_drake.files.errors import InputError
 from cpid_drake.identification.checked_log import in_joint_order
 from cpid_drake.identification.description import describe
 from cpid_drake.identification.identify_files import open_log, opened_inputs

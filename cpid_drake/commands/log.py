@@ -11,7 +11,9 @@ from rich.console import Console
 from cpid_drake.commands import options
 from cpid_drake.commands.options import CHECK_FAILED
 from cpid_drake.commands.usage import group
-from cpid_drake.errors import InputError, prefix_errors
+from cpid_drake.files.drafts import write_text
+from cpid_drake.files.errors import InputError, prefix_errors
+from cpid_drake.files.overwriting import check_outputs
 from cpid_drake.identification.checked_log import check_log, left_out_warnings
 from cpid_drake.identification.checks import label_of
 from cpid_drake.logs.channels import Channel, look_at
@@ -20,8 +22,6 @@ from cpid_drake.logs.conversion import LogFile
 from cpid_drake.logs.files import inspect_log, read_log, read_table, write_log
 from cpid_drake.logs.guess.guess import guess_map
 from cpid_drake.logs.screening import screen
-from cpid_drake.output_files.drafts import write_text
-from cpid_drake.output_files.overwriting import check_outputs
 from cpid_drake.report.log_contents import contents
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 

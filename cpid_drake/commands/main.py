@@ -16,8 +16,8 @@ import typer.core
 import typer.main
 
 from cpid_drake.commands.usage import group
-from cpid_drake.errors import InputError
-from cpid_drake.resources import __version__, version_of
+from cpid_drake.files.errors import InputError
+from cpid_drake.files.resources import __version__, version_of
 
 COMMANDS = {
     "identify": "Identify the target that a spacecraft holds from logs of its motion.",

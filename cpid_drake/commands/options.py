@@ -15,11 +15,11 @@ from rich.console import Console
 
 import cpid_drake as cpid
 from cpid_drake.commands.spacecraft_file import EXPLICIT, SpacecraftFile, load_spacecraft_file
-from cpid_drake.errors import InputError
+from cpid_drake.files.drafts import refuse_unfinished
+from cpid_drake.files.errors import InputError
+from cpid_drake.files.resources import find_scenario, package_folders, resolve_model
 from cpid_drake.identification.arguments import EXACT
 from cpid_drake.identification.request import log_names
-from cpid_drake.output_files.drafts import refuse_unfinished
-from cpid_drake.resources import find_scenario, package_folders, resolve_model
 
 NOT_ALL_KNOWN = 3
 """Exit code if the data do not determine all that can act on the motion."""

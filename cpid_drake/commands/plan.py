@@ -14,11 +14,11 @@ from cpid_drake import planning, report
 from cpid_drake import scenario as scenarios
 from cpid_drake.commands import options
 from cpid_drake.commands.usage import group
-from cpid_drake.digits import significant
-from cpid_drake.errors import InputError, prefix_errors
-from cpid_drake.output_files.drafts import draft_folder, draft_of, write_text
-from cpid_drake.output_files.overwriting import check_folder, check_outputs
-from cpid_drake.resources import find_scenario
+from cpid_drake.files.digits import significant
+from cpid_drake.files.drafts import draft_folder, draft_of, write_text
+from cpid_drake.files.errors import InputError, prefix_errors
+from cpid_drake.files.overwriting import check_folder, check_outputs
+from cpid_drake.files.resources import find_scenario
 
 _KNOWN = "What is known"
 
@@ -111,7 +111,7 @@ def motion(
     for note in planner.notes:
         log.print(f"note: {note}")
     if picture is not None:
-        from cpid_drake.output_files.pictures import save_pictures  # loads Matplotlib
+        from cpid_drake.files.pictures import save_pictures  # loads Matplotlib
 
         with draft_of(picture) as draft:
             drawn = report.plan_pictures(planner.setting, made, found, target)

@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Annotated
 
 from cpid_drake.commands import options
-from cpid_drake.errors import InputError
+from cpid_drake.files.drafts import draft_folder
+from cpid_drake.files.errors import InputError
+from cpid_drake.files.overwriting import check_folder, check_outputs
 from cpid_drake.identification.identify_files import identify_files
-from cpid_drake.output_files.drafts import draft_folder
-from cpid_drake.output_files.overwriting import check_folder, check_outputs
 from cpid_drake.report.findings import findings_of, findings_of_file
 from cpid_drake.report.pages.identification import identification_report
 from cpid_drake.report.run_folder import read_run

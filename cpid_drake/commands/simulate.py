@@ -9,9 +9,9 @@ from pydrake.systems.framework import Context
 
 from cpid_drake.commands import options
 from cpid_drake.commands.options import CHECK_FAILED
-from cpid_drake.errors import InputError, prefix_errors
-from cpid_drake.output_files.overwriting import check_folder
-from cpid_drake.resources import find_scenario
+from cpid_drake.files.errors import InputError, prefix_errors
+from cpid_drake.files.overwriting import check_folder
+from cpid_drake.files.resources import find_scenario
 from cpid_drake.scenario.files import files_of, load_scenario
 from cpid_drake.scenario.limits import LimitCheck, check_limits
 from cpid_drake.scenario.run_files import RUN_FILES, write_run

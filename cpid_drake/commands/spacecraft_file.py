@@ -6,8 +6,8 @@ from typing import Literal
 import cpid_drake as cpid
 from cpid_drake import scenario as scenarios
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.input_files.validation import from_tree, parse_yaml
-from cpid_drake.resources import find_scenario, resolve_model
+from cpid_drake.files.checked_yaml import from_tree, parse_yaml
+from cpid_drake.files.resources import find_scenario, resolve_model
 
 EXPLICIT = "sensors.explicit"
 """The sensors of a scenario that lists them itself: no file that a request could name."""

@@ -9,16 +9,16 @@ from annotated_types import Interval
 
 from cpid_drake.commands import options
 from cpid_drake.commands.options import CHECK_FAILED
-from cpid_drake.digits import significant
-from cpid_drake.errors import InputError, prefix_errors
+from cpid_drake.files.digits import significant
+from cpid_drake.files.drafts import write_text
+from cpid_drake.files.errors import InputError, prefix_errors
+from cpid_drake.files.overwriting import check_outputs
 from cpid_drake.identification.checked_log import left_out_warnings
 from cpid_drake.identification.identify_files import file_hash, open_log, opened_inputs
 from cpid_drake.identification.prior import prior_of_result
 from cpid_drake.identification.result_files import read_result
 from cpid_drake.identification.validation import POWER, Validation
 from cpid_drake.identification.validation import validate as validate_target
-from cpid_drake.output_files.drafts import write_text
-from cpid_drake.output_files.overwriting import check_outputs
 from cpid_drake.report.page import Table
 from cpid_drake.report.terminal import print_table
 

@@ -9,13 +9,13 @@ from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.systems.framework import Context
 
 from cpid_drake.commands import options
-from cpid_drake.errors import InputError, prefix_errors
+from cpid_drake.files.drafts import write_text
+from cpid_drake.files.errors import InputError, prefix_errors
+from cpid_drake.files.overwriting import check_outputs
+from cpid_drake.files.resources import find_scenario
 from cpid_drake.identification.result import Identification
-from cpid_drake.output_files.drafts import write_text
-from cpid_drake.output_files.overwriting import check_outputs
 from cpid_drake.report.live_view import serve
 from cpid_drake.report.replay import estimate_text, replay_html
-from cpid_drake.resources import find_scenario
 from cpid_drake.scenario.files import files_of, load_scenario
 from cpid_drake.scenario.limits import check_limits
 from cpid_drake.scenario.simulation import make_simulation

@@ -30,7 +30,7 @@ from cpid_drake.dynamics.parameterizations import moved_moments, vector_to_tenso
 from cpid_drake.dynamics.rotations import cross, inverses, rotate, skew
 from cpid_drake.dynamics.rows import relative_regressor
 from cpid_drake.dynamics.tree import KinematicTree
-from cpid_drake.errors import InputError
+from cpid_drake.files.errors import InputError
 
 LEAST = 0.5
 """Least inertia of the system about any axis, as a share of that without the target.

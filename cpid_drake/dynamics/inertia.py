@@ -22,7 +22,7 @@ from cpid_drake.dynamics.parameterizations import (
     tensor_to_vector,
     vector_to_tensor,
 )
-from cpid_drake.errors import InputError
+from cpid_drake.files.errors import InputError
 
 if TYPE_CHECKING:
     from pydrake.multibody.tree import SpatialInertia

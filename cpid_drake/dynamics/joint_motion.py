@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from cpid_drake.errors import InputError
+from cpid_drake.files.errors import InputError
 
 SPLINE_DEGREE = 5
 """Degree of the splines: positions, rates, accelerations and jerks are continuous."""

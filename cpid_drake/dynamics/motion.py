@@ -6,7 +6,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from cpid_drake.errors import InputError
+from cpid_drake.files.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)

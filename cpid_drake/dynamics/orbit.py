@@ -18,8 +18,8 @@ from annotated_types import Gt, Interval
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.rotations import cross, rotate, skew
-from cpid_drake.errors import InputError
-from cpid_drake.input_files.validation import Numbers
+from cpid_drake.files.checked_yaml import Numbers
+from cpid_drake.files.errors import InputError
 
 
 @dataclass

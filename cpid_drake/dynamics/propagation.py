@@ -22,7 +22,7 @@ from cpid_drake.dynamics.orbit import Orbit
 from cpid_drake.dynamics.parameterizations import standard_to_relative
 from cpid_drake.dynamics.rotations import cross, quaternion_rate, rotate, rotate_by_quaternion
 from cpid_drake.dynamics.tree import KinematicTree
-from cpid_drake.errors import InputError
+from cpid_drake.files.errors import InputError
 
 _DEGREE = 7  # of a step's polynomials: with steps of 0.2 s, they follow motions of 1 Hz to 1e-11
 _MOST_TURN = 1e6  # [rad] in all samples; beyond, the attitude is lost in rounding

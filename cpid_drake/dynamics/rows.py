@@ -32,7 +32,7 @@ from cpid_drake.dynamics.parameterizations import (
     vector_to_tensor,
 )
 from cpid_drake.dynamics.rotations import cross, rotate, skew
-from cpid_drake.errors import InputError
+from cpid_drake.files.errors import InputError
 
 # Row k is [#e_k], flattened: column j of it is E_j e_k with E_j the tensor of unit vector j.
 _INERTIA_OPERATOR = vector_to_tensor(np.eye(6)).transpose(2, 1, 0).reshape(3, 18)

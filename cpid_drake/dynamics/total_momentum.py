@@ -10,7 +10,7 @@ from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import standard_to_relative
 from cpid_drake.dynamics.tree import KinematicTree
-from cpid_drake.errors import InputError
+from cpid_drake.files.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)

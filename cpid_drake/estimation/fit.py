@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.errors import InputError
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import loss_weight
 from cpid_drake.estimation.log_state import LogState
@@ -29,6 +28,7 @@ from cpid_drake.estimation.sweep import Swept, back, sweep
 from cpid_drake.estimation.target import LOG_SIZE, TargetCone
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.estimation.weights import reweighted
+from cpid_drake.files.errors import InputError
 
 CLOSE = 1e-2
 """The fit ends with a step that changes all that outlives a block by less than this, squared, in σ,

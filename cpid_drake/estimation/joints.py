@@ -29,11 +29,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-from cpid_drake.errors import InputError
 from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.least_squares import loss_weight
 from cpid_drake.estimation.likelihood.joint_motion import DEGREE, ORDER, JointPart, spline_basis
 from cpid_drake.estimation.likelihood.uniform_spline import GAUSS_LEGENDRE
+from cpid_drake.files.errors import InputError
 from cpid_drake.logs.log import Samples
 from cpid_drake.sensors.suite import SensorSuite
 

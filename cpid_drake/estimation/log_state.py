@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.errors import InputError
 from cpid_drake.estimation.block import Block, BlockQueue, blocks_of
 from cpid_drake.estimation.joints import Smoothness, continued, smooth_joints
 from cpid_drake.estimation.likelihood.joint_motion import ORDER, JointPart
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
 from cpid_drake.estimation.past import Past
 from cpid_drake.estimation.unknowns import Model
+from cpid_drake.files.errors import InputError
 from cpid_drake.logs.log import Log, Samples
 
 CLOSED = 1e-8

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
-from cpid_drake.errors import InputError
 from cpid_drake.estimation.block import Block, BlockQueue, blocks_of
 from cpid_drake.estimation.events import fit_with_events, is_explained
 from cpid_drake.estimation.evidence import Question
@@ -27,6 +26,7 @@ from cpid_drake.estimation.start import state_of
 from cpid_drake.estimation.sweep import known_at_start, sweep
 from cpid_drake.estimation.unknowns import BODIES, PSI, Model
 from cpid_drake.estimation.whiteness import LagSums
+from cpid_drake.files.errors import InputError
 from cpid_drake.logs.log import Log
 
 NAME = "online"

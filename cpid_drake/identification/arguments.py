@@ -7,12 +7,12 @@ from typing import Any
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.errors import InputError, choose_from
+from cpid_drake.files.checked_yaml import from_tree, load_yaml, parse_yaml
+from cpid_drake.files.errors import InputError, choose_from
+from cpid_drake.files.resources import resolve_model
 from cpid_drake.identification.prior import TargetPrior, load_prior
-from cpid_drake.input_files.validation import from_tree, load_yaml, parse_yaml
 from cpid_drake.logs.files import inspect_log, refuse_problems
 from cpid_drake.logs.log import Log
-from cpid_drake.resources import resolve_model
 from cpid_drake.sensors.presets import load_sensors, sensor_presets
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft

@@ -15,7 +15,6 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.digits import significant
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.estimation.fit import Fit, prior_of
 from cpid_drake.estimation.gaussian import Gaussian
@@ -23,9 +22,10 @@ from cpid_drake.estimation.likelihood.constants import BIAS
 from cpid_drake.estimation.roll import Values
 from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import BODIES, MOMENTUM, PSI, Model, Unknown
+from cpid_drake.files.checked_yaml import Numbers
+from cpid_drake.files.digits import significant
 from cpid_drake.identification.checks import Check
 from cpid_drake.identification.effects import EffectEstimate, with_sensors_of
-from cpid_drake.input_files.validation import Numbers
 from cpid_drake.sensors.sensors import Gyro
 from cpid_drake.sensors.suite import SensorSuite
 

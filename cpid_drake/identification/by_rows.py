@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtri
 
-from cpid_drake.digits import significant
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.parameterizations import Parameterization
 from cpid_drake.dynamics.rows import STANDARD_ROWS, RowFamily
@@ -24,6 +23,7 @@ from cpid_drake.estimation.gaussian import Gaussian, LeastSquaresSolution, solut
 from cpid_drake.estimation.least_squares import KNOWN
 from cpid_drake.estimation.rows_fit import TARGET, LogRows
 from cpid_drake.estimation.unknowns import PSI, Model
+from cpid_drake.files.digits import significant
 from cpid_drake.identification.checked_log import CheckedLog, Known, suite_of
 from cpid_drake.identification.checks import IMPROBABLE, Check, halves_check, momentum_words
 from cpid_drake.identification.leaning import with_larger_base

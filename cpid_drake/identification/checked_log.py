@@ -11,7 +11,7 @@ from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.rows import RowFamily, row_family
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.errors import InputError, listed
+from cpid_drake.files.errors import InputError, listed
 from cpid_drake.identification.planar import normal_in_base, placed
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.logs.channels import Channel, Seen, look_at

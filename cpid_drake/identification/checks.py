@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtri, fdtri
 
-from cpid_drake.digits import significant
 from cpid_drake.estimation.events import most_changes
 from cpid_drake.estimation.evidence import NAMED
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import IMPROBABLE as IMPROBABLE
 from cpid_drake.estimation.whiteness import MOST_CORRELATED, Whiteness
+from cpid_drake.files.digits import significant
 from cpid_drake.sensors.sensors import SENSORS
 
 AGREEMENT, CONVERGENCE, NEAREST = "agreement", "convergence", "distance of the nearest rigid body"

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.digits import decimals, significant, with_half_width
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.dynamics.plane import parallel_axis
 from cpid_drake.estimation.least_squares import quantile_95
+from cpid_drake.files.digits import decimals, significant, with_half_width
 from cpid_drake.identification.budget import ALL, BudgetRow
 from cpid_drake.identification.checks import AGREEMENT
 from cpid_drake.identification.leaning import ALL as ALL_MASSES

@@ -6,10 +6,10 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.digits import with_half_width
 from cpid_drake.estimation.least_squares import FAR, quantile_95
 from cpid_drake.estimation.likelihood.constants import VALVE_FORCE, ConstantError
-from cpid_drake.input_files.validation import Numbers
+from cpid_drake.files.checked_yaml import Numbers
+from cpid_drake.files.digits import with_half_width
 from cpid_drake.sensors.error_kinds import KINDS
 
 LEARNED = 0.5

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 from cpid_drake.dynamics.rows import ROW_FAMILIES
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.errors import InputError
+from cpid_drake.files.errors import InputError
 from cpid_drake.identification import by_rows, fitted, online
 from cpid_drake.identification.checked_log import CheckedLog, Known
 from cpid_drake.identification.result import Identification

@@ -13,9 +13,9 @@ from matplotlib.ticker import MaxNLocator
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
+from cpid_drake.files.pictures import COLORS, INK, STYLE, Picture, draw_pictures, label_axes
 from cpid_drake.identification.description import origin
 from cpid_drake.identification.parameter import ParameterEstimate
-from cpid_drake.output_files.pictures import COLORS, INK, STYLE, Picture, draw_pictures, label_axes
 
 if TYPE_CHECKING:
     from cpid_drake.identification.result import Identification

@@ -11,7 +11,6 @@ from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.errors import prefix_errors
 from cpid_drake.estimation.events import fit_with_events
 from cpid_drake.estimation.evidence import Question
 from cpid_drake.estimation.fit import Fit, about, fit, prior_of
@@ -22,6 +21,7 @@ from cpid_drake.estimation.roll import Values
 from cpid_drake.estimation.sweep import EXACT, sweep
 from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.estimation.whiteness import Whiteness, whiteness
+from cpid_drake.files.errors import prefix_errors
 from cpid_drake.identification.answer import Observed, answer_of, at_momentum
 from cpid_drake.identification.checked_log import CheckedLog, Known, suites_of
 from cpid_drake.identification.halves import part_checks

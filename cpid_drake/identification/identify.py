@@ -9,7 +9,8 @@ import numpy as np
 
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.errors import InputError, prefix_errors
+from cpid_drake.estimation.one_thread import one_thread
+from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.identification.arguments import (
     LogLike,
     PathLike,
@@ -35,7 +36,6 @@ from cpid_drake.identification.planar import PROPOSED, could_be_planar, one_norm
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import SPACECRAFT, Identification
 from cpid_drake.logs.conventions import check_conventions
-from cpid_drake.processes import one_thread
 from cpid_drake.sensors.error_kinds import bodies_of as errors_of_bodies
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from cpid_drake.errors import InputError, prefix_errors
+from cpid_drake.files.errors import InputError, prefix_errors
+from cpid_drake.files.resources import __version__, resolve_model
 from cpid_drake.identification.arguments import bodies_of, momentum_of, sensors_of
 from cpid_drake.identification.checked_log import Known, left_out_warnings
 from cpid_drake.identification.identify import identify
@@ -20,7 +21,6 @@ from cpid_drake.identification.result import History, Identification
 from cpid_drake.logs.conversion import LogFile
 from cpid_drake.logs.files import inspect_log, refuse_problems
 from cpid_drake.logs.log import Log
-from cpid_drake.resources import __version__, resolve_model
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 PARTS = 12

@@ -5,13 +5,13 @@ from dataclasses import replace
 
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.errors import InputError
 from cpid_drake.estimation.evidence import Question
 from cpid_drake.estimation.fit import prior_of
 from cpid_drake.estimation.online import NAME as LOG
 from cpid_drake.estimation.online import OnlineState, change_beyond_linear, run
 from cpid_drake.estimation.posterior import known_target
 from cpid_drake.estimation.unknowns import PSI, Model
+from cpid_drake.files.errors import InputError
 from cpid_drake.identification.answer import Observed, answer_of
 from cpid_drake.identification.checked_log import CheckedLog, Known, suite_of
 from cpid_drake.identification.checks import Check

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from math import isfinite
 
-from cpid_drake.digits import decimals_of, significant
+from cpid_drake.files.digits import decimals_of, significant
 
 
 @dataclass(frozen=True, repr=False)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cpid_drake.dynamics.plane import NORMAL_W, mean_normal, tilt
 from cpid_drake.dynamics.tree import KinematicTree
-from cpid_drake.errors import InputError
+from cpid_drake.files.errors import InputError
 from cpid_drake.logs.log import Log
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 

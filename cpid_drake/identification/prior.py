@@ -14,13 +14,13 @@ from cpid_drake.dynamics.parameterizations import (
     parameter_scale,
     relative_parameterization,
 )
-from cpid_drake.errors import InputError
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.unknowns import PSI, Model
+from cpid_drake.files.checked_yaml import Numbers, load_yaml
+from cpid_drake.files.errors import InputError
+from cpid_drake.files.resources import resolve_model
 from cpid_drake.identification.result import Combinations, Identification
 from cpid_drake.identification.result_files import read_result
-from cpid_drake.input_files.validation import Numbers, load_yaml
-from cpid_drake.resources import resolve_model
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 Positive = Annotated[float, Gt(0), Le(1e9)]

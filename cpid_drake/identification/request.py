@@ -6,8 +6,8 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from cpid_drake.errors import InputError
-from cpid_drake.resources import package_folders, resolve_model
+from cpid_drake.files.errors import InputError
+from cpid_drake.files.resources import package_folders, resolve_model
 
 _OPTIONS = {
     "model": "spacecraft",

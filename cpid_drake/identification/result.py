@@ -16,16 +16,16 @@ from cpid_drake.dynamics.parameterizations import (
     PARAMETER_UNITS,
     Parameterization,
 )
-from cpid_drake.errors import InputError, choose_from
 from cpid_drake.estimation.gaussian import LeastSquaresSolution
 from cpid_drake.estimation.least_squares import describe_unobservable, quantile_95
+from cpid_drake.files.checked_yaml import InMemory, Numbers
+from cpid_drake.files.errors import InputError, choose_from
 from cpid_drake.identification.budget import BudgetRow
 from cpid_drake.identification.checks import CONVERGENCE, NEAREST, Check
 from cpid_drake.identification.description import describe, gap, html, summary
 from cpid_drake.identification.effects import EffectEstimate
 from cpid_drake.identification.parameter import ParameterEstimate
 from cpid_drake.identification.request import Source, SpacecraftReference
-from cpid_drake.input_files.validation import InMemory, Numbers
 from cpid_drake.logs.log import Samples
 from cpid_drake.sensors.suite import SensorSuite
 

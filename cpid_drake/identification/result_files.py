@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
-from cpid_drake.errors import InputError
+from cpid_drake.files.checked_yaml import InMemory, from_tree, load_json, nulls
+from cpid_drake.files.drafts import write_text
+from cpid_drake.files.errors import InputError
+from cpid_drake.files.resources import resolve_model
 from cpid_drake.identification.result import FORMAT, Identification
-from cpid_drake.input_files.validation import InMemory, from_tree, load_json, nulls
-from cpid_drake.output_files.drafts import write_text
-from cpid_drake.resources import resolve_model
 
 
 def read_result(path: str | Path) -> Identification:

@@ -12,11 +12,11 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import chdtrc, chdtri
 
-from cpid_drake.digits import with_half_width
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.estimation.gaussian import Gaussian, LeastSquaresSolution
 from cpid_drake.estimation.least_squares import quantile_95
 from cpid_drake.estimation.posterior import difference
+from cpid_drake.files.digits import with_half_width
 from cpid_drake.identification.checks import AGREEMENT, IMPROBABLE, Check
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import Identification

@@ -17,13 +17,14 @@ from scipy.special import chdtrc, chdtri, chndtrinc
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.errors import InputError
 from cpid_drake.estimation.fit import fit
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.log_state import LogState
+from cpid_drake.estimation.one_thread import one_thread
 from cpid_drake.estimation.roll import Rolled, roll
 from cpid_drake.estimation.sweep import EXACT
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
+from cpid_drake.files.errors import InputError
 from cpid_drake.identification.arguments import (
     PathLike,
     bodies_of,
@@ -39,7 +40,6 @@ from cpid_drake.identification.identify import identify
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import Identification
 from cpid_drake.logs.log import Log
-from cpid_drake.processes import one_thread
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft

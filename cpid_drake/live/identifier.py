@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cpid_drake.errors import InputError, choose_from
+from cpid_drake.estimation.one_thread import one_thread
+from cpid_drake.files.errors import InputError, choose_from
 from cpid_drake.identification.arguments import PathLike
 from cpid_drake.identification.result import Identification
 from cpid_drake.live.stream import Stream, StreamState
-from cpid_drake.processes import one_thread
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.errors import InputError
+from cpid_drake.files.drafts import draft_of
+from cpid_drake.files.errors import InputError
 from cpid_drake.identification.identify_files import Evidence, converge
-from cpid_drake.output_files.drafts import draft_of
 
 TARGET, SIGMA = "/cpid/target", "/cpid/target_sigma"
 """Topics of the estimate and of its σ: `geometry_msgs/InertiaStamped`, in the capture frame."""

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.errors import InputError
 from cpid_drake.estimation.block import BlockQueue, after
 from cpid_drake.estimation.online import WINDOW, OnlineState, step
 from cpid_drake.estimation.unknowns import Model
+from cpid_drake.files.errors import InputError
 from cpid_drake.identification.arguments import (
     PathLike,
     bodies_of,

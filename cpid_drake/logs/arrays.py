@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.errors import InputError
+from cpid_drake.files.errors import InputError
 from cpid_drake.logs.table import Table, repeated_names
 
 _LARGEST_COLUMN = 200_000_000

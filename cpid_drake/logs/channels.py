@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
 
-from cpid_drake.errors import InputError, listed
+from cpid_drake.files.errors import InputError, listed
 from cpid_drake.logs.log import Log, Samples, without_flips
 from cpid_drake.logs.noise_estimation import FEWEST, RESOLUTION, noise_level, rounding
 from cpid_drake.logs.screening import as_arrays

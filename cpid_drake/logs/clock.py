@@ -14,7 +14,7 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 
-from cpid_drake.errors import InputError
+from cpid_drake.files.errors import InputError
 from cpid_drake.logs.log import Samples
 from cpid_drake.logs.score import MOMENTUM, Comparison
 

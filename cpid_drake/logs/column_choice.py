@@ -24,7 +24,7 @@ from collections.abc import Collection, Sequence
 from copy import deepcopy
 from difflib import get_close_matches
 
-from cpid_drake.errors import InputError, listed
+from cpid_drake.files.errors import InputError, listed
 from cpid_drake.logs.column_map import ColumnMap, JointPositionColumns, JointRateColumns
 from cpid_drake.logs.log import THRUST_COLUMNS
 from cpid_drake.logs.table import Table

@@ -13,9 +13,9 @@ import numpy as np
 from annotated_types import Gt
 from numpy.typing import NDArray
 
-from cpid_drake.errors import InputError
-from cpid_drake.input_files.validation import Numbers, load_yaml
-from cpid_drake.resources import resolve_model
+from cpid_drake.files.checked_yaml import Numbers, load_yaml
+from cpid_drake.files.errors import InputError
+from cpid_drake.files.resources import resolve_model
 
 Length = Literal["m", "cm", "mm", "km", "in", "ft"]
 Angle = Literal["rad", "mrad", "deg"]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpid_drake.dynamics.tree import KinematicTree
-from cpid_drake.errors import listed
+from cpid_drake.files.errors import listed
 from cpid_drake.logs.alternatives import Alternative, alternatives
 from cpid_drake.logs.clock import clock_factor, with_delay
 from cpid_drake.logs.column_map import ColumnMap

@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.rotations import rotate_by_quaternion
-from cpid_drake.errors import InputError, listed, prefix_errors
+from cpid_drake.files.errors import InputError, listed, prefix_errors
 from cpid_drake.logs.clock import refuse_single_precision, time_from_rates
 from cpid_drake.logs.column_choice import with_own_columns
 from cpid_drake.logs.column_map import (

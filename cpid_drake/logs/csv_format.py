@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.errors import InputError
+from cpid_drake.files.errors import InputError
 from cpid_drake.logs.column_map import UNITS
 from cpid_drake.logs.table import Table, repeated_names, seconds_of_stamps
 

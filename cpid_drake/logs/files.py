@@ -7,15 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.motion import Motion
-from cpid_drake.errors import InputError
+from cpid_drake.files.drafts import draft_of
+from cpid_drake.files.errors import InputError
+from cpid_drake.files.resources import resolve_model
 from cpid_drake.logs.arrays import read_npz, read_parquet, write_npz, write_parquet
 from cpid_drake.logs.column_map import ColumnMap, load_column_map
 from cpid_drake.logs.conversion import LogFile, read_columns
 from cpid_drake.logs.csv_format import read_csv, write_csv
 from cpid_drake.logs.log import THRUST, THRUST_COLUMNS, Log
 from cpid_drake.logs.table import Table
-from cpid_drake.output_files.drafts import draft_of
-from cpid_drake.resources import resolve_model
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.thrusters import VALVE
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cpid_drake.dynamics.motion import Motion
-from cpid_drake.errors import listed
+from cpid_drake.files.errors import listed
 from cpid_drake.sensors.sensors import SENSORS, Gyro, SensorErrors, VectorSensor
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.sensors.thrusters import VALVE

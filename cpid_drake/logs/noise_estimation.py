@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.special import comb
 
 from cpid_drake.dynamics.motion import Motion
-from cpid_drake.errors import InputError
+from cpid_drake.files.errors import InputError
 from cpid_drake.logs.log import Log, Samples, without_flips
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite

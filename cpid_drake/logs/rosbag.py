@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.rotations import rotate_by_quaternion
-from cpid_drake.errors import InputError
+from cpid_drake.files.errors import InputError
 from cpid_drake.logs.log import THRUST, THRUST_COLUMNS
 from cpid_drake.logs.screening import QUATERNION_NORM
 from cpid_drake.logs.table import Table

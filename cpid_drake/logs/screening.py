@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.errors import InputError
+from cpid_drake.files.errors import InputError
 from cpid_drake.logs.log import THRUST, Log, Samples, concatenated_samples, without_flips
 from cpid_drake.logs.noise_estimation import rounding
 from cpid_drake.sensors.sensors import SENSORS

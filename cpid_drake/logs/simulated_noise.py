@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.motion import Motion
-from cpid_drake.errors import InputError
+from cpid_drake.files.errors import InputError
 from cpid_drake.logs.log import THRUST, Log, Samples, first_sample
 from cpid_drake.sensors.disturbances import SimulatedDisturbance, random_stream
 from cpid_drake.sensors.sensors import (

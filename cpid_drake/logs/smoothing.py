@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.plane import levelled
 from cpid_drake.dynamics.rotations import angular_velocity, right_jacobian, rotate, skew
-from cpid_drake.errors import InputError
+from cpid_drake.files.errors import InputError
 from cpid_drake.logs.log import Log, Samples, without_flips
 from cpid_drake.logs.splines import (
     DEGREE,

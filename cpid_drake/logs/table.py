@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.errors import InputError
+from cpid_drake.files.errors import InputError
 
 
 @dataclass(eq=False)

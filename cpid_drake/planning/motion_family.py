@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from cpid_drake.dynamics.joint_motion import SPLINE_DEGREE, JointMotion, Spline
-from cpid_drake.errors import InputError
+from cpid_drake.files.errors import InputError
 from cpid_drake.scenario.joint_motions import SplineMotion
 
 MOST_FUNCTIONS = 60

@@ -8,9 +8,9 @@ from collections.abc import Callable
 
 import numpy as np
 
+from cpid_drake.estimation.one_thread import one_thread
 from cpid_drake.planning.base_motion import BASE_LIMITS
 from cpid_drake.planning.planner import Plan, Planner
-from cpid_drake.processes import one_thread
 
 POINTS = 10
 """Number of limits of the base's turn, in equal ratios: enough to draw the front."""

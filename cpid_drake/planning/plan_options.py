@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from math import inf
 from typing import Annotated
 
-from cpid_drake.errors import InputError
+from cpid_drake.files.errors import InputError
 
 _MOTION, _LIMITS, _SEARCH = "The motion", "Limits", "The search"
 _MAY_BE_ZERO = ("opportunistic", "seed", "clearance")

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import JointMotion, Spline
-from cpid_drake.errors import InputError, choose_from
+from cpid_drake.estimation.one_thread import one_thread
+from cpid_drake.files.errors import InputError, choose_from
 from cpid_drake.identification.prior import TargetPrior, load_prior
 from cpid_drake.planning.base_motion import BASE_LIMITS
 from cpid_drake.planning.information import InformationModel
@@ -21,7 +22,6 @@ from cpid_drake.planning.plan_options import PlanOptions
 from cpid_drake.planning.prediction import MotionSetting
 from cpid_drake.planning.search import Distances, candidates, improved
 from cpid_drake.planning.targets import plausible_targets, prior_information
-from cpid_drake.processes import one_thread
 from cpid_drake.scenario.files import load_scenario
 from cpid_drake.scenario.joint_motions import MotionFile, dump_motion
 from cpid_drake.scenario.schema import Scenario

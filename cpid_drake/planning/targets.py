@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.inertia import InertialParameters
-from cpid_drake.errors import InputError
+from cpid_drake.files.errors import InputError
 from cpid_drake.identification.prior import TargetPrior
 
 MASSES = (0.03, 0.3)

@@ -8,9 +8,9 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from cpid_drake.campaign.statistics import Statistics, Tally, interval, verdict
-from cpid_drake.digits import significant
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
-from cpid_drake.output_files.pictures import COLORS, INK, WIDE, Picture, label_axes, legend_below
+from cpid_drake.files.digits import significant
+from cpid_drake.files.pictures import COLORS, INK, WIDE, Picture, label_axes, legend_below
 from cpid_drake.report.page import Section, Table
 
 LEGEND = (

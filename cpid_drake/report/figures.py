@@ -9,9 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
+from cpid_drake.files.pictures import COLORS, Picture, curves, label_axes
 from cpid_drake.identification.result import History
 from cpid_drake.logs.log import Log
-from cpid_drake.output_files.pictures import COLORS, Picture, curves, label_axes
 
 
 def convergence_pictures(

@@ -10,8 +10,8 @@ from pathlib import Path
 import jinja2
 from markupsafe import Markup
 
-from cpid_drake.output_files.drafts import draft_folder, write_text
-from cpid_drake.output_files.pictures import Picture, save_pictures
+from cpid_drake.files.drafts import draft_folder, write_text
+from cpid_drake.files.pictures import Picture, save_pictures
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,10 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
-from cpid_drake.digits import significant
 from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
-from cpid_drake.output_files.pictures import Picture, curves, label_axes, legend_below
+from cpid_drake.files.digits import significant
+from cpid_drake.files.pictures import Picture, curves, label_axes, legend_below
 from cpid_drake.planning.prediction import MotionSetting, Prediction
 from cpid_drake.report.page import Table
 

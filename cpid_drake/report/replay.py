@@ -14,7 +14,7 @@ from pydrake.systems.framework import DiagramBuilder
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.rows import row_family
-from cpid_drake.errors import InputError
+from cpid_drake.files.errors import InputError
 from cpid_drake.identification.by_rows import complete_samples
 from cpid_drake.identification.checked_log import in_joint_order
 from cpid_drake.identification.result import Identification

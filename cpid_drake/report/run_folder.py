@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from cpid_drake.dynamics.inertia import InertialParameters
-from cpid_drake.errors import InputError
-from cpid_drake.input_files.validation import from_tree, load_json
-from cpid_drake.output_files.drafts import refuse_unfinished
+from cpid_drake.files.checked_yaml import from_tree, load_json
+from cpid_drake.files.drafts import refuse_unfinished
+from cpid_drake.files.errors import InputError
 from cpid_drake.report.page import Section, Table
 from cpid_drake.scenario.files import load_scenario
 from cpid_drake.scenario.limits import LimitCheck

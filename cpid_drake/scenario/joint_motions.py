@@ -10,15 +10,15 @@ from annotated_types import Gt, MinLen
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.joint_motion import SPLINE_DEGREE, HalfCosine, MultiSine, Spline
-from cpid_drake.errors import InputError, choose_from, prefix_errors
-from cpid_drake.input_files.validation import (
+from cpid_drake.files.checked_yaml import (
     FirstUnlessTagged,
     Numbers,
     dump_yaml,
     load_yaml,
     tag_of,
 )
-from cpid_drake.resources import resolve_model
+from cpid_drake.files.errors import InputError, choose_from, prefix_errors
+from cpid_drake.files.resources import resolve_model
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 Array = Annotated[NDArray[np.float64], Numbers()]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.errors import InputError, listed
+from cpid_drake.files.errors import InputError, listed
 from cpid_drake.scenario.simulation import Simulation
 from cpid_drake.spacecraft.clearance import Clearance
 from cpid_drake.spacecraft.free_floating import FreeFloatingDynamics

@@ -10,10 +10,10 @@ import numpy as np
 from pydrake.systems.framework import Context
 
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
-from cpid_drake.input_files.validation import dump_yaml, nulls
+from cpid_drake.files.checked_yaml import dump_yaml, nulls
+from cpid_drake.files.drafts import draft_folder
+from cpid_drake.files.resources import version_of
 from cpid_drake.logs.files import write_log
-from cpid_drake.output_files.drafts import draft_folder
-from cpid_drake.resources import version_of
 from cpid_drake.scenario.files import dump_scenario
 from cpid_drake.scenario.limits import LimitCheck
 from cpid_drake.scenario.simulation import Simulation

@@ -20,9 +20,9 @@ from pydrake.systems.analysis import SimulatorConfig
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import inertia_of_second_moment
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.errors import InputError
+from cpid_drake.files.checked_yaml import FirstUnlessTagged, Numbers
+from cpid_drake.files.errors import InputError
 from cpid_drake.identification.prior import PriorConfig
-from cpid_drake.input_files.validation import FirstUnlessTagged, Numbers
 from cpid_drake.logs.burns import Burn
 from cpid_drake.scenario.joint_motions import AnyMotion, HalfCosineMotion, MotionFile, MotionSchema
 from cpid_drake.sensors.disturbances import SimulatedDisturbance

@@ -17,14 +17,14 @@ from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.errors import InputError
+from cpid_drake.files.errors import InputError
+from cpid_drake.files.resources import package_folders, resolve_model
 from cpid_drake.identification.checks import Check
 from cpid_drake.identification.consistency import checked
 from cpid_drake.identification.identify import THRUST_NOT_USED
 from cpid_drake.identification.result import Identification
 from cpid_drake.logs.burns import log_of_burns
 from cpid_drake.logs.log import THRUST, Log, Samples
-from cpid_drake.resources import package_folders, resolve_model
 from cpid_drake.scenario.schema import Scenario
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.external_forces import ExternalForces

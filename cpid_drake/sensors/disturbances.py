@@ -9,7 +9,7 @@ from annotated_types import Ge
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.orbit import Orbit
-from cpid_drake.errors import InputError
+from cpid_drake.files.errors import InputError
 
 Size = Annotated[float | None, Ge(0)]
 

@@ -4,9 +4,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
-from cpid_drake.errors import InputError
-from cpid_drake.input_files.validation import from_tree, read_yaml
-from cpid_drake.resources import models_directory, resolve_model
+from cpid_drake.files.checked_yaml import from_tree, read_yaml
+from cpid_drake.files.errors import InputError
+from cpid_drake.files.resources import models_directory, resolve_model
 from cpid_drake.sensors.error_kinds import KINDS
 from cpid_drake.sensors.suite import SensorSuite, check_sensors
 

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.rotations import rotate
-from cpid_drake.errors import InputError
-from cpid_drake.input_files.validation import Numbers
+from cpid_drake.files.checked_yaml import Numbers
+from cpid_drake.files.errors import InputError
 
 ARCSECOND = np.pi / (180 * 3600)
 DEGREE_PER_HOUR = np.pi / (180 * 3600)

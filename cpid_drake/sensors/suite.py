@@ -8,8 +8,8 @@ from annotated_types import Interval
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.orbit import Orbit
-from cpid_drake.errors import InputError
-from cpid_drake.input_files.validation import check_values
+from cpid_drake.files.checked_yaml import check_values
+from cpid_drake.files.errors import InputError
 from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.sensors import (
     SENSORS,

@@ -17,8 +17,8 @@ import numpy as np
 from annotated_types import Ge, Gt
 from numpy.typing import NDArray
 
-from cpid_drake.errors import InputError
-from cpid_drake.input_files.validation import Numbers
+from cpid_drake.files.checked_yaml import Numbers
+from cpid_drake.files.errors import InputError
 
 VALVE = "valve:"
 """Prefix of the columns of valves."""

@@ -17,7 +17,7 @@ from pydrake.multibody.tree import BodyIndex, RigidBody, WeldJoint
 from pydrake.systems.framework import DiagramBuilder
 
 from cpid_drake.dynamics.inertia import InertialParameters
-from cpid_drake.errors import InputError
+from cpid_drake.files.errors import InputError
 from cpid_drake.spacecraft.reading import unique_names
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 

@@ -13,8 +13,8 @@ from pydrake.multibody.tree import (
     RpyFloatingJoint,
 )
 
-from cpid_drake.errors import InputError
-from cpid_drake.input_files.validation import Numbers
+from cpid_drake.files.checked_yaml import Numbers
+from cpid_drake.files.errors import InputError
 
 Vector = Annotated[NDArray[np.float64], Numbers(3)]
 

@@ -21,9 +21,9 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, FrameIndex, JointIndex, ModelInstanceIndex
 
 from cpid_drake.dynamics.inertia import InertialParameters
-from cpid_drake.errors import InputError
-from cpid_drake.output_files.drafts import draft_of
-from cpid_drake.output_files.overwriting import check_outputs
+from cpid_drake.files.drafts import draft_of
+from cpid_drake.files.errors import InputError
+from cpid_drake.files.overwriting import check_outputs
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 FORMATS = {"urdf": ".urdf", "sdf": ".sdf", "mjcf": ".xml", "drake-yaml": ".dmd.yaml"}

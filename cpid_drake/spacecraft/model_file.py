@@ -18,8 +18,8 @@ from pydrake.multibody.parsing import LoadModelDirectives, PackageMap
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RotationalInertia
 
-from cpid_drake.errors import InputError
-from cpid_drake.resources import resolve_model
+from cpid_drake.files.errors import InputError
+from cpid_drake.files.resources import resolve_model
 from cpid_drake.spacecraft.parsing import make_parser, message_of, parse, summary
 
 _MODEL_ENDINGS = (".urdf", ".sdf", ".xml", ".dmd.yaml")

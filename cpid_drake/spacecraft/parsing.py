@@ -13,7 +13,7 @@ from pathlib import Path
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 
-from cpid_drake.errors import InputError
+from cpid_drake.files.errors import InputError
 
 _IGNORED = re.compile(
     r"The (?:tag|attribute) '(?P<name>[^']+)' found (?:as a child of|in a) '(?P<parent>[^']+)'"

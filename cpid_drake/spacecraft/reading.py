@@ -21,7 +21,7 @@ from pydrake.multibody.tree import (
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.tree import KinematicTree, TreeBody
-from cpid_drake.errors import InputError
+from cpid_drake.files.errors import InputError
 from cpid_drake.spacecraft.model_file import ModelFile
 
 

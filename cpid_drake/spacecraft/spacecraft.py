@@ -13,15 +13,15 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, Frame, RevoluteJoint, RigidBody
 from pydrake.systems.framework import Context
 
-from cpid_drake.digits import significant
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.dynamics.kinematics import CaptureMotion
 from cpid_drake.dynamics.momentum import MomentumSamples
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.propagation import propagate
-from cpid_drake.errors import InputError, choose_from, listed
-from cpid_drake.resources import package_folders, resolve_model
+from cpid_drake.files.digits import significant
+from cpid_drake.files.errors import InputError, choose_from, listed
+from cpid_drake.files.resources import package_folders, resolve_model
 from cpid_drake.spacecraft.appearance import add_target_appearance
 from cpid_drake.spacecraft.model_file import ModelFile
 from cpid_drake.spacecraft.reading import (

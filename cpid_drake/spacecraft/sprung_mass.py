@@ -17,8 +17,8 @@ from pydrake.multibody.tree import (
 )
 
 from cpid_drake.dynamics.inertia import InertialParameters
-from cpid_drake.errors import InputError
-from cpid_drake.input_files.validation import Numbers
+from cpid_drake.files.checked_yaml import Numbers
+from cpid_drake.files.errors import InputError
 from cpid_drake.spacecraft.reading import find_element
 
 

@@ -13,7 +13,7 @@ from pydrake.systems.framework import (
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import parameter_scale
-from cpid_drake.errors import InputError
+from cpid_drake.files.errors import InputError
 from cpid_drake.spacecraft.free_floating import FreeFloatingDynamics
 from cpid_drake.spacecraft.spacecraft import Connect, Spacecraft
 from cpid_drake.systems.ports import PlantScratch, SpacecraftSystem

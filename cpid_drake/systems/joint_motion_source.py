@@ -4,7 +4,7 @@ from pydrake.common.value import Value
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from cpid_drake.dynamics.joint_motion import JointMotion
-from cpid_drake.errors import InputError
+from cpid_drake.files.errors import InputError
 
 
 class JointMotionSource(LeafSystem):

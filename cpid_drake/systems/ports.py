@@ -9,7 +9,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder, InputPort, LeafSystem, OutputPort
 from pydrake.systems.primitives import MatrixGain
 
-from cpid_drake.errors import InputError
+from cpid_drake.files.errors import InputError
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
 
-from cpid_drake.digits import decimals, significant
 from cpid_drake.dynamics.inertia import InertialParameters
-from cpid_drake.output_files.drafts import write_text
+from cpid_drake.files.digits import decimals, significant
+from cpid_drake.files.drafts import write_text
 
 LEGEND = {
     "orange": "estimate: 3 σ, ellipsoid of inertia",

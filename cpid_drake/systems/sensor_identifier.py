@@ -9,13 +9,13 @@ from pydrake.systems.framework import Context, EventStatus, State
 
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.errors import InputError
+from cpid_drake.estimation.one_thread import one_thread
 from cpid_drake.estimation.online import WINDOW, OnlineState
+from cpid_drake.files.errors import InputError
 from cpid_drake.identification.arguments import PathLike, sensors_of
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import Identification
 from cpid_drake.live.stream import Stream, StreamState
-from cpid_drake.processes import one_thread
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.identifier import Identifier, is_number

@@ -15,7 +15,7 @@ from pydrake.systems.framework import (
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
 from cpid_drake.dynamics.motion import Motion
-from cpid_drake.errors import prefix_errors
+from cpid_drake.files.errors import prefix_errors
 from cpid_drake.identification.arguments import PathLike, require_spacecraft, sensors_of
 from cpid_drake.logs.log import Log, Samples, first_sample
 from cpid_drake.logs.simulated_noise import SensorNoise

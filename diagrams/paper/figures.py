@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from cpid_drake.output_files import COLORS, INK, Picture, curves, label_axes, legend_below
+from cpid_drake.files import COLORS, INK, Picture, curves, label_axes, legend_below
 from cpid_drake.report import Section
 from paper.rounding import RoundedCase
 from paper.scene import render_scenario

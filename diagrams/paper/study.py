@@ -18,7 +18,7 @@ from cpid_drake import (
     make_simulation,
 )
 from cpid_drake.dynamics import system_momentum
-from cpid_drake.input_files import nulls
+from cpid_drake.files import nulls
 from paper.rounding import (
     RoundedCase,
     exciting_motion,

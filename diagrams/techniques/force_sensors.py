@@ -9,7 +9,7 @@ from annotated_types import Ge, Gt, Len, MinLen
 from numpy.typing import NDArray
 
 from cpid_drake import InputError
-from cpid_drake.input_files import load_yaml
+from cpid_drake.files import load_yaml
 
 Array = NDArray[np.float64]
 Size = Annotated[float, Ge(0)]

@@ -19,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from paper.values import EXCITING
 
 from cpid_drake import InputError, find_scenario, load_scenario
-from cpid_drake.output_files import check_folder
+from cpid_drake.files import check_folder
 from cpid_drake.report import Report, print_tables, study_report
 from cpid_drake.scenario import files_of
 from techniques import tables

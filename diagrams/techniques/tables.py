@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 from matplotlib.axes import Axes
 
-from cpid_drake.output_files import COLORS, INK, Picture, label_axes, legend_below
+from cpid_drake.files import COLORS, INK, Picture, label_axes, legend_below
 from cpid_drake.report import Section, Table
 from techniques.claims import CLAIMS, judge
 from techniques.comparison import ONE_JOINT, Cell, Comparison

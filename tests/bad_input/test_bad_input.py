@@ -16,7 +16,7 @@ from cpid_drake import (
     make_simulation,
     read_log,
 )
-from cpid_drake.errors import prefix_errors
+from cpid_drake.files.errors import prefix_errors
 from cpid_drake.identification.result_files import read_result
 from cpid_drake.sensors.sensors import SENSORS
 

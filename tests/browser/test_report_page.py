@@ -5,11 +5,11 @@ import io
 import matplotlib.image
 import pytest
 
+from cpid_drake.files.resources import models_directory
 from cpid_drake.identification.identify_files import identify_files
 from cpid_drake.identification.request import Request, SpacecraftReference
 from cpid_drake.report.findings import findings_of
 from cpid_drake.report.pages.identification import identification_report
-from cpid_drake.resources import models_directory
 
 pytestmark = pytest.mark.slow
 

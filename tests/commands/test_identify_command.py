@@ -9,10 +9,10 @@ import pytest
 
 from cpid_drake import InertialParameters, load_sensors, read_log, write_log
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
+from cpid_drake.files.checked_yaml import dump_yaml
+from cpid_drake.files.resources import models_directory
 from cpid_drake.identification.description import principal_axes
 from cpid_drake.identification.result_files import read_result
-from cpid_drake.input_files.validation import dump_yaml
-from cpid_drake.resources import models_directory
 
 SAMPLE = models_directory() / "telemetry/free_flyer.csv"
 FREE_FLYER = (

@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from cpid_drake.resources import models_directory
+from cpid_drake.files.resources import models_directory
 
 FOLDER = models_directory() / "telemetry"
 SAMPLE = FOLDER / "free_flyer.csv"

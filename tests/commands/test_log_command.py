@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake import load_scenario, read_log, read_result, shipped_scenario, write_log
 from cpid_drake.dynamics.propagation import propagate
-from cpid_drake.resources import models_directory
+from cpid_drake.files.resources import models_directory
 
 CRAFT = ("--scenario", "free_flyer_payload")
 SAMPLE = models_directory() / "telemetry/free_flyer.csv"

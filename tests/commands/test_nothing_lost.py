@@ -13,9 +13,9 @@ from functools import partial
 import pytest
 from processes import HUNG, finish, start
 
-from cpid_drake.output_files.drafts import UNFINISHED
+from cpid_drake.files.drafts import UNFINISHED
+from cpid_drake.files.resources import models_directory
 from cpid_drake.report.run_folder import read_run
-from cpid_drake.resources import models_directory
 
 MODELS = models_directory()
 IDENTIFY = ("--scenario", "free_flyer_payload", "--estimator", "least_squares", "--json", "r.json")

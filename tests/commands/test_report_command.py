@@ -5,9 +5,9 @@ import re
 
 import pytest
 
-from cpid_drake.output_files.pictures import Picture
+from cpid_drake.files.pictures import Picture
+from cpid_drake.files.resources import models_directory
 from cpid_drake.report.pages import identification
-from cpid_drake.resources import models_directory
 
 SAMPLE = models_directory() / "telemetry/free_flyer.csv"
 FREE_FLYER = (

@@ -12,10 +12,10 @@ import pytest
 from cpid_drake import identify, load_scenario, load_sensors
 from cpid_drake.commands.main import main
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
-from cpid_drake.errors import InputError
+from cpid_drake.files.errors import InputError
+from cpid_drake.files.resources import models_directory
 from cpid_drake.logs.files import read_log
 from cpid_drake.report.run_folder import read_run
-from cpid_drake.resources import models_directory
 from cpid_drake.scenario.files import dump_scenario
 
 

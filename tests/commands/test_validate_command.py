@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from cpid_drake import read_log, write_log
+from cpid_drake.files.resources import models_directory
 from cpid_drake.identification.result_files import read_result, write_result
-from cpid_drake.resources import models_directory
 
 SAMPLE = models_directory() / "telemetry/free_flyer.csv"
 FREE_FLYER = (

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from cpid_drake.resources import models_directory
+from cpid_drake.files.resources import models_directory
 
 
 @pytest.fixture

@@ -5,14 +5,14 @@ import sys
 
 PROGRAM = """
 import pkgutil, sys
-import cpid_drake.dynamics, cpid_drake.resources
+import cpid_drake.dynamics, cpid_drake.files.resources
 for module in pkgutil.iter_modules(cpid_drake.dynamics.__path__, "cpid_drake.dynamics."):
     __import__(module.name)
 try:
-    cpid_drake.resources.resolve_model("nowhere.urdf")
-except cpid_drake.resources.InputError as error:
+    cpid_drake.files.resources.resolve_model("nowhere.urdf")
+except cpid_drake.files.resources.InputError as error:
     assert "no such file" in str(error)
-assert cpid_drake.resources.resolve_model("package://cpid_drake_models/scenarios/paper.yaml")
+assert cpid_drake.files.resources.resolve_model("package://cpid_drake_models/scenarios/paper.yaml")
 print([name for name in sys.modules if name.startswith("pydrake")])
 """
 

@@ -5,7 +5,7 @@ import pytest
 from sensing_cases import Sines, log_of, true_telemetry
 
 from cpid_drake import InertialParameters, identify
-from cpid_drake.errors import InputError
+from cpid_drake.files.errors import InputError
 from cpid_drake.identification.checked_log import check_log
 from cpid_drake.logs.log import Log, Samples
 

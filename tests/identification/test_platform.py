@@ -9,7 +9,7 @@ from sensing_cases import Sines
 
 from cpid_drake import InertialParameters, Spacecraft, identify, read_log
 from cpid_drake.dynamics.propagation import Wrench, propagate
-from cpid_drake.errors import InputError
+from cpid_drake.files.errors import InputError
 from cpid_drake.identification.checked_log import check_log
 from cpid_drake.logs.burns import Burn, log_of_burns
 from cpid_drake.logs.files import write_log

@@ -16,9 +16,9 @@ from cpid_drake import (
     read_log,
 )
 from cpid_drake.dynamics.parameterizations import relative_parameterization
+from cpid_drake.files.resources import models_directory
 from cpid_drake.identification.checks import Check
 from cpid_drake.identification.result import extremes
-from cpid_drake.resources import models_directory
 
 MODELS = models_directory()
 MODEL = MODELS / "free_flyer/free_flyer.urdf"

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from cpid_drake import InputError, Request, SpacecraftReference, identify_files
+from cpid_drake.files.resources import models_directory
 from cpid_drake.live.mcap import DIAGNOSTICS, RESIDUALS, SIGMA, TARGET, write_mcap
-from cpid_drake.resources import models_directory
 
 rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="needs the package rosbags")
 typesys = pytest.importorskip("rosbags.typesys")

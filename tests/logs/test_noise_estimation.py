@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cpid_drake.errors import InputError
+from cpid_drake.files.errors import InputError
 from cpid_drake.logs.log import Samples
 from cpid_drake.logs.noise_estimation import noise_level, rounding
 

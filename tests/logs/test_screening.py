@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from sensing_cases import every_sensor
 
 from cpid_drake import Motion
-from cpid_drake.errors import InputError
+from cpid_drake.files.errors import InputError
 from cpid_drake.logs.log import (
     Log,
     Samples,

@@ -6,7 +6,7 @@ import stat
 import pytest
 
 from cpid_drake import InputError
-from cpid_drake.output_files.drafts import (
+from cpid_drake.files.drafts import (
     UNFINISHED,
     draft_folder,
     draft_of,

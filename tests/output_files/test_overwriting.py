@@ -5,7 +5,7 @@ import os
 import pytest
 
 from cpid_drake import InputError
-from cpid_drake.output_files.overwriting import check_folder, check_outputs
+from cpid_drake.files.overwriting import check_folder, check_outputs
 
 
 @pytest.fixture(autouse=True)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from cpid_drake import InertialParameters, Motion, Spacecraft, identify
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.resources import resolve_model
+from cpid_drake.files.resources import resolve_model
 
 mujoco = pytest.importorskip("mujoco", reason="needs the package mujoco")
 

@@ -27,7 +27,7 @@ from cpid_drake import (
     read_log,
     shipped_scenario,
 )
-from cpid_drake.input_files.validation import dump_yaml
+from cpid_drake.files.checked_yaml import dump_yaml
 from cpid_drake.scenario.trials import bound_of, ideal_samples, make_case
 
 FLOOR = 1e-8

@@ -5,8 +5,8 @@ import numpy as np
 from cpid_drake import Spacecraft, load_sensors, read_log
 from cpid_drake.dynamics.kinematics import forward_kinematics
 from cpid_drake.dynamics.momentum import linear_momentum
+from cpid_drake.files.resources import models_directory
 from cpid_drake.report.replay import motion_of
-from cpid_drake.resources import models_directory
 
 
 def test_at_rest_the_first_and_the_last_frame_show_no_momentum():

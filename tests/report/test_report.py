@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from cpid_drake import write_log
+from cpid_drake.files.pictures import Picture
 from cpid_drake.identification.identify_files import converge, identify_files
 from cpid_drake.identification.request import Request, SpacecraftReference
 from cpid_drake.identification.result_files import result_text, write_result
-from cpid_drake.output_files.pictures import Picture
 from cpid_drake.report.findings import findings_of, findings_of_file
 from cpid_drake.report.pages import identification
 from cpid_drake.report.pages.identification import identification_report

@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from cpid_drake import load_scenario, make_simulation, shipped_scenario
-from cpid_drake.resources import models_directory
+from cpid_drake.files.resources import models_directory
 from cpid_drake.scenario.limits import check_limits
 
 

@@ -13,7 +13,7 @@ from cpid_drake import (
     make_simulation,
     shipped_scenario,
 )
-from cpid_drake.resources import models_directory
+from cpid_drake.files.resources import models_directory
 from cpid_drake.scenario.files import dump_scenario
 from cpid_drake.scenario.joint_motions import MultiSineMotion
 from cpid_drake.sensors.presets import load_sensors

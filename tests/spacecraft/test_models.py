@@ -15,7 +15,7 @@ from cpid_drake.dynamics.momentum import momentum_samples
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.propagation import propagate
 from cpid_drake.dynamics.rows import RELATIVE_ROWS
-from cpid_drake.resources import models_directory
+from cpid_drake.files.resources import models_directory
 
 URDFS = sorted(models_directory().glob("*/*.urdf"))
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake import InputError, Motion, Spacecraft
 from cpid_drake.dynamics.momentum import momentum_samples
-from cpid_drake.resources import models_directory
+from cpid_drake.files.resources import models_directory
 
 # -- models --------------------------------------------------------------------------------------
 

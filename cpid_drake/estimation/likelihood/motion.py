@@ -26,7 +26,6 @@ from cpid_drake.dynamics.orbit import Orbit
 from cpid_drake.dynamics.rotations import cross, exponentials, rotate, sines, skew
 from cpid_drake.dynamics.sensitivity import MotionSensitivity
 from cpid_drake.dynamics.tree import KinematicTree
-from cpid_drake.errors import InputError
 from cpid_drake.estimation.likelihood.actuators import ThrustLog
 from cpid_drake.estimation.likelihood.attitude_steps import (
     carried,
@@ -43,6 +42,7 @@ from cpid_drake.estimation.likelihood.uniform_spline import (
     spline_weights,
     step_weights,
 )
+from cpid_drake.files.errors import InputError
 
 TOGETHER = 32
 """So many blocks have their kinematics computed in one call."""

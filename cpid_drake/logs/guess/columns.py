@@ -5,7 +5,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from cpid_drake.errors import InputError
+from cpid_drake.files.errors import InputError
 from cpid_drake.logs.column_map import TimeUnit, scale_of
 from cpid_drake.logs.guess.guessed_map import GuessedMap
 from cpid_drake.logs.guess.joints import find_joint_units, find_joints

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cpid_drake.errors import InputError, listed
+from cpid_drake.files.errors import InputError, listed
 from cpid_drake.logs.alternatives import alternatives
 from cpid_drake.logs.column_map import ColumnMap, Order, with_entries
 from cpid_drake.logs.conventions import AGREES, DIFFERS, WORSE

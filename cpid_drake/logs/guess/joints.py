@@ -4,7 +4,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from cpid_drake.errors import InputError
+from cpid_drake.files.errors import InputError
 from cpid_drake.logs.guess.guessed_map import GuessedMap
 from cpid_drake.logs.guess.names import (
     WORDS,

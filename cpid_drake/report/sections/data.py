@@ -2,15 +2,15 @@
 
 import numpy as np
 
-from cpid_drake.digits import significant
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.rows import ROW_FAMILIES
 from cpid_drake.estimation.whiteness import whiteness
+from cpid_drake.files.digits import significant
+from cpid_drake.files.pictures import curves
 from cpid_drake.identification.estimators import estimator_label
 from cpid_drake.identification.identify_files import Evidence
 from cpid_drake.identification.result import History, Identification
 from cpid_drake.logs.log import Log
-from cpid_drake.output_files.pictures import curves
 from cpid_drake.report.figures import convergence_pictures, motion_pictures
 from cpid_drake.report.page import Section, Table
 from cpid_drake.scenario.run_files import versions

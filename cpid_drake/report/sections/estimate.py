@@ -3,10 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.digits import decimals_of, rounded_pair, significant, with_half_width
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from cpid_drake.estimation.least_squares import quantile_95
+from cpid_drake.files.digits import decimals_of, rounded_pair, significant, with_half_width
 from cpid_drake.identification.description import agreement_words, consistency_words, gap
 from cpid_drake.identification.result import Identification
 from cpid_drake.report.figures import singular_value_picture

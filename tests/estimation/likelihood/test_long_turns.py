@@ -5,8 +5,8 @@ import pytest
 from block_cases import Case, joints_of
 from sensing_cases import Sines, coarse_suite, measured, small_craft
 
-from cpid_drake.errors import InputError
 from cpid_drake.estimation.likelihood.model import BlockModel
+from cpid_drake.files.errors import InputError
 
 SUITE = coarse_suite()
 SLOW = np.array([60.0, -40.0, 70.0, 1.0, 1.0, -1.0])

@@ -1,4 +1,4 @@
-"""Conversion of YAML and JSON files to dataclasses, with a check of every key, type and limit."""
+"""Files: checked YAML, outputs that are written whole, figures, shipped files, `InputError`."""
 
 import lazy_loader
 

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from uuid import uuid4
 
-from cpid_drake.errors import InputError
+from cpid_drake.files.errors import InputError
 
 UNFINISHED = "UNFINISHED"
 """Name of the file in a folder whose files are not all from the same run."""

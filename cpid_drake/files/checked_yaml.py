@@ -20,7 +20,7 @@ import numpy as np
 import yaml
 from numpy.typing import ArrayLike, NDArray
 
-from cpid_drake.errors import InputError, choose_from
+from cpid_drake.files.errors import InputError, choose_from
 
 if TYPE_CHECKING:  # pydantic takes 0.1 s to import, and only reading a file needs it
     from pydantic import TypeAdapter

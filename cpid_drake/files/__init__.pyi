@@ -1,3 +1,4 @@
+from .checked_yaml import load_yaml, nulls
 from .overwriting import check_folder
 from .pictures import COLORS, INK, Picture, curves, label_axes, legend_below
 
@@ -9,4 +10,6 @@ __all__ = [
     "curves",
     "label_axes",
     "legend_below",
+    "load_yaml",
+    "nulls",
 ]

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from cpid_drake.errors import InputError, choose_from
+from cpid_drake.files.errors import InputError, choose_from
 
 MODELS_PACKAGE = "cpid_drake_models"
 _DRAKE = "drake"
@@ -14,7 +14,7 @@ NOT_A_FILE = "not a file but a pipe or a device; save its contents in a file fir
 
 def models_directory() -> Path:
     """Return the folder of the shipped models: in the package if installed, else the checkout's."""
-    package = Path(__file__).resolve().parent
+    package = Path(__file__).resolve().parents[1]
     installed = package / "models"
     return installed if installed.is_dir() else package.parent / "models"
 

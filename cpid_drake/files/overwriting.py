@@ -9,8 +9,8 @@ import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 
-from cpid_drake.errors import InputError
-from cpid_drake.output_files.drafts import write_errors
+from cpid_drake.files.drafts import write_errors
+from cpid_drake.files.errors import InputError
 
 _DRAWN = (".html", ".png", ".svg")
 """Endings of files in a folder that are no inputs: pages and pictures of what the folder holds."""
