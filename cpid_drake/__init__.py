@@ -24,7 +24,7 @@ The public names, in order of their dependencies:
 - `export_target`: the target as URDF, SDF, MJCF or directives, alone or on the spacecraft;
 - `InputError`: the exception for bad input.
 
-The folders `dynamics`, `logs`, `scenario`, `planning`, `report` and others have public names of
+The folders `dynamics`, `logs`, `simulation`, `planning`, `report` and others have public names of
 their own, for studies such as those in `diagrams`.
 """
 

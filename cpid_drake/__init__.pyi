@@ -20,11 +20,12 @@ from .logs.conversion import from_columns as from_columns
 from .logs.files import read_log, write_log
 from .logs.log import Log
 from .report.pages.identification import write_report
-from .scenario.files import load_scenario
-from .scenario.schema import Scenario
-from .scenario.simulation import Simulation, make_simulation
 from .sensors.presets import load_sensors
 from .sensors.suite import SensorSuite
+from .simulation.files import load_scenario
+from .simulation.schema import Scenario
+from .simulation.simulation import Simulation, make_simulation
+from .simulation.spacecraft_sensors import SpacecraftSensors
 from .spacecraft.export import export_target
 from .spacecraft.spacecraft import Spacecraft
 from .systems.identifier import MomentumIdentifier
@@ -33,7 +34,6 @@ from .systems.joint_motion_source import JointMotionSource
 from .systems.scene_page import keep_scene as keep_scene
 from .systems.scene_visualizer import SceneVisualizer
 from .systems.sensor_identifier import SensorIdentifier
-from .systems.spacecraft_sensors import SpacecraftSensors
 
 __all__ = [
     "PARAMETER_NAMES",

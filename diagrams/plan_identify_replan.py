@@ -41,7 +41,7 @@ from cpid_drake import (
 )
 from cpid_drake.dynamics import parameter_scale
 from cpid_drake.planning import Planner, PlanOptions
-from cpid_drake.scenario import HalfCosineMotion
+from cpid_drake.simulation import HalfCosineMotion
 
 LOG_PERIOD = 0.05  # [s]
 ESTIMATE_PERIOD = 0.5  # [s]

@@ -16,9 +16,7 @@ from cpid_drake.estimation.likelihood.constants import Constants
 from cpid_drake.estimation.likelihood.joint_motion import JointPart
 from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
-from cpid_drake.logs.burns import Burn
 from cpid_drake.logs.log import Log
-from cpid_drake.scenario import trials
 from cpid_drake.sensors.sensors import (
     SENSORS,
     AttitudeSensor,
@@ -27,6 +25,8 @@ from cpid_drake.sensors.sensors import (
     VectorSensor,
 )
 from cpid_drake.sensors.suite import SensorSuite
+from cpid_drake.simulation import trials
+from cpid_drake.simulation.burns import Burn
 
 DURATION = 4.0
 ADDED = (

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake import InertialParameters, SensorSuite, Spacecraft, TotalMomentum, load_sensors
 from cpid_drake.logs.log import Log
-from cpid_drake.scenario.trials import Case, draw
+from cpid_drake.simulation.trials import Case, draw
 
 Array = NDArray[np.float64]
 COUNT, STRIDE = 240, 53

@@ -63,7 +63,7 @@ def listed(file: Path) -> list[ast.alias]:
 
 def test_every_public_name_of_a_folder_is_there_and_is_no_module_of_it():
     found = rooms()
-    assert {"dynamics", "scenario", "report"} <= found.keys()
+    assert {"dynamics", "simulation", "report"} <= found.keys()
     for room, names in found.items():
         folder = importlib.import_module(f"cpid_drake.{room}")
         modules = {each.name for each in pkgutil.iter_modules(folder.__path__)}
@@ -106,7 +106,7 @@ def private_names(text: str) -> list[str]:
         ("from cpid_drake.dynamics.rows import skew", ["cpid_drake.dynamics.rows.skew"]),
         ("from cpid_drake.dynamics import skew, rows", ["cpid_drake.dynamics.rows"]),
         ("from cpid_drake import dynamics; dynamics.skew; dynamics.rows", ["dynamics.rows"]),
-        ("from cpid_drake import identify, processes", ["cpid_drake.estimation.one_thread"]),
+        ("from cpid_drake import identify, digits", ["cpid_drake.digits"]),
     ],
 )
 def test_a_private_name_is_found(text, private):

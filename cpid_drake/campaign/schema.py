@@ -23,16 +23,16 @@ from cpid_drake.files.checked_yaml import Numbers, dump_yaml, from_tree, load_ya
 from cpid_drake.files.errors import InputError, choose_from, prefix_errors
 from cpid_drake.files.resources import find_scenario, resolve_model
 from cpid_drake.identification.estimators import methods
-from cpid_drake.scenario.files import (
+from cpid_drake.sensors.sensors import SENSORS
+from cpid_drake.simulation.files import (
     check_files,
     files_of,
     load_scenario,
     resolve_files,
     suite_from_folder,
 )
-from cpid_drake.scenario.joint_motions import MOTION_TAGS
-from cpid_drake.scenario.schema import Name, Scenario, Vector
-from cpid_drake.sensors.sensors import SENSORS
+from cpid_drake.simulation.joint_motions import MOTION_TAGS
+from cpid_drake.simulation.schema import Name, Scenario, Vector
 
 VERSION = 1
 """Version of the files of a campaign's folder; another one is refused."""

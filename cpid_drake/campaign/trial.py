@@ -23,9 +23,11 @@ from cpid_drake.files.errors import InputError
 from cpid_drake.identification.identify import identify
 from cpid_drake.identification.result import Identification
 from cpid_drake.logs.log import Log, Samples
-from cpid_drake.scenario.schema import Scenario, SpacecraftConfig
-from cpid_drake.scenario.simulation import make_simulation
-from cpid_drake.scenario.trials import (
+from cpid_drake.sensors.presets import load_sensors
+from cpid_drake.sensors.suite import SensorSuite
+from cpid_drake.simulation.schema import Scenario, SpacecraftConfig
+from cpid_drake.simulation.simulation import make_simulation
+from cpid_drake.simulation.trials import (
     Case,
     base_trajectory,
     bound_of,
@@ -35,8 +37,6 @@ from cpid_drake.scenario.trials import (
     seeds_of,
     true_motions,
 )
-from cpid_drake.sensors.presets import load_sensors
-from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 _BATCHED = ("target.", "target", "tumble_C", "simulation.momentum_W")

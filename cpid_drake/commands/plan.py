@@ -10,8 +10,7 @@ import numpy as np
 from annotated_types import Ge, Interval
 
 import cpid_drake as cpid
-from cpid_drake import planning, report
-from cpid_drake import scenario as scenarios
+from cpid_drake import planning, report, simulation
 from cpid_drake.commands import options
 from cpid_drake.commands.usage import group
 from cpid_drake.files.digits import significant
@@ -145,11 +144,11 @@ def rank(
         target, craft, found = planner.targets[0], planner.spacecraft, {}
         body = cpid.InertialParameters.from_vector(target)
         suite = planner.suite.exact()
-        case = scenarios.make_case(planner.scenario, craft, body, suite, chosen.seed)
+        case = simulation.make_case(planner.scenario, craft, body, suite, chosen.seed)
         for name, each in {**dict(planning.reference_motions(planner)), **given}.items():
             errors = []
             moving = replace(case, motion=each, duration=each.duration)
-            for error in scenarios.fit_errors(moving, craft, trials):
+            for error in simulation.fit_errors(moving, craft, trials):
                 errors.append(error)
                 status.update(f"{name}: {len(errors)} of {trials} trials")
             found[name] = replace(

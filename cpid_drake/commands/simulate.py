@@ -12,10 +12,10 @@ from cpid_drake.commands.options import CHECK_FAILED
 from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.files.overwriting import check_folder
 from cpid_drake.files.resources import find_scenario
-from cpid_drake.scenario.files import files_of, load_scenario
-from cpid_drake.scenario.limits import LimitCheck, check_limits
-from cpid_drake.scenario.run_files import RUN_FILES, write_run
-from cpid_drake.scenario.simulation import Simulation, make_simulation
+from cpid_drake.simulation.files import files_of, load_scenario
+from cpid_drake.simulation.limits import LimitCheck, check_limits
+from cpid_drake.simulation.run_files import RUN_FILES, write_run
+from cpid_drake.simulation.simulation import Simulation, make_simulation
 
 
 def simulate(

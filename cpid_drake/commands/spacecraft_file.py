@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import cpid_drake as cpid
-from cpid_drake import scenario as scenarios
+from cpid_drake import simulation
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.files.checked_yaml import from_tree, parse_yaml
 from cpid_drake.files.resources import find_scenario, resolve_model
@@ -45,7 +45,7 @@ def load_spacecraft_file(name: str) -> SpacecraftFile:
     """
     place = find_scenario(name)
     file = resolve_model(place)
-    tree = parse_yaml(file.read_bytes(), name, scenarios.MOTION_TAGS)
+    tree = parse_yaml(file.read_bytes(), name, simulation.MOTION_TAGS)
     if not (isinstance(tree, dict) and "spacecraft" in tree):
         found = from_tree(SpacecraftFile, tree, name, "the file of a spacecraft")
         folder = file.parent

@@ -16,9 +16,9 @@ from cpid_drake.files.resources import find_scenario
 from cpid_drake.identification.result import Identification
 from cpid_drake.report.live_view import serve
 from cpid_drake.report.replay import estimate_text, replay_html
-from cpid_drake.scenario.files import files_of, load_scenario
-from cpid_drake.scenario.limits import check_limits
-from cpid_drake.scenario.simulation import make_simulation
+from cpid_drake.simulation.files import files_of, load_scenario
+from cpid_drake.simulation.limits import check_limits
+from cpid_drake.simulation.simulation import make_simulation
 
 
 def view(

@@ -15,7 +15,7 @@ from scipy.linalg import block_diag
 
 from cpid_drake.dynamics.joint_motion import SPLINE_DEGREE, JointMotion, Spline
 from cpid_drake.files.errors import InputError
-from cpid_drake.scenario.joint_motions import SplineMotion
+from cpid_drake.simulation.joint_motions import SplineMotion
 
 MOST_FUNCTIONS = 60
 """Largest number of functions of a family: the search takes minutes with more."""

@@ -22,11 +22,11 @@ from cpid_drake.planning.plan_options import PlanOptions
 from cpid_drake.planning.prediction import MotionSetting
 from cpid_drake.planning.search import Distances, candidates, improved
 from cpid_drake.planning.targets import plausible_targets, prior_information
-from cpid_drake.scenario.files import load_scenario
-from cpid_drake.scenario.joint_motions import MotionFile, dump_motion
-from cpid_drake.scenario.schema import Scenario
 from cpid_drake.sensors.presets import load_sensors
 from cpid_drake.sensors.suite import SensorSuite
+from cpid_drake.simulation.files import load_scenario
+from cpid_drake.simulation.joint_motions import MotionFile, dump_motion
+from cpid_drake.simulation.schema import Scenario
 from cpid_drake.spacecraft.clearance import Clearance
 
 NODES_PER_PERIOD = 8.0

@@ -20,8 +20,8 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.identification.fitted import cramer_rao_bound
 from cpid_drake.logs.log import ideal_log
-from cpid_drake.scenario.schema import Scenario
 from cpid_drake.sensors.suite import SensorSuite
+from cpid_drake.simulation.schema import Scenario
 from cpid_drake.spacecraft.free_floating import FreeFloatingDynamics
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 

@@ -5,7 +5,7 @@ import time
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, EventStatus
 
-from cpid_drake.scenario.simulation import Simulation
+from cpid_drake.simulation.simulation import Simulation
 from cpid_drake.systems.scene_visualizer import FRAME_PERIOD
 
 STOP = "Stop"

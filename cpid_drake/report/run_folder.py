@@ -10,9 +10,9 @@ from cpid_drake.files.checked_yaml import from_tree, load_json
 from cpid_drake.files.drafts import refuse_unfinished
 from cpid_drake.files.errors import InputError
 from cpid_drake.report.page import Section, Table
-from cpid_drake.scenario.files import load_scenario
-from cpid_drake.scenario.limits import LimitCheck
-from cpid_drake.scenario.schema import Scenario
+from cpid_drake.simulation.files import load_scenario
+from cpid_drake.simulation.limits import LimitCheck
+from cpid_drake.simulation.schema import Scenario
 
 
 @dataclass(frozen=True, eq=False)

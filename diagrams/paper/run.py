@@ -16,7 +16,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from cpid_drake import InputError, find_scenario, load_scenario
 from cpid_drake.files import check_folder
 from cpid_drake.report import Report, Section, print_tables, study_report
-from cpid_drake.scenario import check_limits, files_of
+from cpid_drake.simulation import check_limits, files_of
 from paper import figures, tables
 from paper.study import PaperStudy, run_paper_study, summarize
 from paper.values import EXCITING

@@ -21,7 +21,7 @@ from paper.values import EXCITING
 from cpid_drake import InputError, find_scenario, load_scenario
 from cpid_drake.files import check_folder
 from cpid_drake.report import Report, print_tables, study_report
-from cpid_drake.scenario import files_of
+from cpid_drake.simulation import files_of
 from techniques import tables
 from techniques.comparison import Comparison, run_comparison
 from techniques.force_sensors import LABORATORY, load_force_sensors

@@ -19,10 +19,11 @@ from cpid_drake.dynamics import (
     rotate,
     skew,
 )
-from cpid_drake.logs import add_noise, sample_times, smooth
-from cpid_drake.scenario import (
+from cpid_drake.logs import sample_times, smooth
+from cpid_drake.simulation import (
     Case,
     SpacecraftConfig,
+    add_noise,
     base_trajectory,
     bound_of,
     ideal_samples,

@@ -14,7 +14,7 @@ from pydrake.geometry import Meshcat
 from cpid_drake import load_scenario, make_simulation, shipped_scenario
 from cpid_drake.commands.main import app
 from cpid_drake.report.live_view import STOP, serve
-from cpid_drake.scenario.files import dump_scenario
+from cpid_drake.simulation.files import dump_scenario
 
 pytestmark = pytest.mark.slow
 

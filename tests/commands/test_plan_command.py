@@ -8,7 +8,7 @@ import pytest
 
 from cpid_drake import load_scenario, make_simulation, shipped_scenario
 from cpid_drake.planning.planner import Planner
-from cpid_drake.scenario.joint_motions import dump_motion, load_motion
+from cpid_drake.simulation.joint_motions import dump_motion, load_motion
 
 ARM = tuple(word for k in range(1, 4) for word in ("--joint", f"capture_arm_joint{k}"))
 SMALL = ("--candidates", 32, "--frequency", 0.3, "--targets", 1, *ARM)

@@ -22,8 +22,8 @@ from cpid_drake import InputError, load_scenario, load_sensors, shipped_scenario
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.parameterizations import STANDARD
 from cpid_drake.dynamics.rotations import rotate
-from cpid_drake.scenario.trials import make_case
 from cpid_drake.sensors.sensors import Gyro
+from cpid_drake.simulation.trials import make_case
 from cpid_drake.spacecraft.free_floating import FreeFloatingDynamics
 
 SENSORS = load_force_sensors()

@@ -11,8 +11,8 @@ from sensing_cases import Sines, coarse_suite, measured, nees
 
 from cpid_drake import TotalMomentum, identify
 from cpid_drake.logs.log import Samples
-from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import Gyro, JointSensor, VectorSensor
+from cpid_drake.simulation.noise import add_noise
 
 ZERO = TotalMomentum.zero()
 FAST_GYRO = Gyro(50.0, 0.005, 1.0, 0.1)

@@ -14,8 +14,8 @@ from cpid_drake.estimation.online import run
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.identification.online import identification_of_state
 from cpid_drake.logs.log import Samples
-from cpid_drake.logs.simulated_noise import SensorNoise
 from cpid_drake.sensors.sensors import AttitudeSensor, Gyro, JointSensor, VectorSensor
+from cpid_drake.simulation.noise import SensorNoise
 
 SIGMA, SEEDS = 0.15, 5
 POOR = {

@@ -17,13 +17,13 @@ from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.start import start_of
 from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.identification.validation import validate
-from cpid_drake.logs.burns import Burn, log_of_burns
 from cpid_drake.logs.log import THRUST, Samples, ideal_log
-from cpid_drake.logs.simulated_noise import add_noise
-from cpid_drake.scenario.trials import draw, ideal_samples, make_case
 from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.presets import load_sensors
 from cpid_drake.sensors.thrusters import Thrusters, Valve
+from cpid_drake.simulation.burns import Burn, log_of_burns
+from cpid_drake.simulation.noise import add_noise
+from cpid_drake.simulation.trials import draw, ideal_samples, make_case
 
 BURNS = [
     Burn(3.1, 1.3, np.array([0.6, -0.4, 0.3]), np.array([0.2, 0.15, -0.1])),

@@ -23,10 +23,10 @@ from cpid_drake.logs.files import table_of
 from cpid_drake.logs.log import Samples
 from cpid_drake.logs.score import MOMENTUM as BY_MOMENTUM
 from cpid_drake.logs.score import explain_by_momentum, instants_of
-from cpid_drake.logs.simulated_noise import add_noise
-from cpid_drake.scenario.trials import ideal_samples, make_case
 from cpid_drake.sensors.sensors import AttitudeSensor, JointSensor, VectorSensor
 from cpid_drake.sensors.suite import SensorSuite
+from cpid_drake.simulation.noise import add_noise
+from cpid_drake.simulation.trials import ideal_samples, make_case
 
 TIMES = np.arange(0.0, 6.0, 0.03)
 POINT = np.array([0.3, -0.2, 0.5])

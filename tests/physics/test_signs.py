@@ -28,9 +28,9 @@ from cpid_drake.dynamics.parameterizations import (
     tensor_to_vector,
 )
 from cpid_drake.dynamics.propagation import Wrench, propagate
-from cpid_drake.logs.simulated_noise import SensorNoise
 from cpid_drake.sensors.sensors import SENSORS, AttitudeSensor, Gyro
 from cpid_drake.sensors.suite import SensorSuite
+from cpid_drake.simulation.noise import SensorNoise
 
 X, Y, Z = np.eye(3)
 BASE_MASS, ARM_MASS, ARM_IZZ, BASE_IZZ = 10.0, 2.0, 0.3, 4.0

@@ -18,9 +18,9 @@ from cpid_drake.planning.comparison import reference_motions
 from cpid_drake.planning.pareto import front
 from cpid_drake.planning.plan_options import PlanOptions
 from cpid_drake.planning.planner import Planner
-from cpid_drake.scenario.limits import check_limits
-from cpid_drake.scenario.simulation import make_simulation
-from cpid_drake.scenario.trials import draw, fit_errors, make_case
+from cpid_drake.simulation.limits import check_limits
+from cpid_drake.simulation.simulation import make_simulation
+from cpid_drake.simulation.trials import draw, fit_errors, make_case
 
 ARM = [f"capture_arm_joint{k}" for k in range(1, 7)]
 FLIGHT = load_sensors("flight", unstated="exact")

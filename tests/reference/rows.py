@@ -28,7 +28,7 @@ from cpid_drake import (
     shipped_scenario,
 )
 from cpid_drake.files.checked_yaml import dump_yaml
-from cpid_drake.scenario.trials import bound_of, ideal_samples, make_case
+from cpid_drake.simulation.trials import bound_of, ideal_samples, make_case
 
 FLOOR = 1e-8
 """Error that is rounding, relative to m, to 0.5 m and to the trace of I."""

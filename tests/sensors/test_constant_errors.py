@@ -8,8 +8,6 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake import InputError, Motion
 from cpid_drake.logs.log import ideal_log
-from cpid_drake.logs.simulated_noise import SensorNoise, add_noise
-from cpid_drake.sensors.disturbances import random_stream
 from cpid_drake.sensors.sensors import (
     ARCSECOND,
     SENSORS,
@@ -19,6 +17,8 @@ from cpid_drake.sensors.sensors import (
     VectorSensor,
 )
 from cpid_drake.sensors.suite import SensorSuite, check_sensors
+from cpid_drake.simulation.disturbance import random_stream
+from cpid_drake.simulation.noise import SensorNoise, add_noise
 
 JOINTS = ("a", "b")
 DELAYS = {"attitude": 20.0, "gyro": 5.0, "position": 10.0, "velocity": 10.0, "encoders": 2.0}

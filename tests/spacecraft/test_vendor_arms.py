@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from cpid_drake import InertialParameters, InputError, Spacecraft, identify, make_simulation
-from cpid_drake.scenario.joint_motions import MultiSineMotion
-from cpid_drake.scenario.schema import (
+from cpid_drake.simulation.joint_motions import MultiSineMotion
+from cpid_drake.simulation.schema import (
     ControllerConfig,
     IdentificationConfig,
     Scenario,

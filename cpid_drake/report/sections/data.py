@@ -13,8 +13,8 @@ from cpid_drake.identification.result import History, Identification
 from cpid_drake.logs.log import Log
 from cpid_drake.report.figures import convergence_pictures, motion_pictures
 from cpid_drake.report.page import Section, Table
-from cpid_drake.scenario.run_files import versions
 from cpid_drake.sensors.sensors import SENSORS
+from cpid_drake.simulation.run_files import versions
 
 
 def request_section(result: Identification) -> Section:

@@ -16,11 +16,11 @@ from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.likelihood.constants import Constants
 from cpid_drake.estimation.likelihood.model import BlockModel
-from cpid_drake.logs.burns import Burn
 from cpid_drake.logs.log import THRUST, Samples
-from cpid_drake.scenario.trials import base_trajectory, ideal_samples
 from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.sensors import JointSensor
+from cpid_drake.simulation.burns import Burn
+from cpid_drake.simulation.trials import base_trajectory, ideal_samples
 
 START, END = 1.0, 2.5
 BURNS = (

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from cpid_drake import InputError, read_log, write_log
-from cpid_drake.logs.burns import Burn, log_of_burns
 from cpid_drake.logs.conversion import from_columns
 from cpid_drake.logs.files import FORMATS, table_of
 from cpid_drake.logs.log import THRUST, THRUST_COLUMNS, Log, Samples
@@ -14,6 +13,7 @@ from cpid_drake.logs.screening import screen
 from cpid_drake.sensors.sensors import JointSensor
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.sensors.thrusters import Thrusters, Valve
+from cpid_drake.simulation.burns import Burn, log_of_burns
 
 BURNS = (
     Burn(0.73, 1.1, np.array([1.5, -2.0, 1.0]), torque_B=np.array([0.3, -0.2, 0.4])),

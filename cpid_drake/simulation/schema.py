@@ -23,14 +23,19 @@ from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.files.checked_yaml import FirstUnlessTagged, Numbers
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.prior import PriorConfig
-from cpid_drake.logs.burns import Burn
-from cpid_drake.scenario.joint_motions import AnyMotion, HalfCosineMotion, MotionFile, MotionSchema
-from cpid_drake.sensors.disturbances import SimulatedDisturbance
 from cpid_drake.sensors.presets import load_sensors
 from cpid_drake.sensors.suite import SensorSuite, check_sensors
-from cpid_drake.spacecraft.compliant_wrist import CompliantWrist
+from cpid_drake.simulation.burns import Burn
+from cpid_drake.simulation.compliant_wrist import CompliantWrist
+from cpid_drake.simulation.disturbance import SimulatedDisturbance
+from cpid_drake.simulation.joint_motions import (
+    AnyMotion,
+    HalfCosineMotion,
+    MotionFile,
+    MotionSchema,
+)
+from cpid_drake.simulation.sprung_mass import SprungMass
 from cpid_drake.spacecraft.spacecraft import Spacecraft
-from cpid_drake.spacecraft.sprung_mass import SprungMass
 
 ONLINE_ESTIMATORS = ("least_squares", "recursive_fit")
 """Estimators that can run in a Diagram."""

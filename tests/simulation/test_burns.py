@@ -8,11 +8,12 @@ import pytest
 from cpid_drake import identify, load_scenario, make_simulation, shipped_scenario
 from cpid_drake.dynamics.momentum import system_momentum
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.logs.burns import Burn
-from cpid_drake.scenario.schema import DisturbanceConfig
-from cpid_drake.scenario.trials import base_trajectory, draw, ideal_samples, make_case
-from cpid_drake.sensors.disturbances import Disturbances, SimulatedDisturbance
+from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.presets import load_sensors
+from cpid_drake.simulation.burns import Burn
+from cpid_drake.simulation.disturbance import SimulatedDisturbance
+from cpid_drake.simulation.schema import DisturbanceConfig
+from cpid_drake.simulation.trials import base_trajectory, draw, ideal_samples, make_case
 
 FORCE, POINT, TORQUE = (
     np.array([0.2, -0.1, 0.1]),

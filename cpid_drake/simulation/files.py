@@ -5,9 +5,9 @@ from pathlib import Path
 from cpid_drake.files.checked_yaml import dump_yaml, load_yaml
 from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.files.resources import package_folders, resolve_model
-from cpid_drake.scenario.joint_motions import MOTION_TAGS, MotionFile, load_motion
-from cpid_drake.scenario.schema import Scenario
 from cpid_drake.sensors.presets import load_sensors, sensor_presets
+from cpid_drake.simulation.joint_motions import MOTION_TAGS, MotionFile, load_motion
+from cpid_drake.simulation.schema import Scenario
 
 
 def load_scenario(path: str | Path) -> Scenario:

@@ -14,9 +14,9 @@ from cpid_drake import (
     shipped_scenario,
 )
 from cpid_drake.files.resources import models_directory
-from cpid_drake.scenario.files import dump_scenario
-from cpid_drake.scenario.joint_motions import MultiSineMotion
 from cpid_drake.sensors.presets import load_sensors
+from cpid_drake.simulation.files import dump_scenario
+from cpid_drake.simulation.joint_motions import MultiSineMotion
 
 
 @pytest.fixture(scope="module")

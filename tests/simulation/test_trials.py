@@ -9,9 +9,9 @@ from sensing_cases import MOMENTUM, Sines, coarse_suite
 from cpid_drake.dynamics.momentum import system_momentum
 from cpid_drake.dynamics.orbit import Orbit
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.logs.burns import Burn
-from cpid_drake.scenario.trials import Case, base_trajectory, draw, ideal_samples
 from cpid_drake.sensors.disturbances import Disturbances
+from cpid_drake.simulation.burns import Burn
+from cpid_drake.simulation.trials import Case, base_trajectory, draw, ideal_samples
 
 SIZES = Disturbances(1e-3, 0.2, acceleration_walk=5e-4, torque_walk=0.1)
 TIMES = np.array([0.0, 0.3, 0.5, 1.1, 1.9, 2.5, 4.0])

@@ -23,22 +23,22 @@ from cpid_drake.identification.checks import Check
 from cpid_drake.identification.consistency import checked
 from cpid_drake.identification.identify import THRUST_NOT_USED
 from cpid_drake.identification.result import Identification
-from cpid_drake.logs.burns import log_of_burns
 from cpid_drake.logs.log import THRUST, Log, Samples
-from cpid_drake.scenario.schema import Scenario
+from cpid_drake.simulation.burns import log_of_burns
+from cpid_drake.simulation.external_forces import ExternalForces
+from cpid_drake.simulation.schema import Scenario
+from cpid_drake.simulation.spacecraft_sensors import (
+    SpacecraftSensors,
+    log_samples,
+    measurements_from_logs,
+)
 from cpid_drake.spacecraft.spacecraft import Spacecraft
-from cpid_drake.systems.external_forces import ExternalForces
 from cpid_drake.systems.identifier import Identifier, MomentumIdentifier
 from cpid_drake.systems.joint_controller import JointController
 from cpid_drake.systems.joint_motion_source import JointMotionSource
 from cpid_drake.systems.ports import spacecraft_state
 from cpid_drake.systems.scene_visualizer import SceneVisualizer, add_bodies
 from cpid_drake.systems.sensor_identifier import SensorIdentifier
-from cpid_drake.systems.spacecraft_sensors import (
-    SpacecraftSensors,
-    log_samples,
-    measurements_from_logs,
-)
 
 
 @dataclass(frozen=True, eq=False)

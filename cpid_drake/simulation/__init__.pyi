@@ -1,6 +1,7 @@
 from .files import files_of
 from .joint_motions import MOTION_TAGS, HalfCosineMotion
 from .limits import check_limits
+from .noise import add_noise
 from .schema import SpacecraftConfig
 from .trials import Case, base_trajectory, bound_of, fit_errors, ideal_samples, make_case, seeds_of
 
@@ -9,6 +10,7 @@ __all__ = [
     "Case",
     "HalfCosineMotion",
     "SpacecraftConfig",
+    "add_noise",
     "base_trajectory",
     "bound_of",
     "check_limits",

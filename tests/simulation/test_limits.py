@@ -7,7 +7,7 @@ import yaml
 
 from cpid_drake import load_scenario, make_simulation, shipped_scenario
 from cpid_drake.files.resources import models_directory
-from cpid_drake.scenario.limits import check_limits
+from cpid_drake.simulation.limits import check_limits
 
 
 @pytest.fixture

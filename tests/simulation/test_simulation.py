@@ -19,12 +19,12 @@ from cpid_drake.dynamics.momentum import system_momentum
 from cpid_drake.dynamics.orbit import Orbit
 from cpid_drake.dynamics.propagation import Wrench, propagate
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.scenario.schema import ControllerConfig, DisturbanceConfig
-from cpid_drake.scenario.trials import base_trajectory, make_case
 from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.sensors import JointSensor
 from cpid_drake.sensors.suite import SensorSuite
-from cpid_drake.spacecraft.sprung_mass import SprungMass
+from cpid_drake.simulation.schema import ControllerConfig, DisturbanceConfig
+from cpid_drake.simulation.sprung_mass import SprungMass
+from cpid_drake.simulation.trials import base_trajectory, make_case
 
 
 class Swinging:

@@ -5,8 +5,8 @@ import pytest
 import yaml
 
 from cpid_drake import load_scenario, make_simulation, shipped_scenario
-from cpid_drake.scenario.files import dump_scenario, files_of
-from cpid_drake.scenario.joint_motions import (
+from cpid_drake.simulation.files import dump_scenario, files_of
+from cpid_drake.simulation.joint_motions import (
     MotionFile,
     MultiSineMotion,
     SplineMotion,

@@ -15,7 +15,6 @@ from scipy.spatial.transform import Rotation
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.files.errors import InputError
 from cpid_drake.logs.log import THRUST, Log, Samples, first_sample
-from cpid_drake.sensors.disturbances import SimulatedDisturbance, random_stream
 from cpid_drake.sensors.sensors import (
     ARCSECOND,
     SENSORS,
@@ -25,6 +24,7 @@ from cpid_drake.sensors.sensors import (
     VectorSensor,
 )
 from cpid_drake.sensors.suite import SensorSuite
+from cpid_drake.simulation.disturbance import SimulatedDisturbance, random_stream
 
 _KINDS = ("delay", "mounting", "scale", "misalignment", "lever_arm", "zero", "dropouts", "drift")
 """What has a random stream of its own for each sensor; a place is the second number of its key."""

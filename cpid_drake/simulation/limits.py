@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.files.errors import InputError, listed
-from cpid_drake.scenario.simulation import Simulation
+from cpid_drake.simulation.simulation import Simulation
 from cpid_drake.spacecraft.clearance import Clearance
 from cpid_drake.spacecraft.free_floating import FreeFloatingDynamics
 from cpid_drake.spacecraft.spacecraft import Spacecraft
