@@ -30,7 +30,7 @@ from .spacecraft.export import export_target
 from .spacecraft.spacecraft import Spacecraft
 from .systems.identifier import MomentumIdentifier
 from .systems.joint_controller import JointController
-from .systems.joint_motion_source import JointMotionSource
+from .systems.joint_trajectory import JointTrajectory
 from .systems.scene_page import keep_scene as keep_scene
 from .systems.scene_visualizer import SceneVisualizer
 from .systems.sensor_identifier import SensorIdentifier
@@ -46,7 +46,7 @@ __all__ = [
     "InputError",
     "JointController",
     "JointMotion",
-    "JointMotionSource",
+    "JointTrajectory",
     "Log",
     "MomentumIdentifier",
     "Motion",

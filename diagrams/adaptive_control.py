@@ -45,7 +45,7 @@ def simulate(scenario, source, seed):
     plant = builder.AddSystem(MultibodyPlant(time_step=0.0))
     spacecraft.add_to(plant, target)
     state = plant.get_state_output_port()
-    desired_motion = builder.AddSystem(cpid.JointMotionSource(motion)).get_output_port()
+    desired_motion = builder.AddSystem(cpid.JointTrajectory(motion).source()).get_output_port()
 
     # From here on nothing knows the target.
     if source in (NONE, EXACT):

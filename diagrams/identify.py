@@ -31,7 +31,7 @@ desired = builder.AddSystem(TrajectorySource(path, output_derivative_order=2)).g
 identifier = cpid.MomentumIdentifier.AddToBuilder(builder, spacecraft, state=state, rows="eq18")
 ports = {"state": state, **identifier.estimate_ports()}
 joints = {"desired_motion": desired, "generalized_force": force, "target": guess}
-cpid.JointController.AddToBuilder(builder, spacecraft, **ports, **joints, reads_estimate=True)
+cpid.JointController.AddToBuilder(builder, spacecraft, **ports, **joints)
 state_log, meshcat = LogVectorOutput(state, builder, publish_period=0.1), StartMeshcat()
 AddDefaultVisualization(builder, meshcat)
 scene = cpid.SceneVisualizer.AddToBuilder(builder, spacecraft, **ports, meshcat=meshcat, truth=tank)

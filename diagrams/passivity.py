@@ -30,7 +30,7 @@ def adapt(spacecraft, target, motion, duration, is_composite, meshcat):
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
     spacecraft.add_to(plant, target, scene_graph=scene_graph)
     state = plant.get_state_output_port()
-    desired_motion = builder.AddSystem(cpid.JointMotionSource(motion)).get_output_port()
+    desired_motion = builder.AddSystem(cpid.JointTrajectory(motion).source()).get_output_port()
 
     # From here on nothing knows the target.
     controller = PassivityController.AddToBuilder(

@@ -28,7 +28,7 @@ from cpid_drake import (
     InputError,
     JointController,
     JointMotion,
-    JointMotionSource,
+    JointTrajectory,
     Scenario,
     SensorIdentifier,
     SensorSuite,
@@ -90,7 +90,7 @@ class Craft:
         self.plant = builder.AddSystem(MultibodyPlant(time_step=0.0))
         spacecraft.add_to(self.plant, target)
         state = self.plant.get_state_output_port()
-        self.source = builder.AddSystem(JointMotionSource(first))
+        self.source = builder.AddSystem(JointTrajectory(first).source())
         desired = self.source.get_output_port()
 
         # From here on nothing knows the target.
@@ -106,7 +106,6 @@ class Craft:
             state=state,
             desired_motion=desired,
             **self.identifier.estimate_ports(),
-            reads_estimate=True,
             generalized_force=self.plant.get_applied_generalized_force_input_port(),
             target=guess,
         )
@@ -127,7 +126,7 @@ class Craft:
 
     def move(self, motion: JointMotion, history: History) -> None:
         """Make a motion from now on."""
-        self.source.set_motion(self.source.GetMyMutableContextFromRoot(self.root), motion)
+        self.source.UpdateTrajectory(JointTrajectory(motion, self.root.get_time()))
         self.simulator.Initialize()
         begin = self.root.get_time()
         steps = round(motion.duration / ESTIMATE_PERIOD)

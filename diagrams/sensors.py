@@ -34,7 +34,7 @@ samples = sensors.sample_ports()
 identifier = cpid.SensorIdentifier.AddToBuilder(builder, spacecraft, **samples, suite=suite)
 ports = {"state": state, **identifier.estimate_ports()}
 joints = {"desired_motion": desired, "generalized_force": force, "target": guess}
-cpid.JointController.AddToBuilder(builder, spacecraft, **ports, **joints, reads_estimate=True)
+cpid.JointController.AddToBuilder(builder, spacecraft, **ports, **joints)
 state_log, meshcat = LogVectorOutput(state, builder, publish_period=0.1), StartMeshcat()
 AddDefaultVisualization(builder, meshcat)
 scene = cpid.SceneVisualizer.AddToBuilder(builder, spacecraft, **ports, meshcat=meshcat, truth=tank)

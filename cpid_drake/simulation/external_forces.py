@@ -1,5 +1,7 @@
 """What acts on a simulated spacecraft from outside: disturbance, gravity gradient, burns, table."""
 
+from typing import Self
+
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue, Value
@@ -9,8 +11,11 @@ from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import (
     Context,
     ContinuousState,
+    DiagramBuilder,
     DiscreteValues,
     EventStatus,
+    InputPort,
+    OutputPort,
     ValueProducer,
 )
 
@@ -20,7 +25,7 @@ from cpid_drake.dynamics.rotations import cross, rotate
 from cpid_drake.logs.log import Samples
 from cpid_drake.simulation.disturbance import WALK_PERIOD, SimulatedDisturbance
 from cpid_drake.spacecraft.spacecraft import Spacecraft
-from cpid_drake.systems.ports import PlantScratch, SpacecraftSystem
+from cpid_drake.systems.ports import SpacecraftSystem
 
 TABLE_FREQUENCY = 10.0
 """Natural frequency of height and tilt on a simulated table [Hz]: far above that of any motion."""
@@ -84,12 +89,13 @@ class ExternalForces(SpacecraftSystem):
     ) -> None:
         super().__init__()
         self.set_name("external_forces")
-        self._plant, self._scratch = plant, PlantScratch(plant)
+        self._plant = plant
+        self._plant_context = self._declare_plant_context(plant)
         self._disturbance, self._orbit = disturbance, orbit
         self._thrust_scale, self._normal_B = thrust_scale, spacecraft.tree.normal_B
         # The spacecraft is the plant's first model, so its bodies have the same indices.
         self._base = plant.get_body(spacecraft.base.index())
-        self._mass = plant.CalcTotalMass(self._scratch.context)
+        self._mass = plant.CalcTotalMass(plant.CreateDefaultContext())
         bodies = [plant.get_body(BodyIndex(k)) for k in range(1, plant.num_bodies())]
         self._bodies = [body for body in bodies if body.default_mass() != 0]
         inertias = [body.default_spatial_inertia() for body in self._bodies]
@@ -125,6 +131,36 @@ class ExternalForces(SpacecraftSystem):
         self.DeclareStateOutputPort("impulse", self.DeclareContinuousState(6))
         self.DeclareStateOutputPort("thrust", self._thrust_index)
 
+    @classmethod
+    def AddToBuilder(
+        cls,
+        builder: DiagramBuilder,
+        spacecraft: Spacecraft,
+        *,
+        state: OutputPort,
+        spatial_forces: InputPort | None = None,
+        plant: MultibodyPlant,
+        disturbance: SimulatedDisturbance | None = None,
+        orbit: Orbit | None = None,
+        thrust: Samples | None = None,
+        thrust_scale: float = 1.0,
+    ) -> Self:
+        """Add the forces to a diagram and connect them; for the options see the class.
+
+        Raises:
+            InputError: a port has another size.
+
+        """
+        forces = cls(
+            spacecraft,
+            plant,
+            disturbance=disturbance,
+            orbit=orbit,
+            thrust=thrust,
+            thrust_scale=thrust_scale,
+        )
+        return forces.connected(builder, state=state, spatial_forces=spatial_forces)
+
     def DoCalcTimeDerivatives(self, context: Context, derivatives: ContinuousState) -> None:
         """Set the derivative of the impulse: the wrench of all forces about W's origin."""
         loads = self._loads_cache.Eval(context)
@@ -155,7 +191,7 @@ class ExternalForces(SpacecraftSystem):
         output.set_value(forces)
 
     def _loads(self, context: Context) -> list[Load]:
-        scratch = self._scratch.context
+        scratch = self._plant_context(context)
         self._plant.SetPositionsAndVelocities(scratch, self._state_port.Eval(context))
         X_WB = self._base.EvalPoseInWorld(scratch)
         R_WB, p_WB, origin = X_WB.rotation().matrix(), X_WB.translation(), np.zeros(3)

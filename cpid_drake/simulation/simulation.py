@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,7 +34,7 @@ from cpid_drake.simulation.spacecraft_sensors import (
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.identifier import Identifier, MomentumIdentifier
 from cpid_drake.systems.joint_controller import JointController
-from cpid_drake.systems.joint_motion_source import JointMotionSource
+from cpid_drake.systems.joint_trajectory import JointTrajectory
 from cpid_drake.systems.ports import spacecraft_state
 from cpid_drake.systems.scene_visualizer import SceneVisualizer, add_bodies
 from cpid_drake.systems.sensor_identifier import SensorIdentifier
@@ -233,14 +232,14 @@ def make_simulation(
     )
     state = spacecraft_state(builder, spacecraft, plant)
 
-    source, config = builder.AddSystem(JointMotionSource(motion)), scenario.controller
+    source, config = builder.AddSystem(JointTrajectory(motion).source()), scenario.controller
     mass, moment = config.nominal_mass, 0.4 * config.nominal_mass * config.nominal_radius**2
     sphere = InertialParameters(mass, np.zeros(3), moment * np.eye(3))
     sensors, sensor_logs, suite = None, {}, scenario.make_suite()
     forces, thrust = _add_forces(builder, scenario, spacecraft, plant)
-    known: dict[str, Any] = {}
+    known = None
     if forces is not None and config.knows_target and not scenario.simulation.sprung_masses:
-        known = {"knows_forces": True, "spatial_forces": forces.GetOutputPort("spatial_forces")}
+        known = forces.GetOutputPort("spatial_forces")
     JointController.AddToBuilder(
         builder,
         spacecraft,
@@ -252,7 +251,7 @@ def make_simulation(
         plant=plant,
         natural_frequency=config.natural_frequency,
         damping_ratio=config.damping_ratio,
-        **known,
+        spatial_forces=known,
     )
     if suite is not None:
         sensors = SpacecraftSensors.AddToBuilder(
@@ -326,7 +325,6 @@ def _add_identifier(
         **sensors.sample_ports(),
         **thrust,
         suite=sensors.suite,
-        reads_thrust=bool(thrust),
         momentum=momentum,
         known_bodies=scenario.body_uncertainty(),
         prior=None if prior is None else prior.prior("the scenario's prior"),

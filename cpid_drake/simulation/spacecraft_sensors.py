@@ -1,6 +1,7 @@
 """A spacecraft's sensors as a Drake system."""
 
 from collections.abc import Mapping
+from typing import Self
 
 import numpy as np
 from pydrake.systems.framework import (
@@ -92,6 +93,24 @@ class SpacecraftSensors(SpacecraftSystem):
         for name, errors in suite.present().items():
             width = SENSORS[name].width_of(len(spacecraft.joint_names))
             self._declare_sensor(name, errors, width)
+
+    @classmethod
+    def AddToBuilder(
+        cls,
+        builder: DiagramBuilder,
+        spacecraft: Spacecraft,
+        *,
+        state: OutputPort,
+        suite: SensorSuite | PathLike,
+        seed: int = 0,
+    ) -> Self:
+        """Add the sensors to a diagram and connect their input; for the options see the class.
+
+        Raises:
+            InputError: `state` is not that of this spacecraft; also the errors of the constructor.
+
+        """
+        return cls(spacecraft, suite, seed).connected(builder, state=state)
 
     def sample_ports(self) -> dict[str, OutputPort]:
         """Return the output ports by sensor, for `SensorIdentifier.AddToBuilder`."""

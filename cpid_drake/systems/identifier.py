@@ -2,6 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Callable
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,6 +12,7 @@ from pydrake.systems.framework import (
     BasicVector,
     Context,
     DependencyTicket,
+    DiagramBuilder,
     DiscreteValues,
     EventStatus,
     OutputPort,
@@ -28,7 +30,7 @@ from cpid_drake.identification.by_rows import NAME, part_checks
 from cpid_drake.identification.consistency import with_nearest_body
 from cpid_drake.identification.result import Identification
 from cpid_drake.spacecraft.spacecraft import Spacecraft
-from cpid_drake.systems.ports import PlantScratch, SpacecraftSystem
+from cpid_drake.systems.ports import SpacecraftSystem
 
 DIAGNOSTICS = ("samples", "rank", "condition", "residual")
 """Entries of the `diagnostics` output, in order."""
@@ -193,7 +195,8 @@ class MomentumIdentifier(Identifier):
         self._extra = momentum_columns(spacecraft.tree, self._family, self._momentum)
         self._size = self._extra + 11
         self._quaternion = spacecraft.state_columns["quaternion_WB"]
-        self._scratch, self._tree = PlantScratch(spacecraft.plant), spacecraft.tree
+        self._plant_context = self._declare_plant_context(spacecraft.plant)
+        self._tree = spacecraft.tree
 
         self._state_port = self.DeclareVectorInputPort(
             "state", spacecraft.plant.num_multibody_states()
@@ -210,14 +213,35 @@ class MomentumIdentifier(Identifier):
         self.DeclareForcedDiscreteUpdateEvent(self._take_sample_if_due)
         self._declare_outputs(self.xd_ticket())
 
-    def rows(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
+    @classmethod
+    def AddToBuilder(
+        cls,
+        builder: DiagramBuilder,
+        spacecraft: Spacecraft,
+        *,
+        state: OutputPort,
+        rows: str = "standard",
+        momentum: TotalMomentum | str | None = None,
+        period: float = 1.0,
+        offset: float = 1.0,
+    ) -> Self:
+        """Add an identifier to a diagram and connect its input; for the options see the class.
+
+        Raises:
+            InputError: `state` is not that of this spacecraft; also the errors of the constructor.
+
+        """
+        identifier = cls(spacecraft, rows=rows, momentum=momentum, period=period, offset=offset)
+        return identifier.connected(builder, state=state)
+
+    def _rows(self, context: Context, state: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the rows [A | b] of one sample x = [q; v]; columns of an unknown momentum lead."""
         if self._spacecraft.tree.normal_B is not None:
             telemetry = self._spacecraft.to_motion(0.0, state)
             return momentum_rows(self._spacecraft.tree, telemetry, self._family, self._momentum)
-        context = self._scratch.context
-        self._spacecraft.plant.SetPositionsAndVelocities(context, state)
-        sample = self._spacecraft.momentum_sample(context)
+        known = self._plant_context(context)
+        self._spacecraft.plant.SetPositionsAndVelocities(known, state)
+        sample = self._spacecraft.momentum_sample(known)
         return self._family.full_rows(sample, self._momentum.is_unknown)
 
     def _take_sample(self, context: Context, discrete_state: DiscreteValues) -> EventStatus:
@@ -225,7 +249,7 @@ class MomentumIdentifier(Identifier):
         if context.get_time() == latest:  # `Finish` took this sample, and the run goes on
             return EventStatus.DidNothing()
         state = self._state_port.Eval(context)
-        rows = self._checked_rows(state, context.get_time())
+        rows = self._checked_rows(context, state)
         root = updated_information(self._root(context), rows).ravel()
         discrete_state.set_value(self._root_index, root)
         if np.log2(samples + 1) % 1 == 0:
@@ -243,7 +267,7 @@ class MomentumIdentifier(Identifier):
             return EventStatus.DidNothing()
         return self._take_sample(context, discrete_state)
 
-    def _checked_rows(self, state: NDArray[np.float64], time: float) -> NDArray[np.float64]:
+    def _checked_rows(self, context: Context, state: NDArray[np.float64]) -> NDArray[np.float64]:
         finite = np.isfinite(state)
         quaternion = state[self._quaternion]
         if not finite.all():
@@ -252,11 +276,12 @@ class MomentumIdentifier(Identifier):
             norm = np.linalg.norm(quaternion)
             problem = f"no attitude: its quaternion has norm {norm:.3g}"
         else:
-            rows = self.rows(state)
+            rows = self._rows(context, state)
             if np.isfinite(rows).all():
                 return rows
             problem = "too large: its momentum is not finite"
-        raise InputError(f"{self.GetSystemPathname()}: the state at t = {time:g} s is {problem}")
+        where = f"{self.GetSystemPathname()}: the state at t = {context.get_time():g} s"
+        raise InputError(f"{where} is {problem}")
 
     def _root(self, context: Context) -> NDArray[np.float64]:
         root = context.get_discrete_state(self._root_index).value()

@@ -1,5 +1,7 @@
 """Computed torque for a tree of joints on a free base, with a fixed or an identified target."""
 
+from typing import Self
+
 import numpy as np
 from pydrake.common.value import Value
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
@@ -7,7 +9,10 @@ from pydrake.multibody.tree import SpatialInertia, UnitInertia
 from pydrake.systems.framework import (
     BasicVector,
     Context,
+    DiagramBuilder,
     EventStatus,
+    InputPort,
+    OutputPort,
     State,
 )
 
@@ -16,7 +21,7 @@ from cpid_drake.dynamics.parameterizations import parameter_scale
 from cpid_drake.files.errors import InputError
 from cpid_drake.spacecraft.free_floating import FreeFloatingDynamics
 from cpid_drake.spacecraft.spacecraft import Connect, Spacecraft
-from cpid_drake.systems.ports import PlantScratch, SpacecraftSystem
+from cpid_drake.systems.ports import SpacecraftSystem
 
 _NO_TARGET = SpatialInertia(0.0, np.zeros(3), UnitInertia(0.0, 0.0, 0.0), skip_validity_check=True)
 _PLACEHOLDER = InertialParameters(1.0, np.zeros(3), np.eye(3))
@@ -51,8 +56,8 @@ class JointController(SpacecraftSystem):
         - model_target
 
     - `state`: x = [q; v] of the plant.
-    - `desired_motion` (3 J): q_d, q̇_d, q̈_d of the J joints, the layout of `JointMotionSource` and
-      of Drake's `TrajectorySource` with `output_derivative_order=2`.
+    - `desired_motion` (3 J): q_d, q̇_d, q̈_d of the J joints, as from Drake's
+      `TrajectorySource` with `output_derivative_order=2` and from `JointTrajectory.source`.
     - `covariance` (100), `spatial_inertia` and `checks_passed` (1), if `reads_estimate`: outputs of
       an identifier; the first two are NaN while unknown.
     - `spatial_forces`, if `knows_forces`: all forces from outside, as those of `ExternalForces`.
@@ -111,7 +116,8 @@ class JointController(SpacecraftSystem):
                 raise InputError(f"joint controller: {name} must be > 0, not {value:g}")
         model = MultibodyPlant(time_step=0.0)
         self._target = spacecraft.add_to(model, target or _PLACEHOLDER, connect=connect)
-        self._dynamics, self._scratch = FreeFloatingDynamics(spacecraft, model), PlantScratch(model)
+        self._dynamics = FreeFloatingDynamics(spacecraft, model)
+        self._plant_context = self._declare_plant_context(model)
         plant = plant or model
         names = plant.GetStateNames()
         self._model_columns = np.array([names.index(name) for name in model.GetStateNames()])
@@ -151,6 +157,60 @@ class JointController(SpacecraftSystem):
             prerequisites_of_calc={self.xa_ticket()},
         )
 
+    @classmethod
+    def AddToBuilder(
+        cls,
+        builder: DiagramBuilder,
+        spacecraft: Spacecraft,
+        *,
+        state: OutputPort,
+        desired_motion: OutputPort,
+        generalized_force: InputPort | None = None,
+        covariance: OutputPort | None = None,
+        spatial_inertia: OutputPort | None = None,
+        checks_passed: OutputPort | None = None,
+        spatial_forces: OutputPort | None = None,
+        target: InertialParameters | None = None,
+        connect: Connect = MultibodyPlant.WeldFrames,
+        plant: MultibodyPlant | None = None,
+        natural_frequency: float = 10.0,
+        damping_ratio: float = 1.0,
+        tolerance: float = 0.05,
+        period: float = 0.1,
+    ) -> Self:
+        """Add a controller to a diagram and connect it; for the options see the class.
+
+        The estimate is read if its three ports are given, and forces from outside if theirs is.
+
+        Raises:
+            InputError: some but not all ports of an estimate are given, or a port has another size;
+                also the errors of the constructor.
+
+        """
+        estimate = (covariance, spatial_inertia, checks_passed)
+        controller = cls(
+            spacecraft,
+            target=target,
+            connect=connect,
+            plant=plant,
+            natural_frequency=natural_frequency,
+            damping_ratio=damping_ratio,
+            reads_estimate=any(port is not None for port in estimate),
+            knows_forces=spatial_forces is not None,
+            tolerance=tolerance,
+            period=period,
+        )
+        return controller.connected(
+            builder,
+            state=state,
+            desired_motion=desired_motion,
+            generalized_force=generalized_force,
+            covariance=covariance,
+            spatial_inertia=spatial_inertia,
+            checks_passed=checks_passed,
+            spatial_forces=spatial_forces,
+        )
+
     def _model_inertia(self, context: Context) -> SpatialInertia:
         return context.get_abstract_state(self._target_index).get_value()
 
@@ -162,7 +222,7 @@ class JointController(SpacecraftSystem):
             + self._damping * (qdot_d - state[self._v_columns])
             + self._stiffness * (q_d - state[self._q_columns])
         )
-        model = self._scratch.context
+        model = self._plant_context(context)
         self._target.SetSpatialInertiaInBodyFrame(model, self._model_inertia(context))
         self._dynamics.plant.SetPositionsAndVelocities(model, state[self._model_columns])
         knows_forces = self.HasInputPort("spatial_forces")

@@ -1,76 +1,75 @@
-"""What all systems of a spacecraft share: their connection in a diagram, their scratch contexts."""
+"""What all systems of a spacecraft share: their connection in a diagram, their plants' contexts."""
 
-import threading
-from inspect import signature
-from typing import Any, Self
+from collections.abc import Callable
+from typing import Self
 
 import numpy as np
+from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import DiagramBuilder, InputPort, LeafSystem, OutputPort
+from pydrake.systems.framework import (
+    Context,
+    DiagramBuilder,
+    InputPort,
+    LeafSystem,
+    OutputPort,
+    ValueProducer,
+)
 from pydrake.systems.primitives import MatrixGain
 
 from cpid_drake.files.errors import InputError
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 
-class PlantScratch(threading.local):
-    """A context of a plant that a system overwrites at every call; it holds no state.
-
-    Every thread has its own, so that one Diagram can run in many Contexts at a time.
-    """
-
-    def __init__(self, plant: MultibodyPlant) -> None:
-        self.context = plant.CreateDefaultContext()
-
-
 class SpacecraftSystem(LeafSystem):
-    """Base class of the systems that belong to a spacecraft: it has their `AddToBuilder`."""
+    """Base class of the systems that belong to a spacecraft: how they are connected."""
 
-    @classmethod
-    def AddToBuilder(cls, builder: DiagramBuilder, spacecraft: Spacecraft, **given: Any) -> Self:
-        """Add a system to a diagram and connect its ports.
+    def connected(self, builder: DiagramBuilder, **ports: InputPort | OutputPort | None) -> Self:
+        """Add this system to a diagram, connect its ports, and return it.
 
         Args:
             builder: the diagram's builder.
-            spacecraft: the first argument of the constructor.
-            **given: ports by the names in the class's documentation: an `OutputPort` for each
-                input, and an `InputPort` for an output that is to drive it. All others are options
-                of the constructor, by name.
+            **ports: by the names of this system's ports: an `OutputPort` for each input, and an
+                `InputPort` for an output that is to drive it; None for an output that drives none.
 
         Raises:
-            InputError: an option is unknown, an input gets no port, or a port has another size or
-                no counterpart; also the errors of the constructor.
+            InputError: an input gets no port, or a port has another size or no counterpart.
 
         """
-        ports = {n: p for n, p in given.items() if isinstance(p, (InputPort, OutputPort))}
-        options = {n: value for n, value in given.items() if n not in ports}
-        known = signature(cls).parameters
-        for unknown in (n for n in options if n not in known):
-            raise InputError(
-                f"{cls.__name__} has no option '{unknown}', and {unknown} is no port; options are "
-                f"{', '.join([*known][1:]) or 'none'}"
-            )
-        system = cls(spacecraft, **options)
-        name = system.get_name()
-        pairs = []
+        name, pairs = self.get_name(), []
         for own, port in ports.items():
+            if port is None:
+                continue
+            if not isinstance(port, (InputPort, OutputPort)):
+                raise InputError(f"{name}: '{own}' must be a port, not {type(port).__name__}")
             is_input = isinstance(port, OutputPort)
-            if not (system.HasInputPort(own) if is_input else system.HasOutputPort(own)):
+            if not (self.HasInputPort(own) if is_input else self.HasOutputPort(own)):
                 raise InputError(f"{name} has no {'input' if is_input else 'output'} '{own}'")
-            mine = system.GetInputPort(own) if is_input else system.GetOutputPort(own)
+            mine = self.GetInputPort(own) if is_input else self.GetOutputPort(own)
             if port.size() != mine.size():
                 raise InputError(
                     f"port '{port.get_name()}' has {port.size()} entries, but '{own}' of {name} "
                     f"has {mine.size()}: connect a port of the same spacecraft"
                 )
             pairs.append((port, mine) if is_input else (mine, port))
-        for index in range(system.num_input_ports()):
-            if (wanted := system.get_input_port(index).get_name()) not in ports:
+        for index in range(self.num_input_ports()):
+            if ports.get(wanted := self.get_input_port(index).get_name()) is None:
                 raise InputError(f"{name}: no output port is given for its input '{wanted}'")
-        builder.AddSystem(system)
+        builder.AddSystem(self)
         for output, into in pairs:
             builder.Connect(output, into)
-        return system
+        return self
+
+    def _declare_plant_context(self, plant: MultibodyPlant) -> Callable[[Context], Context]:
+        """Declare a context of a plant that each call may overwrite; return how to get it."""
+        entry = self.DeclareCacheEntry(
+            "plant_context",
+            ValueProducer(
+                allocate=lambda: AbstractValue.Make(plant.CreateDefaultContext()),
+                calc=ValueProducer.NoopCalc,
+            ),
+            {self.nothing_ticket()},
+        )
+        return entry.Eval
 
 
 def spacecraft_state(

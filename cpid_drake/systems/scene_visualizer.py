@@ -1,6 +1,7 @@
 """What is identified, and the momenta, in Meshcat, beside Drake's visualization of the bodies."""
 
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -9,14 +10,14 @@ from pydrake.geometry import Meshcat, MeshcatCone, Rgba, SceneGraph, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, SpatialInertia
-from pydrake.systems.framework import Context, DiagramBuilder, EventStatus
+from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, OutputPort
 from pydrake.visualization import ApplyVisualizationConfig, VisualizationConfig
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.momentum import MomentumSamples, target_momentum
 from cpid_drake.spacecraft.appearance import inertia_ellipsoid
 from cpid_drake.spacecraft.spacecraft import Spacecraft
-from cpid_drake.systems.ports import PlantScratch, SpacecraftSystem
+from cpid_drake.systems.ports import SpacecraftSystem
 from cpid_drake.systems.scene_page import LEGEND, estimate_lines, keep_scene
 
 FRAME_PERIOD = 1 / 16
@@ -65,9 +66,10 @@ class SceneVisualizer(SpacecraftSystem):
         super().__init__()
         self.set_name("scene_visualizer")
         self._spacecraft, self._meshcat, self._truth = spacecraft, meshcat, truth
-        plant, self._scratch = spacecraft.plant, PlantScratch(spacecraft.plant)
+        plant = spacecraft.plant
+        self._plant_context = self._declare_plant_context(plant)
         bodies = [plant.get_body(BodyIndex(k)).body_frame() for k in range(1, plant.num_bodies())]
-        frames, at_rest = [*bodies, spacecraft.capture_frame], self._scratch.context
+        frames, at_rest = [*bodies, spacecraft.capture_frame], plant.CreateDefaultContext()
         places = [frame.CalcPoseInWorld(at_rest).translation() for frame in frames]
         self._reach = float(np.linalg.norm(places, axis=1).max())
         self._names = ["C"]
@@ -101,6 +103,33 @@ class SceneVisualizer(SpacecraftSystem):
         self.DeclareVectorInputPort("checks_passed", 1)
         self.DeclarePeriodicPublishEvent(FRAME_PERIOD, 0.0, self._draw)
         self.DeclareForcedPublishEvent(self._draw)
+
+    @classmethod
+    def AddToBuilder(
+        cls,
+        builder: DiagramBuilder,
+        spacecraft: Spacecraft,
+        *,
+        state: OutputPort,
+        covariance: OutputPort,
+        spatial_inertia: OutputPort,
+        checks_passed: OutputPort,
+        meshcat: Meshcat,
+        truth: InertialParameters | None = None,
+    ) -> Self:
+        """Add a visualizer to a diagram and connect it; for the options see the class.
+
+        Raises:
+            InputError: a port has another size.
+
+        """
+        return cls(spacecraft, meshcat=meshcat, truth=truth).connected(
+            builder,
+            state=state,
+            covariance=covariance,
+            spatial_inertia=spatial_inertia,
+            checks_passed=checks_passed,
+        )
 
     def _add(self, name: str, shape: Sphere | MeshcatCone, color: str, alpha: float = 1.0) -> None:
         """Create an object of unit size in front of all others; drawing moves and scales it."""
@@ -139,7 +168,7 @@ class SceneVisualizer(SpacecraftSystem):
 
     def _draw(self, context: Context) -> EventStatus:
         self._show_numbers(context)
-        time, model = context.get_time(), self._scratch.context
+        time, model = context.get_time(), self._plant_context(context)
         state = self.GetInputPort("state").Eval(context)
         self._spacecraft.plant.SetPositionsAndVelocities(model, state)
         X_WC = self._spacecraft.capture_frame.CalcPoseInWorld(model)

@@ -1,11 +1,12 @@
 """Identification as a Drake system: from sensors, each at its own rate, by the online fit."""
 
 from dataclasses import dataclass, replace
+from typing import Self
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.systems.framework import Context, EventStatus, State
+from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, OutputPort, State
 
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
@@ -16,6 +17,7 @@ from cpid_drake.identification.arguments import PathLike, sensors_of
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import Identification
 from cpid_drake.live.stream import Stream, StreamState
+from cpid_drake.logs.log import THRUST
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.identifier import Identifier, is_number
@@ -139,6 +141,45 @@ class SensorIdentifier(Identifier):
         self.DeclareForcedUnrestrictedUpdateEvent(self._finish)
         self._answers = WeakKeyDictionary[OnlineState, Identification]()
         self._declare_outputs(self.xa_ticket())
+
+    @classmethod
+    def AddToBuilder(
+        cls,
+        builder: DiagramBuilder,
+        spacecraft: Spacecraft,
+        *,
+        suite: SensorSuite | PathLike,
+        momentum: TotalMomentum | str | None = None,
+        period: float | None = None,
+        prior: TargetPrior | PathLike | None = None,
+        known_bodies: BodyUncertainty | PathLike | None = None,
+        window: float = WINDOW,
+        **samples: OutputPort,
+    ) -> Self:
+        """Add an identifier to a diagram and connect its inputs; for the options see the class.
+
+        Args:
+            builder: the diagram's builder.
+            spacecraft, suite, momentum, period, prior, known_bodies, window: see the class.
+            **samples: the port of each sensor of the suite, by its name, as from
+                `SpacecraftSensors.sample_ports`, and `thrust` if there is a log of thrust.
+
+        Raises:
+            InputError: a sensor gets no port, or a port has no sensor or another size; also the
+                errors of the constructor.
+
+        """
+        identifier = cls(
+            spacecraft,
+            suite,
+            momentum=momentum,
+            period=period,
+            prior=prior,
+            reads_thrust=THRUST in samples,
+            known_bodies=known_bodies,
+            window=window,
+        )
+        return identifier.connected(builder, **samples)
 
     def online_state(self, context: Context) -> OnlineState:
         """Return the estimator's state in this system's context."""

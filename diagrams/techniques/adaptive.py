@@ -9,7 +9,7 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorC
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 
-from cpid_drake import InertialParameters, JointMotion, JointMotionSource, Spacecraft
+from cpid_drake import InertialParameters, JointMotion, JointTrajectory, Spacecraft
 from techniques.passivity_controller import PassivityController
 
 Array = NDArray[np.float64]
@@ -67,13 +67,11 @@ def simulate_adaptation(
     plant = builder.AddSystem(MultibodyPlant(time_step=0.0))
     spacecraft.add_to(plant, target)
     state = plant.get_state_output_port()
-    controller = PassivityController.AddToBuilder(
+    controller = PassivityController(spacecraft, is_composite=is_composite).connected(
         builder,
-        spacecraft,
         state=state,
-        desired_motion=builder.AddSystem(JointMotionSource(motion)).get_output_port(),
+        desired_motion=builder.AddSystem(JointTrajectory(motion).source()).get_output_port(),
         generalized_force=plant.get_applied_generalized_force_input_port(),
-        is_composite=is_composite,
     )
     logs = [
         LogVectorOutput(port, builder, publish_period=0.1)

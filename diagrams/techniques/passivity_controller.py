@@ -54,7 +54,7 @@ class PassivityController(SpacecraftSystem):
         - parameters
 
     - `state`: x = [q; v] of the plant.
-    - `desired_motion` (3 J): q_d, q̇_d, q̈_d of the J joints, see `JointMotionSource`.
+    - `desired_motion` (3 J): q_d, q̇_d, q̈_d of the J joints, see `JointTrajectory`.
     - `generalized_force`: for the plant's applied-generalized-force port; zero on the base.
     - `parameters` (10): the estimate; see `parameterizations.PARAMETER_NAMES`.
 

@@ -10,7 +10,7 @@ from sensing_cases import MOMENTUM, Sines, small_craft, true_psi, true_telemetry
 from cpid_drake import (
     HalfCosine,
     JointController,
-    JointMotionSource,
+    JointTrajectory,
     TotalMomentum,
     identify,
 )
@@ -34,7 +34,7 @@ def drake(servicer, skewed_target, motion):
     """Return ten seconds of a tumbling capture in Drake: the plant, the states, the telemetry."""
     builder = DiagramBuilder()
     plant = builder.AddSystem(servicer.make_simulation_plant(skewed_target))
-    source = builder.AddSystem(JointMotionSource(motion))
+    source = builder.AddSystem(JointTrajectory(motion).source())
     JointController.AddToBuilder(
         builder,
         servicer,

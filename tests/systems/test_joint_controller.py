@@ -13,7 +13,7 @@ from cpid_drake import (
     HalfCosine,
     InputError,
     JointController,
-    JointMotionSource,
+    JointTrajectory,
     Spline,
     identify,
     load_scenario,
@@ -45,10 +45,10 @@ def joint_errors(simulation, telemetry):
     return telemetry.q - desired[:, 0], telemetry.qdot - desired[:, 1]
 
 
-def test_drakes_source_of_trajectories_has_the_same_layout():
+def test_drakes_trajectories_have_the_same_layout():
     """Positions, rates, accelerations: either drives a `JointController`."""
     motion = Spline(np.array([[0.0, 1.0]] * 3 + [[0.4, -0.2]] * 3 + [[0.7, 0.3]] * 3), 4.0)
-    ours = JointMotionSource(motion)
+    ours = JointTrajectory(motion).source()
     times = np.linspace(0.0, 4.0, 200)
     cubic = PiecewisePolynomial.CubicWithContinuousSecondDerivatives(
         times, motion.evaluate(times)[:, 0].T
@@ -63,21 +63,17 @@ def test_drakes_source_of_trajectories_has_the_same_layout():
     assert np.abs(values[0]).min() > 0.01
 
 
-def test_another_motion_starts_at_the_contexts_time():
-    """The motion belongs to the Context: a clone keeps the first one."""
-    first, second = HalfCosine([0.0], [1.0], 4.0), HalfCosine([1.0], [-2.0], 3.0)
-    source = JointMotionSource(first)
-    context, port = source.CreateDefaultContext(), source.GetOutputPort("desired_motion")
-    context.SetTime(5.0)
-    np.testing.assert_array_equal(port.Eval(context), [1.0, 0.0, 0.0])
-    clone = context.Clone()
-    with pytest.raises(InputError, match="the motion has 2 joints; that of this source has 1"):
-        source.set_motion(context, HalfCosine([0.0, 1.0], [1.0, 0.0], 3.0))
-    source.set_motion(context, second)
-    np.testing.assert_array_equal(port.Eval(context), second.evaluate(0.0).ravel())
-    for each, motion, start in ((context, second, 5.0), (clone, first, 0.0)):
-        each.SetTime(6.5)
-        np.testing.assert_array_equal(port.Eval(each), motion.evaluate(6.5 - start).ravel())
+def test_a_trajectory_starts_when_it_is_told_and_rests_before_and_after():
+    motion = HalfCosine([0.0], [1.0], 4.0)
+    source = JointTrajectory(motion, start=5.0).source()
+    context = source.CreateDefaultContext()
+    for time in (0.0, 5.0, 6.3, 9.0, 20.0):
+        context.SetTime(time)
+        expected = motion.evaluate(time - 5.0).ravel()
+        np.testing.assert_array_equal(source.get_output_port().Eval(context), expected)
+    source.UpdateTrajectory(JointTrajectory(HalfCosine([1.0], [-2.0], 3.0), start=20.0))
+    context.SetTime(21.5)
+    np.testing.assert_allclose(source.get_output_port().Eval(context)[0], -0.5, atol=1e-12)
 
 
 def test_the_arms_follow_exactly_or_by_feedback(run):
@@ -127,7 +123,7 @@ def wired(servicer, target, joints=12):
     builder = DiagramBuilder()
     plant = builder.AddSystem(servicer.make_simulation_plant(target))
     motion = HalfCosine(np.zeros(joints), np.full(joints, 0.1), 10.0)
-    source = builder.AddSystem(JointMotionSource(motion))
+    source = builder.AddSystem(JointTrajectory(motion).source())
     JointController.AddToBuilder(
         builder,
         servicer,
