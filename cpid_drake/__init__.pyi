@@ -10,7 +10,7 @@ from .identification.identify import identify
 from .identification.identify_files import identify_files
 from .identification.parameter import ParameterEstimate
 from .identification.prior import TargetPrior
-from .identification.request import Request, SpacecraftReference
+from .identification.request import Request
 from .identification.result import Identification
 from .identification.result_files import read_result, write_result
 from .identification.validation import validate
@@ -25,8 +25,10 @@ from .sensors.suite import SensorSuite
 from .simulation.files import load_scenario
 from .simulation.schema import Scenario
 from .simulation.simulation import Simulation, make_simulation
+from .simulation.spacecraft_file import SpacecraftFile, load_spacecraft
 from .simulation.spacecraft_sensors import SpacecraftSensors
 from .spacecraft.export import export_target
+from .spacecraft.reference import SpacecraftReference
 from .spacecraft.spacecraft import Spacecraft
 from .systems.identifier import MomentumIdentifier
 from .systems.joint_controller import JointController
@@ -60,6 +62,7 @@ __all__ = [
     "SensorSuite",
     "Simulation",
     "Spacecraft",
+    "SpacecraftFile",
     "SpacecraftReference",
     "SpacecraftSensors",
     "Spline",
@@ -74,6 +77,7 @@ __all__ = [
     "keep_scene",
     "load_scenario",
     "load_sensors",
+    "load_spacecraft",
     "make_simulation",
     "models_directory",
     "read_log",

@@ -32,7 +32,8 @@ from cpid_drake.simulation.files import (
     suite_from_folder,
 )
 from cpid_drake.simulation.joint_motions import MOTION_TAGS
-from cpid_drake.simulation.schema import Name, Scenario, Vector
+from cpid_drake.simulation.schema import Scenario, Vector
+from cpid_drake.spacecraft.reference import Name
 
 VERSION = 1
 """Version of the files of a campaign's folder; another one is refused."""

@@ -8,7 +8,6 @@ from cpid_drake.files.errors import InputError
 from cpid_drake.files.overwriting import check_outputs
 from cpid_drake.identification.result_files import read_result
 from cpid_drake.spacecraft.export import export_target, free_name
-from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 
 def export(
@@ -46,7 +45,7 @@ def export(
         source = found.spacecraft
         if source is None:
             raise InputError(f"{result}: the result does not name its spacecraft")
-        spacecraft = Spacecraft(**vars(source))
+        spacecraft = source.make()
     check_outputs([("--out", out)], [result, *found.files()], force=force)
     chosen, log = free_name(name, spacecraft), log_console()
     written = export_target(

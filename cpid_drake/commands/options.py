@@ -14,12 +14,12 @@ from typing import Annotated, Any, Literal
 from rich.console import Console
 
 import cpid_drake as cpid
-from cpid_drake.commands.spacecraft_file import EXPLICIT, SpacecraftFile, load_spacecraft_file
 from cpid_drake.files.drafts import refuse_unfinished
 from cpid_drake.files.errors import InputError
 from cpid_drake.files.resources import find_scenario, package_folders, resolve_model
 from cpid_drake.identification.arguments import EXACT
 from cpid_drake.identification.request import log_names
+from cpid_drake.simulation.spacecraft_file import EXPLICIT, SpacecraftFile, load_spacecraft
 
 NOT_ALL_KNOWN = 3
 """Exit code if the data do not determine all that can act on the motion."""
@@ -105,7 +105,7 @@ class SpacecraftOptions:
         given: dict[str, Any] = {key: value for key, value in single.items() if value}
         packages = _pairs("--package", self.package, "NAME=FOLDER")
         if self.scenario is not None:
-            found = load_spacecraft_file(self.scenario)
+            found = load_spacecraft(self.scenario)
             found = replace(found, **given, packages={**found.packages, **packages})
         elif len(given) == len(single):
             found = SpacecraftFile(**given, packages=packages)
@@ -124,7 +124,7 @@ class SpacecraftOptions:
             InputError: for the same reasons as `known` and `Spacecraft`.
 
         """
-        return cpid.Spacecraft(**vars(self.known().reference()))
+        return self.known().make()
 
     def files(self) -> list[str | Path]:
         """Return the files that the options name."""

@@ -21,7 +21,6 @@ from cpid_drake.identification.result import History, Identification
 from cpid_drake.logs.conversion import LogFile
 from cpid_drake.logs.files import inspect_log, refuse_problems
 from cpid_drake.logs.log import Log
-from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 PARTS = 12
 """From so many parts of a log estimates over time are identified."""
@@ -124,7 +123,7 @@ def opened_inputs(request: Request, progress: Callable[[str], object]) -> Known:
     """
     craft = request.spacecraft
     progress("reading the model")
-    spacecraft = Spacecraft(**vars(craft))
+    spacecraft = craft.make()
     momentum, sensors = momentum_of(request.momentum), sensors_of(request.sensors)
     bodies = bodies_of(request.known_bodies)
     prior = None

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from cpid_drake.files.errors import InputError
 from cpid_drake.files.resources import package_folders, resolve_model
+from cpid_drake.spacecraft.reference import SpacecraftReference
 
 _OPTIONS = {
     "model": "spacecraft",
@@ -23,24 +24,6 @@ def log_names(paths: Sequence[str]) -> list[str]:
     """Return the names of logs in results: of their files, or their paths if names are equal."""
     short = [Path(path).name for path in paths]
     return short if len(set(short)) == len(short) else list(paths)
-
-
-@dataclass(frozen=True)
-class SpacecraftReference:
-    """The spacecraft of a result.
-
-    Attributes:
-        model: an absolute path or a `package://NAME/...` URI.
-        base: name of its base body.
-        capture_frame: name of the frame C that holds the target.
-        packages: folders, by name, of packages that the model's URIs refer to.
-
-    """
-
-    model: str
-    base: str
-    capture_frame: str
-    packages: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -25,9 +25,10 @@ from cpid_drake.identification.checks import CONVERGENCE, NEAREST, Check
 from cpid_drake.identification.description import describe, gap, html, summary
 from cpid_drake.identification.effects import EffectEstimate
 from cpid_drake.identification.parameter import ParameterEstimate
-from cpid_drake.identification.request import Source, SpacecraftReference
+from cpid_drake.identification.request import Source
 from cpid_drake.logs.log import Samples
 from cpid_drake.sensors.suite import SensorSuite
+from cpid_drake.spacecraft.reference import SpacecraftReference
 
 if TYPE_CHECKING:  # Drake and Matplotlib take half a second to import
     from matplotlib.figure import Figure

@@ -87,7 +87,7 @@ class MotionSetting:
     def of(cls, scenario: Scenario, spacecraft: Spacecraft, suite: SensorSuite) -> "MotionSetting":
         """Return the setting of a scenario with these sensors."""
         momentum = np.asarray(scenario.simulation.momentum_W, dtype=float)
-        unknown = bool(momentum.any() or scenario.identification.unknown_momentum)
+        unknown = bool(momentum.any() or scenario.identification.momentum == "unknown")
         return cls(spacecraft, suite, momentum, unknown, scenario.body_uncertainty())
 
     def momentum(self, target: InertialParameters, q: NDArray[np.float64]) -> TotalMomentum:

@@ -11,7 +11,7 @@ from functools import lru_cache
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from annotated_types import Ge, Gt, Interval, Le, MinLen
+from annotated_types import Ge, Gt, Interval, Le
 from numpy.typing import NDArray
 from pydantic import PlainValidator
 from pydrake.common.yaml import yaml_load_typed
@@ -35,6 +35,7 @@ from cpid_drake.simulation.joint_motions import (
     MotionSchema,
 )
 from cpid_drake.simulation.sprung_mass import SprungMass
+from cpid_drake.spacecraft.reference import SpacecraftReference
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 ONLINE_ESTIMATORS = ("least_squares", "recursive_fit")
@@ -47,7 +48,6 @@ MOST_STEPS = 1_000_000
 """Largest number of logged samples, of identified samples and of longest steps of a simulation;
 more would fill the memory."""
 
-Name = Annotated[str, MinLen(1)]
 Positive = Annotated[float, Gt(0)]
 NotNegative = Annotated[float, Ge(0)]
 Vector = Annotated[NDArray[np.float64], Numbers(3)]
@@ -56,27 +56,20 @@ Gain = Annotated[float, Interval(gt=0, le=1e4)]  # [rad/s]; stiffer ones are too
 
 
 @dataclass
-class SpacecraftConfig:
-    """The known spacecraft: model file, base body and capture frame.
+class SpacecraftConfig(SpacecraftReference):
+    """The known spacecraft; files are package:// URIs or paths relative to the scenario's folder.
 
-    Files are package:// URIs or paths relative to the scenario's folder; `packages` gives the
-    folders of further packages by name. `configuration` is the default position of joints that the
+    `configuration` is the default position of joints that the
     motion does not name [rad or m by joint name]; other joints are at zero. With `on_table` the
     spacecraft floats on a table, whose normal is the z axis of W and of the base.
     """
 
-    model: Name
-    base: Name
-    capture_frame: Name
-    packages: dict[str, str] = field(default_factory=dict)
     configuration: dict[str, float] = field(default_factory=dict)
     on_table: bool = False
 
     def make(self) -> Spacecraft:
         """Return the known spacecraft; raises as `Spacecraft`."""
-        spacecraft = Spacecraft(
-            self.model, base=self.base, capture_frame=self.capture_frame, packages=self.packages
-        )
+        spacecraft = super().make()
         return spacecraft.on_table() if self.on_table else spacecraft
 
 
@@ -202,7 +195,7 @@ class IdentificationConfig:
 
     estimator: str | None = None
     rows: str | None = None
-    unknown_momentum: bool = False
+    momentum: Literal["zero", "unknown"] = "zero"
     period: Positive = 1.0
     offset: NotNegative = 1.0
     prior: PriorConfig | None = None

@@ -306,7 +306,7 @@ def _add_identifier(
     thrust: dict[str, OutputPort],
 ) -> Identifier:
     config = scenario.identification
-    momentum = TotalMomentum(is_unknown=config.unknown_momentum)
+    momentum = TotalMomentum.named(config.momentum)
     estimator = scenario.online_estimator
     if sensors is None or estimator == "least_squares":
         return MomentumIdentifier.AddToBuilder(

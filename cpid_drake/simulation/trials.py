@@ -88,7 +88,7 @@ def make_case(
     """Return the case of a scenario with these sensors."""
     momentum = np.asarray(scenario.simulation.momentum_W, dtype=float)
     motion = scenario.make_joint_motion(spacecraft)
-    unknown = bool(momentum.any() or scenario.identification.unknown_momentum)
+    unknown = bool(momentum.any() or scenario.identification.momentum == "unknown")
     return Case(
         truth=truth,
         motion=motion,

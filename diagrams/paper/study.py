@@ -130,7 +130,7 @@ def run_paper_study(
     spacecraft, truth = simulation.spacecraft, simulation.truth
     context, samples = simulation.run_sampled(sampling_times(scenario))
     telemetry = simulation.motion(context)
-    momentum = TotalMomentum(is_unknown=scenario.identification.unknown_momentum)
+    momentum = TotalMomentum.named(scenario.identification.momentum)
 
     def identified(data: Motion) -> Identification:
         return identify(spacecraft, data, rows=scenario.online_rows, momentum=momentum)

@@ -7,9 +7,10 @@ import pytest
 
 from cpid_drake.files.resources import models_directory
 from cpid_drake.identification.identify_files import identify_files
-from cpid_drake.identification.request import Request, SpacecraftReference
+from cpid_drake.identification.request import Request
 from cpid_drake.report.findings import findings_of
 from cpid_drake.report.pages.identification import identification_report
+from cpid_drake.spacecraft.reference import SpacecraftReference
 
 pytestmark = pytest.mark.slow
 

@@ -7,9 +7,10 @@ import pytest
 
 from cpid_drake import InertialParameters, Spacecraft
 from cpid_drake.files.resources import models_directory
-from cpid_drake.identification.request import Request, Source, SpacecraftReference
+from cpid_drake.identification.request import Request, Source
 from cpid_drake.identification.result import Identification
 from cpid_drake.identification.result_files import write_result
+from cpid_drake.spacecraft.reference import SpacecraftReference
 
 MODEL = models_directory() / "dual_arm_servicer" / "dual_arm_servicer.urdf"
 ESTIMATE = np.array([60.001, 0.5, -0.12, 0.08, 8.0, 11.0, 6.0, -0.7, 0.4, 0.9])

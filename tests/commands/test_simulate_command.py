@@ -99,7 +99,7 @@ def test_a_run_with_a_log_that_was_cut_off_is_refused(sensed, tmp_path, name):
 @pytest.mark.slow
 def test_the_printed_command_identifies_from_the_run(short, cpid):
     """Also with spaces in the path, and with everything that the scenario says of the momentum."""
-    scenario = short("printed.yaml", ("unknown_momentum: false", "unknown_momentum: true"))
+    scenario = short("printed.yaml", ("momentum: zero", "momentum: unknown"))
     code, stdout, _ = cpid("simulate", scenario, "--out", "a run")
     assert code == 0
     words = shlex.split(stdout)

@@ -12,9 +12,10 @@ from cpid_drake import InputError
 from cpid_drake.identification.budget import BudgetRow
 from cpid_drake.identification.checks import Check
 from cpid_drake.identification.effects import EffectEstimate
-from cpid_drake.identification.request import Request, Source, SpacecraftReference
+from cpid_drake.identification.request import Request, Source
 from cpid_drake.identification.result import FORMAT, Combinations, Identification
 from cpid_drake.identification.result_files import read_result, write_result
+from cpid_drake.spacecraft.reference import SpacecraftReference
 
 
 @pytest.fixture

@@ -321,7 +321,7 @@ def monte_carlo(what: str, name: str, folder: Path, sensors: str | SensorSuite =
     suite = suite_of(sensors) if isinstance(sensors, str) else sensors
     scenario = load_scenario(shipped_scenario(name))
     world, trials = change(World(scenario)), []
-    if scenario.identification.unknown_momentum:
+    if scenario.identification.momentum == "unknown":
         options["momentum"] = TotalMomentum.unknown()
     if uncertain:
         options["known_bodies"] = scenario.known_bodies

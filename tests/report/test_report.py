@@ -10,11 +10,12 @@ import pytest
 from cpid_drake import write_log
 from cpid_drake.files.pictures import Picture
 from cpid_drake.identification.identify_files import converge, identify_files
-from cpid_drake.identification.request import Request, SpacecraftReference
+from cpid_drake.identification.request import Request
 from cpid_drake.identification.result_files import result_text, write_result
 from cpid_drake.report.findings import findings_of, findings_of_file
 from cpid_drake.report.pages import identification
 from cpid_drake.report.pages.identification import identification_report
+from cpid_drake.spacecraft.reference import SpacecraftReference
 
 SERVICER = SpacecraftReference(
     "package://cpid_drake_models/dual_arm_servicer/dual_arm_servicer.urdf", "bus", "capture_point"

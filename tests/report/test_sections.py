@@ -11,7 +11,7 @@ from cpid_drake import InertialParameters
 from cpid_drake.dynamics.parameterizations import STANDARD
 from cpid_drake.estimation.gaussian import Gaussian, LeastSquaresSolution
 from cpid_drake.identification.checks import Check
-from cpid_drake.identification.request import Request, Source, SpacecraftReference
+from cpid_drake.identification.request import Request, Source
 from cpid_drake.identification.result import Identification
 from cpid_drake.identification.result_files import write_result
 from cpid_drake.planning.prediction import Prediction
@@ -22,6 +22,7 @@ from cpid_drake.report.plan import motion_table
 from cpid_drake.report.sections.data import checks_section
 from cpid_drake.report.sections.estimate import logs_section, result_section
 from cpid_drake.sensors.presets import load_sensors
+from cpid_drake.spacecraft.reference import SpacecraftReference
 
 TARGET = InertialParameters(10.0, [0.1, -0.2, 0.3], np.diag([2.0, 3.0, 4.0]))
 SIGMA = np.array([0.4, *3 * [0.01], *3 * [0.05], *3 * [0.02]])

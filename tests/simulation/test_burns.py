@@ -32,7 +32,7 @@ def with_burn(duration=3.0):
     suite = load_sensors("testbed")
     suite.disturbances = Disturbances(thrust_scale=SCALE)
     scenario.sensors.suite, scenario.sensors.explicit = "", suite
-    scenario.identification.unknown_momentum = True
+    scenario.identification.momentum = "unknown"
     return scenario
 
 

@@ -1,40 +1,38 @@
-"""What a file for --scenario says about a spacecraft."""
+"""What a file says about a spacecraft: its own, or a scenario."""
 
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-import cpid_drake as cpid
-from cpid_drake import simulation
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.files.checked_yaml import from_tree, parse_yaml
 from cpid_drake.files.resources import find_scenario, resolve_model
+from cpid_drake.simulation.files import load_scenario
+from cpid_drake.simulation.joint_motions import MOTION_TAGS
+from cpid_drake.spacecraft.reference import SpacecraftReference
 
 EXPLICIT = "sensors.explicit"
 """The sensors of a scenario that lists them itself: no file that a request could name."""
 
 
 @dataclass
-class SpacecraftFile:
-    """The keys of a YAML file for --scenario that is no scenario: what is known of a spacecraft.
+class SpacecraftFile(SpacecraftReference):
+    """The keys of a spacecraft's own file; paths in it are relative to its folder.
 
-    Paths in such a file are relative to its folder.
+    Attributes:
+        sensors: name of a preset or a YAML file; None if they are unknown.
+        momentum: the total momentum; None to test whether it is zero.
+        planar: whether a table carries the spacecraft; None to recognize it from the log.
+        known_bodies: uncertainty of the spacecraft's bodies, geometry and grasp.
+
     """
 
-    model: str
-    base: str
-    capture_frame: str
-    packages: dict[str, str] = field(default_factory=dict)
     sensors: str | None = None
     momentum: Literal["zero", "unknown"] | None = None
     planar: bool | None = None
     known_bodies: BodyUncertainty = field(default_factory=BodyUncertainty)
 
-    def reference(self) -> "cpid.SpacecraftReference":
-        """Return the spacecraft as a request names it."""
-        return cpid.SpacecraftReference(self.model, self.base, self.capture_frame, self.packages)
 
-
-def load_spacecraft_file(name: str) -> SpacecraftFile:
+def load_spacecraft(name: str) -> SpacecraftFile:
     """Return what a scenario, or a spacecraft's own file, says about the spacecraft.
 
     The target and the motion of a scenario are not used.
@@ -45,7 +43,7 @@ def load_spacecraft_file(name: str) -> SpacecraftFile:
     """
     place = find_scenario(name)
     file = resolve_model(place)
-    tree = parse_yaml(file.read_bytes(), name, simulation.MOTION_TAGS)
+    tree = parse_yaml(file.read_bytes(), name, MOTION_TAGS)
     if not (isinstance(tree, dict) and "spacecraft" in tree):
         found = from_tree(SpacecraftFile, tree, name, "the file of a spacecraft")
         folder = file.parent
@@ -56,7 +54,7 @@ def load_spacecraft_file(name: str) -> SpacecraftFile:
             packages={key: str(folder / each) for key, each in found.packages.items()},
             sensors=str(folder / found.sensors) if local and found.sensors else found.sensors,
         )
-    scenario = cpid.load_scenario(place)
+    scenario = load_scenario(place)
     craft = scenario.spacecraft
     return SpacecraftFile(
         craft.model,
@@ -64,7 +62,7 @@ def load_spacecraft_file(name: str) -> SpacecraftFile:
         craft.capture_frame,
         craft.packages,
         sensors=EXPLICIT if scenario.sensors.explicit else scenario.sensors.suite or None,
-        momentum="unknown" if scenario.identification.unknown_momentum else "zero",
+        momentum=scenario.identification.momentum,
         planar=True if craft.on_table else None,
         known_bodies=scenario.known_bodies,
     )

@@ -1,0 +1,47 @@
+"""How files, results and requests name a spacecraft."""
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Annotated
+
+from annotated_types import MinLen
+
+if TYPE_CHECKING:
+    from cpid_drake.spacecraft.spacecraft import Spacecraft
+
+Name = Annotated[str, MinLen(1)]
+
+
+@dataclass
+class SpacecraftReference:
+    """A spacecraft by its model file.
+
+    Attributes:
+        model: a path or a `package://NAME/...` URI.
+        base: name of its base body.
+        capture_frame: name of the frame C that holds the target.
+        packages: folders, by name, of packages that the model's URIs refer to.
+
+    """
+
+    model: Name
+    base: Name
+    capture_frame: Name
+    packages: dict[str, str] = field(default_factory=dict)
+
+    def make(self) -> "Spacecraft":
+        """Return the spacecraft.
+
+        Raises:
+            InputError: for the same reasons as `Spacecraft`.
+
+        """
+        # Results name a spacecraft, and are read without Drake.
+        from cpid_drake.spacecraft.spacecraft import Spacecraft
+
+        return Spacecraft(
+            self.model, base=self.base, capture_frame=self.capture_frame, packages=self.packages
+        )
+
+    def reference(self) -> "SpacecraftReference":
+        """Return these four entries alone, without those of a derived class."""
+        return SpacecraftReference(self.model, self.base, self.capture_frame, self.packages)
