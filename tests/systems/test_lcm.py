@@ -46,7 +46,8 @@ def test_states_from_messages_are_rows_and_the_estimate_is_a_message(
     truth = skewed_target.to_vector()
     np.testing.assert_allclose(found.parameters, truth, rtol=0, atol=1e-6 * truth[0])
     lcm.HandleSubscriptions(0)
-    assert received["PARAMETERS"].message.value == found.parameters.tolist()
+    sent = received["PARAMETERS"].message.value
+    np.testing.assert_allclose(sent, found.parameters, rtol=0, atol=1e-6 * truth[0])
     assert received["PARAMETERS"].message.utime == pytest.approx(
         1e6 * simulator.get_context().get_time(), abs=6e5
     )
