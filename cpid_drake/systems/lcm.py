@@ -32,7 +32,7 @@ def add_lcm(
     published as CPID_PARAMETERS and so on; their times are those of the Context.
 
     A subscriber holds the latest message of its channel. So run the simulator in real time
-    (`Simulator.set_target_realtime_rate`), and give a `SensorIdentifier` a period that is several times
+    (`Simulator.set_target_realtime_rate`), and give a `SensorIdentifier` a period several times
     shorter than that of its fastest sensor: a message that comes twice in a period is lost.
 
     Args:
