@@ -26,6 +26,9 @@ from cpid_drake.systems.scene_visualizer import FRAME_PERIOD
 REFRESH = 0.25
 """Time between two updates of the table [s]."""
 
+PAGE = " (legend and numbers are in Open Controls)"
+"""Remark beside the address of the page: Meshcat begins with its controls closed."""
+
 
 @dataclass
 class _Shown:
@@ -107,7 +110,7 @@ def replay(
     stream = [each for each in samples.messages() if each[0] in used]
     first, last, latest = stream[0][1], stream[-1][1], LatestState(craft)
     has_rates = all(len(samples[name]) for name in ("gyro", "velocity", "joint_rates"))
-    scene = Scene(craft, options.open_meshcat(), has_rates=has_rates) if show else None
+    scene = Scene(craft, options.open_meshcat(PAGE), has_rates=has_rates) if show else None
     begin, shown, drawn = time.monotonic(), -np.inf, -np.inf
     found = identifier.estimate()
     with Live(console=options.log_console(quiet), refresh_per_second=8) as screen:
