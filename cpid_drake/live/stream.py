@@ -56,6 +56,8 @@ class StreamState:
         waiting: samples that are not screened yet.
         rejected: number of unusable samples, by sensor.
         screening: what screening remembers.
+        zero: stamp of the first sample [s]; all times in the queue, the fit and the screening are
+            counted from it, because stamps since 1970 would lose digits. NaN before it.
 
     """
 
@@ -64,6 +66,7 @@ class StreamState:
     waiting: tuple[Sample, ...] = ()
     rejected: Mapping[str, int] = field(default_factory=dict)
     screening: Log | None = None
+    zero: float = np.nan
 
     def __deepcopy__(self, memo: dict) -> "StreamState":
         """Return the value itself, which never changes."""
@@ -138,9 +141,12 @@ class Stream:
             is_end: whether no more samples come, so that nothing waits for them.
 
         """
-        newest = max((sample[0] for _, sample in state.waiting), default=-np.inf)
+        stamps = [sample[0] for _, sample in state.waiting]
+        zero = float(min(stamps, default=np.nan)) if np.isnan(state.zero) else state.zero
+        newest = max(stamps, default=-np.inf)
         until = newest if is_end or self._in_order else newest - self._lateness
-        given, waiting = self._log_of(state.waiting, until)
+        given, waiting = self._log_of(state.waiting, until, zero)
+        until -= zero
         screened = screen(given, self._suite, state.screening)
         timely, queue, online = screened.log, state.queue, state.online
         if not np.isnan(queue.edge):
@@ -152,7 +158,7 @@ class Stream:
         for block in blocks:
             online = step(self._model, online, block)
         rejected = Counter(state.rejected) + Counter(screened.rejected) + Counter(late)
-        return StreamState(queue, online, waiting, rejected, screened.memory)
+        return StreamState(queue, online, waiting, rejected, screened.memory, zero)
 
     def finished(self, state: StreamState) -> StreamState:
         """Return the state after all samples, those of the incomplete block included."""
@@ -174,20 +180,27 @@ class Stream:
         if self._in_order and state.screening:  # as far as all have arrived
             missing = queue.next_edge - self._complete_until(state.screening)
             return newest + (queue.length if np.isnan(missing) else max(missing, 0.0))
-        edge = newest + queue.length if np.isnan(queue.edge) else queue.next_edge
+        edge = newest + queue.length
+        if not np.isnan(queue.edge):
+            edge = state.zero + queue.next_edge
         return max(edge + self._lateness, newest + _RETRY * queue.length)
 
     def identification(self, state: StreamState) -> Identification:
         """Return what the fit of a state knows; see `counted`."""
         found = identification_of_state(self._model, state.online, self._momentum)
+        if found.momentum_changes:
+            changes = tuple(state.zero + time for time in found.momentum_changes)
+            found = replace(found, momentum_changes=changes)
         return with_nearest_body(found, self._model.tree)
 
     def counted(self, found: Identification, state: StreamState) -> Identification:
         """Return an identification with the samples that were rejected before the fit."""
         return replace(found, rejected=dict(Counter(state.rejected) + Counter(found.rejected)))
 
-    def _log_of(self, samples: Iterable[Sample], until: float) -> tuple[Log, tuple[Sample, ...]]:
-        """Return the samples up to a time, in the order of their stamps, and all others."""
+    def _log_of(
+        self, samples: Iterable[Sample], until: float, zero: float
+    ) -> tuple[Log, tuple[Sample, ...]]:
+        """Return the samples up to a stamp in order, with times from `zero` on, and all others."""
         rows, later = defaultdict(list), list[Sample]()
         for name, sample in samples:
             if self._in_order or sample[0] <= until:
@@ -197,7 +210,7 @@ class Stream:
         arrays = {name: np.array(each) for name, each in rows.items()}
         if not self._in_order:
             arrays = {n: each[np.argsort(each[:, 0], kind="stable")] for n, each in arrays.items()}
-        parts = {name: Samples(each[:, 0], each[:, 1:]) for name, each in arrays.items()}
+        parts = {name: Samples(each[:, 0] - zero, each[:, 1:]) for name, each in arrays.items()}
         return Log(self._joint_names, parts), tuple(later)
 
     def _complete_until(self, recent: Log) -> float:

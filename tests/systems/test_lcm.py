@@ -130,11 +130,12 @@ def test_a_message_of_another_size_is_refused(servicer):
 def test_the_outputs_of_an_identifier_in_a_diagram_are_sent(servicer):
     """Its state comes from the diagram."""
     bus, builder = DrakeLcm("memq://"), DiagramBuilder()
-    state = builder.AddSystem(ConstantVectorSource(servicer.plant.GetPositionsAndVelocities(
-        servicer.plant.CreateDefaultContext())))
-    identifier = MomentumIdentifier.AddToBuilder(
-        builder, servicer, state=state.get_output_port()
+    state = builder.AddSystem(
+        ConstantVectorSource(
+            servicer.plant.GetPositionsAndVelocities(servicer.plant.CreateDefaultContext())
+        )
     )
+    identifier = MomentumIdentifier.AddToBuilder(builder, servicer, state=state.get_output_port())
     add_lcm(builder, identifier, lcm=bus)
     seen = []
     bus.Subscribe("CPID_diagnostics", lambda data: seen.append(lcmt_scope.decode(data).value))
