@@ -89,6 +89,8 @@ class Stream:
         in_order: whether the samples of each sensor arrive in the order of their stamps.
 
     Attributes:
+        suite: the sensors.
+        joint_names: the joints, in the order of joint sensors' values.
         widths: number of entries of a sample's value, by sensor.
 
     Raises:
@@ -120,7 +122,7 @@ class Stream:
                 raise InputError(f"{name} must be positive, not {value}")
         model = Model.of(spacecraft.tree, suite, known_bodies, has_thrust=reads_thrust)
         self._model = replace(model, rows=() if prior is None else (prior.of_psi(model),))
-        self._suite, self._joint_names = suite, spacecraft.joint_names
+        self.suite, self.joint_names = suite, spacecraft.joint_names
         self._momentum = momentum or TotalMomentum.zero()
         self._window, self._lateness, self._in_order = window, lateness, in_order
         joints = len(spacecraft.joint_names)
@@ -131,7 +133,7 @@ class Stream:
     def start(self) -> StreamState:
         """Return the state before the first sample."""
         question = question_of(self._model, self._momentum)
-        return StreamState(BlockQueue.of(self._suite), OnlineState(self._window, question))
+        return StreamState(BlockQueue.of(self.suite), OnlineState(self._window, question))
 
     def processed(self, state: StreamState, *, is_end: bool = False) -> StreamState:
         """Return the state after all blocks that are complete.
@@ -147,7 +149,7 @@ class Stream:
         until = newest if is_end or self._in_order else newest - self._lateness
         given, waiting = self._log_of(state.waiting, until, zero)
         until -= zero
-        screened = screen(given, self._suite, state.screening)
+        screened = screen(given, self.suite, state.screening)
         timely, queue, online = screened.log, state.queue, state.online
         if not np.isnan(queue.edge):
             timely = after(timely, queue.edge, np.inf)
@@ -185,9 +187,10 @@ class Stream:
             edge = state.zero + queue.next_edge
         return max(edge + self._lateness, newest + _RETRY * queue.length)
 
-    def identification(self, state: StreamState) -> Identification:
-        """Return what the fit of a state knows; see `counted`."""
-        found = identification_of_state(self._model, state.online, self._momentum)
+    def identification(self, state: StreamState, *, has_budget: bool = False) -> Identification:
+        """Return what the fit of a state knows, with its error budget if wanted; see `counted`."""
+        joints = self.joint_names if has_budget else None
+        found = identification_of_state(self._model, state.online, self._momentum, joints)
         if found.momentum_changes:
             changes = tuple(state.zero + time for time in found.momentum_changes)
             found = replace(found, momentum_changes=changes)
@@ -211,10 +214,10 @@ class Stream:
         if not self._in_order:
             arrays = {n: each[np.argsort(each[:, 0], kind="stable")] for n, each in arrays.items()}
         parts = {name: Samples(each[:, 0] - zero, each[:, 1:]) for name, each in arrays.items()}
-        return Log(self._joint_names, parts), tuple(later)
+        return Log(self.joint_names, parts), tuple(later)
 
     def _complete_until(self, recent: Log) -> float:
         """Return the time until which the samples of all sensors have arrived in order [s]."""
-        newest, present = recent.interval[1], self._suite.present()
+        newest, present = recent.interval[1], self.suite.present()
         complete = min(last_time(recent[n]) + _SHARE_OF_INTERVAL / present[n].rate for n in present)
         return min(newest, max(complete, newest - self._lateness))
