@@ -1,8 +1,8 @@
 """A robot on ROS 2, as a process: it publishes a log's samples, and prints what it hears.
 
 python ros_robot.py LOG RATE [--start T0] [--end T1] [--shift S]: each line on stdout is JSON.
-It sends as soon as all its topics have subscribers, and ends when it has heard the estimate of its
-last samples, or `--patience` seconds later.
+It sends as soon as all its topics have subscribers, and ends when it has heard the
+estimate of its last samples, or `--patience` seconds later.
 """
 
 import argparse
@@ -102,11 +102,14 @@ def main() -> None:
     parser.add_argument("--shift", type=float, default=0.0, help="of the stamps [s]")
     parser.add_argument("--silent", default="", help="kind of topic that is not sent")
     parser.add_argument("--reliability", default="RELIABLE")
+    parser.add_argument("--eager", action="store_true", help="do not wait for subscribers")
     parser.add_argument("--patience", type=float, default=60.0)
     given = parser.parse_args()
     rclpy.init()
     robot = Robot(cpid.read_log(given.log).between(given.start, given.end), given.reliability)
-    while not all(each.get_subscription_count() for each in robot.publishers.values()):
+    while not given.eager and not all(
+        each.get_subscription_count() for each in robot.publishers.values()
+    ):
         robot.spin(0.1)
     time_, begin = robot.log.encoders.time, time.monotonic()
     last, counts = 0, dict.fromkeys(TYPES, 0)
