@@ -33,7 +33,7 @@ from .spacecraft.spacecraft import Spacecraft
 from .systems.identifier import MomentumIdentifier
 from .systems.joint_controller import JointController
 from .systems.joint_trajectory import JointTrajectory
-from .systems.lcm import add_lcm as add_lcm
+from .systems.lcm import add_lcm
 from .systems.scene_page import keep_scene as keep_scene
 from .systems.scene_visualizer import SceneVisualizer
 from .systems.sensor_identifier import SensorIdentifier

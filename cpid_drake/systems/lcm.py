@@ -1,20 +1,25 @@
-"""An identifier on LCM: its sensors' samples from channels, what it knows onto channels."""
-
-from functools import partial
+"""An identifier on an LCM bus: its inputs and its outputs as messages."""
 
 import numpy as np
 from drake import lcmt_scope
-from pydrake.common.value import AbstractValue
+from pydrake.common.value import Value
 from pydrake.lcm import DrakeLcm, DrakeLcmInterface
-from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiagramBuilder,
+    DiscreteValues,
+    LeafSystem,
+    OutputPort,
+    PeriodicEventData,
+)
 from pydrake.systems.lcm import LcmInterfaceSystem, LcmScopeSystem, LcmSubscriberSystem
 
 from cpid_drake.files.errors import InputError
 from cpid_drake.systems.identifier import Identifier
-from cpid_drake.systems.sensor_identifier import SensorIdentifier
 
-PUBLISHED = ("parameters", "covariance", "diagnostics", "checks_passed")
-"""The outputs of an identifier that are published."""
+OUTPUTS = ("parameters", "covariance", "diagnostics", "checks_passed")
+"""The output ports that are published."""
 
 
 def add_lcm(
@@ -22,92 +27,116 @@ def add_lcm(
     identifier: Identifier,
     *,
     lcm: DrakeLcmInterface | None = None,
-    prefix: str = "CPID_",
-    period: float = 1.0,
-) -> LcmInterfaceSystem:
-    """Add an identifier to a diagram, with LCM channels for its inputs and its outputs.
+    channel: str = "CPID",
+    period: float = 0.1,
+    wait: float = -1.0,
+    **ports: OutputPort,
+) -> Identifier:
+    """Add an identifier to a diagram; LCM messages drive its inputs and carry its outputs.
 
-    All messages are Drake's `lcmt_scope`: `utime` [µs] and `value`. Each channel is the prefix and
-    the name of a port.
+    All messages are Drake's `lcmt_scope`, a time in µs and numbers. Input `state` is read from the
+    channel CPID_STATE, `gyro` from CPID_GYRO, and so on: the numbers are the entries of the port,
+    for a sensor its stamp [s] and its value, in SI units and radians. The outputs `OUTPUTS` are
+    published as CPID_PARAMETERS and so on; their times are those of the Context.
 
-    - In, for each input of a `SensorIdentifier`: `utime` is the stamp of the sample, on one clock
-      for all sensors, and `value` (width) the sample in SI units and radians, as the value in
-      `SensorIdentifier`: "CPID_attitude" (4), "CPID_gyro" (3), "CPID_position" (3),
-      "CPID_velocity" (3), "CPID_encoders" (J), "CPID_joint_rates" (J), "CPID_thrust" (6).
-    - Out, in every period of the diagram's time, with its time as `utime`: "CPID_parameters" (10),
-      "CPID_covariance" (100), "CPID_diagnostics" (4) and "CPID_checks_passed" (1), as the
-      outputs of `MomentumIdentifier`; NaN while unknown.
-
-    A subscriber holds the latest message, so one that another replaces before the identifier
-    reads it is lost. A `period` of the identifier of half the sensors' shortest interval avoids
-    this; run the diagram at `Simulator.set_target_realtime_rate(1)`. A message of a stamp that was
-    read is not used again: a sender that stops adds nothing.
+    A subscriber holds the latest message of its channel. So run the simulator in real time
+    (`Simulator.set_target_realtime_rate`), and give a `SensorIdentifier` a period several times
+    shorter than that of its fastest sensor: a message that comes twice in a period is lost. A
+    sensor's stamp that was read is not used again, so a sender that stops adds nothing. A state has
+    no stamp: between two samples of a `MomentumIdentifier` must come a message of another `utime`.
 
     Args:
         builder: the diagram's builder.
-        identifier: an identifier that is not in a diagram; or one that is, with connected inputs:
-            its outputs are published.
-        lcm: what to send and receive with; default: a `DrakeLcm` of the default URL.
-        prefix: what the names of all channels begin with.
-        period: time between published messages [s].
+        identifier: a `MomentumIdentifier` or a `SensorIdentifier` that is in no diagram yet.
+        lcm: the bus; default: LCM's own default.
+        channel: beginning of the channels' names.
+        period: time between two messages of an output [s].
+        wait: how long `Simulator.Initialize` waits for the first message of each input [s]; by
+            default it does not. A `MomentumIdentifier` needs a state before its first sample.
+        **ports: output ports of the diagram that drive inputs instead of messages, by name.
 
     Returns:
-        The system that receives messages while the diagram runs.
+        The identifier.
 
     Raises:
-        InputError: no identifier, a period that is not positive; a `MomentumIdentifier` without a
-            state, whose samples have no stamps: it would count a state again if the sender stopped;
-            and, while it runs, a message of another size.
+        InputError: a port does not fit, or the period is not positive. While the simulation runs: a
+            message has another number of entries than its port, or no state has come since the
+            sample before: the same state would count as a new one.
 
     """
-    if not isinstance(identifier, Identifier):
-        raise InputError(
-            f"add_lcm: the identifier must be a SensorIdentifier, not {type(identifier).__name__}"
+    if not period > 0:
+        raise InputError(f"add_lcm: the period must be > 0 s, not {period}")
+    lcm = DrakeLcm() if lcm is None else lcm
+    builder.AddSystem(LcmInterfaceSystem(lcm))
+    given = dict(ports)
+    for index in range(identifier.num_input_ports()):
+        port = identifier.get_input_port(index)
+        if (name := port.get_name()) in given:
+            continue
+        source = f"{channel}_{name.upper()}"
+        subscriber = builder.AddSystem(
+            LcmSubscriberSystem.Make(
+                channel=source,
+                lcm_type=lcmt_scope,
+                lcm=lcm,
+                wait_for_message_on_initialization_timeout=wait,
+            )
         )
-    if not 0 < period < np.inf:
-        raise InputError(f"add_lcm: the period of messages must be > 0 s, not {period}")
-    is_there = identifier in builder.GetSystems()
-    if not is_there and not isinstance(identifier, SensorIdentifier):
-        raise InputError(
-            f"add_lcm: a {type(identifier).__name__} does not see when a sender stops, and would "
-            "count its last state again; use a SensorIdentifier, or connect the state in the "
-            "diagram first"
-        )
-    bus = DrakeLcm() if lcm is None else lcm
-    interface = builder.AddSystem(LcmInterfaceSystem(bus))
-    if not is_there:
-        ports = {}
-        for index in range(identifier.num_input_ports()):
-            port = identifier.get_input_port(index)
-            channel = prefix + port.get_name()
-            receiver = builder.AddSystem(LcmSubscriberSystem.Make(channel, lcmt_scope, bus))
-            sample = builder.AddSystem(_Sample(channel, port.size() - 1))
-            builder.Connect(receiver.get_output_port(), sample.get_input_port())
-            ports[port.get_name()] = sample.get_output_port()
-        identifier.connected(builder, **ports)
-    for name in PUBLISHED:
+        # Samples of sensors have stamps; what has none is read once in each of these events.
+        event = identifier.GetUniquePeriodicDiscreteUpdateAttribute()
+        receiver = builder.AddSystem(_Receiver(source, port.size(), event))
+        builder.Connect(subscriber.get_output_port(), receiver.get_input_port())
+        given[name] = receiver.get_output_port()
+    identifier.connected(builder, **given)
+    for name in OUTPUTS:
         LcmScopeSystem.AddToBuilder(
-            builder, bus, identifier.GetOutputPort(name), prefix + name, period
+            builder=builder,
+            lcm=lcm,
+            signal=identifier.GetOutputPort(name),
+            channel=f"{channel}_{name.upper()}",
+            publish_period=period,
         )
-    return interface
+    return identifier
 
 
-class _Sample(LeafSystem):
-    """The latest message of a channel as stamp [s] and value (1 + width); NaN before the first."""
+class _Receiver(LeafSystem):
+    """The numbers of the latest message; NaN before the first.
 
-    def __init__(self, channel: str, width: int) -> None:
+    If it is read in periodic events, it remembers the message of the last one.
+    """
+
+    def __init__(self, channel: str, size: int, event: PeriodicEventData | None) -> None:
         super().__init__()
         self.set_name(channel)
-        self.DeclareAbstractInputPort("message", AbstractValue.Make(lcmt_scope()))
-        self.DeclareVectorOutputPort("sample", 1 + width, partial(self._calc, width))
-
-    def _calc(self, width: int, context: Context, output: BasicVector) -> None:
-        message = self.get_input_port().Eval(context)
-        if not message.utime and not message.size:
-            output.SetFromVector(np.full(1 + width, np.nan))
-            return
-        if message.size != width:
-            raise InputError(
-                f"LCM channel {self.get_name()}: a sample has {width} entries, not {message.size}"
+        self.DeclareAbstractInputPort("message", Value(lcmt_scope()))
+        self.DeclareVectorOutputPort("values", size, self._calc_values)
+        self.DeclareDiscreteState([np.nan])  # `utime` of the message that was read
+        if event is not None:
+            self.DeclarePeriodicDiscreteUpdateEvent(
+                event.period_sec(), event.offset_sec(), self._remember
             )
-        output.SetFromVector([1e-6 * message.utime, *message.value])
+
+    def _message(self, context: Context) -> lcmt_scope:
+        return self.GetInputPort("message").Eval(context)
+
+    def _remember(self, context: Context, discrete_state: DiscreteValues) -> None:
+        message = self._message(context)
+        if message.size:
+            discrete_state.set_value([message.utime])
+
+    def _calc_values(self, context: Context, output: BasicVector) -> None:
+        message = self._message(context)
+        if message.size == 0:  # none has come
+            output.SetFromVector(np.full(output.size(), np.nan))
+            return
+        if message.size != output.size():
+            raise InputError(
+                f"LCM channel {self.get_name()}: a message has {message.size} numbers, "
+                f"not {output.size()}"
+            )
+        if message.utime == context.get_discrete_state_vector().value()[0]:
+            raise InputError(
+                f"LCM channel {self.get_name()}: no message has come since the last sample, and "
+                "the same state must not count twice; a SensorIdentifier waits instead"
+            )
+        output.SetFromVector(message.value)

@@ -1,9 +1,9 @@
-"""An identifier on LCM: what it receives is what it identifies from, and it sends what it knows."""
+"""An identifier on an LCM bus knows what it knows when its inputs are connected."""
 
 import numpy as np
 import pytest
 from drake import lcmt_scope
-from pydrake.lcm import DrakeLcm
+from pydrake.lcm import DrakeLcm, Subscriber
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
@@ -11,150 +11,129 @@ from pydrake.systems.primitives import ConstantVectorSource
 from cpid_drake import (
     InputError,
     MomentumIdentifier,
-    OnlineIdentifier,
     SensorIdentifier,
     add_lcm,
+    identify,
     load_scenario,
     load_sensors,
-    make_simulation,
+    read_log,
     shipped_scenario,
 )
+from cpid_drake.files.resources import models_directory
 
-SENSORS = load_sensors("flight", unstated="exact")
-PERIOD = 0.005
+
+def scope(values, time=0.0):
+    message = lcmt_scope()
+    message.utime, message.size = round(1e6 * time), len(values)
+    message.value = np.asarray(values, dtype=float).tolist()
+    return message.encode()
+
+
+def test_states_from_messages_are_rows_and_the_estimate_is_a_message(
+    servicer, skewed_target, zero_momentum_motion
+):
+    motion = zero_momentum_motion(skewed_target, 5, seed=8)
+    lcm, builder = DrakeLcm("memq://"), DiagramBuilder()
+    identifier = add_lcm(builder, MomentumIdentifier(servicer), lcm=lcm, channel="ARM", period=0.5)
+    simulator = Simulator(builder.Build())
+    received = {n: Subscriber(lcm, f"ARM_{n}", lcmt_scope) for n in ("PARAMETERS", "COVARIANCE")}
+    for k, state in enumerate(servicer.to_states(motion)):
+        lcm.Publish("ARM_STATE", scope(state, k))
+        lcm.HandleSubscriptions(0)
+        simulator.AdvanceTo(k + 1.2)
+    found = identifier.identification(identifier.GetMyContextFromRoot(simulator.get_context()))
+    assert found.sample_count == len(motion)
+    truth = skewed_target.to_vector()
+    np.testing.assert_allclose(found.parameters, truth, rtol=0, atol=1e-6 * truth[0])
+    lcm.HandleSubscriptions(0)
+    sent = received["PARAMETERS"].message.value
+    np.testing.assert_allclose(sent, found.parameters, rtol=0, atol=1e-6 * truth[0])
+    assert received["PARAMETERS"].message.utime == pytest.approx(
+        1e6 * simulator.get_context().get_time(), abs=6e5
+    )
+    assert received["COVARIANCE"].message.size == 100
 
 
 @pytest.fixture(scope="module")
-def stream() -> list[tuple]:
-    """Return the samples of a simulated motion in the order of their stamps."""
-    scenario = load_scenario(shipped_scenario("exciting_motion"))
-    scenario.sensors.suite, scenario.sensors.seed = "flight", 5
-    scenario.simulation.duration = 3.5
-    scenario.simulation.simulator.accuracy = 1e-6
-    simulation = make_simulation(scenario)
-    return simulation.log(simulation.run()).messages()
+def flyer():
+    """Return a spacecraft, its sensors and their log."""
+    folder = models_directory() / "telemetry"
+    spacecraft = load_scenario(shipped_scenario("free_flyer_payload")).spacecraft.make()
+    suite = load_sensors(folder / "free_flyer_sensors.yaml")
+    return spacecraft, suite, read_log(folder / "free_flyer.csv")
 
 
-class Robot:
-    """A sender on a bus of its own, and a receiver of what the identifier sends."""
-
-    def __init__(self, identifier, **options):
-        self.bus, self.seen, builder = DrakeLcm("memq://"), {}, DiagramBuilder()
-        add_lcm(builder, identifier, lcm=self.bus, **options)
-        self.identifier, self.simulator = identifier, Simulator(builder.Build())
-
-    def listen(self, channel: str) -> None:
-        def take(data: bytes) -> None:
-            message = lcmt_scope.decode(data)
-            rows = self.seen.setdefault(channel, [])
-            rows.append((1e-6 * message.utime, np.array(message.value)))
-
-        self.bus.Subscribe(channel, take)
-
-    def send(self, channel: str, stamp: float, value) -> None:
-        message = lcmt_scope()
-        message.utime, message.value = round(1e6 * stamp), list(value)
-        message.size = len(message.value)
-        self.bus.Publish(channel, message.encode())
-
-    def run(self, stream, zero: float = 0.0, prefix: str = "CPID_") -> None:
-        """Send every sample at its time by the diagram's clock, with a stamp from another zero."""
-        for name, stamp, value in stream:
-            self.simulator.AdvanceTo(max(stamp, self.now))
-            self.send(prefix + name, zero + stamp, value)
-        self.simulator.AdvanceTo(self.now + 4 * PERIOD)
-
-    @property
-    def now(self) -> float:
-        return self.simulator.get_context().get_time()
+def received(flyer, stream) -> tuple[SensorIdentifier, Simulator]:
+    """Return an identifier that got samples as messages, each at its time."""
+    spacecraft, suite, _ = flyer
+    lcm, builder = DrakeLcm("memq://"), DiagramBuilder()
+    identifier = add_lcm(builder, SensorIdentifier(spacecraft, suite, period=0.002), lcm=lcm)
+    simulator = Simulator(builder.Build())
+    for name, time, value in stream:
+        if simulator.get_context().get_time() < time:
+            lcm.HandleSubscriptions(0)
+            simulator.AdvanceTo(time)
+        lcm.Publish(f"CPID_{name.upper()}", scope([time, *value], time))
+    lcm.HandleSubscriptions(0)
+    simulator.AdvanceTo(simulator.get_context().get_time() + 0.02)
+    return identifier, simulator
 
 
-def identifier_of(servicer) -> SensorIdentifier:
-    return SensorIdentifier(servicer, SENSORS, period=PERIOD)
-
-
-@pytest.mark.parametrize("zero", [0.0, 1.7e9])
-def test_it_identifies_from_the_messages(servicer, stream, zero):
-    """Also with stamps since 1970; no message is lost, and those that follow change nothing."""
-    robot = Robot(identifier_of(servicer))
-    robot.run(stream, zero)
-    found = robot.identifier.Finish(robot.simulator.get_mutable_context())
-    online = OnlineIdentifier(servicer, SENSORS, in_order=True)
-    for name, stamp, value in stream:
-        online.add(name, stamp, value)
-    expected = online.finish()
-    sigma = np.sqrt(np.diag(expected.covariance))
-    assert found.sample_count == expected.sample_count
-    assert np.abs((found.parameters - expected.parameters) / sigma).max() < 0.02
+def test_samples_from_messages_are_the_logs(flyer):
+    """Each sensor's channel carries its stamp and its value."""
+    spacecraft, suite, log = flyer
+    identifier, simulator = received(flyer, log.messages())
+    found = identifier.Finish(simulator.get_mutable_context())
+    expected = identify(spacecraft, log, sensors=suite, estimator="recursive_fit")
+    assert found.sample_count == len(log.messages())
     assert found.passed
+    sigma = np.sqrt(np.diag(expected.covariance))
+    assert (np.abs(found.parameters - expected.parameters) < 0.1 * sigma).all()
 
 
-def test_it_sends_what_it_knows(servicer, stream):
-    robot = Robot(identifier_of(servicer), prefix="ARM_", period=0.5)
-    outputs = {"parameters": 10, "covariance": 100, "diagnostics": 4, "checks_passed": 1}
-    for name in outputs:
-        robot.listen(f"ARM_{name}")
-    robot.run(stream, prefix="ARM_")
-    robot.bus.HandleSubscriptions(0)
-    context = robot.identifier.GetMyContextFromRoot(robot.simulator.get_context())
-    found = robot.identifier.identification(context)
-    for name, size in outputs.items():
-        times, values = zip(*robot.seen[f"ARM_{name}"], strict=True)
-        np.testing.assert_allclose(np.diff(times), 0.5)
-        assert {each.shape for each in values} == {(size,)}
-    last = {name: robot.seen[f"ARM_{name}"][-1][1] for name in outputs}
-    np.testing.assert_array_equal(last["parameters"], found.parameters)
-    np.testing.assert_array_equal(last["covariance"], found.covariance.ravel())
-    assert last["diagnostics"][:2].tolist() == [found.sample_count, 10]
-    assert last["checks_passed"] == [1.0]
-    assert np.isnan(robot.seen["ARM_parameters"][0][1]).all()
+def test_a_sensor_that_stops_adds_nothing(flyer):
+    """Its stamp says that its sample is the one before."""
+    identifier, simulator = received(flyer, flyer[2].between(0.0, 3.0).messages())
+    context = identifier.GetMyContextFromRoot(simulator.get_context())
+    counts = []
+    for _ in range(2):
+        simulator.AdvanceTo(simulator.get_context().get_time() + 3.0)
+        counts.append(identifier.identification(context).sample_count)
+    assert 0 < counts[0] == counts[1] < 3 * 400
 
 
-def test_a_sender_that_stops_adds_nothing(servicer, stream):
-    robot = Robot(identifier_of(servicer))
-    robot.run(stream[: len(stream) // 2])
-    context = robot.identifier.GetMyContextFromRoot(robot.simulator.get_context())
-    robot.simulator.AdvanceTo(robot.now + 2.0)
-    before = robot.identifier.identification(context).sample_count
-    robot.simulator.AdvanceTo(robot.now + 5.0)
-    assert robot.identifier.identification(context).sample_count == before
+def test_a_state_that_stays_is_not_counted_again(servicer, skewed_target, zero_momentum_motion):
+    """The sender stopped after two samples."""
+    motion = zero_momentum_motion(skewed_target, 2, seed=8)
+    lcm, builder = DrakeLcm("memq://"), DiagramBuilder()
+    identifier = add_lcm(builder, MomentumIdentifier(servicer), lcm=lcm)
+    simulator = Simulator(builder.Build())
+    for k, state in enumerate(servicer.to_states(motion)):
+        lcm.Publish("CPID_STATE", scope(state, k))
+        lcm.HandleSubscriptions(0)
+        simulator.AdvanceTo(k + 1.2)
+    with pytest.raises(InputError, match="CPID_STATE: no message has come since the last sample"):
+        simulator.AdvanceTo(3.2)
+    context = identifier.GetMyContextFromRoot(simulator.get_context())
+    assert identifier.identification(context).sample_count == 2
 
 
-def test_a_message_of_another_size_is_refused(servicer):
-    robot = Robot(identifier_of(servicer))
-    robot.send("CPID_gyro", 0.0, [0.0, 0.0])
-    with pytest.raises(InputError, match="channel CPID_gyro: a sample has 3 entries, not 2"):
-        robot.simulator.AdvanceTo(0.1)
-
-
-def test_the_outputs_of_an_identifier_in_a_diagram_are_sent(servicer):
-    """Its state comes from the diagram."""
-    bus, builder = DrakeLcm("memq://"), DiagramBuilder()
-    state = builder.AddSystem(
-        ConstantVectorSource(
-            servicer.plant.GetPositionsAndVelocities(servicer.plant.CreateDefaultContext())
+def test_what_does_not_fit_is_refused(servicer):
+    with pytest.raises(InputError, match="period"):
+        add_lcm(DiagramBuilder(), MomentumIdentifier(servicer), period=0.0)
+    builder = DiagramBuilder()
+    wrong = builder.AddSystem(ConstantVectorSource(np.zeros(3)))
+    with pytest.raises(InputError, match="has 3 entries"):
+        add_lcm(
+            builder,
+            MomentumIdentifier(servicer),
+            lcm=DrakeLcm("memq://"),
+            state=wrong.get_output_port(),
         )
-    )
-    identifier = MomentumIdentifier.AddToBuilder(builder, servicer, state=state.get_output_port())
-    add_lcm(builder, identifier, lcm=bus)
-    seen = []
-    bus.Subscribe("CPID_diagnostics", lambda data: seen.append(lcmt_scope.decode(data).value))
-    Simulator(builder.Build()).AdvanceTo(3.0)
-    bus.HandleSubscriptions(0)
-    assert [row[0] for row in seen] == [0, 1, 2, 3] or [row[0] for row in seen] == [0, 0, 1, 2]
-
-
-def test_a_state_without_stamps_is_refused(servicer):
-    with pytest.raises(InputError, match="does not see when a sender stops"):
-        add_lcm(DiagramBuilder(), MomentumIdentifier(servicer), lcm=DrakeLcm("memq://"))
-
-
-@pytest.mark.parametrize("period", [0.0, -1.0, np.inf, np.nan])
-def test_a_period_that_means_nothing_is_refused(servicer, period):
-    with pytest.raises(InputError, match="period of messages"):
-        add_lcm(DiagramBuilder(), identifier_of(servicer), period=period)
-
-
-def test_what_is_no_identifier_is_refused():
-    with pytest.raises(InputError, match="must be a SensorIdentifier, not OnlineIdentifier"):
-        add_lcm(DiagramBuilder(), OnlineIdentifier.__new__(OnlineIdentifier))
+    lcm, builder = DrakeLcm("memq://"), DiagramBuilder()
+    add_lcm(builder, MomentumIdentifier(servicer), lcm=lcm)
+    simulator = Simulator(builder.Build())
+    lcm.Publish("CPID_STATE", scope([1.0, 2.0]))
+    lcm.HandleSubscriptions(0)
+    with pytest.raises(InputError, match="CPID_STATE: a message has 2 numbers"):
+        simulator.AdvanceTo(1.1)
