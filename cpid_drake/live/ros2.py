@@ -22,6 +22,9 @@ DIAGNOSTICS = "/diagnostics"
 DEPTH = 2000
 """Messages of a topic that wait while a block is solved."""
 
+PAUSE = 0.01
+"""Time in which messages gather [s]: a callback costs much more than the messages that it takes."""
+
 LOOK = 0.1
 """Time between two looks for the publishers of a topic [s]."""
 
@@ -59,7 +62,7 @@ class RosAdapter:
         period = float(node.declare_parameter("period", period).value)
         if not 0 < period < np.inf:
             raise InputError(f"period must be > 0 s, not {period}")
-        self._messages = Messages(_class_of)
+        self._messages, self._subscriptions = Messages(_class_of), dict[str, Any]()
         self._waiting, self._refused, self._published = dict(samples.topics), set[str](), 0
         kinds = {
             TARGET: "geometry_msgs/msg/InertiaStamped",
@@ -101,7 +104,7 @@ class RosAdapter:
         best_effort = ReliabilityPolicy.BEST_EFFORT
         is_lossy = any(each.qos_profile.reliability == best_effort for each in offers)
         reliability = best_effort if is_lossy else ReliabilityPolicy.RELIABLE
-        self._node.create_subscription(
+        self._subscriptions[kind] = self._node.create_subscription(
             _class_of(type_name),
             topic,
             partial(self._take, kind),
@@ -110,8 +113,17 @@ class RosAdapter:
         )
 
     def _take(self, kind: str, message: Any) -> None:
-        arrival = 0 if hasattr(message, "header") else self._node.get_clock().now().nanoseconds
-        self._samples.take(kind, message, arrival, time.monotonic())
+        """Take a message, and all others of its topic that wait."""
+        subscription = self._subscriptions[kind]
+        with subscription.handle:
+            while True:
+                is_stamped = hasattr(message, "header")
+                arrival = 0 if is_stamped else self._node.get_clock().now().nanoseconds
+                self._samples.take(kind, message, arrival, time.monotonic())
+                found = subscription.handle.take_message(subscription.msg_type, False)
+                if found is None:
+                    return
+                message, _ = found
 
     def publish(self) -> None:
         """Publish what is known, and the state of the topics."""
@@ -158,16 +170,19 @@ def run(samples: RosSamples, frame: str, arguments: Sequence[str] = ()) -> Ident
 
     """
     import rclpy
-    from rclpy.executors import ExternalShutdownException
+    from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
     try:
         rclpy.init(args=["cpid", *arguments])
     except Exception as error:  # of a class that depends on the version
         raise InputError(f"ROS: {error}") from error
-    node = rclpy.create_node("cpid")
+    node, executor = rclpy.create_node("cpid"), SingleThreadedExecutor()
     try:
         RosAdapter(node, samples, frame)
-        rclpy.spin(node)
+        executor.add_node(node)
+        while rclpy.ok():
+            executor.spin_once(timeout_sec=1.0)
+            time.sleep(PAUSE)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     finally:

@@ -157,7 +157,7 @@ class RosSamples:
         topic.count, topic.received = topic.count + 1, now
         if topic.is_lost:
             topic.is_lost = False
-            self.say(f"{topic.name}: messages again")
+            self.say(f"{topic.name}: messages arrive")
         try:
             for part in self._parts(kind, message):
                 stamp = stamp_of(part) if hasattr(part, "header") else arrival

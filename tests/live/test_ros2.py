@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from processes import HUNG, start
+from processes import HUNG, ROOT, start
 
 from cpid_drake import OnlineIdentifier, load_scenario, models_directory, read_log, shipped_scenario
 
@@ -175,7 +175,7 @@ def test_a_robot_that_is_killed_and_starts_again_goes_on_where_it_was(node, tmp_
     first.communicate()
     running.wait_for("no message for")
     what = heard(robot(tmp_path, "--start", "5", "--shift", "20"))
-    running.wait_for("messages again")
+    running.wait_for("messages arrive")
     _, printed = running.end()
     rows = what["diagnostics"][-1]["diagnostics"]
     assert rows["cpid: stream"][2]["restarts"] == "0"
@@ -208,3 +208,15 @@ def test_a_node_that_is_killed_starts_again(node, tmp_path):
     code, _ = again.end()
     assert code in (0, 3)
     assert all(0 < each < 1001 for each in counts(what["diagnostics"][-1]))
+
+
+def test_the_example_of_the_docs_shows_the_target(node, tmp_path):
+    """`diagrams/ros2_robot.py` beside the command of docs/how-to-live.md."""
+    running = node()
+    example = start(ROOT / "diagrams/ros2_robot.py", cwd=tmp_path)
+    out, error = example.communicate(timeout=HUNG)
+    assert example.returncode == 0, error
+    code, _ = running.end()
+    assert code == 0
+    *_, mass = re.findall(r"m = (\S+) kg", out)
+    assert float(mass) == pytest.approx(8.5, abs=0.05)

@@ -261,7 +261,7 @@ def test_a_topic_that_is_lost_or_late_is_said_once(flyer):
         "/joints: no message yet, after 2.0 s",
         "/pose: no message yet, after 2.0 s",
         "/imu: no message for 1.6 s",
-        "/imu: messages again",
+        "/imu: messages arrive",
     ]
 
 
