@@ -48,19 +48,15 @@ SensorsOption = Annotated[
 ]
 MomentumOption = Annotated[
     Literal["zero", "unknown"] | None,
-    "Total momentum of spacecraft and target: zero, or an unknown constant. Default: zero if the "
-    "log agrees with that, else unknown.",
+    "Total momentum of spacecraft and target: zero, or an unknown constant. Default: zero; of "
+    "a log that contradicts that, unknown.",
 ]
 TopicOption = Annotated[
     list[str] | None,
     "--topic KIND=/NAME",
-    "Topic of a bag that has several of a kind (odometry, pose, imu, joints), or of thrust; may be "
-    "repeated. Of joints several, joints=/arm,/wheels; of transforms with the frames of world and "
-    "base, pose=/tf:WORLD:BASE.",
-]
-LiveMomentumOption = Annotated[
-    Literal["zero", "unknown"] | None,
-    "Total momentum of spacecraft and target: zero, or an unknown constant. Default: zero.",
+    "Topic of a kind (odometry, pose, imu, joints, thrust); may be repeated. A bag needs it for "
+    "thrust and for kinds with several topics. Of transforms with the frames of world and base, "
+    "pose=/tf:WORLD:BASE; of joints in a bag several, joints=/arm,/wheels.",
 ]
 KnownBodiesOption = Annotated[
     str | None,
@@ -171,25 +167,14 @@ class LiveOptions(SpacecraftOptions):
         "--sensors PRESET|YAML",
         "Sensor noise: a preset or a YAML file. Default: that of the scenario.",
     ] = None
-    momentum: LiveMomentumOption = None
+    momentum: MomentumOption = None
     known_bodies: KnownBodiesOption = None
     planar: PlanarOption = None
     prior: PriorOption = None
-    topic: Annotated[
-        list[str] | None,
-        "--topic KIND=/NAME",
-        "Topic of a kind (joints, imu, odometry, pose, thrust); may be repeated. Of transforms "
-        "with the frames of world and base, pose=/tf:WORLD:BASE. Default of joints: "
-        "/joint_states.",
-    ] = None
+    topic: TopicOption = None
 
     def topics(self) -> dict[str, str]:
-        """Return the topics by kind.
-
-        Raises:
-            InputError: an entry does not have the form KIND=/NAME.
-
-        """
+        """Return the topics by kind; see `ReadingOptions.topics`. Joints have a default."""
         return {"joints": "/joint_states"} | _pairs("--topic", self.topic, "KIND=/NAME")
 
     def request(self) -> "cpid.Request":

@@ -113,17 +113,14 @@ class RosAdapter:
         )
 
     def _take(self, kind: str, message: Any) -> None:
-        """Take a message, and all others of its topic that wait."""
-        subscription = self._subscriptions[kind]
-        with subscription.handle:
-            while True:
-                is_stamped = hasattr(message, "header")
-                arrival = 0 if is_stamped else self._node.get_clock().now().nanoseconds
-                self._samples.take(kind, message, arrival, time.monotonic())
-                found = subscription.handle.take_message(subscription.msg_type, False)
-                if found is None:
-                    return
-                message, _ = found
+        """Take a message, and all others that wait."""
+        messages = [(kind, message)]
+        for each, subscription in self._subscriptions.items():
+            with subscription.handle:
+                while found := subscription.handle.take_message(subscription.msg_type, False):
+                    messages.append((each, found[0]))
+        arrival = self._node.get_clock().now().nanoseconds
+        self._samples.take_all(messages, arrival, time.monotonic())
 
     def publish(self) -> None:
         """Publish what is known, and the state of the topics."""

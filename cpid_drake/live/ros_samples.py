@@ -84,7 +84,7 @@ class _Topic:
     is_lost: bool = False
 
 
-@dataclass
+@dataclass(eq=False)
 class RosSamples:
     """Gives messages of ROS 2 to an identifier, and watches their topics.
 
@@ -167,6 +167,24 @@ class RosSamples:
             if not topic.problem:
                 topic.problem = str(error)
                 self.say(f"{topic.name}: {error}")
+
+    def take_all(self, messages: Sequence[tuple[str, Any]], arrival: int, now: float) -> None:
+        """Take messages that have waited, in the order of their stamps.
+
+        In that of their topics, those of the last would be late, after all of the first.
+
+        Args:
+            messages: kinds of topics and messages.
+            arrival, now: see `take`.
+
+        """
+
+        def stamp(pair: tuple[str, Any]) -> int:
+            [first, *_] = getattr(pair[1], "transforms", None) or (pair[1],)
+            return stamp_of(first) if hasattr(first, "header") else arrival
+
+        for kind, message in sorted(messages, key=stamp):
+            self.take(kind, message, arrival, now)
 
     def watch(self, now: float) -> list[Status]:
         """Return the state of each topic, and say which are lost.

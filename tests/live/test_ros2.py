@@ -145,6 +145,20 @@ def test_it_identifies_what_the_robot_sends(node, tmp_path, reliability):
     assert "all errors together" in rows["cpid: error budget"][2]
 
 
+def test_a_stall_of_the_node_costs_no_sample(node, tmp_path):
+    """It is stopped for longer than a sample may be late."""
+    running = node()
+    sender = robot(tmp_path, rate=1.0)
+    wait_for_target(sender)
+    running.process.send_signal(signal.SIGSTOP)
+    time.sleep(0.8)
+    running.process.send_signal(signal.SIGCONT)
+    heard(sender)
+    code, printed = running.end()
+    assert code == 0
+    assert "from 4004 samples" in printed
+
+
 def test_a_node_that_starts_late_takes_what_comes(node, tmp_path):
     sender = robot(tmp_path, "--eager", rate=1.0)
     running = node()
