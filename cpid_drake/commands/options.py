@@ -30,7 +30,7 @@ NOT_ALL_KNOWN = 3
 CHECK_FAILED = 4
 """Exit code if something contradicts the assumptions behind the answer."""
 
-_AS_THEY_ARE = ("estimator", "rows", "start", "end", "leave_out_bad", "columns", "prior")
+_AS_THEY_ARE = ("estimator", "rows", "start", "end", "leave_out_bad", "columns")
 """Options that are fields of a request of the same name and value."""
 
 LOG_KINDS = "CSV, NPZ, Parquet or ROS 2 bag."
@@ -48,15 +48,35 @@ SensorsOption = Annotated[
 ]
 MomentumOption = Annotated[
     Literal["zero", "unknown"] | None,
-    "Total momentum of spacecraft and target: zero, or an unknown constant. Default: zero if the "
-    "log agrees with that, else unknown.",
+    "Total momentum of spacecraft and target: zero, or an unknown constant. Default: zero; of "
+    "a log that contradicts that, unknown.",
 ]
 TopicOption = Annotated[
     list[str] | None,
     "--topic KIND=/NAME",
-    "Topic of a bag that has several of a kind (odometry, pose, imu, joints), or of thrust; may be "
-    "repeated. Of joints several, joints=/arm,/wheels; of transforms with the frames of world and "
-    "base, pose=/tf:WORLD:BASE.",
+    "Topic of a kind (odometry, pose, imu, joints, thrust); may be repeated. A bag needs it for "
+    "thrust and for kinds with several topics. Of transforms with the frames of world and base, "
+    "pose=/tf:WORLD:BASE; of joints in a bag several, joints=/arm,/wheels.",
+]
+KnownBodiesOption = Annotated[
+    str | None,
+    "--known-bodies KEY=NUMBER,...|YAML|exact",
+    "Uncertainty of the spacecraft, 1 sigma, that the intervals include: mass and "
+    "inertia (relative), com [m], joint_position_mm, joint_axis_mrad, grasp_mm, "
+    "grasp_mrad. Default: mass=0.01,com=0.005,inertia=0.01, but exact if the sensors' file "
+    "says `unstated: exact`.",
+]
+PlanarOption = Annotated[
+    bool | None,
+    "--planar/--no-planar",
+    "Whether the spacecraft floats on a table whose normal is the world's z axis. "
+    "Default: yes for logs of x, y and yaw.",
+]
+PriorOption = Annotated[
+    str | None,
+    "--prior FILE",
+    "What is known about the target besides: a result of `cpid identify` (JSON) or "
+    "YAML with mass, p_CTcm_C, I_TTcm_C and their σ.",
 ]
 LeaveOutBadOption = Annotated[bool, "Leave out and count rows that have a problem."]
 ForceOption = Annotated[bool, "Replace files that exist. Inputs are never replaced."]
@@ -139,6 +159,35 @@ class SpacecraftOptions:
 
 
 @dataclass(frozen=True)
+class LiveOptions(SpacecraftOptions):
+    """What is known before samples arrive, and their topics."""
+
+    sensors: Annotated[
+        str | None,
+        "--sensors PRESET|YAML",
+        "Sensor noise: a preset or a YAML file. Default: that of the scenario.",
+    ] = None
+    momentum: MomentumOption = None
+    known_bodies: KnownBodiesOption = None
+    planar: PlanarOption = None
+    prior: PriorOption = None
+    topic: TopicOption = None
+
+    def topics(self) -> dict[str, str]:
+        """Return the topics by kind; see `ReadingOptions.topics`. Joints have a default."""
+        return {"joints": "/joint_states"} | _pairs("--topic", self.topic, "KIND=/NAME")
+
+    def request(self) -> "cpid.Request":
+        """Return the request, without telemetry.
+
+        Raises:
+            InputError: an option is missing, or a file or a name is wrong.
+
+        """
+        return _request(self, self.known(), "", self.sensors)
+
+
+@dataclass(frozen=True)
 class ReadingOptions:
     """How to read a log."""
 
@@ -195,26 +244,9 @@ class LogOptions(PartOptions, SpacecraftOptions):
         "Default: estimated from the log if needed.",
     ] = None
     momentum: MomentumOption = None
-    known_bodies: Annotated[
-        str | None,
-        "--known-bodies KEY=NUMBER,...|YAML|exact",
-        "Uncertainty of the spacecraft, 1 sigma, that the intervals include: mass and "
-        "inertia (relative), com [m], joint_position_mm, joint_axis_mrad, grasp_mm, "
-        "grasp_mrad. Default: mass=0.01,com=0.005,inertia=0.01, but exact if the sensors' file "
-        "says `unstated: exact`.",
-    ] = None
-    planar: Annotated[
-        bool | None,
-        "--planar/--no-planar",
-        "Whether the spacecraft floats on a table whose normal is the world's z axis. "
-        "Default: yes for logs of x, y and yaw.",
-    ] = None
-    prior: Annotated[
-        str | None,
-        "--prior FILE",
-        "What is known about the target besides: a result of `cpid identify` (JSON) or "
-        "YAML with mass, p_CTcm_C, I_TTcm_C and their σ.",
-    ] = None
+    known_bodies: KnownBodiesOption = None
+    planar: PlanarOption = None
+    prior: PriorOption = None
 
     def files(self) -> list[str | Path]:
         """Return the files that the options name."""
@@ -261,32 +293,44 @@ class LogOptions(PartOptions, SpacecraftOptions):
         """
         refuse_unfinished(Path(log).parent)
         known = self.known()
-        bodies = ",".join(f"{key}={value}" for key, value in vars(known.known_bodies).items())
-        momentum = self.momentum or known.momentum
         logs = logs or [log]
         own = self.sensors_of(logs)
-        sensors = own.get(log_names(logs)[logs.index(log)]) or own.get("") or known.sensors
-        if sensors == EXPLICIT:
-            raise InputError(
-                f"{self.scenario}: lists its sensors itself; write them into a file of their own, "
-                "and give it as --sensors"
-            )
-        return cpid.Request(
-            log,
-            known.reference(),
-            sensors=sensors,
-            momentum=momentum,
-            topics=self.topics(),
-            planar=known.planar if self.planar is None else self.planar,
-            known_bodies=self.known_bodies or (None if known.known_bodies.is_zero else bodies),
-            **{name: getattr(self, name) for name in _AS_THEY_ARE},
-        )
+        sensors = own.get(log_names(logs)[logs.index(log)]) or own.get("")
+        others = {name: getattr(self, name) for name in _AS_THEY_ARE}
+        return _request(self, known, log, sensors, topics=self.topics(), **others)
 
     def of_run(self, folder: Path) -> "LogOptions":
         """Return the options with those of a run of `cpid simulate` where none are given."""
         suite = folder / "sensors.yaml"
         sensors = self.sensors or ([str(suite)] if suite.is_file() else None)
         return replace(self, scenario=str(folder / "scenario.yaml"), sensors=sensors)
+
+
+def _request(
+    given: LogOptions | LiveOptions,
+    known: SpacecraftFile,
+    telemetry: str,
+    sensors: str | None,
+    **others: Any,
+) -> "cpid.Request":
+    """Return a request: what options give, else what the file of the spacecraft says."""
+    sensors = sensors or known.sensors
+    if sensors == EXPLICIT:
+        raise InputError(
+            f"{given.scenario}: lists its sensors itself; write them into a file of their own, "
+            "and give it as --sensors"
+        )
+    bodies = ",".join(f"{key}={value}" for key, value in vars(known.known_bodies).items())
+    return cpid.Request(
+        telemetry,
+        known.reference(),
+        sensors=sensors,
+        momentum=given.momentum or known.momentum,
+        planar=known.planar if given.planar is None else given.planar,
+        known_bodies=given.known_bodies or (None if known.known_bodies.is_zero else bodies),
+        prior=given.prior,
+        **others,
+    )
 
 
 @contextmanager

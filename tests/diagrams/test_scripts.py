@@ -13,6 +13,7 @@ SCRIPTS = sorted(path.name for path in FOLDER.glob("*.py"))
 ARGUMENTS = {
     "own_spacecraft.py": [],
     "live.py": [],
+    "lcm.py": [],
     "adaptive_control.py": ["--figure", "errors.png"],
     "plan_identify_replan.py": ["--figure", "loop.png"],
     "passivity.py": ["--duration", "2"],
@@ -36,8 +37,8 @@ def ran(folder):
 
 
 def test_every_script_is_tested():
-    """`identify.py` and `sensors.py` are tested as the README's."""
-    assert sorted([*ARGUMENTS, "identify.py", "sensors.py"]) == SCRIPTS
+    """`identify.py` and `sensors.py` are tested as the README's, `ros2_robot.py` with the node."""
+    assert sorted([*ARGUMENTS, "identify.py", "ros2_robot.py", "sensors.py"]) == SCRIPTS
 
 
 @pytest.mark.slow

@@ -91,6 +91,19 @@ def test_repeated_messages_are_rejected_and_do_no_harm(servicer, log, in_order):
     assert sum(found.rejected.values()) - sum(in_order.rejected.values()) == len(rows[::10])
 
 
+@pytest.mark.parametrize("in_order", [True, False])
+def test_the_zero_of_the_stamps_does_not_matter(servicer, log, in_order):
+    """Seconds since 1970 are as good as those from the start, to the digits of numbers."""
+    rows = messages(log)
+    zero = 1.7e9
+    given = [(zero + time, name, value) for time, name, value in rows]
+    rounded = [(time - zero, name, value) for time, name, value in given]
+    since = fed(OnlineIdentifier(servicer, SENSORS, in_order=in_order), given).finish()
+    other = fed(OnlineIdentifier(servicer, SENSORS, in_order=in_order), rounded).finish()
+    assert_same(since, other, 1e-3)
+    assert since.sample_count == other.sample_count
+
+
 def test_lost_messages_cost_their_information_only(servicer, log, in_order):
     kept = [row for k, row in enumerate(messages(log)) if k % 5]
     found = fed(OnlineIdentifier(servicer, SENSORS), kept).finish()
