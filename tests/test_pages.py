@@ -36,10 +36,9 @@ def missing(shown: str, printed: str) -> str | None:
     rest = "\n".join(line.rstrip() for line in printed.splitlines())
     for part in re.split(r"^ *\.\.\.$", shown, flags=re.M):
         wanted = "\n".join(line.rstrip() for line in part.strip("\n").splitlines())
-        before, _, after = rest.partition(wanted)
-        if wanted and len(before) == len(rest):
+        if wanted not in rest:
             return wanted
-        rest = after
+        rest = rest[rest.index(wanted) + len(wanted) :]
     return None
 
 
