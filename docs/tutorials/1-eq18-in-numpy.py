@@ -33,8 +33,8 @@ def rotation(axis, angle):
 # %% [markdown]
 # ## The spacecraft and the target
 #
-# Each body has a mass, a centre of mass in its own frame, and an inertia about it. The base of
-# 200 kg has an arm with three joints. The target is the last body. Only the simulation knows it.
+# Each body has a mass, a centre of mass in its own frame, and an inertia about it. The base of 200
+# kg has an arm with three joints. The target is the last body. Only the simulation knows it.
 
 # %%
 base = (200.0, np.zeros(3), np.diag([30.0, 25.0, 35.0]))
