@@ -186,7 +186,7 @@ decimals = np.arange(4, 11)
 errors = []
 for number in decimals:
     rounded = [tuple(np.round(part, number) for part in each) for each in samples[50::50]]
-    errors.append(np.abs(identify(rounded)[0] / truth - 1)[0])
+    errors.append(abs(identify(rounded)[0][0] / truth[0] - 1))
 
 figure, axis = plt.subplots(figsize=(7, 3), layout="constrained")
 axis.semilogy(decimals, errors, "o-")
