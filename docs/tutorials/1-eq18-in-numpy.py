@@ -33,8 +33,8 @@ def rotation(axis, angle):
 # %% [markdown]
 # ## The spacecraft and the target
 #
-# Each body has a mass, a centre of mass in its own frame, and an inertia about it. The base of
-# 200 kg has an arm with three joints. The target is the last body. Only the simulation knows it.
+# Each body has a mass, a centre of mass in its own frame, and an inertia about it. The base of 200
+# kg has an arm with three joints. The target is the last body. Only the simulation knows it.
 
 # %%
 base = (200.0, np.zeros(3), np.diag([30.0, 25.0, 35.0]))
@@ -186,7 +186,7 @@ decimals = np.arange(4, 11)
 errors = []
 for number in decimals:
     rounded = [tuple(np.round(part, number) for part in each) for each in samples[50::50]]
-    errors.append(np.abs(identify(rounded)[0] / truth - 1)[0])
+    errors.append(abs(identify(rounded)[0][0] / truth[0] - 1))
 
 figure, axis = plt.subplots(figsize=(7, 3), layout="constrained")
 axis.semilogy(decimals, errors, "o-")

@@ -43,8 +43,8 @@ plt.show()
 # ## Identify
 #
 # `identify` fits the target, the sensors' errors and the motion to all samples. It prints failed
-# checks and warnings first, then each parameter with its 95 % interval. The last lines are the error
-# budget: which error of your hardware makes the interval wide.
+# checks and warnings first, then each parameter with its 95 % interval. The last lines are the
+# error budget: which error of your hardware makes the interval wide.
 
 # %%
 found = cpid.identify(spacecraft, log, sensors=sensors)
@@ -91,13 +91,13 @@ print(cpid.identify(spacecraft, other, sensors=sensors)["m"])
 # %% [markdown]
 # ## Test the answer
 #
-# Identify from the first half of the log and predict the second. `validate` compares the target with
-# the log that was not used. A wrong target fails.
+# Identify from the first half of the log and predict the second. `validate` compares the target
+# with the log that was not used. A wrong target fails.
 
 # %%
 first = cpid.identify(spacecraft, log.between(0.0, 5.0), sensors=sensors)
-cpid.write_result(folder / "first.json", first)
-tested = cpid.validate(spacecraft, folder / "first.json", log.between(5.0, 10.0), sensors=sensors)
+prior = cpid.TargetPrior("first half", first.parameters, first.covariance, first.combinations)
+tested = cpid.validate(spacecraft, prior, log.between(5.0, 10.0), sensors=sensors)
 print(f"χ² {tested.chi_squared:.1f} of {tested.freedom}: probability {tested.probability:.2f}")
 print(f"A target {tested.heavier:.1%} heavier would be noticed.")
 for error in tested.errors:
