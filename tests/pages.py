@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """What the pages' commands print: `python tests/pages.py [how-to/logs ...]` renews what they show.
 
-A block without a language shows what the block before it prints; `...` stands for any lines. A block
-of another language is a file, if the line before it begins with the file's name in backticks.
+A block without a language shows what the block before it prints; `...` stands for any lines. Any
+other block is a file, if the line before it begins with the file's name in backticks.
 """
 
 import os

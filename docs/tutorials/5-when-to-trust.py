@@ -91,7 +91,7 @@ assert results["late tracker", "plausible"].passed
 # ## A leak
 #
 # A valve leaks: a constant force and a constant torque act. A leak of 2 mN is found. A leak of
-# 0.3 mN is not: the statement "no force acts" is false, all checks pass, and the answer is off by
+# 0.3 mN is not. The statement "no force acts" is false, all checks pass, and the answer is off by
 # many of its σ. No check can find an error that looks like another target. With the plausible suite
 # the interval contains the truth.
 
