@@ -57,9 +57,11 @@ READMES = {
     "reference/mathematics": "cpid_drake/README.md",
     "reference/models": "models/README.md",
     "reference/log-formats": "models/telemetry/README.md",
+    "reference/changes": "CHANGELOG.md",
     "how-to/diagrams": "diagrams/README.md",
+    "how-to/develop": "CONTRIBUTING.md",
 }
-"""The pages whose text is a README of the repository."""
+"""The pages whose text is a file outside of this folder."""
 
 
 def replace_readme(app, page: str, source: list[str]) -> None:
