@@ -42,6 +42,11 @@ class Run:
     errors: str
 
 
+def text_of(page: str) -> str:
+    """Return the text of a page."""
+    return (ROOT / f"docs/{page}.md").read_text(encoding="utf-8")
+
+
 def prepare(folder: Path) -> dict[str, str]:
     """Fill a folder with what the commands need; return the environment of their shells."""
     for name in ("models", "diagrams"):
@@ -58,9 +63,9 @@ def prepare(folder: Path) -> dict[str, str]:
 
 
 def runs(page: str, folder: Path) -> Iterator[Run]:
-    """Run the blocks of a page in a folder, one after the other."""
+    """Run the blocks of the text of a page in a folder, one after the other."""
     environment = prepare(folder)
-    for block in BLOCK.finditer((ROOT / f"docs/{page}.md").read_text(encoding="utf-8")):
+    for block in BLOCK.finditer(page):
         text = re.sub(f"^{block['indent']}", "", block["text"], flags=re.M)
         if block["file"]:
             (folder / block["file"]).write_text(text, encoding="utf-8")
@@ -110,14 +115,13 @@ def renewed(shown: str, printed: str) -> str:
 def main() -> None:
     """Renew the outputs that pages show."""
     for page in sys.argv[1:] or PAGES:
-        path = ROOT / f"docs/{page}.md"
+        text = text_of(page)
         with tempfile.TemporaryDirectory() as folder:
-            shown = [run for run in runs(page, Path(folder)) if run.shown is not None]
-        text = path.read_text(encoding="utf-8")
+            shown = [run for run in runs(text, Path(folder)) if run.shown is not None]
         for run in reversed(shown):
             start, end = run.place
             text = text[:start] + renewed(run.shown or "", run.printed) + text[end:]
-        path.write_text(text, encoding="utf-8")
+        (ROOT / f"docs/{page}.md").write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":
