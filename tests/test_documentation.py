@@ -164,3 +164,24 @@ def test_a_name_that_does_not_exist_is_found(text, broken):
 def test_a_name_of_a_docstring_that_does_not_exist_is_found():
     text = '"""Of `Sample_of` and `bar_of`."""\n\n\ndef bar_of(): ...\n'
     assert broken_in_module(text) == ["Sample_of"]
+
+
+def prose(text: str) -> tuple[list[str], list[str]]:
+    """Return the sentences and the cells of tables of a page, without code and formulas."""
+    text = re.sub(r"```.*?```|\$\$.*?\$\$", "", text, flags=re.DOTALL)
+    rows = re.findall(r"^\|.*\|$", text, re.MULTILINE)
+    cells = [cell for row in rows for cell in row.strip("|").split(" | ")]
+    rest = re.sub(r"^(\|.*\||#.*)$", "", text, flags=re.MULTILINE)
+    parts = (" ".join(part.split()) for part in re.split(r"\n\s*\n|\n *- |\n *\d+\. ", rest))
+    return [s for part in parts for s in re.split(r"(?<=[.:;?!])[*)]*\s+", part)], cells
+
+
+@pytest.mark.parametrize(
+    "path",
+    [page for page in PAGES if page != ROOT / "README.md"],
+    ids=lambda path: str(path.relative_to(ROOT)),
+)
+def test_sentences_are_short_and_cells_are_phrases(path):
+    sentences, cells = prose(path.read_text(encoding="utf-8"))
+    assert [each for each in sentences if len(each.split()) > 25] == []
+    assert [each for each in cells if len(each.split()) > 16] == []
