@@ -5,13 +5,11 @@ Jupytext's percent format, which are executed; a claim that fails fails the buil
 MathML, and no page loads anything from a network.
 """
 
-import ast
 import contextlib
-import inspect
-import itertools
 import os
 import posixpath
 import re
+import sys
 from pathlib import Path
 from pkgutil import resolve_name
 
@@ -23,15 +21,14 @@ from sphinx.ext.napoleon.docstring import GoogleDocstring
 from sphinx.util.docutils import SphinxDirective
 from sphinx.util.nodes import make_refnode
 
-DOCS = Path(__file__).parent
-ROOT = DOCS.parent
-PACKAGE = ROOT / "cpid_drake"
+sys.path.insert(0, str(Path(__file__).parent))
+from generated import DOCS, ROOT, comment_of, write_pages
 
 project = "cpid_drake"
 copyright = "cpid_drake maintainers"
 html_title = project
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx.ext.napoleon"]
-exclude_patterns = ["conf.py", "_templates"]
+exclude_patterns = ["conf.py", "generated.py", "_templates"]
 templates_path = ["_templates"]
 html_theme = "furo"
 html_static_path = ["_static"]
@@ -85,48 +82,6 @@ def replace_readme(app, page: str, source: list[str]) -> None:
 
     if (DOCS / f"{page}.md").exists():
         source[0] = re.sub(r"\[((?:[^][]|\[[^]]*])*)]\(([^)\s]+)\)", relative, text)
-
-
-def public_names(stub: Path) -> list[str]:
-    """Return the names that a stub of a package lists in `__all__`."""
-    for node in ast.parse(stub.read_text(encoding="utf-8")).body:
-        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
-            return [name for name in ast.literal_eval(node.value) if not name.startswith("__")]
-    return []
-
-
-def write_api(_app, _config) -> None:
-    """Write the page that lists all public names, from the stubs; autosummary writes the others."""
-    lines = ["Public names", "============", ""]
-    for stub in [PACKAGE / "__init__.pyi", *sorted(PACKAGE.glob("*/__init__.pyi"))]:
-        module = ".".join(stub.parent.relative_to(ROOT).parts)
-        lines += [f"``{module}``", "-" * (len(module) + 4), "", ".. autosummary::"]
-        lines += ["   :toctree: .", ""]
-        lines += [f"   {module}.{name}" for name in public_names(stub)] + [""]
-    folder = DOCS / "reference/api"
-    folder.mkdir(exist_ok=True)
-    text = "\n".join(lines)
-    page = folder / "index.rst"
-    if not page.exists() or page.read_text(encoding="utf-8") != text:
-        page.write_text(text, encoding="utf-8")
-
-
-def comment_of(full_name: str) -> list[str]:
-    """Return the lines of the string below the assignment of a public name that is no function."""
-    module, _, name = full_name.rpartition(".")
-    stub = ROOT / module.replace(".", "/") / "__init__.pyi"
-    for node in ast.parse(stub.read_text(encoding="utf-8")).body:
-        if isinstance(node, ast.ImportFrom) and name in [each.name for each in node.names]:
-            source = stub.parent / f"{node.module.replace('.', '/')}.py"
-            body = ast.parse(source.read_text(encoding="utf-8")).body
-            for this, following in itertools.pairwise(body):
-                targets = getattr(this, "targets", [getattr(this, "target", None)])
-                if name in {n.id for t in targets if t for n in ast.walk(t) if hasattr(n, "id")}:
-                    comment = getattr(getattr(following, "value", None), "value", None)
-                    return inspect.cleandoc(
-                        comment if isinstance(comment, str) else ""
-                    ).splitlines()
-    return []
 
 
 def prepare_docstring(_app, what: str, name: str, _object, _options, lines: list[str]) -> None:
@@ -241,7 +196,7 @@ def visit_math(self, node) -> None:
 def setup(app) -> None:
     """Connect what is above with Sphinx."""
     app.add_html_math_renderer("mathml", (visit_math, None), (visit_math, None))
-    app.connect("config-inited", write_api)
+    app.connect("config-inited", lambda _app, _config: write_pages())
     app.connect("source-read", replace_readme)
     app.connect("doctree-read", link_names)
     app.connect("missing-reference", resolve)
