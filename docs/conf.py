@@ -178,7 +178,7 @@ def resolve(app, env, node, content):
         found = {
             (entry.docname, entry.node_id)
             for full, entry in objects.items()
-            if f".{full}".endswith(end) and (owner or full.count(".") < 3)
+            if f".{full}".endswith(end) and (owner or entry.objtype not in ("method", "attribute"))
         }
         if len(found) == 1:
             [(page, anchor)] = found

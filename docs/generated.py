@@ -59,7 +59,7 @@ def _section(path: str, kind: type) -> Iterator[str]:
     yield from ("   * - key", "     - default")
     for field in dataclasses.fields(kind):
         yield from (f"   * - ``{field.name}``", f"     - {_default(field)}")
-    yield from ("", f".. autoclass:: {kind.__module__}.{name}", "   :no-index:", "")
+    yield from ("", f".. autoclass:: {kind.__module__}.{name}()", "   :no-index:", "")
 
 
 def _default(field: dataclasses.Field) -> str:

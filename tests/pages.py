@@ -32,14 +32,16 @@ ELLIPSIS = re.compile(r"^\.\.\.$", re.M)
 
 @dataclass(frozen=True)
 class Run:
-    """A block that was run, what the page shows of its output, and where; and what it printed."""
+    """A block that was run, what the page shows of its output, and where; and what it printed.
+
+    Messages come where a terminal shows them: between the lines of the output.
+    """
 
     text: str
     shown: str | None
     place: tuple[int, int]
     code: int
     printed: str
-    errors: str
 
 
 def text_of(page: str) -> str:
@@ -59,7 +61,7 @@ def prepare(folder: Path) -> dict[str, str]:
     paths = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
     path = f"{folder / 'bin'}{os.pathsep}{os.environ['PATH']}"
     own = {"PATH": path, "PYTHONPATH": paths, "OPENBLAS_NUM_THREADS": "1", "COLUMNS": "200"}
-    return os.environ | own
+    return os.environ | own | {"PYTHONUNBUFFERED": "1"}
 
 
 def runs(page: str, folder: Path) -> Iterator[Run]:
@@ -74,11 +76,12 @@ def runs(page: str, folder: Path) -> Iterator[Run]:
             done = subprocess.run(
                 [*program, "-c", text],
                 **{"cwd": folder, "env": environment, "timeout": HUNG},
-                **{"capture_output": True, "text": True, "check": False},
+                **{"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT},
+                **{"text": True, "check": False},
             )
             printed = "\n".join(line.rstrip() for line in done.stdout.splitlines())
             place = block.span("shown")
-            yield Run(text, block["shown"], place, done.returncode, printed, done.stderr)
+            yield Run(text, block["shown"], place, done.returncode, printed)
 
 
 def missing(shown: str, printed: str) -> str:
