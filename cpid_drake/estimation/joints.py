@@ -49,6 +49,7 @@ _WIDTH = DEGREE + 2 * ORDER - 1  # of the bands: functions at both ends are sums
 _WORTH = 6.0  # of −2 log(evidence) for a rougher motion: strong evidence (Kass and Raftery 1995)
 _FAST = 16.0  # pieces in a second, which follow 5 Hz: with too few, a fast motion looks like noise
 _REWEIGHTINGS = 6  # at most; outliers look like a rough motion or like noise until they are known
+_TOGETHER = 64  # so many values of λ are tried in one call
 _SAME = 0.05  # change of a weight that does not matter
 
 
@@ -302,18 +303,42 @@ class _Splines:
         """Return penalized χ² and log det M (J, G) at u = log λ (J, G)."""
         S, log_det = np.full(u.shape, np.inf), np.zeros(u.shape)
         for joints, AA in self._groups:
-            for value in np.unique(u[joints]):
-                q, (j, g) = np.exp(-value), np.nonzero(u[joints] == value)
-                j = np.array(joints)[j]
-                try:
-                    L = self._root(AA, q)
-                except np.linalg.LinAlgError:
-                    continue
-                by = self._by_left[:, j] - q * self._by_jerk[:, j]
-                fall = np.einsum("kj,kj->j", by, lapack.dpbtrs(L, by)[0])
-                S[j, g] = np.maximum(self._left2[j] + q * self._jerk2[j] - fall, 0.0)
-                log_det[j, g] = 2 * np.sum(np.log(L[-1]))
+            values, which = np.unique(u[joints], return_inverse=True)
+            which = which.reshape(-1, u.shape[1])
+            for first in range(0, len(values), _TOGETHER):
+                q = np.exp(-values[first : first + _TOGETHER])
+                roots, good = self._roots(AA, q)
+                j, g = np.nonzero((which >= first) & (which < first + len(q)))
+                order = np.argsort(which[j, g], kind="stable")
+                j, g = j[order], g[order]
+                k, j = which[j, g] - first, np.array(joints)[j]
+                place = np.arange(len(k)) - np.searchsorted(k, k)
+                by = self._by_left.T[j] - q[k, None] * self._by_jerk.T[j]
+                right = np.zeros((place.max() + 1, *q.shape, self.size))
+                right[place, k] = by
+                flat = right.reshape(len(right), -1).T
+                solved = lapack.dpbtrs(roots, flat)[0].T.reshape(right.shape)[place, k]
+                fall = np.einsum("nk,nk->n", by, solved)
+                squares = np.maximum(self._left2[j] + q[k] * self._jerk2[j] - fall, 0.0)
+                S[j, g] = np.where(good[k], squares, np.inf)
+                of_each = 2 * np.sum(np.log(roots[-1].reshape(len(q), -1)), axis=1)
+                log_det[j, g] = np.where(good, of_each, 0.0)[k]
         return S, log_det
+
+    def _roots(
+        self, AA: NDArray[np.float64], q: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Return the factors of `_root` for many q, side by side, and which of them exist.
+
+        One that does not exist is 1.
+        """
+        one = np.zeros_like(AA)
+        one[-1] = 1.0
+        M, good = AA[:, None] + q[:, None] * self._PP[:, None], np.ones(len(q), dtype=bool)
+        while failed := (found := lapack.dpbtrf(M.reshape(len(AA), -1)))[1]:
+            good[(failed - 1) // self.size] = False
+            M[:, ~good] = one[:, None]
+        return found[0], good
 
     def solved(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return all coefficients (K, J) at u = log λ (J,)."""
