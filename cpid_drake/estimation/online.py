@@ -139,7 +139,7 @@ def _fitted(model: Model, state: OnlineState, blocks: Sequence[Block]) -> Fit:
         return fit(model, [LogState.of_blocks(model, blocks, NAME)])
     [log] = state.found.logs
     log = log.extended(model, blocks[-1], _start(state.found, blocks[-1]))
-    return fit(model, [log], values=state.found.values)
+    return fit(model, [log], values=state.found.values, before=state.found.rolled[0])
 
 
 def _start(found: Fit, block: Block) -> TrajectoryState:
