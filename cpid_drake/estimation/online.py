@@ -243,5 +243,5 @@ def _by_inertia(found: Fit) -> NDArray[np.float64]:
         W = np.linalg.inv(np.linalg.cholesky(J)).T
     else:
         W = normal_B[:, None] / np.sqrt(normal_B @ J @ normal_B)
-    by = [(W.T @ (dynamics.inertia(e)[0] - none) @ W).ravel() for e in np.eye(10)]
-    return np.stack(by, axis=1)
+    by = W.T @ (dynamics.inertia(np.eye(10))[:, 0] - none) @ W
+    return by.reshape(10, -1).T

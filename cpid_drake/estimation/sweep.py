@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
+from scipy.linalg import lapack, solve_triangular
 
 from cpid_drake.estimation.block_rows import BlockRows
 from cpid_drake.estimation.gaussian import Gaussian
@@ -79,10 +79,13 @@ class _Block:
         )
         start = np.linalg.solve(own.end[:, :12], own.end[:, own.gone])
         of_gone = own.samples[:, 12 : 12 + g] - own.samples[:, :12] @ start
-        leverage = np.sum((of_gone @ np.linalg.inv(T[:g, :g])) ** 2, axis=1)
+        inverse, failed = lapack.dtrtri(T[:g, :g])
+        if failed:
+            raise np.linalg.LinAlgError("nothing determines what ends with a block")
+        leverage = np.sum((of_gone @ inverse) ** 2, axis=1)
         ends = np.cumsum([each.size for each in residuals.values()])
         absorbed = {n: float(x.sum()) for n, x in zip(residuals, np.split(leverage, ends))}
-        return cls(part, own.gone, keep, solve_triangular(T[:g, :g], T[:g, g:]), own.end, absorbed)
+        return cls(part, own.gone, keep, inverse @ T[:g, g:], own.end, absorbed)
 
     def solved(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the steps of all columns of the block's model, given those at its end."""
