@@ -8,9 +8,10 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake.estimation.block_rows import BlockRows
 from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.likelihood.effects import relate
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.estimation.likelihood.model import BlockModel, jump_between
-from cpid_drake.estimation.likelihood.motion import Trajectory, TrajectoryState, relate
+from cpid_drake.estimation.likelihood.motion import Trajectory, TrajectoryState
 from cpid_drake.estimation.likelihood.white_reading import WhiteReading
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.target import psi_about
@@ -147,7 +148,7 @@ def roll(model: Model, log: LogState, values: Values, before: Rolled | None = No
             origin=log.origin,
         )
         models.append(part)
-    relate([part.motion for part in models if part not in known])
+    relate([part.motion for part in models if part not in known], psi)
     trajectories, residuals = list[Trajectory](), []
     for k, part in enumerate(models):
         old = known.get(part)
