@@ -302,7 +302,7 @@ def _eliminated(
     others[count:size, count:] = known[c:, c:]
     T[e:, e:] = updated_information(others[e:, e:], T[e:, e:])
     rho2 = before.rho2 + float(T[-1, -1]) ** 2
-    return Gaussian.of_triangle(before.sizes, T[g:-1, g:], rho2), T
+    return replace(before, R=T[g:-1, g:-1], z=T[g:-1, -1], rho2=rho2), T
 
 
 def changed(
@@ -325,7 +325,7 @@ def changed(
     T = triangle(rows)
     before[:p] = T[m : m + p, m:]
     of_change = solve_triangular(T[:m, :m], T[:m, m:])
-    return Gaussian.of_triangle(known.sizes, before, known.rho2), of_change
+    return replace(known, R=before[:, :-1], z=before[:, -1]), of_change
 
 
 def linked(
