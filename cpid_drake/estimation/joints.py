@@ -250,7 +250,7 @@ class _Splines:
             weighted = [w[:, joints[:1]] * A for w, A in zip(weights, self._A, strict=True)]
             self._group[joints] = len(bands)
             bands.append(self._banded(weighted))
-        self._AA = np.stack(bands)
+        self._AA = np.reshape(bands, (-1, self.size, _WIDTH))  # a platform may have no joints
         self._c, self._left = np.zeros((self.size, J)), [each.values for each in samples]
         self._expand()
         first = self.solved(np.zeros(J))

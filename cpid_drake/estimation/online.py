@@ -200,10 +200,11 @@ def _marginalized(state: OnlineState, count: int) -> OnlineState:
         noise,
     )
     kept = rolled.part(count, len(log.blocks))
+    rows = {part: own for part, own in kept.linear.items() if part in kept.models}
     return replace(
         state._observed(gone, rolled),
         settled=(*state.settled, *gone.changes),
-        found=replace(found, logs=[replace(rest, past=past)], rolled=[kept]),
+        found=replace(found, logs=[replace(rest, past=past)], rolled=[replace(kept, linear=rows)]),
     )
 
 

@@ -124,16 +124,17 @@ def roll(model: Model, log: LogState, values: Values, before: Rolled | None = No
     # of each block: what is still to come
     later = np.cumsum([np.zeros(len(walking)), *reversed(log.walks)], axis=0)[::-1]
     models, firsts = list[BlockModel](), list[TrajectoryState]()
-    places = {p.motion.joints: k for k, p in enumerate(before.models)} if before else {}
-    known = dict[BlockModel, int]()
+    done = zip(before.models, before.trajectories, before.residuals) if before else ()
+    by_joints = {each[0].motion.joints: each for each in done}
+    known = dict[BlockModel, tuple[Trajectory, dict[str, NDArray[np.float64]] | None]]()
     for k, (block, joints) in enumerate(zip(log.blocks, log.joints, strict=True)):
         constants = last.copy()
         constants[walking] -= later[k]
         firsts.append(replace(log.starts[k], psi=psi, constants=constants, forces=log.forces[k]))
-        if before and joints in places:
-            part, state = before.models[places[joints]], before.trajectories[places[joints]].state
-            if part.motion.tree is tree and _is_same(state, firsts[k]):
-                known[part] = places[joints]
+        if joints in by_joints:
+            part, trajectory, rest = by_joints[joints]
+            if part.motion.tree is tree and _is_same(trajectory.state, firsts[k]):
+                known[part] = trajectory, rest
                 models.append(part)
                 continue
         part = BlockModel(
@@ -151,18 +152,12 @@ def roll(model: Model, log: LogState, values: Values, before: Rolled | None = No
     relate([part.motion for part in models if part not in known], psi)
     trajectories, residuals = list[Trajectory](), []
     for k, part in enumerate(models):
-        old = known.get(part)
-        if before is None or old is None:
-            trajectory = part.motion.trajectory(firsts[k])
-        else:
-            trajectory = before.trajectories[old]
+        trajectory, own = known.get(part) or (part.motion.trajectory(firsts[k]), None)
         bent, moved = part.bent(trajectory)
-        if before is None or old is None:
-            rest = {n: s.residuals(trajectory) - bent.get(n, 0.0) for n, s in part.sensors.items()}
-        else:
-            rest = before.residuals[old]
+        if own is None:
+            own = {n: s.residuals(trajectory) - bent.get(n, 0.0) for n, s in part.sensors.items()}
         trajectories.append(trajectory)
-        residuals.append(rest)
+        residuals.append(own)
         cost += float(np.sum(part.motion.joints.rest**2))
         if k < len(log.walks):
             cost += float(np.sum((log.walks[k] / sigma) ** 2)) / log.step(k)
@@ -170,9 +165,7 @@ def roll(model: Model, log: LogState, values: Values, before: Rolled | None = No
             end = jumped(part.motion.end(trajectory), moved)
             link = np.zeros(12) if log.gaps[k] else jump_between(end, log.starts[k + 1])
             links.append(link)
-    linear = (
-        {part: before.linear[part] for part in known if part in before.linear} if before else {}
-    )
+    linear = {part: rows for part, rows in before.linear.items() if part in known} if before else {}
     start = _start_cost(model, log, values)
     return Rolled(models, trajectories, residuals, links, cost, start, by_psi, linear)
 
