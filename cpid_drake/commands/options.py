@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from rich.console import Console
 
@@ -20,6 +20,9 @@ from cpid_drake.files.resources import find_scenario, package_folders, resolve_m
 from cpid_drake.identification.arguments import EXACT
 from cpid_drake.identification.request import log_names
 from cpid_drake.simulation.spacecraft_file import EXPLICIT, SpacecraftFile, load_spacecraft
+
+if TYPE_CHECKING:
+    from pydrake.geometry import Meshcat
 
 NOT_ALL_KNOWN = 3
 """Exit code if the data do not determine all that can act on the motion."""
@@ -295,6 +298,23 @@ def extra(name: str) -> Iterator[None]:
         raise InputError(
             f"this command needs {error.name}: `pip install 'cpid-drake[{name}]'`"
         ) from error
+
+
+def open_meshcat(remark: str = "") -> "Meshcat":
+    """Return a new Meshcat, and print the address of its page.
+
+    Raises:
+        InputError: no port is free.
+
+    """
+    from pydrake.geometry import Meshcat, MeshcatParams
+
+    try:
+        meshcat = Meshcat(MeshcatParams(host="*"))
+    except RuntimeError as error:
+        raise InputError(f"Meshcat cannot be opened: {error}") from error
+    print(f"Open {meshcat.web_url()}{remark}", file=sys.stderr, flush=True)
+    return meshcat
 
 
 def log_console(quiet: bool = False) -> Console:

@@ -3,14 +3,12 @@
 from pathlib import Path
 from typing import Annotated
 
-import typer
 from annotated_types import Interval
-from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.systems.framework import Context
 
 from cpid_drake.commands import options
 from cpid_drake.files.drafts import write_text
-from cpid_drake.files.errors import InputError, prefix_errors
+from cpid_drake.files.errors import prefix_errors
 from cpid_drake.files.overwriting import check_outputs
 from cpid_drake.files.resources import find_scenario
 from cpid_drake.identification.result import Identification
@@ -48,11 +46,7 @@ def view(
             simulation = make_simulation(loaded)  # finds errors before a page is opened
             options.print_warnings(check_limits(simulation).exceeded)
         if out is None:
-            try:
-                meshcat = Meshcat(MeshcatParams(host="*"))
-            except RuntimeError as error:
-                raise InputError(f"Meshcat cannot be opened: {error}") from error
-            typer.echo(f"Open {meshcat.web_url()}; Stop is in Open Controls", err=True)
+            meshcat = options.open_meshcat("; Stop is in Open Controls")
             serve(make_simulation(loaded, meshcat=meshcat), meshcat, rate)
             return
 
