@@ -102,8 +102,7 @@ def fit(
     Args:
         model: the unknowns and their priors.
         logs: of the same target.
-        values: of all unknowns, at which logs that have a start are continued; default: the start
-            is what the samples show of the motion.
+        values: of all unknowns; logs with a start are continued there. Default: from the samples.
         before: a prediction of some blocks of the one log at these values; see `roll`.
         progress: called before every sweep but the first with a description; if it returns False,
             the fit ends without having converged.

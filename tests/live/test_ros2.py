@@ -225,7 +225,7 @@ def test_a_node_that_is_killed_starts_again(node, tmp_path):
 
 
 def test_the_example_of_the_docs_shows_the_target(node, tmp_path):
-    """`diagrams/ros2_robot.py` beside the command of docs/how-to-live.md."""
+    """`diagrams/ros2_robot.py` beside the command of docs/how-to/live.md."""
     running = node()
     example = start(ROOT / "diagrams/ros2_robot.py", cwd=tmp_path)
     out, error = example.communicate(timeout=HUNG)
