@@ -33,7 +33,7 @@ class RosAdapter:
     """Connects an identifier with the topics of a node.
 
     It subscribes to each topic as soon as it has a publisher, with the reliability that this
-    offers; `qos_overrides` parameters of the node replace it. It publishes the target in the
+    offers; the node's parameters of QoS overrides replace it. It publishes the target in the
     capture frame, stamped with the time until which samples are in it:
 
     - `~/target`, `~/target_sigma` (`geometry_msgs/InertiaStamped`): estimate and σ; NaN where not
