@@ -96,20 +96,26 @@ def missing(shown: str, printed: str) -> str:
 
 
 def renewed(shown: str, printed: str) -> str:
-    """Return what a page is to show: the lines of each part as printed, found by their words."""
+    """Return what a page is to show: the lines of each part as printed.
+
+    A part is found by its words; of several places, the one with the most equal numbers counts.
+    """
 
     def words(line: str) -> str:
         return " ".join(re.findall(r"[^\W\d]{2,}", line))
 
     lines, at, parts = printed.splitlines(), 0, []
     for part in ELLIPSIS.split(shown):
-        wanted = [words(line) for line in part.strip("\n").splitlines()]
-        for start in range(at, len(lines) - len(wanted) + 1):
-            if [words(line) for line in lines[start : start + len(wanted)]] == wanted:
-                break
-        else:
+        old = part.strip("\n").splitlines()
+        places = {
+            k: sum(a == b for a, b in zip(part.split(), " ".join(lines[k : k + len(old)]).split()))
+            for k in range(at, len(lines) - len(old) + 1)
+            if [words(line) for line in lines[k : k + len(old)]] == [words(line) for line in old]
+        }
+        if not places:
             raise SystemExit(f"not printed any more:\n{part}\nbut:\n{printed}")
-        at = start + len(wanted)
+        start = max(places, key=lambda k: places[k])
+        at = start + len(old)
         parts.append("\n".join(lines[start:at]))
     text = "\n...\n".join(parts).removeprefix("\n").removesuffix("\n")
     return f"{text}\n"

@@ -20,3 +20,9 @@ def test_a_changed_number_is_found_and_renewed():
     assert missing("rank 10\n...\nm 1.0 kg\n", printed) == "m 1.0 kg"
     assert renewed("...\nrank 9\n", printed) == "...\nrank 10\n"
     assert renewed("m 9.0 kg\n...\nrank 9\n", printed) == "m 1.0 kg\n...\nrank 10\n"
+
+
+def test_of_lines_with_the_same_words_the_most_similar_is_renewed():
+    printed = " 2 s  m = 8.1 kg\n 3 s  m = 8.4 kg\n 9 s  m = 8.5 kg"
+    shown = " 3 s  m = 8.3 kg\n...\n 9 s  m = 8.6 kg\n"
+    assert renewed(shown, printed) == " 3 s  m = 8.4 kg\n...\n 9 s  m = 8.5 kg\n"

@@ -155,6 +155,7 @@ def test_time_that_jumps_back_begins_the_identification_again(flyer, log, direct
     found = samples.identifier.finish()
     np.testing.assert_allclose(found.covariance, direct.covariance, rtol=1e-6)
     assert found.sample_count == direct.sample_count
+    assert found.rejected == direct.rejected
 
 
 def test_a_late_message_is_no_jump_of_time(flyer, log):
