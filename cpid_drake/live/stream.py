@@ -105,7 +105,7 @@ class Stream:
         suite: SensorSuite | PathLike,
         *,
         momentum: TotalMomentum | str | None = None,
-        prior: TargetPrior | PathLike | None = None,
+        prior: TargetPrior | Identification | PathLike | None = None,
         reads_thrust: bool = False,
         known_bodies: BodyUncertainty | PathLike | None = None,
         window: float = WINDOW,
