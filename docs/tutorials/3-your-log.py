@@ -96,8 +96,7 @@ print(cpid.identify(spacecraft, other, sensors=sensors)["m"])
 
 # %%
 first = cpid.identify(spacecraft, log.between(0.0, 5.0), sensors=sensors)
-prior = cpid.TargetPrior("first half", first.parameters, first.covariance, first.combinations)
-tested = cpid.validate(spacecraft, prior, log.between(5.0, 10.0), sensors=sensors)
+tested = cpid.validate(spacecraft, first, log.between(5.0, 10.0), sensors=sensors)
 print(f"χ² {tested.chi_squared:.1f} of {tested.freedom}: probability {tested.probability:.2f}")
 print(f"A target {tested.heavier:.1%} heavier would be noticed.")
 for error in tested.errors:
