@@ -22,7 +22,6 @@ cpid.add_lcm(builder, identifier, lcm=lcm, period=1.0)  # CPID_GYRO in, CPID_PAR
 simulator = Simulator(builder.Build())
 # simulator.set_target_realtime_rate(1.0); simulator.AdvanceTo(60.0)  # with a robot elsewhere
 
-heard = {name: Subscriber(lcm, f"CPID_{name}", lcmt_scope) for name in ("PARAMETERS", "COVARIANCE")}
 second = 0
 for sensor, time, value in cpid.read_log(folder / "free_flyer.csv").messages():
     if time > simulator.get_context().get_time():
@@ -34,9 +33,17 @@ for sensor, time, value in cpid.read_log(folder / "free_flyer.csv").messages():
     lcm.Publish(f"CPID_{sensor.upper()}", message.encode())
     if time >= second + 1:
         second = int(time)
-        m, sigma = heard["PARAMETERS"].message.value, heard["COVARIANCE"].message.value
-        print(f"{second:3} s  m = {m[0]:8.4f} kg ± {1.96 * sigma[0] ** 0.5:.4f}" if m else "")
+        known = identifier.identification(identifier.GetMyContextFromRoot(simulator.get_context()))
+        sigma = known.covariance[0, 0] ** 0.5
+        print(f"{second:3} s  m = {known.parameters[0]:8.4f} kg ± {1.96 * sigma:.4f}")
 lcm.HandleSubscriptions(0)
 simulator.AdvanceTo(simulator.get_context().get_time() + 0.01)
 found = identifier.Finish(simulator.get_mutable_context())
 print(found, found.explain(), sep="\n")
+
+# What another process hears. In this one, subscribe after the simulation: Drake calls a
+# `Subscriber` of its own bus without Python's lock.
+heard = Subscriber(lcm, "CPID_PARAMETERS", lcmt_scope)
+simulator.get_system().ForcedPublish(simulator.get_context())
+lcm.HandleSubscriptions(0)
+print("CPID_PARAMETERS:", *(f"{value:.4f}" for value in heard.message.value))

@@ -63,6 +63,8 @@ def identify(
     if ignored:
         console.print(f"note: ignored columns: {', '.join(ignored[:20])}")
     options.print_warnings(result.warnings)
-    if not quiet:
+    if quiet:
+        options.print_warnings([f"failed check: {failure}" for failure in result.failures])
+    else:
         print("\n".join(describe(result)))
     return options.exit_code(result)

@@ -45,6 +45,9 @@ def add_lcm(
     sensor's stamp that was read is not used again, so a sender that stops adds nothing. A state has
     no stamp: between two samples of a `MomentumIdentifier` must come a message of another `utime`.
 
+    In this process, subscribe to `lcm` only while no simulation runs: Drake 1.51 calls a Python
+    `Subscriber` of the same bus without the interpreter's lock, which can end the process.
+
     Args:
         builder: the diagram's builder.
         identifier: a `MomentumIdentifier` or a `SensorIdentifier` that is in no diagram yet.

@@ -36,7 +36,6 @@ def test_states_from_messages_are_rows_and_the_estimate_is_a_message(
     lcm, builder = DrakeLcm("memq://"), DiagramBuilder()
     identifier = add_lcm(builder, MomentumIdentifier(servicer), lcm=lcm, channel="ARM", period=0.5)
     simulator = Simulator(builder.Build())
-    received = {n: Subscriber(lcm, f"ARM_{n}", lcmt_scope) for n in ("PARAMETERS", "COVARIANCE")}
     for k, state in enumerate(servicer.to_states(motion)):
         lcm.Publish("ARM_STATE", scope(state, k))
         lcm.HandleSubscriptions(0)
@@ -45,6 +44,8 @@ def test_states_from_messages_are_rows_and_the_estimate_is_a_message(
     assert found.sample_count == len(motion)
     truth = skewed_target.to_vector()
     np.testing.assert_allclose(found.parameters, truth, rtol=0, atol=1e-6 * truth[0])
+    received = {n: Subscriber(lcm, f"ARM_{n}", lcmt_scope) for n in ("PARAMETERS", "COVARIANCE")}
+    simulator.get_system().ForcedPublish(simulator.get_context())
     lcm.HandleSubscriptions(0)
     sent = received["PARAMETERS"].message.value
     np.testing.assert_allclose(sent, found.parameters, rtol=0, atol=1e-6 * truth[0])
