@@ -46,7 +46,7 @@ def add_lcm(
     no stamp: between two samples of a `MomentumIdentifier` must come a message of another `utime`.
 
     In this process, subscribe to `lcm` only while no simulation runs: Drake 1.51 calls a Python
-    `Subscriber` of the same bus without the interpreter's lock, which can end the process.
+    subscriber of the same bus without the interpreter's lock, which can end the process.
 
     Args:
         builder: the diagram's builder.
