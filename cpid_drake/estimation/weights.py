@@ -57,7 +57,7 @@ def reweighted(
         shares[name] = (1 - lost) / time
         sums = past.get(name, 0.0) + np.array([np.sum(near**2), near.size * shares[name]])
         square, freedom = DECLARED + sums
-        noise[name] = max(1.0, float(np.sqrt(square / freedom)))
+        noise[name] = float(np.sqrt(square / freedom))
     log = replace(log, freedom=shares) if shares else log
     return replace(log, weights=tuple(weights), noise=noise)
 
