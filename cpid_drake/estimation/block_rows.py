@@ -1,5 +1,6 @@
 """The rows of one block, compressed to a triangle: what its samples and its joints tell."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 from cpid_drake.estimation.least_squares import updated_information
 from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.estimation.likelihood.motion import Trajectory
+from cpid_drake.estimation.spectrum import Whitening
 from cpid_drake.estimation.unknowns import PSI
 
 
@@ -23,7 +25,7 @@ class BlockRows:
         order: (n,) the columns of the block's model.
         gone: (g,) those that end with the block, but for its start.
         end: (12, n) how its end depends on the columns of the block's model.
-        scale: (m,) factors of its residuals.
+        whitening: of its residuals, by sensor.
         samples: (m, n + 1) the rows of its samples alone; None if they are not kept.
 
     """
@@ -32,7 +34,7 @@ class BlockRows:
     order: NDArray[np.intp]
     gone: NDArray[np.intp]
     end: NDArray[np.float64]
-    scale: NDArray[np.float64]
+    whitening: Mapping[str, Whitening]
     samples: NDArray[np.float64] | None
 
     @classmethod
@@ -41,16 +43,16 @@ class BlockRows:
         part: BlockModel,
         trajectory: Trajectory,
         by_psi: NDArray[np.float64],
-        rest: NDArray[np.float64],
-        scale: NDArray[np.float64],
+        rest: Mapping[str, NDArray[np.float64]],
+        whitening: Mapping[str, Whitening],
     ) -> "BlockRows":
         """Return the rows of a block.
 
         Args:
             part, trajectory: its prediction.
             by_psi: see `Rolled`.
-            rest: (m,) residuals in units of the declared σ.
-            scale: (m,) their factors.
+            rest: (M, d) residuals in units of the declared σ, by sensor.
+            whitening: of each sensor.
 
         """
         J, end = part.jacobian(trajectory)
@@ -62,17 +64,33 @@ class BlockRows:
         gone = np.flatnonzero(ends_here)
         order = np.concatenate([start, gone, ends, part.kept])
         rows = np.empty((len(order) + 1, len(J))).T
-        np.multiply(J.T[order], scale, out=rows.T[:-1])
-        np.multiply(rest, scale, out=rows.T[-1])
+        rows[:, :-1], first = J[:, order], 0
+        for name, each in rest.items():
+            own = rows[first : first + each.size]
+            own[:, -1] = each.ravel()
+            own[:] = whitening[name](own.reshape(*each.shape, -1)).reshape(own.shape)
+            first += each.size
         T = updated_information(part.joint_triangle(order), rows)
-        return cls(T, order, gone, end, scale, rows)
+        return cls(T, order, gone, end, whitening, rows)
 
-    def scaled(self, part: BlockModel, scale: NDArray[np.float64]) -> "BlockRows | None":
-        """Return the rows with other factors (m,) of the residuals; None if no samples are kept."""
-        if np.array_equal(self.scale, scale):
+    def whitened(
+        self,
+        part: BlockModel,
+        rest: Mapping[str, NDArray[np.float64]],
+        whitening: Mapping[str, Whitening],
+    ) -> "BlockRows | None":
+        """Return the rows, whitened otherwise; None if no samples are kept."""
+        changed = [n for n, each in whitening.items() if not each.is_same(self.whitening[n])]
+        if not changed:
             return self
         if self.samples is None:
             return None
-        rows = (self.samples.T * (scale / self.scale)).T
+        rows, first = self.samples.copy(order="F"), 0
+        for name, each in rest.items():
+            own = rows[first : first + each.size]
+            if name in changed:
+                before = self.whitening[name].undone(own.reshape(*each.shape, -1))
+                own[:] = whitening[name](before).reshape(own.shape)
+            first += each.size
         T = updated_information(part.joint_triangle(self.order), rows)
-        return replace(self, T=T, scale=scale, samples=rows)
+        return replace(self, T=T, whitening=whitening, samples=rows)

@@ -19,10 +19,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cpid_drake.estimation.block_noise import with_spectra
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import loss_weight
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Rolled, Values, roll
+from cpid_drake.estimation.spectrum import are_near
 from cpid_drake.estimation.start import start_of
 from cpid_drake.estimation.sweep import Swept, back, sweep
 from cpid_drake.estimation.target import LOG_SIZE, TargetCone
@@ -175,6 +177,8 @@ def _best(
         if held is None:
             left = excess if misfit == 1.0 else step.fall(1.0)  # priors will weigh less
             settled = left < SETTLED * misfit**2 * sum(r.count for r in there.rolled)
+            if settled:
+                there = _with_noise(there)
             there = _reweighted(there, [each.absorbed for each in now.swept] if settled else None)
         is_last = settled and misfit == 1.0 and abs(excess) < close
         if is_last and _are_same(before, there.logs):
@@ -198,6 +202,8 @@ def _weighed(prior: Gaussian, factor: float) -> Gaussian:
 def _are_same(logs: Sequence[LogState], others: Sequence[LogState]) -> bool:
     """Return whether logs have nearly the same noise factors and weights."""
     for log, other in zip(logs, others, strict=True):
+        if not are_near(log.spectra, other.spectra, SAME):
+            return False
         parts: Any = [(log.noise, other.noise), *zip(log.weights, other.weights, strict=True)]
         for before, after in parts:
             for name in {*before, *after}:
@@ -205,6 +211,12 @@ def _are_same(logs: Sequence[LogState], others: Sequence[LogState]) -> bool:
                 if np.max(np.abs(change), initial=0.0) > SAME:
                     return False
     return True
+
+
+def _with_noise(now: Fit) -> Fit:
+    """Return a fit with the spectra that its blocks show."""
+    parts = zip(now.logs, now.rolled, strict=True)
+    return replace(now, logs=[with_spectra(now.model, *each, now.values) for each in parts])
 
 
 def _reweighted(now: Fit, absorbed: Sequence[dict[str, float]] | None = None) -> Fit:

@@ -13,9 +13,11 @@ from cpid_drake.estimation.joints import Smoothness, continued, smooth_joints
 from cpid_drake.estimation.likelihood.joint_motion import ORDER, JointPart
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
 from cpid_drake.estimation.past import Past
+from cpid_drake.estimation.spectrum import WHITE, Spectra, Whitening
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.files.errors import InputError
 from cpid_drake.logs.log import Log, Samples
+from cpid_drake.sensors.sensors import SENSORS
 
 CLOSED = 1e-8
 """σ of a change at a closed end, as a share of 1 rad, 1 m, 1 m/s and a fast tumble's momentum."""
@@ -47,7 +49,9 @@ class LogState:
         pulls: of each block but a log's last: (12,) derivative of half χ² by the change at its end,
             which is zero, if the end is closed.
         weights: of each block: (M,) weights of a sensor's samples.
-        noise: factors of the sensors' declared σ.
+        spectra: of each sensor's noise.
+        shown: of each block: what it shows of the noise; see `block_noise`.
+        noise: factors of its σ: what the model leaves beside noise.
         freedom: degrees of freedom of one residual that is not far off, by sensor; none before the
             noise is known.
         past: what is known before the first block; None if it is the first of all.
@@ -66,6 +70,8 @@ class LogState:
     gaps: tuple[float, ...] = ()
     pulls: tuple[NDArray[np.float64], ...] = ()
     weights: tuple[dict[str, NDArray[np.float64]], ...] = ()
+    spectra: Spectra = field(default_factory=dict)
+    shown: tuple[Spectra, ...] = ()
     noise: dict[str, float] = field(default_factory=dict)
     freedom: dict[str, float] = field(default_factory=dict)
     past: Past | None = None
@@ -120,7 +126,7 @@ class LogState:
     ) -> "LogState":
         """Return a log of other blocks with the same past; see `of_blocks`."""
         fresh = LogState.of_blocks(model, blocks, self.name, starts, past=self.past)
-        return replace(fresh, noise=self.noise if self.past else {})
+        return replace(fresh, spectra=self.spectra, noise=self.noise if self.past else {})
 
     def extended(self, model: Model, block: Block, start: TrajectoryState) -> "LogState":
         """Return the log with one more block; with a past, joints of the others stay as they are.
@@ -143,6 +149,7 @@ class LogState:
             gaps=(*self.gaps, gap),
             pulls=(*self.pulls, np.zeros(12)),
             weights=(*self.weights, {}),
+            shown=(*self.shown, {}) if self.shown else (),
         )
 
     def opened(self, ends: Iterable[int]) -> "LogState":
@@ -203,19 +210,16 @@ class LogState:
 
     def part(self, first: int, end: int) -> "LogState":
         """Return the blocks from `first` up to `end`, with what changes behind the last of them."""
-        lists = ("blocks", "joints", "forces", "walks", "weights", "starts", "gaps", "pulls")
+        lists = ("blocks", "joints", "forces", "walks", "weights", "starts", "gaps", "pulls", "shown")
         parts: dict[str, Any] = {name: getattr(self, name)[first:end] for name in lists}
         ends = frozenset(k - first for k in self.open if first <= k < end)
         return replace(self, open=ends, past=None if first else self.past, **parts)
 
-    def weighted(self, k: int, sensor: str, rest: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return residuals (M, ...) of a sensor in block k, with weights and noise factor."""
-        return np.asarray((rest.T * self.scale(k, sensor, len(rest))).T)
-
-    def scale(self, k: int, sensor: str, count: int) -> NDArray[np.float64]:
-        """Return the factors (M,) of a sensor's residuals in block k."""
-        weights = self.weights[k].get(sensor, np.ones(count))
-        return weights / self.noise.get(sensor, 1.0)
+    def whitening(self, k: int, sensor: str, count: int) -> Whitening:
+        """Return what makes the residuals of a sensor, or of a white force, in block k white."""
+        times = self.blocks[k].samples[sensor].time if sensor in SENSORS else np.zeros(count)
+        weights = self.weights[k].get(sensor, np.ones(count)) / self.noise.get(sensor, 1.0)
+        return Whitening.of(times, self.spectra.get(sensor, WHITE), weights)
 
 
 def farthest(model: Model) -> NDArray[np.float64]:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
+from cpid_drake.estimation.block_noise import added
 from cpid_drake.estimation.block import Block, BlockQueue, blocks_of
 from cpid_drake.estimation.events import fit_with_events, is_explained
 from cpid_drake.estimation.evidence import Question
@@ -180,11 +181,13 @@ def _marginalized(state: OnlineState, count: int) -> OnlineState:
     linear = of_first(model, log, rolled, values).part(0, count)
     before = known_at_start(model, log, values)
     known = sweep(model, gone, linear, values, before=before, forward_only=True).end
+    shown = added(log.past.shown if log.past else {}, *gone.shown)
     noise = dict(log.past.noise) if log.past else {}
     for name, share in log.freedom.items():
-        for block, weights in zip(rolled.residuals[:count], log.weights, strict=False):
+        for k, (block, weights) in enumerate(zip(rolled.residuals[:count], log.weights)):
             if name in block:
-                near = block[name][weights.get(name, np.ones(len(block[name]))) == 1.0]
+                white = replace(log, noise={}).whitening(k, name, len(block[name]))
+                near = white(block[name])[weights.get(name, np.ones(len(block[name]))) == 1.0]
                 sums = np.array([np.sum(near**2), near.size * share])
                 noise[name] = noise.get(name, 0.0) + sums
     about: Mapping[str, NDArray[np.float64]]
@@ -197,6 +200,7 @@ def _marginalized(state: OnlineState, count: int) -> OnlineState:
         rest.joints[0].coefficients[:ORDER],
         first_table(model, rest, values),
         about,
+        shown,
         noise,
     )
     kept = rolled.part(count, len(log.blocks))

@@ -26,7 +26,8 @@ class Past:
         joints: (ORDER, J) the joints about which it is.
         table: (n,) the values of the table about which it is.
         first: values of target and hardware at which derivatives are taken.
-        noise: sum of squares of residuals and degrees of freedom, by sensor.
+        shown: what blocks show of the noise, by sensor; see `Whitening.sums`.
+        noise: sum of squares of whitened residuals and degrees of freedom, by sensor.
 
     """
 
@@ -35,6 +36,7 @@ class Past:
     joints: NDArray[np.float64]
     table: NDArray[np.float64]
     first: Mapping[str, NDArray[np.float64]]
+    shown: Mapping[str, NDArray[np.float64]]
     noise: Mapping[str, NDArray[np.float64]]
 
     def about(

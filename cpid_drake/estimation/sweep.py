@@ -156,7 +156,7 @@ def sweep(
     boundary = np.arange(boundary_size(model))
     walking, pose, joints = len(boundary) + model.walking_columns, boundary[:12], boundary[12:]
     steps = list[_Change | _Block]()
-    linear = _linearized(model, log, rolled, values, forward_only=forward_only)
+    linear = linearized(model, log, rolled, values, forward_only=forward_only)
     for k, own in enumerate(linear):
         known, T = _eliminated(rolled.models[k], own, known)
         if not forward_only:
@@ -249,28 +249,27 @@ def back(model: Model, log: LogState, swept: Swept, step: Values, share: float =
     )
 
 
-def _linearized(
+def linearized(
     model: Model, log: LogState, rolled: Rolled, values: Values, *, forward_only: bool
 ) -> Iterator[BlockRows]:
     """Yield the rows of all blocks, with those of their samples alone unless only forward.
 
     The latter are kept in a window, which is short.
     """
-    scales, known = [], list[BlockRows | None]()
+    whitenings, known = [], list[BlockRows | None]()
     for k, (part, rest) in enumerate(zip(rolled.models, rolled.residuals, strict=True)):
-        each = (np.repeat(log.scale(k, n, len(e)), e.shape[1]) for n, e in rest.items())
-        scales.append(np.concatenate([np.empty(0), *each]))
+        whitenings.append({n: log.whitening(k, n, len(e)) for n, e in rest.items()})
         rows = rolled.linear.get(part)
         is_enough = rows is not None and (forward_only or rows.samples is not None)
-        known.append(rows.scaled(part, scales[k]) if rows is not None and is_enough else None)
+        known.append(rows.whitened(part, rest, whitenings[k]) if rows and is_enough else None)
     new = [k for k, rows in enumerate(known) if rows is None]
     motions = [rolled.models[k].motion for k in new]
     at = [rolled.trajectories[k] for k in new]
     trajectories = with_changes(motions, at, model.known_bodies, values.get(BODIES))
-    for part, rest, rows, scale in zip(rolled.models, rolled.residuals, known, scales, strict=True):
+    blocks = zip(rolled.models, rolled.residuals, known, whitenings, strict=True)
+    for part, rest, rows, whitening in blocks:
         if rows is None:
-            r = np.concatenate([np.empty(0), *(each.ravel() for each in rest.values())])
-            rows = BlockRows.of(part, next(trajectories), rolled.by_psi, r, scale)
+            rows = BlockRows.of(part, next(trajectories), rolled.by_psi, rest, whitening)
         rolled.linear[part] = rows if log.past is not None else replace(rows, samples=None)
         yield rows
 

@@ -42,6 +42,7 @@ def reweighted(
     sampled = {f"{name}.{BIAS}" for name in residuals}
     biases = sum(each.size for each in model.table if each.name in sampled)
     free = 0 if log.past else 12 + 10 + biases
+    plain = replace(log, noise={}, weights=tuple({} for _ in log.blocks))
     for name, rest in residuals.items():
         w = weights_of(rest) if name in SENSORS else np.ones(len(rest))  # a force is no outlier
         ends = np.cumsum([len(block[name]) for block in rolled.residuals if name in block])[:-1]
@@ -51,13 +52,17 @@ def reweighted(
                 weights[k][name] = next(parts)
         if absorbed is None:
             continue
+        rest = np.concatenate([
+            plain.whitening(k, name, len(block[name]))(block[name])
+            for k, block in enumerate(rolled.residuals) if name in block
+        ])
         near = rest[w == 1.0]  # what is far off says nothing about the noise
         lost = min(free / count + absorbed.get(name, 0.0) / rest.size, MOST_LOST)
         time = _correlation_time(near, lost) if name in SENSORS else 1.0  # means of a force: smooth
         shares[name] = (1 - lost) / time
         sums = past.get(name, 0.0) + np.array([np.sum(near**2), near.size * shares[name]])
         square, freedom = DECLARED + sums
-        noise[name] = float(np.sqrt(square / freedom))
+        noise[name] = max(1.0, float(np.sqrt(square / freedom)))
     log = replace(log, freedom=shares) if shares else log
     return replace(log, weights=tuple(weights), noise=noise)
 

@@ -116,7 +116,7 @@ def _separated(
         alone = log
         if len(found.logs) > 1:  # a difference between logs must not look like noise
             by_itself = fit(model, [log], values=found.values).logs[0]
-            alone = replace(log, noise=by_itself.noise, weights=by_itself.weights)
+            alone = replace(log, spectra=by_itself.spectra, noise=by_itself.noise, weights=by_itself.weights)
         swept = sweep(model, alone, rolled, found.values, forward_only=True)
         sources[log.name] = conditioned(swept.gaussian)
     if prior is not None:
@@ -189,7 +189,7 @@ def cramer_rao_bound(
     held = Gaussian.of_rows({PSI: 10}, np.column_stack([R, R @ psi]))
     fitted = fit(replace(model, rows=(held,)), [log])
     [log], [rolled], values = fitted.logs, fitted.rolled, fitted.values
-    log = replace(log, noise={}, weights=tuple({} for _ in log.blocks))  # as declared
+    log = replace(log, noise={}, spectra={}, weights=tuple({} for _ in log.blocks))  # as declared
     total = prior_of(model, [log], values).add(sweep(model, log, rolled, values).gaussian)
     known = at_momentum(total, values, momentum or TotalMomentum.zero(), log.name)
     known = known.moved(known.solve())  # the vague prior prefers another target than the true one
