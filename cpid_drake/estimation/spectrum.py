@@ -13,7 +13,7 @@ rows Q of these unknowns, G = QQᵀ and h = diag G, the squares of the transform
 
 for a spectrum S, if S₀ was assumed; the last term is the noise of other sensors. Both are summed in
 bands of a factor of 2, all that is kept of a block. A grid of slow parts, and none, is weighed by
-its likelihood.
+its likelihood. The declared σ is that of the whole noise, and counts as `DECLARED` samples.
 
 Sources: Whittle 1953 (likelihood of a spectrum); Patterson and Thompson 1971 (likelihood of
 residuals).
@@ -30,7 +30,7 @@ from scipy.linalg import toeplitz
 
 from cpid_drake.estimation.joints import DECLARED
 
-TAUS = np.array([0.03, 0.1, 0.3, 1.0, 3.0])
+TAUS = 0.03 * 2.0 ** np.arange(8)
 """Times of slow noise [s]; what is slower than a block looks constant in it."""
 
 RATIOS = np.array([0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0])
@@ -150,15 +150,15 @@ def spectrum_of(sums: NDArray[np.float64]) -> NDArray[np.float64]:
     sums, free, squares = sums[seen], free[seen], squares[seen]
     nu, power, others = free**2 / squares, sums[:, _POWER], sums[:, _OTHERS]
     own = _FORMS @ sums[:, _OWN:].T
-    v = np.full(len(_FORMS), max(power.sum() / max(free.sum(), 1.0), 1e-12))
+    whole, v = _FORMS.sum(axis=1), np.full(len(_FORMS), max(power.sum() / max(free.sum(), 1.0), 1e-12))
     for _ in range(_ITERATIONS):
         expected = v[:, None] * own + others
-        w = nu * own / expected
+        w = nu * v[:, None] * own / expected
         up, down = np.sum(w * power / expected, axis=1), np.sum(w, axis=1)
-        v *= np.sqrt((DECLARED / v + v * up) / (DECLARED + v * down))
+        v *= np.sqrt((DECLARED / (v * whole) + up) / (DECLARED + down))
     expected = v[:, None] * own + others
     deviance = np.sum(nu * (np.log(expected) + power / expected), axis=1)
-    deviance += DECLARED * (np.log(v) + 1 / v)
+    deviance += DECLARED * (np.log(v * whole) + 1 / (v * whole))
     p = _ODDS * np.exp(-0.5 * (deviance - deviance.min()))
     return np.asarray((p * v) @ _FORMS / p.sum())
 

@@ -16,7 +16,6 @@ from cpid_drake.estimation.likelihood.constants import BIAS
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Rolled
 from cpid_drake.estimation.unknowns import Model
-from cpid_drake.estimation.whiteness import MOST_CORRELATED
 from cpid_drake.sensors.sensors import SENSORS
 
 MOST_LOST = 0.9
@@ -58,28 +57,12 @@ def reweighted(
         ])
         near = rest[w == 1.0]  # what is far off says nothing about the noise
         lost = min(free / count + absorbed.get(name, 0.0) / rest.size, MOST_LOST)
-        time = _correlation_time(near, lost) if name in SENSORS else 1.0  # means of a force: smooth
-        shares[name] = (1 - lost) / time
+        shares[name] = 1 - lost
         sums = past.get(name, 0.0) + np.array([np.sum(near**2), near.size * shares[name]])
         square, freedom = DECLARED + sums
         noise[name] = max(1.0, float(np.sqrt(square / freedom)))
     log = replace(log, freedom=shares) if shares else log
     return replace(log, weights=tuple(weights), noise=noise)
-
-
-def _correlation_time(rest: NDArray[np.float64], lost: float) -> float:
-    """Return (1 + ρ)/(1 − ρ), how much stronger first-order Gauss-Markov noise is if it is slow.
-
-    The motion is slow, too: of white noise, it takes the lowest frequencies, the share that is
-    `lost`, and leaves residuals whose neighbours have the correlation −sin(π lost)/π/(1 − lost).
-    The covariance beyond that is ρ times the noise's variance, of which 1 − lost is in residuals.
-    """
-    if len(rest) < 2 or not rest.any():
-        return 1.0
-    seen = np.mean(rest[1:] * rest[:-1]) / np.mean(rest**2)
-    of_white = -np.sin(np.pi * lost) / np.pi / (1 - lost)
-    rho = np.clip((1 - lost) * (seen - of_white), 0.0, MOST_CORRELATED)  # more is no noise
-    return float((1 + rho) / (1 - rho))
 
 
 def weights_of(rest: NDArray[np.float64], noise: float = 1.0) -> NDArray[np.float64]:
