@@ -86,11 +86,12 @@ def most_changes(logs: int) -> int:
 def _tests(found: Fit, changes: Sequence[Sequence[int]]) -> dict[str, Whiteness]:
     """Return the whiteness of residuals by sensor, in blocks beside which nothing changed."""
     sums = dict[str, LagSums]()
-    for rolled, own in zip(found.rolled, changes, strict=True):
+    for log, rolled, own in zip(found.logs, found.rolled, changes, strict=True):
         for k, block in enumerate(rolled.residuals):
             if k not in own and k - 1 not in own:
                 for name, rest in block.items():
-                    sums[name] = sums.get(name, LagSums(channels=rest.shape[1])).added(rest)
+                    white = log.whitened(k, name, rest)
+                    sums[name] = sums.get(name, LagSums(channels=rest.shape[1])).added(white)
     return {name: each.whiteness for name, each in sums.items()}
 
 

@@ -208,12 +208,22 @@ class LogState:
         """Whether thrusters fire."""
         return any(block.samples.has_thrust for block in self.blocks)
 
+    @property
+    def noise_factors(self) -> dict[str, float]:
+        """Size of what is not explained, as factors of the sensors' declared σ."""
+        sizes = {name: float(np.sqrt(np.sum(each))) for name, each in self.spectra.items()}
+        return {name: sizes.get(name, 1.0) * factor for name, factor in self.noise.items()}
+
     def part(self, first: int, end: int) -> "LogState":
         """Return the blocks from `first` up to `end`, with what changes behind the last of them."""
         lists = ("blocks", "joints", "forces", "walks", "weights", "starts", "gaps", "pulls", "shown")
         parts: dict[str, Any] = {name: getattr(self, name)[first:end] for name in lists}
         ends = frozenset(k - first for k in self.open if first <= k < end)
         return replace(self, open=ends, past=None if first else self.past, **parts)
+
+    def whitened(self, k: int, sensor: str, rest: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return white residuals of those (M, d) of a sensor in block k."""
+        return self.whitening(k, sensor, len(rest))(rest)
 
     def whitening(self, k: int, sensor: str, count: int) -> Whitening:
         """Return what makes the residuals of a sensor, or of a white force, in block k white."""

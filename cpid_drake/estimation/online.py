@@ -87,8 +87,9 @@ class OnlineState:
                 far = int(np.sum(weights.get(name, np.ones(1)) < 1))
                 used[name] += len(samples) - far
                 rejected[name] += far
-        for name, rest in rolled.part(0, len(log.blocks)).all_residuals().items():
-            lags[name] = lags.get(name, LagSums()).added(rest)
+        for k, block in enumerate(rolled.residuals[: len(log.blocks)]):
+            for name, rest in block.items():
+                lags[name] = lags.get(name, LagSums()).added(log.whitened(k, name, rest))
         return replace(self, used=used, rejected=rejected, lags=lags)
 
 
@@ -183,11 +184,11 @@ def _marginalized(state: OnlineState, count: int) -> OnlineState:
     known = sweep(model, gone, linear, values, before=before, forward_only=True).end
     shown = added(log.past.shown if log.past else {}, *gone.shown)
     noise = dict(log.past.noise) if log.past else {}
+    plain = replace(log, noise={}, weights=tuple({} for _ in log.blocks))
     for name, share in log.freedom.items():
         for k, (block, weights) in enumerate(zip(rolled.residuals[:count], log.weights)):
             if name in block:
-                white = replace(log, noise={}).whitening(k, name, len(block[name]))
-                near = white(block[name])[weights.get(name, np.ones(len(block[name]))) == 1.0]
+                near = plain.whitened(k, name, block[name])[weights.get(name, np.ones(len(block[name]))) == 1.0]
                 sums = np.array([np.sum(near**2), near.size * share])
                 noise[name] = noise.get(name, 0.0) + sums
     about: Mapping[str, NDArray[np.float64]]

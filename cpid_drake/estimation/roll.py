@@ -84,7 +84,7 @@ class Rolled:
                     for effect, by in sensor.by_unknowns(self.trajectories[k]).items():
                         by = by @ self.by_psi if effect == PSI else by
                         rest = rest - by @ step[effect] if effect in step else rest
-                total += float(np.sum(log.whitening(k, name, len(rest))(rest) ** 2))
+                total += float(np.sum(log.whitened(k, name, rest) ** 2))
         return total
 
     def all_residuals(self) -> dict[str, NDArray[np.float64]]:

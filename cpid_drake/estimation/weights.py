@@ -52,7 +52,7 @@ def reweighted(
         if absorbed is None:
             continue
         rest = np.concatenate([
-            plain.whitening(k, name, len(block[name]))(block[name])
+            plain.whitened(k, name, block[name])
             for k, block in enumerate(rolled.residuals) if name in block
         ])
         near = rest[w == 1.0]  # what is far off says nothing about the noise

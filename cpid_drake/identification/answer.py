@@ -94,7 +94,7 @@ def answer_of(
     noise = {
         name if len(names) == 1 else f"{name} of {log.name}": factor
         for log in found.logs
-        for name, factor in log.noise.items()
+        for name, factor in log.noise_factors.items()
     }
     changes, gaps = (
         observed.changes,

@@ -134,22 +134,25 @@ def _separated(
 
 def _observed(found: Fit, beside: Mapping[str, Whiteness]) -> tuple[dict[str, Samples], Observed]:
     """Return residuals by sensor (of log), and what they tell."""
-    series, counts = {}, {}
+    series, white, counts = dict[str, Samples](), dict[str, NDArray[np.float64]](), {}
     for log, rolled in zip(found.logs, found.rolled, strict=True):
         for name in found.model.of_log(log.name).suite.present():
             key = name if len(found.logs) == 1 else f"{name} of {log.name}"
-            times, values, far, count = [np.empty(0)], [], 0, 0
-            for block, rest, weights in zip(log.blocks, rolled.residuals, log.weights, strict=True):
+            times, values, whites, far, count = [np.empty(0)], [], [], 0, 0
+            parts = zip(log.blocks, rolled.residuals, log.weights, strict=True)
+            for k, (block, rest, weights) in enumerate(parts):
                 samples = block.samples[name]
                 near = weights.get(name, np.ones(len(samples))) == 1.0
                 far, count = far + int(np.sum(~near)), count + len(samples)
                 if name in rest:
                     times.append(samples.time[near])
                     values.append(rest[name][near])
+                    whites.append(log.whitened(k, name, rest[name])[near])
             counts[log.name, name] = far, count
             if values:
                 series[key] = Samples(np.concatenate(times), np.concatenate(values))
-    tests = {name: whiteness(each.value) for name, each in series.items()}
+                white[key] = np.concatenate(whites)
+    tests = {name: whiteness(each) for name, each in white.items()}
     changes = tuple(sorted(time for log in found.logs for time in log.changes))
     return series, Observed(tests, counts, changes, beside)
 
