@@ -47,7 +47,9 @@ def added(*blocks: Spectra) -> Spectra:
     return total
 
 
-def _shown(part: BlockModel, own: BlockRows, residuals: Mapping[str, NDArray[np.float64]]) -> Spectra:
+def _shown(
+    part: BlockModel, own: BlockRows, residuals: Mapping[str, NDArray[np.float64]]
+) -> Spectra:
     """Return what a block shows whatever its own unknowns are; what outlives it stays."""
     assert own.samples is not None
     c = len(part.at_end) + len(own.gone)

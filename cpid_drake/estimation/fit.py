@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.estimation.block_noise import with_spectra
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import loss_weight
 from cpid_drake.estimation.log_state import LogState
@@ -177,8 +176,6 @@ def _best(
         if held is None:
             left = excess if misfit == 1.0 else step.fall(1.0)  # priors will weigh less
             settled = left < SETTLED * misfit**2 * sum(r.count for r in there.rolled)
-            if settled:
-                there = _with_noise(there)
             there = _reweighted(there, [each.absorbed for each in now.swept] if settled else None)
         is_last = settled and misfit == 1.0 and abs(excess) < close
         if is_last and _are_same(before, there.logs):
@@ -213,17 +210,12 @@ def _are_same(logs: Sequence[LogState], others: Sequence[LogState]) -> bool:
     return True
 
 
-def _with_noise(now: Fit) -> Fit:
-    """Return a fit with the spectra that its blocks show."""
-    parts = zip(now.logs, now.rolled, strict=True)
-    return replace(now, logs=[with_spectra(now.model, *each, now.values) for each in parts])
-
-
 def _reweighted(now: Fit, absorbed: Sequence[dict[str, float]] | None = None) -> Fit:
     """Return a fit with weights of its residuals, and their noise if it is known what is lost."""
     lost = absorbed or len(now.logs) * (None,)
     parts = zip(now.logs, now.rolled, lost, strict=True)
-    return replace(now, logs=[reweighted(now.model.of_log(each[0].name), *each) for each in parts])
+    logs = [reweighted(now.model, log, rolled, now.values, by) for log, rolled, by in parts]
+    return replace(now, logs=logs)
 
 
 @dataclass(frozen=True, eq=False)

@@ -95,6 +95,7 @@ def smooth_joints(
             pairs = zip(before, weights, strict=True)
             if max(np.abs(a - b).max(initial=0.0) for a, b in pairs) < _SAME:
                 break
+        noise = np.maximum(noise, 1.0)
         c, jerk = splines.solved(u), np.exp(u / 2) * noise
     except np.linalg.LinAlgError as error:
         raise InputError("encoders: too few samples to show how the joints move") from error

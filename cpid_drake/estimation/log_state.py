@@ -216,7 +216,17 @@ class LogState:
 
     def part(self, first: int, end: int) -> "LogState":
         """Return the blocks from `first` up to `end`, with what changes behind the last of them."""
-        lists = ("blocks", "joints", "forces", "walks", "weights", "starts", "gaps", "pulls", "shown")
+        lists = (
+            "blocks",
+            "joints",
+            "forces",
+            "walks",
+            "weights",
+            "starts",
+            "gaps",
+            "pulls",
+            "shown",
+        )
         parts: dict[str, Any] = {name: getattr(self, name)[first:end] for name in lists}
         ends = frozenset(k - first for k in self.open if first <= k < end)
         return replace(self, open=ends, past=None if first else self.past, **parts)

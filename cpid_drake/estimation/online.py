@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
-from cpid_drake.estimation.block_noise import added
 from cpid_drake.estimation.block import Block, BlockQueue, blocks_of
+from cpid_drake.estimation.block_noise import added
 from cpid_drake.estimation.events import fit_with_events, is_explained
 from cpid_drake.estimation.evidence import Question
 from cpid_drake.estimation.fit import Fit, fit, of_first
@@ -26,6 +26,7 @@ from cpid_drake.estimation.roll import Rolled, first_table
 from cpid_drake.estimation.start import state_of
 from cpid_drake.estimation.sweep import known_at_start, sweep
 from cpid_drake.estimation.unknowns import BODIES, PSI, Model
+from cpid_drake.estimation.weights import noise_sums
 from cpid_drake.estimation.whiteness import LagSums
 from cpid_drake.files.errors import InputError
 from cpid_drake.logs.log import Log
@@ -183,14 +184,8 @@ def _marginalized(state: OnlineState, count: int) -> OnlineState:
     before = known_at_start(model, log, values)
     known = sweep(model, gone, linear, values, before=before, forward_only=True).end
     shown = added(log.past.shown if log.past else {}, *gone.shown)
-    noise = dict(log.past.noise) if log.past else {}
-    plain = replace(log, noise={}, weights=tuple({} for _ in log.blocks))
-    for name, share in log.freedom.items():
-        for k, (block, weights) in enumerate(zip(rolled.residuals[:count], log.weights)):
-            if name in block:
-                near = plain.whitened(k, name, block[name])[weights.get(name, np.ones(len(block[name]))) == 1.0]
-                sums = np.array([np.sum(near**2), near.size * share])
-                noise[name] = noise.get(name, 0.0) + sums
+    own = noise_sums(gone, rolled.residuals[:count], log.freedom)
+    noise = added(log.past.noise if log.past else {}, own)
     about: Mapping[str, NDArray[np.float64]]
     about = {u.name: values[u.name] for u in model.table if u.scope != "log"}
     if log.past and inertia_error(found) < WELL_KNOWN:  # what was told before is little

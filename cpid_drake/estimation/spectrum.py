@@ -150,7 +150,10 @@ def spectrum_of(sums: NDArray[np.float64]) -> NDArray[np.float64]:
     sums, free, squares = sums[seen], free[seen], squares[seen]
     nu, power, others = free**2 / squares, sums[:, _POWER], sums[:, _OTHERS]
     own = _FORMS @ sums[:, _OWN:].T
-    whole, v = _FORMS.sum(axis=1), np.full(len(_FORMS), max(power.sum() / max(free.sum(), 1.0), 1e-12))
+    whole, v = (
+        _FORMS.sum(axis=1),
+        np.full(len(_FORMS), max(power.sum() / max(free.sum(), 1.0), 1e-12)),
+    )
     for _ in range(_ITERATIONS):
         expected = v[:, None] * own + others
         w = nu * v[:, None] * own / expected
@@ -160,7 +163,9 @@ def spectrum_of(sums: NDArray[np.float64]) -> NDArray[np.float64]:
     deviance = np.sum(nu * (np.log(expected) + power / expected), axis=1)
     deviance += DECLARED * (np.log(v * whole) + 1 / (v * whole))
     p = _ODDS * np.exp(-0.5 * (deviance - deviance.min()))
-    return np.asarray((p * v) @ _FORMS / p.sum())
+    if p[0] > 0.5 * p.sum():
+        return np.asarray(v[0] * WHITE)
+    return np.asarray((p * v)[1:] @ _FORMS[1:] / p[1:].sum())
 
 
 def are_near(some: Spectra, others: Spectra, share: float) -> bool:

@@ -4,17 +4,20 @@ Samples that are far off weigh less, by the loss of `least_squares.loss_weight`.
 factor is 1 or more.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
+from cpid_drake.estimation.block_noise import with_spectra
 from cpid_drake.estimation.joints import DECLARED
 from cpid_drake.estimation.least_squares import loss_weight
 from cpid_drake.estimation.likelihood.constants import BIAS
 from cpid_drake.estimation.log_state import LogState
-from cpid_drake.estimation.roll import Rolled
+from cpid_drake.estimation.roll import Rolled, Values
+from cpid_drake.estimation.spectrum import WHITE
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.sensors.sensors import SENSORS
 
@@ -23,46 +26,79 @@ MOST_LOST = 0.9
 
 
 def reweighted(
-    model: Model, log: LogState, rolled: Rolled, absorbed: dict[str, float] | None
+    model: Model,
+    log: LogState,
+    rolled: Rolled,
+    values: Values,
+    absorbed: dict[str, float] | None,
 ) -> LogState:
-    """Return a log with the weights and noise factors that its residuals show.
+    """Return a log with the weights, spectra and noise factors that its residuals show.
 
     Args:
         model: the unknowns.
         log: before.
         rolled: its prediction.
+        values: of all unknowns.
         absorbed: see `Swept`; None if the noise stays.
 
     """
-    weights, noise, shares = [dict(each) for each in log.weights], dict(log.noise), {}
-    past = log.past.noise if log.past else {}
-    residuals = rolled.all_residuals()
-    count = sum(rest.size for rest in residuals.values())
-    sampled = {f"{name}.{BIAS}" for name in residuals}
+    log = _weighted(log, rolled)
+    if absorbed is None:
+        return log
+    log = with_spectra(model, log, rolled, values)
+    model = model.of_log(log.name)
+    past, noise, shares = log.past.noise if log.past else {}, {}, {}
+    sampled = {f"{name}.{BIAS}" for name in absorbed}
     biases = sum(each.size for each in model.table if each.name in sampled)
     free = 0 if log.past else 12 + 10 + biases
+    for name, rest in rolled.all_residuals().items():
+        shares[name] = 1 - min(free / rolled.count + absorbed.get(name, 0.0) / rest.size, MOST_LOST)
+    for name, sums in noise_sums(log, rolled.residuals, shares).items():
+        square, freedom = DECLARED + past.get(name, 0.0) + sums
+        noise[name] = max(1.0, float(np.sqrt(square / freedom)))
+    return replace(log, noise=noise, freedom=shares)
+
+
+def noise_sums(
+    log: LogState,
+    residuals: Sequence[Mapping[str, NDArray[np.float64]]],
+    freedom: Mapping[str, float],
+) -> dict[str, NDArray[np.float64]]:
+    """Return the sum of squares of white residuals, and their degrees of freedom, by sensor.
+
+    What is far off says nothing about the noise.
+
+    Args:
+        log: a log.
+        residuals: of its first blocks.
+        freedom: of one residual, by sensor.
+
+    """
     plain = replace(log, noise={}, weights=tuple({} for _ in log.blocks))
-    for name, rest in residuals.items():
-        w = weights_of(rest) if name in SENSORS else np.ones(len(rest))  # a force is no outlier
+    sums = dict[str, NDArray[np.float64]]()
+    for k, (block, weights) in enumerate(zip(residuals, log.weights, strict=False)):
+        for name in block.keys() & freedom.keys():
+            white = plain.whitened(k, name, block[name])
+            near = white[weights.get(name, np.ones(len(white))) == 1.0]
+            own = np.array([np.sum(near**2), near.size * freedom[name]])
+            sums[name] = sums.get(name, 0.0) + own
+    return sums
+
+
+def _weighted(log: LogState, rolled: Rolled) -> LogState:
+    """Return a log with the weights that its residuals show."""
+    weights = [dict(each) for each in log.weights]
+    for name, rest in rolled.all_residuals().items():
+        if name in SENSORS:  # a force is no outlier
+            w = weights_of(rest, float(np.sqrt(np.sum(log.spectra.get(name, WHITE)))))
+        else:
+            w = np.ones(len(rest))
         ends = np.cumsum([len(block[name]) for block in rolled.residuals if name in block])[:-1]
         parts = iter(np.split(w, ends))
         for k, block in enumerate(rolled.residuals):
             if name in block:
                 weights[k][name] = next(parts)
-        if absorbed is None:
-            continue
-        rest = np.concatenate([
-            plain.whitened(k, name, block[name])
-            for k, block in enumerate(rolled.residuals) if name in block
-        ])
-        near = rest[w == 1.0]  # what is far off says nothing about the noise
-        lost = min(free / count + absorbed.get(name, 0.0) / rest.size, MOST_LOST)
-        shares[name] = 1 - lost
-        sums = past.get(name, 0.0) + np.array([np.sum(near**2), near.size * shares[name]])
-        square, freedom = DECLARED + sums
-        noise[name] = max(1.0, float(np.sqrt(square / freedom)))
-    log = replace(log, freedom=shares) if shares else log
-    return replace(log, weights=tuple(weights), noise=noise)
+    return replace(log, weights=tuple(weights))
 
 
 def weights_of(rest: NDArray[np.float64], noise: float = 1.0) -> NDArray[np.float64]:

@@ -116,7 +116,9 @@ def _separated(
         alone = log
         if len(found.logs) > 1:  # a difference between logs must not look like noise
             by_itself = fit(model, [log], values=found.values).logs[0]
-            alone = replace(log, spectra=by_itself.spectra, noise=by_itself.noise, weights=by_itself.weights)
+            alone = replace(
+                log, spectra=by_itself.spectra, noise=by_itself.noise, weights=by_itself.weights
+            )
         swept = sweep(model, alone, rolled, found.values, forward_only=True)
         sources[log.name] = conditioned(swept.gaussian)
     if prior is not None:
