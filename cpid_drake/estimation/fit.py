@@ -3,7 +3,7 @@
 Gauss-Newton steps on the sum of all logs' sweeps: target, hardware, momenta and forces, starts,
 biases and joint motion move together, and the target stays inside of its cone. A share of a step is
 taken if χ² would not fall by all of it. Samples that are far off weigh less; each sensor has a
-noise factor of 1 or more, which comes from the residuals once steps are small. Before, the samples
+spectrum and a factor, which come from the residuals once steps are small. Before, the samples
 are no more precise beside the hardware's priors than their residuals are small: else errors of the
 hardware would explain, by thousands of their σ, what is wrong with the start. A prior, or another
 result, is one more Gaussian in the sum.
@@ -14,7 +14,6 @@ Source: Nocedal and Wright 2006, ch. 10.3 (Gauss-Newton) and 17.3 (closed ends).
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,12 +22,11 @@ from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import loss_weight
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Rolled, Values, roll
-from cpid_drake.estimation.spectrum import are_near
 from cpid_drake.estimation.start import start_of
 from cpid_drake.estimation.sweep import Swept, back, sweep
 from cpid_drake.estimation.target import LOG_SIZE, TargetCone
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
-from cpid_drake.estimation.weights import reweighted
+from cpid_drake.estimation.weights import are_same, reweighted
 from cpid_drake.files.errors import InputError
 
 CLOSE = 1e-2
@@ -38,9 +36,6 @@ or whose χ² differs by less from that of a linear fit: a tenth of σ along one
 SETTLED = 1e-3
 """The noise comes from the residuals once no larger share of their squares than this is left to
 explain: what values far from the minimum do not explain is no noise."""
-
-SAME = 1e-2
-"""Change of a weight or of a noise factor that does not matter."""
 
 LINEAR = 0.1
 """`about` needs no step with a smaller χ²: a third of σ."""
@@ -178,7 +173,7 @@ def _best(
             settled = left < SETTLED * misfit**2 * sum(r.count for r in there.rolled)
             there = _reweighted(there, [each.absorbed for each in now.swept] if settled else None)
         is_last = settled and misfit == 1.0 and abs(excess) < close
-        if is_last and _are_same(before, there.logs):
+        if is_last and are_same(before, there.logs):
             return replace(there, converged=True)
         now = there
     return now
@@ -194,20 +189,6 @@ def _misfit(now: Fit) -> float:
 def _weighed(prior: Gaussian, factor: float) -> Gaussian:
     """Return a prior whose σ are smaller by a factor."""
     return replace(prior, R=factor * prior.R, z=factor * prior.z, rho2=factor**2 * prior.rho2)
-
-
-def _are_same(logs: Sequence[LogState], others: Sequence[LogState]) -> bool:
-    """Return whether logs have nearly the same noise factors and weights."""
-    for log, other in zip(logs, others, strict=True):
-        if not are_near(log.spectra, other.spectra, SAME):
-            return False
-        parts: Any = [(log.noise, other.noise), *zip(log.weights, other.weights, strict=True)]
-        for before, after in parts:
-            for name in {*before, *after}:
-                change = np.subtract(before.get(name, 1.0), after.get(name, 1.0))
-                if np.max(np.abs(change), initial=0.0) > SAME:
-                    return False
-    return True
 
 
 def _reweighted(now: Fit, absorbed: Sequence[dict[str, float]] | None = None) -> Fit:

@@ -6,6 +6,7 @@ factor is 1 or more.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +18,12 @@ from cpid_drake.estimation.least_squares import loss_weight
 from cpid_drake.estimation.likelihood.constants import BIAS
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Rolled, Values
-from cpid_drake.estimation.spectrum import WHITE
+from cpid_drake.estimation.spectrum import WHITE, are_near
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.sensors.sensors import SENSORS
+
+SAME = 1e-2
+"""Change of a weight or of a noise factor, or share of a spectrum, that does not matter."""
 
 MOST_LOST = 0.9
 """Share of a sensor's residuals that unknowns absorb at most: else none would show the noise."""
@@ -99,6 +103,20 @@ def _weighted(log: LogState, rolled: Rolled) -> LogState:
             if name in block:
                 weights[k][name] = next(parts)
     return replace(log, weights=tuple(weights))
+
+
+def are_same(logs: Sequence[LogState], others: Sequence[LogState]) -> bool:
+    """Return whether logs have nearly the same weights, spectra and noise factors."""
+    for log, other in zip(logs, others, strict=True):
+        if not are_near(log.spectra, other.spectra, SAME):
+            return False
+        parts: Any = [(log.noise, other.noise), *zip(log.weights, other.weights, strict=True)]
+        for before, after in parts:
+            for name in {*before, *after}:
+                change = np.subtract(before.get(name, 1.0), after.get(name, 1.0))
+                if np.max(np.abs(change), initial=0.0) > SAME:
+                    return False
+    return True
 
 
 def weights_of(rest: NDArray[np.float64], noise: float = 1.0) -> NDArray[np.float64]:
