@@ -88,8 +88,8 @@ class OnlineState:
                 far = int(np.sum(weights.get(name, np.ones(1)) < 1))
                 used[name] += len(samples) - far
                 rejected[name] += far
-        for k, block in enumerate(rolled.residuals[: len(log.blocks)]):
-            for name, rest in block.items():
+        for k, residuals in enumerate(rolled.residuals[: len(log.blocks)]):
+            for name, rest in residuals.items():
                 lags[name] = lags.get(name, LagSums()).added(log.whitened(k, name, rest))
         return replace(self, used=used, rejected=rejected, lags=lags)
 

@@ -13,7 +13,8 @@ rows Q of these unknowns, G = QQᵀ and h = diag G, the squares of the transform
 
 for a spectrum S, if S₀ was assumed; the last term is the noise of other sensors. Both are summed in
 bands of a factor of 2, all that is kept of a block. A grid of slow parts, and none, is weighed by
-its likelihood. The declared σ is that of the whole noise, and counts as `DECLARED` samples.
+its likelihood. The declared σ counts as
+`DECLARED` samples of what is seen of the noise, and as many of the whole, if that is larger.
 
 Sources: Whittle 1953 (likelihood of a spectrum); Patterson and Thompson 1971 (likelihood of
 residuals).
@@ -150,18 +151,17 @@ def spectrum_of(sums: NDArray[np.float64]) -> NDArray[np.float64]:
     sums, free, squares = sums[seen], free[seen], squares[seen]
     nu, power, others = free**2 / squares, sums[:, _POWER], sums[:, _OTHERS]
     own = _FORMS @ sums[:, _OWN:].T
-    whole, v = (
-        _FORMS.sum(axis=1),
-        np.full(len(_FORMS), max(power.sum() / max(free.sum(), 1.0), 1e-12)),
-    )
+    level = own @ nu / max(nu.sum(), 1e-12)  # of what is seen
+    v = np.full(len(_FORMS), max(power.sum() / max(free.sum(), 1.0), 1e-12))
     for _ in range(_ITERATIONS):
         expected = v[:, None] * own + others
         w = nu * v[:, None] * own / expected
         up, down = np.sum(w * power / expected, axis=1), np.sum(w, axis=1)
-        v *= np.sqrt((DECLARED / (v * whole) + up) / (DECLARED + down))
+        v *= np.sqrt((DECLARED / np.maximum(v * level, 1e-12) + up) / (DECLARED + down))
     expected = v[:, None] * own + others
     deviance = np.sum(nu * (np.log(expected) + power / expected), axis=1)
-    deviance += DECLARED * (np.log(v * whole) + 1 / (v * whole))
+    for size in (v * level, np.maximum(v * _FORMS.sum(axis=1), 1.0)):
+        deviance += DECLARED * (np.log(size) + 1 / size)
     p = _ODDS * np.exp(-0.5 * (deviance - deviance.min()))
     if p[0] > 0.5 * p.sum():
         return np.asarray(v[0] * WHITE)

@@ -4,6 +4,8 @@ The dense problem knows no blocks and no derivatives: readings are predicted by 
 with the true joint motion, and differentiated by differences. Encoders are as good as perfect.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from dense_problem import Dense
@@ -60,17 +62,29 @@ def test_the_bound_is_that_of_the_dense_problem(craft, case, skewed_target):
     close(bound, expected, 1e-3)
 
 
+def with_noise(suite, noise):
+    """Return sensors with the noise that a fit found."""
+    a, g, p = suite.attitude, suite.gyro, suite.position
+    arcsec = noise["attitude"] * np.array([a.cross_boresight_arcsec, a.boresight_arcsec])
+    return replace(
+        suite,
+        attitude=replace(a, cross_boresight_arcsec=arcsec[0], boresight_arcsec=arcsec[1]),
+        gyro=replace(g, angle_random_walk=noise["gyro"] * g.angle_random_walk),
+        position=replace(p, sigma=noise["position"] * p.sigma),
+    )
+
+
 @pytest.mark.parametrize("case", [MOMENTUM], indirect=True, ids=["tumbling"])
 def test_the_fit_is_the_minimum_of_the_dense_problem(craft, case, skewed_target):
     """Estimate, covariance and χ², from another start."""
     motion, samples, momentum_W, told = case
     noisy = add_noise(SUITE, samples, 1)
-    dense = Dense(craft, motion, SUITE, noisy, momentum_W)
+    found = identify(craft, noisy, sensors=SUITE, momentum=told)
+    dense = Dense(craft, motion, with_noise(SUITE, found.noise), noisy, momentum_W)
     x = np.zeros(len(dense.steps))
     x[:10] = skewed_target.to_vector() * 1.01
     x, covariance, chi_squared = dense.solved(x)
     sigma = np.sqrt(np.diag(covariance))[:10]
-    found = identify(craft, noisy, sensors=SUITE, momentum=told)
     assert np.abs((found.parameters - x[:10]) / sigma).max() < 0.05
     close(found.covariance, covariance[:10, :10], 0.02)
     freedom = sum(3 * len(noisy[n]) for n in ("attitude", "gyro", "position")) + 3 - len(x)

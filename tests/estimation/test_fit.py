@@ -59,11 +59,11 @@ def found(case):
     return fitted(case)
 
 
-def test_no_sensor_is_better_than_declared(found):
-    """Residuals are smaller than the noise, and a short log may have small noise by chance."""
+def test_noise_is_as_declared_though_unknowns_absorb_some_of_it(found):
+    """Residuals alone are smaller than the noise."""
     rest = found.rolled[0].all_residuals()
     assert min(np.sqrt(np.mean(each**2)) for each in rest.values()) < 0.95
-    assert min(found.logs[0].noise.values()) == 1.0
+    np.testing.assert_allclose(list(found.logs[0].noise_factors.values()), 1.0, rtol=0.15)
 
 
 def test_noise_that_the_joints_absorb_is_counted(case):
@@ -73,7 +73,7 @@ def test_noise_that_the_joints_absorb_is_counted(case):
     model, factors = Model(case.craft.tree, declared), []
     for seed in range(2):
         samples = add_noise(real, case.samples, seed)
-        factors.append(fit(model, [LogState.of(model, samples)]).logs[0].noise["gyro"])
+        factors.append(fit(model, [LogState.of(model, samples)]).logs[0].noise_factors["gyro"])
     assert 2.67 < np.mean(factors) < 3.2
 
 
@@ -99,7 +99,7 @@ def test_errors_of_the_model_are_no_noise_if_they_are_small(case):
     found = fit(model, [LogState.of(model, case.samples)])
     rest = found.rolled[0].all_residuals().values()
     assert max(whiteness(each).correlation_time for each in rest) > 1.3
-    assert max(found.logs[0].noise.values()) == 1
+    assert max(found.logs[0].noise_factors.values()) < 1
     assert (found.logs[0].smoothness.noise == 1).all()
 
 

@@ -100,7 +100,7 @@ def residuals(model, log, values):
     """Return all rows at given values: readings, joints, random walks, changes, and priors."""
     rolled = roll(model, log, values)
     parts = [
-        log.weighted(k, name, rest).ravel()
+        log.whitened(k, name, rest).ravel()
         for k, block in enumerate(rolled.residuals)
         for name, rest in block.items()
     ]

@@ -1,0 +1,134 @@
+"""Spectra of noise: what is white, what is slow, and what a target's error is beside its σ."""
+
+import numpy as np
+import pytest
+from block_cases import fired, make_case
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+from sensing_cases import coarse_suite, true_psi
+
+from cpid_drake.estimation.events import fit_with_events
+from cpid_drake.estimation.evidence import Question
+from cpid_drake.estimation.fit import fit
+from cpid_drake.estimation.log_state import LogState
+from cpid_drake.estimation.spectrum import TAUS, WHITE, Whitening
+from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
+from cpid_drake.logs.log import Samples
+from cpid_drake.sensors.sensors import Gyro, JointSensor, VectorSensor
+
+SUITE = coarse_suite(
+    gyro=Gyro(50.0, 0.005, 1.0, 0.1),
+    position=VectorSensor(20.0, 1e-3),
+    encoders=JointSensor(50.0, 1e-5),
+)
+AT_REST = Question({}, {f"{MOMENTUM}|log": np.zeros(6)})
+
+
+def gauss_markov(rng, times, shape, tau):
+    """Return noise (N, d) of variance 1 at any times, by its own recursion."""
+    noise = rng.standard_normal(shape)
+    for k in range(1, len(times)):
+        rho = np.exp(-(times[k] - times[k - 1]) / tau)
+        noise[k] = rho * noise[k - 1] + np.sqrt(1 - rho**2) * noise[k]
+    return noise
+
+
+def half(rng, times, shape):
+    """Half of the variance is white."""
+    slow = gauss_markov(rng, times, shape, 0.2)
+    return np.sqrt(0.5) * (slow + rng.standard_normal(shape))
+
+
+def white(rng, times, shape):
+    return rng.standard_normal(shape)
+
+
+def spoiled(ideal, errors, seed, kept=None):
+    """Return samples with errors of their usual size, of which a share is kept."""
+    rng, samples = np.random.default_rng(seed), {}
+    for name, each in ideal.items():
+        if not len(each):
+            continue
+        shape = len(each), 3 if name == "attitude" else each.value.shape[1]
+        error = errors(rng, each.time, shape) * SUITE.sigmas(name)
+        if name == "attitude":
+            turn = Rotation.from_rotvec(error @ SUITE.attitude.R_BS.T)
+            R_WB = Rotation.from_quat(each.value, scalar_first=True) * turn
+            value = R_WB.as_quat(scalar_first=True)
+        else:
+            value = each.value + error
+        seen = np.ones(len(value), bool) if kept is None else rng.random(len(value)) < kept
+        seen[:2] = True
+        samples[name] = Samples(each.time[seen], value[seen])
+    return ideal.updated(samples)
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory, skewed_target):
+    return make_case(tmp_path_factory.mktemp("craft"), skewed_target, SUITE, None, 8.0)
+
+
+def fitted(case, samples):
+    model = Model(case.craft.tree, SUITE)
+    return fit(model, [LogState.of(model, samples)])
+
+
+def nees(case, found):
+    at_rest = {f"{MOMENTUM}|log": -found.values[f"{MOMENTUM}|log"]}
+    known = found.gaussian.condition(at_rest).marginal([PSI])
+    error = found.values[PSI] + known.solve() - true_psi(case.craft, case.target)
+    return error @ np.linalg.solve(known.covariance(), error)
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.2])
+def test_whitened_noise_is_white(jitter):
+    """Of variance 1, and neighbours do not know of each other."""
+    rng, tau, q = np.random.default_rng(0), TAUS[3], 3.0
+    spectrum, made = WHITE + q * (np.arange(len(WHITE)) == 4), []
+    for _ in range(300):
+        times = 0.02 * (np.arange(50) + jitter * rng.uniform(-1, 1, 50))
+        slow = gauss_markov(rng, times, (50, 3), tau)
+        noise = np.sqrt(q) * slow + rng.standard_normal((50, 3))
+        made.append(Whitening.of(times, spectrum, np.ones(50))(noise))
+    x = np.array(made)
+    assert np.mean(x**2) == pytest.approx(1, abs=0.03)
+    for lag in (1, 2, 5, 20):
+        assert abs(np.mean(x[:, lag:] * x[:, :-lag])) < 0.03
+    assert np.var(x.mean(axis=1)) * 50 == pytest.approx(1, abs=0.15)
+
+
+def test_white_noise_is_not_called_slow(case):
+    for seed in range(3):
+        [log] = fitted(case, spoiled(case.samples, white, seed)).logs
+        assert not any(each[1:].any() for each in log.spectra.values())
+        np.testing.assert_allclose(list(log.noise_factors.values()), 1, rtol=0.12)
+
+
+def test_sensors_may_be_three_times_better_than_declared(case):
+    def better(rng, times, shape):
+        return rng.standard_normal(shape) / 3
+
+    [log] = fitted(case, spoiled(case.samples, better, 0)).logs
+    np.testing.assert_allclose(list(log.noise_factors.values()), 1 / 3, rtol=0.3)
+
+
+@pytest.mark.parametrize("kept", [None, 0.8], ids=["all", "four of five"])
+def test_intervals_hold_with_noise_half_of_which_is_slow(case, kept):
+    found = [fitted(case, spoiled(case.samples, half, seed, kept)) for seed in range(6)]
+    assert all(each.converged for each in found)
+    squares = [nees(case, each) for each in found]
+    assert chi2.ppf(0.01, 10) < np.median(squares) < 20
+    for each in found:
+        gyro = each.logs[0].spectra["gyro"]
+        assert np.sum(gyro) == pytest.approx(1, abs=0.4)
+        assert np.sum(gyro[1:]) > 0.2
+
+
+def test_a_firing_in_slow_noise_is_found(case):
+    time, momentum_W = 4.37, 0.05 * np.array([3.0, -2.0, 4.0, 1.0, 0.5, -1.0])
+    samples = spoiled(fired(case, time, momentum_W), half, 0)
+    found, _ = fit_with_events(fitted(case, samples), AT_REST)
+    [log] = found.logs
+    assert found.converged
+    assert 1 <= len(log.changes) <= 2
+    assert min(abs(each - time) for each in log.changes) < 0.5
