@@ -12,7 +12,7 @@ from cpid_drake.estimation.least_squares import triangle
 from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Rolled, Values
-from cpid_drake.estimation.spectrum import Spectra, spectrum_of
+from cpid_drake.estimation.spectrum import Spectra, added, spectrum_of
 from cpid_drake.estimation.sweep import OPEN, linearized
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.sensors.sensors import SENSORS
@@ -37,14 +37,6 @@ def with_spectra(model: Model, log: LogState, rolled: Rolled, values: Values) ->
     sums = added(log.past.shown if log.past else {}, *shown)
     spectra = {name: spectrum_of(each) for name, each in sums.items()}
     return replace(log, shown=tuple(shown), spectra=spectra)
-
-
-def added(*blocks: Spectra) -> Spectra:
-    """Return the sums of what several blocks show."""
-    total = dict[str, NDArray[np.float64]]()
-    for block in blocks:
-        total |= {name: total.get(name, 0.0) + sums for name, sums in block.items()}
-    return total
 
 
 def _shown(

@@ -21,7 +21,6 @@ Sources: Wahba 1990, Spline Models for Observational Data, ch. 1 and 4.
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
 
@@ -30,20 +29,16 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from cpid_drake.estimation.block import Block
+from cpid_drake.estimation.joint_samples import JointSamples, Smoothness, once_weights
 from cpid_drake.estimation.least_squares import loss_weight
-from cpid_drake.estimation.likelihood.joint_motion import DEGREE, ORDER, JointPart, spline_basis
-from cpid_drake.estimation.likelihood.uniform_spline import GAUSS_LEGENDRE
+from cpid_drake.estimation.likelihood.joint_motion import DEGREE, ORDER, JointPart
+from cpid_drake.estimation.spectrum import DECLARED, Spectra, added, are_near, spectrum_of
 from cpid_drake.files.errors import InputError
-from cpid_drake.logs.log import Samples
 from cpid_drake.sensors.suite import SensorSuite
 
 FINER = 2
 """The gyro feels errors of the splines that encoders do not: so many times as many pieces."""
 
-DECLARED = 10.0
-"""The declared σ of a sensor counts as much as so many samples."""
-
-_NAMES = "encoders", "joint_rates"
 _GRID = np.arange(-29.0, 16.0, 3.0)  # of log λ: jerk noise of 1e-6 to 1e3 rad/s³·√s
 _WIDTH = DEGREE + 2 * ORDER - 1  # of the bands: functions at both ends are sums of neighbours
 _WORTH = 6.0  # of −2 log(evidence) for a rougher motion: strong evidence (Kass and Raftery 1995)
@@ -51,22 +46,6 @@ _FAST = 16.0  # pieces in a second, which follow 5 Hz: with too few, a fast moti
 _REWEIGHTINGS = 6  # at most; outliers look like a rough motion or like noise until they are known
 _TOGETHER = 4096  # rows of the banded matrices that are factorized in one call
 _SAME = 0.05  # change of a weight that does not matter
-
-
-@dataclass(frozen=True, eq=False)
-class Smoothness:
-    """How smooth the joints of a log are, and how noisy their sensors.
-
-    Attributes:
-        rate: pieces of the splines in a second.
-        jerk: (J,) size s of the jerk's white noise [rad/s³·√s or m/s³·√s].
-        noise: (J,) factor f of the sensors' declared σ; 1 if they are better than declared.
-
-    """
-
-    rate: float
-    jerk: NDArray[np.float64]
-    noise: NDArray[np.float64]
 
 
 def smooth_joints(
@@ -82,18 +61,25 @@ def smooth_joints(
         InputError: the samples are too few.
 
     """
-    samples = [_JointSamples(block, suite) for block in blocks]
-    once = _once(samples)
+    samples = [JointSamples(block, suite) for block in blocks]
+    once = once_weights(samples)
+    spectra: Spectra = {}
     weights = once
     try:
         for _ in range(_REWEIGHTINGS):
+            samples = [each.with_spectra(spectra) for each in samples]
             rate = FINER * _best_rate(samples, weights, once)
             splines = _Splines(samples, rate, weights, once)
             u, noise = splines.best()
             loss = splines.weights(u, noise)
             before, weights = weights, [w * o for w, o in zip(loss, once, strict=True)]
             pairs = zip(before, weights, strict=True)
-            if max(np.abs(a - b).max(initial=0.0) for a, b in pairs) < _SAME:
+            is_same = max(np.abs(a - b).max(initial=0.0) for a, b in pairs) < _SAME
+            if not is_same:
+                continue
+            smoothness = Smoothness(splines.rate, np.exp(u / 2) * noise, noise)
+            old, spectra = spectra, _spectra(samples, smoothness, before)
+            if are_near(old, spectra, _SAME):
                 break
         noise = np.maximum(noise, 1.0)
         c, jerk = splines.solved(u), np.exp(u / 2) * noise
@@ -116,96 +102,15 @@ def continued(part: JointPart, before: NDArray[np.float64]) -> JointPart:
     return part.about(c)
 
 
-def triangles(rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the upper triangles (J, n, n) of rows (J, M, n)."""
-    _, M, n = rows.shape
-    return np.asarray(np.linalg.qr(np.pad(rows, ((0, 0), (0, max(n - M, 0)), (0, 0))), mode="r"))
-
-
-def _once(samples: Sequence["_JointSamples"]) -> list[NDArray[np.float64]]:
-    """Return the weights (N, J) by which a value that n successive samples repeat counts once.
-
-    The error of a sensor with steps is that of its step: as long as its value stays, the samples
-    tell nothing new. A value that is not repeated has the weight 1, and so have sensors without
-    steps.
-    """
-    weights = [np.ones(each.values.shape) for each in samples]
-    for name in _NAMES:
-        parts = [
-            (w, each) for w, each in zip(weights, samples, strict=True) if name in each.stepped
-        ]
-        if not parts:
-            continue
-        value = np.concatenate([each.values[each.stepped[name]] for _, each in parts])
-        count = np.ones(value.shape)
-        for own, x in zip(count.T, value.T, strict=True):
-            edges = np.flatnonzero(np.diff(x, prepend=np.nan, append=np.nan))
-            own[:] = np.repeat(np.diff(edges), np.diff(edges))
-        ends = np.cumsum([len(each.values[each.stepped[name]]) for _, each in parts])[:-1]
-        for (w, each), n in zip(parts, np.split(count, ends), strict=True):
-            w[each.stepped[name]] = 1 / np.sqrt(n)
-    return weights
-
-
-class _JointSamples:
-    """The samples of the joints' sensors in one block.
-
-    Attributes:
-        start, end: [s].
-        values: (N, J) all samples in units of σ.
-        stepped: the rows of sensors that have steps, by name.
-
-    """
-
-    def __init__(self, block: Block, suite: SensorSuite) -> None:
-        self.start, self.end = block.start, block.end
-        self._parts: list[tuple[Samples, int, float]] = [
-            (block.samples[name], derivative, float(suite.sigmas(name)[0]))
-            for derivative, name in enumerate(_NAMES)
-            if name in suite.present() and len(block.samples[name])
-        ]
-        self.stepped, first = dict[str, slice](), 0
-        for name in _NAMES:
-            count = len(block.samples[name]) if name in suite.present() else 0
-            if count and suite.step(name) > 0:
-                self.stepped[name] = slice(first, first + count)
-            first += count
-        values = [samples.value / sigma for samples, _, sigma in self._parts]
-        nothing = np.empty((0, len(block.samples.joint_names)))
-        self.values = np.concatenate([nothing, *values])
-
-    def pieces(self, rate: float) -> int:
-        """Return the number of pieces at this rate [1/s]; no more than samples, as in a gap."""
-        return max(1, min(round(rate * (self.end - self.start)), len(self.values)))
-
-    def design(self, pieces: int) -> NDArray[np.float64]:
-        """Return A (N, K) of the samples in units of σ."""
-        times = [(np.empty(0), 0, 1.0), *((s.time, d, sigma) for s, d, sigma in self._parts)]
-        return np.concatenate([self.basis(pieces, t, d) / sigma for t, d, sigma in times])
-
-    def penalty(self, pieces: int) -> NDArray[np.float64]:
-        """Return P (3 pieces, K): |P c|² is the integral of the squared jerk."""
-        edges = np.linspace(self.start, self.end, pieces + 1)
-        x, weights = GAUSS_LEGENDRE  # exact for the square of a quadratic
-        half = (self.end - self.start) / pieces / 2
-        at = ((edges[:-1] + edges[1:])[:, None] / 2 + half * x).ravel()
-        return np.sqrt(np.tile(weights * half, pieces))[:, None] * self.basis(pieces, at, 3)
-
-    def basis(
-        self, pieces: int, times: NDArray[np.float64], derivative: int
-    ) -> NDArray[np.float64]:
-        """See `spline_basis`."""
-        return spline_basis(self.start, self.end, pieces, times, derivative)
-
-    def part(self, smoothness: Smoothness, weights: NDArray[np.float64]) -> JointPart:
-        """Return what samples of weights (N, J) and the jerk tell, about a motion of zero."""
-        pieces = self.pieces(smoothness.rate)
-        P, A = self.penalty(pieces), self.design(pieces)
-        jerk = np.column_stack([P, np.zeros(len(P))]) / smoothness.jerk[:, None, None]
-        data = np.dstack([weights.T[..., None] * A, (weights * self.values).T])
-        both = np.concatenate([jerk, data / smoothness.noise[:, None, None]], axis=1)
-        T, zero = triangles(both), np.zeros((A.shape[1], len(both)))
-        return JointPart(self.start, self.end, pieces, zero, T[:, :-1, :-1], T[:, :-1, -1])
+def _spectra(
+    samples: Sequence[JointSamples],
+    smoothness: Smoothness,
+    weights: Sequence[NDArray[np.float64]],
+) -> Spectra:
+    """Return the shapes of the spectra, of variance 1, of the joints' sensors without steps."""
+    blocks = [each.sums(smoothness, w) for each, w in zip(samples, weights, strict=True)]
+    found = {name: spectrum_of(sums) for name, sums in added(*blocks).items()}
+    return {name: spectrum / np.sum(spectrum) for name, spectrum in found.items()}
 
 
 class _Splines:
@@ -217,7 +122,7 @@ class _Splines:
         samples: of successive blocks.
         rate: pieces in a second.
         weights: (N, J) of every block.
-        once: (N, J) the weights without outliers; see `_once`.
+        once: (N, J) the weights without outliers; see `once_weights`.
 
     Attributes:
         places: of the blocks' coefficients among those of the log; neighbours share `ORDER`, if no
@@ -227,12 +132,12 @@ class _Splines:
 
     def __init__(
         self,
-        samples: Sequence[_JointSamples],
+        samples: Sequence[JointSamples],
         rate: float,
         weights: list[NDArray[np.float64]],
         once: list[NDArray[np.float64]],
     ) -> None:
-        self.rate, self._weights = rate, weights
+        self.rate, self._weights, self._samples = rate, weights, samples
         pieces = [each.pieces(rate) for each in samples]
         begins = [a.end < b.start for a, b in pairwise(samples)]  # behind a gap
         self._free, J = ORDER * (1 + sum(begins)), weights[0].shape[1]
@@ -242,15 +147,18 @@ class _Splines:
         self.size = self.places[-1].stop
         self._A = [each.design(n) for each, n in zip(samples, pieces, strict=True)]
         self._P = [each.penalty(n) for each, n in zip(samples, pieces, strict=True)]
+        is_white = all(each.is_white for each in samples)
+        self._width = _WIDTH if is_white else max(X.shape[1] for X in self._A)
         self._PP, groups = self._banded(self._P), defaultdict(list)
         for j in range(J):
             groups[b"".join(w[:, j].tobytes() for w in weights)].append(j)
         self._group, bands = np.zeros(J, dtype=int), list[NDArray[np.float64]]()
         for joints in groups.values():
-            weighted = [w[:, joints[:1]] * A for w, A in zip(weights, self._A, strict=True)]
+            parts = zip(samples, weights, self._A, strict=True)
+            weighted = [each.white(w[:, joints[:1]] * A) for each, w, A in parts]
             self._group[joints] = len(bands)
             bands.append(self._banded(weighted))
-        self._AA = np.reshape(bands, (-1, self.size, _WIDTH))  # a platform may have no joints
+        self._AA = np.reshape(bands, (-1, self.size, self._width))  # a platform may have no joints
         self._c, self._left = np.zeros((self.size, J)), [each.values for each in samples]
         self._expand()
         first = self.solved(np.zeros(J))
@@ -265,14 +173,16 @@ class _Splines:
 
     def _expand(self) -> None:
         """Compute sums of squares and their gradients at `_c`."""
-        left = [w * r for w, r in zip(self._weights, self._left, strict=True)]
+        parts = zip(self._samples, self._weights, self._left, strict=True)
+        left = [each.white(w * r) for each, w, r in parts]
         jerk = [P @ self._c[place] for P, place in zip(self._P, self.places, strict=True)]
         self._left2, self._jerk2 = (
             np.asarray(sum(np.sum(r**2, axis=0) for r in each)) for each in (left, jerk)
         )
         self._by_left, self._by_jerk = np.zeros((2, *self._c.shape))
         for k, place in enumerate(self.places):
-            self._by_left[place] += self._A[k].T @ (self._weights[k] * left[k])
+            once_more = self._samples[k].white(left[k])  # it is symmetric
+            self._by_left[place] += self._A[k].T @ (self._weights[k] * once_more)
             self._by_jerk[place] += self._P[k].T @ jerk[k]
 
     def _residuals(self, c: NDArray[np.float64]) -> list[NDArray[np.float64]]:
@@ -282,10 +192,10 @@ class _Splines:
 
     def _banded(self, rows: list[NDArray[np.float64]]) -> NDArray[np.float64]:
         """Return the sum of XᵀX over the rows X of all blocks, as the transpose of LAPACK's."""
-        band = np.zeros((self.size, _WIDTH))
+        band = np.zeros((self.size, self._width))
         for X, place in zip(rows, self.places, strict=True):
-            i, j = _band(X.shape[1])
-            band[place.start + j, _WIDTH - 1 + i - j] += (X.T @ X)[i, j]
+            i, j = _band(X.shape[1], self._width)
+            band[place.start + j, self._width - 1 + i - j] += (X.T @ X)[i, j]
         return band
 
     def _roots(
@@ -296,9 +206,9 @@ class _Splines:
         One that does not exist is 1.
         """
         M, good = self._AA[group] + q[:, None, None] * self._PP, np.ones(len(q), dtype=bool)
-        while failed := (found := lapack.dpbtrf(M.reshape(-1, _WIDTH).T))[1]:
+        while failed := (found := lapack.dpbtrf(M.reshape(-1, self._width).T))[1]:
             good[(failed - 1) // self.size] = False
-            M[~good] = np.arange(_WIDTH) == _WIDTH - 1
+            M[~good] = np.arange(self._width) == self._width - 1
         return found[0], good
 
     def values(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -365,15 +275,15 @@ class _Splines:
 
 
 @lru_cache(maxsize=64)
-def _band(size: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _band(size: int, width: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return the entries of the upper band of a matrix."""
     i, j = np.triu_indices(size)
-    inside = j - i < _WIDTH
+    inside = j - i < width
     return i[inside], j[inside]
 
 
 def _best_rate(
-    samples: Sequence[_JointSamples],
+    samples: Sequence[JointSamples],
     weights: list[NDArray[np.float64]],
     once: list[NDArray[np.float64]],
 ) -> float:

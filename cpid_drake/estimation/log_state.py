@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.estimation.block import Block, BlockQueue, blocks_of
-from cpid_drake.estimation.joints import Smoothness, continued, smooth_joints
+from cpid_drake.estimation.joint_samples import Smoothness
+from cpid_drake.estimation.joints import continued, smooth_joints
 from cpid_drake.estimation.likelihood.joint_motion import ORDER, JointPart
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
 from cpid_drake.estimation.past import Past

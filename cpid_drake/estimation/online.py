@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.estimation.block import Block, BlockQueue, blocks_of
-from cpid_drake.estimation.block_noise import added
 from cpid_drake.estimation.events import fit_with_events, is_explained
 from cpid_drake.estimation.evidence import Question
 from cpid_drake.estimation.fit import Fit, fit, of_first
@@ -23,6 +22,7 @@ from cpid_drake.estimation.likelihood.motion import TrajectoryState
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.past import Past
 from cpid_drake.estimation.roll import Rolled, first_table
+from cpid_drake.estimation.spectrum import added
 from cpid_drake.estimation.start import state_of
 from cpid_drake.estimation.sweep import known_at_start, sweep
 from cpid_drake.estimation.unknowns import BODIES, PSI, Model

@@ -29,7 +29,8 @@ from numpy.typing import NDArray
 from scipy.fft import dct, idct
 from scipy.linalg import toeplitz
 
-from cpid_drake.estimation.joints import DECLARED
+DECLARED = 10.0
+"""The declared σ of a sensor counts as much as so many samples."""
 
 TAUS = 0.03 * 2.0 ** np.arange(8)
 """Times of slow noise [s]; what is slower than a block looks constant in it."""
@@ -166,6 +167,14 @@ def spectrum_of(sums: NDArray[np.float64]) -> NDArray[np.float64]:
     if p[0] > 0.5 * p.sum():
         return np.asarray(v[0] * WHITE)
     return np.asarray((p * v)[1:] @ _FORMS[1:] / p[1:].sum())
+
+
+def added(*blocks: Spectra) -> Spectra:
+    """Return the sums of what several blocks show."""
+    total = dict[str, NDArray[np.float64]]()
+    for block in blocks:
+        total |= {name: total.get(name, 0.0) + sums for name, sums in block.items()}
+    return total
 
 
 def are_near(some: Spectra, others: Spectra, share: float) -> bool:

@@ -13,12 +13,11 @@ from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from cpid_drake.estimation.block_noise import with_spectra
-from cpid_drake.estimation.joints import DECLARED
 from cpid_drake.estimation.least_squares import loss_weight
 from cpid_drake.estimation.likelihood.constants import BIAS
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Rolled, Values
-from cpid_drake.estimation.spectrum import WHITE, are_near
+from cpid_drake.estimation.spectrum import DECLARED, WHITE, are_near
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.sensors.sensors import SENSORS
 

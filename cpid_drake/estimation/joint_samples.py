@@ -1,0 +1,167 @@
+"""The samples of the joints' own sensors in one block, as rows of the coefficients of splines."""
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cpid_drake.estimation.block import Block
+from cpid_drake.estimation.likelihood.joint_motion import JointPart, spline_basis
+from cpid_drake.estimation.likelihood.uniform_spline import GAUSS_LEGENDRE
+from cpid_drake.estimation.spectrum import WHITE, Spectra, Whitening
+from cpid_drake.logs.log import Samples
+from cpid_drake.sensors.suite import SensorSuite
+
+_NAMES = "encoders", "joint_rates"
+
+
+@dataclass(frozen=True, eq=False)
+class Smoothness:
+    """How smooth the joints of a log are, and how noisy their sensors.
+
+    Attributes:
+        rate: pieces of the splines in a second.
+        jerk: (J,) size s of the jerk's white noise [rad/s³·√s or m/s³·√s].
+        noise: (J,) factor f of the sensors' declared σ; 1 if they are better than declared.
+
+    """
+
+    rate: float
+    jerk: NDArray[np.float64]
+    noise: NDArray[np.float64]
+
+
+class JointSamples:
+    """The samples of the joints' sensors in one block.
+
+    Attributes:
+        start, end: [s].
+        values: (N, J) all samples in units of σ.
+        stepped: the rows of sensors that have steps, by name.
+
+    """
+
+    def __init__(self, block: Block, suite: SensorSuite) -> None:
+        self.start, self.end = block.start, block.end
+        self._parts: list[tuple[Samples, int, float]] = []
+        self._white = dict[str, tuple[slice, Whitening]]()
+        for derivative, name in enumerate(_NAMES):
+            own = block.samples[name]
+            if name in suite.present() and len(own):
+                before = sum(len(each) for each, _, _ in self._parts)
+                self._parts.append((own, derivative, float(suite.sigmas(name)[0])))
+                place = slice(before, before + len(own))
+                self._white[name] = place, Whitening.of(own.time, WHITE, np.ones(len(own)))
+        self.stepped, first = dict[str, slice](), 0
+        for name in _NAMES:
+            count = len(block.samples[name]) if name in suite.present() else 0
+            if count and suite.step(name) > 0:
+                self.stepped[name] = slice(first, first + count)
+            first += count
+        values = [samples.value / sigma for samples, _, sigma in self._parts]
+        nothing = np.empty((0, len(block.samples.joint_names)))
+        self.values = np.concatenate([nothing, *values])
+
+    def pieces(self, rate: float) -> int:
+        """Return the number of pieces at this rate [1/s]; no more than samples, as in a gap."""
+        return max(1, min(round(rate * (self.end - self.start)), len(self.values)))
+
+    def design(self, pieces: int) -> NDArray[np.float64]:
+        """Return A (N, K) of the samples in units of σ."""
+        times = [(np.empty(0), 0, 1.0), *((s.time, d, sigma) for s, d, sigma in self._parts)]
+        return np.concatenate([self.basis(pieces, t, d) / sigma for t, d, sigma in times])
+
+    def penalty(self, pieces: int) -> NDArray[np.float64]:
+        """Return P (3 pieces, K): |P c|² is the integral of the squared jerk."""
+        edges = np.linspace(self.start, self.end, pieces + 1)
+        x, weights = GAUSS_LEGENDRE  # exact for the square of a quadratic
+        half = (self.end - self.start) / pieces / 2
+        at = ((edges[:-1] + edges[1:])[:, None] / 2 + half * x).ravel()
+        return np.sqrt(np.tile(weights * half, pieces))[:, None] * self.basis(pieces, at, 3)
+
+    def basis(
+        self, pieces: int, times: NDArray[np.float64], derivative: int
+    ) -> NDArray[np.float64]:
+        """See `spline_basis`."""
+        return spline_basis(self.start, self.end, pieces, times, derivative)
+
+    def with_spectra(self, spectra: Spectra) -> "JointSamples":
+        """Return the samples with other noise."""
+        found = copy(self)
+        found._white = {
+            name: (place, replace(white, spectrum=spectra.get(name, WHITE)))
+            for name, (place, white) in self._white.items()
+        }
+        return found
+
+    def white(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return whitened values (N, ...) of all samples."""
+        found = np.empty(values.shape)
+        for place, white in self._white.values():
+            found[place] = white(values[place])
+        return found
+
+    @property
+    def is_white(self) -> bool:
+        """Whether the noise of all sensors is white."""
+        return all(white.is_white for _, white in self._white.values())
+
+    def sums(self, smoothness: Smoothness, weights: NDArray[np.float64]) -> Spectra:
+        """Return what the samples show of the noise, by sensor, with both ends open."""
+        part = self.part(smoothness, weights)
+        A = self.white(weights[..., None] * self.design(part.pieces)[:, None])
+        A, r = A / smoothness.noise[:, None], self.white(weights * self.values) / smoothness.noise
+        Q = np.einsum("njk,jkl->njl", A, np.linalg.pinv(part.rows))
+        rest = r - np.einsum("njk,jk->nj", Q, part.target)
+        found = {}
+        for name, (place, white) in self._white.items():
+            if name in self.stepped:  # the error of steps is none of time
+                continue
+            joints = [slice(j, j + 1) for j in range(Q.shape[1])]
+            each = [white.sums(Q[place, j], rest[place, j]) for j in joints]
+            found[name] = np.sum(each, axis=0)
+        return found
+
+    def part(self, smoothness: Smoothness, weights: NDArray[np.float64]) -> JointPart:
+        """Return what samples of weights (N, J) and the jerk tell, about a motion of zero."""
+        pieces = self.pieces(smoothness.rate)
+        P, A = self.penalty(pieces), self.design(pieces)
+        jerk = np.column_stack([P, np.zeros(len(P))]) / smoothness.jerk[:, None, None]
+        rows = np.dstack([weights[..., None] * A[:, None], weights * self.values])
+        data = np.swapaxes(self.white(rows), 0, 1)
+        both = np.concatenate([jerk, data / smoothness.noise[:, None, None]], axis=1)
+        T, zero = triangles(both), np.zeros((A.shape[1], len(both)))
+        return JointPart(self.start, self.end, pieces, zero, T[:, :-1, :-1], T[:, :-1, -1])
+
+
+def once_weights(samples: Sequence[JointSamples]) -> list[NDArray[np.float64]]:
+    """Return the weights (N, J) by which a value that n successive samples repeat counts once.
+
+    The error of a sensor with steps is that of its step: as long as its value stays, the samples
+    tell nothing new. A value that is not repeated has the weight 1, and so have sensors without
+    steps.
+    """
+    weights = [np.ones(each.values.shape) for each in samples]
+    for name in _NAMES:
+        parts = [
+            (w, each) for w, each in zip(weights, samples, strict=True) if name in each.stepped
+        ]
+        if not parts:
+            continue
+        value = np.concatenate([each.values[each.stepped[name]] for _, each in parts])
+        count = np.ones(value.shape)
+        for own, x in zip(count.T, value.T, strict=True):
+            edges = np.flatnonzero(np.diff(x, prepend=np.nan, append=np.nan))
+            own[:] = np.repeat(np.diff(edges), np.diff(edges))
+        ends = np.cumsum([len(each.values[each.stepped[name]]) for _, each in parts])[:-1]
+        for (w, each), n in zip(parts, np.split(count, ends), strict=True):
+            w[each.stepped[name]] = 1 / np.sqrt(n)
+    return weights
+
+
+def triangles(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the upper triangles (J, n, n) of rows (J, M, n)."""
+    _, M, n = rows.shape
+    return np.asarray(np.linalg.qr(np.pad(rows, ((0, 0), (0, max(n - M, 0)), (0, 0))), mode="r"))
