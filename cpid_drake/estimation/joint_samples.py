@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,12 +25,14 @@ class Smoothness:
         rate: pieces of the splines in a second.
         jerk: (J,) size s of the jerk's white noise [rad/s³·√s or m/s³·√s].
         noise: (J,) factor f of the sensors' declared σ; 1 if they are better than declared.
+        spectra: shapes of their noise, of variance 1, by sensor.
 
     """
 
     rate: float
     jerk: NDArray[np.float64]
     noise: NDArray[np.float64]
+    spectra: Spectra = field(default_factory=dict)
 
 
 class JointSamples:

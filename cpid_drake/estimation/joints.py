@@ -85,7 +85,7 @@ def smooth_joints(
         c, jerk = splines.solved(u), np.exp(u / 2) * noise
     except np.linalg.LinAlgError as error:
         raise InputError("encoders: too few samples to show how the joints move") from error
-    smoothness = Smoothness(splines.rate, jerk, noise)
+    smoothness = Smoothness(splines.rate, jerk, noise, spectra)
     parts = [
         each.part(smoothness, w).about(c[place])
         for each, w, place in zip(samples, before, splines.places, strict=True)

@@ -169,6 +169,12 @@ def spectrum_of(sums: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray((p * v)[1:] @ _FORMS[1:] / p[1:].sum())
 
 
+def slow_part(spectrum: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the share of slow noise in the variance, and its mean time [s]."""
+    slow = float(np.sum(spectrum[1:]))
+    return slow / float(np.sum(spectrum)), float(spectrum[1:] @ TAUS) / max(slow, 1e-300)
+
+
 def added(*blocks: Spectra) -> Spectra:
     """Return the sums of what several blocks show."""
     total = dict[str, NDArray[np.float64]]()

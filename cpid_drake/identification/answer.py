@@ -96,11 +96,16 @@ def answer_of(
         for log in found.logs
         for name, factor in log.noise_factors.items()
     }
+    spectra = {
+        name if len(names) == 1 else f"{name} of {log.name}": spectrum
+        for log in found.logs
+        for name, spectrum in {**log.spectra, **log.smoothness.spectra}.items()
+    }
     changes, gaps = (
         observed.changes,
         [text for log in found.logs for text in gap_warnings(log, where[log.name])],
     )
-    warnings = (*gaps, *noise_warnings(noise), *change_warnings(changes))
+    warnings = (*gaps, *noise_warnings(noise, spectra), *change_warnings(changes))
     for name in names:
         key = model.unknown(MOMENTUM).key(name)
         is_wrong = key in given and key not in question.given

@@ -9,12 +9,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import chdtri, fdtri
 
 from cpid_drake.estimation.events import most_changes
 from cpid_drake.estimation.evidence import NAMED
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import IMPROBABLE as IMPROBABLE
+from cpid_drake.estimation.spectrum import slow_part
 from cpid_drake.estimation.whiteness import MOST_CORRELATED, Whiteness
 from cpid_drake.files.digits import significant
 from cpid_drake.sensors.sensors import SENSORS
@@ -27,6 +29,9 @@ MOST_NOISE = 4.0
 
 SEEN = 1.1
 """Factor of the noise from which a warning says so."""
+
+SLOW = 0.1
+"""Share of slow noise in the variance from which a warning says so."""
 
 MOST_UNEXPLAINED = 0.1
 """Share of the samples that nothing explains, above which a check fails."""
@@ -209,14 +214,32 @@ def momentum_words(
     return (f"{text}; the intervals include it",), ()
 
 
-def noise_warnings(factors: Mapping[str, float]) -> tuple[str, ...]:
-    """Return the warning about noise that is larger than declared; see `fit_checks`."""
+def noise_warnings(
+    factors: Mapping[str, float], spectra: Mapping[str, NDArray[np.float64]]
+) -> tuple[str, ...]:
+    """Return the warnings about noise that is larger than declared, and that is not white.
+
+    Args:
+        factors: see `fit_checks`.
+        spectra: of the noise, by sensor or by "sensor of log".
+
+    """
+    said = list[str]()
     seen = {name: factor for name, factor in factors.items() if factor > SEEN}
     parts = [f"the {label_of(name)} {significant(factor)} times" for name, factor in seen.items()]
-    if not parts:
-        return ()
-    text = "the residuals are larger than the noise, or correlated in time"
-    return (f"{text}: {', '.join(parts)} the given σ was assumed",)
+    if parts:
+        text = "the residuals are larger than the declared noise"
+        said.append(f"{text}: {', '.join(parts)} the given σ was assumed")
+    slow = {name: slow_part(spectrum) for name, spectrum in spectra.items()}
+    parts = [
+        f"{100 * share:.0f} % of the {label_of(name)}'s over {significant(time)} s"
+        for name, (share, time) in slow.items()
+        if share > SLOW
+    ]
+    if parts:
+        text = "noise is correlated in time, which the intervals contain"
+        said.append(f"{text}: {', '.join(parts)}")
+    return tuple(said)
 
 
 def label_of(sensor: str) -> str:

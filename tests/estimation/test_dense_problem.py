@@ -100,12 +100,12 @@ def test_errors_of_the_known_bodies_are_unknowns_with_a_prior(craft, case, skewe
     tree = perturbed(craft.tree, BODIES, np.random.default_rng(3))
     exact = measured(craft, motion, skewed_target, SUITE, momentum_W, tree=tree)
     noisy = add_noise(SUITE, exact, 1)
-    dense = Dense(craft, motion, SUITE, noisy, momentum_W, BODIES)
+    found = identify(craft, noisy, sensors=SUITE, momentum=told, known_bodies=BODIES)
+    dense = Dense(craft, motion, with_noise(SUITE, found.noise), noisy, momentum_W, BODIES)
     x = np.zeros(len(dense.steps))
     x[:10] = skewed_target.to_vector()
     x, covariance, _ = dense.solved(x)
     sigma = np.sqrt(np.diag(covariance))[:10]
-    found = identify(craft, noisy, sensors=SUITE, momentum=told, known_bodies=BODIES)
     ratio = np.sqrt(np.diag(found.covariance)) / sigma
     assert (ratio > 0.97).all()
     assert (ratio < 1.6).all()

@@ -61,22 +61,24 @@ def test_a_fit_tells_the_share_of_its_log_that_it_leaves_out(craft, ideal, suite
 
 
 @pytest.mark.parametrize("estimator", FITS)
-def test_a_position_with_a_slow_error_fails_a_check(craft, ideal, estimator):
+def test_a_position_with_a_slow_error_fails_a_check_or_is_in_the_intervals(
+    craft, ideal, skewed_target, estimator
+):
     """A wave of 1.5 mm with a period of 3 s in place of white noise of 1 mm; no χ² sees it."""
     suite = coarse_suite(gyro=FAST_GYRO, position=VectorSensor(10.0, 1e-3))
     exact = ideal(suite, 8.0)
     wave = 1.5e-3 * np.sin(2 * np.pi * exact.position.time[:, None] / 3.0 + np.arange(3))
     position = replace(exact.position, value=exact.position.value + wave)
     clean = add_noise(suite, exact, 4)
-    spoiled, whose = clean.updated({"position": position}), "the position are"
-    logs = spoiled
+    logs = spoiled = clean.updated({"position": position})
     if estimator == "trajectory_fit":  # it names the log, too
-        logs, whose = {"clean": clean, "spoiled": spoiled}, "the position of spoiled are"
+        logs = {"clean": clean, "spoiled": spoiled}
     found = identify(craft, logs, sensors=suite, estimator=estimator)
     assert np.isfinite(found.parameters).all()
-    said = f"the residuals of {whose} correlated from sample to sample (+0.9"
-    assert any(said in failure for failure in found.failures)
-    assert not any("of clean" in failure for failure in found.failures)
+    said = [*found.failures, *found.warnings]
+    assert any("correlated" in each and "position" in each for each in said)
+    assert not any("of clean" in each for each in said)
+    assert found.failures or nees(found, skewed_target) < chi2.isf(1e-3, 10)
 
 
 class TestLargerThanDeclared:
@@ -124,13 +126,11 @@ def spoiled(ideal, suite, errors, seed):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("errors", "least"),
-    [(coloured, 1), (lambda rng, shape: rng.standard_t(4, shape), 3)],
+    [(coloured, 4), (lambda rng, shape: rng.standard_t(4, shape), 3)],
     ids=["correlated", "outliers"],
 )
 def test_intervals_hold(craft, ideal, skewed_target, errors, least):
-    """Of each log that passes. Correlated noise looks like changes of momentum or of the target in
-    two logs of five, which fail a check.
-    """
+    """Of each log that passes."""
     suite = coarse_suite(gyro=Gyro(50.0, 0.005, 1.0), encoders=JointSensor(50.0, 1e-5))
     exact, trials = ideal(suite, 6.0), 4
     found = [
