@@ -38,7 +38,8 @@ SETTLED = 1e-3
 explain: what values far from the minimum do not explain is no noise."""
 
 LINEAR = 0.1
-"""`about` needs no step with a smaller χ²: a third of σ."""
+"""`about` needs no step with a smaller χ²: a third of σ. Nor does a fit of which no share of a step
+reduces χ²: what is of first order has no derivatives by other unknowns."""
 
 GOOD, POOR = 0.75, 0.25
 """The share of a step that is taken doubles, up to all of it, if it reduces χ² by more than this
@@ -162,10 +163,11 @@ def _best(
             share = share if is_close else _next(share, gain)
             if there is not None and (gain > 0 or is_close):
                 break
-        else:
-            break
+        else:  # errors of the derivatives, if it is so small
+            return replace(now, converged=settled and step.square < LINEAR)
         excess = there.cost - step.least
-        if settled and is_close:
+        is_known = held is not None or all(log.shown for log in there.logs)
+        if settled and is_known and is_close:
             return replace(there, converged=True)
         before = there.logs
         if held is None:

@@ -51,7 +51,8 @@ class LogState:
             which is zero, if the end is closed.
         weights: of each block: (M,) weights of a sensor's samples.
         spectra: of each sensor's noise.
-        shown: of each block: what it shows of the noise; see `block_noise`.
+        shown: of each block: what it shows of the noise, see `block_noise`; none before it is
+            known.
         noise: factors of its σ: what the model leaves beside noise.
         freedom: degrees of freedom of one residual that is not far off, by sensor; none before the
             noise is known.
@@ -150,7 +151,7 @@ class LogState:
             gaps=(*self.gaps, gap),
             pulls=(*self.pulls, np.zeros(12)),
             weights=(*self.weights, {}),
-            shown=(*self.shown, {}) if self.shown else (),
+            shown=(),
         )
 
     def opened(self, ends: Iterable[int]) -> "LogState":

@@ -12,8 +12,9 @@ rows Q of these unknowns, G = QQᵀ and h = diag G, the squares of the transform
     (1 − 2h) S/S₀ + G² (S/S₀) + (h − G² 1)
 
 for a spectrum S, if S₀ was assumed; the last term is the noise of other sensors. Both are summed in
-bands of a factor of 2, all that is kept of a block. A grid of slow parts, and none, is weighed by
-its likelihood. The declared σ counts as
+bands of a factor of 2, all that is kept of a block. The noise is as declared unless
+that is improbable, and white unless that is improbable: few samples tell little. Else a grid of
+slow parts is weighed by its likelihood. The declared σ counts as
 `DECLARED` samples of what is seen of the noise, and as many of the whole, if that is larger.
 
 Sources: Whittle 1953 (likelihood of a spectrum); Patterson and Thompson 1971 (likelihood of
@@ -28,6 +29,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct, idct
 from scipy.linalg import toeplitz
+
+from cpid_drake.estimation.least_squares import IMPROBABLE
 
 DECLARED = 10.0
 """The declared σ of a sensor counts as much as so many samples."""
@@ -45,7 +48,8 @@ Spectra = Mapping[str, NDArray[np.float64]]
 """Spectra (1 + taus,) of sensors, or sums over their residuals, by name."""
 
 _FORMS = np.array([WHITE, *(WHITE + q * part for part in np.eye(len(WHITE))[1:] for q in RATIOS)])
-_ODDS = np.array([0.5, *np.full(len(_FORMS) - 1, 0.5 / (len(_FORMS) - 1))])
+_WHOLE = _FORMS.sum(axis=1)
+_ODDS = np.array([1.0, 1.0, *np.full(len(_FORMS) - 1, 1 / (len(_FORMS) - 1))])  # declared, white
 _LEAST = 0.05  # of squares that unknowns leave: below, these are errors of the model
 _BANDS = 20  # of frequencies n/(2 block): n = 0, 1–2, 3–6, ...
 _POWER, _OTHERS, _FREE, _SQUARES, _OWN = range(5)  # columns of sums; the last are of each part
@@ -150,23 +154,34 @@ def spectrum_of(sums: NDArray[np.float64]) -> NDArray[np.float64]:
     free, squares = sums[:, _FREE], sums[:, _SQUARES]
     seen = squares > _LEAST * np.maximum(free, _LEAST)
     sums, free, squares = sums[seen], free[seen], squares[seen]
+    if not len(free):
+        return WHITE
     nu, power, others = free**2 / squares, sums[:, _POWER], sums[:, _OTHERS]
     own = _FORMS @ sums[:, _OWN:].T
-    level = own @ nu / max(nu.sum(), 1e-12)  # of what is seen
+    level = own @ nu / nu.sum()  # of what is seen
     v = np.full(len(_FORMS), max(power.sum() / max(free.sum(), 1.0), 1e-12))
     for _ in range(_ITERATIONS):
         expected = v[:, None] * own + others
         w = nu * v[:, None] * own / expected
         up, down = np.sum(w * power / expected, axis=1), np.sum(w, axis=1)
-        v *= np.sqrt((DECLARED / np.maximum(v * level, 1e-12) + up) / (DECLARED + down))
+        v *= np.sqrt((DECLARED / (v * level) + up) / (DECLARED + down))
+    own, level, whole, v = (np.append(each[:1], each, axis=0) for each in (own, level, _WHOLE, v))
+    v[0] = 1.0  # as declared
     expected = v[:, None] * own + others
     deviance = np.sum(nu * (np.log(expected) + power / expected), axis=1)
-    for size in (v * level, np.maximum(v * _FORMS.sum(axis=1), 1.0)):
+    for size in (v * level, np.maximum(v * whole, 1.0)):
         deviance += DECLARED * (np.log(size) + 1 / size)
     p = _ODDS * np.exp(-0.5 * (deviance - deviance.min()))
-    if p[0] > 0.5 * p.sum():
-        return np.asarray(v[0] * WHITE)
-    return np.asarray((p * v)[1:] @ _FORMS[1:] / p[1:].sum())
+    if p[0] > IMPROBABLE * p.sum():
+        return WHITE
+    if p[1] > IMPROBABLE * p.sum():
+        return np.asarray(v[1] * WHITE)
+    return np.asarray((p * v)[2:] @ _FORMS[1:] / p[2:].sum())
+
+
+def size_of(sums: NDArray[np.float64]) -> float:
+    """Return the root mean square of the residuals in sums, in units of the assumed noise."""
+    return float(np.sqrt(sums[:, _POWER].sum() / max(sums[:, _FREE].sum(), 1.0)))
 
 
 def slow_part(spectrum: NDArray[np.float64]) -> tuple[float, float]:

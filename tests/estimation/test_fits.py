@@ -192,8 +192,8 @@ def test_a_firing_is_found(tmp_path, skewed_target, time, duration):
     case = make_case(tmp_path, skewed_target, SUITE, duration=6.0)
     perfect = fired(case, time, np.array([6.0, -4.0, 5.0, 3.0, -2.0, 2.0]), duration)
     found = fitted(case, add_noise(SUITE, perfect, 2), estimator="recursive_fit")
-    assert len(found.momentum_changes) == 1
-    assert -0.5 < max(found.momentum_changes) - time < 1.0
+    assert 1 <= len(found.momentum_changes) <= (2 if duration > 0.1 else 1)
+    assert all(-0.5 < each - time < 1.0 for each in found.momentum_changes)
     assert nees(case, found) < chi2.isf(1e-4, 10)
 
 

@@ -120,7 +120,7 @@ def test_intervals_hold_with_noise_half_of_which_is_slow(case, kept):
     assert chi2.ppf(0.01, 10) < np.median(squares) < 20
     for each in found:
         gyro = each.logs[0].spectra["gyro"]
-        assert np.sum(gyro) == pytest.approx(1, abs=0.4)
+        assert 0.6 < np.sum(gyro) < 2.0
         assert np.sum(gyro[1:]) > 0.2
 
 
