@@ -5,20 +5,21 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from annotated_types import Interval
+from cyclopts import App, Parameter
+from cyclopts.validators import Number as Within
 from rich.live import Live
 from rich.table import Table
 
 import cpid_drake as cpid
 from cpid_drake.commands import options
-from cpid_drake.commands.usage import group
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from cpid_drake.estimation.least_squares import quantile_95
 from cpid_drake.files.digits import with_half_width
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.checked_log import in_joint_order
-from cpid_drake.identification.description import describe
 from cpid_drake.identification.identify_files import open_log, opened_inputs
+
+live = App("live")
 
 REFRESH = 0.25
 """Time between two updates of the table [s]."""
@@ -61,15 +62,24 @@ class _Shown:
         return "; ".join([text, *(f"failed: {each}" for each in failed[:1])])
 
 
+@live.command
 def replay(
-    log: Annotated[str, "LOG", options.LOG_KINDS],
-    chosen: options.LogOptions,
-    rate: Annotated[float, "Ratio of replayed to real time.", Interval(ge=0.1, le=1e4)] = 1.0,
-    quiet: options.QuietOption = False,
+    log: options.LogFile,
+    /,
+    *,
+    chosen: options.LogOptions = options.LogOptions(),
+    rate: Annotated[options.Number, Parameter(validator=Within(gte=0.1, lte=1e4))] = 1.0,
+    quiet: options.Quiet = False,
 ) -> int:
     """Feed a log through the online identifier in real time, and show what it knows.
 
     The end is that of `cpid identify`, with its exit codes.
+
+    Args:
+        log: the log.
+        chosen: the options of the log.
+        rate: Ratio of replayed to real time.
+
     """
     request = chosen.request(log)
     if request.estimator not in (None, "recursive_fit") or request.rows is not None:
@@ -113,11 +123,4 @@ def replay(
                 screen.update(known.table())
         found = identifier.finish()
         screen.update(_Shown(found, stream[-1][0], len(stream), 0.0).table())
-    options.print_warnings(found.warnings)
-    if not quiet:
-        print("\n".join(describe(found)))
-    return options.exit_code(found)
-
-
-live = group("Identify from samples as they arrive.", replay=replay)
-live.callback()(lambda: None)  # so that its only command is called by its name
+    return options.finish(found, quiet)

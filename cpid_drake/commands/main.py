@@ -7,15 +7,11 @@ import os
 import platform
 import sys
 import unicodedata
-from importlib import import_module
 from io import TextIOWrapper
-from typing import Annotated, Any
+from math import inf
 
-import typer
-import typer.core
-import typer.main
+from cyclopts import App, CycloptsError, Parameter
 
-from cpid_drake.commands.usage import group
 from cpid_drake.files.errors import InputError
 from cpid_drake.files.resources import __version__, version_of
 
@@ -44,82 +40,37 @@ EXIT_CODES = {
 """The exit codes of all commands and their meanings."""
 
 
-class LazyGroup(typer.core.TyperGroup):
-    """Imports a subcommand only when it is used: Drake, SciPy and Matplotlib take a second."""
-
-    def list_commands(self, ctx: Any) -> list[str]:
-        """Return the names of all subcommands."""
-        return list(COMMANDS)
-
-    def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Return a stand-in of a subcommand, which has its name and its help."""
-        if cmd_name not in COMMANDS:
-            return None
-        return typer.core.TyperCommand(cmd_name, help=COMMANDS[cmd_name])
-
-    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Return the name of the subcommand, the subcommand itself, and its arguments."""
-        name, found, rest = super().resolve_command(ctx, args)
-        if found is None:
-            return name, found, rest
-        command = getattr(import_module(f"cpid_drake.commands.{name}"), str(name))
-        logging.getLogger("drake").setLevel(logging.WARNING)  # Drake sets it when it is imported
-        if not isinstance(command, typer.Typer):
-            command = group("", **{str(name): command})
-        return name, typer.main.get_command(command), rest
+def print_version() -> str:
+    """Return the versions of this package, Drake and Python."""
+    drake = version_of("drake") or "not installed"
+    return f"cpid {__version__} (Drake {drake}, Python {platform.python_version()})"
 
 
-app = typer.Typer(
+app = App(
     name="cpid",
-    cls=LazyGroup,
-    help="Identify a captured target's inertial parameters from momentum conservation.",
-    epilog="Exit codes: " + "; ".join(f"{code} {text}" for code, text in EXIT_CODES.items()) + ".",
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
+    help="Identify a captured target's inertial parameters from momentum conservation.\n\n"
+    f"Exit codes: {'; '.join(f'{code} {text}' for code, text in EXIT_CODES.items())}.",
+    version=print_version,
+    default_parameter=Parameter(
+        negative=(),
+        allow_repeating=True,  # the last one counts
+        show_default=lambda value: None if value in (False, inf) else value,
+    ),
+    exit_on_error=False,
+    print_error=False,
 )
+app.register_install_completion_command(help="Complete commands and options in your shell.")
+for _key, (_name, _help) in enumerate(COMMANDS.items()):
+    # Imported when it is used: Drake, SciPy and Matplotlib take a second.
+    app.command(f"cpid_drake.commands.{_name}:{_name}", help=_help, sort_key=_key)
 
-
-def print_version(wanted: bool) -> None:
-    """Print the versions of this package, Drake and Python, and exit, if this is wanted."""
-    if wanted:
-        drake = version_of("drake") or "not installed"
-        print(f"cpid {__version__} (Drake {drake}, Python {platform.python_version()})")
-        raise typer.Exit
-
-
-@app.callback()
-def _common(
-    version: Annotated[
-        bool,
-        typer.Option(
-            "--version", is_eager=True, callback=print_version, help="Print the version and exit."
-        ),
-    ] = False,
-) -> None:
-    pass
-
-
+# fmt: off
 _PLAIN = {
-    "²": "^2",
-    "³": "^3",
-    "·": "*",
-    "±": "+-",
-    "°": " deg",
-    "σ": "sigma",
-    "χ": "chi",
-    "µ": "u",
+    "²": "^2", "³": "^3", "·": "*", "±": "+-", "°": " deg", "σ": "sigma", "χ": "chi", "µ": "u",
+    "→": "->", "…": "...", "√": "sqrt", "−": "-", "×": "x", "≤": "<=", "≥": ">=", "Δ": "delta",
+    "–": "-", "—": "-", "─": "-", "∞": "inf", "ψ": "psi", "ω": "omega", "≈": "~",
 }
-_PLAIN |= {
-    "→": "->",
-    "…": "...",
-    "√": "sqrt",
-    "−": "-",
-    "×": "x",
-    "≤": "<=",
-    "≥": ">=",
-    "Δ": "delta",
-}
-_PLAIN |= {"–": "-", "—": "-", "─": "-", "∞": "inf", "ψ": "psi", "ω": "omega", "≈": "~"}
+# fmt: on
 
 
 def _plain(error: UnicodeError) -> tuple[str, int]:
@@ -132,6 +83,16 @@ def _plain(error: UnicodeError) -> tuple[str, int]:
     return kept.encode("ascii", "replace").decode(), error.end
 
 
+def _run(arguments: list[str]) -> int:
+    """Run a command, and return its exit code."""
+    for command in app.parse_commands(arguments)[1][1:]:  # and import it
+        if command.default_command is not None:
+            command.help = None  # its docstring says more than the list of commands
+    logging.getLogger("drake").setLevel(logging.WARNING)  # Drake sets it when it is imported
+    run, bound, _ = app.parse_args(arguments)
+    return run(*bound.args, **bound.kwargs) or 0
+
+
 def main() -> None:
     """Run `cpid` and exit with a code of `EXIT_CODES`; an error is one line on stderr."""
     codecs.register_error("plain", _plain)
@@ -141,23 +102,16 @@ def main() -> None:
     try:
         if codecs.lookup(locale.getpreferredencoding(False)).name == "ascii":
             raise InputError("Drake cannot read its files in an ASCII locale; set PYTHONUTF8=1")
-        code = app(standalone_mode=False) or 0
+        code = _run(sys.argv[1:])
         sys.stdout.flush()  # a full disk is noticed here
-    except InputError as error:
+    except (InputError, CycloptsError) as error:
         code = _fail(str(error))
     except OSError as error:
         if not error.filename:  # standard output; the interpreter would fail again to write it
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = _fail(f"{error.filename or 'standard output'}: {error.strerror or error}")
-    except (KeyboardInterrupt, typer.Abort):
+    except KeyboardInterrupt:
         code = 130
-    except Exception as error:
-        # Usage errors: their class is Typer's or Click's, depending on Typer's version.
-        if not hasattr(error, "format_message"):
-            raise
-        message = error.format_message()  # empty if the help has been printed
-        code = _fail(message) if message else 2
-    if code == 130:  # also what Typer makes of an interrupt
         print("cpid: interrupted", file=sys.stderr)
     sys.exit(code)
 

@@ -1,4 +1,4 @@
-"""Options that several commands share, each declared once; see `usage`.
+"""Options that several commands share, each declared once.
 
 The heavy names are those of `cpid_drake` itself, which imports them when they are first used: help
 does not wait for Drake.
@@ -11,6 +11,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+from cyclopts import Parameter
+from cyclopts.validators import Number as Within
 from rich.console import Console
 
 import cpid_drake as cpid
@@ -18,6 +20,7 @@ from cpid_drake.files.drafts import refuse_unfinished
 from cpid_drake.files.errors import InputError
 from cpid_drake.files.resources import find_scenario, package_folders, resolve_model
 from cpid_drake.identification.arguments import EXACT
+from cpid_drake.identification.description import describe
 from cpid_drake.identification.request import log_names
 from cpid_drake.simulation.spacecraft_file import EXPLICIT, SpacecraftFile, load_spacecraft
 
@@ -30,60 +33,59 @@ CHECK_FAILED = 4
 _AS_THEY_ARE = ("estimator", "rows", "start", "end", "leave_out_bad", "columns", "prior")
 """Options that are fields of a request of the same name and value."""
 
-LOG_KINDS = "CSV, NPZ, Parquet or ROS 2 bag."
+File = Annotated[Path, Parameter(metavar="FILE")]
+Folder = Annotated[Path, Parameter(metavar="FOLDER")]
+JsonFile = Annotated[Path, Parameter("--json", metavar="FILE")]
+Name = Annotated[str, Parameter(metavar="NAME")]
+Yaml = Annotated[str, Parameter(metavar="YAML")]
+Sensors = Annotated[str, Parameter(metavar="PRESET|YAML")]
+Seconds = Annotated[float, Parameter(metavar="SECONDS")]
+Number = Annotated[float, Parameter(metavar="NUMBER")]
+Count = Annotated[int, Parameter(metavar="COUNT")]
+Rate = Annotated[float, Parameter(metavar="HZ", validator=Within(gte=1e-6, lte=1e6))]
 
-ANY_SCENARIO = "A scenario file, or the name of a shipped scenario."
-
-ScenarioArgument = Annotated[str, "SCENARIO", ANY_SCENARIO]
-LogArgument = Annotated[str, "LOG", LOG_KINDS]
-ResultArgument = Annotated[Path, "RESULT", "Result file of `cpid identify --json`."]
-OutFolder = Annotated[Path, "--out FOLDER", "Folder to write; created if it is not there."]
-SensorsOption = Annotated[
-    str | None,
-    "--sensors PRESET|YAML",
-    "Sensor noise: a preset or a YAML file. Default: estimated from the log if needed.",
+Scenario = Annotated[str, Parameter(help="A scenario file, or the name of a shipped scenario.")]
+LogFile = Annotated[str, Parameter(help="CSV, NPZ, Parquet or ROS 2 bag.")]
+Result = Annotated[Path, Parameter(help="Result file of `cpid identify --json`.")]
+Force = Annotated[bool, Parameter(help="Replace files that exist. Inputs are never replaced.")]
+Quiet = Annotated[bool, Parameter(help="Print only warnings and errors.")]
+LeaveOutBad = Annotated[bool, Parameter(help="Leave out and count rows that have a problem.")]
+Topics = Annotated[
+    list[str],
+    Parameter(
+        metavar="KIND=/NAME",
+        help="Topic of a bag that has several of a kind (odometry, pose, imu, joints), or of "
+        "thrust; may be repeated. Of joints several, joints=/arm,/wheels; of transforms with the "
+        "frames of world and base, pose=/tf:WORLD:BASE.",
+    ),
 ]
-MomentumOption = Annotated[
-    Literal["zero", "unknown"] | None,
-    "Total momentum of spacecraft and target: zero, or an unknown constant. Default: zero if the "
-    "log agrees with that, else unknown.",
+Momentum = Annotated[
+    Literal["zero", "unknown"],
+    Parameter(
+        metavar="zero|unknown",
+        show_choices=False,
+        help="Total momentum of spacecraft and target: zero, or an unknown constant. Default: zero "
+        "if the log agrees with that, else unknown.",
+    ),
 ]
-TopicOption = Annotated[
-    list[str] | None,
-    "--topic KIND=/NAME",
-    "Topic of a bag that has several of a kind (odometry, pose, imu, joints), or of thrust; may be "
-    "repeated. Of joints several, joints=/arm,/wheels; of transforms with the frames of world and "
-    "base, pose=/tf:WORLD:BASE.",
-]
-LeaveOutBadOption = Annotated[bool, "Leave out and count rows that have a problem."]
-ForceOption = Annotated[bool, "Replace files that exist. Inputs are never replaced."]
-QuietOption = Annotated[bool, "Print only warnings and errors."]
 
 
+@Parameter("*")
 @dataclass(frozen=True)
 class SpacecraftOptions:
     """The known spacecraft."""
 
-    scenario: Annotated[
-        str | None,
-        "--scenario SCENARIO|YAML",
-        "Scenario, or file of a spacecraft, with model, base, capture frame, packages, "
-        "sensors, momentum, table and known bodies; other options override it.",
-    ] = None
-    spacecraft: Annotated[
-        str | None,
-        "--spacecraft MODEL",
-        "Model file of the known spacecraft: URDF, SDF, MJCF or Drake directives.",
-    ] = None
-    base: Annotated[str | None, "--base NAME", "Base body of the spacecraft."] = None
-    capture_frame: Annotated[
-        str | None, "--capture-frame NAME", "Frame or link of the model that holds the target."
-    ] = None
-    package: Annotated[
-        list[str] | None,
-        "--package NAME=FOLDER",
-        "Folder of a package that the model's URIs name; may be repeated.",
-    ] = None
+    scenario: Annotated[str | None, Parameter(metavar="SCENARIO|YAML")] = None
+    """Scenario, or file of a spacecraft, with model, base, capture frame, packages, sensors,
+    momentum, table and known bodies; other options override it."""
+    spacecraft: Annotated[str | None, Parameter(metavar="MODEL")] = None
+    """Model file of the known spacecraft: URDF, SDF, MJCF or Drake directives."""
+    base: Name | None = None
+    """Base body of the spacecraft."""
+    capture_frame: Name | None = None
+    """Frame or link of the model that holds the target."""
+    package: Annotated[list[str] | None, Parameter(metavar="NAME=FOLDER")] = None
+    """Folder of a package that the model's URIs name; may be repeated."""
 
     @property
     def is_given(self) -> bool:
@@ -117,15 +119,6 @@ class SpacecraftOptions:
         absolute = {name: _absolute(folder) for name, folder in found.packages.items()}
         return replace(found, model=_absolute(found.model), packages=absolute)
 
-    def make(self) -> "cpid.Spacecraft":
-        """Return the spacecraft.
-
-        Raises:
-            InputError: for the same reasons as `known` and `Spacecraft`.
-
-        """
-        return self.known().make()
-
     def files(self) -> list[str | Path]:
         """Return the files that the options name."""
         if not self.is_given:
@@ -135,17 +128,15 @@ class SpacecraftOptions:
         return [*scenario, resolve_model(found.model, package_folders(found.packages))]
 
 
+@Parameter("*")
 @dataclass(frozen=True)
 class ReadingOptions:
     """How to read a log."""
 
-    columns: Annotated[
-        str | None,
-        "--columns YAML",
-        "Map of the log's columns: names, units and conventions; `cpid log map` writes "
-        "one. Default: the columns of models/telemetry/README.md.",
-    ] = None
-    topic: TopicOption = None
+    columns: Yaml | None = None
+    """Map of the log's columns: names, units and conventions; `cpid log map` writes one. Default:
+    the columns of models/telemetry/README.md."""
+    topic: Topics | None = None
 
     def topics(self) -> dict[str, str]:
         """Return the topics by kind.
@@ -161,57 +152,40 @@ class ReadingOptions:
 class PartOptions(ReadingOptions):
     """How to read a log, and which part of it to use."""
 
-    leave_out_bad: LeaveOutBadOption = False
-    start: Annotated[float | None, "--from T0", "First time to use, in seconds."] = None
-    end: Annotated[float | None, "--to T1", "Last time to use, in seconds."] = None
+    leave_out_bad: LeaveOutBad = False
+    start: Annotated[Seconds | None, Parameter("--from")] = None
+    """First time to use."""
+    end: Annotated[Seconds | None, Parameter("--to")] = None
+    """Last time to use."""
 
 
 @dataclass(frozen=True)
 class LogOptions(PartOptions, SpacecraftOptions):
     """The options of a log and of its identification."""
 
-    estimator: Annotated[
-        str | None,
-        "--estimator NAME",
-        "Estimator, such as least_squares, trajectory_fit or recursive_fit; `cpid list` "
-        "explains all. Default: trajectory_fit; least_squares with --rows, without attitude, "
-        "and for a simulation's exact states without --sensors or --known-bodies: their "
-        "momentum is constant to a hundred-thousandth.",
-    ] = None
-    rows: Annotated[
-        str | None,
-        "--rows NAME",
-        "Row family of least_squares, such as standard, relative or eq18; `cpid list` "
-        "explains all. Default: standard, or relative for logs without position and velocity.",
-    ] = None
-    sensors: Annotated[
-        list[str] | None,
-        "--sensors [NAME=]PRESET|YAML",
-        "Sensor noise: a preset or a YAML file. NAME= before it, the name of a log, gives those of "
-        "this log alone, and may be repeated; logs with the same file have the same hardware. "
-        "Default: estimated from the log if needed.",
-    ] = None
-    momentum: MomentumOption = None
-    known_bodies: Annotated[
-        str | None,
-        "--known-bodies KEY=NUMBER,...|YAML|exact",
-        "Uncertainty of the spacecraft, 1 sigma, that the intervals include: mass and "
-        "inertia (relative), com [m], joint_position_mm, joint_axis_mrad, grasp_mm, "
-        "grasp_mrad. Default: mass=0.01,com=0.005,inertia=0.01, but exact if the sensors' file "
-        "says `unstated: exact`.",
-    ] = None
-    planar: Annotated[
-        bool | None,
-        "--planar/--no-planar",
-        "Whether the spacecraft floats on a table whose normal is the world's z axis. "
-        "Default: yes for logs of x, y and yaw.",
-    ] = None
-    prior: Annotated[
-        str | None,
-        "--prior FILE",
-        "What is known about the target besides: a result of `cpid identify` (JSON) or "
-        "YAML with mass, p_CTcm_C, I_TTcm_C and their σ.",
-    ] = None
+    estimator: Name | None = None
+    """Estimator, such as least_squares, trajectory_fit or recursive_fit; `cpid list` explains all.
+    Default: trajectory_fit; least_squares with --rows, without attitude, and for a simulation's
+    exact states without --sensors or --known-bodies: their momentum is constant to a
+    hundred-thousandth."""
+    rows: Name | None = None
+    """Row family of least_squares, such as standard, relative or eq18; `cpid list` explains all.
+    Default: standard, or relative for logs without position and velocity."""
+    sensors: Annotated[list[str] | None, Parameter(metavar="[NAME=]PRESET|YAML")] = None
+    """Sensor noise: a preset or a YAML file. NAME= before it, the name of a log, gives those of
+    this log alone, and may be repeated; logs with the same file have the same hardware. Default:
+    estimated from the log if needed."""
+    momentum: Momentum | None = None
+    known_bodies: Annotated[str | None, Parameter(metavar="KEY=NUMBER,...|YAML|exact")] = None
+    """Uncertainty of the spacecraft, 1 sigma, that the intervals include: mass and inertia
+    (relative), com [m], joint_position_mm, joint_axis_mrad, grasp_mm, grasp_mrad. Default:
+    mass=0.01,com=0.005,inertia=0.01, but exact if the sensors' file says `unstated: exact`."""
+    planar: Annotated[bool | None, Parameter(negative="--no-planar")] = None
+    """Whether the spacecraft floats on a table whose normal is the world's z axis. Default: yes for
+    logs of x, y and yaw."""
+    prior: Annotated[str | None, Parameter(metavar="FILE")] = None
+    """What is known about the target besides: a result of `cpid identify` (JSON) or YAML with mass,
+    p_CTcm_C, I_TTcm_C and their σ."""
 
     def files(self) -> list[str | Path]:
         """Return the files that the options name."""
@@ -297,13 +271,16 @@ def extra(name: str) -> Iterator[None]:
         ) from error
 
 
-def log_console(quiet: bool = False) -> Console:
-    """Return a console for plain text on stderr; long lines are not wrapped."""
-    return Console(stderr=True, quiet=quiet, markup=False, highlight=False, soft_wrap=True)
+def log_console(quiet: bool = False, *, stderr: bool = True) -> Console:
+    """Return a console for plain text, of stderr or stdout; long lines are not wrapped."""
+    return Console(stderr=stderr, quiet=quiet, markup=False, highlight=False, soft_wrap=True)
 
 
-def exit_code(found: "cpid.Identification") -> int:
-    """Return the exit code of an identification."""
+def finish(found: "cpid.Identification", quiet: bool) -> int:
+    """Print an identification and its warnings, and return the exit code of its command."""
+    print_warnings(found.warnings)
+    if not quiet:
+        print("\n".join(describe(found)))
     if found.failures:
         return CHECK_FAILED
     return 0 if found.is_complete else NOT_ALL_KNOWN

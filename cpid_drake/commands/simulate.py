@@ -2,8 +2,6 @@
 
 import shlex
 import time
-from pathlib import Path
-from typing import Annotated
 
 from pydrake.systems.framework import Context
 
@@ -19,22 +17,25 @@ from cpid_drake.simulation.simulation import Simulation, make_simulation
 
 
 def simulate(
-    scenario: options.ScenarioArgument,
-    out: Annotated[
-        Path | None, "--out FOLDER", "Folder to write; created if it is not there."
-    ] = None,
-    check: Annotated[
-        bool,
-        "Simulate nothing, but check the scenario with all that it refers to; exit with "
-        "code 4 if the joint motion exceeds a limit.",
-    ] = False,
-    force: options.ForceOption = False,
-    quiet: options.QuietOption = False,
+    scenario: options.Scenario,
+    /,
+    *,
+    out: options.Folder | None = None,
+    check: bool = False,
+    force: options.Force = False,
+    quiet: options.Quiet = False,
 ) -> int:
     """Simulate a scenario; write the log of its sensors and the true parameters.
 
     Warnings name the limits of the spacecraft's model that the joint motion exceeds: positions,
     rates and efforts of the joints, and distances between bodies.
+
+    Args:
+        scenario: the scenario.
+        out: Folder to write; created if it is not there.
+        check: Simulate nothing, but check the scenario with all that it refers to; exit with code 4
+            if the joint motion exceeds a limit.
+
     """
     start = time.perf_counter()
     if (out is None) != check:

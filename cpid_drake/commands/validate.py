@@ -2,10 +2,10 @@
 
 import json
 from dataclasses import asdict, replace
-from pathlib import Path
 from typing import Annotated
 
-from annotated_types import Interval
+from cyclopts import Parameter
+from cyclopts.validators import Number as Within
 
 from cpid_drake.commands import options
 from cpid_drake.commands.options import CHECK_FAILED
@@ -24,29 +24,18 @@ from cpid_drake.report.terminal import print_table
 
 
 def validate(
-    result: options.ResultArgument,
-    log: Annotated[
-        str,
-        "LOG",
-        f"A log of the same spacecraft and target that was not used for the result: "
-        f"{options.LOG_KINDS}",
-    ],
-    part: options.PartOptions,
-    threshold: Annotated[
-        float,
-        "Largest usual residual of the log, in σ and whatever its cause, with which the "
-        "result is valid.",
-        Interval(ge=1e-6, le=1e6),
-    ] = 3.0,
-    beginning: Annotated[
-        float,
-        "Share of the log to which start, momentum and biases are fitted; the rest is predicted.",
-    ] = 0.3,
-    sensors: options.SensorsOption = None,
-    momentum: options.MomentumOption = None,
-    json_file: Annotated[Path | None, "--json FILE", "Write the errors to this file."] = None,
-    force: options.ForceOption = False,
-    quiet: options.QuietOption = False,
+    result: options.Result,
+    log: str,
+    /,
+    *,
+    part: options.PartOptions = options.PartOptions(),
+    threshold: Annotated[options.Number, Parameter(validator=Within(gte=1e-6, lte=1e6))] = 3.0,
+    beginning: options.Number = 0.3,
+    sensors: options.Sensors | None = None,
+    momentum: options.Momentum | None = None,
+    json_file: options.JsonFile | None = None,
+    force: options.Force = False,
+    quiet: options.Quiet = False,
 ) -> int:
     """Test an identified target with another log, and predict this log.
 
@@ -57,6 +46,19 @@ def validate(
 
     Exit codes: 0 the target passes the test, and the residuals are below the threshold; 2 bad input
     or usage; 4 the result is not valid.
+
+    Args:
+        result: the result.
+        log: A log of the same spacecraft and target that was not used for the result: CSV, NPZ,
+            Parquet or ROS 2 bag.
+        part: how to read the log.
+        threshold: Largest usual residual of the log, in σ and whatever its cause, with which the
+            result is valid.
+        beginning: Share of the log to which start, momentum and biases are fitted; the rest is
+            predicted.
+        sensors: Sensor noise. Default: that of the result.
+        json_file: Write the errors to this file.
+
     """
     check_outputs([("--json", json_file)], [result, log, sensors, part.columns], force=force)
     found = read_result(result)

@@ -1,10 +1,11 @@
 """`cpid view`."""
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
-import typer
-from annotated_types import Interval
+from cyclopts import Parameter
+from cyclopts.validators import Number as Within
 from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.systems.framework import Context
 
@@ -22,21 +23,23 @@ from cpid_drake.simulation.simulation import make_simulation
 
 
 def view(
-    scenario: options.ScenarioArgument,
-    out: Annotated[
-        Path | None, "--out FILE", "Write a replay, one HTML file that plays offline."
-    ] = None,
-    rate: Annotated[
-        float,
-        "Ratio of simulated to real time in the live view.",
-        Interval(ge=0.1, le=5.0),
-    ] = 1.0,
-    force: options.ForceOption = False,
-    quiet: options.QuietOption = False,
+    scenario: options.Scenario,
+    /,
+    *,
+    out: options.File | None = None,
+    rate: Annotated[options.Number, Parameter(validator=Within(gte=0.1, lte=5.0))] = 1.0,
+    force: options.Force = False,
+    quiet: options.Quiet = False,
 ) -> None:
     """Show the simulation of a scenario live in the browser, or write its replay.
 
     The replay of a log is in its report, see `cpid report`.
+
+    Args:
+        scenario: the scenario.
+        out: Write a replay, one HTML file that plays offline.
+        rate: Ratio of simulated to real time in the live view.
+
     """
     outputs, path = [("--out", out)], find_scenario(scenario)
     check_outputs(outputs, [path], force=force)
@@ -52,7 +55,9 @@ def view(
                 meshcat = Meshcat(MeshcatParams(host="*"))
             except RuntimeError as error:
                 raise InputError(f"Meshcat cannot be opened: {error}") from error
-            typer.echo(f"Open {meshcat.web_url()}; Stop is in Open Controls", err=True)
+            print(
+                f"Open {meshcat.web_url()}; Stop is in Open Controls", file=sys.stderr, flush=True
+            )
             serve(make_simulation(loaded, meshcat=meshcat), meshcat, rate)
             return
 

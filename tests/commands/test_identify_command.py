@@ -182,7 +182,7 @@ class TestOneLog:
         [
             (["--estimator", "magic"], "no estimator 'magic'; choose from least_squares"),
             (["--rows", "magic"], "no row family 'magic'; choose from eq18"),
-            (["--momentum", "some"], "'some' is not one of"),
+            (["--momentum", "some"], 'for --momentum. Choose from: "zero", "unknown"'),
             (["--from", "5", "--to", "2"], "the interval is empty"),
             (["--json", "nowhere/r.json"], "there is no folder nowhere"),
             (["--package", "robot"], "give NAME=FOLDER"),
