@@ -1,7 +1,7 @@
 """`cpid log`: checks logs, finds out what their columns mean, and converts them."""
 
+import sys
 from collections import Counter
-from dataclasses import replace
 from pathlib import Path
 
 from cyclopts import App
@@ -13,14 +13,11 @@ from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.files.overwriting import check_outputs
 from cpid_drake.identification.checked_log import check_log, left_out_warnings
 from cpid_drake.identification.checks import label_of
-from cpid_drake.logs.channels import Channel, look_at
-from cpid_drake.logs.conventions import Findings, check_conventions
-from cpid_drake.logs.conversion import LogFile
+from cpid_drake.logs.channels import look_at
+from cpid_drake.logs.conventions import Findings
 from cpid_drake.logs.files import inspect_log, read_log, read_table, write_log
 from cpid_drake.logs.guess.guess import guess_map
-from cpid_drake.logs.screening import screen
 from cpid_drake.report.log_contents import contents
-from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 log = App("log")
 _SHOWN = 100  # problems of a file that are listed; more of them say nothing new
@@ -41,56 +38,38 @@ def check(
 
     Exit codes: 0 no error, perhaps warnings; 2 at least one error.
     """
-    spacecraft = craft.known().make() if craft.is_given else None
+    spacecraft = craft.known().make() if craft != options.SpacecraftOptions() else None
     joints = None if spacecraft is None else spacecraft.joint_names
     found = inspect_log(log, topics=reading.topics(), columns=reading.columns, joints=joints)
-    errors, warnings, said, channels = _compared(found, spacecraft)
-    count, unchecked = len(found.problems) + len(errors), [*said.unchecked, *said.not_compared]
-    if errors and not said.comparisons:
-        unchecked.append("units, signs and frames: nothing was compared, because of the errors")
-    hidden = max(len(found.problems) - _SHOWN, 0)
-    out = options.log_console(stderr=False)
-    out.print("\n".join(contents(found, log, channels, said.comparisons)))
-    lines = [f"warning: {warning}" for warning in warnings]
-    lines += [f"error: {problem}" for problem in [*found.problems[:_SHOWN], *errors]]
-    lines += [f"... and {hidden} more"] * (hidden > 0)
-    lines += [f"not checked: {text}" for text in unchecked]
-    if not lines:
-        lines = ["no problems found"]
-    elif not count:
-        lines.append(f"no errors; warnings: {len(warnings)}, not checked: {len(unchecked)}")
-    for line in lines:
-        out.print(line)
-    if count:
-        raise InputError(f"{log}: {count} problem{'s' * (count > 1)} found, listed above")
-    return 0
-
-
-def _compared(
-    found: LogFile, craft: Spacecraft | None
-) -> tuple[list[str], list[str], Findings, tuple[Channel, ...]]:
-    """Return errors, warnings, what the comparisons of a log say, and its channels."""
-    warnings, rejected = left_out_warnings(found.left_out_joints), Counter(found.partial)
-    errors, noted, said, seen = list[str](), list[str](), Findings(), look_at(found.log)
-    channels = seen.table
+    rejected, failures, said = Counter(found.partial), list[str](), Findings()
+    warnings = left_out_warnings(found.left_out_joints)
     try:
-        if craft is not None:
-            checked = check_log(craft, found.log)
-            said, channels = checked.conventions, checked.channels
-            errors, noted = [*checked.failures], [*checked.warnings]
-            rejected += Counter(checked.rejected)
-        elif seen.errors:
-            errors, noted = [*seen.errors], [*seen.warnings]
-        else:
-            screened = screen(seen.log)
-            said = check_conventions(screened.log, None)
-            said = replace(said, not_compared=(*said.not_compared, *seen.not_compared))
-            errors, noted = [*said.failures], [*seen.warnings, *said.warnings]
-            rejected += Counter(screened.rejected)
+        checked = check_log(spacecraft, found.log)
     except InputError as error:
-        errors, noted = [str(error)], [*seen.warnings]
-    unusable = [f"unusable samples of {label_of(name)}: {n}" for name, n in rejected.items()]
-    return errors, [*warnings, *noted, *unusable], said, channels
+        failures, seen = [str(error)], look_at(found.log)
+        warnings, channels = [*warnings, *seen.warnings], seen.table
+    else:
+        failures, said, channels = [*checked.failures], checked.conventions, checked.channels
+        warnings += checked.warnings
+        rejected += Counter(checked.rejected)
+    warnings += [f"unusable samples of {label_of(name)}: {n}" for name, n in rejected.items()]
+    problems, unchecked = [*found.problems, *failures], [*said.unchecked, *said.not_compared]
+    if failures and not said.comparisons:
+        unchecked.append("units, signs and frames: nothing was compared, because of the errors")
+    lines = [*contents(found, log, channels, said.comparisons)]
+    lines += [f"warning: {warning}" for warning in warnings]
+    lines += [f"error: {problem}" for problem in [*found.problems[:_SHOWN], *failures]]
+    if len(found.problems) > _SHOWN:
+        lines.append(f"... and {len(found.problems) - _SHOWN} more")
+    lines += [f"not checked: {text}" for text in unchecked]
+    if not problems:
+        counts = f"no errors; warnings: {len(warnings)}, not checked: {len(unchecked)}"
+        lines.append(counts if warnings or unchecked else "no problems found")
+    options.log_console(stderr=False).print("\n".join(lines))
+    if problems:
+        plural = "s" * (len(problems) > 1)
+        raise InputError(f"{log}: {len(problems)} problem{plural} found, listed above")
+    return 0
 
 
 @log.command(name="map")
@@ -130,17 +109,17 @@ def map_columns(
     if out is not None:
         write_text(out, text)
     with prefix_errors(f"{log}: does not agree with this map"):
-        checked = check_log(spacecraft, guess.log)
-    messages = options.log_console()
+        checked, wrong = check_log(spacecraft, guess.log), ""
     if guess.missing:
-        messages.print(f"{log}: complete this map: {'; '.join(guess.missing)}")
-        return CHECK_FAILED
-    if checked.failures:
-        messages.print(f"{log}: does not agree with this map: {checked.failures[0]}")
+        wrong = f"complete this map: {'; '.join(guess.missing)}"
+    elif checked.failures:
+        wrong = f"does not agree with this map: {checked.failures[0]}"
+    if wrong:
+        print(f"{log}: {wrong}", file=sys.stderr)
         return CHECK_FAILED
     options.print_warnings(checked.warnings)
     if out is not None:
-        messages.print(f"{out}: written; read the log with --columns {out}")
+        print(f"{out}: written; read the log with --columns {out}", file=sys.stderr)
     return 0
 
 
