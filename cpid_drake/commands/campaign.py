@@ -18,7 +18,7 @@ def run(
     campaign: str,
     /,
     *,
-    out: options.Folder,
+    out: options.OutFolder,
     resume: bool = False,
     workers: options.Count | None = None,
     scheduler: Annotated[str | None, Parameter(metavar="ADDRESS")] = None,
@@ -29,7 +29,6 @@ def run(
 
     Args:
         campaign: YAML file of a campaign; see models/campaigns.
-        out: Folder to write; created if it is not there.
         resume: Continue the campaign in the folder.
         workers: Number of processes. Default: one for each processor.
         scheduler: A running scheduler of dask.distributed, such as tcp://…

@@ -24,7 +24,6 @@ def export(
     """Export an identified target as a model: URDF, SDF, MJCF or Drake model directives.
 
     Args:
-        result: the result.
         format: Format; drake-yaml: model directives.
         out: File to write; its ending must fit the format.
         with_spacecraft: Write the spacecraft with the target attached.

@@ -29,7 +29,6 @@ def identify(
     Args:
         logs: CSV, NPZ, Parquet or ROS 2 bag. Several logs of the same spacecraft and target give
             one estimate; each has its own start, momentum and biases.
-        chosen: the options of the logs.
         json: Write the result to this file.
         report: Write a report, one HTML page.
         mcap: Write estimates over time, residuals and events as ROS 2 messages.

@@ -76,8 +76,6 @@ def replay(
     The end is that of `cpid identify`, with its exit codes.
 
     Args:
-        log: the log.
-        chosen: the options of the log.
         rate: Ratio of replayed to real time.
 
     """

@@ -93,8 +93,6 @@ def map_columns(
     the map, or an attitude, a unit or a direction is open.
 
     Args:
-        log: the log.
-        craft: the spacecraft.
         out: YAML file to write the map to.
         frame_rate: Frames per second, if the log counts frames.
 
@@ -138,8 +136,6 @@ def convert(
     Angular velocities are written in the body's axes, as gyros measure them.
 
     Args:
-        log: the log.
-        reading: how to read it.
         out: File to write: .csv, .npz or .parquet.
 
     """

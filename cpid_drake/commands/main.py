@@ -9,8 +9,9 @@ import sys
 import unicodedata
 from io import TextIOWrapper
 from math import inf
+from typing import get_args
 
-from cyclopts import App, CycloptsError, Parameter
+from cyclopts import App, ArgumentCollection, CycloptsError, Parameter
 
 from cpid_drake.files.errors import InputError
 from cpid_drake.files.resources import __version__, version_of
@@ -46,6 +47,14 @@ def print_version() -> str:
     return f"cpid {__version__} (Drake {drake}, Python {platform.python_version()})"
 
 
+def _whole_numbers(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
+    """Refuse fractions where whole numbers are meant; cyclopts rounds them."""
+    for each in arguments:
+        if int in (each.hint, *get_args(each.hint)):
+            for token in (token for token in each.tokens if "." in token.value):
+                raise InputError(f"{token.keyword} {token.value}: give a whole number")
+
+
 app = App(
     name="cpid",
     help="Identify a captured target's inertial parameters from momentum conservation.\n\n"
@@ -56,6 +65,7 @@ app = App(
         allow_repeating=True,  # the last one counts
         show_default=lambda value: None if value in (False, inf) else value,
     ),
+    config=_whole_numbers,
     exit_on_error=False,
     print_error=False,
 )

@@ -35,7 +35,6 @@ _AS_THEY_ARE = ("estimator", "rows", "start", "end", "leave_out_bad", "columns",
 
 File = Annotated[Path, Parameter(metavar="FILE")]
 Folder = Annotated[Path, Parameter(metavar="FOLDER")]
-JsonFile = Annotated[Path, Parameter("--json", metavar="FILE")]
 Name = Annotated[str, Parameter(metavar="NAME")]
 Yaml = Annotated[str, Parameter(metavar="YAML")]
 Sensors = Annotated[str, Parameter(metavar="PRESET|YAML")]
@@ -47,6 +46,9 @@ Rate = Annotated[float, Parameter(metavar="HZ", validator=Within(gte=1e-6, lte=1
 Scenario = Annotated[str, Parameter(help="A scenario file, or the name of a shipped scenario.")]
 LogFile = Annotated[str, Parameter(help="CSV, NPZ, Parquet or ROS 2 bag.")]
 Result = Annotated[Path, Parameter(help="Result file of `cpid identify --json`.")]
+OutFolder = Annotated[
+    Path, Parameter(metavar="FOLDER", help="Folder to write; created if it is not there.")
+]
 Force = Annotated[bool, Parameter(help="Replace files that exist. Inputs are never replaced.")]
 Quiet = Annotated[bool, Parameter(help="Print only warnings and errors.")]
 LeaveOutBad = Annotated[bool, Parameter(help="Leave out and count rows that have a problem.")]
@@ -87,11 +89,6 @@ class SpacecraftOptions:
     package: Annotated[list[str] | None, Parameter(metavar="NAME=FOLDER")] = None
     """Folder of a package that the model's URIs name; may be repeated."""
 
-    @property
-    def is_given(self) -> bool:
-        """Whether any of the options is given."""
-        return any((self.scenario, self.spacecraft, self.base, self.capture_frame, self.package))
-
     def known(self) -> SpacecraftFile:
         """Return what is known of the spacecraft from the file and the single options.
 
@@ -99,17 +96,13 @@ class SpacecraftOptions:
             InputError: the model, its base or its capture frame is missing, or the file is wrong.
 
         """
-        single = {
-            "model": self.spacecraft and _absolute(self.spacecraft),
-            "base": self.base,
-            "capture_frame": self.capture_frame,
-        }
-        given: dict[str, Any] = {key: value for key, value in single.items() if value}
+        names = {"model": self.spacecraft, "base": self.base, "capture_frame": self.capture_frame}
+        given: dict[str, Any] = {key: name for key, name in names.items() if name}
         packages = _pairs("--package", self.package, "NAME=FOLDER")
         if self.scenario is not None:
             found = load_spacecraft(self.scenario)
             found = replace(found, **given, packages={**found.packages, **packages})
-        elif len(given) == len(single):
+        elif len(given) == len(names):
             found = SpacecraftFile(**given, packages=packages)
         else:
             raise InputError(
@@ -121,7 +114,7 @@ class SpacecraftOptions:
 
     def files(self) -> list[str | Path]:
         """Return the files that the options name."""
-        if not self.is_given:
+        if (self.scenario, self.spacecraft) == (None, None):
             return []
         found = self.known()
         scenario = [] if self.scenario is None else [find_scenario(self.scenario)]
@@ -139,12 +132,7 @@ class ReadingOptions:
     topic: Topics | None = None
 
     def topics(self) -> dict[str, str]:
-        """Return the topics by kind.
-
-        Raises:
-            InputError: an entry does not have the form KIND=/NAME.
-
-        """
+        """Return the topics by kind; InputError without the form KIND=/NAME."""
         return _pairs("--topic", self.topic, "KIND=/NAME, such as imu=/imu/data")
 
 
@@ -195,58 +183,28 @@ class LogOptions(PartOptions, SpacecraftOptions):
         given = (*sensors, self.columns, self.prior, of_bodies)
         return [*super().files(), *(file for file in given if file)]
 
-    def sensors_of(self, logs: Sequence[str]) -> dict[str, str]:
-        """Return the given sensors by the names of logs, and under "" those of all others.
-
-        Raises:
-            InputError: a name is no log, has no sensors or two, or two are given for all others.
-
-        """
-        names, own = log_names(logs), dict[str, str]()
-        for entry in self.sensors or []:
-            name = next((each for each in names if entry.startswith(f"{each}=")), "")
-            file = entry[len(name) + 1 :] if name else entry
-            if "=" in file and not name and not Path(file).exists():
-                raise InputError(
-                    f"--sensors {entry}: there is no log {entry.partition('=')[0]}; "
-                    f"the logs are {', '.join(names)}"
-                )
-            if name in own or not file:
-                raise InputError(
-                    f"--sensors {entry}: give one PRESET or YAML for all logs, and one NAME=PRESET "
-                    "or NAME=YAML for a log with others"
-                )
-            own[name] = file
-        return own
-
     def request(self, log: str, logs: Sequence[str] = ()) -> "cpid.Request":
-        """Return the request to identify a log.
-
-        Args:
-            log: the log.
-            logs: all logs that are identified together; default: this one.
+        """Return the request to identify a log, of `logs` if several are identified together.
 
         Raises:
             InputError: an option is missing, or a file or a name is wrong.
 
         """
         refuse_unfinished(Path(log).parent)
-        known = self.known()
-        bodies = ",".join(f"{key}={value}" for key, value in vars(known.known_bodies).items())
-        momentum = self.momentum or known.momentum
-        logs = logs or [log]
-        own = self.sensors_of(logs)
-        sensors = own.get(log_names(logs)[logs.index(log)]) or own.get("") or known.sensors
+        known, logs = self.known(), logs or [log]
+        own = _sensors_of(self.sensors or [], names := log_names(logs))
+        sensors = own.get(names[logs.index(log)]) or own.get("") or known.sensors
         if sensors == EXPLICIT:
             raise InputError(
                 f"{self.scenario}: lists its sensors itself; write them into a file of their own, "
                 "and give it as --sensors"
             )
+        bodies = ",".join(f"{key}={value}" for key, value in vars(known.known_bodies).items())
         return cpid.Request(
             log,
             known.reference(),
             sensors=sensors,
-            momentum=momentum,
+            momentum=self.momentum or known.momentum,
             topics=self.topics(),
             planar=known.planar if self.planar is None else self.planar,
             known_bodies=self.known_bodies or (None if known.known_bodies.is_zero else bodies),
@@ -290,6 +248,26 @@ def print_warnings(texts: Iterable[str]) -> None:
     """Print warnings on stderr, one line each."""
     for text in texts:
         print(f"warning: {text}", file=sys.stderr)
+
+
+def _sensors_of(entries: Sequence[str], logs: Sequence[str]) -> dict[str, str]:
+    """Return the given sensors by the names of logs, and under "" those of all others."""
+    own: dict[str, str] = {}
+    for entry in entries:
+        name = next((each for each in logs if entry.startswith(f"{each}=")), "")
+        file = entry[len(name) + 1 :] if name else entry
+        if "=" in file and not name and not Path(file).exists():
+            wanted = entry.partition("=")[0]
+            raise InputError(
+                f"--sensors {entry}: there is no log {wanted}; the logs are {', '.join(logs)}"
+            )
+        if name in own or not file:
+            raise InputError(
+                f"--sensors {entry}: give one PRESET or YAML for all logs, and one NAME=PRESET or "
+                "NAME=YAML for a log with others"
+            )
+        own[name] = file
+    return own
 
 
 def _absolute(path: str) -> str:

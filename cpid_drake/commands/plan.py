@@ -54,9 +54,7 @@ def motion(
     target's mass properties in the scenario. Ctrl-C keeps the best motion so far.
 
     Args:
-        scenario: the scenario.
         out: YAML file of the planned motion.
-        chosen: the options of the plan.
         picture: PNG or SVG file with σ, joints and base of the plan.
         front: Also compute the Pareto front of precision against base rotation; write its motions
             and a table.
@@ -139,9 +137,7 @@ def rank(
     motions (a chirp of all joints, a smoothed random binary sequence) keep the limits.
 
     Args:
-        scenario: the scenario.
         motions: YAML files of motions.
-        chosen: the options of the comparison.
         trials: Noisy logs that are simulated and identified for each motion.
 
     """

@@ -36,7 +36,6 @@ def report(
     Args:
         log: A log: CSV, NPZ, Parquet or ROS 2 bag.
         out: HTML file to write.
-        chosen: the options of the log.
         result: In place of a log: a result of `cpid identify --json`.
         run: In place of a log: a folder of `cpid simulate`.
         figures: Write the figures there too, as PNG and SVG.

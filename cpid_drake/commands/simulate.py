@@ -20,7 +20,7 @@ def simulate(
     scenario: options.Scenario,
     /,
     *,
-    out: options.Folder | None = None,
+    out: options.OutFolder | None = None,
     check: bool = False,
     force: options.Force = False,
     quiet: options.Quiet = False,
@@ -31,8 +31,6 @@ def simulate(
     rates and efforts of the joints, and distances between bodies.
 
     Args:
-        scenario: the scenario.
-        out: Folder to write; created if it is not there.
         check: Simulate nothing, but check the scenario with all that it refers to; exit with code 4
             if the joint motion exceeds a limit.
 

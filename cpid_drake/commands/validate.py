@@ -1,7 +1,7 @@
 """`cpid validate`."""
 
-import json
 from dataclasses import asdict, replace
+from json import dumps
 from typing import Annotated
 
 from cyclopts import Parameter
@@ -14,7 +14,7 @@ from cpid_drake.files.drafts import write_text
 from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.files.overwriting import check_outputs
 from cpid_drake.identification.checked_log import left_out_warnings
-from cpid_drake.identification.identify_files import file_hash, open_log, opened_inputs
+from cpid_drake.identification.identify_files import file_hash, open_log
 from cpid_drake.identification.prior import prior_of_result
 from cpid_drake.identification.result_files import read_result
 from cpid_drake.identification.validation import POWER, Validation
@@ -33,7 +33,7 @@ def validate(
     beginning: options.Number = 0.3,
     sensors: options.Sensors | None = None,
     momentum: options.Momentum | None = None,
-    json_file: options.JsonFile | None = None,
+    json: options.File | None = None,
     force: options.Force = False,
     quiet: options.Quiet = False,
 ) -> int:
@@ -48,19 +48,17 @@ def validate(
     or usage; 4 the result is not valid.
 
     Args:
-        result: the result.
         log: A log of the same spacecraft and target that was not used for the result: CSV, NPZ,
             Parquet or ROS 2 bag.
-        part: how to read the log.
         threshold: Largest usual residual of the log, in σ and whatever its cause, with which the
             result is valid.
         beginning: Share of the log to which start, momentum and biases are fitted; the rest is
             predicted.
         sensors: Sensor noise. Default: that of the result.
-        json_file: Write the errors to this file.
+        json: Write the errors to this file.
 
     """
-    check_outputs([("--json", json_file)], [result, log, sensors, part.columns], force=force)
+    check_outputs([("--json", json)], [result, log, sensors, part.columns], force=force)
     found = read_result(result)
     if not found.sources:
         raise InputError(f"{result}: the result does not name its spacecraft")
@@ -74,34 +72,32 @@ def validate(
         used,
         telemetry=log,
         sensors=sensors or used.sensors,
-        momentum=momentum,
         start=part.start,
         end=part.end,
         topics=part.topics(),
         leave_out_bad=part.leave_out_bad,
         columns=part.columns or used.columns,
-        prior=None,
     )
-    with options.log_console(quiet).status("predicting") as status:
-        known = opened_inputs(request, status.update)
-        craft = known.spacecraft
+    with options.log_console(quiet).status("reading") as status:
+        craft = used.spacecraft.make()
         target = prior_of_result(found, str(result), craft, used.spacecraft.capture_frame)
         _, file = open_log(request, craft.joint_names)
+        status.update("predicting")
         with prefix_errors(log):
             validation = validate_target(
                 craft,
                 target,
                 file.log,
-                sensors=known.sensors,
-                momentum=known.momentum,
-                known_bodies=known.known_bodies,
-                planar=request.planar,
+                sensors=request.sensors,
+                momentum=momentum,
+                known_bodies=used.known_bodies,
+                planar=used.planar,
                 beginning=beginning,
             )
     warnings = (*left_out_warnings(file.left_out_joints), *validation.warnings)
     validation = replace(validation, warnings=warnings)
     is_valid = validation.is_target_right and validation.in_sigma <= threshold
-    if json_file is not None:
+    if json is not None:
         content = {
             **asdict(validation),
             "in_sigma": validation.in_sigma,
@@ -111,7 +107,7 @@ def validate(
             "result": str(result),
             "telemetry": log,
         }
-        write_text(json_file, json.dumps(content, indent=2) + "\n")
+        write_text(json, dumps(content, indent=2) + "\n")
     options.print_warnings(f"failed check of the result: {failure}" for failure in found.failures)
     options.print_warnings(validation.warnings)
     if not quiet:

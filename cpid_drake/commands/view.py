@@ -36,7 +36,6 @@ def view(
     The replay of a log is in its report, see `cpid report`.
 
     Args:
-        scenario: the scenario.
         out: Write a replay, one HTML file that plays offline.
         rate: Ratio of simulated to real time in the live view.
 

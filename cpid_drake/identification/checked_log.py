@@ -169,7 +169,8 @@ def check_log(
         raise InputError("; ".join(seen.errors))
     screened = screen(seen.log, sensors)
     measurements = screened.log
-    others, notes, failures, beyond, tree = list[str](), list[str](), list[str](), (), None
+    notes: tuple[str, ...] = ()
+    others, failures, beyond, tree = list[str](), notes, notes, None
     if spacecraft is not None:
         spacecraft, notes, failures = placed(spacecraft, measurements, planar)
         others = [name for name in data.joint_names if name not in spacecraft.joint_names]
