@@ -19,6 +19,7 @@ The public names, in order of their dependencies:
 - `ColumnMap`: names, units and conventions of a log's columns;
 - `MomentumIdentifier`, `SpacecraftSensors`, `SensorIdentifier`, `JointController`,
   `JointTrajectory`, `SceneVisualizer`: Drake systems;
+- `add_lcm`: an identifier whose inputs and outputs are LCM messages;
 - `HalfCosine`, `MultiSine`, `Spline`: joint motions;
 - `Scenario`, `load_scenario`, `shipped_scenario`, `find_scenario`, `make_simulation`: from YAML to
   a Diagram; `models_directory` has the models, scenarios and logs that come with the package;

@@ -33,6 +33,7 @@ from .spacecraft.spacecraft import Spacecraft
 from .systems.identifier import MomentumIdentifier
 from .systems.joint_controller import JointController
 from .systems.joint_trajectory import JointTrajectory
+from .systems.lcm import add_lcm
 from .systems.scene_page import keep_scene as keep_scene
 from .systems.scene_visualizer import SceneVisualizer
 from .systems.sensor_identifier import SensorIdentifier
@@ -69,6 +70,7 @@ __all__ = [
     "TargetPrior",
     "TotalMomentum",
     "__version__",
+    "add_lcm",
     "export_target",
     "find_scenario",
     "from_columns",

@@ -1,6 +1,7 @@
 """The README: its Diagram is diagrams/identify.py, its commands run and print what it shows."""
 
 import difflib
+import json
 import os
 import re
 import runpy
@@ -12,10 +13,13 @@ import numpy as np
 import pytest
 from processes import ROOT
 
+import cpid_drake
 from cpid_drake.commands.main import app
+from cpid_drake.files.digits import with_half_width
+from cpid_drake.logs.files import FORMATS
 
 README = (ROOT / "README.md").read_text()
-READMES = ("README.md", "cpid_drake/README.md", "diagrams/README.md", "models/**/README.md")
+READMES = ("*.md", "cpid_drake/README.md", "diagrams/README.md", "models/**/README.md")
 DIAGRAMS = ROOT / "diagrams"
 PAGES = sorted(path for glob in (*READMES, "docs/*.md") for path in ROOT.glob(glob))
 
@@ -75,7 +79,10 @@ def test_the_diagram_is_the_script_and_identifies_the_target(ran, tmp_path, caps
     model = controller.GetOutputPort("model_target")
     used = model.Eval(controller.GetMyContextFromRoot(context))
     np.testing.assert_allclose(used, truth, rtol=0, atol=1e-6)
-    rows = [line.split() for line in capsys.readouterr().out.splitlines()]
+    lines = capsys.readouterr().out.splitlines()
+    [printed] = re.findall(r"```\n(truth .*?)```", README, re.S)
+    assert {line.rstrip() for line in lines} >= set(printed.splitlines())
+    rows = [line.split() for line in lines]
     _, shown, first, *_ = rows
     assert shown == ["truth", *(f"{value:.4f}" for value in truth)]
     assert rows[4] == ["3", "s", *shown[1:]]
@@ -86,7 +93,7 @@ def test_the_diagram_is_the_script_and_identifies_the_target(ran, tmp_path, caps
 
 def test_real_sensors_replace_the_line_of_the_identifier(ran):
     """The scripts differ in these lines alone; each parameter is within 4 σ, the mass to 0.05 %."""
-    [lines] = re.findall(r"```py\n(.*?)```", README, re.S)
+    lines, _ = re.findall(r"```py\n(.*?)```", README, re.S)
     exact, sensed = ((DIAGRAMS / n).read_text() for n in ("identify.py", "sensors.py"))
     exact, sensed = (text[text.index("import sys") :].splitlines() for text in (exact, sensed))
     changes = list(difflib.ndiff(exact, sensed))
@@ -99,6 +106,19 @@ def test_real_sensors_replace_the_line_of_the_identifier(ran):
     assert (np.abs(found.parameters - truth) < 4 * sigma).all()
     assert sigma[0] < 0.03
     assert found.passed
+    assert f"| {found.parameters[0]:.3f} ± {1.96 * sigma[0]:.3f} kg | 60 kg |" in README
+
+
+def test_a_robots_own_loop_finds_what_the_log_has(monkeypatch):
+    _, lines = re.findall(r"```py\n(.*?)```", README, re.S)
+    assert len(lines.splitlines()) <= 8
+    monkeypatch.chdir(ROOT)
+    names = {"cpid": cpid_drake}
+    exec(lines, names)
+    found = names["identifier"].estimate()
+    assert found.passed
+    assert sum(found.rejected.values()) == 0
+    assert abs(found.parameters[0] - 8.5) < 3 * found.covariance[0, 0] ** 0.5
 
 
 @pytest.mark.slow
@@ -133,4 +153,31 @@ def test_the_command_prints_what_the_readme_shows(tmp_path):
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=False)
     assert done.returncode == 0, done.stderr
     assert set(shown.splitlines()) <= set(done.stdout.splitlines())
-    assert (tmp_path / "bag.json").is_file()
+    assert f"| {mass_of(tmp_path / 'bag.json')} kg | 8.5 kg |" in README
+
+
+def test_the_format_of_the_contributors_page_is_read(tmp_path, monkeypatch):
+    [code] = re.findall(r"```python\n(.*?)```", (ROOT / "CONTRIBUTING.md").read_text(), re.S)
+    monkeypatch.setattr("cpid_drake.logs.files.FORMATS", dict(FORMATS))
+    exec(code, {})
+    sample = cpid_drake.read_log(ROOT / "models/telemetry/free_flyer.csv")
+    cpid_drake.write_log(tmp_path / "log.npz", sample)
+    with np.load(tmp_path / "log.npz") as arrays:
+        columns = {name: arrays[name].tolist() for name in arrays.files}
+    (tmp_path / "log.json").write_text(json.dumps(columns))
+    found = cpid_drake.read_log(tmp_path / "log.json")
+    np.testing.assert_array_equal(found.gyro.value, sample.gyro.value)
+    assert len(found.gyro) > 0
+
+
+def mass_of(result):
+    """Return the mass of a result as the table of accuracies shows it."""
+    found = cpid_drake.read_result(result)
+    return with_half_width(found.parameters[0], 1.96 * found.covariance[0, 0] ** 0.5)
+
+
+def test_the_table_says_what_uncalibrated_hardware_gives(tmp_path):
+    command = ["identify", str(ROOT / "models/telemetry/free_flyer.csv"), "--sensors", "testbed"]
+    command += ["--scenario", "free_flyer_payload", "--json", str(tmp_path / "bag.json")]
+    subprocess.run([sys.executable, "-m", "cpid_drake", *command], check=True)
+    assert f"| {mass_of(tmp_path / 'bag.json')} kg | 8.5 kg |" in README

@@ -18,6 +18,9 @@ from cpid_drake.files.digits import with_half_width
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.checked_log import in_joint_order
 from cpid_drake.identification.identify_files import open_log, opened_inputs
+from cpid_drake.logs.log import THRUST
+from cpid_drake.report.scene import LatestState, Scene
+from cpid_drake.systems.scene_visualizer import FRAME_PERIOD
 
 live = App("live")
 
@@ -69,6 +72,7 @@ def replay(
     *,
     chosen: options.LogOptions = options.LogOptions(),
     rate: Annotated[options.Number, Parameter(validator=Within(gte=0.1, lte=1e4))] = 1.0,
+    show: Annotated[bool, Parameter(negative="--no-show")] = True,
     quiet: options.Quiet = False,
 ) -> int:
     """Feed a log through the online identifier in real time, and show what it knows.
@@ -77,6 +81,7 @@ def replay(
 
     Args:
         rate: Ratio of replayed to real time.
+        show: Draw the spacecraft and the estimate in Meshcat.
 
     """
     request = chosen.request(log)
@@ -104,21 +109,30 @@ def replay(
         reads_thrust=samples.has_thrust,
         known_bodies=inputs.known_bodies,
     )
-    stream = sorted(
-        ((t, name, v) for name, s in samples.items() for t, v in zip(s.time, s.value, strict=True)),
-        key=lambda message: message[:2],
-    )
-    begin, shown = time.monotonic(), -np.inf
+    # As in `identify`, a sensor without stated errors is not used.
+    used = {*inputs.sensors.present(), THRUST}
+    stream = [each for each in samples.messages() if each[0] in used]
+    first, last, latest = stream[0][1], stream[-1][1], LatestState(craft)
+    has_rates = all(len(samples[name]) for name in ("gyro", "velocity", "joint_rates"))
+    scene = Scene(craft, options.open_meshcat(), has_rates=has_rates) if show else None
+    begin, shown, drawn = time.monotonic(), -np.inf, -np.inf
+    found = identifier.estimate()
     with Live(console=options.log_console(quiet), refresh_per_second=8) as screen:
-        for count, (stamp, name, value) in enumerate(stream, start=1):
-            lag = time.monotonic() - begin - (stamp - stream[0][0]) / rate
+        for count, (name, stamp, value) in enumerate(stream, start=1):
+            lag = time.monotonic() - begin - (stamp - first) / rate
             if lag < 0:
                 time.sleep(-lag)
             identifier.add(name, stamp, value)
-            if time.monotonic() - shown > REFRESH:
-                shown = time.monotonic()
-                known = _Shown(identifier.estimate(), stamp, count, max(lag, 0.0))
-                screen.update(known.table())
+            latest.add(name, value)
+            now = time.monotonic()
+            if now - shown > REFRESH:
+                found, shown = identifier.estimate(), now
+                screen.update(_Shown(found, stamp, count, max(lag, 0.0)).table())
+            if scene and now - drawn > FRAME_PERIOD and latest.state is not None:
+                drawn = now
+                scene.draw(stamp - first, latest.state, found)
         found = identifier.finish()
-        screen.update(_Shown(found, stream[-1][0], len(stream), 0.0).table())
+        screen.update(_Shown(found, last, len(stream), 0.0).table())
+    if scene and latest.state is not None:
+        scene.draw(last - first, latest.state, found)
     return options.finish(found, quiet)

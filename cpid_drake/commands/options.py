@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 from cyclopts.validators import Number as Within
@@ -24,13 +24,16 @@ from cpid_drake.identification.description import describe
 from cpid_drake.identification.request import log_names
 from cpid_drake.simulation.spacecraft_file import EXPLICIT, SpacecraftFile, load_spacecraft
 
+if TYPE_CHECKING:
+    from pydrake.geometry import Meshcat
+
 NOT_ALL_KNOWN = 3
 """Exit code if the data do not determine all that can act on the motion."""
 
 CHECK_FAILED = 4
 """Exit code if something contradicts the assumptions behind the answer."""
 
-_AS_THEY_ARE = ("estimator", "rows", "start", "end", "leave_out_bad", "columns", "prior")
+_AS_THEY_ARE = ("estimator", "rows", "start", "end", "leave_out_bad", "columns")
 """Options that are fields of a request of the same name and value."""
 
 File = Annotated[Path, Parameter(metavar="FILE")]
@@ -121,6 +124,49 @@ class SpacecraftOptions:
         return [*scenario, resolve_model(found.model, package_folders(found.packages))]
 
 
+@dataclass(frozen=True)
+class KnownOptions(SpacecraftOptions):
+    """What is known besides the samples."""
+
+    momentum: Momentum | None = None
+    known_bodies: Annotated[str | None, Parameter(metavar="KEY=NUMBER,...|YAML|exact")] = None
+    """Uncertainty of the spacecraft, 1 sigma, that the intervals include: mass and inertia
+    (relative), com [m], joint_position_mm, joint_axis_mrad, grasp_mm, grasp_mrad. Default:
+    mass=0.01,com=0.005,inertia=0.01, but exact if the sensors' file says `unstated: exact`."""
+    planar: Annotated[bool | None, Parameter(negative="--no-planar")] = None
+    """Whether the spacecraft floats on a table whose normal is the world's z axis. Default: yes for
+    logs of x, y and yaw."""
+    prior: Annotated[str | None, Parameter(metavar="FILE")] = None
+    """What is known about the target besides: a result of `cpid identify` (JSON) or YAML with mass,
+    p_CTcm_C, I_TTcm_C and their σ."""
+
+    def make_request(self, telemetry: str, sensors: str | None, **others: Any) -> "cpid.Request":
+        """Return a request: what the options say, else what the file of the spacecraft says.
+
+        Raises:
+            InputError: an option is missing, or a file or a name is wrong.
+
+        """
+        known = self.known()
+        sensors = sensors or known.sensors
+        if sensors == EXPLICIT:
+            raise InputError(
+                f"{self.scenario}: lists its sensors itself; write them into a file of their own, "
+                "and give it as --sensors"
+            )
+        bodies = ",".join(f"{key}={value}" for key, value in vars(known.known_bodies).items())
+        return cpid.Request(
+            telemetry,
+            known.reference(),
+            sensors=sensors,
+            momentum=self.momentum or known.momentum,
+            planar=known.planar if self.planar is None else self.planar,
+            known_bodies=self.known_bodies or (None if known.known_bodies.is_zero else bodies),
+            prior=self.prior,
+            **others,
+        )
+
+
 @Parameter("*")
 @dataclass(frozen=True)
 class ReadingOptions:
@@ -148,7 +194,7 @@ class PartOptions(ReadingOptions):
 
 
 @dataclass(frozen=True)
-class LogOptions(PartOptions, SpacecraftOptions):
+class LogOptions(PartOptions, KnownOptions):
     """The options of a log and of its identification."""
 
     estimator: Name | None = None
@@ -163,17 +209,6 @@ class LogOptions(PartOptions, SpacecraftOptions):
     """Sensor noise: a preset or a YAML file. NAME= before it, the name of a log, gives those of
     this log alone, and may be repeated; logs with the same file have the same hardware. Default:
     estimated from the log if needed."""
-    momentum: Momentum | None = None
-    known_bodies: Annotated[str | None, Parameter(metavar="KEY=NUMBER,...|YAML|exact")] = None
-    """Uncertainty of the spacecraft, 1 sigma, that the intervals include: mass and inertia
-    (relative), com [m], joint_position_mm, joint_axis_mrad, grasp_mm, grasp_mrad. Default:
-    mass=0.01,com=0.005,inertia=0.01, but exact if the sensors' file says `unstated: exact`."""
-    planar: Annotated[bool | None, Parameter(negative="--no-planar")] = None
-    """Whether the spacecraft floats on a table whose normal is the world's z axis. Default: yes for
-    logs of x, y and yaw."""
-    prior: Annotated[str | None, Parameter(metavar="FILE")] = None
-    """What is known about the target besides: a result of `cpid identify` (JSON) or YAML with mass,
-    p_CTcm_C, I_TTcm_C and their σ."""
 
     def files(self) -> list[str | Path]:
         """Return the files that the options name."""
@@ -187,29 +222,15 @@ class LogOptions(PartOptions, SpacecraftOptions):
         """Return the request to identify a log, of `logs` if several are identified together.
 
         Raises:
-            InputError: an option is missing, or a file or a name is wrong.
+            InputError: as for `make_request`; the log is unfinished.
 
         """
         refuse_unfinished(Path(log).parent)
-        known, logs = self.known(), logs or [log]
+        logs = logs or [log]
         own = _sensors_of(self.sensors or [], names := log_names(logs))
-        sensors = own.get(names[logs.index(log)]) or own.get("") or known.sensors
-        if sensors == EXPLICIT:
-            raise InputError(
-                f"{self.scenario}: lists its sensors itself; write them into a file of their own, "
-                "and give it as --sensors"
-            )
-        bodies = ",".join(f"{key}={value}" for key, value in vars(known.known_bodies).items())
-        return cpid.Request(
-            log,
-            known.reference(),
-            sensors=sensors,
-            momentum=self.momentum or known.momentum,
-            topics=self.topics(),
-            planar=known.planar if self.planar is None else self.planar,
-            known_bodies=self.known_bodies or (None if known.known_bodies.is_zero else bodies),
-            **{name: getattr(self, name) for name in _AS_THEY_ARE},
-        )
+        sensors = own.get(names[logs.index(log)]) or own.get("")
+        others = {name: getattr(self, name) for name in _AS_THEY_ARE}
+        return self.make_request(log, sensors, topics=self.topics(), **others)
 
     def of_run(self, folder: Path) -> "LogOptions":
         """Return the options with those of a run of `cpid simulate` where none are given."""
@@ -227,6 +248,23 @@ def extra(name: str) -> Iterator[None]:
         raise InputError(
             f"this command needs {error.name}: `pip install 'cpid-drake[{name}]'`"
         ) from error
+
+
+def open_meshcat(remark: str = "") -> "Meshcat":
+    """Return a new Meshcat, and print the address of its page.
+
+    Raises:
+        InputError: no port is free.
+
+    """
+    from pydrake.geometry import Meshcat, MeshcatParams
+
+    try:
+        meshcat = Meshcat(MeshcatParams(host="*"))
+    except RuntimeError as error:
+        raise InputError(f"Meshcat cannot be opened: {error}") from error
+    print(f"Open {meshcat.web_url()}{remark}", file=sys.stderr, flush=True)
+    return meshcat
 
 
 def log_console(quiet: bool = False, *, stderr: bool = True) -> Console:

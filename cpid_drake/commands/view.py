@@ -1,17 +1,15 @@
 """`cpid view`."""
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 from cyclopts.validators import Number as Within
-from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.systems.framework import Context
 
 from cpid_drake.commands import options
 from cpid_drake.files.drafts import write_text
-from cpid_drake.files.errors import InputError, prefix_errors
+from cpid_drake.files.errors import prefix_errors
 from cpid_drake.files.overwriting import check_outputs
 from cpid_drake.files.resources import find_scenario
 from cpid_drake.identification.result import Identification
@@ -50,13 +48,7 @@ def view(
             simulation = make_simulation(loaded)  # finds errors before a page is opened
             options.print_warnings(check_limits(simulation).exceeded)
         if out is None:
-            try:
-                meshcat = Meshcat(MeshcatParams(host="*"))
-            except RuntimeError as error:
-                raise InputError(f"Meshcat cannot be opened: {error}") from error
-            print(
-                f"Open {meshcat.web_url()}; Stop is in Open Controls", file=sys.stderr, flush=True
-            )
+            meshcat = options.open_meshcat("; Stop is in Open Controls")
             serve(make_simulation(loaded, meshcat=meshcat), meshcat, rate)
             return
 

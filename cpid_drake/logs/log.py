@@ -103,6 +103,15 @@ class Log:
         """Yield name and samples of every sensor of the table, absent ones included."""
         return ((name, self[name]) for name in SENSORS)
 
+    def messages(self) -> list[tuple[str, float, NDArray[np.float64]]]:
+        """Return all samples as (name, time [s], value), in the order of their times."""
+        found = [
+            (name, time, value)
+            for name, each in self.samples.items()
+            for time, value in zip(each.time.tolist(), each.value, strict=True)
+        ]
+        return sorted(found, key=lambda message: message[1])
+
     @property
     def thrust(self) -> Samples:
         """The log of thrust: [τ; f] (N, 6), each of which holds from its time to the next.

@@ -5,11 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from pydrake.common.value import Value
 from pydrake.geometry import StartMeshcat
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
-from pydrake.multibody.tree import SpatialInertia
-from pydrake.systems.framework import DiagramBuilder
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.motion import Motion
@@ -22,10 +18,11 @@ from cpid_drake.logs.log import Log
 from cpid_drake.logs.noise_estimation import estimate_suite
 from cpid_drake.logs.screening import screen
 from cpid_drake.logs.smoothing import smooth
+from cpid_drake.report.scene import Scene
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.scene_page import estimate_lines, scene_html
-from cpid_drake.systems.scene_visualizer import FRAME_PERIOD, SceneVisualizer, add_bodies
+from cpid_drake.systems.scene_visualizer import FRAME_PERIOD
 
 LONGEST = 60.0
 """Longest part of a log that is replayed [s]: a page with more frames is slow to open."""
@@ -58,33 +55,15 @@ def replay_html(
     if not len(motion):
         raise InputError("a replay needs samples")
     states, zero = spacecraft.to_states(motion), motion.time[0]
-    meshcat, builder = StartMeshcat(), DiagramBuilder()
-    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
-    if truth is None:
-        spacecraft.add_alone_to(plant)
-    else:
-        spacecraft.add_to(plant, truth, scene_graph=scene_graph, target_visual_model=visual_model)
-    add_bodies(builder, plant, scene_graph, meshcat)
-    scene = builder.AddSystem(SceneVisualizer(spacecraft, meshcat=meshcat, truth=truth))
-    builder.Connect(plant.get_state_output_port(), scene.GetInputPort("state"))
-    diagram = builder.Build()
-    context = diagram.CreateDefaultContext()
-    inputs = scene.GetMyMutableContextFromRoot(context)
+    meshcat = StartMeshcat()
+    scene = Scene(spacecraft, meshcat, truth=truth, visual_model=visual_model)
     meshcat.StartRecording(1 / FRAME_PERIOD, set_visualizations_while_recording=False)
     starts = [time for time, _ in estimates]
     frames = np.arange(zero, motion.time[-1] + FRAME_PERIOD, FRAME_PERIOD)
     for k in np.unique(np.searchsorted(motion.time[:-1], frames - 1e-9)):
-        covariance, inertia, passed = np.full(100, np.nan), SpatialInertia.NaN(), 0.0
-        if latest := int(np.searchsorted(starts, motion.time[k] + 1e-9)):
-            found = estimates[latest - 1][1]
-            covariance, inertia = found.covariance.ravel(), found.spatial_inertia()
-            passed = float(found.passed)
-        scene.GetInputPort("covariance").FixValue(inputs, covariance)
-        scene.GetInputPort("checks_passed").FixValue(inputs, [passed])
-        scene.GetInputPort("spatial_inertia").FixValue(inputs, Value(inertia))
-        plant.SetPositionsAndVelocities(plant.GetMyMutableContextFromRoot(context), states[k])
-        context.SetTime(motion.time[k] - zero)
-        diagram.ForcedPublish(context)
+        latest = int(np.searchsorted(starts, motion.time[k] + 1e-9))
+        found = estimates[latest - 1][1] if latest else None
+        scene.draw(motion.time[k] - zero, states[k], found)
     meshcat.StopRecording()
     meshcat.PublishRecording()
     steps = [(time - zero, estimate_text(found, truth)) for time, found in estimates]

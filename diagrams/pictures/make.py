@@ -2,7 +2,7 @@
 """Make the README's pictures and tables again: `python diagrams/pictures/make.py [NAME ...]`.
 
 It runs the commands that the README shows; `accuracy` takes three minutes on two cores. The
-picture of the scene is a page of `cpid view` in Chromium, driven by Playwright.
+pictures of scenes are recorded pages in Chromium, driven by Playwright.
 """
 
 import argparse
@@ -11,10 +11,14 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 
+import numpy as np
 import pydot
+from PIL import Image
 
 HERE = Path(__file__).resolve().parent
 MODELS = HERE.parents[1] / "models"
@@ -67,27 +71,59 @@ def identify(folder: Path) -> None:
     graph.write_png(str(HERE / "identify.png"))
 
 
-def scene(folder: Path) -> None:
-    """Draw the free-flyer with its bag, as `cpid view` shows it."""
+@contextmanager
+def seekable(file: Path, width: int, height: int) -> Iterator[Callable[[float], bytes]]:
+    """Provide a function from a time [s] to the PNG of a recorded scene at it, in Chromium."""
     from playwright.sync_api import sync_playwright
 
-    page_file = folder / "view.html"
-    cpid("view", "free_flyer_payload", "--out", page_file, "--quiet")
     browser_path = shutil.which("chromium") or shutil.which("chromium-browser")
     flags = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=browser_path, args=flags)
-        page = browser.new_page(viewport={"width": 1200, "height": 675})
-        page.goto(page_file.as_uri())
+        page = browser.new_page(viewport={"width": width, "height": height})
+        page.goto(file.as_uri())
         page.wait_for_function("viewer.animator.duration > 0")
-        page.evaluate(
-            "t => { viewer.animator.pause(); viewer.animator.time = t; viewer.animator.seek(t); "
-            "viewer.set_dirty(); }",
-            WHEN,
-        )
-        page.wait_for_timeout(3000)
-        page.screenshot(path=HERE / "scene.png")
+        page.add_style_tag(content=".dg { display: none !important }")  # the bar of the controls
+
+        def picture(time: float) -> bytes:
+            page.evaluate(
+                "t => { viewer.animator.pause(); viewer.animator.time = t; "
+                "viewer.animator.seek(t); viewer.set_dirty(); }",
+                time,
+            )
+            page.wait_for_timeout(700)
+            return page.screenshot()
+
+        yield picture
         browser.close()
+
+
+def scene(folder: Path) -> None:
+    """Draw the free-flyer with its bag, as `cpid view` shows it."""
+    page_file = folder / "view.html"
+    cpid("view", "free_flyer_payload", "--out", page_file, "--quiet")
+    with seekable(page_file, 1200, 675) as picture:
+        picture(WHEN)
+        (HERE / "scene.png").write_bytes(picture(WHEN))
+
+
+def moving(folder: Path) -> None:
+    """Draw what `sensors.py` records: the arms move, and the ellipsoid of 3 σ shrinks."""
+    script = HERE.parent / "sensors.py"
+    subprocess.run([sys.executable, script], check=True, cwd=folder, stdout=subprocess.DEVNULL)
+    times = np.arange(0, 10, 0.25)
+    with seekable(folder / "scene.html", 960, 540) as picture:
+        frames = [Image.open(BytesIO(picture(time))).convert("RGB") for time in times]
+    frames = [frame.resize((720, 405), Image.Resampling.LANCZOS) for frame in frames]
+    sheet = Image.new("RGB", (720, 405 * 2))  # one palette, so that nothing flickers
+    for k, frame in enumerate((frames[len(frames) // 2], frames[-1])):
+        sheet.paste(frame, (0, 405 * k))
+    palette = sheet.quantize(192, Image.Quantize.MAXCOVERAGE)
+    plain = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+    durations = [150] * (len(plain) - 1) + [2500]  # [ms]
+    plain[0].save(
+        HERE / "moving.gif", save_all=True, append_images=plain[1:], duration=durations, loop=0
+    )
 
 
 def convergence(folder: Path) -> None:
@@ -136,6 +172,7 @@ PICTURES: dict[str, Callable[[Path], None]] = {
     for picture in (
         identify,
         scene,
+        moving,
         convergence,
         paper,
         accuracy,

@@ -14,7 +14,7 @@ CRAFT = ("--scenario", "free_flyer_payload")
 
 
 def test_it_ends_with_the_answer_of_identify(cpid):
-    code, live, said = cpid("live", "replay", SAMPLE, *CRAFT, *SENSORS, "--rate", 1000)
+    code, live, said = cpid("live", "replay", SAMPLE, *CRAFT, *SENSORS, "--rate", 1000, "--no-show")
     other_code, whole, _ = cpid("identify", SAMPLE, *CRAFT, *SENSORS)
     assert code == other_code == 0
 
@@ -31,7 +31,7 @@ def test_it_ends_with_the_answer_of_identify(cpid):
 
 def test_it_keeps_the_time_of_the_log(cpid):
     begin = time.monotonic()
-    code, *_ = cpid("live", "replay", SAMPLE, *CRAFT, *SENSORS, "--rate", 5, "--quiet")
+    code, *_ = cpid("live", "replay", SAMPLE, *CRAFT, *SENSORS, "--rate", 5, "--quiet", "--no-show")
     assert code == 0
     assert time.monotonic() - begin > 10.0 / 5
 
@@ -53,3 +53,15 @@ OWN = (
 )
 def test_what_cannot_be_replayed_is_refused(refusal, given, says):
     assert says in refusal("live", "replay", SAMPLE, *given)
+
+
+def test_logged_thrust_is_replayed_too(cpid, tmp_path):
+    """Without it the burn would be a change of the momentum that nothing explains."""
+    out = tmp_path / "run"
+    assert cpid("simulate", "logged_burn", "--out", out)[0] == 0
+    code, shown, _ = cpid(
+        *("live", "replay", out / "telemetry.csv", "--scenario", out / "scenario.yaml"),
+        *("--sensors", "flight", "--rate", 1000, "--no-show"),
+    )
+    assert code == 0, shown
+    assert "change" not in shown
