@@ -1,22 +1,18 @@
 """`cpid live`: identification of samples as they arrive."""
 
 import time
-from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
 from cyclopts import App, Parameter
 from cyclopts.validators import Number as Within
 from rich.live import Live
-from rich.table import Table
 
 import cpid_drake as cpid
 from cpid_drake.commands import options
-from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
-from cpid_drake.estimation.least_squares import quantile_95
-from cpid_drake.files.digits import with_half_width
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.checked_log import in_joint_order
+from cpid_drake.identification.description import describe
 from cpid_drake.identification.identify_files import open_log, opened_inputs
 from cpid_drake.logs.log import THRUST
 from cpid_drake.report.scene import LatestState, Scene
@@ -25,44 +21,7 @@ from cpid_drake.systems.scene_visualizer import FRAME_PERIOD
 live = App("live")
 
 REFRESH = 0.25
-"""Time between two updates of the table [s]."""
-
-
-@dataclass
-class _Shown:
-    """What the table shows.
-
-    Attributes:
-        found: the identification.
-        time: stamp of the latest sample [s].
-        count: number of samples so far.
-        lag: time by which the replay is late [s].
-
-    """
-
-    found: "cpid.Identification"
-    time: float
-    count: int
-    lag: float
-
-    def table(self) -> Table:
-        """Return the estimate, and how the stream does."""
-        title = f"{self.time:.1f} s"
-        table = Table("", "estimate", "± 95 %", "", title=title, caption=self._state())
-        half = quantile_95() * np.sqrt(np.diag(self.found.covariance))
-        for name, value, own, unit in zip(
-            PARAMETER_NAMES, self.found.parameters, half, PARAMETER_UNITS, strict=True
-        ):
-            if np.isfinite(own):
-                table.add_row(name, *with_half_width(value, own).split(" ± "), unit)
-            else:
-                table.add_row(name, "not known", "", unit)
-        return table
-
-    def _state(self) -> str:
-        rejected, failed = sum(self.found.rejected.values()), self.found.failures
-        text = f"{self.count} samples, {rejected} rejected; {self.lag:.1f} s late"
-        return "; ".join([text, *(f"failed: {each}" for each in failed[:1])])
+"""Time between two updates of what is shown [s]."""
 
 
 @live.command
@@ -127,12 +86,19 @@ def replay(
             now = time.monotonic()
             if now - shown > REFRESH:
                 found, shown = identifier.estimate(), now
-                screen.update(_Shown(found, stamp, count, max(lag, 0.0)).table())
+                screen.update(
+                    "\n".join([_state(found, stamp, count, max(lag, 0.0)), *describe(found)])
+                )
             if scene and now - drawn > FRAME_PERIOD and latest.state is not None:
                 drawn = now
                 scene.draw(stamp - first, latest.state, found)
         found = identifier.finish()
-        screen.update(_Shown(found, last, len(stream), 0.0).table())
+        screen.update(_state(found, last, len(stream), 0.0))
     if scene and latest.state is not None:
         scene.draw(last - first, latest.state, found)
     return options.finish(found, quiet)
+
+
+def _state(found: "cpid.Identification", time: float, count: int, lag: float) -> str:
+    rejected = sum(found.rejected.values())
+    return f"{time:.1f} s: {count} samples, {rejected} rejected; {lag:.1f} s late"
