@@ -28,11 +28,33 @@ def test_help_names_all_commands_and_imports_none_of_their_libraries():
         (["simulate", "pape", "--out", "x"], "did you mean 'paper'?"),
         (["campaign", "run", "no.yaml", "--out", "x"], "no.yaml: no such file"),
         (["campaign", "report", "x"], "there is no folder x"),
+        (["identify", "x.csv", "--scenaro", "paper"], "Did you mean --scenario?"),
+        (["log", "chek", "x.csv"], 'Did you mean "check"?'),
+        (["log", "--install-completion"], "--install-completion"),
+        (["plan", "motion", "paper", "--out", "x", "--targets", "1.5"], "1.5: give a whole number"),
+        (["simulate", "paper", "--out"], "--out requires an argument"),
     ],
 )
 def test_wrong_usage_is_one_line(refusal, tmp_path, arguments, cause):
     assert cause in refusal(*arguments)
     assert not list(tmp_path.iterdir())
+
+
+def test_the_help_of_a_command_shows_what_its_options_take_and_its_exit_codes(cpid):
+    code, stdout, stderr = cpid("identify", "--help")
+    assert (code, stderr) == (0, "")
+    for option in ("--json FILE", "--from SECONDS", "--base NAME", "--momentum zero|unknown"):
+        assert f" {option} " in stdout
+    assert "Base body of the spacecraft." in stdout
+    assert "3 not all are determined" in " ".join(stdout.split())
+    assert "--install-completion" not in stdout
+
+
+@pytest.mark.parametrize("arguments", [(), ("log",)])
+def test_without_a_command_the_help_is_printed_and_the_usage_is_wrong(cpid, arguments):
+    code, stdout, stderr = cpid(*arguments)
+    assert (code, stderr) == (2, "")
+    assert "Commands" in stdout
 
 
 def test_the_list_says_where_the_presets_files_are(cpid):
