@@ -112,8 +112,8 @@ class SpacecraftOptions:
                 "a log needs a spacecraft: give --scenario, or all of --spacecraft, --base and "
                 "--capture-frame"
             )
-        absolute = {name: _absolute(folder) for name, folder in found.packages.items()}
-        return replace(found, model=_absolute(found.model), packages=absolute)
+        folders = {name: _absolute(folder) for name, folder in found.packages.items()}
+        return replace(found, model=_absolute(found.model), packages=folders)
 
     def files(self) -> list[str | Path]:
         """Return the files that the options name."""

@@ -85,9 +85,9 @@ def motion(
             rows = ["turn of the base [deg],worst σ [% of scale],motion"]
             with draft_folder(front) as draft:
                 for k, each in enumerate(plans):
-                    write_text(draft / f"motion_{k:02d}.yaml", planner.describe(each, scenario))
-                    turn, score = math.degrees(each.turn), 100 * each.score
-                    rows.append(f"{turn:.6g},{score:.6g},motion_{k:02d}.yaml")
+                    name = f"motion_{k:02d}.yaml"
+                    write_text(draft / name, planner.describe(each, scenario))
+                    rows.append(f"{math.degrees(each.turn):.6g},{100 * each.score:.6g},{name}")
                 write_text(draft / "front.csv", "\n".join(rows) + "\n")
             log.print(f"{len(plans)} motions in {front}")
         write_text(out, planner.describe(best, scenario))

@@ -65,8 +65,8 @@ def validate(
     used = found.sources[0].request
     if sensors is None and len({source.request.sensors for source in found.sources}) > 1:
         raise InputError(f"{result}: its logs have different sensors; give --sensors of {log}")
-    hashes = [source.sha256.get("telemetry") for source in found.sources]
-    if any(each and each == file_hash(log) for each in hashes):
+    used_hashes = {source.sha256.get("telemetry") for source in found.sources} - {None}
+    if file_hash(log) in used_hashes:
         raise InputError(f"{log}: the result was identified from this log; give another one")
     request = replace(
         used,
@@ -77,6 +77,7 @@ def validate(
         topics=part.topics(),
         leave_out_bad=part.leave_out_bad,
         columns=part.columns or used.columns,
+        prior=None,
     )
     with options.log_console(quiet).status("reading") as status:
         craft = used.spacecraft.make()
@@ -98,15 +99,10 @@ def validate(
     validation = replace(validation, warnings=warnings)
     is_valid = validation.is_target_right and validation.in_sigma <= threshold
     if json is not None:
-        content = {
-            **asdict(validation),
-            "in_sigma": validation.in_sigma,
-            "probability": validation.probability,
-            "threshold": threshold,
-            "is_valid": is_valid,
-            "result": str(result),
-            "telemetry": log,
-        }
+        judged = {"threshold": threshold, "is_valid": is_valid}
+        size = {"in_sigma": validation.in_sigma, "probability": validation.probability}
+        files = {"result": str(result), "telemetry": log}
+        content = asdict(validation) | size | judged | files
         write_text(json, dumps(content, indent=2) + "\n")
     options.print_warnings(f"failed check of the result: {failure}" for failure in found.failures)
     options.print_warnings(validation.warnings)
@@ -141,15 +137,11 @@ def _verdict(validation: Validation, threshold: float) -> list[str]:
 
 
 def _predicted(validation: Validation) -> Table:
-    rows = [
-        [
-            each.sensor,
-            str(each.samples),
-            *(f"{x:.3g}" for x in (each.rms, each.largest, each.noise)),
-        ]
-        + [each.unit, f"{significant(each.in_sigma, 3)} σ"]
-        for each in validation.errors
-    ]
+    rows = []
+    for each in validation.errors:
+        sizes = [f"{x:.3g}" for x in (each.rms, each.largest, each.noise)]
+        residual = f"{significant(each.in_sigma, 3)} σ"
+        rows.append([each.sensor, str(each.samples), *sizes, each.unit, residual])
     heads = ["", "samples", "rms error", "largest", "noise", "", "residual"]
     start, end = validation.start, validation.end
     caption = f"Predicted {start:.6g} to {end:.6g} s from the joint motion"
