@@ -96,9 +96,10 @@ def _plain(error: UnicodeError) -> tuple[str, int]:
 def _run(arguments: list[str]) -> int:
     """Run a command, and return its exit code."""
     _, [_, *commands], _ = app.parse_commands(arguments)  # imports them
+    for command in commands:
+        if command.default_command is not None:
+            command.help = None  # its docstring says more than the list of commands
     is_complete = bool(commands) and commands[-1].default_command is not None
-    if is_complete:
-        commands[-1].help = None  # its docstring says more than the list of commands
     logging.getLogger("drake").setLevel(logging.WARNING)  # Drake sets it when it is imported
     run, bound, _ = app.parse_args(arguments)
     return run(*bound.args, **bound.kwargs) or (0 if is_complete else 2)

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from processes import finish, start
 
 from cpid_drake.commands.main import COMMANDS
 
@@ -40,14 +41,15 @@ def test_wrong_usage_is_one_line(refusal, tmp_path, arguments, cause):
     assert not list(tmp_path.iterdir())
 
 
-def test_the_help_of_a_command_shows_what_its_options_take_and_its_exit_codes(cpid):
-    code, stdout, stderr = cpid("identify", "--help")
-    assert (code, stderr) == (0, "")
+def test_the_help_of_a_command_shows_what_its_options_take_and_its_exit_codes(tmp_path):
+    """In a process of its own: a command is imported when it is used."""
+    ended = finish(start("-m", "cpid_drake", "identify", "--help", cwd=tmp_path))
+    assert (ended.returncode, ended.stderr) == (0, "")
     for option in ("--json FILE", "--from SECONDS", "--base NAME", "--momentum zero|unknown"):
-        assert f" {option} " in stdout
-    assert "Base body of the spacecraft." in stdout
-    assert "3 not all are determined" in " ".join(stdout.split())
-    assert "--install-completion" not in stdout
+        assert f" {option} " in ended.stdout
+    assert "Base body of the spacecraft." in ended.stdout
+    assert "3 not all are determined" in " ".join(ended.stdout.split())
+    assert "--install-completion" not in ended.stdout
 
 
 @pytest.mark.parametrize("arguments", [(), ("log",)])
