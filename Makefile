@@ -23,9 +23,9 @@ lint: $(VENV)/installed-dev
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy
 
-# The API reference: out/docs/index.html. A reference to something that does not exist is an error.
+# The documentation: out/docs/index.html. The tutorials are executed. Each warning is an error.
 docs: $(VENV)/installed-dev
-	$(VENV)/bin/python .ci/docs.py out/docs
+	OPENBLAS_NUM_THREADS=1 $(VENV)/bin/sphinx-build -q -W --keep-going -n -d out/doctrees docs out/docs
 
 benchmark: $(VENV)/installed-dev
 	$(VENV)/bin/python tests/benchmark.py

@@ -68,7 +68,6 @@ def simulate(scenario, source, seed):
         desired_motion=desired_motion,
         generalized_force=plant.get_applied_generalized_force_input_port(),
         **estimate,
-        reads_estimate=bool(estimate),
     )
     states = LogVectorOutput(state, builder, publish_period=0.05)
     models = LogVectorOutput(controller.GetOutputPort("model_target"), builder, 0.05)

@@ -9,15 +9,14 @@ import random
 import cpid_drake as cpid
 
 folder = cpid.models_directory() / "telemetry"
-spacecraft = cpid.load_scenario(cpid.shipped_scenario("free_flyer_payload")).spacecraft.make()
+spacecraft = cpid.load_spacecraft("free_flyer_payload").make()
 log = cpid.read_log(folder / "free_flyer.csv")
-messages = [(t, name, v) for name, s in log.items() for t, v in zip(s.time, s.value, strict=True)]
-messages.sort(key=lambda message: message[0] + random.uniform(0.0, 0.1))
+messages = sorted(log.messages(), key=lambda message: message[1] + random.uniform(0.0, 0.1))
 
 sensors = cpid.load_sensors(folder / "free_flyer_sensors.yaml")
 identifier = cpid.OnlineIdentifier(spacecraft, sensors)
 second = 0
-for time, sensor, value in messages:
+for sensor, time, value in messages:
     identifier.add(sensor, time, value)
     if time >= second + 1:
         second = int(time)

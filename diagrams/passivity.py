@@ -33,13 +33,11 @@ def adapt(spacecraft, target, motion, duration, is_composite, meshcat):
     desired_motion = builder.AddSystem(cpid.JointTrajectory(motion).source()).get_output_port()
 
     # From here on nothing knows the target.
-    controller = PassivityController.AddToBuilder(
+    controller = PassivityController(spacecraft, is_composite=is_composite).connected(
         builder,
-        spacecraft,
         state=state,
         desired_motion=desired_motion,
         generalized_force=plant.get_applied_generalized_force_input_port(),
-        is_composite=is_composite,
     )
     log = LogVectorOutput(controller.GetOutputPort("parameters"), builder, publish_period=0.1)
     AddDefaultVisualization(builder, meshcat)

@@ -1,4 +1,4 @@
-"""The folders of the package import in one direction: that of the map in docs/how-to-add.md."""
+"""The folders of the package import in one direction: that of the map in docs/how-to/add.md."""
 
 import ast
 import re
@@ -7,7 +7,7 @@ import pytest
 from processes import ROOT
 
 PACKAGE = ROOT / "cpid_drake"
-MAP = (ROOT / "docs/how-to-add.md").read_text()
+MAP = (ROOT / "docs/how-to/add.md").read_text()
 FOLDERS = [
     name for row in re.findall(r"^\| (`.*?) \|", MAP, re.M) for name in re.findall(r"`(\w+)`", row)
 ]

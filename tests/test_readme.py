@@ -21,7 +21,7 @@ from cpid_drake.logs.files import FORMATS
 README = (ROOT / "README.md").read_text()
 READMES = ("*.md", "cpid_drake/README.md", "diagrams/README.md", "models/**/README.md")
 DIAGRAMS = ROOT / "diagrams"
-PAGES = sorted(path for glob in (*READMES, "docs/*.md") for path in ROOT.glob(glob))
+PAGES = sorted(path for glob in (*READMES, "docs/**/*.md") for path in ROOT.glob(glob))
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))

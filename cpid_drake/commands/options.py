@@ -59,9 +59,9 @@ Topics = Annotated[
     list[str],
     Parameter(
         metavar="KIND=/NAME",
-        help="Topic of a bag that has several of a kind (odometry, pose, imu, joints), or of "
-        "thrust; may be repeated. Of joints several, joints=/arm,/wheels; of transforms with the "
-        "frames of world and base, pose=/tf:WORLD:BASE.",
+        help="Topic of a kind (odometry, pose, imu, joints, thrust); may be repeated. A bag needs "
+        "it for thrust and for kinds with several topics. Of transforms with the frames of world "
+        "and base, pose=/tf:WORLD:BASE; of joints in a bag several, joints=/arm,/wheels.",
     ),
 ]
 Momentum = Annotated[
@@ -69,8 +69,8 @@ Momentum = Annotated[
     Parameter(
         metavar="zero|unknown",
         show_choices=False,
-        help="Total momentum of spacecraft and target: zero, or an unknown constant. Default: zero "
-        "if the log agrees with that, else unknown.",
+        help="Total momentum of spacecraft and target: zero, or an unknown constant. Default: "
+        "zero; of a log that contradicts that, unknown.",
     ),
 ]
 
@@ -165,6 +165,19 @@ class KnownOptions(SpacecraftOptions):
             prior=self.prior,
             **others,
         )
+
+
+@dataclass(frozen=True)
+class LiveOptions(KnownOptions):
+    """What is known before samples arrive, and their topics."""
+
+    sensors: Sensors | None = None
+    """Sensor noise: a preset or a YAML file. Default: that of the scenario."""
+    topic: Topics | None = None
+
+    def topics(self) -> dict[str, str]:
+        """Return the topics by kind; see `ReadingOptions.topics`. Joints have a default."""
+        return {"joints": "/joint_states"} | _pairs("--topic", self.topic, "KIND=/NAME")
 
 
 @Parameter("*")
@@ -275,7 +288,9 @@ def log_console(quiet: bool = False, *, stderr: bool = True) -> Console:
 def finish(found: "cpid.Identification", quiet: bool) -> int:
     """Print an identification and its warnings, and return the exit code of its command."""
     print_warnings(found.warnings)
-    if not quiet:
+    if quiet:
+        print_warnings(f"failed check: {failure}" for failure in found.failures)
+    else:
         print("\n".join(describe(found)))
     if found.failures:
         return CHECK_FAILED

@@ -17,7 +17,10 @@ def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]
     """Return a × b of (..., 3) vectors, broadcast; several times as fast as `numpy.cross`."""
     a0, a1, a2 = a[..., 0], a[..., 1], a[..., 2]
     b0, b1, b2 = b[..., 0], b[..., 1], b[..., 2]
-    return np.stack([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], axis=-1)
+    first = a1 * b2 - a2 * b1
+    found = np.empty((*first.shape, 3), first.dtype)
+    found[..., 0], found[..., 1], found[..., 2] = first, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
+    return found
 
 
 def inverses(tensors: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -62,9 +65,9 @@ def rotate_about_axis(R: ArrayLike, axis: ArrayLike, angle: ArrayLike) -> NDArra
 
 def exponentials(r: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the rotations (..., 3, 3) of rotation vectors (..., 3): Rodrigues' formula."""
-    K, angle = skew(r), np.linalg.norm(r, axis=-1)[..., None, None]
-    sine, cosine = np.sinc(angle / np.pi), np.sinc(angle / (2 * np.pi)) ** 2 / 2
-    return np.asarray(np.eye(3) + sine * K + cosine * (K @ K))
+    K, half = skew(r), np.sqrt(np.sum(r * r, axis=-1))[..., None, None] / 2
+    ratio = np.sinc(half / np.pi)
+    return np.asarray(np.eye(3) + ratio * np.cos(half) * K + ratio**2 / 2 * (K @ K))
 
 
 def sines(R: NDArray[np.float64]) -> NDArray[np.float64]:

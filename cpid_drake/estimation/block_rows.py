@@ -1,6 +1,6 @@
 """The rows of one block, compressed to a triangle: what its samples and its joints tell."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ class BlockRows:
         gone: (g,) those that end with the block, but for its start.
         end: (12, n) how its end depends on the columns of the block's model.
         scale: (m,) factors of its residuals.
+        samples: (m, n + 1) the rows of its samples alone; None if they are not kept.
 
     """
 
@@ -32,6 +33,7 @@ class BlockRows:
     gone: NDArray[np.intp]
     end: NDArray[np.float64]
     scale: NDArray[np.float64]
+    samples: NDArray[np.float64] | None
 
     @classmethod
     def of(
@@ -41,8 +43,8 @@ class BlockRows:
         by_psi: NDArray[np.float64],
         rest: NDArray[np.float64],
         scale: NDArray[np.float64],
-    ) -> tuple["BlockRows", NDArray[np.float64]]:
-        """Return the rows of a block, and those of its samples alone, (m, n + 1).
+    ) -> "BlockRows":
+        """Return the rows of a block.
 
         Args:
             part, trajectory: its prediction.
@@ -63,4 +65,14 @@ class BlockRows:
         np.multiply(J.T[order], scale, out=rows.T[:-1])
         np.multiply(rest, scale, out=rows.T[-1])
         T = updated_information(part.joint_triangle(order), rows)
-        return cls(T, order, gone, end, scale), rows
+        return cls(T, order, gone, end, scale, rows)
+
+    def scaled(self, part: BlockModel, scale: NDArray[np.float64]) -> "BlockRows | None":
+        """Return the rows with other factors (m,) of the residuals; None if no samples are kept."""
+        if np.array_equal(self.scale, scale):
+            return self
+        if self.samples is None:
+            return None
+        rows = (self.samples.T * (scale / self.scale)).T
+        T = updated_information(part.joint_triangle(self.order), rows)
+        return replace(self, T=T, scale=scale, samples=rows)

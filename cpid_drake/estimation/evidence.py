@@ -230,6 +230,29 @@ class _Sets:
         price = float(np.sum(np.log(a))) + len(free) * np.log(len(SIZES))
         return 0.5 * float(y @ y) - 0.5 * log_det - price, index, L / d[:, None]
 
+    def _evidence_of_sets(self, names: Sequence[str]) -> NDArray[np.float64]:
+        """Return the log evidence (2ⁿ,) of all sets of n names; bit k of a set's number is name k.
+
+        One name after the other is left out of all sets so far, or eliminated from them.
+        """
+        _, index, L = self.evidence(names, self.size)
+        A = L @ L.T
+        d = 1 / np.sqrt(np.diag(A))
+        left = np.column_stack([A * d * d[:, None], d * self.b[index]])[None]
+        found = np.zeros(1)
+        for name in names:
+            m = len(self.places[name])
+            root = np.linalg.cholesky(left[:, :m, :m])
+            by = np.linalg.solve(root, left[:, :m, m:])
+            rest, across = left[:, m:, m:], np.swapaxes(by[..., :-1], -1, -2)
+            log_det = np.sum(np.log(np.diagonal(root, axis1=1, axis2=2)), axis=1)
+            log_det -= np.sum(np.log(d[:m]))
+            price = m * np.log(self.size[name]) + np.log(len(SIZES))
+            gain = 0.5 * np.sum(by[..., -1] ** 2, axis=1) - log_det - price
+            found = np.concatenate([found, found + gain])
+            left, d = np.concatenate([rest, rest - across @ by]), d[m:]
+        return found
+
     def comparison(self, odds: Mapping[str, float]) -> Comparison:
         """Return the comparison for the logs of all candidates' odds."""
         some = list[str]()
@@ -241,25 +264,26 @@ class _Sets:
             self.size[name] = float(SIZES[np.argmax(gains[name])])
             some.append(name)
         wide = {name: self._mean_size(name, [n for n in some if n != name]) for name in some}
-        sets = []
-        for bits in range(1 << len(some)):
-            free = [name for k, name in enumerate(some) if bits >> k & 1]
-            value, index, L = self.evidence(free, self.size)
-            sets.append((value + sum(odds[name] for name in free), free, index, L))
-        best = max(sets, key=lambda each: each[0])
-        weights = np.exp([each[0] - best[0] for each in sets])
+        values = self._evidence_of_sets(some)
+        sets = [
+            [name for k, name in enumerate(some) if bits >> k & 1] for bits in range(len(values))
+        ]
+        values += [sum(odds[name] for name in free) for free in sets]
+        first = int(np.argmax(values))
+        weights = np.exp(values - values[first])
         weights /= weights.sum()
-        n, nearby = len(self.at_zero), self.kept(*best[2:])[0]
-        best = (best[0], best[1], *self.evidence(best[1], wide)[1:])
+        free = sets[first]
+        n, nearby = len(self.at_zero), self.kept(*self.evidence(free, self.size)[1:])[0]
+        _, index, L = self.evidence(free, wide)
         mean, square, probability = np.zeros(n), np.zeros((n, n)), dict.fromkeys(self.names, 0.0)
-        for weight, (_, free, *_) in zip(weights, sets, strict=True):
-            for name in free:
+        for weight, each in zip(weights, sets, strict=True):
+            for name in each:
                 probability[name] += float(weight)
             if weight > _NEGLIGIBLE:
-                k, P = self.kept(*self.evidence(free, wide)[1:])
+                k, P = self.kept(*self.evidence(each, wide)[1:])
                 k = k - nearby
                 mean, square = mean + weight * k, square + weight * (P + np.outer(k, k))
-        scale, (_, free, index, L) = self.kept_scale, best
+        scale = self.kept_scale
         x = self.sigma[index] * cho_solve((L, True), self.b[index])
         inverse = solve_triangular(L, np.diag(self.sigma[index]), lower=True)
         of_free = inverse.T @ inverse

@@ -94,6 +94,7 @@ def fit(
     logs: Sequence[LogState],
     *,
     values: Values | None = None,
+    before: Rolled | None = None,
     progress: Callable[[str], object] = lambda step: None,
 ) -> Fit:
     """Fit all unknowns to all samples of some logs.
@@ -101,8 +102,8 @@ def fit(
     Args:
         model: the unknowns and their priors.
         logs: of the same target.
-        values: of all unknowns, at which logs that have a start are continued; default: the start
-            is what the samples show of the motion.
+        values: of all unknowns; logs with a start are continued there. Default: from the samples.
+        before: a prediction of some blocks of the one log at these values; see `roll`.
         progress: called before every sweep but the first with a description; if it returns False,
             the fit ends without having converged.
 
@@ -113,7 +114,7 @@ def fit(
     logs = list(logs)
     if values is None or not all(log.starts for log in logs):
         values, logs = start_of(model, logs, values)
-    rolled = [roll(model, log, values) for log in logs]
+    rolled = [roll(model, log, values, before) for log in logs]
     now = Fit(model, values, logs, rolled, hardware_prior_of(model, logs, values))
     settled = all(log.freedom for log in logs)
     return _best(now if settled else _reweighted(now), progress)

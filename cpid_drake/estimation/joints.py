@@ -49,6 +49,7 @@ _WIDTH = DEGREE + 2 * ORDER - 1  # of the bands: functions at both ends are sums
 _WORTH = 6.0  # of −2 log(evidence) for a rougher motion: strong evidence (Kass and Raftery 1995)
 _FAST = 16.0  # pieces in a second, which follow 5 Hz: with too few, a fast motion looks like noise
 _REWEIGHTINGS = 6  # at most; outliers look like a rough motion or like noise until they are known
+_TOGETHER = 4096  # rows of the banded matrices that are factorized in one call
 _SAME = 0.05  # change of a weight that does not matter
 
 
@@ -244,10 +245,12 @@ class _Splines:
         self._PP, groups = self._banded(self._P), defaultdict(list)
         for j in range(J):
             groups[b"".join(w[:, j].tobytes() for w in weights)].append(j)
-        self._groups = []
+        self._group, bands = np.zeros(J, dtype=int), list[NDArray[np.float64]]()
         for joints in groups.values():
             weighted = [w[:, joints[:1]] * A for w, A in zip(weights, self._A, strict=True)]
-            self._groups.append((joints, self._banded(weighted)))
+            self._group[joints] = len(bands)
+            bands.append(self._banded(weighted))
+        self._AA = np.reshape(bands, (-1, self.size, _WIDTH))  # a platform may have no joints
         self._c, self._left = np.zeros((self.size, J)), [each.values for each in samples]
         self._expand()
         first = self.solved(np.zeros(J))
@@ -278,19 +281,25 @@ class _Splines:
         return [left - A @ (c - self._c)[place] for left, A, place in blocks]
 
     def _banded(self, rows: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-        """Return the sum of XᵀX over the rows X of all blocks, as SciPy stores banded matrices."""
-        band = np.zeros((_WIDTH, self.size))
+        """Return the sum of XᵀX over the rows X of all blocks, as the transpose of LAPACK's."""
+        band = np.zeros((self.size, _WIDTH))
         for X, place in zip(rows, self.places, strict=True):
             i, j = _band(X.shape[1])
-            band[_WIDTH - 1 + i - j, place.start + j] += (X.T @ X)[i, j]
+            band[place.start + j, _WIDTH - 1 + i - j] += (X.T @ X)[i, j]
         return band
 
-    def _root(self, AA: NDArray[np.float64], q: float) -> NDArray[np.float64]:
-        """Return the Cholesky factor of AA + q PᵀP, both banded."""
-        L, failed = lapack.dpbtrf(AA + q * self._PP)
-        if failed:
-            raise np.linalg.LinAlgError("the samples do not determine so rough a motion")
-        return np.asarray(L)
+    def _roots(
+        self, group: NDArray[np.intp], q: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Return the Cholesky factors of AA + q PᵀP, banded, side by side; and which of them exist.
+
+        One that does not exist is 1.
+        """
+        M, good = self._AA[group] + q[:, None, None] * self._PP, np.ones(len(q), dtype=bool)
+        while failed := (found := lapack.dpbtrf(M.reshape(-1, _WIDTH).T))[1]:
+            good[(failed - 1) // self.size] = False
+            M[~good] = np.arange(_WIDTH) == _WIDTH - 1
+        return found[0], good
 
     def values(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return −2 log(evidence) (J, G) at u = log λ (J, G)."""
@@ -300,30 +309,35 @@ class _Splines:
 
     def _squares(self, u: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return penalized χ² and log det M (J, G) at u = log λ (J, G)."""
-        S, log_det = np.full(u.shape, np.inf), np.zeros(u.shape)
-        for joints, AA in self._groups:
-            for value in np.unique(u[joints]):
-                q, (j, g) = np.exp(-value), np.nonzero(u[joints] == value)
-                j = np.array(joints)[j]
-                try:
-                    L = self._root(AA, q)
-                except np.linalg.LinAlgError:
-                    continue
-                by = self._by_left[:, j] - q * self._by_jerk[:, j]
-                fall = np.einsum("kj,kj->j", by, lapack.dpbtrs(L, by)[0])
-                S[j, g] = np.maximum(self._left2[j] + q * self._jerk2[j] - fall, 0.0)
-                log_det[j, g] = 2 * np.sum(np.log(L[-1]))
-        return S, log_det
+        S, log_det = np.empty((2, u.size))
+        pairs = [np.repeat(self._group, u.shape[1]), u.ravel()]
+        (group, value), which = np.unique(pairs, axis=1, return_inverse=True)
+        order = np.argsort(which, kind="stable")
+        count = 1 + _TOGETHER // self.size
+        for first in range(0, len(value), count):
+            some = slice(first, first + count)
+            at = order[slice(*np.searchsorted(which[order], [some.start, some.stop]))]
+            q, k, j = np.exp(-value[some]), which[at] - first, at // u.shape[1]
+            roots, good = self._roots(group[some].astype(int), q)
+            place = np.arange(len(k)) - np.searchsorted(k, k)
+            by = self._by_left.T[j] - q[k, None] * self._by_jerk.T[j]
+            right = np.zeros((place.max() + 1, len(q), self.size))
+            right[place, k] = by
+            solved = lapack.dpbtrs(roots, right.reshape(len(right), -1).T)[0].T
+            fall = np.einsum("nk,nk->n", by, solved.reshape(right.shape)[place, k])
+            squares = np.maximum(self._left2[j] + q[k] * self._jerk2[j] - fall, 0.0)
+            S[at] = np.where(good[k], squares, np.inf)
+            log_det[at] = 2 * np.sum(np.log(roots[-1].reshape(len(q), -1)), axis=1)[k]
+        return S.reshape(u.shape), log_det.reshape(u.shape)
 
     def solved(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return all coefficients (K, J) at u = log λ (J,)."""
-        c = self._c.copy()
-        for joints, AA in self._groups:
-            for j in joints:
-                q = np.exp(-u[j])
-                by = self._by_left[:, j] - q * self._by_jerk[:, j]
-                c[:, j] += lapack.dpbtrs(self._root(AA, q), by)[0]
-        return c
+        q = np.exp(-u)
+        roots, good = self._roots(self._group, q)
+        if not good.all():
+            raise np.linalg.LinAlgError("the samples do not determine so rough a motion")
+        by = (self._by_left - q * self._by_jerk).T
+        return np.asarray(self._c + lapack.dpbtrs(roots, by.ravel())[0].reshape(by.shape).T)
 
     def best(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return u = log λ (J,) and the noise factors (J,).

@@ -12,6 +12,7 @@ Factorization Methods for Discrete Sequential Estimation, ch. IV.
 """
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,8 +68,14 @@ def triangle(rows: NDArray[np.float64]) -> NDArray[np.float64]:
     if not m:
         return np.zeros((n, n))
     work = int(lapack.dgeqrf_lwork(m, n)[0])
-    R = np.triu(lapack.dgeqrf(rows, lwork=work)[0][:n])
+    R = np.where(_upper(min(m, n), n), lapack.dgeqrf(rows, lwork=work)[0][:n], 0.0)
     return R if m >= n else np.vstack([R, np.zeros((n - m, n))])
+
+
+@lru_cache(maxsize=64)
+def _upper(m: int, n: int) -> NDArray[np.bool_]:
+    """Return the entries (m, n) of an upper triangle."""
+    return np.triu(np.ones((m, n), dtype=bool))
 
 
 def describe_unobservable(directions: NDArray[np.float64], names: Sequence[str]) -> str:

@@ -139,7 +139,7 @@ def _fitted(model: Model, state: OnlineState, blocks: Sequence[Block]) -> Fit:
         return fit(model, [LogState.of_blocks(model, blocks, NAME)])
     [log] = state.found.logs
     log = log.extended(model, blocks[-1], _start(state.found, blocks[-1]))
-    return fit(model, [log], values=state.found.values)
+    return fit(model, [log], values=state.found.values, before=state.found.rolled[0])
 
 
 def _start(found: Fit, block: Block) -> TrajectoryState:
@@ -200,10 +200,11 @@ def _marginalized(state: OnlineState, count: int) -> OnlineState:
         noise,
     )
     kept = rolled.part(count, len(log.blocks))
+    rows = {part: own for part, own in kept.linear.items() if part in kept.models}
     return replace(
         state._observed(gone, rolled),
         settled=(*state.settled, *gone.changes),
-        found=replace(found, logs=[replace(rest, past=past)], rolled=[kept]),
+        found=replace(found, logs=[replace(rest, past=past)], rolled=[replace(kept, linear=rows)]),
     )
 
 
@@ -243,5 +244,5 @@ def _by_inertia(found: Fit) -> NDArray[np.float64]:
         W = np.linalg.inv(np.linalg.cholesky(J)).T
     else:
         W = normal_B[:, None] / np.sqrt(normal_B @ J @ normal_B)
-    by = [(W.T @ (dynamics.inertia(e)[0] - none) @ W).ravel() for e in np.eye(10)]
-    return np.stack(by, axis=1)
+    by = W.T @ (dynamics.inertia(np.eye(10))[:, 0] - none) @ W
+    return by.reshape(10, -1).T

@@ -8,9 +8,10 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake.estimation.block_rows import BlockRows
 from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.likelihood.effects import relate
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.estimation.likelihood.model import BlockModel, jump_between
-from cpid_drake.estimation.likelihood.motion import Trajectory, TrajectoryState, relate
+from cpid_drake.estimation.likelihood.motion import Trajectory, TrajectoryState
 from cpid_drake.estimation.likelihood.white_reading import WhiteReading
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.target import psi_about
@@ -98,7 +99,7 @@ def constants_of(model: Model, log: LogState, values: Values) -> NDArray[np.floa
     return np.concatenate([np.empty(0), *parts])
 
 
-def roll(model: Model, log: LogState, values: Values) -> Rolled:
+def roll(model: Model, log: LogState, values: Values, before: Rolled | None = None) -> Rolled:
     """Predict all samples of a log.
 
     Every block begins at its own start, so that what a step is wrong by in one block does not grow
@@ -108,6 +109,7 @@ def roll(model: Model, log: LogState, values: Values) -> Rolled:
         model: the unknowns.
         log: the log.
         values: of the unknowns.
+        before: a prediction of some of the blocks, which is kept where nothing has changed.
 
     Raises:
         InputError: no rigid body has these values.
@@ -121,10 +123,20 @@ def roll(model: Model, log: LogState, values: Values) -> Rolled:
     cost, links = 0.0, list[NDArray[np.float64]]()
     # of each block: what is still to come
     later = np.cumsum([np.zeros(len(walking)), *reversed(log.walks)], axis=0)[::-1]
-    models, nominal, trajectories, residuals = list[BlockModel](), [], [], []
+    models, firsts = list[BlockModel](), list[TrajectoryState]()
+    done = zip(before.models, before.trajectories, before.residuals) if before else ()
+    by_joints = {each[0].motion.joints: each for each in done}
+    known = dict[BlockModel, tuple[Trajectory, dict[str, NDArray[np.float64]] | None]]()
     for k, (block, joints) in enumerate(zip(log.blocks, log.joints, strict=True)):
         constants = last.copy()
         constants[walking] -= later[k]
+        firsts.append(replace(log.starts[k], psi=psi, constants=constants, forces=log.forces[k]))
+        if joints in by_joints:
+            part, trajectory, rest = by_joints[joints]
+            if part.motion.tree is tree and _is_same(trajectory.state, firsts[k]):
+                known[part] = trajectory, rest
+                models.append(part)
+                continue
         part = BlockModel(
             tree,
             joints,
@@ -137,16 +149,15 @@ def roll(model: Model, log: LogState, values: Values) -> Rolled:
             origin=log.origin,
         )
         models.append(part)
-        nominal.append(constants)
-    relate([part.motion for part in models])
+    relate([part.motion for part in models if part not in known], psi)
+    trajectories, residuals = list[Trajectory](), []
     for k, part in enumerate(models):
-        first = replace(log.starts[k], psi=psi, constants=nominal[k], forces=log.forces[k])
-        trajectory = part.motion.trajectory(first)
-        trajectories.append(trajectory)
+        trajectory, own = known.get(part) or (part.motion.trajectory(firsts[k]), None)
         bent, moved = part.bent(trajectory)
-        residuals.append(
-            {n: s.residuals(trajectory) - bent.get(n, 0.0) for n, s in part.sensors.items()}
-        )
+        if own is None:
+            own = {n: s.residuals(trajectory) - bent.get(n, 0.0) for n, s in part.sensors.items()}
+        trajectories.append(trajectory)
+        residuals.append(own)
         cost += float(np.sum(part.motion.joints.rest**2))
         if k < len(log.walks):
             cost += float(np.sum((log.walks[k] / sigma) ** 2)) / log.step(k)
@@ -154,8 +165,15 @@ def roll(model: Model, log: LogState, values: Values) -> Rolled:
             end = jumped(part.motion.end(trajectory), moved)
             link = np.zeros(12) if log.gaps[k] else jump_between(end, log.starts[k + 1])
             links.append(link)
+    linear = {part: rows for part, rows in before.linear.items() if part in known} if before else {}
     start = _start_cost(model, log, values)
-    return Rolled(models, trajectories, residuals, links, cost, start, by_psi)
+    return Rolled(models, trajectories, residuals, links, cost, start, by_psi, linear)
+
+
+def _is_same(state: TrajectoryState, other: TrajectoryState) -> bool:
+    """Return whether two states have the same entries, and the very same attitude."""
+    pairs = zip(vars(state).values(), vars(other).values(), strict=True)
+    return all(a is b or (isinstance(a, np.ndarray) and np.array_equal(a, b)) for a, b in pairs)
 
 
 def past_of(model: Model, log: LogState, values: Values) -> Gaussian:

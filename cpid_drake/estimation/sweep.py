@@ -68,21 +68,22 @@ class _Block:
         rolled: Rolled,
         k: int,
         own: BlockRows,
-        samples: NDArray[np.float64],
         T: NDArray[np.float64],
     ) -> "_Block":
-        """Return block k from its rows, those of its samples alone, and its triangle."""
+        """Return block k from its rows and its triangle."""
+        assert own.samples is not None
         part, g = rolled.models[k], len(own.gone)
         first, residuals = part.kept[0], rolled.residuals[k]
         keep = np.concatenate(
             [part.at_end, np.arange(first, first + len(T) - 1 - g - len(part.at_end))]
         )
         start = np.linalg.solve(own.end[:, :12], own.end[:, own.gone])
-        of_gone = samples[:, 12 : 12 + g] - samples[:, :12] @ start
-        leverage = np.sum((of_gone @ np.linalg.inv(T[:g, :g])) ** 2, axis=1)
+        of_gone = own.samples[:, 12 : 12 + g] - own.samples[:, :12] @ start
+        inverse = solve_triangular(T[:g, :g], np.eye(g))
+        leverage = np.sum((of_gone @ inverse) ** 2, axis=1)
         ends = np.cumsum([each.size for each in residuals.values()])
         absorbed = {n: float(x.sum()) for n, x in zip(residuals, np.split(leverage, ends))}
-        return cls(part, own.gone, keep, solve_triangular(T[:g, :g], T[:g, g:]), own.end, absorbed)
+        return cls(part, own.gone, keep, inverse @ T[:g, g:], own.end, absorbed)
 
     def solved(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the steps of all columns of the block's model, given those at its end."""
@@ -155,11 +156,11 @@ def sweep(
     boundary = np.arange(boundary_size(model))
     walking, pose, joints = len(boundary) + model.walking_columns, boundary[:12], boundary[12:]
     steps = list[_Change | _Block]()
-    linear = _linearized(model, log, rolled, values, use_known=forward_only)
-    for k, (own, samples) in enumerate(linear):
+    linear = _linearized(model, log, rolled, values, forward_only=forward_only)
+    for k, own in enumerate(linear):
         known, T = _eliminated(rolled.models[k], own, known)
-        if samples is not None and not forward_only:
-            steps.append(_Block.of(rolled, k, own, samples, T))
+        if not forward_only:
+            steps.append(_Block.of(rolled, k, own, T))
         at |= {k: known} if k in stops else {}
         if k in carry:
             known = linked(known, f"link {k}|{log.name}", log.link(model, k), rolled.links[k])
@@ -249,27 +250,29 @@ def back(model: Model, log: LogState, swept: Swept, step: Values, share: float =
 
 
 def _linearized(
-    model: Model, log: LogState, rolled: Rolled, values: Values, *, use_known: bool
-) -> Iterator[tuple[BlockRows, NDArray[np.float64] | None]]:
-    """Yield the rows of all blocks, and those of their samples alone if they are new."""
+    model: Model, log: LogState, rolled: Rolled, values: Values, *, forward_only: bool
+) -> Iterator[BlockRows]:
+    """Yield the rows of all blocks, with those of their samples alone unless only forward.
+
+    The latter are kept in a window, which is short.
+    """
     scales, known = [], list[BlockRows | None]()
     for k, (part, rest) in enumerate(zip(rolled.models, rolled.residuals, strict=True)):
         each = (np.repeat(log.scale(k, n, len(e)), e.shape[1]) for n, e in rest.items())
         scales.append(np.concatenate([np.empty(0), *each]))
-        rows = rolled.linear.get(part) if use_known else None
-        is_same = rows is not None and np.array_equal(rows.scale, scales[k])
-        known.append(rows if is_same else None)
+        rows = rolled.linear.get(part)
+        is_enough = rows is not None and (forward_only or rows.samples is not None)
+        known.append(rows.scaled(part, scales[k]) if rows is not None and is_enough else None)
     new = [k for k, rows in enumerate(known) if rows is None]
     motions = [rolled.models[k].motion for k in new]
     at = [rolled.trajectories[k] for k in new]
     trajectories = with_changes(motions, at, model.known_bodies, values.get(BODIES))
     for part, rest, rows, scale in zip(rolled.models, rolled.residuals, known, scales, strict=True):
-        samples = None
         if rows is None:
             r = np.concatenate([np.empty(0), *(each.ravel() for each in rest.values())])
-            rows, samples = BlockRows.of(part, next(trajectories), rolled.by_psi, r, scale)
-            rolled.linear[part] = rows
-        yield rows, samples
+            rows = BlockRows.of(part, next(trajectories), rolled.by_psi, r, scale)
+        rolled.linear[part] = rows if log.past is not None else replace(rows, samples=None)
+        yield rows
 
 
 def _eliminated(
@@ -297,7 +300,7 @@ def _eliminated(
     others[count:size, count:] = known[c:, c:]
     T[e:, e:] = updated_information(others[e:, e:], T[e:, e:])
     rho2 = before.rho2 + float(T[-1, -1]) ** 2
-    return Gaussian.of_triangle(before.sizes, T[g:-1, g:], rho2), T
+    return replace(before, R=T[g:-1, g:-1], z=T[g:-1, -1], rho2=rho2), T
 
 
 def changed(
@@ -320,7 +323,7 @@ def changed(
     T = triangle(rows)
     before[:p] = T[m : m + p, m:]
     of_change = solve_triangular(T[:m, :m], T[:m, m:])
-    return Gaussian.of_triangle(known.sizes, before, known.rho2), of_change
+    return replace(known, R=before[:, :-1], z=before[:, -1]), of_change
 
 
 def linked(

@@ -10,7 +10,8 @@ from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.files.checked_yaml import from_tree, load_yaml, parse_yaml
 from cpid_drake.files.errors import InputError, choose_from
 from cpid_drake.files.resources import resolve_model
-from cpid_drake.identification.prior import TargetPrior, load_prior
+from cpid_drake.identification.prior import TargetPrior, load_prior, prior_of_result
+from cpid_drake.identification.result import Identification
 from cpid_drake.logs.files import inspect_log, refuse_problems
 from cpid_drake.logs.log import Log
 from cpid_drake.sensors.presets import load_sensors, sensor_presets
@@ -130,8 +131,10 @@ def bodies_of(given: BodyUncertainty | PathLike | None) -> BodyUncertainty | Non
     return _checked("known_bodies", given, BodyUncertainty, "a text, or a file")
 
 
-def prior_of(given: TargetPrior | PathLike | None, spacecraft: Spacecraft) -> TargetPrior | None:
-    """Return what is known of a target; a file is read.
+def prior_of(
+    given: TargetPrior | Identification | PathLike | None, spacecraft: Spacecraft
+) -> TargetPrior | None:
+    """Return what is known of a target, also from a result; a file is read.
 
     Raises:
         InputError: it is none; see also `load_prior`.
@@ -139,7 +142,10 @@ def prior_of(given: TargetPrior | PathLike | None, spacecraft: Spacecraft) -> Ta
     """
     if isinstance(given, PathLike):
         return load_prior(str(given), spacecraft, spacecraft.capture_frame.name())
-    return _checked("prior", given, TargetPrior, "a file")
+    if isinstance(given, Identification):
+        frame = spacecraft.capture_frame.name() if given.spacecraft else None
+        return prior_of_result(given, "result", spacecraft, frame)
+    return _checked("prior", given, TargetPrior, "a result, or a file")
 
 
 def momentum_of(given: TotalMomentum | str | None) -> TotalMomentum | None:

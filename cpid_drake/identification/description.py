@@ -268,7 +268,8 @@ def gap(result: "Identification") -> list[str]:
     """Return sentences on what is not known, why, and how to see it; empty if all is known."""
     lines = _table_words(result) if result.is_planar else []
     if not result.is_complete:
-        lines.append(f"Not known: {result.not_observable}.")
+        if result.not_observable:
+            lines.append(f"Not known: {result.not_observable}.")
         if not result.failures:  # else another motion would not help
             lines.append(
                 "To see the rest, move the joints by larger angles and at higher rates, joints "

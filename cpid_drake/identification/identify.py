@@ -57,7 +57,7 @@ def identify(
     sensors: SensorSuite | PathLike | Mapping[str, SensorSuite | PathLike] | None = None,
     momentum: TotalMomentum | str | None = None,
     known_bodies: BodyUncertainty | PathLike | None = None,
-    prior: TargetPrior | PathLike | None = None,
+    prior: TargetPrior | Identification | PathLike | None = None,
     planar: bool | None = None,
     progress: Callable[[str], object] = lambda step: None,
 ) -> Identification:
@@ -95,7 +95,7 @@ def identify(
             prior, and include in their covariance; `BodyUncertainty()` if they are exact. Default:
             the trajectory fit includes 1 % of masses and inertias and 5 mm of each centre of mass,
             unless the sensors of all logs say `unstated: exact`.
-        prior: what is known about the target; default: nothing.
+        prior: what is known about the target, such as another result; default: nothing.
         planar: whether the spacecraft floats on a table whose normal is W's z axis, such as an
             air-bearing table: only momentum in the plane is then used, because the table holds the
             others (`dynamics.plane`). Default: measurements whose tilts and heights are exactly

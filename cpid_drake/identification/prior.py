@@ -183,11 +183,19 @@ def load_prior(path: str | Path, spacecraft: Spacecraft, capture_frame: str) -> 
 
 
 def prior_of_result(
-    result: Identification, where: str, spacecraft: Spacecraft, capture_frame: str
+    result: Identification, where: str, spacecraft: Spacecraft, capture_frame: str | None
 ) -> TargetPrior:
-    """Return what a result, in the file `where`, tells about its target; see `load_prior`."""
-    frame = None if result.spacecraft is None else result.spacecraft.capture_frame
-    if frame != capture_frame:
+    """Return what a result, in the file `where`, tells about its target; see `load_prior`.
+
+    Without a capture frame, that of the result is not compared.
+    """
+    if capture_frame is not None and result.spacecraft is None:
+        raise InputError(
+            f"{where}: the result names no spacecraft, so its capture frame is not known: give the "
+            "Identification itself, or a file of `cpid identify --json` or `identify_files`"
+        )
+    frame = result.spacecraft.capture_frame if result.spacecraft else None
+    if capture_frame is not None and frame != capture_frame:
         raise InputError(
             f"{where}: the prior is in the capture frame {frame}, the log's capture frame is "
             f"{capture_frame}: identify with the same frame"

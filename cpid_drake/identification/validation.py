@@ -128,7 +128,7 @@ class Validation:
 @one_thread
 def validate(
     spacecraft: Spacecraft,
-    target: TargetPrior | PathLike,
+    target: TargetPrior | Identification | PathLike,
     data: Log | PathLike,
     *,
     sensors: SensorSuite | PathLike | None = None,
@@ -141,7 +141,7 @@ def validate(
 
     Args:
         spacecraft: the known spacecraft.
-        target: the identified target with its uncertainty.
+        target: the identified target with its uncertainty, such as the result of `identify`.
         data: the log.
         sensors: the sensors' errors; default: estimated from the log.
         momentum: the total momentum; default: that of the largest evidence, and the average over

@@ -27,7 +27,11 @@ class OnlineIdentifier:
     Args:
         spacecraft: the known spacecraft.
         sensors: its sensors' errors: a suite, the name of a preset, or a file.
-        **options: the options of `live.stream.Stream`, by name.
+        **options: the options of `live.stream.Stream`, by name; `has_budget`: whether estimates
+            have their error budget.
+
+    Attributes:
+        stream: how the samples are solved.
 
     Raises:
         InputError: see `Stream`.
@@ -35,13 +39,19 @@ class OnlineIdentifier:
     """
 
     def __init__(
-        self, spacecraft: Spacecraft, sensors: SensorSuite | PathLike, **options: Any
+        self,
+        spacecraft: Spacecraft,
+        sensors: SensorSuite | PathLike,
+        *,
+        has_budget: bool = False,
+        **options: Any,
     ) -> None:
+        self._has_budget = has_budget
         self._begin(stream := Stream(spacecraft, sensors, **options), stream.start())
 
     def _begin(self, stream: Stream, state: StreamState) -> None:
         """Continue a stream from a state."""
-        self._stream, self._lock = stream, threading.RLock()
+        self.stream, self._lock = stream, threading.RLock()
         self._state, self._waiting = state, list(state.waiting)
         self._newest, self._due = -np.inf, np.nan
         self._found: Identification | None = None
@@ -51,7 +61,7 @@ class OnlineIdentifier:
         if state.online is not self._state.online:
             self._found = None
         self._state, self._waiting = state, list(state.waiting)
-        self._due = self._stream.due(state, self._newest)
+        self._due = self.stream.due(state, self._newest)
 
     @one_thread
     def add(self, sensor: str, time: float, value: ArrayLike) -> None:
@@ -67,7 +77,7 @@ class OnlineIdentifier:
             InputError: the suite has no such sensor, or time or value are no numbers of its shape.
 
         """
-        widths = self._stream.widths
+        widths = self.stream.widths
         if sensor not in widths:
             raise InputError(f"no sensor '{sensor}'; {choose_from(sensor, tuple(widths))}")
         try:
@@ -82,24 +92,30 @@ class OnlineIdentifier:
             self._waiting.append((sensor, row))
             self._newest = max(self._newest, float(row[0]))
             if np.isnan(self._due):
-                self._due = self._stream.due(self._state, self._newest)
+                self._due = self.stream.due(self._state, self._newest)
             if self._newest >= self._due:
-                self._process(self._stream.processed(self.state))
+                self._process(self.stream.processed(self.state))
 
     @one_thread
     def estimate(self) -> Identification:
         """Return the target as the blocks that are complete show it."""
         with self._lock:
             if self._found is None:
-                self._found = self._stream.identification(self._state)
-            return self._stream.counted(self._found, self._state)
+                self._found = self.stream.identification(self._state, has_budget=self._has_budget)
+            return self.stream.counted(self._found, self._state)
 
     @one_thread
     def finish(self) -> Identification:
         """Solve all samples, those of the incomplete block included; return the target."""
         with self._lock:
-            self._process(self._stream.finished(self.state))
+            self._process(self.stream.finished(self.state))
             return self.estimate()
+
+    @property
+    def known_until(self) -> float:
+        """Stamp until which samples are in the estimate [s]; NaN before the first block."""
+        with self._lock:
+            return self._state.zero + self._state.queue.edge
 
     @property
     def state(self) -> StreamState:
@@ -113,12 +129,13 @@ class OnlineIdentifier:
     @state.setter
     def state(self, state: StreamState) -> None:
         with self._lock:
-            self._begin(self._stream, state)
+            self._begin(self.stream, state)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is pickled: no lock."""
-        return {"stream": self._stream, "state": self.state}
+        return {"stream": self.stream, "state": self.state, "has_budget": self._has_budget}
 
     def __setstate__(self, saved: dict[str, Any]) -> None:
         """Continue from what was pickled."""
+        self._has_budget = saved["has_budget"]
         self._begin(saved["stream"], saved["state"])

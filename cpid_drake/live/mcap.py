@@ -1,16 +1,16 @@
 """An identification as ROS 2 messages in an MCAP file, for PlotJuggler, Foxglove and Rerun."""
 
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cpid_drake.files.drafts import draft_of
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.identify_files import Evidence, converge
+from cpid_drake.live.messages import ERROR, Messages, Status, statuses_of
 
 TARGET, SIGMA = "/cpid/target", "/cpid/target_sigma"
 """Topics of the estimate and of its σ: `geometry_msgs/InertiaStamped`, in the capture frame."""
@@ -61,55 +61,24 @@ def write_mcap(path: str | Path, evidence: Evidence) -> None:
         next(bag.glob("*.mcap")).replace(draft)
 
 
-def _messages(types: Any, evidence: Evidence) -> Iterator[tuple[int, str, Any]]:
+def _messages(types: Mapping[str, Any], evidence: Evidence) -> Iterator[tuple[int, str, Any]]:
     """Yield stamps [ns], topics and messages."""
-    result = evidence.found
+    result, make = evidence.found, Messages(types.__getitem__)
     [source] = result.sources
     begin, frame = max(source.start, 0.0), source.request.spacecraft.capture_frame
 
     def stamp(time: float) -> int:
         return round((begin + max(time, _NO_TIME)) * 1e9)
 
-    def header(time: float) -> Any:
-        seconds, rest = divmod(stamp(time), 10**9)
-        own = types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=rest)
-        return types["std_msgs/msg/Header"](stamp=own, frame_id=frame)
-
-    def inertia(time: float, values: NDArray[np.float64]) -> Any:
-        m, x, y, z, xx, yy, zz, xy, xz, yz = values.tolist()
-        com = types["geometry_msgs/msg/Vector3"](x=x, y=y, z=z)
-        own = types["geometry_msgs/msg/Inertia"](
-            m=m, com=com, ixx=xx, ixy=xy, ixz=xz, iyy=yy, iyz=yz, izz=zz
-        )
-        return types["geometry_msgs/msg/InertiaStamped"](header=header(time), inertia=own)
-
-    def diagnostics(time: float, rows: list[tuple[bool, str, str]]) -> Any:
-        status = types["diagnostic_msgs/msg/DiagnosticStatus"]
-        states = [
-            status(
-                level=status.OK if is_good else status.ERROR,
-                name=f"cpid: {name}",
-                message=text,
-                hardware_id="cpid",
-                values=[],
-            )
-            for is_good, name, text in rows
-        ]
-        return types["diagnostic_msgs/msg/DiagnosticArray"](header=header(time), status=states)
-
     end = 0.0
     for time, found in converge(evidence):
         end, sigma = max(end, time), np.sqrt(np.diag(found.covariance))
-        yield stamp(time), TARGET, inertia(time, found.parameters)
-        yield stamp(time), SIGMA, inertia(time, sigma)
-    layout = types["std_msgs/msg/MultiArrayLayout"](dim=[], data_offset=0)
-    array = types["std_msgs/msg/Float64MultiArray"]
+        yield stamp(time), TARGET, make.inertia(stamp(time), frame, found.parameters)
+        yield stamp(time), SIGMA, make.inertia(stamp(time), frame, sigma)
     for name, samples in result.residuals.items():
         for time, value in zip(samples.time.tolist(), samples.value, strict=True):
-            data = np.ascontiguousarray(value, dtype=np.float64)
-            yield stamp(time), RESIDUALS + name, array(layout=layout, data=data)
+            yield stamp(time), RESIDUALS + name, make.numbers(value)
     for time in result.momentum_changes or ():
-        row = (False, "momentum", "the momentum changed")
-        yield stamp(time), DIAGNOSTICS, diagnostics(time, [row])
-    rows = [(check.passed, check.name, check.sentence) for check in result.checks]
-    yield stamp(end), DIAGNOSTICS, diagnostics(end, rows)
+        row = Status(ERROR, "momentum", "the momentum changed")
+        yield stamp(time), DIAGNOSTICS, make.diagnostics(stamp(time), frame, [row])
+    yield stamp(end), DIAGNOSTICS, make.diagnostics(stamp(end), frame, statuses_of(result))

@@ -56,6 +56,8 @@ class StreamState:
         waiting: samples that are not screened yet.
         rejected: number of unusable samples, by sensor.
         screening: what screening remembers.
+        zero: stamp of the first sample [s]; all times in the queue, the fit and the screening are
+            counted from it, because stamps since 1970 would lose digits. NaN before it.
 
     """
 
@@ -64,6 +66,7 @@ class StreamState:
     waiting: tuple[Sample, ...] = ()
     rejected: Mapping[str, int] = field(default_factory=dict)
     screening: Log | None = None
+    zero: float = np.nan
 
     def __deepcopy__(self, memo: dict) -> "StreamState":
         """Return the value itself, which never changes."""
@@ -86,6 +89,8 @@ class Stream:
         in_order: whether the samples of each sensor arrive in the order of their stamps.
 
     Attributes:
+        suite: the sensors.
+        joint_names: the joints, in the order of joint sensors' values.
         widths: number of entries of a sample's value, by sensor.
 
     Raises:
@@ -100,7 +105,7 @@ class Stream:
         suite: SensorSuite | PathLike,
         *,
         momentum: TotalMomentum | str | None = None,
-        prior: TargetPrior | PathLike | None = None,
+        prior: TargetPrior | Identification | PathLike | None = None,
         reads_thrust: bool = False,
         known_bodies: BodyUncertainty | PathLike | None = None,
         window: float = WINDOW,
@@ -117,7 +122,7 @@ class Stream:
                 raise InputError(f"{name} must be positive, not {value}")
         model = Model.of(spacecraft.tree, suite, known_bodies, has_thrust=reads_thrust)
         self._model = replace(model, rows=() if prior is None else (prior.of_psi(model),))
-        self._suite, self._joint_names = suite, spacecraft.joint_names
+        self.suite, self.joint_names = suite, spacecraft.joint_names
         self._momentum = momentum or TotalMomentum.zero()
         self._window, self._lateness, self._in_order = window, lateness, in_order
         joints = len(spacecraft.joint_names)
@@ -128,7 +133,7 @@ class Stream:
     def start(self) -> StreamState:
         """Return the state before the first sample."""
         question = question_of(self._model, self._momentum)
-        return StreamState(BlockQueue.of(self._suite), OnlineState(self._window, question))
+        return StreamState(BlockQueue.of(self.suite), OnlineState(self._window, question))
 
     def processed(self, state: StreamState, *, is_end: bool = False) -> StreamState:
         """Return the state after all blocks that are complete.
@@ -138,10 +143,13 @@ class Stream:
             is_end: whether no more samples come, so that nothing waits for them.
 
         """
-        newest = max((sample[0] for _, sample in state.waiting), default=-np.inf)
+        stamps = [sample[0] for _, sample in state.waiting]
+        zero = float(min(stamps, default=np.nan)) if np.isnan(state.zero) else state.zero
+        newest = max(stamps, default=-np.inf)
         until = newest if is_end or self._in_order else newest - self._lateness
-        given, waiting = self._log_of(state.waiting, until)
-        screened = screen(given, self._suite, state.screening)
+        given, waiting = self._log_of(state.waiting, until, zero)
+        until -= zero
+        screened = screen(given, self.suite, state.screening)
         timely, queue, online = screened.log, state.queue, state.online
         if not np.isnan(queue.edge):
             timely = after(timely, queue.edge, np.inf)
@@ -152,7 +160,7 @@ class Stream:
         for block in blocks:
             online = step(self._model, online, block)
         rejected = Counter(state.rejected) + Counter(screened.rejected) + Counter(late)
-        return StreamState(queue, online, waiting, rejected, screened.memory)
+        return StreamState(queue, online, waiting, rejected, screened.memory, zero)
 
     def finished(self, state: StreamState) -> StreamState:
         """Return the state after all samples, those of the incomplete block included."""
@@ -174,20 +182,28 @@ class Stream:
         if self._in_order and state.screening:  # as far as all have arrived
             missing = queue.next_edge - self._complete_until(state.screening)
             return newest + (queue.length if np.isnan(missing) else max(missing, 0.0))
-        edge = newest + queue.length if np.isnan(queue.edge) else queue.next_edge
+        edge = newest + queue.length
+        if not np.isnan(queue.edge):
+            edge = state.zero + queue.next_edge
         return max(edge + self._lateness, newest + _RETRY * queue.length)
 
-    def identification(self, state: StreamState) -> Identification:
-        """Return what the fit of a state knows; see `counted`."""
-        found = identification_of_state(self._model, state.online, self._momentum)
+    def identification(self, state: StreamState, *, has_budget: bool = False) -> Identification:
+        """Return what the fit of a state knows, with its error budget if wanted; see `counted`."""
+        joints = self.joint_names if has_budget else None
+        found = identification_of_state(self._model, state.online, self._momentum, joints)
+        if found.momentum_changes:
+            changes = tuple(state.zero + time for time in found.momentum_changes)
+            found = replace(found, momentum_changes=changes)
         return with_nearest_body(found, self._model.tree)
 
     def counted(self, found: Identification, state: StreamState) -> Identification:
         """Return an identification with the samples that were rejected before the fit."""
         return replace(found, rejected=dict(Counter(state.rejected) + Counter(found.rejected)))
 
-    def _log_of(self, samples: Iterable[Sample], until: float) -> tuple[Log, tuple[Sample, ...]]:
-        """Return the samples up to a time, in the order of their stamps, and all others."""
+    def _log_of(
+        self, samples: Iterable[Sample], until: float, zero: float
+    ) -> tuple[Log, tuple[Sample, ...]]:
+        """Return the samples up to a stamp in order, with times from `zero` on, and all others."""
         rows, later = defaultdict(list), list[Sample]()
         for name, sample in samples:
             if self._in_order or sample[0] <= until:
@@ -197,11 +213,11 @@ class Stream:
         arrays = {name: np.array(each) for name, each in rows.items()}
         if not self._in_order:
             arrays = {n: each[np.argsort(each[:, 0], kind="stable")] for n, each in arrays.items()}
-        parts = {name: Samples(each[:, 0], each[:, 1:]) for name, each in arrays.items()}
-        return Log(self._joint_names, parts), tuple(later)
+        parts = {name: Samples(each[:, 0] - zero, each[:, 1:]) for name, each in arrays.items()}
+        return Log(self.joint_names, parts), tuple(later)
 
     def _complete_until(self, recent: Log) -> float:
         """Return the time until which the samples of all sensors have arrived in order [s]."""
-        newest, present = recent.interval[1], self._suite.present()
+        newest, present = recent.interval[1], self.suite.present()
         complete = min(last_time(recent[n]) + _SHARE_OF_INTERVAL / present[n].rate for n in present)
         return min(newest, max(complete, newest - self._lateness))

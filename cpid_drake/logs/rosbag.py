@@ -12,42 +12,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.dynamics.rotations import rotate_by_quaternion
 from cpid_drake.files.errors import InputError
 from cpid_drake.logs.log import THRUST, THRUST_COLUMNS
-from cpid_drake.logs.screening import QUATERNION_NORM
+from cpid_drake.logs.ros_messages import (
+    LARGEST_STEP_BACK,
+    SOURCES,
+    TOPIC_TYPES,
+    TRANSFORMS,
+    joint_values,
+    message_values,
+    stamp_of,
+    velocity_in_W,
+)
 from cpid_drake.logs.table import Table
 from cpid_drake.sensors.sensors import SENSORS
-
-TRANSFORMS = "tf2_msgs/msg/TFMessage"
-"""Type of topics with the transforms of many frames."""
-
-TOPIC_TYPES = {
-    "odometry": ("nav_msgs/msg/Odometry",),
-    "pose": (
-        "geometry_msgs/msg/PoseStamped",
-        "geometry_msgs/msg/PoseWithCovarianceStamped",
-        "geometry_msgs/msg/TransformStamped",
-        TRANSFORMS,
-    ),
-    "imu": ("sensor_msgs/msg/Imu",),
-    "joints": ("sensor_msgs/msg/JointState",),
-    "thrust": ("geometry_msgs/msg/WrenchStamped",),
-}
-"""Message types that are read, by kind of topic."""
-
-_SOURCES = {
-    "attitude": ("odometry", "pose", "imu"),
-    "gyro": ("imu", "odometry"),
-    "position": ("odometry", "pose"),
-    "velocity": ("odometry",),
-    THRUST: ("thrust",),
-}
-"""For each quantity, the kinds of topic that can hold its samples; the first that does is used."""
-
-LARGEST_STEP_BACK = 1.0
-"""Largest decrease of the stamps from message to message [s]."""
-
 
 Series = tuple[NDArray[np.int64], NDArray[np.float64]]
 """Stamps (N,) [ns] and values (N, width)."""
@@ -150,7 +128,7 @@ def _table(
     rows = np.unique(stamps)
     table = Table({"time": (rows - origin) / 1e9}, notes={})
     used = {"joints"}
-    for quantity, kinds in _SOURCES.items():
+    for quantity, kinds in SOURCES.items():
         there = [kind for kind in kinds if kind in topics and quantity in topics[kind].samples]
         if not there:
             continue
@@ -163,10 +141,7 @@ def _table(
         if quantity in ("attitude", "velocity"):  # the velocity needs the attitude of its message
             attitude = topics[there[0]].series("attitude")[1]
         if quantity == "velocity" and attitude is not None:
-            norm = np.linalg.norm(attitude, axis=1, keepdims=True)
-            is_unit = np.abs(norm - 1) < QUATERNION_NORM
-            q = attitude / np.where(is_unit, norm, np.nan)
-            series = series[0], rotate_by_quaternion(q, series[1])
+            series = series[0], velocity_in_W(series[1], attitude)
         _put(table, rows, quantity, names, series, attitude)
     for name in topics["joints"].samples:
         quantity = "joint_rates" if name.startswith("qd:") else "encoders"
@@ -284,11 +259,11 @@ def _read_topic(
             frames.add(pair)
             if wanted and pair != wanted:
                 continue
-            stamp = part.header.stamp.sec * 10**9 + part.header.stamp.nanosec
+            stamp = stamp_of(part)
             if kind == "joints":
-                read.add(stamp, _joint_values(part, where, count - 1))
+                read.add(stamp, joint_values(part, where, count - 1))
             else:
-                read.add(stamp, _values(part, kind))
+                read.add(stamp, message_values(part, kind))
     expected = sum(connection.msgcount for connection in connections)
     if count < expected:
         raise InputError(f"{where}: only {count} of {expected} messages are present")
@@ -314,49 +289,3 @@ def _read_topic(
             "clock was set back, or these are several runs: cut the bag"
         )
     return read
-
-
-def _joint_values(message: Any, where: str, k: int) -> dict[str, Sequence[float]]:
-    """Return positions and rates of message k by columns."""
-    if len(set(message.name)) < len(message.name):
-        raise InputError(f"{where} must name every joint once, not {', '.join(message.name)}")
-    values: dict[str, Sequence[float]] = {}
-    for prefix, numbers in (("q:", message.position), ("qd:", message.velocity)):
-        if len(numbers) not in (0, len(message.name)):
-            raise InputError(
-                f"{where}: message {k} has {len(numbers)} values for {len(message.name)} joints"
-            )
-        values |= {prefix + name: (float(x),) for name, x in zip(message.name, numbers)}
-    return values
-
-
-def _values(message: Any, kind: str) -> dict[str, Sequence[float]]:
-    """Return the quantities in a message about the base; the odometry's velocity is in B."""
-    if kind == "thrust":
-        wrench = message.wrench
-        return {THRUST: [*_vector(wrench.torque), *_vector(wrench.force)]}
-    if kind == "imu":
-        values = {}
-        if message.orientation_covariance[0] != -1:
-            values["attitude"] = _quaternion(message.orientation)
-        if message.angular_velocity_covariance[0] != -1:
-            values["gyro"] = _vector(message.angular_velocity)
-        return values
-    if hasattr(message, "transform"):
-        pose = message.transform
-        return {"attitude": _quaternion(pose.rotation), "position": _vector(pose.translation)}
-    pose = message.pose.pose if hasattr(message.pose, "pose") else message.pose
-    values = {"attitude": _quaternion(pose.orientation), "position": _vector(pose.position)}
-    if kind == "odometry":
-        twist = message.twist.twist
-        values |= {"velocity": _vector(twist.linear), "gyro": _vector(twist.angular)}
-    return values
-
-
-def _vector(xyz: Any) -> Sequence[float]:
-    return xyz.x, xyz.y, xyz.z
-
-
-def _quaternion(orientation: Any) -> Sequence[float]:
-    """Return (w, x, y, z); ROS has w last."""
-    return orientation.w, orientation.x, orientation.y, orientation.z

@@ -4,7 +4,15 @@ import numpy as np
 from drake import lcmt_scope
 from pydrake.common.value import Value
 from pydrake.lcm import DrakeLcm, DrakeLcmInterface
-from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem, OutputPort
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiagramBuilder,
+    DiscreteValues,
+    LeafSystem,
+    OutputPort,
+    PeriodicEventData,
+)
 from pydrake.systems.lcm import LcmInterfaceSystem, LcmScopeSystem, LcmSubscriberSystem
 
 from cpid_drake.files.errors import InputError
@@ -33,7 +41,12 @@ def add_lcm(
 
     A subscriber holds the latest message of its channel. So run the simulator in real time
     (`Simulator.set_target_realtime_rate`), and give a `SensorIdentifier` a period several times
-    shorter than that of its fastest sensor: a message that comes twice in a period is lost.
+    shorter than that of its fastest sensor: a message that comes twice in a period is lost. A
+    sensor's stamp that was read is not used again, so a sender that stops adds nothing. A state has
+    no stamp: between two samples of a `MomentumIdentifier` must come a message of another `utime`.
+
+    In this process, subscribe to `lcm` only while no simulation runs: Drake 1.51 calls a Python
+    subscriber of the same bus without the interpreter's lock, which can end the process.
 
     Args:
         builder: the diagram's builder.
@@ -50,7 +63,8 @@ def add_lcm(
 
     Raises:
         InputError: a port does not fit, or the period is not positive. While the simulation runs: a
-            message has another number of entries than its port.
+            message has another number of entries than its port, or no state has come since the
+            sample before: the same state would count as a new one.
 
     """
     if not period > 0:
@@ -71,7 +85,9 @@ def add_lcm(
                 wait_for_message_on_initialization_timeout=wait,
             )
         )
-        receiver = builder.AddSystem(_Receiver(source, port.size()))
+        # Samples of sensors have stamps; what has none is read once in each of these events.
+        event = identifier.GetUniquePeriodicDiscreteUpdateAttribute()
+        receiver = builder.AddSystem(_Receiver(source, port.size(), event))
         builder.Connect(subscriber.get_output_port(), receiver.get_input_port())
         given[name] = receiver.get_output_port()
     identifier.connected(builder, **given)
@@ -87,16 +103,32 @@ def add_lcm(
 
 
 class _Receiver(LeafSystem):
-    """The numbers of the latest message; NaN before the first."""
+    """The numbers of the latest message; NaN before the first.
 
-    def __init__(self, channel: str, size: int) -> None:
+    If it is read in periodic events, it remembers the message of the last one.
+    """
+
+    def __init__(self, channel: str, size: int, event: PeriodicEventData | None) -> None:
         super().__init__()
         self.set_name(channel)
         self.DeclareAbstractInputPort("message", Value(lcmt_scope()))
         self.DeclareVectorOutputPort("values", size, self._calc_values)
+        self.DeclareDiscreteState([np.nan])  # `utime` of the message that was read
+        if event is not None:
+            self.DeclarePeriodicDiscreteUpdateEvent(
+                event.period_sec(), event.offset_sec(), self._remember
+            )
+
+    def _message(self, context: Context) -> lcmt_scope:
+        return self.GetInputPort("message").Eval(context)
+
+    def _remember(self, context: Context, discrete_state: DiscreteValues) -> None:
+        message = self._message(context)
+        if message.size:
+            discrete_state.set_value([message.utime])
 
     def _calc_values(self, context: Context, output: BasicVector) -> None:
-        message = self.GetInputPort("message").Eval(context)
+        message = self._message(context)
         if message.size == 0:  # none has come
             output.SetFromVector(np.full(output.size(), np.nan))
             return
@@ -104,5 +136,10 @@ class _Receiver(LeafSystem):
             raise InputError(
                 f"LCM channel {self.get_name()}: a message has {message.size} numbers, "
                 f"not {output.size()}"
+            )
+        if message.utime == context.get_discrete_state_vector().value()[0]:
+            raise InputError(
+                f"LCM channel {self.get_name()}: no message has come since the last sample, and "
+                "the same state must not count twice; a SensorIdentifier waits instead"
             )
         output.SetFromVector(message.value)

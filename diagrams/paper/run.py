@@ -55,7 +55,7 @@ def run(scenario: str, out: Path, *, force: bool = False, quiet: bool = False) -
     page.write_folder(out)
     if not quiet:
         print_tables(page)
-    tell(f"{out}: {summary['wall_seconds']:.1f} s")
+    tell(f"{summary['wall_seconds']:.1f} s; open {out / 'report.html'}")
     return study
 
 

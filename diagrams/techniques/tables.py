@@ -66,7 +66,7 @@ def short_table(found: Comparison) -> str:
         "wrist sensor, 0.1 % estimated": "wrist sensor, calibrated to 0.1 %",
     }
     columns = [(m, "rms", s) for m in ("paper", "exciting_motion") for s in ("flight", "servicer")]
-    first = "RMS error, worst parameter ([all techniques](docs/explanation-techniques.md))"
+    first = "RMS error, worst parameter ([all techniques](docs/explanation/techniques.md))"
     lines = [[first, *(f"`{m}`, `{s}`" for m, _, s in columns)], ["---"] * 5]
     for name, label in names.items():
         lines.append([label, *(number(found.number(name, *column)) for column in columns)])

@@ -13,6 +13,7 @@ SCRIPTS = sorted(path.name for path in FOLDER.glob("*.py"))
 ARGUMENTS = {
     "own_spacecraft.py": [],
     "live.py": [],
+    "lcm.py": [],
     "adaptive_control.py": ["--figure", "errors.png"],
     "plan_identify_replan.py": ["--figure", "loop.png"],
     "passivity.py": ["--duration", "2"],
@@ -36,8 +37,8 @@ def ran(folder):
 
 
 def test_every_script_is_tested():
-    """`identify.py` and `sensors.py` are tested as the README's."""
-    assert sorted([*ARGUMENTS, "identify.py", "sensors.py"]) == SCRIPTS
+    """`identify.py` and `sensors.py` are tested as the README's, `ros2_robot.py` with the node."""
+    assert sorted([*ARGUMENTS, "identify.py", "ros2_robot.py", "sensors.py"]) == SCRIPTS
 
 
 @pytest.mark.slow
@@ -141,10 +142,10 @@ def test_the_sample_log_tells_the_bag_that_it_was_made_with(ran):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", ["how-to-logs.md", "how-to-sample-log.md"])
-def test_the_python_of_a_page_runs(page, monkeypatch):
+def test_the_python_of_the_page_about_logs_runs(monkeypatch):
     monkeypatch.chdir(ROOT)
-    [block] = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / page).read_text(), re.S)
+    page = (ROOT / "docs/how-to/logs.md").read_text()
+    [block] = re.findall(r"```python\n(.*?)```", page, re.S)
     names = {}
-    exec(compile(block, page, "exec"), names)
+    exec(compile(block, "logs.md", "exec"), names)
     assert names["result"].consistent.mass == pytest.approx(8.5, abs=0.05)

@@ -13,6 +13,8 @@ from cpid_drake.estimation.block import BlockQueue, blocks_of
 from cpid_drake.estimation.fit import fit
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.online import LONGEST, OnlineState, run, step
+from cpid_drake.estimation.roll import roll
+from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import BODIES, PSI, Model
 from cpid_drake.identification.answer import at_momentum
 from cpid_drake.identification.online import identification_of_state
@@ -105,6 +107,31 @@ def test_blocks_that_are_linear_about_another_target_fail_a_check(case, model):
     found = [identification_of_state(model, s, TotalMomentum.zero()) for s in (state, other)]
     assert not found[0].failures
     assert any("not linear about the target" in failure for failure in found[1].failures)
+
+
+def test_what_an_update_has_computed_is_used_only_where_it_still_holds(case, model):
+    """A prediction at another target is made anew, and rows follow weights and noise."""
+    found = run(model, [add_noise(SUITE, case.samples, 2)]).found
+    [log], values = found.logs, found.values
+    there = values | {PSI: 1.01 * values[PSI]}
+    elsewhere, fresh = roll(model, log, there), roll(model, log, values)
+    sweep(model, log, elsewhere, there)
+    weights = tuple({"attitude": np.full(len(b.samples.attitude), 0.5)} for b in log.blocks)
+    noisy = replace(log, noise={"gyro": 2.0}, weights=weights)
+    expected = sweep(model, noisy, fresh, values)
+    for before in (elsewhere, fresh):
+        rolled = roll(model, log, values, before)
+        for rest, other in zip(rolled.residuals, fresh.residuals, strict=True):
+            for name, each in rest.items():
+                np.testing.assert_array_equal(each, other[name])
+        sweep(model, log, rolled, values)
+        again = sweep(model, noisy, rolled, values)
+        assert again.absorbed == pytest.approx(expected.absorbed, rel=1e-9)
+        step = (again.gaussian.solve() - expected.gaussian.solve()) @ expected.gaussian.R.T
+        assert np.abs(step).max() < 1e-6
+        np.testing.assert_allclose(
+            again.gaussian.covariance(), expected.gaussian.covariance(), rtol=1e-6, atol=1e-9
+        )
 
 
 def test_what_no_motion_tells_stays_unknown(case):

@@ -70,7 +70,7 @@ WRONG = {
     "no such bodies": ({"known_bodies": "magic"}, "magic: no such file"),
     "a number": ({"known_bodies": 0.01}, "known_bodies must be a BodyUncertainty, a text"),
     "no such prior": ({"prior": "cad.yaml"}, "cad.yaml: no such file"),
-    "a mass": ({"prior": 8.5}, "prior must be a TargetPrior, a file, not 8.5"),
+    "a mass": ({"prior": 8.5}, "prior must be a TargetPrior, a result, or a file, not 8.5"),
     "a word": ({"planar": "yes"}, "planar must be a bool, or None, not 'yes'"),
 }
 

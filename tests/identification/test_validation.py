@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import chi2
 from sensing_cases import MOMENTUM, Sines, measured, true_psi
 
-from cpid_drake import InputError, TargetPrior
+from cpid_drake import InputError, TargetPrior, identify, write_result
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.identification.result import Combinations
 from cpid_drake.identification.validation import validate
@@ -122,6 +122,22 @@ def test_an_error_of_the_logs_sensors_does_not_reject_the_right_target(
 
 
 @pytest.mark.slow
+def test_a_result_is_a_target_and_its_file_needs_a_spacecraft(
+    craft, suite, log, skewed_target, tmp_path
+):
+    """What `identify` returns has no spacecraft by name: in a file its capture frame is lost."""
+    exact = measured(craft, Sines.drawn(4, 107, 5.0, 0.5), skewed_target, suite)
+    found = identify(craft, add_noise(suite, exact, seed=3), sensors=suite)
+    other = add_noise(suite, log, seed=4)
+    assert validate(craft, found, other, sensors=suite).is_target_right
+    heavier = found.parameters + 8 * np.sqrt(found.covariance[0, 0]) * np.eye(10)[0]
+    wrong = replace(found, parameters=heavier, combinations=None)
+    assert not validate(craft, wrong, other, sensors=suite).is_target_right
+    write_result(tmp_path / "found.json", found)
+    with pytest.raises(InputError, match=r"found\.json: the result names no spacecraft"):
+        validate(craft, tmp_path / "found.json", other, sensors=suite)
+
+
 def test_only_the_combinations_that_are_known_are_tested(craft, suite, log, skewed_target):
     """A target that is wrong in one combination fails, and passes if that combination is open."""
     psi, is_one = true_psi(craft, skewed_target), np.arange(10) == 4

@@ -1,5 +1,7 @@
 """An identification as ROS 2 messages: what a reader of bags finds is what was identified."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -73,9 +75,15 @@ def test_the_residuals_are_white_noise_of_one_sigma(read, evidence):
 
 
 def test_the_checks_stand_at_the_end(read, evidence):
+    """With what is known, and what each error costs."""
     [(_, message)] = read[DIAGNOSTICS]
-    assert len(message.status) == len(evidence.found.checks)
+    names = [each.name.removeprefix("cpid: ") for each in message.status]
+    checks = [check.name for check in evidence.found.checks]
+    assert names == ["estimate", *checks, "error budget"]
     assert all(int.from_bytes([each.level]) == 0 for each in message.status)
+    shares = {pair.key: pair.value for pair in message.status[-1].values}
+    assert set(shares) == {row.name for row in evidence.found.budget}
+    assert all(re.fullmatch(r"\d+%", share) for share in shares.values())
 
 
 def test_what_cannot_be_written_is_refused(evidence, tmp_path):

@@ -91,6 +91,19 @@ def test_repeated_messages_are_rejected_and_do_no_harm(servicer, log, in_order):
     assert sum(found.rejected.values()) - sum(in_order.rejected.values()) == len(rows[::10])
 
 
+@pytest.mark.parametrize("in_order", [True, False])
+def test_the_zero_of_the_stamps_does_not_matter(servicer, log, in_order):
+    """Seconds since 1970 are as good as those from the start, to the digits of numbers."""
+    rows = messages(log)
+    zero = 1.7e9
+    given = [(zero + time, name, value) for time, name, value in rows]
+    rounded = [(time - zero, name, value) for time, name, value in given]
+    since = fed(OnlineIdentifier(servicer, SENSORS, in_order=in_order), given).finish()
+    other = fed(OnlineIdentifier(servicer, SENSORS, in_order=in_order), rounded).finish()
+    assert_same(since, other, 1e-3)
+    assert since.sample_count == other.sample_count
+
+
 def test_lost_messages_cost_their_information_only(servicer, log, in_order):
     kept = [row for k, row in enumerate(messages(log)) if k % 5]
     found = fed(OnlineIdentifier(servicer, SENSORS), kept).finish()
@@ -202,3 +215,19 @@ def test_its_memory_does_not_grow(servicer):
         if int(row[0]) not in sizes:
             sizes[int(row[0])] = len(pickle.dumps(identifier.state))
     assert max(sizes[k] for k in (14, 15, 16, 17)) < 1.2 * max(sizes[k] for k in (9, 10, 11))
+
+
+@pytest.mark.slow
+def test_changes_of_the_momentum_have_the_time_of_the_stamps(servicer):
+    """A firing of 0.1 s, 2.5 s after the first sample."""
+    scenario = load_scenario(shipped_scenario("thruster_firing"))
+    scenario.sensors.suite, scenario.sensors.seed = "flight", 5
+    scenario.simulation.duration = 5.0
+    scenario.simulation.simulator.accuracy = 1e-6
+    scenario.simulation.burns[0].time = 2.5
+    simulation = make_simulation(scenario)
+    rows = messages(simulation.log(simulation.run()))
+    given = [(1000.0 + time, name, value) for time, name, value in rows]
+    found = fed(OnlineIdentifier(servicer, SENSORS), given).finish()
+    assert found.momentum_changes
+    assert all(abs(time - 1002.5) < 1.0 for time in found.momentum_changes)

@@ -26,11 +26,13 @@ from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.likelihood.constants import DRIFT, ZERO
 from cpid_drake.estimation.likelihood.forces import Force
 from cpid_drake.estimation.likelihood.motion import (
-    TOGETHER,
     BaseMotion,
     Trajectory,
 )
 from cpid_drake.estimation.likelihood.thrust import inverse_mass, transition
+
+TOGETHER = 32
+"""So many blocks have their kinematics computed in one call."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,6 +208,24 @@ def inertia_changes(
         present = np.zeros(uncertainty.count(tree.wheels, q.shape[1])) if errors is None else errors
         found["bodies"] = J @ uncertain_sensitivity(outboard, psi, grid, uncertainty, present).w
     return found
+
+
+def relate(motions: Sequence[BaseMotion], psi: NDArray[np.float64]) -> None:
+    """Compute the known bodies' dynamics of motions of one spacecraft and target in few calls.
+
+    Raises:
+        InputError: see `BodyDynamics.mobility`.
+
+    """
+    for first in range(0, len(motions), TOGETHER):
+        some = motions[first : first + TOGETHER]
+        samples = np.concatenate([motion.joint_motion(motion.times) for motion in some])
+        dynamics, end = BodyDynamics.at(some[0].tree, samples[:, 0], samples[:, 1]), 0
+        inverse, h = dynamics.mobility(psi), dynamics.momentum_at_rest(psi)
+        for motion in some:
+            start, end = end, end + len(motion.times)
+            motion.dynamics = dynamics.part(slice(start, end))
+            motion.free = psi, inverse[start:end], h[start:end]
 
 
 def joint_changes(

@@ -44,9 +44,6 @@ from cpid_drake.estimation.likelihood.uniform_spline import (
 )
 from cpid_drake.files.errors import InputError
 
-TOGETHER = 32
-"""So many blocks have their kinematics computed in one call."""
-
 _STEPS_PER_PIECE = 3.5
 """Grid steps per piece of the joint motion's splines, so that the grid resolves errors of rates."""
 
@@ -139,6 +136,7 @@ class BaseMotion:
     Attributes:
         nodes: (N,) times of the grid [s].
         times: (U,) the N nodes, then the M further times [s].
+        free: ψ with ∂ω/∂L (U, 3, 3) and h (U, 3) of `BodyDynamics`; None if nobody needed them.
 
     """
 
@@ -165,10 +163,11 @@ class BaseMotion:
         steps = int(np.clip(np.ceil(length / step), 4, _MOST_STEPS))
         self.nodes = np.linspace(joints.start, joints.end, steps + 1)
         self.times, self._log = np.concatenate([self.nodes, times]), thrust
+        self.free: tuple[NDArray[np.float64], ...] | None = None
 
     @cached_property
     def dynamics(self) -> BodyDynamics:
-        """The known bodies' dynamics at all times; `relate` computes those of many motions."""
+        """The known bodies' dynamics at all times; `effects.relate` computes those of many."""
         q, qdot = np.moveaxis(self.joint_motion(self.times), 1, 0)
         return BodyDynamics.at(self.tree, q, qdot)
 
@@ -215,8 +214,10 @@ class BaseMotion:
                 turns by more than about a radian in a step.
 
         """
-        dynamics, N = self.dynamics, len(self.nodes)
-        inverse, h = dynamics.mobility(state.psi), dynamics.momentum_at_rest(state.psi)
+        N, psi = len(self.nodes), state.psi
+        if self.free is None or not np.array_equal(self.free[0], psi):
+            self.free = psi, self.dynamics.mobility(psi), self.dynamics.momentum_at_rest(psi)
+        _, inverse, h = self.free
         step = self.nodes[1] - self.nodes[0]
         first = state.attitude.as_matrix()
         R = np.broadcast_to(first, (N, 3, 3))
@@ -391,14 +392,3 @@ class BaseMotion:
         vary fast, cancel exactly.
         """
         return spline_weights(self.nodes, times)
-
-
-def relate(motions: Sequence[BaseMotion]) -> None:
-    """Compute the known bodies' dynamics of motions of one spacecraft in few calls."""
-    for first in range(0, len(motions), TOGETHER):
-        some = motions[first : first + TOGETHER]
-        samples = np.concatenate([motion.joint_motion(motion.times) for motion in some])
-        dynamics, end = BodyDynamics.at(some[0].tree, samples[:, 0], samples[:, 1]), 0
-        for motion in some:
-            start, end = end, end + len(motion.times)
-            motion.dynamics = dynamics.part(slice(start, end))

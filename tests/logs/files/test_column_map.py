@@ -153,7 +153,7 @@ def test_frames_and_stamps_of_two_columns_are_times(tmp_path, motion):
 
 
 def test_the_map_in_the_documentation_has_every_key(tmp_path):
-    page = (ROOT / "docs/how-to-columns.md").read_text()
+    page = (ROOT / "docs/how-to/columns.md").read_text()
     text = page.split("```yaml\n")[1].split("```")[0]
     column_map = load_column_map(mapped(tmp_path, text.replace("unit: ns #", "unit: s #")))
     given = yaml.safe_load(text)

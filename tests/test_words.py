@@ -1,0 +1,66 @@
+"""The pages have short sentences and short cells of tables."""
+
+import re
+from collections.abc import Iterator
+
+import pytest
+from processes import ROOT
+
+LONGEST_SENTENCE, LONGEST_CELL = 25, 15
+"""In words with a letter; code, a formula and a link's address are one word or none."""
+
+PAGES = sorted(
+    path
+    for pattern in (
+        *("cpid_drake/README.md", "diagrams/README.md", "models/**/README.md"),
+        *("docs/**/*.md", "docs/tutorials/*.py"),
+    )
+    for path in ROOT.glob(pattern)
+)
+FENCE = re.compile(r"^( *)(```|~~~).*?^\1\2 *$|\$\$.*?\$\$", re.S | re.M)
+LINK = re.compile(r"!?\[([^][]*(?:\[[^]]*\][^][]*)*)\]\([^)]*\)")
+CODE = re.compile(r"`+[^`]+`+|\$[^$\n]+\$")
+ITEM = re.compile(r"\n\s*\n|^ *(?:[-*]|\d+\.) +|^ *#.*$|^(?= *\|)", re.M)
+END = re.compile(r"(?<=[.!?:])[\"”)*_]*\s+(?=[\"“(*_A-ZΑ-Ω0-9])")
+
+
+def prose(text: str, suffix: str) -> str:
+    """Return the words of a page: of a tutorial, its Markdown; without code, formulas, links."""
+    if suffix == ".py":
+        cells = re.findall(r"^# %% \[markdown\]\n((?:#.*\n)*)", text, re.M)
+        text = "\n\n".join(re.sub(r"^# ?", "", cell, flags=re.M) for cell in cells)
+    return CODE.sub("Code", LINK.sub(r"\1", CODE.sub("Code", FENCE.sub("\n\n", text))))
+
+
+def sentences(text: str) -> Iterator[str]:
+    """Yield the sentences of prose, without tables."""
+    for block in ITEM.split(text):
+        if block and not block.lstrip().startswith("|"):
+            yield from END.split(" ".join(block.split()))
+
+
+def cells(text: str) -> Iterator[str]:
+    """Yield the cells of the tables of prose."""
+    for line in text.splitlines():
+        if line.lstrip().startswith("|"):
+            yield from line.strip().strip("|").split("|")
+
+
+def length(text: str) -> int:
+    """Return the number of words with a letter."""
+    return sum(bool(re.search(r"[^\W\d_]", word)) for word in text.split())
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_sentences_and_cells_are_short(path):
+    text = prose(path.read_text(encoding="utf-8"), path.suffix)
+    assert [each for each in sentences(text) if length(each) > LONGEST_SENTENCE] == []
+    assert [each for each in cells(text) if length(each) > LONGEST_CELL] == []
+
+
+def test_long_sentences_and_cells_are_found():
+    long = " ".join(["word"] * 26)
+    page = f"# Title\n\nShort. {long.capitalize()}. See `a b c` and [b](c.md).\n\n| a | {long} |\n"
+    assert [length(s) for s in sentences(prose(page, ".md"))] == [1, 26, 4]
+    assert [length(c) for c in cells(prose(page, ".md"))] == [1, 26]
+    assert [length(s) for s in sentences("- one two\n- three\n")] == [2, 1]
