@@ -3,19 +3,19 @@
 from pathlib import Path
 from typing import Annotated
 
-from cyclopts import App, Parameter
+from cyclopts import Parameter
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from cpid_drake import report
 from cpid_drake.commands import options
 from cpid_drake.files.overwriting import check_outputs
 
-campaign = App("campaign")
+campaign = options.group("campaign")
 
 
 @campaign.command
 def run(
-    campaign: str,
+    campaign: options.FileName,
     /,
     *,
     out: options.OutFolder,

@@ -10,7 +10,7 @@ from cpid_drake.live.mcap import write_mcap
 
 
 def identify(
-    logs: list[str],
+    logs: list[options.FileName],
     /,
     *,
     chosen: options.LogOptions = options.LogOptions(),

@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import Annotated, Any
 
 import numpy as np
-from cyclopts import App, Parameter
+from cyclopts import Parameter
 from cyclopts.validators import Number as Within
 from rich.live import Live
 
@@ -21,7 +21,7 @@ from cpid_drake.logs.log import THRUST
 from cpid_drake.report.scene import LatestState, Scene
 from cpid_drake.systems.scene_visualizer import FRAME_PERIOD
 
-live = App("live")
+live = options.group("live")
 
 REFRESH = 0.25
 """Time between two updates of what is shown [s]."""

@@ -4,8 +4,6 @@ import sys
 from collections import Counter
 from pathlib import Path
 
-from cyclopts import App
-
 from cpid_drake.commands import options
 from cpid_drake.commands.options import CHECK_FAILED
 from cpid_drake.files.drafts import write_text
@@ -19,7 +17,7 @@ from cpid_drake.logs.files import inspect_log, read_log, read_table, write_log
 from cpid_drake.logs.guess.guess import guess_map
 from cpid_drake.report.log_contents import contents
 
-log = App("log")
+log = options.group("log")
 _SHOWN = 100  # problems of a file that are listed; more of them say nothing new
 
 

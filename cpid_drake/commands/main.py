@@ -11,7 +11,7 @@ from io import TextIOWrapper
 from math import inf
 from typing import get_args
 
-from cyclopts import App, ArgumentCollection, CycloptsError, Parameter
+from cyclopts import App, ArgumentCollection, CycloptsError, Group, Parameter
 
 from cpid_drake.files.errors import InputError
 from cpid_drake.files.resources import __version__, version_of
@@ -63,13 +63,16 @@ app = App(
     default_parameter=Parameter(
         negative=(),
         allow_repeating=True,  # the last one counts
-        show_default=lambda value: None if value in (False, inf) else value,
+        show_default=lambda value: None if isinstance(value, bool) or value == inf else value,
     ),
+    group_parameters=Group.create_default_parameters("Options"),
     config=_whole_numbers,
     exit_on_error=False,
     print_error=False,
 )
 app.register_install_completion_command(help="Complete commands and options in your shell.")
+for _flag in ("--install-completion", "--version", "--help"):
+    app[_flag].group = app.group_parameters
 for _key, (_name, _help) in enumerate(COMMANDS.items()):
     # Imported when it is used: Drake, SciPy and Matplotlib take a second.
     app.command(f"cpid_drake.commands.{_name}:{_name}", help=_help, sort_key=_key)

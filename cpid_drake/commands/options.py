@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from cyclopts import Parameter
+from cyclopts import App, Group, Parameter
 from cyclopts.validators import Number as Within
 from rich.console import Console
 
@@ -27,6 +27,10 @@ from cpid_drake.simulation.spacecraft_file import EXPLICIT, SpacecraftFile, load
 if TYPE_CHECKING:
     from pydrake.geometry import Meshcat
 
+    FileName = str
+else:
+    FileName = str | Path  # the values are str, which is tried first; shells complete paths
+
 NOT_ALL_KNOWN = 3
 """Exit code if the data do not determine all that can act on the motion."""
 
@@ -39,15 +43,17 @@ _AS_THEY_ARE = ("estimator", "rows", "start", "end", "leave_out_bad", "columns")
 File = Annotated[Path, Parameter(metavar="FILE")]
 Folder = Annotated[Path, Parameter(metavar="FOLDER")]
 Name = Annotated[str, Parameter(metavar="NAME")]
-Yaml = Annotated[str, Parameter(metavar="YAML")]
-Sensors = Annotated[str, Parameter(metavar="PRESET|YAML")]
+Yaml = Annotated[FileName, Parameter(metavar="YAML")]
+Sensors = Annotated[FileName, Parameter(metavar="PRESET|YAML")]
 Seconds = Annotated[float, Parameter(metavar="SECONDS")]
 Number = Annotated[float, Parameter(metavar="NUMBER")]
 Count = Annotated[int, Parameter(metavar="COUNT")]
 Rate = Annotated[float, Parameter(metavar="HZ", validator=Within(gte=1e-6, lte=1e6))]
 
-Scenario = Annotated[str, Parameter(help="A scenario file, or the name of a shipped scenario.")]
-LogFile = Annotated[str, Parameter(help="CSV, NPZ, Parquet or ROS 2 bag.")]
+Scenario = Annotated[
+    FileName, Parameter(help="A scenario file, or the name of a shipped scenario.")
+]
+LogFile = Annotated[FileName, Parameter(help="CSV, NPZ, Parquet or ROS 2 bag.")]
 Result = Annotated[Path, Parameter(help="Result file of `cpid identify --json`.")]
 OutFolder = Annotated[
     Path, Parameter(metavar="FOLDER", help="Folder to write; created if it is not there.")
@@ -80,10 +86,10 @@ Momentum = Annotated[
 class SpacecraftOptions:
     """The known spacecraft."""
 
-    scenario: Annotated[str | None, Parameter(metavar="SCENARIO|YAML")] = None
+    scenario: Annotated[FileName | None, Parameter(metavar="SCENARIO|YAML")] = None
     """Scenario, or file of a spacecraft, with model, base, capture frame, packages, sensors,
     momentum, table and known bodies; other options override it."""
-    spacecraft: Annotated[str | None, Parameter(metavar="MODEL")] = None
+    spacecraft: Annotated[FileName | None, Parameter(metavar="MODEL")] = None
     """Model file of the known spacecraft: URDF, SDF, MJCF or Drake directives."""
     base: Name | None = None
     """Base body of the spacecraft."""
@@ -129,14 +135,14 @@ class KnownOptions(SpacecraftOptions):
     """What is known besides the samples."""
 
     momentum: Momentum | None = None
-    known_bodies: Annotated[str | None, Parameter(metavar="KEY=NUMBER,...|YAML|exact")] = None
+    known_bodies: Annotated[FileName | None, Parameter(metavar="KEY=NUMBER,...|YAML|exact")] = None
     """Uncertainty of the spacecraft, 1 sigma, that the intervals include: mass and inertia
     (relative), com [m], joint_position_mm, joint_axis_mrad, grasp_mm, grasp_mrad. Default:
     mass=0.01,com=0.005,inertia=0.01, but exact if the sensors' file says `unstated: exact`."""
     planar: Annotated[bool | None, Parameter(negative="--no-planar")] = None
     """Whether the spacecraft floats on a table whose normal is the world's z axis. Default: yes for
     logs of x, y and yaw."""
-    prior: Annotated[str | None, Parameter(metavar="FILE")] = None
+    prior: Annotated[FileName | None, Parameter(metavar="FILE")] = None
     """What is known about the target besides: a result of `cpid identify` (JSON) or YAML with mass,
     p_CTcm_C, I_TTcm_C and their σ."""
 
@@ -218,7 +224,7 @@ class LogOptions(PartOptions, KnownOptions):
     rows: Name | None = None
     """Row family of least_squares, such as standard, relative or eq18; `cpid list` explains all.
     Default: standard, or relative for logs without position and velocity."""
-    sensors: Annotated[list[str] | None, Parameter(metavar="[NAME=]PRESET|YAML")] = None
+    sensors: Annotated[list[FileName] | None, Parameter(metavar="[NAME=]PRESET|YAML")] = None
     """Sensor noise: a preset or a YAML file. NAME= before it, the name of a log, gives those of
     this log alone, and may be repeated; logs with the same file have the same hardware. Default:
     estimated from the log if needed."""
@@ -250,6 +256,11 @@ class LogOptions(PartOptions, KnownOptions):
         suite = folder / "sensors.yaml"
         sensors = self.sensors or ([str(suite)] if suite.is_file() else None)
         return replace(self, scenario=str(folder / "scenario.yaml"), sensors=sensors)
+
+
+def group(name: str) -> App:
+    """Return a command of several commands, which add themselves to it."""
+    return App(name, group_parameters=Group.create_default_parameters("Options"))
 
 
 @contextmanager

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from cyclopts import App, Group, Parameter
+from cyclopts import Group, Parameter
 from cyclopts.validators import Number as Within
 
 import cpid_drake as cpid
@@ -19,7 +19,7 @@ from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.files.overwriting import check_folder, check_outputs
 from cpid_drake.files.resources import find_scenario
 
-plan = App("plan")
+plan = options.group("plan")
 
 _KNOWN = Parameter(group=Group.create_ordered("What is known"))
 
@@ -175,7 +175,7 @@ def export(
     motion: Path,
     /,
     *,
-    scenario: Annotated[str, Parameter(metavar="SCENARIO")],
+    scenario: Annotated[options.FileName, Parameter(metavar="SCENARIO")],
     out: options.File,
     rate: Annotated[options.Rate, Parameter(validator=Within(gte=0.1, lte=1e4))] = 100.0,
     force: options.Force = False,

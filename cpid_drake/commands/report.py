@@ -17,12 +17,12 @@ from cpid_drake.report.run_folder import read_run
 
 
 def report(
-    log: str | None = None,
+    log: options.FileName | None = None,
     /,
     *,
     out: options.File,
     chosen: options.LogOptions = options.LogOptions(),
-    result: Annotated[str | None, Parameter(metavar="FILE")] = None,
+    result: Annotated[options.FileName | None, Parameter(metavar="FILE")] = None,
     run: options.Folder | None = None,
     figures: options.Folder | None = None,
     force: options.Force = False,

@@ -25,7 +25,7 @@ from cpid_drake.report.terminal import print_table
 
 def validate(
     result: options.Result,
-    log: str,
+    log: options.FileName,
     /,
     *,
     part: options.PartOptions = options.PartOptions(),
