@@ -9,9 +9,16 @@ import sys
 import unicodedata
 from io import TextIOWrapper
 from math import inf
-from typing import get_args
+from typing import Any, get_args
 
-from cyclopts import App, ArgumentCollection, CycloptsError, Group, Parameter
+from cyclopts import (
+    App,
+    ArgumentCollection,
+    CycloptsError,
+    Group,
+    Parameter,
+    UnusedCliTokensError,
+)
 
 from cpid_drake.files.errors import InputError
 from cpid_drake.files.resources import __version__, version_of
@@ -55,7 +62,18 @@ def _whole_numbers(app: App, commands: tuple[str, ...], arguments: ArgumentColle
                 raise InputError(f"{token.keyword} {token.value}: give a whole number")
 
 
-app = App(
+class _Cpid(App):
+    """The command, whose completion in Bash continues the name of a folder."""
+
+    def generate_completion(self, **options: Any) -> str:
+        """Return the script of a shell; Bash is told when words are names of files."""
+        files = "COMPREPLY=( $(compgen -f"
+        return (
+            super().generate_completion(**options).replace(files, f"compopt -o filenames; {files}")
+        )
+
+
+app = _Cpid(
     name="cpid",
     help="Identify a captured target's inertial parameters from momentum conservation.\n\n"
     f"Exit codes: {'; '.join(f'{code} {text}' for code, text in EXIT_CODES.items())}.",
@@ -119,6 +137,8 @@ def main() -> None:
             raise InputError("Drake cannot read its files in an ASCII locale; set PYTHONUTF8=1")
         code = _run(sys.argv[1:])
         sys.stdout.flush()  # a full disk is noticed here
+    except UnusedCliTokensError as error:
+        code = _fail(f"not expected: {' '.join(error.unused_tokens or ())}")
     except (InputError, CycloptsError) as error:
         code = _fail(str(error))
     except OSError as error:

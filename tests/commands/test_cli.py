@@ -1,6 +1,7 @@
 """The `cpid` command as a user meets it: help, usage, lists."""
 
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -8,7 +9,7 @@ from pathlib import Path
 import pytest
 from processes import finish, start
 
-from cpid_drake.commands.main import COMMANDS
+from cpid_drake.commands.main import COMMANDS, app
 
 
 def test_help_names_all_commands_and_imports_none_of_their_libraries():
@@ -34,6 +35,7 @@ def test_help_names_all_commands_and_imports_none_of_their_libraries():
         (["log", "--install-completion"], "--install-completion"),
         (["plan", "motion", "paper", "--out", "x", "--targets", "1.5"], "1.5: give a whole number"),
         (["simulate", "paper", "--out"], "--out requires an argument"),
+        (["log", "check", "a.csv", "b.csv"], "not expected: b.csv"),
     ],
 )
 def test_wrong_usage_is_one_line(refusal, tmp_path, arguments, cause):
@@ -57,6 +59,27 @@ def test_without_a_command_the_help_is_printed_and_the_usage_is_wrong(cpid, argu
     code, stdout, stderr = cpid(*arguments)
     assert (code, stderr) == (2, "")
     assert "Commands" in stdout
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="there is no Bash")
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        ("identify log.csv --mom", "--momentum"),
+        ("identify log.csv --momentum z", "zero"),
+        ("identify my_", "my_log.csv"),
+        ("identify log.csv --sensors my_", "my_log.csv"),
+        ("log c", "check convert"),
+    ],
+)
+def test_bash_completes_options_values_files_and_commands(tmp_path, words, found):
+    """As after `cpid --install-completion`, in a folder with one file."""
+    (tmp_path / "my_log.csv").touch()
+    count = len(words.split())
+    shell = f"{app.generate_completion(shell='bash')}\ncompopt() {{ :; }}\n"
+    shell += f"COMP_WORDS=(cpid {words}); COMP_CWORD={count}; _cpid; echo ${{COMPREPLY[@]}}"
+    ended = subprocess.run(["bash"], input=shell, text=True, capture_output=True, cwd=tmp_path)
+    assert (ended.stdout.strip(), ended.stderr) == (found, "")
 
 
 def test_the_list_says_where_the_presets_files_are(cpid):
