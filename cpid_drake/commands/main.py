@@ -69,7 +69,9 @@ class _Cpid(App):
         """Return the script of a shell; Bash is told when words are names of files."""
         files = "COMPREPLY=( $(compgen -f"
         return (
-            super().generate_completion(**options).replace(files, f"compopt -o filenames; {files}")
+            super()
+            .generate_completion(**options)
+            .replace(files, f"compopt -o filenames 2> /dev/null; {files}")
         )
 
 

@@ -76,7 +76,7 @@ def test_bash_completes_options_values_files_and_commands(tmp_path, words, found
     """As after `cpid --install-completion`, in a folder with one file."""
     (tmp_path / "my_log.csv").touch()
     count = len(words.split())
-    shell = f"{app.generate_completion(shell='bash')}\ncompopt() {{ :; }}\n"
+    shell = f"{app.generate_completion(shell='bash')}\n"
     shell += f"COMP_WORDS=(cpid {words}); COMP_CWORD={count}; _cpid; echo ${{COMPREPLY[@]}}"
     ended = subprocess.run(["bash"], input=shell, text=True, capture_output=True, cwd=tmp_path)
     assert (ended.stdout.strip(), ended.stderr) == (found, "")
