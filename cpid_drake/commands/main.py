@@ -9,7 +9,7 @@ import sys
 import unicodedata
 from io import TextIOWrapper
 from math import inf
-from typing import Any, get_args
+from typing import Literal, get_args
 
 from cyclopts import (
     App,
@@ -62,20 +62,7 @@ def _whole_numbers(app: App, commands: tuple[str, ...], arguments: ArgumentColle
                 raise InputError(f"{token.keyword} {token.value}: give a whole number")
 
 
-class _Cpid(App):
-    """The command, whose completion in Bash continues the name of a folder."""
-
-    def generate_completion(self, **options: Any) -> str:
-        """Return the script of a shell; Bash is told when words are names of files."""
-        files = "COMPREPLY=( $(compgen -f"
-        return (
-            super()
-            .generate_completion(**options)
-            .replace(files, f"compopt -o filenames 2> /dev/null; {files}")
-        )
-
-
-app = _Cpid(
+app = App(
     name="cpid",
     help="Identify a captured target's inertial parameters from momentum conservation.\n\n"
     f"Exit codes: {'; '.join(f'{code} {text}' for code, text in EXIT_CODES.items())}.",
@@ -90,7 +77,31 @@ app = _Cpid(
     exit_on_error=False,
     print_error=False,
 )
-app.register_install_completion_command(help="Complete commands and options in your shell.")
+
+
+@app.command(name="--install-completion")
+def install_completion(
+    *, shell: Literal["bash", "zsh", "fish", "powershell"] | None = None
+) -> None:
+    """Complete commands and options in your shell.
+
+    Args:
+        shell: Default: the shell in which the command runs.
+
+    """
+    from cyclopts.completion.detect import ShellDetectionError
+
+    try:
+        script = app.install_completion(shell=shell)
+    except ShellDetectionError as error:
+        raise InputError(f"the shell is not known; give --shell: {error}") from error
+    files, text = "COMPREPLY=( $(compgen -f", script.read_text(encoding="utf-8")
+    # Bash continues the name of a folder if it knows that the words are names of files.
+    text = text.replace(files, f"compopt -o filenames 2> /dev/null; {files}")
+    script.write_text(text, encoding="utf-8")
+    print(f"{script}: written; shells that start from now on use it")
+
+
 for _flag in ("--install-completion", "--version", "--help"):
     app[_flag].group = app.group_parameters
 for _key, (_name, _help) in enumerate(COMMANDS.items()):

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from processes import finish, start
 
-from cpid_drake.commands.main import COMMANDS, app
+from cpid_drake.commands.main import COMMANDS
 
 
 def test_help_names_all_commands_and_imports_none_of_their_libraries():
@@ -72,13 +72,16 @@ def test_without_a_command_the_help_is_printed_and_the_usage_is_wrong(cpid, argu
         ("log c", "check convert"),
     ],
 )
-def test_bash_completes_options_values_files_and_commands(tmp_path, words, found):
-    """As after `cpid --install-completion`, in a folder with one file."""
+def test_bash_completes_options_values_files_and_commands(cpid, tmp_path, words, found):
+    """After `cpid --install-completion`, in a folder with a log."""
     (tmp_path / "my_log.csv").touch()
-    count = len(words.split())
-    shell = f"{app.generate_completion(shell='bash')}\n"
-    shell += f"COMP_WORDS=(cpid {words}); COMP_CWORD={count}; _cpid; echo ${{COMPREPLY[@]}}"
-    ended = subprocess.run(["bash"], input=shell, text=True, capture_output=True, cwd=tmp_path)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("HOME", str(tmp_path))
+        assert cpid("--install-completion", "--shell", "bash")[0] == 0
+    shell = f". .bashrc; COMP_WORDS=(cpid {words}); COMP_CWORD={len(words.split())}; _cpid\n"
+    ended = subprocess.run(
+        ["bash"], input=shell + "echo ${COMPREPLY[@]}", text=True, capture_output=True, cwd=tmp_path
+    )
     assert (ended.stdout.strip(), ended.stderr) == (found, "")
 
 
