@@ -8,9 +8,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from cpid_drake import report
 from cpid_drake.commands import options
+from cpid_drake.commands.groups import group
 from cpid_drake.files.overwriting import check_outputs
 
-campaign = options.group("campaign")
+campaign = group("campaign")
 
 
 @campaign.command

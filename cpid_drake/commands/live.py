@@ -11,6 +11,7 @@ from rich.live import Live
 
 import cpid_drake as cpid
 from cpid_drake.commands import options
+from cpid_drake.commands.groups import group
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.checked_log import Known, in_joint_order
 from cpid_drake.identification.description import describe
@@ -21,7 +22,7 @@ from cpid_drake.logs.log import THRUST
 from cpid_drake.report.scene import LatestState, Scene
 from cpid_drake.systems.scene_visualizer import FRAME_PERIOD
 
-live = options.group("live")
+live = group("live")
 
 REFRESH = 0.25
 """Time between two updates of what is shown [s]."""

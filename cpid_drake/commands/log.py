@@ -5,6 +5,7 @@ from collections import Counter
 from pathlib import Path
 
 from cpid_drake.commands import options
+from cpid_drake.commands.groups import group
 from cpid_drake.commands.options import CHECK_FAILED
 from cpid_drake.files.drafts import write_text
 from cpid_drake.files.errors import InputError, prefix_errors
@@ -17,7 +18,7 @@ from cpid_drake.logs.files import inspect_log, read_log, read_table, write_log
 from cpid_drake.logs.guess.guess import guess_map
 from cpid_drake.report.log_contents import contents
 
-log = options.group("log")
+log = group("log")
 _SHOWN = 100  # problems of a file that are listed; more of them say nothing new
 
 

@@ -8,18 +8,16 @@ import platform
 import sys
 import unicodedata
 from io import TextIOWrapper
-from math import inf
 from typing import Literal, get_args
 
 from cyclopts import (
     App,
     ArgumentCollection,
     CycloptsError,
-    Group,
-    Parameter,
     UnusedCliTokensError,
 )
 
+from cpid_drake.commands.groups import group
 from cpid_drake.files.errors import InputError
 from cpid_drake.files.resources import __version__, version_of
 
@@ -62,17 +60,11 @@ def _whole_numbers(app: App, commands: tuple[str, ...], arguments: ArgumentColle
                 raise InputError(f"{token.keyword} {token.value}: give a whole number")
 
 
-app = App(
-    name="cpid",
+app = group(
+    "cpid",
     help="Identify a captured target's inertial parameters from momentum conservation.\n\n"
     f"Exit codes: {'; '.join(f'{code} {text}' for code, text in EXIT_CODES.items())}.",
     version=print_version,
-    default_parameter=Parameter(
-        negative=(),
-        allow_repeating=True,  # the last one counts
-        show_default=lambda value: None if isinstance(value, bool) or value == inf else value,
-    ),
-    group_parameters=Group.create_default_parameters("Options"),
     config=_whole_numbers,
     exit_on_error=False,
     print_error=False,

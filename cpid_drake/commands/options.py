@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from cyclopts import App, Group, Parameter
+from cyclopts import Parameter
 from cyclopts.validators import Number as Within
 from rich.console import Console
 
@@ -256,11 +256,6 @@ class LogOptions(PartOptions, KnownOptions):
         suite = folder / "sensors.yaml"
         sensors = self.sensors or ([str(suite)] if suite.is_file() else None)
         return replace(self, scenario=str(folder / "scenario.yaml"), sensors=sensors)
-
-
-def group(name: str) -> App:
-    """Return a command of several commands, which add themselves to it."""
-    return App(name, group_parameters=Group.create_default_parameters("Options"))
 
 
 @contextmanager

@@ -13,13 +13,14 @@ from cyclopts.validators import Number as Within
 import cpid_drake as cpid
 from cpid_drake import planning, report, simulation
 from cpid_drake.commands import options
+from cpid_drake.commands.groups import group
 from cpid_drake.files.digits import significant
 from cpid_drake.files.drafts import draft_folder, draft_of, write_text
 from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.files.overwriting import check_folder, check_outputs
 from cpid_drake.files.resources import find_scenario
 
-plan = options.group("plan")
+plan = group("plan")
 
 _KNOWN = Parameter(group=Group.create_ordered("What is known"))
 
