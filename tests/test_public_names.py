@@ -41,6 +41,14 @@ def test_the_path_is_the_first_argument_of_all_that_write_or_read_a_file():
     assert {"write_log", "write_result", "write_report", "export_target"} <= found.keys()
 
 
+def test_no_signature_shows_an_object_s_address():
+    for name in cpid_drake.__all__:
+        each = getattr(cpid_drake, name)
+        if callable(each):
+            for parameter in inspect.signature(each).parameters.values():
+                assert " at 0x" not in inspect.formatannotation(parameter.annotation), name
+
+
 def test_the_package_itself_loads_nothing_heavy():
     assert not modules_after("import cpid_drake") & {"numpy", "scipy", "pydrake", "matplotlib"}
 
