@@ -107,7 +107,8 @@ def identify(
     Raises:
         InputError: an argument is of another type; there is no log, or it cannot be read; a name of
             sensors is no log, or a log has none; the estimator or the rows are unknown, or cannot
-            handle this momentum; the data contain other joints than the spacecraft's; a sensor that
+            handle this momentum; the data contain other joints than the spacecraft's; another
+            convention explains a log clearly better than the one it is read in; a sensor that
             the estimator needs is missing (the message lists the estimators that could use the
             data); there are too few samples; the prior determines combinations of other unknowns
             than the estimator's.
@@ -124,6 +125,8 @@ def identify(
         progress(f"checking {name}")
         with prefix_errors(where[name]):
             own = check_log(spacecraft, each, suites[name], planar, by_momentum=False)
+            if wrong := own.conventions.failures:  # no fit of this log can be right
+                raise InputError("; ".join(wrong))
         logs[name] = replace(own, sensors=suites[name])
     normals = {name: log.normal_B for name, log in logs.items() if log.normal_B is not None}
     if normals and len(normals) < len(logs):
@@ -175,9 +178,7 @@ def identify(
     convention = _convention(log, spacecraft)
     if not convention:
         return found
-    first, *rest = found.checks  # the first failed
-    first = replace(first, sentence=f"{first.sentence}; most likely, {convention}")
-    return replace(found, checks=(first, *rest))
+    return replace(found, checks=(Check("log", f"most likely, {convention}"), *found.checks))
 
 
 def _convention(log: CheckedLog, spacecraft: Spacecraft) -> str:

@@ -107,9 +107,8 @@ def check_conventions(
     Args:
         log: screened samples, joints in the spacecraft's order.
         tree: the known spacecraft; None to compare positions with rates only.
-        by_momentum: whether to look for another convention in any case, of which the momentum may
-            decide; else only if rates contradict positions. A fit of the log says better whether
-            the momentum is conserved, with noise, forces and errors.
+        by_momentum: whether to look for another convention in any case; else only if a comparison
+            fails, on a table one of rates: its few equations do not tell conventions apart.
 
     """
     given = instants_of(log)
@@ -118,7 +117,8 @@ def check_conventions(
     found = compare_rates(given, log.joint_names) + compare_momentum(given, tree)
     failed = [c for c in found if c.residual > (EXPLAINS if c.name == MOMENTUM else AGREES)]
     better: list[Alternative] = []
-    if by_momentum or any(c.name != MOMENTUM for c in failed):
+    is_planar = tree is not None and tree.normal_B is not None
+    if by_momentum or any(c.name != MOMENTUM or not is_planar for c in failed):
         column_map = log.column_map or ColumnMap()
         better = better_conventions(given, log.joint_names, tree, column_map)
     unchecked = []
