@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import chain
 
@@ -22,11 +23,13 @@ from cpid_drake.identification.arguments import (
     require_spacecraft,
     sensors_of_logs,
 )
+from cpid_drake.identification.by_rows import MISFIT
 from cpid_drake.identification.checked_log import CheckedLog, Known, check_log
 from cpid_drake.identification.checks import Check, rejection_checks
 from cpid_drake.identification.consistency import checked
 from cpid_drake.identification.estimators import (
     ESTIMATORS,
+    LEAST_SQUARES,
     Estimator,
     require_sensors,
     with_method,
@@ -125,8 +128,6 @@ def identify(
         progress(f"checking {name}")
         with prefix_errors(where[name]):
             own = check_log(spacecraft, each, suites[name], planar, by_momentum=False)
-            if wrong := own.conventions.failures:  # no fit of this log can be right
-                raise InputError("; ".join(wrong))
         logs[name] = replace(own, sensors=suites[name])
     normals = {name: log.normal_B for name, log in logs.items() if log.normal_B is not None}
     if normals and len(normals) < len(logs):
@@ -144,6 +145,8 @@ def identify(
     for name, log in logs.items():
         with prefix_errors(where[name]):
             require_sensors(log, known)
+            if wrong := log.conventions.failures or _by_momentum(known, log):
+                raise InputError("; ".join(wrong))
     progress("identifying")
     try:
         found = method.estimate(known, logs, progress)
@@ -179,6 +182,28 @@ def identify(
     if not convention:
         return found
     return replace(found, checks=(Check("log", f"most likely, {convention}"), *found.checks))
+
+
+def _by_momentum(known: Known, log: CheckedLog) -> tuple[str, ...]:
+    """Return the convention that the momentum asks for, if noise does not explain the log as read.
+
+    In a short log many conventions explain a smooth motion; the misfit of rows knows the noise.
+    """
+    if log.conventions.has_momentum or known.spacecraft.tree.normal_B is not None:
+        return ()
+    wrong = check_conventions(log.measurements, known.spacecraft.tree).failures
+    if not wrong:
+        return ()
+    coasting = log.measurements.between(-np.inf, log.measurements.first_burn)
+    logs = {"": replace(log, measurements=coasting)}
+    unknown = TotalMomentum.unknown()
+    by_rows = replace(known, estimator=LEAST_SQUARES, rows=None, prior=None, momentum=unknown)
+    with suppress(np.linalg.LinAlgError, InputError):  # too few samples
+        by_rows = with_method(by_rows, logs)
+        found = ESTIMATORS[LEAST_SQUARES].estimate(by_rows, logs, lambda step: None)
+        misfit = found.check(MISFIT)
+        return () if misfit is None or misfit.passed else wrong
+    return ()
 
 
 def _convention(log: CheckedLog, spacecraft: Spacecraft) -> str:

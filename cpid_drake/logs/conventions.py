@@ -62,6 +62,11 @@ class Findings:
     not_compared: tuple[str, ...] = ()
 
     @property
+    def has_momentum(self) -> bool:
+        """Whether the momentum explains the motion, or cannot be compared."""
+        return all(c.residual <= EXPLAINS for c in self.comparisons if c.name == MOMENTUM)
+
+    @property
     def sentence(self) -> str:
         """The convention that explains the log better, and the remedy; empty without one."""
         return ", or ".join(each.sentence for each in self.better)
@@ -107,8 +112,9 @@ def check_conventions(
     Args:
         log: screened samples, joints in the spacecraft's order.
         tree: the known spacecraft; None to compare positions with rates only.
-        by_momentum: whether to look for another convention in any case; else only if a comparison
-            fails, on a table one of rates: its few equations do not tell conventions apart.
+        by_momentum: whether to look for another convention in any case, of which the momentum may
+            decide; else only if rates contradict positions. An estimate from the log says better
+            whether the momentum is conserved, with noise, forces and errors.
 
     """
     given = instants_of(log)
@@ -117,8 +123,7 @@ def check_conventions(
     found = compare_rates(given, log.joint_names) + compare_momentum(given, tree)
     failed = [c for c in found if c.residual > (EXPLAINS if c.name == MOMENTUM else AGREES)]
     better: list[Alternative] = []
-    is_planar = tree is not None and tree.normal_B is not None
-    if by_momentum or any(c.name != MOMENTUM or not is_planar for c in failed):
+    if by_momentum or any(c.name != MOMENTUM for c in failed):
         column_map = log.column_map or ColumnMap()
         better = better_conventions(given, log.joint_names, tree, column_map)
     unchecked = []

@@ -189,7 +189,10 @@ class TestCheck:
         assert "not checked: units of position, its point, signs of joints (needs --sp" in stdout
 
     def test_positions_in_millimetres_are_named(self, cpid):
-        """Relative rows do not use positions: their answer is right, with a warning."""
+        """Relative rows do not use positions: their answer is right, with a warning.
+
+        A fit uses them, and asks first for what the log's channels are.
+        """
         log = read_log(SAMPLE)
         log.position.value[:] *= 1000
         write_log("mm.csv", log)
@@ -200,6 +203,8 @@ class TestCheck:
         code, stdout, stderr = cpid("identify", "mm.csv", *CRAFT, *rows)
         assert "momentum leaves 100% of the motion unexplained" in stderr
         assert (code, stdout) == cpid("identify", SAMPLE, *CRAFT, *rows)[:2]
-        assert cpid("identify", "mm.csv", *CRAFT)[0] == 4
+        code, stdout, _ = cpid("identify", "mm.csv", *CRAFT)
+        assert code == 4
+        assert stdout.startswith("failed check: most likely, the position is in millimetres")
         Path("map.yaml").write_text("position: {unit: mm}\n")
         assert cpid("log", "check", "mm.csv", *CRAFT, "--columns", "map.yaml")[0] == 0

@@ -19,6 +19,7 @@ from sensing_cases import (
 
 from cpid_drake import InputError, identify
 from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.identification.checked_log import check_log
 from cpid_drake.logs.log import Log, Samples
 from cpid_drake.sensors.sensors import JointSensor
 from cpid_drake.simulation.noise import add_noise
@@ -204,12 +205,12 @@ def test_slow_motion_determines_the_same_target(craft, exact, skewed_target):
 
 
 class TestContradictions:
-    def test_joints_all_in_degrees_are_named_and_beyond_their_limits(self, craft, exact):
+    def test_joints_all_in_degrees_are_refused_and_beyond_their_limits(self, craft, exact):
         turned = np.where(np.arange(4) == 1, 1.0, np.degrees(1.0))  # the second one slides
         both = changed(exact, encoders=lambda q: q * turned, joint_rates=lambda q: q * turned)
-        found = identify(craft, both)
-        assert any("joint_positions.unit: deg" in failure for failure in found.failures)
-        warnings = "; ".join(found.warnings)
+        with pytest.raises(InputError, match=r"joint_positions\.unit: deg"):
+            identify(craft, both)
+        warnings = "; ".join(check_log(craft, both).warnings)
         assert "beyond the model's limits -9 to 9 rad: is it in degrees" in warnings
         assert "q:slide" not in warnings
 

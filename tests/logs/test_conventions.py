@@ -1,5 +1,6 @@
 """The convention is named that rates and the momentum ask for, and no other cause is."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +16,8 @@ from sensing_cases import (
     true_telemetry,
 )
 
-from cpid_drake import InputError, identify, load_scenario, shipped_scenario
+from cpid_drake import InputError, identify, load_scenario, read_log, shipped_scenario
+from cpid_drake.files.resources import models_directory
 from cpid_drake.logs.column_map import ColumnMap, TimeColumn
 from cpid_drake.logs.conventions import check_conventions
 from cpid_drake.logs.conversion import from_columns
@@ -351,6 +353,34 @@ def test_a_wrong_unit_is_refused_before_anything_is_estimated(craft, skewed_targ
         identify(craft, bad, rows="standard", progress=steps.append)
     assert steps == ["checking log"]
     assert not identify(craft, log, rows="standard").failures
+
+
+SAMPLE = read_log(models_directory() / "telemetry/free_flyer.csv")
+WRONG = {
+    "joint_positions.unit: deg": changed("encoders", lambda m: m.encoders.value * DEGREES),
+    "reversed_joints: [arm_joint4]": changed(
+        "encoders", lambda m: m.encoders.value * [1, 1, 1, -1]
+    ),
+    "attitude.order: xyzw": changed("attitude", lambda m: m.attitude.value[:, [1, 2, 3, 0]]),
+    "angular_velocity.unit: deg/s": changed("gyro", lambda m: m.gyro.value * DEGREES),
+}
+
+
+@pytest.mark.parametrize("remedy", WRONG)
+def test_a_log_that_shows_its_convention_is_refused_before_a_fit(remedy):
+    """By rates, or by the momentum, whose rows the noise of the sensors does not explain."""
+    craft, steps = load_scenario(shipped_scenario("free_flyer_payload")).spacecraft.make(), []
+    with pytest.raises(InputError, match=re.escape(remedy)):
+        identify(craft, WRONG[remedy](SAMPLE), progress=steps.append)
+    assert steps == ["checking log"]
+
+
+@pytest.mark.parametrize("end", [0.7, 1.0])
+def test_a_right_log_of_which_noise_is_half_the_motion_is_not_refused(end):
+    """Of a second of smooth motion, many conventions explain what the momentum does not."""
+    craft = load_scenario(shipped_scenario("free_flyer_payload")).spacecraft.make()
+    found = identify(craft, SAMPLE.between(0.0, end))
+    assert not any("map of columns" in failure for failure in found.failures)
 
 
 def test_gaps_are_not_bridged_and_the_part_that_moves_is_compared(craft, noisy):

@@ -258,7 +258,7 @@ def angle_columns(angles, joints, *, quaternion=False):
         ("*", "joint_*"),
         ("base_*", "arm_*"),
         ("base_*", "*"),
-        ("imu.*", "arm.*.angle"),
+        ("pose.*", "arm.*.angle"),
     ],
 )
 def test_angles_of_the_base_are_told_from_joints_of_these_names(angular, angles, joints):
