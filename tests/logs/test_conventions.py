@@ -430,3 +430,14 @@ def test_what_cannot_be_compared_is_said(craft, noisy):
     comparisons = check_conventions(noisy, craft.tree).comparisons
     assert {c.name for c in comparisons} == {"attitude", BY_MOMENTUM}
     assert all(c.residual < 0.05 for c in comparisons)
+
+
+def test_the_unit_of_a_gyro_without_attitude_is_said_to_be_open(craft, noisy):
+    """Unless the momentum tells it."""
+    alone = without(noisy, "attitude", "position")
+    said_open = "unit of the angular velocity (no attitude to compare with)"
+    assert said_open in check_conventions(alone, None).not_compared
+    assert said_open not in check_conventions(noisy, None).not_compared
+    assert check_conventions(noisy, craft.tree).not_compared == ()
+    turned = "order and direction of the attitude (no angular velocity to compare with)"
+    assert turned in check_conventions(without(noisy, "gyro"), None).not_compared
