@@ -210,7 +210,8 @@ def _find_vectors(guess: GuessedMap, free: list[str], axes: list[Group]) -> None
             guess.say(key, f"no {key.replace('_', ' ')}: no three columns have names for it")
             continue
         group, section = _nearest(guess, choices, words), getattr(guess.column_map, key)
-        section.columns = [name for axis, name in group.members.items() if axis != "w"]
+        ordered = sorted(group.members, key=lambda axis: (len(axis), axis))  # x, y, z or 9, 10, 11
+        section.columns = [group.members[axis] for axis in ordered if axis != "w"]
         if key == "angular_velocity":
             guess.column_map.angular_velocity.frame = "body"
         others = [g.stem for g in choices if g is not group]

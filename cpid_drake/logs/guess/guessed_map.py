@@ -28,7 +28,7 @@ class GuessedMap:
         spacecraft: the known spacecraft.
         base: name of the base body.
         column_map: the map so far.
-        reasons: by key of the map, the reasons for its entries.
+        reasons: by key of the map, the reasons for its entries; by "", what is wrong in the whole.
         missing: what the map lacks or nothing in the log confirms, in words.
         free: keys of conventions about which names and values say nothing.
         time_units: the units of time that the steps allow, if there are several.
@@ -102,7 +102,7 @@ class GuessedMap:
 
     def text(self, heading: str = "") -> str:
         """Return the map as YAML text for `load_column_map`, its reasons as comments."""
-        lines = _comment(heading)
+        lines = [line for text in (heading, *self.reasons.get("", ())) for line in _comment(text)]
         for entry in fields(self.column_map):
             value = _without_defaults(getattr(self.column_map, entry.name))
             said = [line for text in self.reasons.get(entry.name, ()) for line in _comment(text)]

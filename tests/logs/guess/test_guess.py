@@ -268,6 +268,7 @@ def test_angles_of_the_base_are_told_from_joints_of_these_names(angular, angles,
         assert guess.missing == []
         at, order = guess.column_map, ("roll", "pitch", "yaw")
         assert at.attitude.columns == [angles.replace("*", name) for name in order]
+        assert at.position.columns == ["x", "y", "z"]
         assert at.joint_positions.columns == {n: joints.replace("*", n) for n in JOINTS}
 
 
