@@ -1,7 +1,7 @@
 """`identify`: a target from any data with any estimator."""
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import chain
@@ -25,7 +25,7 @@ from cpid_drake.identification.arguments import (
 )
 from cpid_drake.identification.by_rows import MISFIT
 from cpid_drake.identification.checked_log import CheckedLog, Known, check_log
-from cpid_drake.identification.checks import Check, rejection_checks
+from cpid_drake.identification.checks import Check, label_of, rejection_checks
 from cpid_drake.identification.consistency import checked
 from cpid_drake.identification.estimators import (
     ESTIMATORS,
@@ -40,6 +40,7 @@ from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import SPACECRAFT, Identification
 from cpid_drake.logs.conventions import check_conventions
 from cpid_drake.sensors.error_kinds import bodies_of as errors_of_bodies
+from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
@@ -48,6 +49,12 @@ THRUST_NOT_USED = (
     "--estimator trajectory_fit"
 )
 """The failed check of an estimator that assumes a constant momentum while thrusters fire."""
+
+HELD_BY_BASE = (
+    "the capture frame is fixed to the base: no joint moves the target relative to the base, and "
+    "only the base's reaction to the joints, or to thrusters, shows it"
+)
+"""The warning about a target that the base itself holds."""
 
 
 @one_thread
@@ -176,6 +183,8 @@ def identify(
     could_be = planar is None and could_be_planar(tree, log.measurements.attitude.value)
     if could_be and not (found.passed and found.is_complete):
         found = replace(found, warnings=(*found.warnings, PROPOSED))
+    if tree.jointed and tree.lumped.capture_body == 0:
+        found = replace(found, warnings=(*found.warnings, HELD_BY_BASE))
     if others or not found.failures or log.failures:
         return found
     convention = _convention(log, spacecraft)
@@ -213,6 +222,18 @@ def _convention(log: CheckedLog, spacecraft: Spacecraft) -> str:
     return check_conventions(log.measurements, spacecraft.tree).sentence
 
 
+def _without_errors(log: CheckedLog) -> Iterator[str]:
+    """Yield the sensors of a log that are not used, because the sensors' file has no errors."""
+    if log.sensors is None:
+        return
+    for name in SENSORS:
+        if len(log.measurements[name]) and name not in log.sensors.present():
+            yield (
+                f"the {label_of(name)} of the log is not used: the sensors' file has no "
+                f"'{name}:' with its rate and noise"
+            )
+
+
 def _with_logs(
     found: Identification, logs: Mapping[str, CheckedLog], method: Estimator, is_uncertain: bool
 ) -> Identification:
@@ -224,6 +245,7 @@ def _with_logs(
         if log.measurements.has_thrust and method.uses_rows:
             failed.append(THRUST_NOT_USED.format(f"{log.measurements.first_burn:.4g}", method.name))
         said = [*log.warnings, *(f"not checked: {text}" for text in log.conventions.unchecked)]
+        said += [] if method.uses_rows else _without_errors(log)
         warnings += [where + text for text in said]
         checks += [Check("log", where + text) for text in failed]
         checks += rejection_checks(log.rejected, log.counts, where)
