@@ -6,7 +6,6 @@ from typing import Annotated, Any
 
 import numpy as np
 from annotated_types import Interval
-from rich.live import Live
 from rich.table import Table
 
 import cpid_drake as cpid
@@ -23,6 +22,7 @@ from cpid_drake.live.ros2 import run
 from cpid_drake.live.ros_samples import RosSamples, sources_of
 from cpid_drake.logs.log import THRUST
 from cpid_drake.report.scene import LatestState, Scene
+from cpid_drake.report.terminal import shown_live
 from cpid_drake.systems.scene_visualizer import FRAME_PERIOD
 
 REFRESH = 0.25
@@ -107,7 +107,7 @@ def replay(
     scene = Scene(craft, options.open_meshcat(PAGE), has_rates=has_rates) if show else None
     begin, shown, drawn = time.monotonic(), -np.inf, -np.inf
     found = identifier.estimate()
-    with Live(console=options.log_console(quiet), refresh_per_second=8) as screen:
+    with shown_live(options.log_console(quiet)) as screen:
         for count, (name, stamp, value) in enumerate(stream, start=1):
             lag = time.monotonic() - begin - (stamp - first) / rate
             if lag < 0:
