@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from cpid_drake import Scenario
+from cpid_drake.commands.main import app
 
 DOCS = Path(__file__).parent
 ROOT = DOCS.parent
@@ -20,7 +21,11 @@ def write_pages() -> None:
     """Write the pages into reference/api; autosummary writes that of each name beside them."""
     folder = DOCS / "reference/api"
     folder.mkdir(exist_ok=True)
-    for name, lines in (("index", names_page()), ("scenario-keys", keys_page())):
+    for name, lines in (
+        ("index", names_page()),
+        ("scenario-keys", keys_page()),
+        ("cpid", cpid_page()),
+    ):
         page, text = folder / f"{name}.rst", "\n".join(lines)
         if not page.exists() or page.read_text(encoding="utf-8") != text:
             page.write_text(text, encoding="utf-8")
@@ -35,6 +40,14 @@ def names_page() -> Iterator[str]:
         yield from (".. autosummary::", "   :toctree: .", "")
         yield from (f"   {module}.{name}" for name in public_names(stub))
         yield ""
+
+
+def cpid_page() -> Iterator[str]:
+    """Yield the lines of the page with all commands and their options, from their functions."""
+    for name in app:
+        if app[name].default_command is not None:
+            app[name].help = None  # the docstring says more
+    yield app.generate_docs("rst")
 
 
 def keys_page() -> Iterator[str]:

@@ -11,7 +11,6 @@ import sys
 
 import numpy as np
 import pytest
-import typer
 from processes import ROOT
 
 import cpid_drake
@@ -40,15 +39,15 @@ def test_the_readme_is_short():
 
 def test_every_command_and_option_of_the_pages_exists():
     """Of all lines with `cpid` in the pages' blocks for a shell."""
-    group, found = typer.main.get_command(app), 0
+    found = 0
     for page in PAGES:
         for block in re.findall(r"```sh\n(.*?)```", page.read_text(), re.S):
             for line in re.findall(r"^ *cpid (.+)$", block.replace("\\\n", " "), re.M):
                 words = shlex.split(line, comments=True)
-                _, command, rest = group.resolve_command(None, words)
-                while hasattr(command, "resolve_command"):
-                    _, command, rest = command.resolve_command(None, rest)
-                known = {name for parameter in command.params for name in parameter.opts}
+                _, [*_, command], rest = app.parse_commands(words)
+                known = {
+                    name for each in command.assemble_argument_collection() for name in each.names
+                }
                 given = {word.partition("=")[0] for word in rest if word.startswith("--")}
                 assert given <= known, (page.name, line)
                 found += 1

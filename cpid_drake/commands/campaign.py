@@ -3,49 +3,60 @@
 from pathlib import Path
 from typing import Annotated
 
+from cyclopts import Parameter
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from cpid_drake import report
 from cpid_drake.commands import options
-from cpid_drake.commands.usage import group
+from cpid_drake.commands.groups import group
 from cpid_drake.files.overwriting import check_outputs
 
+campaign = group("campaign")
 
-def run_trials(
-    campaign: Annotated[str, "CAMPAIGN", "YAML file of a campaign; see models/campaigns."],
+
+@campaign.command
+def run(
+    campaign: options.FileName,
+    /,
+    *,
     out: options.OutFolder,
-    resume: Annotated[bool, "Continue the campaign in the folder."] = False,
-    workers: Annotated[int | None, "Number of processes. Default: one for each processor."] = None,
-    scheduler: Annotated[
-        str | None,
-        "--scheduler ADDRESS",
-        "A running scheduler of dask.distributed, such as tcp://…",
-    ] = None,
-    chunk: Annotated[int | None, "Trials of a task and of a file."] = None,
-    quiet: options.QuietOption = False,
+    resume: bool = False,
+    workers: options.Count | None = None,
+    scheduler: Annotated[str | None, Parameter(metavar="ADDRESS")] = None,
+    chunk: options.Count | None = None,
+    quiet: options.Quiet = False,
 ) -> None:
-    """Run many simulated trials, on this machine or on a cluster; nothing finished is lost."""
+    """Run many simulated trials, on this machine or on a cluster; nothing finished is lost.
+
+    Args:
+        campaign: YAML file of a campaign; see models/campaigns.
+        resume: Continue the campaign in the folder.
+        workers: Number of processes. Default: one for each processor.
+        scheduler: A running scheduler of dask.distributed, such as tcp://…
+        chunk: Trials of a task and of a file.
+
+    """
     with options.extra("campaign"):
-        from cpid_drake.campaign import run
+        from cpid_drake.campaign.run import CHUNK, State, run_campaign
     log = options.log_console(quiet)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
     with Progress(*columns, TimeRemainingColumn(), console=log, disable=not log.is_terminal) as bar:
         task = bar.add_task("trials")
 
-        def progress(state: run.State) -> None:
+        def progress(state: State) -> None:
             if not state.new and state.dashboard:
                 log.print(f"dashboard: {state.dashboard}")
             rate = f"{state.new / state.seconds:.3g} trials/s" if state.new else "trials"
             text = f"{rate}, {state.failed} without estimate"
             bar.update(task, completed=state.done, total=state.total, description=text)
 
-        ended = run.run_campaign(
+        ended = run_campaign(
             campaign,
             out,
             resume=resume,
             workers=workers,
             scheduler=scheduler,
-            chunk=run.CHUNK if chunk is None else chunk,
+            chunk=CHUNK if chunk is None else chunk,
             progress=progress,
         )
     failed = f", {ended.failed} without estimate" if ended.failed else ""
@@ -53,12 +64,16 @@ def run_trials(
     log.print(f"report: cpid campaign report {out}")
 
 
-def write_page(
-    folder: Annotated[Path, "FOLDER", "The folder of a campaign."],
-    force: options.ForceOption = False,
-    quiet: options.QuietOption = False,
+@campaign.command(name="report")
+def write_report(
+    folder: Path, /, *, force: options.Force = False, quiet: options.Quiet = False
 ) -> None:
-    """Report a campaign: errors, coverage, checks, worst cases, verdicts on its requirements."""
+    """Report a campaign: errors, coverage, checks, worst cases, verdicts on its requirements.
+
+    Args:
+        folder: The folder of a campaign.
+
+    """
     with options.extra("campaign"):
         from cpid_drake.campaign.statistics import statistics_of
         from cpid_drake.report.pages.campaign import campaign_report
@@ -67,8 +82,3 @@ def write_page(
     page.write_folder(folder)
     if not quiet:
         report.print_tables(page)
-
-
-campaign = group(
-    "Run many simulated trials, and report their errors.", run=run_trials, report=write_page
-)

@@ -1,9 +1,8 @@
 """`cpid export`."""
 
-from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
-from cpid_drake.commands.options import ForceOption, ResultArgument, log_console
+from cpid_drake.commands import options
 from cpid_drake.files.errors import InputError
 from cpid_drake.files.overwriting import check_outputs
 from cpid_drake.identification.result_files import read_result
@@ -11,25 +10,28 @@ from cpid_drake.spacecraft.export import export_target, free_name
 
 
 def export(
-    result: ResultArgument,
-    format: Annotated[
-        Literal["urdf", "sdf", "mjcf", "drake-yaml"],
-        "--format",
-        "Format; drake-yaml: model directives.",
-    ],
-    out: Annotated[Path, "--out FILE", "File to write; its ending must fit the format."],
-    with_spacecraft: Annotated[bool, "Write the spacecraft with the target attached."] = False,
-    name: Annotated[
-        str | None,
-        "Name of the target's body. Default: target, or target_2 etc. if it is taken.",
-    ] = None,
-    raw: Annotated[
-        bool, "Export the raw estimate, not the nearest physically consistent one."
-    ] = False,
-    allow_failed_checks: Annotated[bool, "Export a result although a check failed."] = False,
-    force: ForceOption = False,
+    result: options.Result,
+    /,
+    *,
+    format: Literal["urdf", "sdf", "mjcf", "drake-yaml"],
+    out: options.File,
+    with_spacecraft: bool = False,
+    name: options.Name | None = None,
+    raw: bool = False,
+    allow_failed_checks: bool = False,
+    force: options.Force = False,
 ) -> None:
-    """Export an identified target as a model: URDF, SDF, MJCF or Drake model directives."""
+    """Export an identified target as a model: URDF, SDF, MJCF or Drake model directives.
+
+    Args:
+        format: Format; drake-yaml: model directives.
+        out: File to write; its ending must fit the format.
+        with_spacecraft: Write the spacecraft with the target attached.
+        name: Name of the target's body. Default: target, or target_2 etc. if it is taken.
+        raw: Export the raw estimate, not the nearest physically consistent one.
+        allow_failed_checks: Export a result although a check failed.
+
+    """
     found = read_result(result)
     if found.failures and not allow_failed_checks:
         raise InputError(
@@ -47,9 +49,9 @@ def export(
             raise InputError(f"{result}: the result does not name its spacecraft")
         spacecraft = source.make()
     check_outputs([("--out", out)], [result, *found.files()], force=force)
-    chosen, log = free_name(name, spacecraft), log_console()
+    chosen, log = free_name(name, spacecraft), options.log_console()
     written = export_target(
-        target, out, format=format, spacecraft=spacecraft, name=chosen, overwrite=force
+        out, target, format=format, spacecraft=spacecraft, name=chosen, overwrite=force
     )
     if chosen != (name or "target"):
         log.print(f"the model already has a 'target'; the exported one is '{chosen}'")

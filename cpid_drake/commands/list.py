@@ -2,9 +2,9 @@
 
 import re
 
-from rich.console import Console
 from rich.table import Table
 
+from cpid_drake.commands.options import log_console
 from cpid_drake.dynamics.rows import ROW_FAMILIES
 from cpid_drake.files.resources import models_directory
 from cpid_drake.identification.estimators import ESTIMATORS
@@ -26,13 +26,13 @@ def list() -> None:
             name: family.good_for for name, family in ROW_FAMILIES.items()
         },
     }
-    console = Console(markup=False, highlight=False)
+    console = log_console(stderr=False)
     for title, part in parts.items():
         table = Table.grid(padding=(0, 2))
         for name, text in part.items():
             table.add_row(name, text)
-        console.print(title, style="bold", soft_wrap=True)
-        console.print(table)
+        console.print(title, style="bold")
+        console.print(table, soft_wrap=False)
 
 
 def _first_sentence(text: str) -> str:

@@ -1,20 +1,16 @@
 """`cpid live`: identification of samples as they arrive."""
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Annotated, Any
 
 import numpy as np
-from annotated_types import Interval
-from rich.live import Live
-from rich.table import Table
+from cyclopts import Parameter
+from cyclopts.validators import Number as Within
 
 import cpid_drake as cpid
 from cpid_drake.commands import options
-from cpid_drake.commands.usage import group
-from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
-from cpid_drake.estimation.least_squares import quantile_95
-from cpid_drake.files.digits import with_half_width
+from cpid_drake.commands.groups import group
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.checked_log import Known, in_joint_order
 from cpid_drake.identification.description import describe
@@ -23,64 +19,36 @@ from cpid_drake.live.ros2 import run
 from cpid_drake.live.ros_samples import RosSamples, sources_of
 from cpid_drake.logs.log import THRUST
 from cpid_drake.report.scene import LatestState, Scene
+from cpid_drake.report.terminal import shown_live
 from cpid_drake.systems.scene_visualizer import FRAME_PERIOD
 
+live = group("live")
+
 REFRESH = 0.25
-"""Time between two updates of the table [s]."""
+"""Time between two updates of what is shown [s]."""
 
 PAGE = " (legend and numbers are in Open Controls)"
 """Remark beside the address of the page: Meshcat begins with its controls closed."""
 
 
-@dataclass
-class _Shown:
-    """What the table shows.
-
-    Attributes:
-        found: the identification.
-        time: stamp of the latest sample [s].
-        count: number of samples so far.
-        lag: time by which the replay is late [s].
-
-    """
-
-    found: "cpid.Identification"
-    time: float
-    count: int
-    lag: float
-
-    def table(self) -> Table:
-        """Return the estimate, and how the stream does."""
-        title = f"{self.time:.1f} s"
-        table = Table("", "estimate", "± 95 %", "", title=title, caption=self._state())
-        half = quantile_95() * np.sqrt(np.diag(self.found.covariance))
-        for name, value, own, unit in zip(
-            PARAMETER_NAMES, self.found.parameters, half, PARAMETER_UNITS, strict=True
-        ):
-            if np.isfinite(own):
-                table.add_row(name, *with_half_width(value, own).split(" ± "), unit)
-            else:
-                table.add_row(name, "not known", "", unit)
-        return table
-
-    def _state(self) -> str:
-        rejected, failed = sum(self.found.rejected.values()), self.found.failures
-        text = f"{self.count} samples, {rejected} rejected; {self.lag:.1f} s late"
-        return "; ".join([text, *(f"failed: {each}" for each in failed[:1])])
-
-
+@live.command
 def replay(
-    log: Annotated[str, "LOG", options.LOG_KINDS],
-    chosen: options.LogOptions,
-    rate: Annotated[float, "Ratio of replayed to real time.", Interval(ge=0.1, le=1e4)] = 1.0,
-    show: Annotated[
-        bool, "--show/--no-show", "Draw the spacecraft and the estimate in Meshcat."
-    ] = True,
-    quiet: options.QuietOption = False,
+    log: options.LogFile,
+    /,
+    *,
+    chosen: options.LogOptions = options.LogOptions(),
+    rate: Annotated[options.Number, Parameter(validator=Within(gte=0.1, lte=1e4))] = 1.0,
+    show: Annotated[bool, Parameter(negative="--no-show")] = True,
+    quiet: options.Quiet = False,
 ) -> int:
     """Feed a log through the online identifier in real time, and show what it knows.
 
     The end is that of `cpid identify`, with its exit codes.
+
+    Args:
+        rate: Ratio of replayed to real time.
+        show: Draw the spacecraft and the estimate in Meshcat.
+
     """
     request = chosen.request(log)
     if request.estimator not in (None, "recursive_fit") or request.rows is not None:
@@ -107,7 +75,7 @@ def replay(
     scene = Scene(craft, options.open_meshcat(PAGE), has_rates=has_rates) if show else None
     begin, shown, drawn = time.monotonic(), -np.inf, -np.inf
     found = identifier.estimate()
-    with Live(console=options.log_console(quiet), refresh_per_second=8) as screen:
+    with shown_live(options.log_console(quiet)) as screen:
         for count, (name, stamp, value) in enumerate(stream, start=1):
             lag = time.monotonic() - begin - (stamp - first) / rate
             if lag < 0:
@@ -117,39 +85,45 @@ def replay(
             now = time.monotonic()
             if now - shown > REFRESH:
                 found, shown = identifier.estimate(), now
-                screen.update(_Shown(found, stamp, count, max(lag, 0.0)).table())
+                screen.update(
+                    "\n".join([_state(found, stamp, count, max(lag, 0.0)), *describe(found)])
+                )
             if scene and now - drawn > FRAME_PERIOD and latest.state is not None:
                 drawn = now
                 scene.draw(stamp - first, latest.state, found)
         found = identifier.finish()
-        screen.update(_Shown(found, last, len(stream), 0.0).table())
+        screen.update(_state(found, last, len(stream), 0.0))
     if scene and latest.state is not None:
         scene.draw(last - first, latest.state, found)
-    options.print_warnings(found.warnings)
-    if not quiet:
-        print("\n".join(describe(found)))
-    return options.exit_code(found)
+    return options.finish(found, quiet)
 
 
+def _state(found: "cpid.Identification", time: float, count: int, lag: float) -> str:
+    rejected = sum(found.rejected.values())
+    return f"{time:.1f} s: {count} samples, {rejected} rejected; {lag:.1f} s late"
+
+
+@live.command
 def ros2(
-    chosen: options.LiveOptions,
-    thrust_map: Annotated[
-        str | None,
-        "--thrust-map FILE",
-        "Text file of 6 rows, torque and force about the base's origin, with one number for each "
-        "entry of a Float64MultiArray of thrust. Default: its entries are these six.",
-    ] = None,
-    ros: Annotated[
-        list[str] | None, "ROS", "After --: arguments of ROS, from --ros-args on."
-    ] = None,
-    quiet: options.QuietOption = False,
+    ros: list[str] | None = None,
+    /,
+    *,
+    chosen: options.LiveOptions = options.LiveOptions(),
+    thrust_map: options.File | None = None,
+    quiet: options.Quiet = False,
 ) -> int:
     """Run a ROS 2 node that identifies, until it is interrupted.
 
     It publishes ~/target, ~/target_sigma, ~/estimate and /diagnostics. The end is that of
     `cpid identify`, with its exit codes.
+
+    Args:
+        ros: After --: arguments of ROS, from --ros-args on.
+        thrust_map: Text file of 6 rows, torque and force about the base's origin, with one number
+            for each entry of a Float64MultiArray of thrust. Default: its entries are these six.
+
     """
-    request, topics = chosen.request(), chosen.topics()
+    request, topics = chosen.make_request("", chosen.sensors), chosen.topics()
     inputs = opened_inputs(request, lambda step: None)
     craft = inputs.spacecraft.on_table() if request.planar else inputs.spacecraft
     suite = _sensors(inputs)
@@ -167,10 +141,7 @@ def ros2(
     samples = RosSamples(identifier, topics, thrust_map=matrix)
     with options.extra("ros2"):
         found = run(samples, request.spacecraft.capture_frame, ros or ())
-    options.print_warnings(found.warnings)
-    if not quiet:
-        print("\n".join(describe(found)))
-    return options.exit_code(found)
+    return options.finish(found, quiet)
 
 
 def _sensors(inputs: Known) -> "cpid.SensorSuite":
@@ -192,6 +163,3 @@ def _identifier(
         known_bodies=inputs.known_bodies,
         **others,
     )
-
-
-live = group("Identify from samples as they arrive.", replay=replay, ros2=ros2)

@@ -1,37 +1,34 @@
 """`cpid log`: checks logs, finds out what their columns mean, and converts them."""
 
+import sys
 from collections import Counter
-from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
-
-from annotated_types import Interval
-from rich.console import Console
 
 from cpid_drake.commands import options
+from cpid_drake.commands.groups import group
 from cpid_drake.commands.options import CHECK_FAILED
-from cpid_drake.commands.usage import group
 from cpid_drake.files.drafts import write_text
 from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.files.overwriting import check_outputs
 from cpid_drake.identification.checked_log import check_log, left_out_warnings
 from cpid_drake.identification.checks import label_of
-from cpid_drake.logs.channels import Channel, look_at
-from cpid_drake.logs.conventions import Findings, check_conventions
-from cpid_drake.logs.conversion import LogFile
+from cpid_drake.logs.channels import look_at
+from cpid_drake.logs.conventions import Findings
 from cpid_drake.logs.files import inspect_log, read_log, read_table, write_log
 from cpid_drake.logs.guess.guess import guess_map
-from cpid_drake.logs.screening import screen
 from cpid_drake.report.log_contents import contents
-from cpid_drake.spacecraft.spacecraft import Spacecraft
 
+log = group("log")
 _SHOWN = 100  # problems of a file that are listed; more of them say nothing new
 
 
+@log.command
 def check(
-    file: options.LogArgument,
-    craft: options.SpacecraftOptions,
-    reading: options.ReadingOptions,
+    log: options.LogFile,
+    /,
+    *,
+    craft: options.SpacecraftOptions = options.SpacecraftOptions(),
+    reading: options.ReadingOptions = options.ReadingOptions(),
 ) -> int:
     """List the contents and all problems of a log, and what was not checked.
 
@@ -40,70 +37,50 @@ def check(
 
     Exit codes: 0 no error, perhaps warnings; 2 at least one error.
     """
-    spacecraft = craft.make() if craft.is_given else None
+    spacecraft = craft.known().make() if craft != options.SpacecraftOptions() else None
     joints = None if spacecraft is None else spacecraft.joint_names
-    found = inspect_log(file, topics=reading.topics(), columns=reading.columns, joints=joints)
-    errors, warnings, said, channels = _compared(found, spacecraft)
-    count, unchecked = len(found.problems) + len(errors), [*said.unchecked, *said.not_compared]
-    if errors and not said.comparisons:
+    found = inspect_log(log, topics=reading.topics(), columns=reading.columns, joints=joints)
+    rejected, failures, said = Counter(found.partial), list[str](), Findings()
+    warnings = left_out_warnings(found.left_out_joints)
+    try:
+        checked = check_log(spacecraft, found.log)
+    except InputError as error:
+        failures, seen = [str(error)], look_at(found.log)
+        warnings, channels = [*warnings, *seen.warnings], seen.table
+    else:
+        failures, said, channels = [*checked.failures], checked.conventions, checked.channels
+        warnings += checked.warnings
+        rejected += Counter(checked.rejected)
+    warnings += [f"unusable samples of {label_of(name)}: {n}" for name, n in rejected.items()]
+    problems, unchecked = [*found.problems, *failures], [*said.unchecked, *said.not_compared]
+    if failures and not said.comparisons:
         unchecked.append("units, signs and frames: nothing was compared, because of the errors")
-    hidden = max(len(found.problems) - _SHOWN, 0)
-    out = Console(markup=False, highlight=False, soft_wrap=True)
-    out.print("\n".join(contents(found, file, channels, said.comparisons)))
-    lines = [f"warning: {warning}" for warning in warnings]
-    lines += [f"error: {problem}" for problem in [*found.problems[:_SHOWN], *errors]]
-    lines += [f"... and {hidden} more"] * (hidden > 0)
+    lines = [*contents(found, log, channels, said.comparisons)]
+    lines += [f"warning: {warning}" for warning in warnings]
+    lines += [f"error: {problem}" for problem in [*found.problems[:_SHOWN], *failures]]
+    if len(found.problems) > _SHOWN:
+        lines.append(f"... and {len(found.problems) - _SHOWN} more")
     lines += [f"not checked: {text}" for text in unchecked]
-    if not lines:
-        lines = ["no problems found"]
-    elif not count:
-        lines.append(f"no errors; warnings: {len(warnings)}, not checked: {len(unchecked)}")
-    for line in lines:
-        out.print(line)
-    if count:
-        raise InputError(f"{file}: {count} problem{'s' * (count > 1)} found, listed above")
+    if not problems:
+        counts = f"no errors; warnings: {len(warnings)}, not checked: {len(unchecked)}"
+        lines.append(counts if warnings or unchecked else "no problems found")
+    options.log_console(stderr=False).print("\n".join(lines))
+    if problems:
+        plural = "s" * (len(problems) > 1)
+        raise InputError(f"{log}: {len(problems)} problem{plural} found, listed above")
     return 0
 
 
-def _compared(
-    found: LogFile, craft: Spacecraft | None
-) -> tuple[list[str], list[str], Findings, tuple[Channel, ...]]:
-    """Return errors, warnings, what the comparisons of a log say, and its channels."""
-    warnings, rejected = left_out_warnings(found.left_out_joints), Counter(found.partial)
-    errors, noted, said, seen = list[str](), list[str](), Findings(), look_at(found.log)
-    channels = seen.table
-    try:
-        if craft is not None:
-            checked = check_log(craft, found.log)
-            said, channels = checked.conventions, checked.channels
-            errors, noted = [*checked.failures], [*checked.warnings]
-            rejected += Counter(checked.rejected)
-        elif seen.errors:
-            errors, noted = [*seen.errors], [*seen.warnings]
-        else:
-            screened = screen(seen.log)
-            said = check_conventions(screened.log, None)
-            said = replace(said, not_compared=(*said.not_compared, *seen.not_compared))
-            errors, noted = [*said.failures], [*seen.warnings, *said.warnings]
-            rejected += Counter(screened.rejected)
-    except InputError as error:
-        errors, noted = [str(error)], [*seen.warnings]
-    unusable = [f"unusable samples of {label_of(name)}: {n}" for name, n in rejected.items()]
-    return errors, [*warnings, *noted, *unusable], said, channels
-
-
+@log.command(name="map")
 def map_columns(
-    file: options.LogArgument,
-    craft: options.SpacecraftOptions,
-    out: Annotated[Path | None, "--out FILE", "YAML file to write the map to."] = None,
-    frame_rate: Annotated[
-        float | None,
-        "--frame-rate HZ",
-        "Frames per second, if the log counts frames.",
-        Interval(ge=1e-6, le=1e6),
-    ] = None,
-    topic: options.TopicOption = None,
-    force: options.ForceOption = False,
+    log: options.LogFile,
+    /,
+    *,
+    craft: options.SpacecraftOptions = options.SpacecraftOptions(),
+    out: options.File | None = None,
+    frame_rate: options.Rate | None = None,
+    topic: options.Topics | None = None,
+    force: options.Force = False,
 ) -> int:
     """Guess what the columns of a log mean, say why, and check the guess.
 
@@ -113,55 +90,57 @@ def map_columns(
 
     Exit codes: 0 the log agrees with the map; 2 columns are missing; 4 the log does not agree with
     the map, or an attitude, a unit or a direction is open.
+
+    Args:
+        out: YAML file to write the map to.
+        frame_rate: Frames per second, if the log counts frames.
+
     """
-    check_outputs([("--out", out)], [file, *craft.files()], force=force)
-    known, spacecraft = craft.known(), craft.make()
+    check_outputs([("--out", out)], [log, *craft.files()], force=force)
+    known, spacecraft = craft.known(), craft.known().make()
     topics = options.ReadingOptions(topic=topic).topics()
-    with prefix_errors(file):
-        guess = guess_map(read_table(file, topics), spacecraft, known.base, frame_rate)
-    text = guess.text(f"Map of the columns of {Path(file).name}, guessed by `cpid log map`.")
-    Console(markup=False, highlight=False, soft_wrap=True).print(text)
+    with prefix_errors(log):
+        guess = guess_map(read_table(log, topics), spacecraft, known.base, frame_rate)
+    text = guess.text(f"Map of the columns of {Path(log).name}, guessed by `cpid log map`.")
+    options.log_console(stderr=False).print(text)
     if out is not None:
         write_text(out, text)
-    with prefix_errors(f"{file}: does not agree with this map"):
-        checked = check_log(spacecraft, guess.log)
-    messages = options.log_console()
+    with prefix_errors(f"{log}: does not agree with this map"):
+        checked, wrong = check_log(spacecraft, guess.log), ""
     if guess.missing:
-        messages.print(f"{file}: complete this map: {'; '.join(guess.missing)}")
-        return CHECK_FAILED
-    if checked.failures:
-        messages.print(f"{file}: does not agree with this map: {checked.failures[0]}")
+        wrong = f"complete this map: {'; '.join(guess.missing)}"
+    elif checked.failures:
+        wrong = f"does not agree with this map: {checked.failures[0]}"
+    if wrong:
+        print(f"{log}: {wrong}", file=sys.stderr)
         return CHECK_FAILED
     options.print_warnings(checked.warnings)
     if out is not None:
-        messages.print(f"{out}: written; read the log with --columns {out}")
+        print(f"{out}: written; read the log with --columns {out}", file=sys.stderr)
     return 0
 
 
+@log.command
 def convert(
-    file: options.LogArgument,
-    reading: options.ReadingOptions,
-    out: Annotated[Path, "--out FILE", "File to write: .csv, .npz or .parquet."],
-    leave_out_bad: options.LeaveOutBadOption = False,
-    force: options.ForceOption = False,
+    log: options.LogFile,
+    /,
+    *,
+    reading: options.ReadingOptions = options.ReadingOptions(),
+    out: options.File,
+    leave_out_bad: options.LeaveOutBad = False,
+    force: options.Force = False,
 ) -> None:
     """Write a log in the package's own columns, SI units and radians.
 
     Angular velocities are written in the body's axes, as gyros measure them.
+
+    Args:
+        out: File to write: .csv, .npz or .parquet.
+
     """
-    check_outputs([("--out", out)], [file, reading.columns], force=force)
+    check_outputs([("--out", out)], [log, reading.columns], force=force)
     found = read_log(
-        file, leave_out_bad=leave_out_bad, topics=reading.topics(), columns=reading.columns
+        log, leave_out_bad=leave_out_bad, topics=reading.topics(), columns=reading.columns
     )
     write_log(out, found)
     options.log_console().print(f"{out}: written, {len(found.joint_names)} joints")
-
-
-log = group(
-    "Check logs, find out what their columns mean, and convert them. A log of any origin "
-    "takes three steps: `map` writes a map of its columns, `check --columns` and "
-    "`identify --columns` read the log with it.",
-    check=check,
-    map=map_columns,
-    convert=convert,
-)

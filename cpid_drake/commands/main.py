@@ -7,15 +7,17 @@ import os
 import platform
 import sys
 import unicodedata
-from importlib import import_module
 from io import TextIOWrapper
-from typing import Annotated, Any
+from typing import Literal, get_args
 
-import typer
-import typer.core
-import typer.main
+from cyclopts import (
+    App,
+    ArgumentCollection,
+    CycloptsError,
+    UnusedCliTokensError,
+)
 
-from cpid_drake.commands.usage import group
+from cpid_drake.commands.groups import group
 from cpid_drake.files.errors import InputError
 from cpid_drake.files.resources import __version__, version_of
 
@@ -44,82 +46,67 @@ EXIT_CODES = {
 """The exit codes of all commands and their meanings."""
 
 
-class LazyGroup(typer.core.TyperGroup):
-    """Imports a subcommand only when it is used: Drake, SciPy and Matplotlib take a second."""
-
-    def list_commands(self, ctx: Any) -> list[str]:
-        """Return the names of all subcommands."""
-        return list(COMMANDS)
-
-    def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Return a stand-in of a subcommand, which has its name and its help."""
-        if cmd_name not in COMMANDS:
-            return None
-        return typer.core.TyperCommand(cmd_name, help=COMMANDS[cmd_name])
-
-    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Return the name of the subcommand, the subcommand itself, and its arguments."""
-        name, found, rest = super().resolve_command(ctx, args)
-        if found is None:
-            return name, found, rest
-        command = getattr(import_module(f"cpid_drake.commands.{name}"), str(name))
-        logging.getLogger("drake").setLevel(logging.WARNING)  # Drake sets it when it is imported
-        if not isinstance(command, typer.Typer):
-            command = group("", **{str(name): command})
-        return name, typer.main.get_command(command), rest
+def print_version() -> str:
+    """Return the versions of this package, Drake and Python."""
+    drake = version_of("drake") or "not installed"
+    return f"cpid {__version__} (Drake {drake}, Python {platform.python_version()})"
 
 
-app = typer.Typer(
-    name="cpid",
-    cls=LazyGroup,
-    help="Identify a captured target's inertial parameters from momentum conservation.",
-    epilog="Exit codes: " + "; ".join(f"{code} {text}" for code, text in EXIT_CODES.items()) + ".",
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
+def _whole_numbers(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
+    """Refuse fractions where whole numbers are meant; cyclopts rounds them."""
+    for each in arguments:
+        if int in (each.hint, *get_args(each.hint)):
+            for token in (token for token in each.tokens if "." in token.value):
+                raise InputError(f"{token.keyword} {token.value}: give a whole number")
+
+
+app = group(
+    "cpid",
+    help="Identify a captured target's inertial parameters from momentum conservation.\n\n"
+    f"Exit codes: {'; '.join(f'{code} {text}' for code, text in EXIT_CODES.items())}.",
+    version=print_version,
+    config=_whole_numbers,
+    exit_on_error=False,
+    print_error=False,
 )
 
 
-def print_version(wanted: bool) -> None:
-    """Print the versions of this package, Drake and Python, and exit, if this is wanted."""
-    if wanted:
-        drake = version_of("drake") or "not installed"
-        print(f"cpid {__version__} (Drake {drake}, Python {platform.python_version()})")
-        raise typer.Exit
-
-
-@app.callback()
-def _common(
-    version: Annotated[
-        bool,
-        typer.Option(
-            "--version", is_eager=True, callback=print_version, help="Print the version and exit."
-        ),
-    ] = False,
+@app.command(name="--install-completion")
+def install_completion(
+    *, shell: Literal["bash", "zsh", "fish", "powershell"] | None = None
 ) -> None:
-    pass
+    """Complete commands and options in your shell.
+
+    Args:
+        shell: Default: the shell in which the command runs.
+
+    """
+    from cyclopts.completion.detect import ShellDetectionError
+
+    try:
+        script = app.install_completion(shell=shell)
+    except ShellDetectionError as error:
+        raise InputError(f"the shell is not known; give --shell: {error}") from error
+    files, text = "COMPREPLY=( $(compgen -f", script.read_text(encoding="utf-8")
+    # Bash continues the name of a folder if it knows that the words are names of files.
+    text = text.replace(files, f"compopt -o filenames 2> /dev/null; {files}")
+    script.write_text(text, encoding="utf-8")
+    print(f"{script}: written; shells that start from now on use it")
 
 
+for _flag in ("--install-completion", "--version", "--help"):
+    app[_flag].group = app.group_parameters
+for _key, (_name, _help) in enumerate(COMMANDS.items()):
+    # Imported when it is used: Drake, SciPy and Matplotlib take a second.
+    app.command(f"cpid_drake.commands.{_name}:{_name}", help=_help, sort_key=_key)
+
+# fmt: off
 _PLAIN = {
-    "²": "^2",
-    "³": "^3",
-    "·": "*",
-    "±": "+-",
-    "°": " deg",
-    "σ": "sigma",
-    "χ": "chi",
-    "µ": "u",
+    "²": "^2", "³": "^3", "·": "*", "±": "+-", "°": " deg", "σ": "sigma", "χ": "chi", "µ": "u",
+    "→": "->", "…": "...", "√": "sqrt", "−": "-", "×": "x", "≤": "<=", "≥": ">=", "Δ": "delta",
+    "–": "-", "—": "-", "─": "-", "∞": "inf", "ψ": "psi", "ω": "omega", "≈": "~",
 }
-_PLAIN |= {
-    "→": "->",
-    "…": "...",
-    "√": "sqrt",
-    "−": "-",
-    "×": "x",
-    "≤": "<=",
-    "≥": ">=",
-    "Δ": "delta",
-}
-_PLAIN |= {"–": "-", "—": "-", "─": "-", "∞": "inf", "ψ": "psi", "ω": "omega", "≈": "~"}
+# fmt: on
 
 
 def _plain(error: UnicodeError) -> tuple[str, int]:
@@ -132,6 +119,18 @@ def _plain(error: UnicodeError) -> tuple[str, int]:
     return kept.encode("ascii", "replace").decode(), error.end
 
 
+def _run(arguments: list[str]) -> int:
+    """Run a command, and return its exit code."""
+    _, [_, *commands], _ = app.parse_commands(arguments)  # imports them
+    for command in commands:
+        if command.default_command is not None:
+            command.help = None  # its docstring says more than the list of commands
+    is_complete = bool(commands) and commands[-1].default_command is not None
+    logging.getLogger("drake").setLevel(logging.WARNING)  # Drake sets it when it is imported
+    run, bound, _ = app.parse_args(arguments)
+    return run(*bound.args, **bound.kwargs) or (0 if is_complete else 2)
+
+
 def main() -> None:
     """Run `cpid` and exit with a code of `EXIT_CODES`; an error is one line on stderr."""
     codecs.register_error("plain", _plain)
@@ -141,23 +140,18 @@ def main() -> None:
     try:
         if codecs.lookup(locale.getpreferredencoding(False)).name == "ascii":
             raise InputError("Drake cannot read its files in an ASCII locale; set PYTHONUTF8=1")
-        code = app(standalone_mode=False) or 0
+        code = _run(sys.argv[1:])
         sys.stdout.flush()  # a full disk is noticed here
-    except InputError as error:
+    except UnusedCliTokensError as error:
+        code = _fail(f"not expected: {' '.join(error.unused_tokens or ())}")
+    except (InputError, CycloptsError) as error:
         code = _fail(str(error))
     except OSError as error:
         if not error.filename:  # standard output; the interpreter would fail again to write it
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = _fail(f"{error.filename or 'standard output'}: {error.strerror or error}")
-    except (KeyboardInterrupt, typer.Abort):
+    except KeyboardInterrupt:
         code = 130
-    except Exception as error:
-        # Usage errors: their class is Typer's or Click's, depending on Typer's version.
-        if not hasattr(error, "format_message"):
-            raise
-        message = error.format_message()  # empty if the help has been printed
-        code = _fail(message) if message else 2
-    if code == 130:  # also what Typer makes of an interrupt
         print("cpid: interrupted", file=sys.stderr)
     sys.exit(code)
 

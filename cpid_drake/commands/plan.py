@@ -7,65 +7,64 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from annotated_types import Ge, Interval
+from cyclopts import Group, Parameter
+from cyclopts.validators import Number as Within
 
 import cpid_drake as cpid
 from cpid_drake import planning, report, simulation
 from cpid_drake.commands import options
-from cpid_drake.commands.usage import group
+from cpid_drake.commands.groups import group
 from cpid_drake.files.digits import significant
 from cpid_drake.files.drafts import draft_folder, draft_of, write_text
 from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.files.overwriting import check_folder, check_outputs
 from cpid_drake.files.resources import find_scenario
 
-_KNOWN = "What is known"
+plan = group("plan")
+
+_KNOWN = Parameter(group=Group.create_ordered("What is known"))
 
 
+@Parameter("*")
 @dataclass(frozen=True)
 class Choices(planning.PlanOptions):
     """The options of a plan and of a comparison."""
 
-    sensors: Annotated[
-        str | None,
-        "--sensors PRESET|YAML",
-        _KNOWN,
-        "Sensors. Default: the scenario's, else flight.",
-    ] = None
-    prior: Annotated[
-        Path | None,
-        "--prior FILE",
-        _KNOWN,
-        "What is known about the target: a result of `cpid identify` (JSON), or YAML with "
-        "mass, p_CTcm_C, I_TTcm_C and sigma. Default: nothing but the spacecraft's size.",
-    ] = None
+    sensors: Annotated[options.Sensors | None, _KNOWN] = None
+    """Sensors. Default: the scenario's, else flight."""
+    prior: Annotated[options.File | None, _KNOWN] = None
+    """What is known about the target: a result of `cpid identify` (JSON), or YAML with mass,
+    p_CTcm_C, I_TTcm_C and sigma. Default: nothing but the spacecraft's size."""
 
 
+@plan.command
 def motion(
-    scenario: options.ScenarioArgument,
-    out: Annotated[Path, "--out FILE", "YAML file of the planned motion."],
-    chosen: Choices,
-    picture: Annotated[
-        Path | None, "--picture FILE", "PNG or SVG file with σ, joints and base of the plan."
-    ] = None,
-    front_folder: Annotated[
-        Path | None,
-        "--front FOLDER",
-        "Also compute the Pareto front of precision against base rotation; write its "
-        "motions and a table.",
-    ] = None,
-    force: options.ForceOption = False,
-    quiet: options.QuietOption = False,
+    scenario: options.Scenario,
+    /,
+    *,
+    out: options.File,
+    chosen: Choices = Choices(),
+    picture: options.File | None = None,
+    front: options.Folder | None = None,
+    force: options.Force = False,
+    quiet: options.Quiet = False,
 ) -> None:
     """Plan the joint motion that determines the target best.
 
     The motion has the start and the end of the scenario's own motion. The planner does not use the
     target's mass properties in the scenario. Ctrl-C keeps the best motion so far.
+
+    Args:
+        out: YAML file of the planned motion.
+        picture: PNG or SVG file with σ, joints and base of the plan.
+        front: Also compute the Pareto front of precision against base rotation; write its motions
+            and a table.
+
     """
     path, start = find_scenario(scenario), time.perf_counter()
     inputs = [path, chosen.prior]
     check_outputs([("--out", out), ("--picture", picture)], inputs, force=force)
-    check_folder("--front", front_folder, inputs, force=force)
+    check_folder("--front", front, inputs, force=force)
     if picture is not None and picture.suffix not in (".png", ".svg"):
         raise InputError(f"--picture {picture}: give the name of a .png or .svg file")
     log = options.log_console(quiet)
@@ -82,16 +81,16 @@ def motion(
             if planner.best is not None:
                 write_text(out, planner.describe(planner.best, scenario))
             raise
-        if front_folder is not None:
+        if front is not None:
             best, *_ = plans = planning.front(planner, best, progress)
             rows = ["turn of the base [deg],worst σ [% of scale],motion"]
-            with draft_folder(front_folder) as draft:
+            with draft_folder(front) as draft:
                 for k, each in enumerate(plans):
-                    write_text(draft / f"motion_{k:02d}.yaml", planner.describe(each, scenario))
-                    turn, score = math.degrees(each.turn), 100 * each.score
-                    rows.append(f"{turn:.6g},{score:.6g},motion_{k:02d}.yaml")
+                    name = f"motion_{k:02d}.yaml"
+                    write_text(draft / name, planner.describe(each, scenario))
+                    rows.append(f"{math.degrees(each.turn):.6g},{100 * each.score:.6g},{name}")
                 write_text(draft / "front.csv", "\n".join(rows) + "\n")
-            log.print(f"{len(plans)} motions in {front_folder}")
+            log.print(f"{len(plans)} motions in {front}")
         write_text(out, planner.describe(best, scenario))
         log.print(f"{out}: {time.perf_counter() - start:.0f} s")
         target = planner.targets[0]
@@ -123,24 +122,30 @@ def motion(
     print(f"cpid simulate SCENARIO --out DIR, with joint_motion: !MotionFile {{file: {out}}}")
 
 
+@plan.command
 def rank(
-    scenario: options.ScenarioArgument,
-    chosen: Choices,
-    files: Annotated[list[Path] | None, "[MOTION]...", "YAML files of motions."] = None,
-    trials: Annotated[
-        int, "Noisy logs that are simulated and identified for each motion.", Ge(0)
-    ] = 0,
-    quiet: options.QuietOption = False,
+    scenario: options.Scenario,
+    motions: list[Path] | None = None,
+    /,
+    *,
+    chosen: Choices = Choices(),
+    trials: Annotated[options.Count, Parameter(validator=Within(gte=0))] = 0,
+    quiet: options.Quiet = False,
 ) -> None:
     """Compare motions in files with the scenario's, random and broadband ones.
 
     Prints the predicted σ and, with trials, the errors of the fit. The random and the broadband
     motions (a chirp of all joints, a smoothed random binary sequence) keep the limits.
+
+    Args:
+        motions: YAML files of motions.
+        trials: Noisy logs that are simulated and identified for each motion.
+
     """
     path, log = find_scenario(scenario), options.log_console(quiet)
     with prefix_errors(scenario), log.status("ranking") as status:
         planner = planning.load_planner(path, chosen.sensors, chosen, chosen.prior)
-        given = {file.name: planner.load_motion(file) for file in files or []}
+        given = {file.name: planner.load_motion(file) for file in motions or []}
         target, craft, found = planner.targets[0], planner.spacecraft, {}
         body = cpid.InertialParameters.from_vector(target)
         suite = planner.suite.exact()
@@ -166,28 +171,31 @@ def rank(
         print(f"rank correlation of predicted and realised errors: {correlation:.2f}")
 
 
+@plan.command
 def export(
-    file: Annotated[Path, "MOTION", "YAML file of a joint motion."],
-    scenario: Annotated[str, "--scenario SCENARIO", "Scenario with the spacecraft of the motion."],
-    out: Annotated[Path, "--out FILE", "CSV file to write."],
-    rate: Annotated[float, "Rows per second [Hz].", Interval(ge=0.1, le=1e4)] = 100.0,
-    force: options.ForceOption = False,
+    motion: Path,
+    /,
+    *,
+    scenario: Annotated[options.FileName, Parameter(metavar="SCENARIO")],
+    out: options.File,
+    rate: Annotated[options.Rate, Parameter(validator=Within(gte=0.1, lte=1e4))] = 100.0,
+    force: options.Force = False,
 ) -> None:
-    """Write a joint motion as CSV: time, positions, rates and accelerations of all joints."""
+    """Write a joint motion as CSV: time, positions, rates and accelerations of all joints.
+
+    Args:
+        motion: YAML file of a joint motion.
+        scenario: Scenario with the spacecraft of the motion.
+        out: CSV file to write.
+        rate: Rows per second.
+
+    """
     path = find_scenario(scenario)
-    check_outputs([("--out", out)], [path, file], force=force)
+    check_outputs([("--out", out)], [path, motion], force=force)
     planner = planning.load_planner(path, None, planning.PlanOptions())
-    made = planner.load_motion(file)
+    made = planner.load_motion(motion)
     times = np.linspace(0.0, made.duration, math.ceil(made.duration * rate - 1e-9) + 1)
     names = [f"{q}:{joint}" for q in ("q", "qd", "qdd") for joint in planner.spacecraft.joint_names]
     table = np.column_stack([times, made.evaluate(times).reshape(len(times), -1)])
     with draft_of(out) as draft:
         np.savetxt(draft, table, "%.12g", ",", header=",".join(["time", *names]), comments="")
-
-
-plan = group(
-    "Plan the joint motion that determines the target best; rank motions; export one.",
-    motion=motion,
-    rank=rank,
-    export=export,
-)

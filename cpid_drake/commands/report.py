@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
+from cyclopts import Parameter
+
 from cpid_drake.commands import options
 from cpid_drake.files.drafts import draft_folder
 from cpid_drake.files.errors import InputError
@@ -15,25 +17,29 @@ from cpid_drake.report.run_folder import read_run
 
 
 def report(
-    out: Annotated[Path, "--out FILE", "HTML file to write."],
-    chosen: options.LogOptions,
-    log: Annotated[str | None, "[LOG]", f"A log: {options.LOG_KINDS}"] = None,
-    result: Annotated[
-        str | None, "--result FILE", "In place of a log: a result of `cpid identify --json`."
-    ] = None,
-    run: Annotated[
-        Path | None, "--run FOLDER", "In place of a log: a folder of `cpid simulate`."
-    ] = None,
-    figures: Annotated[
-        Path | None, "--figures FOLDER", "Write the figures there too, as PNG and SVG."
-    ] = None,
-    force: options.ForceOption = False,
-    quiet: options.QuietOption = False,
+    log: options.FileName | None = None,
+    /,
+    *,
+    out: options.File,
+    chosen: options.LogOptions = options.LogOptions(),
+    result: Annotated[options.FileName | None, Parameter(metavar="FILE")] = None,
+    run: options.Folder | None = None,
+    figures: options.Folder | None = None,
+    force: options.Force = False,
+    quiet: options.Quiet = False,
 ) -> None:
     """Write the report of an identification or of a simulated run, one HTML page.
 
     A log needs a spacecraft. A run can be identified with other options than its own. A result has
     the options of its identification, and its log is read again if it is still there.
+
+    Args:
+        log: A log: CSV, NPZ, Parquet or ROS 2 bag.
+        out: HTML file to write.
+        result: In place of a log: a result of `cpid identify --json`.
+        run: In place of a log: a folder of `cpid simulate`.
+        figures: Write the figures there too, as PNG and SVG.
+
     """
     if sum(each is not None for each in (log, result, run)) != 1:
         raise InputError("give one of LOG, --result FILE and --run FOLDER")

@@ -2,8 +2,6 @@
 
 import shlex
 import time
-from pathlib import Path
-from typing import Annotated
 
 from pydrake.systems.framework import Context
 
@@ -19,22 +17,23 @@ from cpid_drake.simulation.simulation import Simulation, make_simulation
 
 
 def simulate(
-    scenario: options.ScenarioArgument,
-    out: Annotated[
-        Path | None, "--out FOLDER", "Folder to write; created if it is not there."
-    ] = None,
-    check: Annotated[
-        bool,
-        "Simulate nothing, but check the scenario with all that it refers to; exit with "
-        "code 4 if the joint motion exceeds a limit.",
-    ] = False,
-    force: options.ForceOption = False,
-    quiet: options.QuietOption = False,
+    scenario: options.Scenario,
+    /,
+    *,
+    out: options.OutFolder | None = None,
+    check: bool = False,
+    force: options.Force = False,
+    quiet: options.Quiet = False,
 ) -> int:
     """Simulate a scenario; write the log of its sensors and the true parameters.
 
     Warnings name the limits of the spacecraft's model that the joint motion exceeds: positions,
     rates and efforts of the joints, and distances between bodies.
+
+    Args:
+        check: Simulate nothing, but check the scenario with all that it refers to; exit with code 4
+            if the joint motion exceeds a limit.
+
     """
     start = time.perf_counter()
     if (out is None) != check:
@@ -50,9 +49,9 @@ def simulate(
             limits = check_limits(simulation)
         if out is None:
             print(_facts(scenario, simulation, limits))
-            options.print_warnings(limits.exceeded)
+            options.print_warnings([*limits.exceeded, *simulation.left_out])
             return CHECK_FAILED if limits.exceeded else 0
-        options.print_warnings(limits.exceeded)
+        options.print_warnings([*limits.exceeded, *simulation.left_out])
 
         def progress(now: Context) -> None:
             status.update(f"simulated {now.get_time():.1f} of {loaded.simulation.duration:g} s")

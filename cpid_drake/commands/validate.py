@@ -1,11 +1,11 @@
 """`cpid validate`."""
 
-import json
 from dataclasses import asdict, replace
-from pathlib import Path
+from json import dumps
 from typing import Annotated
 
-from annotated_types import Interval
+from cyclopts import Parameter
+from cyclopts.validators import Number as Within
 
 from cpid_drake.commands import options
 from cpid_drake.commands.options import CHECK_FAILED
@@ -14,7 +14,7 @@ from cpid_drake.files.drafts import write_text
 from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.files.overwriting import check_outputs
 from cpid_drake.identification.checked_log import left_out_warnings
-from cpid_drake.identification.identify_files import file_hash, open_log, opened_inputs
+from cpid_drake.identification.identify_files import file_hash, open_log
 from cpid_drake.identification.prior import prior_of_result
 from cpid_drake.identification.result_files import read_result
 from cpid_drake.identification.validation import POWER, Validation
@@ -24,29 +24,18 @@ from cpid_drake.report.terminal import print_table
 
 
 def validate(
-    result: options.ResultArgument,
-    log: Annotated[
-        str,
-        "LOG",
-        f"A log of the same spacecraft and target that was not used for the result: "
-        f"{options.LOG_KINDS}",
-    ],
-    part: options.PartOptions,
-    threshold: Annotated[
-        float,
-        "Largest usual residual of the log, in σ and whatever its cause, with which the "
-        "result is valid.",
-        Interval(ge=1e-6, le=1e6),
-    ] = 3.0,
-    beginning: Annotated[
-        float,
-        "Share of the log to which start, momentum and biases are fitted; the rest is predicted.",
-    ] = 0.3,
-    sensors: options.SensorsOption = None,
-    momentum: options.MomentumOption = None,
-    json_file: Annotated[Path | None, "--json FILE", "Write the errors to this file."] = None,
-    force: options.ForceOption = False,
-    quiet: options.QuietOption = False,
+    result: options.Result,
+    log: options.FileName,
+    /,
+    *,
+    part: options.PartOptions = options.PartOptions(),
+    threshold: Annotated[options.Number, Parameter(validator=Within(gte=1e-6, lte=1e6))] = 3.0,
+    beginning: options.Number = 0.3,
+    sensors: options.Sensors | None = None,
+    momentum: options.Momentum | None = None,
+    json: options.File | None = None,
+    force: options.Force = False,
+    quiet: options.Quiet = False,
 ) -> int:
     """Test an identified target with another log, and predict this log.
 
@@ -57,22 +46,32 @@ def validate(
 
     Exit codes: 0 the target passes the test, and the residuals are below the threshold; 2 bad input
     or usage; 4 the result is not valid.
+
+    Args:
+        log: A log of the same spacecraft and target that was not used for the result: CSV, NPZ,
+            Parquet or ROS 2 bag.
+        threshold: Largest usual residual of the log, in σ and whatever its cause, with which the
+            result is valid.
+        beginning: Share of the log to which start, momentum and biases are fitted; the rest is
+            predicted.
+        sensors: Sensor noise. Default: that of the result.
+        json: Write the errors to this file.
+
     """
-    check_outputs([("--json", json_file)], [result, log, sensors, part.columns], force=force)
+    check_outputs([("--json", json)], [result, log, sensors, part.columns], force=force)
     found = read_result(result)
     if not found.sources:
         raise InputError(f"{result}: the result does not name its spacecraft")
     used = found.sources[0].request
     if sensors is None and len({source.request.sensors for source in found.sources}) > 1:
         raise InputError(f"{result}: its logs have different sensors; give --sensors of {log}")
-    hashes = [source.sha256.get("telemetry") for source in found.sources]
-    if any(each and each == file_hash(log) for each in hashes):
+    used_hashes = {source.sha256.get("telemetry") for source in found.sources} - {None}
+    if file_hash(log) in used_hashes:
         raise InputError(f"{log}: the result was identified from this log; give another one")
     request = replace(
         used,
         telemetry=log,
         sensors=sensors or used.sensors,
-        momentum=momentum,
         start=part.start,
         end=part.end,
         topics=part.topics(),
@@ -80,36 +79,31 @@ def validate(
         columns=part.columns or used.columns,
         prior=None,
     )
-    with options.log_console(quiet).status("predicting") as status:
-        known = opened_inputs(request, status.update)
-        craft = known.spacecraft
+    with options.log_console(quiet).status("reading") as status:
+        craft = used.spacecraft.make()
         target = prior_of_result(found, str(result), craft, used.spacecraft.capture_frame)
         _, file = open_log(request, craft.joint_names)
+        status.update("predicting")
         with prefix_errors(log):
             validation = validate_target(
                 craft,
                 target,
                 file.log,
-                sensors=known.sensors,
-                momentum=known.momentum,
-                known_bodies=known.known_bodies,
-                planar=request.planar,
+                sensors=request.sensors,
+                momentum=momentum,
+                known_bodies=used.known_bodies,
+                planar=used.planar,
                 beginning=beginning,
             )
     warnings = (*left_out_warnings(file.left_out_joints), *validation.warnings)
     validation = replace(validation, warnings=warnings)
     is_valid = validation.is_target_right and validation.in_sigma <= threshold
-    if json_file is not None:
-        content = {
-            **asdict(validation),
-            "in_sigma": validation.in_sigma,
-            "probability": validation.probability,
-            "threshold": threshold,
-            "is_valid": is_valid,
-            "result": str(result),
-            "telemetry": log,
-        }
-        write_text(json_file, json.dumps(content, indent=2) + "\n")
+    if json is not None:
+        judged = {"threshold": threshold, "is_valid": is_valid}
+        size = {"in_sigma": validation.in_sigma, "probability": validation.probability}
+        files = {"result": str(result), "telemetry": log}
+        content = asdict(validation) | size | judged | files
+        write_text(json, dumps(content, indent=2) + "\n")
     options.print_warnings(f"failed check of the result: {failure}" for failure in found.failures)
     options.print_warnings(validation.warnings)
     if not quiet:
@@ -143,15 +137,11 @@ def _verdict(validation: Validation, threshold: float) -> list[str]:
 
 
 def _predicted(validation: Validation) -> Table:
-    rows = [
-        [
-            each.sensor,
-            str(each.samples),
-            *(f"{x:.3g}" for x in (each.rms, each.largest, each.noise)),
-        ]
-        + [each.unit, f"{significant(each.in_sigma, 3)} σ"]
-        for each in validation.errors
-    ]
+    rows = []
+    for each in validation.errors:
+        sizes = [f"{x:.3g}" for x in (each.rms, each.largest, each.noise)]
+        residual = f"{significant(each.in_sigma, 3)} σ"
+        rows.append([each.sensor, str(each.samples), *sizes, each.unit, residual])
     heads = ["", "samples", "rms error", "largest", "noise", "", "residual"]
     start, end = validation.start, validation.end
     caption = f"Predicted {start:.6g} to {end:.6g} s from the joint motion"

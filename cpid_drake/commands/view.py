@@ -3,7 +3,8 @@
 from pathlib import Path
 from typing import Annotated
 
-from annotated_types import Interval
+from cyclopts import Parameter
+from cyclopts.validators import Number as Within
 from pydrake.systems.framework import Context
 
 from cpid_drake.commands import options
@@ -20,21 +21,22 @@ from cpid_drake.simulation.simulation import make_simulation
 
 
 def view(
-    scenario: options.ScenarioArgument,
-    out: Annotated[
-        Path | None, "--out FILE", "Write a replay, one HTML file that plays offline."
-    ] = None,
-    rate: Annotated[
-        float,
-        "Ratio of simulated to real time in the live view.",
-        Interval(ge=0.1, le=5.0),
-    ] = 1.0,
-    force: options.ForceOption = False,
-    quiet: options.QuietOption = False,
+    scenario: options.Scenario,
+    /,
+    *,
+    out: options.File | None = None,
+    rate: Annotated[options.Number, Parameter(validator=Within(gte=0.1, lte=5.0))] = 1.0,
+    force: options.Force = False,
+    quiet: options.Quiet = False,
 ) -> None:
     """Show the simulation of a scenario live in the browser, or write its replay.
 
     The replay of a log is in its report, see `cpid report`.
+
+    Args:
+        out: Write a replay, one HTML file that plays offline.
+        rate: Ratio of simulated to real time in the live view.
+
     """
     outputs, path = [("--out", out)], find_scenario(scenario)
     check_outputs(outputs, [path], force=force)

@@ -116,7 +116,7 @@ def answer_of(
         warnings, checks = (*warnings, *said), [*checks, *failed]
     effects = effects_of(model, found.values, gaussian, *names)
     said = tuple(f"{e.describe()}: it failed" for e in effects if e.failed_valve)
-    sizes = size_checks(model, found.values, gaussian, effects)
+    sizes = size_checks(model, found.values, gaussian, effects, joints)
     tests, unexplained = observed.tests, observed.unexplained
     fails = fit_checks(
         found.converged, unexplained, noise, tests, len(changes), len(names), observed.beside

@@ -136,7 +136,7 @@ def log_of_states(telemetry: Motion) -> CheckedLog:
 
 
 def check_log(
-    spacecraft: Spacecraft,
+    spacecraft: Spacecraft | None,
     data: Motion | Log,
     sensors: SensorSuite | None = None,
     planar: bool | None = None,
@@ -146,7 +146,7 @@ def check_log(
     """Screen and check a log; exact states need no checks.
 
     Args:
-        spacecraft: the known spacecraft.
+        spacecraft: the known spacecraft; None to check what a log alone shows.
         data: the log; the joints of measurements may be in any order.
         sensors: the sensors' errors, by which spikes and stuck sensors are found; None if they are
             not known.
@@ -158,27 +158,32 @@ def check_log(
 
     """
     if isinstance(data, Motion):
+        assert spacecraft is not None
         spacecraft.require_joints(data)
         is_placed = planar and spacecraft.tree.normal_B is None
         normal_B = normal_in_base(data.quaternion_WB) if is_placed else None
         return replace(log_of_states(data), normal_B=normal_B)
     _refuse_slow(data, sensors)
-    seen = in_joint_order(data, spacecraft)
+    seen = look_at(data) if spacecraft is None else in_joint_order(data, spacecraft)
     if seen.errors:
         raise InputError("; ".join(seen.errors))
     screened = screen(seen.log, sensors)
     measurements = screened.log
-    spacecraft, notes, failures = placed(spacecraft, measurements, planar)
-    tree = spacecraft.tree
+    notes: tuple[str, ...] = ()
+    others, failures, beyond, tree = list[str](), notes, notes, None
+    if spacecraft is not None:
+        spacecraft, notes, failures = placed(spacecraft, measurements, planar)
+        others = [name for name in data.joint_names if name not in spacecraft.joint_names]
+        beyond = (*_beyond_limits(spacecraft, measurements.encoders.value),)
+        tree = spacecraft.tree
     found = check_conventions(measurements, tree, by_momentum=by_momentum)
-    others = [name for name in data.joint_names if name not in spacecraft.joint_names]
     found = replace(found, not_compared=(*found.not_compared, *seen.not_compared))
     warnings = [*left_out_warnings(others), *seen.warnings, *notes, *found.warnings]
     return CheckedLog(
         measurements,
         screened.rejected,
-        (*warnings, *_beyond_limits(spacecraft, measurements.encoders.value)),
-        tree.normal_B,
+        (*warnings, *beyond),
+        None if tree is None else tree.normal_B,
         (*found.failures, *failures),
         found,
         channels=seen.table,

@@ -31,7 +31,7 @@ def replay(tmp_path_factory):
     folder = tmp_path_factory.mktemp("replay")
     (folder / "scenario.yaml").write_text(dump_scenario(free_flyer(4.0)))
     arguments = ["view", str(folder / "scenario.yaml"), "--quiet"]
-    app([*arguments, "--out", str(folder / "replay.html")], standalone_mode=False)
+    app([*arguments, "--out", str(folder / "replay.html")], result_action="return_value")
     return (folder / "replay.html").as_uri()
 
 

@@ -1,11 +1,13 @@
 """The `cpid` command as a user meets it: help, usage, lists."""
 
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from processes import finish, start
 
 from cpid_drake.commands.main import COMMANDS
 
@@ -28,11 +30,59 @@ def test_help_names_all_commands_and_imports_none_of_their_libraries():
         (["simulate", "pape", "--out", "x"], "did you mean 'paper'?"),
         (["campaign", "run", "no.yaml", "--out", "x"], "no.yaml: no such file"),
         (["campaign", "report", "x"], "there is no folder x"),
+        (["identify", "x.csv", "--scenaro", "paper"], "Did you mean --scenario?"),
+        (["log", "chek", "x.csv"], 'Did you mean "check"?'),
+        (["log", "--install-completion"], "--install-completion"),
+        (["plan", "motion", "paper", "--out", "x", "--targets", "1.5"], "1.5: give a whole number"),
+        (["simulate", "paper", "--out"], "--out requires an argument"),
+        (["log", "check", "a.csv", "b.csv"], "not expected: b.csv"),
     ],
 )
 def test_wrong_usage_is_one_line(refusal, tmp_path, arguments, cause):
     assert cause in refusal(*arguments)
     assert not list(tmp_path.iterdir())
+
+
+def test_the_help_of_a_command_shows_what_its_options_take_and_its_exit_codes(tmp_path):
+    """In a process of its own: a command is imported when it is used."""
+    ended = finish(start("-m", "cpid_drake", "identify", "--help", cwd=tmp_path))
+    assert (ended.returncode, ended.stderr) == (0, "")
+    for option in ("--json FILE", "--from SECONDS", "--base NAME", "--momentum zero|unknown"):
+        assert f" {option} " in ended.stdout
+    assert "Base body of the spacecraft." in ended.stdout
+    assert "3 not all are determined" in " ".join(ended.stdout.split())
+    assert "--install-completion" not in ended.stdout
+
+
+@pytest.mark.parametrize("arguments", [(), ("log",)])
+def test_without_a_command_the_help_is_printed_and_the_usage_is_wrong(cpid, arguments):
+    code, stdout, stderr = cpid(*arguments)
+    assert (code, stderr) == (2, "")
+    assert "Commands" in stdout
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="there is no Bash")
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        ("identify log.csv --mom", "--momentum"),
+        ("identify log.csv --momentum z", "zero"),
+        ("identify my_", "my_log.csv"),
+        ("identify log.csv --sensors my_", "my_log.csv"),
+        ("log c", "check convert"),
+    ],
+)
+def test_bash_completes_options_values_files_and_commands(cpid, tmp_path, words, found):
+    """After `cpid --install-completion`, in a folder with a log."""
+    (tmp_path / "my_log.csv").touch()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("HOME", str(tmp_path))
+        assert cpid("--install-completion", "--shell", "bash")[0] == 0
+    shell = f". .bashrc; COMP_WORDS=(cpid {words}); COMP_CWORD={len(words.split())}; _cpid\n"
+    ended = subprocess.run(
+        ["bash"], input=shell + "echo ${COMPREPLY[@]}", text=True, capture_output=True, cwd=tmp_path
+    )
+    assert (ended.stdout.strip(), ended.stderr) == (found, "")
 
 
 def test_the_list_says_where_the_presets_files_are(cpid):

@@ -102,7 +102,10 @@ def test_what_cannot_be_a_rigid_body_is_not_exported(cpid, refusal, result):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("r.json", "--format", "obj", "--out", "t.urdf"), "'obj' is not one of"),
+        (
+            ("r.json", "--format", "obj", "--out", "t.urdf"),
+            '"obj" for --format. Choose from: "urdf"',
+        ),
         (("r.json", "--format", "sdf", "--out", "t.urdf"), "must end in .sdf"),
         (("r.json", "--format", "urdf", "--out", "old.urdf"), "old.urdf: exists already"),
         (("r.json", "--format", "urdf", "--out", "t.urdf", "--name", "<"), "cannot be used"),
