@@ -119,6 +119,11 @@ _KINDS = (
         is_shared=False,
     ),
     ErrorKind(
+        *("joint_compliance", "disturbances", "joint_compliance_urad", 0, "µrad/(N·m)", 1e-6),
+        *(300.0, "the joints are flexible: by {}"),
+        by_mass=-1,
+    ),
+    ErrorKind(
         *("compliance", "disturbances", "compliance_urad", 3, "µrad/(N·m)", 1e-6, 300.0),
         "the grasp is flexible: the target turns against C by {} about its axes",
         by_mass=-1,
@@ -218,7 +223,7 @@ def with_plausible(
     valves = suite.thrusters
     without = set() if has_thrust and valves is None else {"thrust_scale"}  # valves have their own
     if has_thrust:  # the first order needs loads that change slowly against the grasp's modes
-        without |= {"compliance", "translational_compliance"}
+        without |= {"joint_compliance", "compliance", "translational_compliance"}
     forces = filled(suite.disturbances or Disturbances(), "disturbances", frozenset(without))
     forces = _with_changes(forces, is_exact)
     if valves is not None:

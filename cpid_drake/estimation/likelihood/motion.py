@@ -94,6 +94,7 @@ class Trajectory:
             mass, in W; None without thrust.
         by_joints: derivatives of the motion by joint positions and rates; None if not yet needed.
         by_bodies: those by errors of the known bodies, likewise.
+        by_compliance: those by compliances of joints and grasp, likewise.
 
     """
 
@@ -106,6 +107,7 @@ class Trajectory:
     travel: NDArray[np.float64] | None
     by_joints: tuple[MotionSensitivity, MotionSensitivity] | None = None
     by_bodies: MotionSensitivity | None = None
+    by_compliance: MotionSensitivity | None = None
 
     @property
     def mobility(self) -> NDArray[np.float64]:
