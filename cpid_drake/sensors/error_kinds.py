@@ -26,6 +26,11 @@ WALKS = 0.03
 BIAS_WALKS = 1 / 3
 """The same of a gyro's bias in the root of an hour."""
 
+CLOCKS = 50.0
+"""σ of a clock that nobody disciplines [ppm]: quartz is sold with tolerances of 20 to 100 ppm, and
+temperature and age add as much. Two clocks then differ by 71 ppm; a survey of 20,000 computers
+found a median error of 78 ppm (Mills 2006)."""
+
 PLAUSIBLE_BODIES = BodyUncertainty(mass=0.01, com=0.005, inertia=0.01)
 """Uncertainty of bodies of which nobody says how well they are known."""
 
@@ -158,6 +163,10 @@ _KINDS = (
         "the stamps of the {sensor} are {} late",
     ),
     ErrorKind(
+        *("clock_drift", "sensor", "clock_drift_ppm", 1, "ppm", 1e-6, CLOCKS),
+        "the clock of the {sensor} is fast by {}",
+    ),
+    ErrorKind(
         *("mounting", "sensor", "mounting_arcsec", 3, "arcsec", ARCSECOND, 360.0),
         "the {sensor} is turned by {} from the axes of the base",
     ),
@@ -242,11 +251,11 @@ def with_plausible(
     for name, errors in suite.present().items():
         left_out = set[str]()
         if name == "joint_rates":  # their clock and their zeros are those of the encoders
-            left_out = {"delay", "zero", "drift"}
+            left_out = {"delay", "clock_drift", "zero", "drift"}
         elif name == "attitude" and valves is not None and valves.delay_ms:
-            left_out = {"delay"}  # all sensors late is the thrust early: attitude is the clock
+            left_out = {"delay", "clock_drift"}  # all late is the thrust early: it is the clock
         elif isinstance(errors, Gyro) and forces.torque_noise:
-            left_out = {"delay"}  # a torque in every sample takes what a delay does
+            left_out = {"delay", "clock_drift"}  # a torque in every sample takes what a delay does
         found = filled(errors, "sensor", frozenset(left_out))
         if isinstance(found, Gyro) and found.bias_random_walk is None:
             walk = 0.0 if is_exact else BIAS_WALKS * (found.bias or 0.0)

@@ -144,7 +144,7 @@ class SpacecraftSensors(SpacecraftSystem):
             if self.noise.is_lost(name, k + 1)[k]:
                 return EventStatus.DidNothing()
             [value] = self.noise.apply(name, ideal[None], k, motion)
-            stamp = k / errors.rate + self.noise.constants(name, width).delay
+            stamp = self.noise.constants(name, width).stamp(k / errors.rate)
             discrete_state.set_value(index, np.append(stamp, value))
             return EventStatus.Succeeded()
 

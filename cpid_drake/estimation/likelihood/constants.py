@@ -43,6 +43,9 @@ YIELDING = ("joint_compliance", "compliance", "translational_compliance")
 ZERO, DRIFT = "zero", "drift"
 """Kinds of errors of joints: of their zeros at the start of a log, and of the zeros' rates."""
 
+DELAY, CLOCK_DRIFT = "delay", "clock_drift"
+"""Kinds of errors of stamps: their delay at the start of a log, and its growth in a second."""
+
 BIAS = "bias"
 """Kind of a gyro's bias, which walks from block to block."""
 

@@ -132,7 +132,7 @@ class BaseMotion:
         step: longest step of the grid [s]; a joint motion of many pieces makes it shorter.
         constants: the constant errors, external forces among them.
         nominal: (k,) their values in units of their σ: by some the joint motion is too large.
-        origin: time at which zeros of joints that drift have their values [s].
+        origin: time at which zeros and clocks that drift have their values [s].
         orbit, thrust, white: orbit of W's origin and log of thrust, if any, and white forces.
 
     Attributes:
