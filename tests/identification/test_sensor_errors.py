@@ -21,10 +21,12 @@ from sensing_cases import (
     nees,
     sigmas,
     small_craft,
+    true_psi,
 )
 
 from cpid_drake import Spacecraft, TotalMomentum, identify
 from cpid_drake.dynamics.propagation import Wrench, propagate
+from cpid_drake.identification.fitted import cramer_rao_bound
 from cpid_drake.logs.log import Log, Samples, ideal_log
 from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.sensors import JointSensor
@@ -228,6 +230,25 @@ class TestBudget:
         )
         parts = [row.shares for row in found.budget if row.name.endswith("that walk")]
         assert (np.max(parts, axis=0) < gone + 0.05).all()
+
+
+@pytest.mark.parametrize("kind", ["clock_drift_ppm", "joint_compliance_urad"])
+def test_the_bound_of_a_motion_has_every_error(craft, skewed_target, suite, kind):
+    """It is wider than that of a spacecraft without the error."""
+    motion = Sines.drawn(4, seed=101, duration=6.0, size=0.6)
+    exact = measured(craft, motion, skewed_target, suite)
+    without = silent(suite)
+    if kind == "joint_compliance_urad":
+        without = replace(without, disturbances=Disturbances(**{kind: 0.0}))
+    for name, errors in without.present().items() if kind == "clock_drift_ppm" else ():
+        without = replace(without, **{name: replace(errors, **{kind: 0.0})})
+    psi = true_psi(craft, skewed_target)
+    all_errors, fewer = (
+        np.sqrt(np.diag(cramer_rao_bound(craft.tree, psi, exact, each)))
+        for each in (silent(suite), without)
+    )
+    assert (all_errors > fewer * (1 - 1e-6)).all()
+    assert (all_errors > fewer * 1.0001).any()
 
 
 @pytest.mark.slow
