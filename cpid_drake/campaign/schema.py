@@ -298,10 +298,14 @@ class Plan:
             with prefix_errors("" if key is None else f"axes: {key}"):
                 trial = self.trial(values)
                 check_files(trial)
-                rigid = trial.simulation.wrist is None and not trial.simulation.sprung_masses
+                world = trial.simulation
+                rigid = not (world.wrist or world.sprung_masses or world.joint_compliance_urad)
                 exact = trial.body_uncertainty() is None and trial.errors.is_zero
                 if self.campaign.engine == "propagator" and not rigid:
-                    raise InputError("a wrist or a sprung mass moves in Drake only: engine: drake")
+                    raise InputError(
+                        "a wrist, a sprung mass or a flexible joint moves in Drake only: "
+                        "engine: drake"
+                    )
                 if self.campaign.engine == "drake" and not exact:
                     raise InputError(
                         "known_bodies and errors need engine: propagator; Drake simulates the "

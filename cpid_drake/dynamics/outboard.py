@@ -111,11 +111,28 @@ class Outboard:
         The force on all bodies outboard of a joint comes through the joint and is the rate of their
         momentum: τ = Sᵀ (dΠ/dt + V ×* Π) with the twist V of the base.
         """
-        efforts = np.zeros((rate.shape[1], len(self.tree.jointed)))
-        for k in self.tree.jointed:
-            force = rate[k] + cross_force(self.V[0], self.momentum[k])
-            efforts[:, self.tree.bodies[k].joint] = np.sum(self.joint_screw(k) * force, axis=-1)
-        return efforts
+        return self.loads(*self.joint_screws, rate)
+
+    def loads(
+        self, which: Sequence[int], S: NDArray[np.float64], rate: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the loads (N, n) along screws of bodies; see `displaced` and `efforts`."""
+        force = rate + cross_force(self.V[0], self.momentum)
+        return np.asarray(np.einsum("nsk,kns->nk", S, force[list(which)]))
+
+    @cached_property
+    def joint_screws(self) -> tuple[list[int], NDArray[np.float64]]:
+        """The body of each joint, and the joints' screws (N, 6, J)."""
+        moving = sorted(self.tree.jointed, key=lambda k: self.tree.bodies[k].joint)
+        screws = [self.joint_screw(k) for k in moving]
+        return moving, np.stack(screws, -1) if screws else np.zeros((len(self.bodies.r[0]), 6, 0))
+
+    @cached_property
+    def grasp_screws(self) -> tuple[list[int], NDArray[np.float64]]:
+        """The target for each of the screws (N, 6, 6): turns about C's axes, shifts along them."""
+        last = len(self.tree.bodies) - 1
+        shifts, turns = np.split(self.frame_screws(last, np.eye(3)), 2, axis=-1)
+        return 6 * [last], np.concatenate([turns, shifts @ self.tree.bodies[last].R_PF], axis=-1)
 
     def frame_screws(self, k: int, turns_F: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the screws (N, 6, 3 + n) of the inboard frame F of body k's joint.

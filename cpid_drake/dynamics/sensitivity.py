@@ -10,6 +10,7 @@ by a small screw S, see `outboard`; a change of its rate changes their momentum 
 the capture frame's pose displaces the target alone.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -60,12 +61,24 @@ def joint_sensitivity(
         dynamics: dynamics of the known bodies alone, at the same instants.
 
     """
-    tree = outboard.tree
-    moving = sorted(tree.jointed, key=lambda k: tree.bodies[k].joint)
-    screws = [outboard.joint_screw(k) for k in moving]
-    S = np.stack(screws, axis=-1) if screws else np.zeros((len(dynamics.h_K), 6, 0))
-    change, by_rates = outboard.displaced(moving, S)
-    moved, inboard = by_rates[:, 3:] / tree.mass, np.isin(moving, outboard.inboard_of_target)
+    which, S = outboard.joint_screws
+    return screw_sensitivity(outboard, psi, dynamics, which, S)
+
+
+def screw_sensitivity(
+    outboard: Outboard,
+    psi: NDArray[np.float64],
+    dynamics: BodyDynamics,
+    which: Sequence[int],
+    S: NDArray[np.float64],
+) -> tuple[MotionSensitivity, MotionSensitivity]:
+    """Return the derivatives by displacements along screws S (N, 6, n), and by their rates.
+
+    The screws are those of `Outboard.displaced`, other arguments as for `joint_sensitivity`.
+    """
+    change, by_rates = outboard.displaced(which, S)
+    moved = by_rates[:, 3:] / outboard.tree.mass
+    inboard = np.isin(which, outboard.inboard_of_target)
     return (
         _motion_sensitivity(change, moved, S * inboard, psi, dynamics),
         _motion_sensitivity(by_rates, np.zeros_like(moved), np.zeros_like(S), psi, dynamics),

@@ -41,7 +41,7 @@ class LogState:
         smoothness: of the joint motion.
         starts: of each block: attitude, centre of mass and momentum at its start; none before the
             first fit.
-        origin: time from which on the zeros of joints drift [s].
+        origin: time from which on zeros of joints and clocks drift [s].
         forces: of each block: (K,) entries of white forces, in units of their σ.
         walks: of each block but a log's last: (w,) change at its end of the constants that walk.
         open: blocks at whose ends attitude, centre of mass, L and v may change by any amount.
@@ -128,7 +128,8 @@ class LogState:
     ) -> "LogState":
         """Return a log of other blocks with the same past; see `of_blocks`."""
         fresh = LogState.of_blocks(model, blocks, self.name, starts, past=self.past)
-        return replace(fresh, spectra=self.spectra, noise=self.noise if self.past else {})
+        noise = self.noise if self.past else {}
+        return replace(fresh, spectra=self.spectra, noise=noise, origin=self.origin)
 
     def extended(self, model: Model, block: Block, start: TrajectoryState) -> "LogState":
         """Return the log with one more block; with a past, joints of the others stay as they are.

@@ -1,6 +1,7 @@
 """Prediction of a log: the samples of all blocks at given values of all unknowns."""
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake.estimation.block_rows import BlockRows
 from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.likelihood.effects import relate
+from cpid_drake.estimation.likelihood.effects import relate, with_changes
 from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.estimation.likelihood.model import BlockModel, jump_between
 from cpid_drake.estimation.likelihood.motion import Trajectory, TrajectoryState
@@ -28,6 +29,7 @@ class Rolled:
     Attributes:
         models, trajectories: of each block.
         residuals: of each block: (M, d) in units of the declared σ, by sensor.
+        ends: of each block.
         links: of each block but the last: (12,) change of attitude, centre of mass, L and v from
             its end to the start of the next; zero if a gap is between them.
         joints: sum of squares of the rows of joints and of what walks.
@@ -41,6 +43,7 @@ class Rolled:
     models: list[BlockModel]
     trajectories: list[Trajectory]
     residuals: list[dict[str, NDArray[np.float64]]]
+    ends: list[TrajectoryState]
     links: list[NDArray[np.float64]]
     joints: float
     start: float
@@ -54,6 +57,7 @@ class Rolled:
             models=self.models[first:end],
             trajectories=self.trajectories[first:end],
             residuals=self.residuals[first:end],
+            ends=self.ends[first:end],
             links=self.links[first:end],
         )
 
@@ -124,17 +128,19 @@ def roll(model: Model, log: LogState, values: Values, before: Rolled | None = No
     # of each block: what is still to come
     later = np.cumsum([np.zeros(len(walking)), *reversed(log.walks)], axis=0)[::-1]
     models, firsts = list[BlockModel](), list[TrajectoryState]()
-    done = zip(before.models, before.trajectories, before.residuals) if before else ()
+    done: Any = ()
+    if before:
+        done = zip(before.models, before.trajectories, before.residuals, before.ends, strict=True)
     by_joints = {each[0].motion.joints: each for each in done}
-    known = dict[BlockModel, tuple[Trajectory, dict[str, NDArray[np.float64]] | None]]()
+    known = dict[BlockModel, Any]()
     for k, (block, joints) in enumerate(zip(log.blocks, log.joints, strict=True)):
         constants = last.copy()
         constants[walking] -= later[k]
         firsts.append(replace(log.starts[k], psi=psi, constants=constants, forces=log.forces[k]))
         if joints in by_joints:
-            part, trajectory, rest = by_joints[joints]
-            if part.motion.tree is tree and _is_same(trajectory.state, firsts[k]):
-                known[part] = trajectory, rest
+            part, *rolled = by_joints[joints]
+            if part.motion.tree is tree and _is_same(rolled[0].state, firsts[k]):
+                known[part] = rolled
                 models.append(part)
                 continue
         part = BlockModel(
@@ -149,25 +155,27 @@ def roll(model: Model, log: LogState, values: Values, before: Rolled | None = No
             origin=log.origin,
         )
         models.append(part)
-    relate([part.motion for part in models if part not in known], psi)
-    trajectories, residuals = list[Trajectory](), []
+    new = [k for k, part in enumerate(models) if part not in known]
+    motions = [models[k].motion for k in new]
+    relate(motions, psi)
+    fresh = [motion.trajectory(firsts[k]) for k, motion in zip(new, motions, strict=True)]
+    changes = with_changes(motions, fresh) if model.constants.yields else fresh
+    for k, trajectory, change in zip(new, fresh, changes, strict=True):
+        part = models[k]
+        bent, moved = part.bent(change)
+        own = {n: s.residuals(trajectory) - bent.get(n, 0.0) for n, s in part.sensors.items()}
+        known[part] = trajectory, own, jumped(part.motion.end(trajectory), moved)
+    trajectories, residuals, ends = (list(each) for each in zip(*(known[part] for part in models)))
     for k, part in enumerate(models):
-        trajectory, own = known.get(part) or (part.motion.trajectory(firsts[k]), None)
-        bent, moved = part.bent(trajectory)
-        if own is None:
-            own = {n: s.residuals(trajectory) - bent.get(n, 0.0) for n, s in part.sensors.items()}
-        trajectories.append(trajectory)
-        residuals.append(own)
         cost += float(np.sum(part.motion.joints.rest**2))
         if k < len(log.walks):
             cost += float(np.sum((log.walks[k] / sigma) ** 2)) / log.step(k)
         if k + 1 < len(log.blocks):
-            end = jumped(part.motion.end(trajectory), moved)
-            link = np.zeros(12) if log.gaps[k] else jump_between(end, log.starts[k + 1])
-            links.append(link)
+            is_gap = log.gaps[k] > 0
+            links.append(np.zeros(12) if is_gap else jump_between(ends[k], log.starts[k + 1]))
     linear = {part: rows for part, rows in before.linear.items() if part in known} if before else {}
     start = _start_cost(model, log, values)
-    return Rolled(models, trajectories, residuals, links, cost, start, by_psi, linear)
+    return Rolled(models, trajectories, residuals, ends, links, cost, start, by_psi, linear)
 
 
 def _is_same(state: TrajectoryState, other: TrajectoryState) -> bool:

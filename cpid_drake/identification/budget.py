@@ -27,6 +27,7 @@ from cpid_drake.files.checked_yaml import Numbers
 from cpid_drake.files.digits import significant, with_half_width
 from cpid_drake.identification.checks import Check
 from cpid_drake.identification.effects import EffectEstimate, with_sensors_of
+from cpid_drake.sensors.error_kinds import KINDS
 from cpid_drake.sensors.sensors import Gyro
 from cpid_drake.sensors.suite import SensorSuite
 
@@ -193,7 +194,7 @@ def _entries(
     owner = f" of {error.sensor}" if error.sensor else ""
     for k in range(error.size):
         place = f", {_XYZ[k]}" if error.size == 3 else f", {k + 1}" if error.size > 1 else ""
-        if error.kind in ("zero", "drift"):
+        if not KINDS[error.kind].entries:
             owner, place = f" of {joints[k]}", ""
         yield f"{kind}{owner}{place}", error.unit, error.sigma / error.scale
 

@@ -32,6 +32,9 @@ class Disturbances:
         acceleration_B_walk, torque_B_walk: their random walks [m/s²/√s, N·m/√s].
         thrust_scale: σ of the error of the scale of logged thrust: the true thrust is the logged
             one times one plus this error, common to all its components.
+        joint_compliance_urad: σ of the compliance of each joint: its angle is the encoder's less so
+            much per effort that moves what is outboard of it [10⁻⁶ rad/(N·m); of prismatic joints
+            10⁻⁶ m/N]. No seed draws it.
         compliance_urad: σ of the compliance of the grasp about each axis of C: the target turns
             against C by so much per moment [10⁻⁶ rad/(N·m)]. No seed draws it: simulations have a
             wrist of their own.
@@ -58,6 +61,7 @@ class Disturbances:
     acceleration_B_walk: Size = None
     torque_B_walk: Size = None
     thrust_scale: Size = None
+    joint_compliance_urad: Size = None
     compliance_urad: Size = None
     translational_compliance_um: Size = None
     wheel: Size = None

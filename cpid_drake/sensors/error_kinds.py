@@ -26,6 +26,11 @@ WALKS = 0.03
 BIAS_WALKS = 1 / 3
 """The same of a gyro's bias in the root of an hour."""
 
+CLOCKS = 50.0
+"""σ of a clock that nobody disciplines [ppm]: quartz is sold with tolerances of 20 to 100 ppm, and
+temperature and age add as much. Two clocks then differ by 71 ppm; a survey of 20,000 computers
+found a median error of 78 ppm (Mills 2006)."""
+
 PLAUSIBLE_BODIES = BodyUncertainty(mass=0.01, com=0.005, inertia=0.01)
 """Uncertainty of bodies of which nobody says how well they are known."""
 
@@ -119,6 +124,11 @@ _KINDS = (
         is_shared=False,
     ),
     ErrorKind(
+        *("joint_compliance", "disturbances", "joint_compliance_urad", 0, "µrad/(N·m)", 1e-6),
+        *(300.0, "the joints are flexible: by {}"),
+        by_mass=-1,
+    ),
+    ErrorKind(
         *("compliance", "disturbances", "compliance_urad", 3, "µrad/(N·m)", 1e-6, 300.0),
         "the grasp is flexible: the target turns against C by {} about its axes",
         by_mass=-1,
@@ -151,6 +161,10 @@ _KINDS = (
     ErrorKind(
         *("delay", "sensor", "delay_ms", 1, "ms", 1e-3, 30.0),
         "the stamps of the {sensor} are {} late",
+    ),
+    ErrorKind(
+        *("clock_drift", "sensor", "clock_drift_ppm", 1, "ppm", 1e-6, CLOCKS),
+        "the clock of the {sensor} is fast by {}",
     ),
     ErrorKind(
         *("mounting", "sensor", "mounting_arcsec", 3, "arcsec", ARCSECOND, 360.0),
@@ -218,7 +232,7 @@ def with_plausible(
     valves = suite.thrusters
     without = set() if has_thrust and valves is None else {"thrust_scale"}  # valves have their own
     if has_thrust:  # the first order needs loads that change slowly against the grasp's modes
-        without |= {"compliance", "translational_compliance"}
+        without |= {"joint_compliance", "compliance", "translational_compliance"}
     forces = filled(suite.disturbances or Disturbances(), "disturbances", frozenset(without))
     forces = _with_changes(forces, is_exact)
     if valves is not None:
@@ -237,11 +251,11 @@ def with_plausible(
     for name, errors in suite.present().items():
         left_out = set[str]()
         if name == "joint_rates":  # their clock and their zeros are those of the encoders
-            left_out = {"delay", "zero", "drift"}
+            left_out = {"delay", "clock_drift", "zero", "drift"}
         elif name == "attitude" and valves is not None and valves.delay_ms:
-            left_out = {"delay"}  # all sensors late is the thrust early: attitude is the clock
+            left_out = {"delay", "clock_drift"}  # all late is the thrust early: it is the clock
         elif isinstance(errors, Gyro) and forces.torque_noise:
-            left_out = {"delay"}  # a torque in every sample takes what a delay does
+            left_out = {"delay", "clock_drift"}  # a torque in every sample takes what a delay does
         found = filled(errors, "sensor", frozenset(left_out))
         if isinstance(found, Gyro) and found.bias_random_walk is None:
             walk = 0.0 if is_exact else BIAS_WALKS * (found.bias or 0.0)

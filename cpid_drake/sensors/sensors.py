@@ -45,6 +45,8 @@ class SensorErrors(ABC):
     Attributes:
         rate: samples per second [Hz].
         delay_ms: σ of the delay of all stamps; a positive delay means that they are too late [ms].
+        clock_drift_ppm: σ of the share by which the clock of the stamps is fast: from the start of
+            a log on, the delay grows by it [10⁻⁶ s/s].
         dropouts: mean number of dropouts per minute, in which samples are lost.
         dropout_length: mean duration of a dropout [s].
 
@@ -52,6 +54,7 @@ class SensorErrors(ABC):
 
     rate: Rate = 10.0
     delay_ms: Stated = field(default=None, kw_only=True)
+    clock_drift_ppm: Stated = field(default=None, kw_only=True)
     dropouts: Noise = field(default=0.0, kw_only=True)
     dropout_length: Annotated[float, Gt(0)] = field(default=1.0, kw_only=True)
 

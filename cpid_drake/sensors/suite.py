@@ -116,7 +116,7 @@ def check_sensors(suite: SensorSuite, where: str) -> None:
 
     Raises:
         InputError: a value is of the wrong type or out of the limits that its class declares; a
-            zero or a delay of joint rates.
+            zero or a delay or a clock drift of joint rates.
 
     """
     if not isinstance(suite, SensorSuite):
@@ -131,12 +131,12 @@ def check_sensors(suite: SensorSuite, where: str) -> None:
                     f"{where}: {name}.{key} must be 0, not {value}; only joint positions have a "
                     "zero"
                 )
-    rates = suite.joint_rates
-    if rates is not None and rates.delay_ms:
-        raise InputError(
-            f"{where}: joint_rates.delay_ms must be 0: their stamps belong to the clock of the "
-            "encoders; give encoders.delay_ms"
-        )
+    for key in ("delay_ms", "clock_drift_ppm"):
+        if suite.joint_rates is not None and getattr(suite.joint_rates, key):
+            raise InputError(
+                f"{where}: joint_rates.{key} must be 0: their stamps belong to the clock of the "
+                f"encoders; give encoders.{key}"
+            )
 
 
 def require_encoders(suite: SensorSuite, where: str) -> None:

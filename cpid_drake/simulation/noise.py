@@ -7,6 +7,7 @@ other sensors.
 """
 
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +27,13 @@ from cpid_drake.sensors.sensors import (
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.simulation.disturbance import SimulatedDisturbance, random_stream
 
-_KINDS = ("delay", "mounting", "scale", "misalignment", "lever_arm", "zero", "dropouts", "drift")
+_KINDS = (
+    *("delay", "mounting", "scale", "misalignment", "lever_arm", "zero", "dropouts", "drift"),
+    "clock_drift",
+)
 """What has a random stream of its own for each sensor; a place is the second number of its key."""
+
+Time = TypeVar("Time", float, NDArray[np.float64])
 
 _STREAMS = {name: k for k, name in enumerate(SENSORS)}
 """The streams of white noise."""
@@ -41,7 +47,8 @@ class ConstantErrors:
     """Values of one sensor's constant errors; those that a sensor cannot have are zero.
 
     Attributes:
-        delay: stamp minus true time of a sample [s].
+        delay: stamp minus true time of a sample, at 0 s [s].
+        clock_drift: rate of the delay.
         mounting_B: (3,) rotation vector ε in B: the measured attitude is R_WB Exp(ε) [rad].
         scale: (3, 3) matrix S: the measured angular velocity is (1 + S) ω. Its diagonal has the
             errors of the axes' scales, its other entries those of their directions.
@@ -52,11 +59,16 @@ class ConstantErrors:
     """
 
     delay: float = 0.0
+    clock_drift: float = 0.0
     mounting_B: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     scale: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3, 3)))
     lever_arm_B: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     zero: NDArray[np.float64] = field(default_factory=lambda: np.zeros(1))
     drift: NDArray[np.float64] = field(default_factory=lambda: np.zeros(1))
+
+    def stamp(self, time: Time) -> Time:
+        """Return the stamp [s] of a sample at a time [s]."""
+        return time + self.delay + self.clock_drift * time
 
 
 class SensorNoise:
@@ -85,7 +97,7 @@ class SensorNoise:
         """Return the values of a sensor's constant errors.
 
         Every error has its own stream, so that it does not change the values of the others. Joint
-        rates have the delay of the encoders, to whose clock they belong.
+        rates have the clock of the encoders.
 
         Args:
             name: name of the sensor.
@@ -107,7 +119,9 @@ class SensorNoise:
             stream = random_stream(self.seed, _STREAMS[name], _KINDS.index(kind))
             return stream.standard_normal(shape)
 
-        drawn = ConstantErrors((errors.delay_ms or 0.0) * 1e-3 * float(normal("delay", 1)[0]))
+        delay = (errors.delay_ms or 0.0) * 1e-3 * float(normal("delay", 1)[0])
+        fast = (errors.clock_drift_ppm or 0.0) * 1e-6 * float(normal("clock_drift", 1)[0])
+        drawn = ConstantErrors(delay, fast)
         if isinstance(errors, AttitudeSensor):
             mounting = (errors.mounting_arcsec or 0.0) * ARCSECOND * normal("mounting", 3)
             return replace(drawn, mounting_B=mounting)
@@ -122,8 +136,10 @@ class SensorNoise:
             zero = (errors.zero_mrad or 0.0) * 1e-3 * normal("zero", joint_count)
             drift = (errors.drift_mrad_per_s or 0.0) * 1e-3 * normal("drift", joint_count)
             return replace(drawn, zero=zero, drift=drift)
-        has_encoders = self.suite.encoders is not None
-        return replace(drawn, delay=self.constants("encoders").delay) if has_encoders else drawn
+        if self.suite.encoders is None:
+            return drawn
+        clock = self.constants("encoders")
+        return replace(drawn, delay=clock.delay, clock_drift=clock.clock_drift)
 
     def apply(
         self,
@@ -134,7 +150,7 @@ class SensorNoise:
     ) -> NDArray[np.float64]:
         """Return samples first, first + 1, … of a sensor: ideal values with errors added.
 
-        A delay does not change the samples. It belongs to their stamps, see `constants`.
+        A clock does not change the samples. It belongs to their stamps, see `constants`.
 
         Args:
             name: name of the sensor.
@@ -238,7 +254,7 @@ def add_noise(suite: SensorSuite, ideal: Log, seed: int) -> Log:
     for name, errors in suite.present().items():
         exact, first = ideal[name], first_sample(errors)
         value = noise.apply(name, exact.value, first, ideal.motion.get(name))
-        stamped = Samples(exact.time + noise.constants(name, joints).delay, value)
+        stamped = Samples(noise.constants(name, joints).stamp(exact.time), value)
         samples[name] = stamped.where(~noise.is_lost(name, first + len(exact))[first:])
     if THRUST in ideal.samples:  # the true thrust is the logged one, times one plus the error
         scale = 1 + SimulatedDisturbance(suite.disturbances, seed).thrust_scale

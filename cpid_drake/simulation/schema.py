@@ -247,7 +247,8 @@ class SimulationConfig:
     target was tumbling at capture. `disturbance` and `burns` act in the Diagram and in the trials
     of a campaign. The estimators read a log of the burns if `burns_logged` is true; it has
     the error of scale that the seed gives with the σ in `SensorSuite.disturbances`. `wrist` is
-    null for a rigid grasp.
+    null for a rigid grasp. `joint_compliance_urad` is that of all joints [10⁻⁶ rad/(N·m), m/N],
+    between their encoders and what they move.
     """
 
     duration: Positive = 10.0
@@ -255,6 +256,7 @@ class SimulationConfig:
     disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
     sprung_masses: list[SprungMass] = field(default_factory=list)
     wrist: CompliantWrist | None = None
+    joint_compliance_urad: Annotated[float, Ge(0)] = 0.0
     burns: list[Burn] = field(default_factory=list)
     burns_logged: bool = True
     log_period: Positive = 0.0625

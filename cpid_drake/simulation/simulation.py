@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,7 +11,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import Frame
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, OutputPort
-from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
+from pydrake.systems.primitives import LogVectorOutput, MatrixGain, VectorLogSink
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import JointMotion
@@ -251,7 +252,7 @@ def make_simulation(
     known = None
     if forces is not None and config.knows_target and not scenario.simulation.sprung_masses:
         known = forces.GetOutputPort("spatial_forces")
-    JointController.AddToBuilder(
+    controller = JointController.AddToBuilder(
         builder,
         spacecraft,
         state=plant.get_state_output_port(),
@@ -266,7 +267,12 @@ def make_simulation(
     )
     if suite is not None:
         sensors = SpacecraftSensors.AddToBuilder(
-            builder, spacecraft, state=state, suite=suite, seed=scenario.sensors.seed
+            builder,
+            spacecraft,
+            state=state,
+            suite=suite,
+            seed=scenario.sensors.seed,
+            **_flexible(builder, scenario, spacecraft, plant, controller),
         )
         sensor_logs = log_samples(builder, sensors)
     logged = {}
@@ -306,6 +312,24 @@ def make_simulation(
         sensors,
         sensor_logs,
     )
+
+
+def _flexible(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    spacecraft: Spacecraft,
+    plant: MultibodyPlant,
+    controller: JointController,
+) -> dict[str, Any]:
+    """Return what the sensors need if the joints are flexible: compliance and efforts."""
+    compliance = 1e-6 * scenario.simulation.joint_compliance_urad
+    if not compliance:
+        return {}
+    v = spacecraft.columns_in(plant)[spacecraft.state_columns["qdot"]] - plant.num_positions()
+    efforts = builder.AddSystem(MatrixGain(np.eye(plant.num_velocities())[v]))
+    efforts.set_name("joint_efforts")
+    builder.Connect(controller.GetOutputPort("generalized_force"), efforts.get_input_port())
+    return {"joint_compliance": compliance, "efforts": efforts.get_output_port()}
 
 
 def _add_identifier(

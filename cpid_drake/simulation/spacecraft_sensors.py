@@ -16,7 +16,7 @@ from pydrake.systems.framework import (
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
 from cpid_drake.dynamics.motion import Motion
-from cpid_drake.files.errors import prefix_errors
+from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.identification.arguments import PathLike, require_spacecraft, sensors_of
 from cpid_drake.logs.log import Log, Samples, first_sample
 from cpid_drake.sensors.sensors import SENSORS, SensorErrors
@@ -32,9 +32,8 @@ class SpacecraftSensors(SpacecraftSystem):
     Every sensor takes its sample k at time k / rate and holds it until the next sample that is not
     lost in a dropout. Its error depends on the seed and on k only: replays, other Contexts and
     `noise.add_noise` give the same samples. The latest samples are the discrete
-    state. The stamp of a sample is k / rate plus the
-    constant delay that the seed gives to the sensor; it can therefore differ from the time of the
-    Context.
+    state. The stamp of a sample is k / rate by the sensor's clock, which is late and drifts as the
+    seed says; it can therefore differ from the time of the Context.
 
     A gyro that integrates measures the mean of the angular velocity since its sample before. The
     integral of the angular velocity is then continuous state, and the first sample has k = 1.
@@ -44,6 +43,7 @@ class SpacecraftSensors(SpacecraftSystem):
         name: SpacecraftSensors
         input_ports:
         - state
+        - efforts
         output_ports:
         - attitude
         - gyro
@@ -53,6 +53,7 @@ class SpacecraftSensors(SpacecraftSystem):
         - joint_rates
 
     - `state`: x = [q; v] of the spacecraft's plant (a target welded on C adds no state).
+    - `efforts` (J), if the joints are flexible: of the motors [N·m or N].
     - one output (1 + width) for each sensor of the suite: the stamp [s] of the latest sample, then
       its value as in `Log`; NaN before the first. Samples due at the end of a simulation
       need `Simulator.AdvancePendingEvents`.
@@ -61,6 +62,8 @@ class SpacecraftSensors(SpacecraftSystem):
         spacecraft: the known spacecraft.
         suite: its sensors.
         seed: seed of the sensors' random errors, a whole number >= 0.
+        joint_compliance: of all joints, whose encoders are before the spring, on the motor: they
+            show the joint plus so much per effort [rad/(N·m) or m/N].
 
     Attributes:
         spacecraft, suite: as given.
@@ -68,13 +71,17 @@ class SpacecraftSensors(SpacecraftSystem):
 
     Raises:
         InputError: invalid sensors (see `suite.check_sensors`), no encoders of a spacecraft with
-            joints, or an invalid seed; and, when a
-            sample is taken, a state that is not finite or without an attitude.
+            joints, joint rates of flexible joints, or an invalid seed; and, when a sample is taken,
+            a state that is not finite or without an attitude.
 
     """
 
     def __init__(
-        self, spacecraft: Spacecraft, suite: SensorSuite | PathLike, seed: int = 0
+        self,
+        spacecraft: Spacecraft,
+        suite: SensorSuite | PathLike,
+        seed: int = 0,
+        joint_compliance: float = 0.0,
     ) -> None:
         super().__init__()
         self.set_name("spacecraft_sensors")
@@ -87,6 +94,11 @@ class SpacecraftSensors(SpacecraftSystem):
         self._state_port = self.DeclareVectorInputPort(
             "state", spacecraft.plant.num_multibody_states()
         )
+        self._joint_compliance = joint_compliance
+        if joint_compliance:
+            if suite.joint_rates is not None:
+                raise InputError("sensors: joint_rates of flexible joints cannot be simulated")
+            self.DeclareVectorInputPort("efforts", len(spacecraft.joint_names))
         self._is_integrating = any(first_sample(errors) for errors in suite.present().values())
         if self._is_integrating:
             self.DeclareContinuousState(3)  # the integral of w_WB_B [rad]
@@ -103,6 +115,8 @@ class SpacecraftSensors(SpacecraftSystem):
         state: OutputPort,
         suite: SensorSuite | PathLike,
         seed: int = 0,
+        efforts: OutputPort | None = None,
+        joint_compliance: float = 0.0,
     ) -> Self:
         """Add the sensors to a diagram and connect their input; for the options see the class.
 
@@ -110,7 +124,8 @@ class SpacecraftSensors(SpacecraftSystem):
             InputError: `state` is not that of this spacecraft; also the errors of the constructor.
 
         """
-        return cls(spacecraft, suite, seed).connected(builder, state=state)
+        sensors = cls(spacecraft, suite, seed, joint_compliance)
+        return sensors.connected(builder, state=state, efforts=efforts)
 
     def sample_ports(self) -> dict[str, OutputPort]:
         """Return the output ports by sensor, for `SensorIdentifier.AddToBuilder`."""
@@ -141,10 +156,13 @@ class SpacecraftSensors(SpacecraftSystem):
             else:
                 motion = self._motion(context, k / errors.rate, name)
                 [ideal] = SENSORS[name].ideal(motion)
+                if name == "encoders" and self._joint_compliance:
+                    efforts = self.GetInputPort("efforts").Eval(context)
+                    ideal = ideal + self._joint_compliance * efforts
             if self.noise.is_lost(name, k + 1)[k]:
                 return EventStatus.DidNothing()
             [value] = self.noise.apply(name, ideal[None], k, motion)
-            stamp = k / errors.rate + self.noise.constants(name, width).delay
+            stamp = self.noise.constants(name, width).stamp(k / errors.rate)
             discrete_state.set_value(index, np.append(stamp, value))
             return EventStatus.Succeeded()
 

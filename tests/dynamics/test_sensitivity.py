@@ -9,6 +9,7 @@ from sensing_cases import small_craft
 
 from cpid_drake import InertialParameters, Spacecraft
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
+from cpid_drake.dynamics.kinematics import forward_kinematics
 from cpid_drake.dynamics.outboard import Outboard
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.sensitivity import (
@@ -60,6 +61,18 @@ def case(request, skewed_target):
         R_BC = Rotation.from_rotvec([0.7, -0.4, 1.1]).as_matrix()
         tree = replace(tree, R_BC=R_BC, p_BC=np.array([0.1, -0.2, 0.3]))
     return Case(tree, craft.joint_names, skewed_target)
+
+
+def test_screws_of_the_grasp_are_about_and_along_the_axes_of_c(case):
+    which, S = case.outboard.grasp_screws
+    _, capture = forward_kinematics(case.tree, case.q, case.qdot)
+    axes, turns, shifts = capture.R_WC, S[..., :3], S[..., 3:]
+    assert which == 6 * [len(case.tree.bodies)]
+    np.testing.assert_allclose(turns[:, :3], axes, atol=1e-12)
+    moments = np.cross(capture.p_WC[:, :, None], axes, axis=1)
+    np.testing.assert_allclose(turns[:, 3:], moments, atol=1e-12)
+    np.testing.assert_allclose(shifts[:, 3:], axes, atol=1e-12)
+    assert not shifts[:, :3].any()
 
 
 def assert_is_derivative(sensitivity, column, ahead, behind, step) -> None:

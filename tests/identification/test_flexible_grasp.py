@@ -1,4 +1,4 @@
-"""A flexible grasp moves the base as predicted, and is estimated, declared or not."""
+"""Flexible joints, or a flexible grasp, are estimated, declared or not."""
 
 from dataclasses import replace
 
@@ -17,11 +17,16 @@ FREQUENCY = 6.0
 """Lowest natural frequency of the target on the wrist [Hz]."""
 
 
+JOINT = 200.0
+"""Compliance of all joints [µrad/(N·m)]: 5000 N·m/rad."""
+
 STIFF = 40.0
 """The same of the motions in which a grasp is nearly rigid [Hz]."""
 
-KINDS = ("compliance", "translational_compliance")
+JOINTS = "joint_compliance"
+KINDS = (JOINTS, "compliance", "translational_compliance")
 FIELDS = {
+    JOINTS: "joint_compliance_urad",
     "compliance": "compliance_urad",
     "translational_compliance": "translational_compliance_um",
 }
@@ -31,7 +36,7 @@ def simulated(kind="", *, duration=10.0, sensors=""):
     """Return a simulation, its Context at the end, and the compliances of its grasp.
 
     Args:
-        kind: about the axes of C, or along them; empty for a rigid grasp.
+        kind: of the joints, about the axes of C, or along them; empty if nothing is flexible.
         duration: [s].
         sensors: a preset.
 
@@ -52,10 +57,13 @@ def simulated(kind="", *, duration=10.0, sensors=""):
     compliances = dict.fromkeys(KINDS, 0.0)
     if kind == "compliance":
         wrist = CompliantWrist(*spring(largest, FREQUENCY))
+    elif kind == JOINTS:  # the load on the shoulder is that of the whole arm
+        scenario.simulation.joint_compliance_urad = JOINT
+        compliances[kind] = 1e-6 * JOINT
     elif kind:
         wrist = CompliantWrist(*spring(largest, STIFF), *spring(truth.mass, FREQUENCY))
         compliances[kind] = 1 / wrist.translational_stiffness[0]
-    if kind:
+    if kind and kind != JOINTS:
         compliances["compliance"] = 1 / wrist.stiffness[0]
         scenario.simulation.wrist = wrist
     simulation = make_simulation(scenario)

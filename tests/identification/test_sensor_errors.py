@@ -21,10 +21,12 @@ from sensing_cases import (
     nees,
     sigmas,
     small_craft,
+    true_psi,
 )
 
 from cpid_drake import Spacecraft, TotalMomentum, identify
 from cpid_drake.dynamics.propagation import Wrench, propagate
+from cpid_drake.identification.fitted import cramer_rao_bound
 from cpid_drake.logs.log import Log, Samples, ideal_log
 from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.sensors import JointSensor
@@ -35,6 +37,7 @@ HIDDEN = {
     "attitude.delay": ("attitude", "delay_ms", 30.0),
     "gyro.scale": ("gyro", "scale_ppm", 3000.0),
     "encoders.zero": ("encoders", "zero_mrad", 2.0),
+    "gyro.clock_drift": ("gyro", "clock_drift_ppm", 150.0),
 }
 
 
@@ -82,13 +85,14 @@ def true_value(suite, seed, name):
         "delay": 1e3 * drawn.delay,
         "scale": 1e6 * np.diag(drawn.scale),
         "zero": 1e3 * drawn.zero,
+        "clock_drift": 1e6 * drawn.clock_drift,
     }[kind]
 
 
 class TestDeclared:
-    def test_it_is_estimated(self, craft, log, skewed_target):
+    @pytest.mark.parametrize("name", ["attitude.delay", "gyro.clock_drift"])
+    def test_it_is_estimated(self, craft, log, skewed_target, name):
         """Its interval and those of the target contain the truth, and no check fails."""
-        name = "attitude.delay"
         suite = suite_with(name)
         found = identify(craft, log(suite), sensors=suite)
         assert found.passed
@@ -154,7 +158,7 @@ class TestNotStated:
         assert sum("version: 2" in text for text in said) == 1
 
     @pytest.mark.slow
-    @pytest.mark.parametrize("name", ["gyro.scale", "encoders.zero", "attitude.delay"])
+    @pytest.mark.parametrize("name", [*HIDDEN])
     def test_a_hidden_one_is_in_the_intervals(self, craft, log, suite, skewed_target, name):
         found = identify(craft, log(suite_with(name)), sensors=silent(suite))
         [effect] = [each for each in found.effects if each.name == name]
@@ -163,6 +167,18 @@ class TestNotStated:
         assert found.failures == ()
         assert (np.abs(found.parameters - skewed_target.to_vector()) < 4 * sigmas(found)).all()
         assert nees(found, skewed_target) < chi2.isf(1e-3, 10)
+
+    @pytest.mark.slow
+    def test_ten_clean_logs_have_honest_intervals(self, craft, log, suite, skewed_target):
+        """Plausible errors that are not there make intervals wider than they need be."""
+        found = [
+            identify(craft, log(seed=seed, motion=100 + seed), sensors=silent(suite))
+            for seed in range(10)
+        ]
+        assert all(each.passed for each in found)
+        errors = [nees(each, skewed_target) for each in found]
+        assert sum(errors) < chi2.isf(1e-3, 100)
+        assert max(errors) < chi2.isf(1e-3, 10)
 
     def test_one_that_is_stated_to_be_zero_is_not_estimated(self, craft, log, suite):
         sensors = replace(silent(suite), gyro=replace(suite.gyro, scale_ppm=0.0))
@@ -214,6 +230,25 @@ class TestBudget:
         )
         parts = [row.shares for row in found.budget if row.name.endswith("that walk")]
         assert (np.max(parts, axis=0) < gone + 0.05).all()
+
+
+@pytest.mark.parametrize("kind", ["clock_drift_ppm", "joint_compliance_urad"])
+def test_the_bound_of_a_motion_has_every_error(craft, skewed_target, suite, kind):
+    """It is wider than that of a spacecraft without the error."""
+    motion = Sines.drawn(4, seed=101, duration=6.0, size=0.6)
+    exact = measured(craft, motion, skewed_target, suite)
+    without = silent(suite)
+    if kind == "joint_compliance_urad":
+        without = replace(without, disturbances=Disturbances(**{kind: 0.0}))
+    for name, errors in without.present().items() if kind == "clock_drift_ppm" else ():
+        without = replace(without, **{name: replace(errors, **{kind: 0.0})})
+    psi = true_psi(craft, skewed_target)
+    all_errors, fewer = (
+        np.sqrt(np.diag(cramer_rao_bound(craft.tree, psi, exact, each)))
+        for each in (silent(suite), without)
+    )
+    assert (all_errors > fewer * (1 - 1e-6)).all()
+    assert (all_errors > fewer * 1.0001).any()
 
 
 @pytest.mark.slow

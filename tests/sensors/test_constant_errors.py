@@ -21,6 +21,7 @@ from cpid_drake.simulation.disturbance import random_stream
 from cpid_drake.simulation.noise import SensorNoise, add_noise
 
 JOINTS = ("a", "b")
+DRIFTS = {"attitude": 50.0, "gyro": 90.0, "position": 30.0, "velocity": 20.0, "encoders": 10.0}
 DELAYS = {"attitude": 20.0, "gyro": 5.0, "position": 10.0, "velocity": 10.0, "encoders": 2.0}
 AXIS = np.array([0.6, -0.48, 0.64])
 
@@ -35,6 +36,8 @@ def suite(**changes) -> SensorSuite:
         encoders=JointSensor(rate=30.0, zero_mrad=0.5, drift_mrad_per_s=0.2, delay_ms=2.0),
         joint_rates=JointSensor(rate=3.0),
     )
+    for name, drift in DRIFTS.items():
+        sensors[name].clock_drift_ppm = drift
     return replace(sensors, **changes)
 
 
@@ -72,6 +75,7 @@ def test_every_value_has_the_given_sigma():
 
     for name, size in DELAYS.items():
         assert spread(name, "delay") == pytest.approx(1e-3 * size, rel=0.09)
+        assert spread(name, "clock_drift") == pytest.approx(1e-6 * DRIFTS[name], rel=0.09)
     np.testing.assert_allclose(spread("attitude", "mounting_B"), 200 * ARCSECOND, rtol=0.09)
     scale = np.full((3, 3), 60 * ARCSECOND)
     np.fill_diagonal(scale, 500e-6)
@@ -94,7 +98,7 @@ def test_all_values_are_independent():
         rows.append(np.concatenate(row))
     table = np.array(rows)
     table = table[:, table.std(axis=0) > 0]
-    assert table.shape[1] == 9 * 3 + 5 + 3 + 9 + 3 + 3 + 2 + 2
+    assert table.shape[1] == 9 * 3 + 5 + 5 + 3 + 9 + 3 + 3 + 2 + 2
     off_diagonal = np.corrcoef(table.T) - np.eye(table.shape[1])
     assert np.abs(off_diagonal).max() < 4.5 / np.sqrt(len(rows))
 
@@ -124,7 +128,9 @@ def test_a_gyro_has_scales_and_misalignments():
 def test_a_lever_arm_moves_the_measured_point():
     """Position is that of a point of the base; velocity is the derivative of such a position."""
     _, measured, noise = pair(suite())
-    true = motion(measured.position.time - noise.constants("position").delay)
+    constants = noise.constants("position")
+    stamps = measured.position.time
+    true = motion((stamps - constants.delay) / (1 + constants.clock_drift))
     l_B = noise.constants("position").lever_arm_B
     expected = true.p_WB + Rotation.from_matrix(true.R_WB).apply(l_B)
     np.testing.assert_allclose(measured.position.value, expected, atol=1e-14)
@@ -146,22 +152,24 @@ def test_joint_positions_have_zeros_and_joint_rates_have_not():
     expected = constants.zero + ideal.encoders.time[:, None] * constants.drift
     np.testing.assert_allclose(error, expected, atol=1e-15)
     np.testing.assert_array_equal(measured.joint_rates.value, ideal.joint_rates.value)
-    for key in ("zero_mrad", "drift_mrad_per_s"):
+    for key in ("zero_mrad", "drift_mrad_per_s", "delay_ms", "clock_drift_ppm"):
         with pytest.raises(InputError, match=rf"here: joint_rates.{key} must be 0"):
             check_sensors(suite(joint_rates=JointSensor(**{key: 1.0})), "here")
 
 
 @pytest.mark.parametrize("seed", [3, 4])
-def test_a_delay_changes_stamps_and_no_samples(seed):
+def test_a_clock_changes_stamps_and_no_samples(seed):
     """Stamps of some sensors are too late, those of others too early; all of them increase."""
     delays = []
     for name in DELAYS:
         ideal, measured, noise = pair(suite(), seed)
         punctual = suite()
-        punctual[name].delay_ms = 0.0
+        punctual[name].delay_ms = punctual[name].clock_drift_ppm = 0.0
         delays.append(noise.constants(name).delay)
         late = measured[name].time - ideal[name].time
-        np.testing.assert_allclose(late, delays[-1], atol=1e-15)
+        grown = noise.constants(name).clock_drift * ideal[name].time
+        np.testing.assert_allclose(late - delays[-1], grown, atol=1e-15)
+        assert (grown[1:] != 0).all()
         assert (np.diff(measured[name].time) > 0).all()
         same = add_noise(punctual, ideal, seed)[name]
         np.testing.assert_array_equal(same.value, measured[name].value)

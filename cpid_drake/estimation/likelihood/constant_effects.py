@@ -9,22 +9,21 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from cpid_drake.estimation.likelihood.compliance import write_shifts, write_turns
 from cpid_drake.estimation.likelihood.constants import (
     ACCELERATION_B,
-    COMPLIANCE,
     DRIFT,
     OF_THRUST,
-    STRETCH,
     TORQUE_B,
     VALVE_DELAY,
     WHEEL,
+    YIELDING,
     ZERO,
     ConstantError,
 )
 from cpid_drake.estimation.likelihood.effects import (
     MotionChange,
     write_force,
+    write_yielding,
 )
 from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory
 
@@ -37,7 +36,7 @@ def moves(error: ConstantError, motion: BaseMotion) -> bool:
 
     Other errors change the readings alone, or the joint motion; see `by_joint_errors`.
     """
-    return error.kind in (*OF_THRUST, *_WRITE) or error.name in motion.forces
+    return error.kind in (*OF_THRUST, *YIELDING, *_WRITE) or error.name in motion.forces
 
 
 def by_joint_errors(motion: BaseMotion) -> dict[str, NDArray[np.float64]]:
@@ -67,6 +66,8 @@ def write_constant(
         change.thrust[motion.constants.of_thrust.index(error.name)] = error.sigma
     elif error.name in motion.forces:
         write_force(motion.forces[error.name], motion, trajectory, change)
+    elif error.kind in YIELDING:
+        write_yielding(error, motion, trajectory, change)
     elif error.kind in _WRITE:
         _WRITE[error.kind](motion, trajectory, error.sigma, change)
 
@@ -108,8 +109,6 @@ def _leak_acceleration(
 
 _WRITE: dict[str, Write] = {
     WHEEL: _wheel,
-    COMPLIANCE: write_turns,
-    STRETCH: write_shifts,
     TORQUE_B: _leak_torque,
     ACCELERATION_B: _leak_acceleration,
 }

@@ -37,19 +37,19 @@ ACCELERATION_B, TORQUE_B = "acceleration_B", "torque_B"
 WHEEL = "wheel"
 """Name of the angular momentum of rotors in the base, in B."""
 
-COMPLIANCE = "compliance"
-"""Name of the compliance of the grasp about the axes of C."""
-
-STRETCH = "translational_compliance"
-"""Name of the compliance of the grasp along the axes of C."""
+YIELDING = ("joint_compliance", "compliance", "translational_compliance")
+"""Names of the compliances of the joints, and of the grasp about and along the axes of C."""
 
 ZERO, DRIFT = "zero", "drift"
 """Kinds of errors of joints: of their zeros at the start of a log, and of the zeros' rates."""
 
+DELAY, CLOCK_DRIFT = "delay", "clock_drift"
+"""Kinds of errors of stamps: their delay at the start of a log, and its growth in a second."""
+
 BIAS = "bias"
 """Kind of a gyro's bias, which walks from block to block."""
 
-OF_FIRST_ORDER = (COMPLIANCE, STRETCH, ACCELERATION_B)
+OF_FIRST_ORDER = (*YIELDING, ACCELERATION_B)
 """Kinds whose effect is of first order about zero: the predicted motion does not have it."""
 
 
@@ -152,6 +152,11 @@ class Constants:
         found = [e for e in self.errors.values() if e.kind == kind]
         values = [error.sigma * constants[self._places[error.name]] for error in found]
         return np.concatenate(values) if values else np.zeros(1)
+
+    @property
+    def yields(self) -> bool:
+        """Whether joints or grasp are flexible."""
+        return any(error.kind in YIELDING for error in self.errors.values())
 
     @property
     def of_thrust(self) -> list[str]:

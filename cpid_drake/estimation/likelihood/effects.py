@@ -19,17 +19,19 @@ from cpid_drake.dynamics.rotations import cross, skew
 from cpid_drake.dynamics.sensitivity import (
     MotionSensitivity,
     joint_sensitivity,
+    screw_sensitivity,
     uncertain_sensitivity,
 )
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.estimation.likelihood.constants import DRIFT, ZERO
+from cpid_drake.estimation.likelihood.constants import DRIFT, YIELDING, ZERO, ConstantError
 from cpid_drake.estimation.likelihood.forces import Force
 from cpid_drake.estimation.likelihood.motion import (
     BaseMotion,
     Trajectory,
 )
 from cpid_drake.estimation.likelihood.thrust import inverse_mass, transition
+from cpid_drake.estimation.likelihood.uniform_spline import spline_slopes
 
 TOGETHER = 32
 """So many blocks have their kinematics computed in one call."""
@@ -163,13 +165,28 @@ def write_bodies(
     """
     sigmas = uncertainty.all_sigmas(motion.tree.wheels, motion.joints.coefficients.shape[1])
     present = np.zeros(np.count_nonzero(sigmas)) if errors is None else errors
-    by = trajectory.by_bodies or _changes([motion], [trajectory], uncertainty, present)[0][2]
+    by = trajectory.by_bodies or _changes([motion], [trajectory], uncertainty, present)[0]["bodies"]
     write_change(change, by, motion, trajectory)
     mu, masses = float(trajectory.state.psi[0]), np.zeros(len(sigmas))
     bodies = [body.mass for body in motion.tree.bodies]
     masses[: 10 * len(bodies) : 10] = uncertainty.mass * np.array(bodies)
     by_masses = -masses[sigmas > 0] * inverse_mass(motion.dynamics.mass, mu) ** 2
     change.inverse_mass[:] = by_masses / (1 + uncertainty.mass * present)
+
+
+def write_yielding(
+    error: ConstantError, motion: BaseMotion, trajectory: Trajectory, change: MotionChange
+) -> None:
+    """Write that of compliances of the joints or of the grasp, to first order about zero.
+
+    A joint yields by −(compliance) τ, with the effort τ of a rigid arm, and the target against C by
+    that times moment and force of a rigid grasp. This holds if the arm's modes are much faster than
+    the motion, and if external forces on arm and target are small.
+    """
+    by = trajectory.by_compliance or _changes([motion], [trajectory])[0]["compliance"]
+    end = by.w.shape[-1] - (6, 3, 0)[YIELDING.index(error.kind)]
+    own = (error.sigma * each[..., end - error.size : end] for each in vars(by).values())
+    write_change(change, MotionSensitivity(*own), motion, trajectory)
 
 
 def inertia_changes(
@@ -233,8 +250,8 @@ def joint_changes(
 ) -> tuple[MotionSensitivity, MotionSensitivity]:
     """Return the derivatives of the motion with respect to joint positions and joint rates."""
     if trajectory.by_joints is None:
-        by_q, by_qdot = _changes([motion], [trajectory])[0]
-        return by_q, by_qdot
+        found = _changes([motion], [trajectory])[0]
+        return found["q"], found["qdot"]
     return trajectory.by_joints
 
 
@@ -251,9 +268,13 @@ def with_changes(
     for k in range(0, len(motions), TOGETHER):
         some = trajectories[k : k + TOGETHER]
         found = _changes(motions[k : k + TOGETHER], some, uncertainty, errors)
-        for trajectory, (by_q, by_qdot, *by_bodies) in zip(some, found, strict=True):
-            bodies = by_bodies[0] if by_bodies else None
-            yield replace(trajectory, by_joints=(by_q, by_qdot), by_bodies=bodies)
+        for trajectory, by in zip(some, found, strict=True):
+            yield replace(
+                trajectory,
+                by_joints=(by["q"], by["qdot"]),
+                by_bodies=by.get("bodies"),
+                by_compliance=by.get("compliance"),
+            )
 
 
 def _changes(
@@ -261,21 +282,45 @@ def _changes(
     trajectories: Sequence[Trajectory],
     uncertainty: BodyUncertainty | None = None,
     errors: NDArray[np.float64] | None = None,
-) -> list[tuple[MotionSensitivity, ...]]:
-    """Return the derivatives by joint positions, joint rates and, if uncertain, bodies."""
+) -> list[dict[str, MotionSensitivity]]:
+    """Return the derivatives by joint positions and rates and, if not exact, compliances, bodies.
+
+    The compliances are those of the joints, then of the grasp about and along C's axes.
+    """
     outboard, dynamics = _relative_to_base(motions, trajectories)
-    psi = trajectories[0].state.psi
-    by = [*joint_sensitivity(outboard, psi, dynamics)]
-    if uncertainty is not None:
-        wheels, joints = motions[0].tree.wheels, motions[0].joints.coefficients.shape[1]
-        present = np.zeros(uncertainty.count(wheels, joints)) if errors is None else errors
-        by.append(uncertain_sensitivity(outboard, psi, dynamics, uncertainty, present))
+    psi, joints = trajectories[0].state.psi, motions[0].joints.coefficients.shape[1]
+    which, S = outboard.joint_screws
+    yields = motions[0].constants.yields
+    if yields:
+        which, S = which + outboard.grasp_screws[0], np.dstack([S, outboard.grasp_screws[1]])
+    parts = dict(zip(("q", "qdot"), screw_sensitivity(outboard, psi, dynamics, which, S)))
     ends = np.cumsum([len(trajectory.w) for trajectory in trajectories])[:-1]
-    parts = [
-        [MotionSensitivity(*each) for each in zip(*(np.split(v, ends) for v in vars(one).values()))]
-        for one in by
+    if yields:
+        slopes = [spline_slopes(motion.nodes, motion.times) for motion in motions]
+
+        def rate(values: NDArray[np.float64]) -> NDArray[np.float64]:
+            """Return the rates of values (..., U, n) at all instants of all motions."""
+            each = zip(slopes, np.split(values, ends, axis=-2), strict=True)
+            return np.concatenate([D @ part[..., : D.shape[1], :] for D, part in each], axis=-2)
+
+        loads = outboard.loads(which, S, rate(outboard.momentum))
+        by, rates = zip(*(vars(part).values() for part in parts.values())), rate(loads)
+        moved = [-(q * loads[:, None] + qdot * rates[:, None]) for q, qdot in by]
+        for name, part in parts.items():
+            parts[name] = MotionSensitivity(*(each[..., :joints] for each in vars(part).values()))
+        parts["compliance"] = MotionSensitivity(*moved)
+    if uncertainty is not None:
+        wheels = motions[0].tree.wheels
+        present = np.zeros(uncertainty.count(wheels, joints)) if errors is None else errors
+        parts["bodies"] = uncertain_sensitivity(outboard, psi, dynamics, uncertainty, present)
+    split = {
+        name: zip(*(np.split(value, ends) for value in vars(part).values()))
+        for name, part in parts.items()
+    }
+    return [
+        {name: MotionSensitivity(*each) for name, each in zip(split, one)}
+        for one in zip(*split.values(), strict=True)
     ]
-    return list(zip(*parts, strict=True))
 
 
 def write_change(

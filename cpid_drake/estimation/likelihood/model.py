@@ -33,7 +33,7 @@ from cpid_drake.estimation.likelihood.effects import (
 from cpid_drake.estimation.likelihood.forces import white_forces
 from cpid_drake.estimation.likelihood.joint_motion import ORDER, JointPart
 from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory, TrajectoryState
-from cpid_drake.estimation.likelihood.sensors import SensorModel, delay_of, model_classes
+from cpid_drake.estimation.likelihood.sensors import SensorModel, lateness, model_classes
 from cpid_drake.estimation.likelihood.white_reading import WhiteReading
 from cpid_drake.logs.log import Log
 from cpid_drake.sensors.suite import SensorSuite
@@ -89,10 +89,8 @@ class BlockModel:
         classes = {n: model for n, model in model_classes(measurements).items() if n in present}
         constants = constants or Constants.of(suite, joints.coefficients.shape[1])
         nominal = np.zeros(constants.size) if nominal is None else nominal
-        delays = {name: delay_of(name, constants, nominal) for name in classes}
-        needed = [
-            measurements[n].time - delays[n] for n, each in classes.items() if each.at_instants
-        ]
+        late = {n: lateness(n, measurements[n].time, constants, nominal, origin) for n in classes}
+        needed = [measurements[n].time - late[n] for n, each in classes.items() if each.at_instants]
         times = np.concatenate([np.empty(0), *needed])
         thrust = thrust_log(measurements.thrust, suite.thrusters, constants, nominal)
         is_planar = tree.normal_B is not None
@@ -105,9 +103,7 @@ class BlockModel:
         for name, model in classes.items():
             count = len(measurements[name]) if model.at_instants else 0
             at = slice(first, first + count)
-            self.sensors[name] = model(
-                name, measurements[name], suite, self.motion, at, delays[name]
-            )
+            self.sensors[name] = model(name, measurements[name], suite, self.motion, at, late[name])
             first += count
         bodies = known_bodies, errors
         self.sensors |= {each.name: WhiteReading(self.motion, each, *bodies) for each in white}

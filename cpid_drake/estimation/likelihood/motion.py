@@ -94,6 +94,7 @@ class Trajectory:
             mass, in W; None without thrust.
         by_joints: derivatives of the motion by joint positions and rates; None if not yet needed.
         by_bodies: those by errors of the known bodies, likewise.
+        by_compliance: those by compliances of joints and grasp, likewise.
 
     """
 
@@ -106,6 +107,7 @@ class Trajectory:
     travel: NDArray[np.float64] | None
     by_joints: tuple[MotionSensitivity, MotionSensitivity] | None = None
     by_bodies: MotionSensitivity | None = None
+    by_compliance: MotionSensitivity | None = None
 
     @property
     def mobility(self) -> NDArray[np.float64]:
@@ -130,7 +132,7 @@ class BaseMotion:
         step: longest step of the grid [s]; a joint motion of many pieces makes it shorter.
         constants: the constant errors, external forces among them.
         nominal: (k,) their values in units of their σ: by some the joint motion is too large.
-        origin: time at which zeros of joints that drift have their values [s].
+        origin: time at which zeros and clocks that drift have their values [s].
         orbit, thrust, white: orbit of W's origin and log of thrust, if any, and white forces.
 
     Attributes:

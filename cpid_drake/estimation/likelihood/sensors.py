@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from cpid_drake.dynamics.plane import NORMAL_W
 from cpid_drake.dynamics.rotations import cross, exponentials, right_jacobian, rotate, skew
 from cpid_drake.estimation.block import LONGEST_DELAY
-from cpid_drake.estimation.likelihood.constants import BIAS, Constants
+from cpid_drake.estimation.likelihood.constants import BIAS, CLOCK_DRIFT, DELAY, Constants
 from cpid_drake.estimation.likelihood.effects import MotionChange
 from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory
 from cpid_drake.estimation.likelihood.uniform_spline import GAUSS_LEGENDRE
@@ -27,8 +27,8 @@ from cpid_drake.logs.log import Log, Samples
 from cpid_drake.sensors.sensors import SENSORS, AttitudeSensor, Gyro
 from cpid_drake.sensors.suite import SensorSuite
 
-ENCODER_DELAY = "encoders.delay"
-"""Name of the delay of the encoders, to whose clock the joint motion belongs."""
+ENCODERS = "encoders"
+"""The sensor to whose clock the joint motion belongs."""
 
 _STEP = 1e-3
 """Step of differences in time [s]."""
@@ -43,7 +43,7 @@ class SensorModel(ABC):
         suite: the sensors' errors.
         motion: motion of the base.
         instants: rows of the samples in `BaseMotion.times`, if the sensor needs them there.
-        delay: by how much its stamps are later than those of the encoders [s].
+        late: (M,) by how much its stamps are later than those of the encoders [s].
 
     Attributes:
         scale: (d,) σ of the components of a sample that enter: 3, or those in a table's plane.
@@ -60,11 +60,11 @@ class SensorModel(ABC):
         suite: SensorSuite,
         motion: BaseMotion,
         instants: slice,
-        delay: float,
+        late: NDArray[np.float64],
     ) -> None:
         self.name, self.samples, self.sigmas = name, samples, suite.sigmas(name)
         self._errors, self._at = suite[name], instants
-        self._motion, self._times = motion, samples.time - delay
+        self._motion, self._times = motion, samples.time - late
         self._weights = motion.interpolation(self._times)
         normal = motion.tree.normal_B
         self._is_planar = normal is not None
@@ -73,7 +73,11 @@ class SensorModel(ABC):
 
     def residuals(self, trajectory: Trajectory) -> NDArray[np.float64]:
         """Return measured minus predicted values (M, d) in units of σ."""
-        return self.whitened(self._error(trajectory)[..., None])[..., 0]
+        constants, error = self._motion.constants, self._error(trajectory)
+        fast = constants.value(trajectory.state.constants, f"{ENCODERS}.{CLOCK_DRIFT}")
+        if fast is not None:
+            error = error - fast * self._per_second(trajectory)
+        return self.whitened(error[..., None])[..., 0]
 
     def whitened(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the components (M, d, n) in units of σ of values (M, 3, n) in SI units."""
@@ -100,13 +104,18 @@ class SensorModel(ABC):
         """Return the derivatives (M, 3, size) of the readings by unknowns at the same motion.
 
         They are in SI units, by the names of constant errors in units of their σ. A delay of the
-        encoders means that all other sensors are early.
+        encoders means that all other sensors are early. If their clock is fast, so is the motion,
+        whose rates others show as they are.
         """
         errors = self._motion.constants.errors
         by = {f"{self.name}.{kind}": d for kind, d in self._kinds(trajectory).items()}
-        if {f"{self.name}.delay", ENCODER_DELAY} & errors.keys():
+        clocks = {f"{name}.{k}" for name in (self.name, ENCODERS) for k in (DELAY, CLOCK_DRIFT)}
+        if clocks & errors.keys():
             rate = self._rate(trajectory)[..., None]
-            by |= {f"{self.name}.delay": -rate, ENCODER_DELAY: rate}
+            grown = (self.samples.time - self._motion.origin)[:, None, None] * rate
+            by |= {f"{self.name}.{DELAY}": -rate, f"{self.name}.{CLOCK_DRIFT}": -grown}
+            grown = grown + self._per_second(trajectory)[..., None]
+            by |= {f"{ENCODERS}.{DELAY}": rate, f"{ENCODERS}.{CLOCK_DRIFT}": grown}
         return {name: errors[name].sigma * d for name, d in by.items() if name in errors}
 
     def _measured(self, normal_B: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -125,9 +134,13 @@ class SensorModel(ABC):
     def _rate(self, trajectory: Trajectory) -> NDArray[np.float64]:
         """Return the rates of change (M, 3) of the predicted values."""
 
+    def _per_second(self, trajectory: Trajectory) -> NDArray[np.float64]:
+        """Return what of the predicted values (M, 3) is proportional to the rate of the motion."""
+        return np.zeros((len(self.samples), 3))
+
     @abstractmethod
     def _kinds(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:
-        """Return the derivatives (M, 3, size) w.r.t. constant errors except delays, by kind."""
+        """Return the derivatives (M, 3, size) w.r.t. constant errors except clocks, by kind."""
 
     def _constant(self, trajectory: Trajectory, kind: str) -> NDArray[np.float64] | None:
         """Return the nominal value of a constant error of this sensor; None without it."""
@@ -212,6 +225,9 @@ class GyroModel(SensorModel):
 
     def _rate(self, trajectory: Trajectory) -> NDArray[np.float64]:
         return (self._mean_w(trajectory, _STEP) - self._mean_w(trajectory, -_STEP)) / (2 * _STEP)
+
+    def _per_second(self, trajectory: Trajectory) -> NDArray[np.float64]:
+        return self._mean_w(trajectory)
 
     def _kinds(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:
         w = self._mean_w(trajectory)
@@ -315,26 +331,40 @@ class VelocityModel(TranslationModel):
         slope = (weights(times + _STEP) - weights(times - _STEP)) / (2 * _STEP)
         return np.asarray(slope @ self._velocity(trajectory, slice(0, slope.shape[1])))
 
+    def _per_second(self, trajectory: Trajectory) -> NDArray[np.float64]:
+        return self._velocity(trajectory, self._at)
 
-def delay_of(name: str, constants: Constants, values: NDArray[np.float64]) -> float:
-    """Return by how much a sensor's stamps are later than those of the encoders [s].
+
+def lateness(
+    name: str,
+    stamps: NDArray[np.float64],
+    constants: Constants,
+    values: NDArray[np.float64],
+    origin: float,
+) -> NDArray[np.float64]:
+    """Return by how much a sensor's stamps (M,) are later than those of the encoders (M,) [s].
 
     Args:
         name: of the sensor.
+        stamps: (M,) [s].
         constants: the constant errors.
         values: (k,) their values.
+        origin: time at which clocks that drift have their delays [s].
 
     Raises:
         InputError: the delay is so long that the motion is not known so far from the block.
 
     """
-    delay = 0.0
-    for error, sign in ((f"{name}.delay", 1.0), (ENCODER_DELAY, -1.0)):
-        value = constants.value(values, error)
-        delay += 0.0 if value is None else sign * value[0]
-    if not abs(delay) < LONGEST_DELAY:
-        raise InputError(f"{name}: a delay of {delay:.3g} s cannot be modelled")
-    return delay
+    late = np.zeros(len(stamps))
+    for owner, sign in ((name, 1.0), (ENCODERS, -1.0)):
+        for kind, grows in ((DELAY, 1.0), (CLOCK_DRIFT, stamps - origin)):
+            value = constants.value(values, f"{owner}.{kind}")
+            if value is not None:
+                late = late + sign * value * grows
+    worst = late[np.argmax(np.abs(late))] if len(late) else 0.0
+    if not abs(worst) < LONGEST_DELAY:
+        raise InputError(f"{name}: a delay of {worst:.3g} s cannot be modelled")
+    return late
 
 
 _MODELS: dict[str, type[SensorModel]] = {

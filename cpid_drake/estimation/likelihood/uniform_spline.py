@@ -128,6 +128,11 @@ def spline_weights(nodes: NDArray[np.float64], times: NDArray[np.float64]) -> ND
     return _spline_weights(len(nodes), at.tobytes())
 
 
+def spline_slopes(nodes: NDArray[np.float64], times: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (M, N) weights of the nodes in the rates at times (M,) of a spline through them."""
+    return spline_weights(nodes, times) @ (_slopes(len(nodes)) / (nodes[1] - nodes[0]))
+
+
 @lru_cache(maxsize=1024)
 def _spline_weights(count: int, times: bytes) -> NDArray[np.float64]:
     """Return the weights at times since the first node: the same in every sweep."""

@@ -1,84 +1,96 @@
-"""A flexible grasp: its load, and what it does to the base."""
+"""Flexible joints and a flexible grasp: their loads, and what they do to the base."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from block_cases import joints_of, make_case
+from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 from sensing_cases import MOMENTUM, coarse_suite, true_telemetry
 
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.momentum import momentum_samples, target_momentum
 from cpid_drake.estimation.block import Block
-from cpid_drake.estimation.likelihood.compliance import wrist_load, write_shifts, write_turns
 from cpid_drake.estimation.likelihood.effects import MotionChange
 from cpid_drake.estimation.likelihood.model import BlockModel
+from cpid_drake.sensors.disturbances import Disturbances
+from cpid_drake.sensors.sensors import JointSensor
+from cpid_drake.spacecraft.free_floating import FreeFloatingDynamics
 
 START, END = 1.0, 2.5
+SIZE = 1e-6
+"""Compliance [rad/(N·m) or m/N]."""
 
 
 @pytest.fixture(scope="module")
 def case(tmp_path_factory, skewed_target):
-    return make_case(tmp_path_factory.mktemp("craft"), skewed_target, coarse_suite(), MOMENTUM)
+    each = 1e6 * SIZE
+    forces = Disturbances(
+        joint_compliance_urad=each, compliance_urad=each, translational_compliance_um=each
+    )
+    suite = coarse_suite(disturbances=forces, encoders=JointSensor(100.0, 1e-8))
+    return make_case(tmp_path_factory.mktemp("craft"), skewed_target, suite, MOMENTUM)
 
 
 @pytest.fixture(scope="module")
-def motion(case):
+def loads(case):
+    """True efforts of the joints by Drake, and moment and force on the target, in C, by time."""
+    craft, times = case.craft, np.arange(START - 0.1, END + 0.1, 0.005)
+    truth = true_telemetry(
+        craft.tree, craft.joint_names, case.motion, case.target, times, case.momentum_W
+    )
+    plant = craft.make_simulation_plant(case.target)
+    qddot = case.motion.evaluate(times)[:, 2]
+    efforts = FreeFloatingDynamics(craft, plant).joint_efforts(
+        plant.CreateDefaultContext(), craft.to_states(truth), qddot
+    )
+    known = momentum_samples(craft.tree, truth)
+    P, L = target_momentum(case.target, known.motion)
+    force, moment = (CubicSpline(times, each).derivative()(times) for each in (P, L))
+    moment = moment + np.cross(known.motion.v_WC, P)
+    R_CW = Rotation.from_matrix(known.motion.R_WC).inv()
+    load = np.hstack([efforts, R_CW.apply(moment), R_CW.apply(force)])
+    return {
+        "joint_compliance": CubicSpline(times, load[:, :4]),
+        "compliance": CubicSpline(times, load[:, 4:7]),
+        "translational_compliance": CubicSpline(times, load[:, 7:]),
+    }
+
+
+@pytest.mark.parametrize("kind", ["joint_compliance", "compliance", "translational_compliance"])
+def test_what_yields_moves_the_base_as_joints_do_that_have_moved(case, loads, kind):
+    """A joint, or one more joint at C, is at −(compliance) times its load by an independent way."""
     samples = case.block(START, END).samples
     joints = joints_of(Block(START, END, samples), case.suite)
-    return BlockModel(case.craft.tree, joints, samples, case.suite, None, 0.0125).motion
-
-
-def test_the_load_is_what_changes_the_targets_momentum(case, motion):
-    """Moment about C's origin and force, in C: by differences of the true motion."""
-    load = wrist_load(motion, motion.trajectory(case.state(START)))
-    times, h = np.array([1.3, 1.7, 2.2]), 1e-3
-    truth = true_telemetry(
-        case.craft.tree,
-        case.craft.joint_names,
-        case.motion,
-        case.target,
-        np.sort(np.concatenate([times - h, times, times + h])),
-        MOMENTUM,
-    )
-    known = momentum_samples(case.craft.tree, truth)
-    P, L = target_momentum(case.target, known.motion)
-    force = (P[2::3] - P[::3]) / (2 * h)
-    moment = (L[2::3] - L[::3]) / (2 * h) + np.cross(known.motion.v_WC[1::3], P[1::3])
-    R_CW = Rotation.from_matrix(known.motion.R_WC[1::3]).inv()
-    expected = np.hstack([R_CW.apply(moment), R_CW.apply(force)])
-    np.testing.assert_allclose(load(times), expected, rtol=0, atol=1e-3 * np.abs(expected).max())
-
-
-@pytest.mark.parametrize("prismatic", [False, True], ids=["turns", "shifts"])
-def test_a_flexible_grasp_moves_the_base_as_one_more_joint_does(case, motion, prismatic):
-    """A joint at C whose position is −(compliance) times the load about or along one axis."""
-    trajectory, size = motion.trajectory(case.state(START)), 1e-4
-    times, (q, qdot) = (
-        motion.times,
-        np.moveaxis(motion.joint_motion(motion.times), 1, 0),
-    )
-    change = MotionChange.zeros(motion, 3)
-    write = write_shifts if prismatic else write_turns
-    write(motion, trajectory, size, change)
-    load = wrist_load(motion, trajectory)
+    model = BlockModel(case.craft.tree, joints, samples, case.suite, None, 0.0125)
+    motion, load = model.motion, loads[kind]
+    trajectory, times = motion.trajectory(case.state(START)), motion.times
+    q, qdot = np.moveaxis(motion.joint_motion(times), 1, 0)
+    width = load(0.0).size
+    change = MotionChange.zeros(motion, width)
+    model.effects[kind](motion, trajectory, change)
     L_B = np.einsum("nji,nj->ni", trajectory.R, trajectory.L)
     tree = case.craft.tree.with_target(case.target.to_standard_vector())
-    for axis in range(3):
-        place = 3 * prismatic + axis
-        joint = replace(tree.bodies[-1], joint=4, prismatic=prismatic, axis_F=np.eye(3)[axis])
-        flexible = replace(tree, bodies=(*tree.bodies[:-1], joint))
+    for axis in range(width):
+        last = replace(tree.bodies[-1], joint=4, axis_F=np.eye(3)[axis % 3])
+        last = replace(last, prismatic=kind == "translational_compliance")
+        at_joint = kind == "joint_compliance"
+        flexible = tree if at_joint else replace(tree, bodies=(*tree.bodies[:-1], last))
         moved = []
-        for s in (size, -size):
-            at = [
-                np.column_stack([x, -s * load(times, k)[:, place]]) for k, x in enumerate((q, qdot))
-            ]
+        for s in (SIZE, -SIZE):
+            at = []
+            for k, x in enumerate((q, qdot)):
+                bend = -s * load(times, k)[:, axis]
+                bent = x + np.eye(4)[axis] * bend[:, None] if at_joint else np.c_[x, bend]
+                at.append(bent)
             relative = BodyDynamics.at(flexible, *at)
             w, _ = relative.base_twist(np.zeros(10), L_B)
             moved.append((w, relative.p_BK, relative.v_BK))
         found = change.w[..., axis], change.com[..., axis], change.com_rate[..., axis]
         for exact, ahead, behind in zip(found, *moved, strict=True):
             expected = ((ahead - behind) / 2)[: len(exact)]  # ω at the nodes
-            tolerance = 1e-3 * np.abs(expected).max()
-            np.testing.assert_allclose(exact, expected, rtol=0, atol=tolerance)
+            error = np.abs(exact - expected) / np.abs(expected).max()
+            is_inside = np.abs(times[: len(exact)] - (START + END) / 2) < 0.5
+            assert error[is_inside].max() < 1e-3
+            assert error.max() < 0.03  # the samples of one block tell little about its ends

@@ -32,8 +32,13 @@ SIGMAS = {
 }
 
 
+CLOCKS = ("attitude", "gyro", "position", "velocity", "encoders")
+
+
 def suite_with_all():
     suite = deepcopy(rich_suite())
+    for sensor in CLOCKS:
+        suite[sensor].clock_drift_ppm = 1000.0
     for sensor, errors in SIGMAS.items():
         for name, value in errors.items():
             setattr(suite[sensor], name, value)
@@ -123,6 +128,61 @@ def test_late_sensors_show_an_earlier_motion(case, late):
     early = with_values(suite, encoders__delay=-late)
     assert largest_residual(case, samples, joints, early) < 0.02
     assert largest_residual(case, samples, joints, with_values(suite)) > 1.0
+
+
+@pytest.mark.parametrize("fast", [0.005, -0.005])
+def test_a_fast_clock_is_late_by_more_and_more(case, fast):
+    """At 1 s the stamps are late by 5 ms, at 2.5 s by 12 ms."""
+    samples, joints = exact_block(case, lambda t, name: truth(case, t - fast * t), case.suite)
+    samples = without(samples, "tracker_2", "gyro_2")
+    drifts = {f"{name}__clock_drift": fast for name in CLOCKS[:-1]}
+    assert largest_residual(case, samples, joints, with_values(case.suite, **drifts)) < 0.02
+    delays = {f"{name}__delay": fast * (START + END) / 2 for name in CLOCKS[:-1]}
+    assert largest_residual(case, samples, joints, with_values(case.suite, **delays)) > 1.0
+
+
+def test_all_rates_seem_smaller_if_the_clock_of_the_joint_motion_is_fast(case):
+    """A motion that is faster in truth than by the encoders' stamps, seen on true clocks."""
+    fast = 3e-3
+    samples, joints = exact_block(case, lambda t, name: truth(case, t + fast * t), case.suite)
+    rates = {
+        name: Samples(samples[name].time, samples[name].value * (1 + fast))
+        for name in ("gyro", "velocity")
+    }
+    samples = without(samples.updated(rates), "tracker_2", "gyro_2")
+    told = with_values(case.suite, encoders__clock_drift=fast)
+    assert largest_residual(case, samples, joints, told) < 0.02
+    others = {f"{name}__clock_drift": -fast for name in CLOCKS[:-1]}
+    assert largest_residual(case, samples, joints, with_values(case.suite, **others)) > 1.0
+
+
+def without(samples, *names):
+    """Return a log without some sensors."""
+    return samples.updated(
+        {n: Samples(np.empty(0), np.empty((0, samples[n].value.shape[1]))) for n in names}
+    )
+
+
+@pytest.mark.parametrize("name", CLOCKS)
+def test_readings_change_with_a_clock_as_differences_say(case, state, name):
+    samples, joints = exact_block(case, lambda times, name: truth(case, times), case.suite)
+
+    def model_at(constants):
+        tree, suite = case.craft.tree, case.suite
+        model = BlockModel(tree, joints, samples, suite, None, STEP, nominal=constants)
+        return model, replace(state, constants=constants)
+
+    constants = with_values(case.suite, **{f"{n}__clock_drift": 5e-4 for n in CLOCKS[:3]})
+    model, there = model_at(constants)
+    exact, _ = model.jacobian(model.motion.trajectory(there))
+    both = []
+    for step in (1e-3, -1e-3):
+        moved = constants.copy()
+        moved[model.motion.constants.place(f"{name}.clock_drift")] += step
+        both.append(residuals_of(*model_at(moved)))
+    column = -(both[0] - both[1]) / 2e-3
+    found = exact[:, model.columns[f"{name}.clock_drift"].start]
+    assert np.abs(found - column).max() < 1e-3 * np.abs(column).max()
 
 
 def test_mountings_scales_and_lever_arms_are_those_of_the_readings(case):
