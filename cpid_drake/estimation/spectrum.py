@@ -185,9 +185,9 @@ def size_of(sums: NDArray[np.float64]) -> float:
 
 
 def slow_part(spectrum: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the share of slow noise in the variance, and its mean time [s]."""
+    """Return the share of slow noise in its variance, or the declared one, and its time [s]."""
     slow = float(np.sum(spectrum[1:]))
-    return slow / float(np.sum(spectrum)), float(spectrum[1:] @ TAUS) / max(slow, 1e-300)
+    return slow / max(float(np.sum(spectrum)), 1.0), float(spectrum[1:] @ TAUS) / max(slow, 1e-300)
 
 
 def added(*blocks: Spectra) -> Spectra:
