@@ -26,7 +26,7 @@ from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.files.digits import significant
 from cpid_drake.identification.checked_log import CheckedLog, Known, suite_of
 from cpid_drake.identification.checks import IMPROBABLE, Check, halves_check, momentum_words
-from cpid_drake.identification.leaning import with_larger_base
+from cpid_drake.identification.model_sensitivity import with_larger_base
 from cpid_drake.identification.result import Identification
 from cpid_drake.identification.together import with_sources
 from cpid_drake.logs.log import Log
@@ -49,7 +49,7 @@ _FORCES = (
     "the sensors' file declares forces, and rows assume a constant momentum: identify with "
     "--estimator trajectory_fit"
 )
-_SOME = 100  # samples of a log that show what the estimate leans on, or its noise
+_SOME = 100  # samples of a log that show the sensitivity of the estimate, or its noise
 _CAUSE = "the spacecraft, a frame, a sign or a clock is not as assumed, or forces acted"
 _NOISE = (
     "momentum rows ignore the noise inside of them: the estimate is biased, and its intervals may "
@@ -109,7 +109,7 @@ def estimate(
         sample_count=sum(counts.values()),
         estimator=NAME,
         rows=family.name,
-        leaning={n: np.where(is_known, x - at[""], np.nan) for n, x in at.items() if n},
+        sensitivity={n: np.where(is_known, x - at[""], np.nan) for n, x in at.items() if n},
         **common,
     )
     if len(logs) == 1 and prior is None:

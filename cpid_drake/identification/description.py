@@ -15,8 +15,8 @@ from cpid_drake.estimation.least_squares import quantile_95
 from cpid_drake.files.digits import decimals, significant, with_half_width
 from cpid_drake.identification.budget import ALL, BudgetRow
 from cpid_drake.identification.checks import AGREEMENT
-from cpid_drake.identification.leaning import ALL as ALL_MASSES
-from cpid_drake.identification.leaning import LINK
+from cpid_drake.identification.model_sensitivity import ALL as ALL_MASSES
+from cpid_drake.identification.model_sensitivity import LINK
 
 if TYPE_CHECKING:
     from cpid_drake.identification.result import Identification
@@ -98,12 +98,12 @@ def origin(result: "Identification") -> str:
 
 def _cells(result: "Identification") -> list[_Row]:
     """Return the table of the parameters, its heads first."""
-    leans = np.abs(np.array([np.full(10, np.nan), *result.leaning.values()]))
+    changes = np.abs(np.array([np.full(10, np.nan), *result.sensitivity.values()]))
     nearest = np.full(10, np.nan) if result.nearest is None else result.nearest
-    by_bodies = "by 1 % of a body" if result.leaning else ""
+    by_bodies = "by 1 % of a body" if result.sensitivity else ""
     cells: list[_Row] = [("", "estimate", "95 % interval", "", "consistent", by_bodies)]
     for k, name in enumerate(PARAMETER_NAMES):
-        each, change = result[name], np.fmax.reduce(leans[:, k])
+        each, change = result[name], np.fmax.reduce(changes[:, k])
         last = f"{nearest[k]:.{each.decimals}f}" if np.isfinite(nearest[k]) else ""
         by_bodies = f"±{significant(change)}" if each.is_known and np.isfinite(change) else ""
         cells.append((name, each.shown(), each.shown_interval(), each.unit, last, by_bodies))
@@ -133,7 +133,7 @@ def _notes(result: "Identification") -> list[str]:
     learned = (effect for effect in result.effects if effect.is_learned)
     lines += [f"  estimated    {effect.name}: {effect.describe()}" for effect in learned]
     lines += _budget(result)
-    lines += _leaning(result)
+    lines += _sensitivity(result)
     if result.logs:
         lines += ["", *_of_logs(result)]
     lines += ["", *_of_bodies(result)] if result.consistent_intervals is not None else []
@@ -193,10 +193,10 @@ def shares_in_words(row: BudgetRow) -> Iterator[str]:
             yield f"{PARAMETER_NAMES[part][k]} {text} %"
 
 
-def _leaning(result: "Identification") -> Iterator[str]:
-    """Yield by how much errors of what is held would move the estimate, at most in σ."""
+def _sensitivity(result: "Identification") -> Iterator[str]:
+    """Yield the sensitivity of the estimate to errors of the spacecraft model, at most in σ."""
     sigma = np.sqrt(np.diag(result.covariance))
-    for name, change in result.leaning.items():
+    for name, change in result.sensitivity.items():
         known = np.isfinite(change) & (sigma > 0)
         if known.any():
             k = int(np.argmax(np.where(known, np.abs(change) / sigma, -1.0)))
@@ -206,7 +206,7 @@ def _leaning(result: "Identification") -> Iterator[str]:
                 share = significant(100 * change[0] / result.parameters[0], sign="+")
                 text = f"m by {share} %, {text}" if k else f"m by {share} %, which is {largest}"
             what = name if name in (LINK, ALL_MASSES) else f"the base's {name}"
-            yield f"  leans on     1 % of {what} changes {text}"
+            yield f"  sensitivity  1 % of {what} changes {text}"
 
 
 def _of_bodies(result: "Identification") -> Iterator[str]:

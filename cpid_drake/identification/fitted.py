@@ -25,7 +25,7 @@ from cpid_drake.files.errors import prefix_errors
 from cpid_drake.identification.answer import Observed, answer_of, at_momentum
 from cpid_drake.identification.checked_log import CheckedLog, Known, suites_of
 from cpid_drake.identification.halves import part_checks
-from cpid_drake.identification.leaning import leaning
+from cpid_drake.identification.model_sensitivity import base_sensitivity
 from cpid_drake.identification.over_time import over_time
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import Identification
@@ -76,7 +76,7 @@ def estimate(
         warnings=(*warnings, *result.warnings),
     )
     if model.known_bodies is None and found.converged and result.solution is not None:
-        result = replace(result, leaning=leaning(found, result.solution, held))
+        result = replace(result, sensitivity=base_sensitivity(found, result.solution, held))
     if len(logs) == 1:
         result = replace(result, history=partial(over_time, found, held, NAME))
     if len(logs) == 1 and known.prior is None:

@@ -31,7 +31,7 @@ from cpid_drake.identification.estimators import (
     require_sensors,
     with_method,
 )
-from cpid_drake.identification.leaning import leaning_of_any_samples
+from cpid_drake.identification.model_sensitivity import hidden_sensitivity
 from cpid_drake.identification.planar import PROPOSED, could_be_planar, one_normal
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import SPACECRAFT, Identification
@@ -164,8 +164,8 @@ def identify(
     if is_exact and known.has_exact_bodies:
         has_thrust = any(log.measurements.has_thrust for log in logs.values())
         has_scale = has_thrust or found.momentum == "known"
-        beyond = leaning_of_any_samples(found.parameters, tree, has_scale=has_scale)
-        found = replace(found, leaning={**found.leaning, **beyond})
+        beyond = hidden_sensitivity(found.parameters, tree, has_scale=has_scale)
+        found = replace(found, sensitivity={**found.sensitivity, **beyond})
     [log, *others] = logs.values()
     could_be = planar is None and could_be_planar(tree, log.measurements.attitude.value)
     if could_be and not (found.passed and found.is_complete):

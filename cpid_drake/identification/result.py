@@ -37,7 +37,7 @@ if TYPE_CHECKING:  # Drake and Matplotlib take half a second to import
 SPACECRAFT = "spacecraft model"
 """What is given of an estimate that includes no error of the spacecraft's bodies."""
 
-FORMAT = 7
+FORMAT = 8
 """Version of the keys of a result file."""
 
 TURNS = 4
@@ -121,9 +121,9 @@ class Identification:
             "sensor of log".
         effects: estimates of the constant errors of sensors, forces and grasp.
         given: what is taken to be exact although nothing is: "spacecraft model", or nothing.
-        leaning: change (10,) of the parameters if what is held were 1 % larger: "mass" or "inertia"
-            of the base (not online), the link that holds the target, or all masses and inertias;
-            NaN where not known. Empty if the spacecraft is uncertain.
+        sensitivity: change (10,) of the parameters if an exact spacecraft had 1 % more "mass" or
+            "inertia" of the base (not online), of the link that holds the target, or of all masses
+            and inertias; NaN where not identifiable. Empty if the spacecraft is uncertain.
         budget: what the variance comes from, largest first; see `budget`.
         logs: the estimates from each log alone and, last, from the prior alone, by their names; if
             several logs or a prior were used.
@@ -166,7 +166,7 @@ class Identification:
     noise: Mapping[str, float] = field(default_factory=dict)
     effects: tuple[EffectEstimate, ...] = ()
     given: tuple[str, ...] = ()
-    leaning: Mapping[str, Ten] = field(default_factory=dict)
+    sensitivity: Mapping[str, Ten] = field(default_factory=dict)
     budget: tuple[BudgetRow, ...] = ()
     logs: Mapping[str, "Identification"] = field(default_factory=dict)
     checks: tuple[Check, ...] = ()

@@ -123,7 +123,7 @@ def test_warnings_are_printed_first(result):
 
 def test_numbers_of_sigma_are_written_out(result):
     sigma = np.sqrt(np.diag(result.covariance))
-    text = str(replace(result, leaning={"mass": 114.3 * sigma}))
+    text = str(replace(result, sensitivity={"mass": 114.3 * sigma}))
     assert "by +110 σ" in text or "is +110 σ" in text
     assert not re.search(r"e[+-]\d+ σ", text)
 
