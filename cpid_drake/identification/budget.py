@@ -56,7 +56,7 @@ class BudgetRow:
     Attributes:
         name: of the error, in words.
         shares: (10,) share of the variance of each parameter that would go if the error were exact;
-            NaN where the parameter is not known.
+            NaN where it is not identifiable.
         unit: of the three numbers that follow; empty if they are None.
         value, sigma: the estimate and its σ; None of several errors, and of what walks.
         matters: σ to which the error must be known so that half of its share goes.

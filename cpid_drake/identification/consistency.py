@@ -56,7 +56,7 @@ def with_nearest_body(found: Identification, tree: KinematicTree) -> Identificat
     known = _known(found, tree)
     if known is not None:
         distance, unknowns = 0.0, solution.values
-        if found.infeasibilities or not found.is_observable:
+        if found.infeasibilities or not found.is_identifiable:
             distance, unknowns = nearest(known.rows, form, tree.mass, known.scale)
         if found.infeasibilities and np.isfinite(distance):
             near = InertialParameters.from_vector(form.to_parameters(unknowns))
@@ -117,7 +117,7 @@ def _known(found: Identification, tree: KinematicTree) -> _Known | None:
     mass, squares = found.parameters[0], [np.trace(tree.at_rest.I_BBcm) / 2 / tree.mass]
     if not 1e-3 < mass / tree.mass < 1e3:
         mass = tree.mass
-    elif found.is_observable:
+    elif found.is_identifiable:
         about_C = found.raw().to_standard_vector()
         squares.append(np.sum(about_C[[4, 7, 9]]) / 2 / mass)
     scale = sizes(form, float(mass), float(np.sqrt(max(squares))))

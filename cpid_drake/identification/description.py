@@ -105,7 +105,9 @@ def _cells(result: "Identification") -> list[_Row]:
     for k, name in enumerate(PARAMETER_NAMES):
         each, change = result[name], np.fmax.reduce(changes[:, k])
         last = f"{nearest[k]:.{each.decimals}f}" if np.isfinite(nearest[k]) else ""
-        by_bodies = f"±{significant(change)}" if each.is_known and np.isfinite(change) else ""
+        by_bodies = (
+            f"±{significant(change)}" if each.is_identifiable and np.isfinite(change) else ""
+        )
         cells.append((name, each.shown(), each.shown_interval(), each.unit, last, by_bodies))
     return cells
 
@@ -137,7 +139,7 @@ def _notes(result: "Identification") -> list[str]:
     if result.logs:
         lines += ["", *_of_logs(result)]
     lines += ["", *_of_bodies(result)] if result.consistent_intervals is not None else []
-    if not result.is_observable:
+    if not result.is_identifiable:
         lines += ["", *gap(result)]
     return lines
 
@@ -216,8 +218,8 @@ def _of_bodies(result: "Identification") -> Iterator[str]:
         return
     if (np.isnan(result.parameters)[:, None] & np.isfinite(result.shown_intervals)).any():
         yield (
-            "Intervals of what is not known are bounds: of a target about as heavy and as large as "
-            "the spacecraft (1 σ)."
+            "Intervals of what is not identifiable are bounds: of a target about as heavy and as "
+            "large as the spacecraft (1 σ)."
         )
 
 
@@ -229,7 +231,7 @@ def _of_logs(result: "Identification") -> Iterator[str]:
     yield f"  The sources {agreement_words(result)}. Each on its own:"
     for name, part in result.logs.items():
         half = (part.intervals[0, 1] - part.intervals[0, 0]) / 2
-        mass = "m not known"
+        mass = "m not identifiable"
         if np.isfinite(half):
             mass = f"m = {with_half_width(part.parameters[0], half)} kg"
         yield (
@@ -260,16 +262,16 @@ def consistency_words(result: "Identification") -> str:
     if problems:
         return f"no rigid body is near the estimate ({problems})"
     if result.consistent_intervals is None:
-        return "not known before all ten parameters are"
+        return "unknown until all ten parameters are identifiable"
     return f"{'some' if result.is_possible else 'no'} rigid body agrees with the estimate"
 
 
 def gap(result: "Identification") -> list[str]:
-    """Return sentences on what is not known, why, and how to see it; empty if all is known."""
+    """Return sentences on what is not identifiable, why, and how to see it; empty if all is."""
     lines = _table_words(result) if result.is_planar else []
     if not result.is_complete:
-        if result.not_observable:
-            lines.append(f"Not known: {result.not_observable}.")
+        if result.not_identifiable:
+            lines.append(f"Not identifiable: {result.not_identifiable}.")
         if not result.failures:  # else another motion would not help
             lines.append(
                 "To see the rest, move the joints by larger angles and at higher rates, joints "
@@ -287,8 +289,8 @@ def _table_words(result: "Identification") -> list[str]:
     if axis >= 0:
         m, *c = (PARAMETER_NAMES[k] for k in range(4) if k != axis + 1)
         moment = PARAMETER_NAMES[4 + axis]
-        return [f"On a table, {m}, {', '.join(c)} and {moment} can be known; {others}."]
+        return [f"On a table, {m}, {', '.join(c)} and {moment} are identifiable; {others}."]
     return [
-        f"On a table, four numbers can be known, here oblique to C's axes; {others}.",
+        f"On a table, four numbers are identifiable, here oblique to C's axes; {others}.",
         "A capture frame with an axis along the table's normal shows them.",
     ]

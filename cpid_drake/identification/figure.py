@@ -64,6 +64,6 @@ def _draw_parameter(estimate: ParameterEstimate, nearest: float, truth: float, a
             axes.plot(bound, 0, "|", color=COLORS[0], markersize=12)
             axes.annotate("", (bound, 0), arrowprops=arrow, **move)
     if not np.isfinite(estimate.value):
-        axes.text(0.5, 0.8, "not known", transform=axes.transAxes, ha="center", color=INK)
+        axes.text(0.5, 0.8, "not identifiable", transform=axes.transAxes, ha="center", color=INK)
     axes.xaxis.set_major_locator(MaxNLocator(3))
     axes.margins(x=0.15)

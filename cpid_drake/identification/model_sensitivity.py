@@ -68,10 +68,10 @@ def base_sensitivity(
     total = total.condition({name: value for name, value in held.items() if name in total.places})
     R = total.marginal([PSI, BODIES]).R
     mass, *stretches = -solve_triangular(R[:10, :10], R[:10, 10:14]).T  # of the base, in σ
-    form, open_axes = relative_parameterization(model.mass), solution.unobservable
+    form, open_axes = relative_parameterization(model.mass), solution.unidentifiable
     changes = {}
     for name, change in ((MASS, mass), (INERTIA, np.sum(stretches, axis=0))):
-        scaled = change / solution.unit  # combinations that are not known stay as they are
+        scaled = change / solution.unit  # combinations that are not identifiable stay as they are
         scaled = scaled - open_axes.T @ (open_axes @ scaled)
         change = form.jacobian(solution.values) @ (solution.unit * scaled)
         changes[name] = np.where(np.isfinite(form.to_parameters(solution.estimate)), change, np.nan)
@@ -81,7 +81,7 @@ def base_sensitivity(
 def hidden_sensitivity(
     parameters: NDArray[np.float64], tree: KinematicTree, *, has_scale: bool
 ) -> dict[str, NDArray[np.float64]]:
-    """Return the change (10,) of the parameters by errors that are not identifiable from any samples.
+    """Return the change (10,) of the parameters by errors that no samples identify.
 
     Args:
         parameters: (10,) of the target.

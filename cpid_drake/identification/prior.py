@@ -32,8 +32,8 @@ class TargetPrior:
 
     Attributes:
         name: its name in messages.
-        parameters: (10,) π in the spacecraft's capture frame; NaN where not known.
-        covariance: (10, 10) of `parameters`; NaN where not known.
+        parameters: (10,) π in the spacecraft's capture frame; NaN where not identifiable.
+        covariance: (10, 10) of `parameters`; NaN where not identifiable.
         combinations: what an estimate determines in its own unknowns, which is used in place of
             the parameters where these are the unknowns; None without any.
         failures: reasons not to trust the prior.

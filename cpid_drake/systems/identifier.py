@@ -136,14 +136,14 @@ class MomentumIdentifier(Identifier):
 
     - `state`: x = [q; v] of the spacecraft's plant (a target welded on C adds no state).
     - `parameters` (10): m, c, Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg, m, kg·m²] as estimated; see
-      `parameterizations.PARAMETER_NAMES`. An entry is NaN until it is observable.
+      `parameterizations.PARAMETER_NAMES`. An entry is NaN until it is identifiable.
     - `covariance` (100): of the parameters, row by row, from the residuals of equally
-      weighted rows; NaN until all are observable. With standard rows every σ is accurate to a
+      weighted rows; NaN until all are identifiable. With standard rows every σ is accurate to a
       factor of about 1.5, or 2 with rounded data. With Eq. 18, whose rows are in m/s and in N·m·s,
       errors are larger, and the σ of the mass can be 25 times too large.
     - `spatial_inertia` (abstract `SpatialInertia`): the physically consistent parameters
-      nearest to the estimate, about C's origin, in C; NaN until all are observable.
-    - `diagnostics` (4): number of samples, rank (10 when all is observable), condition number of
+      nearest to the estimate, about C's origin, in C; NaN until all are identifiable.
+    - `diagnostics` (4): number of samples, rank (10 when all are identifiable), condition number of
       the scaled rows (infinite below rank 10), RMS of the residuals of all rows in their own units
       (Eq. 18: m/s and N·m·s; standard: N·s and N·m·s). See `DIAGNOSTICS`.
     - `checks_passed` (1): 1 if some check was made and none failed, else 0. A rigid body must have

@@ -61,7 +61,7 @@ class RoundedCase:
 
         They are lost in rounding if the base's speed is less than one step of the rounding.
         """
-        if not self.identification.is_observable:
+        if not self.identification.is_identifiable:
             return "not determined"
         if self.speed_in_steps < 1:
             return "lost in rounding"

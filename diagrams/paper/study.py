@@ -137,7 +137,7 @@ def run_paper_study(
 
     progress("identifying")
     exact = identified(samples)
-    if not exact.is_observable:
+    if not exact.is_identifiable:
         raise InputError(f"the scenario does not identify its target: {exact.explain()}")
     online = simulation.identification(context).parameters
     rounded = tuple(rounded_case(samples, number, identified) for number in range(1, 13))

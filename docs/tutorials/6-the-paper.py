@@ -68,7 +68,7 @@ ours = {}
 for decimals, mass in paper_mass.items():
     found = identified(samples.rounded(decimals))
     ours[decimals] = found.parameters[0]
-    here = "no answer" if not found.is_observable else f"{ours[decimals]:.7f} kg"
+    here = "no answer" if not found.is_identifiable else f"{ours[decimals]:.7f} kg"
     print(f"{decimals} decimals: here {here:>14}, paper {mass:.6f} kg")
 
 figure, axis = plt.subplots(figsize=(7, 3), layout="constrained")

@@ -101,7 +101,7 @@ def test_a_log_of_x_y_and_yaw_is_recognized(craft, table):
     same = identify(table, samples(craft, 1), sensors=SUITE)
     np.testing.assert_allclose(found.parameters[KNOWN], same.parameters[KNOWN], rtol=1e-4)
     assert found.is_complete
-    assert not found.is_observable
+    assert not found.is_identifiable
     assert "larger angles" not in found.explain()
 
 

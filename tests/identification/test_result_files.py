@@ -65,7 +65,7 @@ def result(skewed_target) -> Identification:
         rank=10,
         singular_values=np.sort(rng.uniform(size=10))[::-1],
         condition=29.4,
-        not_observable="Ixx",
+        not_identifiable="Ixx",
         nearest=true,
         consistent_intervals=unknown[:, None] + half,
         combinations=Combinations("relative", true, root @ root.T, 200.0),

@@ -43,7 +43,7 @@ def found():
         Gaussian.of_rows({"x": 10}, np.column_stack([root, root @ estimate])),
         rank=10,
         singular_values=np.linspace(10.0, 1.0, 10),
-        unobservable=np.empty((0, 10)),
+        unidentifiable=np.empty((0, 10)),
         residual_rms=1.0,
         row_count=16,
         values=estimate,

@@ -139,7 +139,7 @@ def test_a_target_is_identified_on_a_vendors_arm(on_carrier, box, arm):
     simulation = make_simulation(scenario)
     telemetry = simulation.motion(simulation.run())
     result = identify(simulation.spacecraft, telemetry, rows="standard")
-    assert result.is_observable
+    assert result.is_identifiable
     scale = np.repeat([box.mass, 0.5, np.trace(box.I_TTcm_C)], [1, 3, 6])
     assert np.abs((result.parameters - box.to_vector()) / scale).max() < 1e-6
 

@@ -1,4 +1,4 @@
-"""The identifier in a diagram: state only in the Context, NaN until observable, equal to batch."""
+"""The identifier in a diagram: state in the Context, NaN until identifiable, equal to batch."""
 
 import re
 from dataclasses import replace
@@ -33,7 +33,7 @@ def outputs(identifier, context) -> dict:
 
 
 @pytest.mark.parametrize("rows", ["eq18", "standard"])
-def test_estimate_is_nan_until_observable_and_says_so(servicer, motion, skewed_target, rows):
+def test_estimate_is_nan_until_identifiable_and_says_so(servicer, motion, skewed_target, rows):
     identifier = MomentumIdentifier(servicer, rows=rows)
     context = identifier.CreateDefaultContext()
     for count, state in enumerate(servicer.to_states(motion), start=1):

@@ -167,7 +167,7 @@ def test_samples_that_come_too_late_are_rejected_and_counted(flight, samples):
     late = int((samples.position.time < 2.5 - 1e-9).sum())
     assert counts["position_rejected"] == pytest.approx(late, abs=1)
     assert counts["gyro_used"] == len(samples.gyro)
-    assert flight.identification(context).is_observable
+    assert flight.identification(context).is_identifiable
 
 
 # -- in a full simulation ------------------------------------------------------------------------

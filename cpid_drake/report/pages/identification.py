@@ -22,8 +22,8 @@ from cpid_drake.report.sections.data import (
 from cpid_drake.report.sections.estimate import (
     budget_section,
     effects_section,
+    identifiability_section,
     logs_section,
-    observability_section,
     result_section,
 )
 
@@ -55,7 +55,7 @@ def identification_report(findings: Findings, progress: Progress = lambda step: 
         checks_section(result, None if evidence is None else evidence.found),
         *([budget_section(result)] if result.budget else []),
         *([effects_section(result)] if result.effects else []),
-        observability_section(result),
+        identifiability_section(result),
     ]
     missing = findings.missing and f"the log cannot be read: {findings.missing}"
     if evidence is not None:
@@ -89,7 +89,7 @@ def identification_report(findings: Findings, progress: Progress = lambda step: 
     if run is not None:
         title, data = f"Simulated run “{run.folder.resolve().name}”", {**data, **run.texts}
     model = craft.model.rsplit("/", 1)[-1] if craft else "a spacecraft"
-    known = "All ten parameters" if result.is_observable else f"{result.rank} of ten combinations"
+    known = "All ten parameters" if result.is_identifiable else f"{result.rank} of ten combinations"
     subtitle = f"{known} identified with {model} by {estimator_label(result.estimator)}"
     if result.failures:
         title = f"{title}: a check failed"
