@@ -3,7 +3,8 @@
 A combination of the unknowns is known if the samples alone tell it to `KNOWN` of its plausible
 size: that of a target as heavy and as large as the spacecraft, or as its own estimate, if this is
 larger. The rule is that of `gaussian.solution_of`. However flat an estimate is, these sizes are
-not. The prior of log-sizes keeps a fit among the possible bodies, and tells nothing.
+not. The prior of log-sizes keeps a fit among the physically consistent bodies, and identifies
+nothing.
 """
 
 from collections.abc import Sequence

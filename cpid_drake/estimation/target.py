@@ -1,4 +1,5 @@
-"""The target's unknowns ψ: which are possible, and how probable they are before the first sample.
+"""The target's unknowns ψ: which are physically consistent, and how probable they are before the
+first sample.
 
 With P(ψ) the pseudo-inertia (4, 4) of the target, P₀ that of a plausible solid and κ = `WIDENED`,
 

@@ -209,7 +209,7 @@ class Model:
 
     @cached_property
     def cone(self) -> TargetCone:
-        """The targets that are possible, and their prior."""
+        """The physically consistent targets, and their prior."""
         return TargetCone(self.unknown(PSI).mean, self.mass)
 
     def with_prior(

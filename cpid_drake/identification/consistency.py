@@ -1,9 +1,10 @@
 """What a rigid body can have of an estimate: the nearest body, intervals, and bounds of the rest.
 
-The estimate of an estimator may be impossible: a negative moment of inertia, or moments that
-violate the triangle inequality. No negative part of the interval of a mass or of a moment is shown;
-the rest contains the true value as often as the whole interval. Parameters that the samples do not
-determine have the bounds of what they do determine, and of sizes like the spacecraft's.
+The estimate of an estimator may be physically inconsistent: a negative moment of inertia, or
+moments that violate the triangle inequality. No negative part of the interval of a mass or of a
+moment is shown; the rest contains the true value as often as the whole interval. Parameters that
+the samples do not determine have the bounds of what they do determine, and of sizes like the
+spacecraft's.
 """
 
 from dataclasses import dataclass, replace
@@ -56,11 +57,11 @@ def with_nearest_body(found: Identification, tree: KinematicTree) -> Identificat
     known = _known(found, tree)
     if known is not None:
         distance, unknowns = 0.0, solution.values
-        if found.infeasibilities or not found.is_identifiable:
+        if found.inconsistencies or not found.is_identifiable:
             distance, unknowns = nearest(known.rows, form, tree.mass, known.scale)
-        if found.infeasibilities and np.isfinite(distance):
+        if found.inconsistencies and np.isfinite(distance):
             near = InertialParameters.from_vector(form.to_parameters(unknowns))
-            body = near.nearest_feasible().to_vector()  # the solver rounds
+            body = near.nearest_consistent().to_vector()  # the solver rounds
     if np.isfinite(solution.information).all():
         combinations = Combinations(form.name, solution.values, solution.information, tree.mass)
     return replace(
@@ -94,7 +95,7 @@ def _checks(found: Identification, distance: float, known: _Known | None) -> tup
         if found.sensors is None and 0 < rows <= found.rank:
             return ()  # as many rows as unknowns: no residuals show the noise
         return (Check("uncertainty", "the uncertainty of the estimate could not be computed"),)
-    problems = "; ".join(found.infeasibilities)
+    problems = "; ".join(found.inconsistencies)
     sentence = "no rigid body agrees with the estimate within its uncertainty"
     sentence += f" ({problems})" if problems else ""
     sentence += ": the momentum, the spacecraft's model, units, signs or frames are not as assumed"

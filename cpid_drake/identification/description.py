@@ -213,7 +213,7 @@ def _sensitivity(result: "Identification") -> Iterator[str]:
 
 def _of_bodies(result: "Identification") -> Iterator[str]:
     """Yield the lines about the physically consistent part of the intervals."""
-    if not result.is_possible:
+    if not result.is_consistent:
         yield "No interval is given, because no rigid body agrees with the estimate."
         return
     if (np.isnan(result.parameters)[:, None] & np.isfinite(result.shown_intervals)).any():
@@ -254,7 +254,7 @@ def agreement_words(result: "Identification") -> str:
 
 def consistency_words(result: "Identification") -> str:
     """Return whether a rigid body has the estimate, in words."""
-    problems = "; ".join(result.infeasibilities)
+    problems = "; ".join(result.inconsistencies)
     if result.consistent is not None and problems:
         return f"no rigid body has the estimate ({problems}); the nearest consistent one is given"
     if result.consistent is not None:
@@ -263,7 +263,7 @@ def consistency_words(result: "Identification") -> str:
         return f"no rigid body is near the estimate ({problems})"
     if result.consistent_intervals is None:
         return "unknown until all ten parameters are identifiable"
-    return f"{'some' if result.is_possible else 'no'} rigid body agrees with the estimate"
+    return f"{'some' if result.is_consistent else 'no'} rigid body agrees with the estimate"
 
 
 def gap(result: "Identification") -> list[str]:

@@ -140,7 +140,7 @@ class PriorConfig:
         place = np.zeros(3) if self.p_CTcm_C is None else self.p_CTcm_C
         inertia = np.eye(3) if self.I_TTcm_C is None else self.I_TTcm_C
         body = InertialParameters(mass, place, inertia)
-        problems = body.infeasibilities()
+        problems = body.inconsistencies()
         if problems:
             raise InputError(f"not a rigid body: {'; '.join(problems)}")
         values = body.to_vector()

@@ -251,7 +251,7 @@ class Identification:
         return not self.failures
 
     @property
-    def is_possible(self) -> bool:
+    def is_consistent(self) -> bool:
         """Whether a rigid body agrees with the estimate within its uncertainty, as far as known."""
         check = self.check(NEAREST)
         return check is None or check.passed
@@ -294,9 +294,9 @@ class Identification:
         return InertialParameters.from_vector(self.parameters)
 
     @property
-    def infeasibilities(self) -> tuple[str, ...]:
+    def inconsistencies(self) -> tuple[str, ...]:
         """Why no rigid body can have the estimate; empty if one can, or if not all is known."""
-        return tuple(self.raw().infeasibilities()) if self.is_identifiable else ()
+        return tuple(self.raw().inconsistencies()) if self.is_identifiable else ()
 
     @cached_property
     def consistent(self) -> InertialParameters | None:
@@ -308,7 +308,7 @@ class Identification:
             return InertialParameters.from_vector(self.nearest)
         if self.solution is None or not self.is_identifiable or not self.parameters[0]:
             return None
-        return self.raw().nearest_feasible()
+        return self.raw().nearest_consistent()
 
     def spatial_inertia(self) -> "SpatialInertia":
         """Return the consistent estimate about C's origin, in C; all NaN if there is none."""

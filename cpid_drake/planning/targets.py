@@ -60,7 +60,7 @@ def plausible_targets(
         for _ in range(200):
             change = rng.multivariate_normal(np.zeros(len(known)), covariance)
             target[known] = mean + deviation * change
-            if target[0] > 0 and InertialParameters.from_vector(target).is_feasible():
+            if target[0] > 0 and InertialParameters.from_vector(target).is_physically_consistent():
                 break
             deviation *= 0.9
         else:

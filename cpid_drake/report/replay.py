@@ -78,7 +78,7 @@ def estimate_text(found: Identification, truth: InertialParameters | None = None
         return f"{lines[0]}: {numbers[0]}"
     lines += numbers
     lines += [f"failed check: {failure}" for failure in found.failures]
-    if found.infeasibilities:
+    if found.inconsistencies:
         lines.append("no rigid body has the estimate; the nearest is drawn")
     return "\n".join(lines)
 

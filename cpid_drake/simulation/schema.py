@@ -344,7 +344,7 @@ class Scenario:
     def target_truth(self) -> InertialParameters:
         """Return the true target; raises InputError if it is not a rigid body."""
         truth = self.target.parameters()
-        problems = truth.infeasibilities()
+        problems = truth.inconsistencies()
         if problems:
             raise InputError(f"target: not a rigid body: {'; '.join(problems)}")
         return truth

@@ -110,7 +110,7 @@ def export_target(
 
     """
     path = Path(path)
-    problems = parameters.infeasibilities()
+    problems = parameters.inconsistencies()
     if problems:
         raise InputError(f"{path}: not written: no rigid body has this: {'; '.join(problems)}")
     if format not in FORMATS:

@@ -49,7 +49,8 @@ class PaperStudy:
             [N·m·s].
         rounded_momentum: (2,) largest total momentum computed from samples rounded to six decimals;
             the paper gives 1e-2 for the angular one.
-        resimulated_target: feasible parameters identified from samples rounded to six decimals.
+        resimulated_target: physically consistent parameters identified from samples rounded to six
+            decimals.
         resimulated: motion of a second simulation, with these parameters (Fig. 7).
 
     """
@@ -141,15 +142,15 @@ def run_paper_study(
         raise InputError(f"the scenario does not identify its target: {exact.explain()}")
     online = simulation.identification(context).parameters
     rounded = tuple(rounded_case(samples, number, identified) for number in range(1, 13))
-    feasible = rounded[PAPER_DIGITS - 1].identification.consistent
-    if feasible is None:
+    consistent = rounded[PAPER_DIGITS - 1].identification.consistent
+    if consistent is None:
         raise InputError("rounded to six decimals, the samples determine no rigid body")
     of_exciting: tuple[tuple[RoundedCase, ...], ...] = ()
     if exciting is not None and is_papers_target(truth):
         of_exciting = exciting_motion(exciting, samples.time, sorted(PAPER_TABLE_2), progress)
 
     progress("simulating again with the identified parameters")
-    again = make_simulation(scenario, target=feasible)
+    again = make_simulation(scenario, target=consistent)
     exact_momentum = system_momentum(spacecraft.tree, truth, telemetry)
     six_momentum = system_momentum(spacecraft.tree, truth, samples.rounded(PAPER_DIGITS))
     return PaperStudy(
@@ -164,7 +165,7 @@ def run_paper_study(
         online_minus_batch=max_relative_error(online - exact.parameters + truth.to_vector(), truth),
         drift=_largest(momentum - momentum[0] for momentum in exact_momentum),
         rounded_momentum=_largest(six_momentum),
-        resimulated_target=feasible,
+        resimulated_target=consistent,
         resimulated=again.motion(again.run()),
     )
 

@@ -52,7 +52,7 @@ for name, values in (("exact", exact.parameters), ("six", six.parameters), ("pap
 
 assert errors(exact.parameters).max() < 1e-10
 assert errors(six.parameters).max() < errors(printed).max() / 10
-assert cpid.InertialParameters.from_vector(printed).infeasibilities()
+assert cpid.InertialParameters.from_vector(printed).inconsistencies()
 
 # %% [markdown]
 # ## Table 2: the mass from data of few decimals

@@ -103,14 +103,14 @@ def test_errors_are_as_large_as_their_deviations(
     assert (size < 2.0).all()
 
 
-def test_infeasible_estimates_leave_feasible(servicer, paper_target, zero_momentum_motion):
+def test_inconsistent_estimates_leave_consistent(servicer, paper_target, zero_momentum_motion):
     """The paper's target is on the limit: rounded data put the raw estimate beyond it."""
     rough = zero_momentum_motion(paper_target, 10, seed=46).rounded(3)
     identifier = MomentumIdentifier(servicer)
     context = identifier.CreateDefaultContext()
     for state in servicer.to_states(rough):
         take(identifier, context, state)
-    assert not identifier.identification(context).raw().is_feasible()
+    assert not identifier.identification(context).raw().is_physically_consistent()
     inertia = identifier.GetOutputPort("spatial_inertia").Eval(context)
     assert inertia.IsPhysicallyValid()
     assert inertia.get_mass() > 0

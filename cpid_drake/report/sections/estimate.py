@@ -35,7 +35,7 @@ def _parameters(result: Identification, truth: InertialParameters | None) -> Tab
     sigma = np.sqrt(np.diag(result.covariance))
     nearest = np.full(10, np.nan) if result.consistent is None else result.consistent.to_vector()
     intervals = result.intervals
-    if not result.is_possible:
+    if not result.is_consistent:
         intervals = np.full((10, 2), np.nan)  # no rigid body agrees with the estimate
     rows = []
     for i, (name, unit) in enumerate(zip(PARAMETER_NAMES, PARAMETER_UNITS)):
