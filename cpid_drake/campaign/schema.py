@@ -156,7 +156,7 @@ class Declared:
 class Trial(Scenario):
     """The scenario of one trial.
 
-    `tumble_C` is the angular velocity with which the target turned about its own centre of mass
+    `tumble_C` is the angular velocity with which the target rotated about its own centre of mass
     before the capture, in C [rad/s]; its angular momentum is added to that of
     `SimulationConfig.momentum_W`.
     """

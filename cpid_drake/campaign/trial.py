@@ -263,7 +263,7 @@ def _compared(plan: Plan, job: _Job) -> dict[str, float]:
     turn = np.linalg.norm(np.swapaxes(own.R_WB, 1, 2) @ drake.R_WB - np.eye(3), axis=(1, 2))
     return {
         "drake_position": float(np.linalg.norm(own.p_WB - drake.p_WB, axis=1).max()),
-        "drake_angle": float(turn.max() / np.sqrt(2)),  # of a small turn
+        "drake_angle": float(turn.max() / np.sqrt(2)),  # of a small rotation
         "drake_seconds": seconds,
     }
 

@@ -11,8 +11,9 @@ any two ψ and ψ', with ω the true angular velocity for ψ, this means
     J(ψ') (ω − ω') = Rᵀ(L − L') − Y(ω) (ψ − ψ')
 
 exactly, with Y the relative rows. The attitude does not depend on the position, and the position
-does not depend on a measured velocity. A base on a table turns about the table's normal n only, and
-nᵀ (…) is the one equation that determines this turn; the others contain the table's reactions.
+does not depend on a measured velocity. A base on a table rotates about the table's normal n only,
+and nᵀ (…) is the one equation that determines this rotation; the others contain the table's
+reactions.
 
 Source: Ning et al. 2016, Eqs. 5 and 9, about the centre of mass.
 """
@@ -49,7 +50,7 @@ class BodyDynamics:
         mass: mass of the known bodies [kg].
         normal_B: (3,) normal in B of a table that carries the base; None without one.
         I_K: (N, 3, 3) their inertia about their centre of mass K, in B.
-        h_K: (N, 3) their angular momentum about K on a base that does not turn, in B.
+        h_K: (N, 3) their angular momentum about K on a base that does not rotate, in B.
         p_BK: (N, 3) K from B's origin, in B [m].
         v_BK: (N, 3) rate of p_BK as seen from B [m/s].
         R_BC: (N, 3, 3) attitude of C in B.
@@ -146,7 +147,7 @@ class BodyDynamics:
         return self.R_BC @ relative_regressor(self.s, cross(x, self.s), x)
 
     def momentum_at_rest(self, psi: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return h(ψ) (..., N, 3), in B: the angular momentum while the base does not turn."""
+        """Return h(ψ) (..., N, 3), in B: the angular momentum while the base does not rotate."""
         Y = relative_regressor(self.s, self.sdot, self.w_BC)
         return self.h_K + rotate(self.R_BC, rotate(Y, psi[..., None, :]))
 

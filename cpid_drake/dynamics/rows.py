@@ -10,7 +10,7 @@ Corrections of the paper (Ning et al. 2016) that these rows contain:
 - the right-hand side of Eq. 14 contains v_C, the velocity of the last *known* link at the capture
   point (subscript n_i as in Eqs. 7 and 18), not the velocity of the target's centre of mass;
 - d_no is the capture point, and L is the angular momentum about that point;
-- in Eqs. 7, 10 and 14, c and I are expressed in W and change as the target turns, so these
+- in Eqs. 7, 10 and 14, c and I are expressed in W and change as the target rotates, so these
   equations can be solved at one instant only (they are in tests/paper_equations.py). In Eq. 18, c
   and I are expressed in C and are constant, so its rows can be stacked over time;
 - two samples never suffice: they give rank 9 of 10. With n = ω1 × ω2 in C, I = n nᵀ satisfies

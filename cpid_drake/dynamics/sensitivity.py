@@ -108,8 +108,9 @@ def _by_geometry(
 ) -> tuple[NDArray[np.float64], ...]:
     """Return the derivatives of momentum and centre of mass by errors of the geometry, and screws.
 
-    They are a joint's place on its inboard body, in this body's frame, and small turns about the
-    two `axis_normals`, in the joint's inboard frame; last C's place and a small turn, both in C.
+    They are a joint's place on its inboard body, in this body's frame, and small rotations about
+    the two `axis_normals`, in the joint's inboard frame; last C's place and a small rotation, both
+    in C.
     """
     tree = outboard.tree
     if not wanted.any():

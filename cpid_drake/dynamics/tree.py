@@ -20,7 +20,7 @@ class TreeBody:
         name: the body's name.
         parent: index of the inboard body in the tree; −1 for the base.
         joint: column of the joint in q, or −1 where the body is welded.
-        prismatic: whether the joint slides along its axis (else it turns about it).
+        prismatic: whether the joint slides along its axis (else it rotates about it).
         axis_F: (3,) unit vector of the joint's axis, the same in F and in B; zero for a weld.
         R_PF, p_PF: pose of F, fixed on the inboard body P.
         mass: [kg].
@@ -106,7 +106,7 @@ class KinematicTree:
 
     @cached_property
     def normal_C(self) -> NDArray[np.float64] | None:
-        """(3,) the table's normal in C; None without a table, or if joints turn C out of it."""
+        """(3,) the table's normal in C; None without a table, or if joints rotate C out of it."""
         if self.normal_B is None:
             return None
         chain, k = [], self.capture_body
@@ -156,8 +156,8 @@ class KinematicTree:
     def is_rotor(self, joint: int) -> bool:
         """Return whether a joint's angle has no effect, as for a reaction wheel.
 
-        Such a joint turns a single body, and no other body is attached to that body. Its centre of
-        mass is on the axis, and its inertia is symmetric about the axis (to 1e-6 of its size).
+        Such a joint rotates a single body, and no other body is attached to that body. Its centre
+        of mass is on the axis, and its inertia is symmetric about the axis (to 1e-6 of its size).
         """
         [k] = [k for k, body in enumerate(self.bodies) if body.joint == joint]
         body, axis = self.bodies[k], self.bodies[k].axis_F

@@ -29,7 +29,7 @@ class BodyUncertainty:
             principal axes [rad].
         joint_position_mm: σ of each coordinate of a joint's place on its inboard body [mm].
         joint_axis_mrad: σ of the direction of a joint's axis on its inboard body, about each of two
-            axes perpendicular to it [mrad]. The bodies outboard of the joint turn with its axis.
+            axes perpendicular to it [mrad]. The bodies outboard of the joint rotate with its axis.
         grasp_mm: σ of each coordinate of C's origin on the body that holds the target [mm].
         grasp_mrad: σ of C's attitude on this body, about each axis [mrad].
 

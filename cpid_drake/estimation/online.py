@@ -224,8 +224,8 @@ def change_beyond_linear(found: Fit) -> float:
 def inertia_error(found: Fit) -> float:
     """Return the relative error of the system's inertia about its centre of mass.
 
-    It is the root mean square of Wᵀ δJ W, with J = W⁻ᵀW⁻¹, along the axes that can turn. Errors of
-    the known bodies, which stay uncertain for ever, are not in it.
+    It is the root mean square of Wᵀ δJ W, with J = W⁻ᵀW⁻¹, along the axes that can rotate. Errors
+    of the known bodies, which stay uncertain for ever, are not in it.
     """
     exact = {BODIES: 0.0} if BODIES in found.gaussian.places else {}
     covariance = found.gaussian.condition(exact).marginal([PSI]).covariance()

@@ -1,5 +1,4 @@
-"""The target's unknowns ψ: which are physically consistent, and how probable they are before the
-first sample.
+"""The target's unknowns ψ: the physically consistent ones, and their prior.
 
 With P(ψ) the pseudo-inertia (4, 4) of the target, P₀ that of a plausible solid and κ = `WIDENED`,
 

@@ -283,7 +283,7 @@ def gap(result: "Identification") -> list[str]:
 def _table_words(result: "Identification") -> list[str]:
     """Return sentences on what a motion in the plane of a table can show."""
     if result.normal_C is None:
-        return ["A table carries the spacecraft; its joints turn the target out of the plane."]
+        return ["A table carries the spacecraft; its joints rotate the target out of the plane."]
     others = "the others have no effect on a motion in the plane"
     axis = parallel_axis(result.normal_C)
     if axis >= 0:

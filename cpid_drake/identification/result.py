@@ -106,8 +106,8 @@ class Identification:
         not_identifiable: what the samples do not determine, in words; empty if they determine all.
         combinations: what the result determines, in its own unknowns; None without a covariance.
         is_planar: whether a table carries the spacecraft.
-        normal_C: (3,) the table's normal in C; None if the joints turn C out of the plane, so that
-            all ten parameters act on the motion.
+        normal_C: (3,) the table's normal in C; None if the joints rotate C out of the plane, so
+            that all ten parameters act on the motion.
         sample_count: number of samples used.
         rejected: number of samples that could not be used, by sensor.
         estimator: name of the estimator in `estimators.ESTIMATORS`.

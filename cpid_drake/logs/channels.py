@@ -239,7 +239,7 @@ class _Look:
         others = [each for each in map(self.given, ("position", "velocity", "gyro")) if each]
         if any(_noise(each) > RESOLUTION * np.ptp(each.value) for each in others):
             self.errors.append(
-                f"attitude: {text}: it is not filled, and nothing gives the base's turn"
+                f"attitude: {text}: it is not filled, and nothing gives the base's rotation"
             )
         self.found["attitude"].append(text)
 

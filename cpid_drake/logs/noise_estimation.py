@@ -70,7 +70,7 @@ def _resolution(samples: Samples) -> float:
 
 
 def sensor_noise(name: str, samples: Samples) -> float:
-    """Return σ of one entry of a sensor's samples (of attitudes: of the turn about one axis [rad]).
+    """Return σ of one entry of a sensor's samples (of attitudes: rotations about one axis [rad]).
 
     Entries that a table holds are exactly constant. They are not measured, and do not count.
 

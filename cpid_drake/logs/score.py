@@ -234,9 +234,9 @@ def explain_by_momentum(
 
     Returns:
         The comparison, whose residual is the geometric mean of those of the base's motion and of
-        its turn, and at least 1 if no target with its mass, or no point near the base, can exist;
-        the place (3,) of the point in B [m]; the reach of the arm [m]. None if nothing moves, or
-        nothing can be compared.
+        its rotation, and at least 1 if no target with its mass, or no point near the base, can
+        exist; the place (3,) of the point in B [m]; the reach of the arm [m]. None if nothing
+        moves, or nothing can be compared.
 
     """
     is_tilted = tree is not None and tree.normal_B is not None and tree.normal_C is None

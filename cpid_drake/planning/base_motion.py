@@ -22,7 +22,7 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
 
 BASE_LIMITS = ("base attitude", "base rate", "base displacement")
-"""Names of the limits of the base: its turn [rad], rate [rad/s], displacement of its origin [m]."""
+"""Limits of the base: its rotation [rad], rate [rad/s], displacement of its origin [m]."""
 
 PEAK = 60
 """Exponent p of (Σ xᵖ)^(1/p), the smooth largest value over time: up to 6 % above for 30 nodes."""

@@ -1,7 +1,7 @@
 """Fisher information about a target from joint motions, in closed form, for many motions at once.
 
-With ξ a small turn of the base in W and the notation of `base_motion`, the first-order effects of
-the target's unknowns ψ, of the start and of an unknown momentum (L, v) are
+With ξ a small rotation of the base in W and the notation of `base_motion`, the first-order effects
+of the target's unknowns ψ, of the start and of an unknown momentum (L, v) are
 
     δω = J⁻¹ (Rᵀ (δL + L × ξ) − Y δψ),      ξ' = R δω,
     δp = δp₀ + t δv − ξ × Rρ − R (∂ρ/∂ψ) δψ,
@@ -53,7 +53,7 @@ class InformationModel:
         """
         places = self._places(motion)
         n = max(place.stop for place in places.values())
-        xi, w = self._turns(motion, places, n)
+        xi, w = self._rotations(motion, places, n)
         sigma = np.full(n, ANYWHERE)
         sigma[places["psi"]] = np.inf
         if "momentum" in places:
@@ -98,7 +98,7 @@ class InformationModel:
         ends = np.cumsum([0, *sizes.values()]).tolist()
         return {name: slice(a, b) for name, a, b in zip(sizes, ends, ends[1:])}
 
-    def _turns(
+    def _rotations(
         self, motion: BaseMotion, places: dict[str, slice], n: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return ξ and R δω (U, 3, n) for each unknown, in W."""

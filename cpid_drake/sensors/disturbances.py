@@ -32,15 +32,15 @@ class Disturbances:
         acceleration_B_walk, torque_B_walk: their random walks [m/s²/√s, N·m/√s].
         thrust_scale: σ of the error of the scale of logged thrust: the true thrust is the logged
             one times one plus this error, common to all its components.
-        compliance_urad: σ of the compliance of the grasp about each axis of C: the target turns
+        compliance_urad: σ of the compliance of the grasp about each axis of C: the target rotates
             against C by so much per moment [10⁻⁶ rad/(N·m)]. No seed draws it: simulations have a
             wrist of their own.
         translational_compliance_um: the same along each axis of C: the target moves against C by so
             much per force [10⁻⁶ m/N].
         wheel: σ of each coordinate, in B, of the constant angular momentum of rotors in the base
             that the spacecraft's model has not [N·m·s]. No seed draws it.
-        orbit: orbit of W's origin, whose gravity gradient turns the system and moves its centre of
-            mass; None for none. It is known, and has no σ.
+        orbit: orbit of W's origin, whose gravity gradient rotates the system and moves its centre
+            of mass; None for none. It is known, and has no σ.
 
     Raises:
         InputError: a random walk without the σ at its start.

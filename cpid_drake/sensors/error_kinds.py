@@ -120,7 +120,7 @@ _KINDS = (
     ),
     ErrorKind(
         *("compliance", "disturbances", "compliance_urad", 3, "µrad/(N·m)", 1e-6, 300.0),
-        "the grasp is flexible: the target turns against C by {} about its axes",
+        "the grasp is flexible: the target rotates against C by {} about its axes",
         by_mass=-1,
     ),
     ErrorKind(
@@ -154,7 +154,7 @@ _KINDS = (
     ),
     ErrorKind(
         *("mounting", "sensor", "mounting_arcsec", 3, "arcsec", ARCSECOND, 360.0),
-        "the {sensor} is turned by {} from the axes of the base",
+        "the {sensor} is rotated by {} from the axes of the base",
     ),
     ErrorKind(
         *("scale", "sensor", "scale_ppm", 3, "ppm", 1e-6, 1000.0),

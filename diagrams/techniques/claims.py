@@ -81,7 +81,7 @@ CLAIMS = (
         lambda one, twelve: _is(one > EQUAL * twelve),
     ),
     Claim(
-        "A two-body model that turns in a plane has shortcomings.",
+        "A two-body model that rotates in a plane has shortcomings.",
         "three runs for all parameters",
         {
             f"{quantity}, exact data": (PLANAR, ONE_JOINT, quantity, SUITES[0], GENERIC)
@@ -171,9 +171,9 @@ CLAIMS = (
         {
             f"{number}, {arms}": (f"reactionless motion, {arms}", FAST, number)
             for arms in ARMS[1:]
-            for number in ("error", "turn [°]")
+            for number in ("error", "rotation [°]")
         },
-        lambda error, turn, free, turn_free: _is(error >= 1e-3 or turn >= 0.1),
+        lambda error, rotation, free, rotation_free: _is(error >= 1e-3 or rotation >= 0.1),
     ),
     Claim(
         "The computing time is short.",

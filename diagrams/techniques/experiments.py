@@ -47,7 +47,7 @@ def planar(truth: Truth) -> Numbers:
 
 
 def reactionless(arms: str, truth: Truth) -> Numbers:
-    """Return the RMS error and the largest turn of the base, from the start of the motion."""
+    """Return the RMS error and the largest rotation of the base, from the start of the motion."""
     everything = range(len(truth.spacecraft.joint_names))
     joints = everything if "both" in arms else sorted(one_joint.arm_joints(truth.spacecraft))
     runs = [
@@ -63,8 +63,8 @@ def reactionless(arms: str, truth: Truth) -> Numbers:
         for draw in range(FREE_SEEDS)
     ]
     errors = [worst_error(run.parameters, truth.case.truth.to_vector()) for run in runs]
-    turn, error = max(run.turn for run in runs), np.sqrt(np.mean(np.square(errors)))
-    return {"error": float(error), "turn [°]": float(np.degrees(turn))}
+    rotation, error = max(run.base_rotation for run in runs), np.sqrt(np.mean(np.square(errors)))
+    return {"error": float(error), "rotation [°]": float(np.degrees(rotation))}
 
 
 def adaptive(is_composite: bool, truth: Truth) -> Numbers:

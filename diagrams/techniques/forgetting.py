@@ -1,4 +1,4 @@
-"""Recursive least squares with forgetting, and motion of the arms that does not turn the base.
+"""Recursive least squares with forgetting, and motion of the arms that does not rotate the base.
 
 The rows are the relative ones in B at zero momentum, Y(ω_WB) ψ = −(I_K ω_WB + h_K), which need
 neither attitude nor position. Old samples are forgotten with the factor λ per sample:
@@ -106,14 +106,14 @@ class Reactionless:
 
     Attributes:
         parameters: (10,) the estimate at its end.
-        turn: largest angle by which the base turned [rad].
+        base_rotation: largest angle by which the base rotated [rad].
         q: (N, J) joint positions.
         quaternion_WB: (N, 4) attitude of the base.
 
     """
 
     parameters: Array
-    turn: float
+    base_rotation: float
     q: Array
     quaternion_WB: Array
 

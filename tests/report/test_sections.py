@@ -115,9 +115,9 @@ def test_a_plan_s_table_is_in_degrees_and_percent():
     prediction = Prediction(0.02 * one, 0.02 * one, 2 * one, np.pi / 6, np.pi / 180, 0.25, 0.5)
     table = motion_table({"plan": prediction}, "")
     shown = {row[0]: float(row[1]) for row in table.rows}
-    assert shown["turn of the base, deg"] == pytest.approx(30.0, rel=0.01)
+    assert shown["rotation of the base, deg"] == pytest.approx(30.0, rel=0.01)
     assert shown["its rate, deg/s"] == pytest.approx(1.0, rel=0.01)
-    assert shown["its shift, m"] == pytest.approx(0.25)
+    assert shown["its displacement, m"] == pytest.approx(0.25)
     assert shown["worst σ, % of scale"] == pytest.approx(1.0)
 
 

@@ -187,7 +187,7 @@ def test_it_equals_the_estimator_on_the_logged_samples(simulation, finished, sam
 
 
 def test_it_identifies_the_target_in_the_plant(simulation, finished, skewed_target):
-    """A target that no file knows: within 5 σ, physically consistent, and the momentum stays what it is."""
+    """A target in no file: within 5 σ, consistent, and the momentum stays what it is."""
     identifier = simulation.identifier
     context = identifier.GetMyContextFromRoot(finished)
     parameters = identifier.GetOutputPort("parameters").Eval(context)

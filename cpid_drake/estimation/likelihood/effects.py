@@ -93,7 +93,7 @@ def write_start(motion: BaseMotion, trajectory: Trajectory, change: MotionChange
     mobility = trajectory.mobility
     change.w[:, :, 6:9] = mobility
     wheel = motion.constants.value(trajectory.state.constants, "wheel")
-    if wheel is not None:  # it turns with the base
+    if wheel is not None:  # it rotates with the base
         change.L[:, :3] = -skew(trajectory.state.attitude.as_matrix() @ wheel)
         change.w[:, :, :3] = mobility @ change.L[:, :3]
     drift = transition(motion.joints.start, motion.times, motion.orbit)

@@ -178,7 +178,7 @@ class BlockModel:
     ) -> tuple[dict[str, NDArray[np.float64]], NDArray[np.float64]]:
         """Return what is of first order adds to the readings and to the state at the block's end.
 
-        That is a flexible grasp, or a force that turns with the base: the trajectory has neither.
+        That is a flexible grasp, or a force that rotates with the base: the trajectory has neither.
 
         Returns:
             (M, d) in units of σ, by sensor, and (12,) change of attitude, centre of mass, L and v.

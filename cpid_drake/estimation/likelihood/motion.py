@@ -48,7 +48,7 @@ _STEPS_PER_PIECE = 3.5
 """Grid steps per piece of the joint motion's splines, so that the grid resolves errors of rates."""
 
 _ROUNDS = 120
-"""Most rounds of Newton's iteration, each of which follows the turn about a radian farther."""
+"""Most rounds of Newton's iteration, each of which follows the rotation about a radian farther."""
 
 _MOST_STEPS = 400
 """Grid steps of a block: one that is longer than 10 s has encoders that show no faster motion."""
@@ -211,7 +211,7 @@ class BaseMotion:
 
         Raises:
             InputError: the system's inertia is not positive definite for this target, or the base
-                turns by more than about a radian in a step.
+                rotates by more than about a radian in a step.
 
         """
         N, psi = len(self.nodes), state.psi
@@ -226,14 +226,14 @@ class BaseMotion:
         for force in self.forces.values():
             if force.turns:
                 L = L + force.impulse(self.times) @ self._entries(force, state)
-        if wheel is not None:  # which turns with the base; L is that of the other bodies
+        if wheel is not None:  # which rotates with the base; L is that of the other bodies
             h, L = h + wheel, L + first @ wheel
         J = None if self.orbit is None else self.grid.inertia(state.psi)
         leak = self.constants.value(state.constants, TORQUE_B)
         added, pushed, last = np.zeros((N, 3)), None, 0.0
         # With momentum the velocity depends on the attitude: iterate until the next change, by the
         # ratio of those before, is rounding error. Where Picard's iteration does not fall fast, it
-        # multiplies rounding errors by the exponential of the turn: then it is Newton's.
+        # multiplies rounding errors by the exponential of the rotation: then it is Newton's.
         for _ in range(_ROUNDS):
             if self.orbit is not None and J is not None:
                 inertia_W = R @ J @ np.swapaxes(R, -1, -2)
@@ -261,7 +261,7 @@ class BaseMotion:
                 break
             last = change
         else:
-            raise InputError(f"the base turns too fast to follow in steps of {step:.3g} s")
+            raise InputError(f"the base rotates too fast to follow in steps of {step:.3g} s")
         travel = None
         if self.thrust is not None:
             travel = self.thrust.travel(R, state.psi)

@@ -13,7 +13,7 @@ and of 1/m,
 
     δL' = ξ × L' + Σ f × R δρ,      δv' = ξ × v' + Σ f δ(1/m),
 
-but a force that is given in W does not turn with ξ: its parts are (ξ × R (a − ρ)) × f and zero.
+but a force that is given in W does not rotate with ξ: its parts are (ξ × R (a − ρ)) × f and zero.
 
 On a table, the torque about its normal and the force in its plane are all that acts.
 Source: Hughes 2004, Spacecraft Attitude Dynamics, ch. 3.

@@ -132,9 +132,9 @@ def _settle_conventions(guess: GuessedMap) -> str:
                     guess.say(section, f"{entry} {value}: {what} then differ by {residual:.2%}")
         elif name == "attitude":  # the gyro contradicts everything
             guess.missing.append(
-                "the attitude does not turn at the angular velocity in any convention (they differ "
-                f"by {residual:.0%} at least): order and direction of the attitude, or the axes of "
-                "one of the sensors, are not determined"
+                "the attitude does not rotate at the angular velocity in any convention (they "
+                f"differ by {residual:.0%} at least): order and direction of the attitude, or the "
+                "axes of one of the sensors, are not determined"
             )
         if name == "attitude":  # momentum cannot decide against the gyro
             guess.free -= _ATTITUDE

@@ -210,4 +210,4 @@ def test_exchanged_axes_of_the_gyro_are_found_and_a_foreign_gyro_leaves_the_atti
     )
     other = columns | {name: columns[name][::-1] for name in ("bwx", "bwy", "bwz")}
     missing = guess_map(Table(other), craft, "base").missing
-    assert any("does not turn at the angular velocity in any convention" in t for t in missing)
+    assert any("does not rotate at the angular velocity in any convention" in t for t in missing)
