@@ -1,6 +1,5 @@
 #!/usr/bin/env python3
-"""Adaptive control finds the target while the arms move; then they move without rotation of the
-base.
+"""Adaptive control finds the target while the arms move; then they move and the base is still.
 
 First, `PassivityController` drives the joints along the motion of the scenario exciting_motion. It
 starts without any target, measures no acceleration and no force, and learns from its tracking
