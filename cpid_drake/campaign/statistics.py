@@ -252,7 +252,7 @@ def required_errors(name: str, truth: Array, error: Array) -> Array:
     if name == "mass":
         return np.abs(error[:, 0]) / truth[:, 0]
     if name == "com":
-        return np.linalg.norm(error[:, 1:4], axis=1)
+        return np.asarray(np.linalg.norm(error[:, 1:4], axis=1))
     squares = np.array([1.0, 1, 1, 2, 2, 2])  # of Ixx, Iyy, Izz, Ixy, Ixz, Iyz in the norm
     return np.asarray(np.sqrt((error[:, 4:] ** 2 @ squares) / (truth[:, 4:] ** 2 @ squares)))
 

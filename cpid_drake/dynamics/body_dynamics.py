@@ -167,7 +167,7 @@ class BodyDynamics:
     def com_rate_regressor(self) -> NDArray[np.float64]:
         """Return the derivative of `com_rate` with respect to (μ, μc), (N, 3, 4)."""
         columns = np.concatenate([self.sdot[..., None], skew(self.w_BC)], axis=-1)
-        return self.R_BC @ columns / self.mass
+        return np.asarray(self.R_BC @ columns / self.mass)
 
     def base_twist(
         self, psi: NDArray[np.float64], L_Scm_B: ArrayLike = (0.0,) * 3, v_Scm_B: ArrayLike = 0.0

@@ -208,7 +208,9 @@ def _ten(vector: ArrayLike, what: str) -> NDArray[np.float64]:
 # -- the nearest rigid body ----------------------------------------------------------------------
 
 
-def inside_the_limits(mass: ArrayLike, com: NDArray, inertia: NDArray) -> NDArray[np.float64]:
+def inside_the_limits(
+    mass: ArrayLike, com: NDArray[np.float64], inertia: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Return inertias (..., 3, 3) changed by about the rounding error, so that Drake accepts them.
 
     The change is at most 1e-12 of the body's size where the body is physically consistent up to

@@ -79,7 +79,7 @@ def angular_momentum(
     The origin of W as Q gives the sum in Ning et al. 2016, Eq. 9, and the capture point (d_no) the
     sums in Eqs. 10, 14 and 18. Arguments as for `momenta`.
     """
-    return momenta(tree, motion, p_WQ)[1].sum(axis=0)
+    return np.asarray(momenta(tree, motion, p_WQ)[1].sum(axis=0))
 
 
 def target_momentum(

@@ -84,7 +84,7 @@ def inertia_of_second_moment(sigma: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _spheres(tensors: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return tr(T) 1 (..., 3, 3) of tensors T (..., 3, 3)."""
-    return np.trace(tensors, axis1=-2, axis2=-1)[..., None, None] * np.eye(3)
+    return np.asarray(np.trace(tensors, axis1=-2, axis2=-1)[..., None, None] * np.eye(3))
 
 
 def moved_moments(

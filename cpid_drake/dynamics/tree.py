@@ -84,7 +84,8 @@ class KinematicTree:
     def lumped(self) -> "KinematicTree":
         """The same tree with welded bodies joined into one: the same momentum with less work."""
         lumps: list[TreeBody] = []
-        where: list[tuple[int, NDArray, NDArray]] = []  # lump and pose of each body
+        # The lump of each body, and its pose.
+        where: list[tuple[int, NDArray[np.float64], NDArray[np.float64]]] = []
         for body in self.bodies:
             lump, R_LP, p_LP = where[body.parent] if body.parent >= 0 else (-1, np.eye(3), 0.0)
             R_LF, p_LF = R_LP @ body.R_PF, p_LP + R_LP @ body.p_PF

@@ -63,7 +63,7 @@ class Gaussian:
     @property
     def size(self) -> int:
         """Number n of all entries."""
-        return self.R.shape[1]
+        return int(self.R.shape[1])
 
     @property
     def rows(self) -> NDArray[np.float64]:

@@ -245,4 +245,4 @@ def _by_inertia(found: Fit) -> NDArray[np.float64]:
     else:
         W = normal_B[:, None] / np.sqrt(normal_B @ J @ normal_B)
     by = W.T @ (dynamics.inertia(np.eye(10))[:, 0] - none) @ W
-    return by.reshape(10, -1).T
+    return np.asarray(by.reshape(10, -1).T)

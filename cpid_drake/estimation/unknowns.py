@@ -181,7 +181,7 @@ class Model:
         """Return the plausible sizes (10,) of ψ, or those of a target ψ (10,) that is larger."""
         m, moments = max(psi[0], 0.0), max((psi[4] + psi[7] + psi[9]) / 2, 0.0)
         own = np.repeat([m, np.sqrt(m * moments), moments], [1, 3, 6])
-        return np.maximum(self.plausible, own)
+        return np.asarray(np.maximum(self.plausible, own))
 
     @cached_property
     def table(self) -> tuple[Unknown, ...]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.total_momentum import TotalMomentum
@@ -20,6 +20,8 @@ from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 EXACT = "exact"
 """The uncertainty of a spacecraft whose model is exact."""
+
+Kind = TypeVar("Kind")
 
 PathLike = str | Path
 
@@ -170,7 +172,7 @@ def planar_of(given: bool | None) -> bool | None:
     return _checked("planar", given, bool, "or None")
 
 
-def _checked(name: str, given: Any, kind: type, others: str) -> Any:
+def _checked(name: str, given: object, kind: type[Kind], others: str) -> Kind | None:
     if given is None or isinstance(given, kind):
         return given
     raise InputError(f"{name} must be a {kind.__name__}, {others}, not {given!r:.80}")

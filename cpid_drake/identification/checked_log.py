@@ -258,7 +258,7 @@ def _turned(measurements: Log, k: int, times: NDArray[np.float64]) -> NDArray[np
     time, rate = rates.time, rates.value[:, 0]
     later = np.maximum(times - time[-1], 0.0)  # at a constant rate after the last sample
     angle = np.interp(times, time, cumulative_trapezoid(rate, time, initial=0.0))
-    return angle + later * rate[-1]
+    return np.asarray(angle + later * rate[-1])
 
 
 def _beyond_limits(spacecraft: Spacecraft, positions: NDArray[np.float64]) -> Iterator[str]:

@@ -68,7 +68,7 @@ class StreamState:
     screening: Log | None = None
     zero: float = np.nan
 
-    def __deepcopy__(self, memo: dict) -> "StreamState":
+    def __deepcopy__(self, memo: dict[int, object]) -> "StreamState":
         """Return the value itself, which never changes."""
         return self
 

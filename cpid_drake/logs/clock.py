@@ -131,7 +131,7 @@ def time_from_rates(samples: Mapping[str, Samples]) -> dict[str, Samples]:
 
     def moved(t: NDArray[np.float64]) -> NDArray[np.float64]:
         outside = usual * (np.minimum(t - time[0], 0) + np.maximum(t - time[-1], 0))
-        return np.interp(t, time, new) + outside
+        return np.asarray(np.interp(t, time, new) + outside)
 
     return {name: Samples(moved(s.time), s.value) for name, s in samples.items()}
 

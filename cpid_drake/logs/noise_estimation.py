@@ -5,6 +5,7 @@ noise of variance σ² have the variance σ² (2p)!/(p!)².
 """
 
 from contextlib import suppress
+from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,7 +82,7 @@ def sensor_noise(name: str, samples: Samples) -> float:
     value = samples.value
     if name == "attitude" and len(value) and value[:, 1:3].any():
         # A rotation by δ changes the four entries by δ/2 in total, along three directions.
-        return 2 * np.sqrt(4 / 3) * noise_level(Samples(samples.time, without_flips(value)))
+        return 2 * sqrt(4 / 3) * noise_level(Samples(samples.time, without_flips(value)))
     if name == "attitude":
         value = np.unwrap(2 * np.arctan2(value[:, 3], value[:, 0]))[:, None]
     elif SENSORS[name].width is not None and len(value) and np.ptp(value, axis=0).any():
@@ -112,7 +113,7 @@ def noise_level(samples: Samples) -> float:
             levels.append(_root_mean_square(difference) / np.sqrt(comb(2 * order, order)))
     if not levels:
         raise InputError("the times of samples are too uneven to estimate noise; give the sensors")
-    return max(min(levels), 1e-13)  # a σ of zero could not be divided by
+    return max(float(min(levels)), 1e-13)  # a σ of zero could not be divided by
 
 
 def sample_sigmas(samples: Log | Motion) -> NDArray[np.float64]:

@@ -7,7 +7,7 @@ PyPI package `rosbags` does the parsing, so ROS need not be installed.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,9 @@ from cpid_drake.logs.ros_messages import (
 )
 from cpid_drake.logs.table import Table
 from cpid_drake.sensors.sensors import SENSORS
+
+if TYPE_CHECKING:
+    from rosbags.interfaces import Connection
 
 Series = tuple[NDArray[np.int64], NDArray[np.float64]]
 """Stamps (N,) [ns] and values (N, width)."""
@@ -184,7 +187,7 @@ def _put(
 
 
 def _choose_topics(
-    where: str, connections: list, topics: Mapping[str, str]
+    where: str, connections: "Sequence[Connection]", topics: Mapping[str, str]
 ) -> dict[str, list[str]]:
     """Return the topics to read by kind, for all kinds in the bag."""
     for kind in topics:

@@ -87,7 +87,7 @@ class BaseMotion:
         """Return the displacement (N, B, 3) of the base's origin from the start, in W [m]."""
         from_base = self.by_node(rotate(self.R, self.known.com(self.psi)))
         drift = self.times[:, None, None] * self.momentum.v_WScm_W
-        return drift + from_base[0] - from_base
+        return np.asarray(drift + from_base[0] - from_base)
 
     def lengths(self) -> dict[str, NDArray[np.float64]]:
         """Return what `BASE_LIMITS` names, (N, B) each."""

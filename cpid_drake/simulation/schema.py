@@ -217,7 +217,9 @@ def _read_simulator(value: object) -> SimulatorConfig:
 def _simulator(text: str) -> SimulatorConfig:
     """Return Drake's settings from JSON, whose keys and types Drake checks."""
     try:
-        config = yaml_load_typed(schema=SimulatorConfig, data=text, defaults=default_simulator())
+        config: SimulatorConfig = yaml_load_typed(
+            schema=SimulatorConfig, data=text, defaults=default_simulator()
+        )
     except (RuntimeError, ValueError, TypeError, AttributeError) as error:
         raise InputError(f"not Drake's SimulatorConfig: {error}") from error
     if config.integration_scheme not in INTEGRATION_SCHEMES:

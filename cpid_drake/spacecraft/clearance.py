@@ -180,7 +180,7 @@ class Clearance:
         }
 
 
-def _computed(distances: Callable, argument: object) -> Any:
+def _computed(distances: Callable[[Any], Any], argument: object) -> Any:
     """Return Drake's distances; raises InputError for shapes that it cannot compare."""
     try:
         return distances(argument)

@@ -281,7 +281,8 @@ class Spacecraft:
         Joints that move at t = 0 contribute to the momentum; the twist of the base takes this into
         account. The arguments are those of `predicted_motion`.
         """
-        return self.to_states(self.predicted_motion(target, motion, [0.0], momentum_W))[0]
+        start = self.predicted_motion(target, motion, [0.0], momentum_W)
+        return np.asarray(self.to_states(start)[0])
 
     def require_joints(self, motion: Motion) -> None:
         """Refuse a motion of another spacecraft.

@@ -52,7 +52,8 @@ class Identifier(SpacecraftSystem):
         Its intervals are those of the estimator; `consistency.checked` finds the part of them that
         a rigid body can have.
         """
-        return self._solution.Eval(context)
+        found: Identification = self._solution.Eval(context)
+        return found
 
     def estimate_ports(self) -> dict[str, OutputPort]:
         """Return the ports that a controller or a visualizer reads, by their names there."""
@@ -285,10 +286,10 @@ class MomentumIdentifier(Identifier):
 
     def _root(self, context: Context) -> NDArray[np.float64]:
         root = context.get_discrete_state(self._root_index).value()
-        return root.reshape(self._size, self._size)
+        return np.asarray(root.reshape(self._size, self._size))
 
     def _earlier(self, context: Context) -> NDArray[np.float64]:
-        return context.get_discrete_state(self._earlier_index).value()
+        return np.asarray(context.get_discrete_state(self._earlier_index).value())
 
     def _solve(self, context: Context) -> Identification:
         samples, row_count, _ = context.get_discrete_state(self._count_index).value()

@@ -186,7 +186,8 @@ class SensorIdentifier(Identifier):
         return self._memory(context).stream.online
 
     def _memory(self, context: Context) -> "_Memory":
-        return context.get_abstract_state(self._memory_index).get_value()
+        memory: _Memory = context.get_abstract_state(self._memory_index).get_value()
+        return memory
 
     @one_thread
     def _collect(self, context: Context, state: State) -> EventStatus:
@@ -247,6 +248,6 @@ class _Memory:
     seen: dict[str, float]
     due: float = np.nan
 
-    def __deepcopy__(self, memo: dict) -> "_Memory":
+    def __deepcopy__(self, memo: dict[int, object]) -> "_Memory":
         """Return the value itself, which never changes."""
         return self

@@ -10,6 +10,7 @@ import logging
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
@@ -22,7 +23,7 @@ from paper.study import PaperStudy, run_paper_study, summarize
 from paper.values import EXCITING
 
 
-def page_of(study: PaperStudy, scenario: str, summary: dict) -> Report:
+def page_of(study: PaperStudy, scenario: str, summary: dict[str, Any]) -> Report:
     """Return the page of a study on a scenario of this name or path."""
     words = ["python", "diagrams/paper/run.py", "--scenario", scenario, "--out", "OUT"]
     introduction = Section("The paper and this study", texts=tables.INTRODUCTION)

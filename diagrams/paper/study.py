@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -186,18 +187,19 @@ def sampling_times(scenario: Scenario) -> NDArray[np.float64]:
     return config.offset + config.period * np.arange(count, dtype=float)
 
 
-def summarize(study: PaperStudy, wall_seconds: float) -> dict:
+def summarize(study: PaperStudy, wall_seconds: float) -> dict[str, Any]:
     """Return the study's numbers for `summary.json`; missing values are None."""
 
     def error(found: Identification) -> float | None:
-        return nulls(max_relative_error(found.parameters, study.truth))
+        largest: float | None = nulls(max_relative_error(found.parameters, study.truth))
+        return largest
 
-    def table_1(found: Identification) -> dict:
+    def table_1(found: Identification) -> dict[str, Any]:
         errors = parameter_errors(found.parameters, study.truth)
         values = {"parameters": nulls(found.parameters), "relative_errors": nulls(errors)}
         return {**values, "max_relative_error": error(found)}
 
-    def table_2(cases: Iterable[RoundedCase]) -> list[dict]:
+    def table_2(cases: Iterable[RoundedCase]) -> list[dict[str, Any]]:
         return [
             {
                 "decimals": case.decimals,

@@ -110,7 +110,7 @@ def write_joints(motion: BaseMotion, trajectory: Trajectory, change: MotionChang
         each = (getattr(by, name)[:count, ..., None] for by in (by_q, by_qdot))
         q, qdot = (by * basis[:count] for by, basis in zip(each, bases, strict=True))
         q += qdot
-        return q.reshape(*q.shape[:2], np.prod(q.shape[2:]))
+        return np.asarray(q.reshape(*q.shape[:2], np.prod(q.shape[2:])))
 
     U, rates = len(motion.times), len(change.com_rate)
     counts = {"w": rates or len(change.w), "com": U, "v": rates, "screw": len(change.screw)}

@@ -98,7 +98,7 @@ class Push:
     def arms(self, R: NDArray[np.float64], com: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the points (Q, V, 3) from the system's centre of mass, in W."""
         rho = np.asarray(self.to @ com)[:, None]
-        return (self._arm - rho) @ np.swapaxes(self.rotations(R), -1, -2)
+        return np.asarray((self._arm - rho) @ np.swapaxes(self.rotations(R), -1, -2))
 
     def torques(self, R: NDArray[np.float64], com: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the torques (Q, V, 3) of unit amplitudes, likewise."""
@@ -244,7 +244,7 @@ class BlockThrust:
             f, r = skew(push.forces(R)), skew(push.arms(R, com))
             by_turn += np.einsum("qv,qvij->qij", given, f @ r)
         added = self._accumulated(self._turns[:, None] * by_turn)[: len(self._nodes)]
-        return np.diff(added, axis=0) / (self._nodes[1] - self._nodes[0])
+        return np.asarray(np.diff(added, axis=0) / (self._nodes[1] - self._nodes[0]))
 
     def travel_change(
         self,
