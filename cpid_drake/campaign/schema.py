@@ -153,7 +153,7 @@ class Declared:
 
 
 @dataclass
-class Trial(Scenario):
+class TrialScenario(Scenario):
     """The scenario of one trial.
 
     `tumble_C` is the angular velocity with which the target rotated about its own centre of mass
@@ -203,8 +203,8 @@ class Campaign:
         repeated: share of the propagator's trials that Drake repeats, to compare.
         bounds: share of the trials whose Cramér-Rao bound is computed.
         estimators: of `cpid_drake.identification.estimators.methods`; all get the same samples.
-        fixed: keys of `Trial`, such as simulation.duration, and their values in all trials.
-        axes: keys of `Trial`, such as target.mass, and what varies.
+        fixed: keys of `TrialScenario`, such as simulation.duration, and their values in all trials.
+        axes: keys of `TrialScenario`, such as target.mass, and what varies.
         requirements: what is required of the mass, the centre of mass (`com`) and the inertia.
 
     """
@@ -226,7 +226,7 @@ class Campaign:
                 raise InputError(f"estimators: no '{name}'; {choose_from(name, [*methods()])}")
 
 
-class Plan:
+class CampaignPlan:
     """A campaign with its scenario, as one text that determines every trial.
 
     Args:
@@ -265,7 +265,7 @@ class Plan:
         drawn = {name: axis.draw(rng) for name, axis in self.campaign.axes.items()}
         return drawn | self.points[number // self.campaign.trials]
 
-    def trial(self, values: dict[str, Any]) -> Trial:
+    def trial(self, values: dict[str, Any]) -> TrialScenario:
         """Return the scenario of a trial with these values.
 
         Raises:
@@ -277,7 +277,7 @@ class Plan:
             _set(tree, key, value)
             if key.startswith("target.solid"):
                 tree["target"]["I_TTcm_C"] = None
-        trial = from_tree(Trial, tree, "trial", "a trial")
+        trial = from_tree(TrialScenario, tree, "trial", "a trial")
         resolve_files(trial, self._folder)
         if trial.declared.sensors not in (None, "none"):
             trial.declared.sensors = suite_from_folder(self._folder, trial.declared.sensors)
@@ -310,12 +310,12 @@ class Plan:
 
 
 @lru_cache(maxsize=4)
-def plan_of(text: str) -> Plan:
+def plan_of(text: str) -> CampaignPlan:
     """Return the plan of a text; each worker reads it once."""
-    return Plan(text)
+    return CampaignPlan(text)
 
 
-def load_campaign(path: str | Path) -> Plan:
+def load_campaign(path: str | Path) -> CampaignPlan:
     """Read a campaign from a YAML file, with the scenario that it names.
 
     Raises:
@@ -330,8 +330,8 @@ def load_campaign(path: str | Path) -> Plan:
         source = str(beside) if beside.is_file() else find_scenario(name)
     scenario = load_scenario(source)
     tree = parse_yaml(dump_yaml(scenario, MOTION_TAGS).encode(), name, MOTION_TAGS)
-    extra = {each.name for each in fields(Trial)} - {each.name for each in fields(Scenario)}
-    more = parse_yaml(dump_yaml(Trial(scenario.spacecraft, scenario.target)).encode(), name)
+    extra = {each.name for each in fields(TrialScenario)} - {each.name for each in fields(Scenario)}
+    more = parse_yaml(dump_yaml(TrialScenario(scenario.spacecraft, scenario.target)).encode(), name)
     assert isinstance(tree, dict)
     assert isinstance(more, dict)
     tree |= {each: more[each] for each in sorted(extra)}
@@ -343,7 +343,7 @@ def load_campaign(path: str | Path) -> Plan:
         "folder": str(file.parent),
         "files": named,
     }
-    plan = Plan(json.dumps(text, indent=1, sort_keys=False))
+    plan = CampaignPlan(json.dumps(text, indent=1, sort_keys=False))
     with prefix_errors(str(path)):
         plan.check()
     return plan

@@ -19,7 +19,7 @@ import cpid_drake as cpid
 from cpid_drake.files.drafts import refuse_unfinished
 from cpid_drake.files.errors import InputError
 from cpid_drake.files.resources import find_scenario, package_folders, resolve_model
-from cpid_drake.identification.arguments import EXACT
+from cpid_drake.identification.arguments import EXACT_MODEL
 from cpid_drake.identification.description import describe
 from cpid_drake.identification.request import log_names
 from cpid_drake.simulation.spacecraft_file import EXPLICIT, SpacecraftFile, load_spacecraft
@@ -231,8 +231,8 @@ class LogOptions(PartOptions, KnownOptions):
 
     def files(self) -> list[str | Path]:
         """Return the files that the options name."""
-        bodies = self.known_bodies or EXACT
-        of_bodies = None if "=" in bodies or bodies == EXACT else bodies
+        bodies = self.known_bodies or EXACT_MODEL
+        of_bodies = None if "=" in bodies or bodies == EXACT_MODEL else bodies
         sensors = [file for each in self.sensors or [] for file in (each, each.rpartition("=")[2])]
         given = (*sensors, self.columns, self.prior, of_bodies)
         return [*super().files(), *(file for file in given if file)]

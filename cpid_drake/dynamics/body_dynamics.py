@@ -33,7 +33,7 @@ from cpid_drake.dynamics.rows import relative_regressor
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.files.errors import InputError
 
-LEAST = 0.5
+LEAST_INERTIA = 0.5
 """Least inertia of the system about any axis, as a share of that without the target.
 
 A rigid body never reduces it; half of it leaves room for estimates from noisy samples.
@@ -127,12 +127,12 @@ class BodyDynamics:
         """Return ∂ω/∂L (..., N, 3, 3) in B: the inverse of J(ψ); on a table n nᵀ / (nᵀ J n).
 
         Raises:
-            InputError: with this target, the inertia about some axis is less than `LEAST` of that
-                without it. No rigid body reduces the inertia; noise may.
+            InputError: with this target, the inertia about some axis is less than `LEAST_INERTIA`
+                of that without it. No rigid body reduces the inertia; noise may.
 
         """
         J, n = self.inertia(psi), self.normal_B
-        more = J - LEAST * self.I_K
+        more = J - LEAST_INERTIA * self.I_K
         if n is None:
             with suppress(np.linalg.LinAlgError):  # not positive definite
                 if np.isfinite(np.linalg.cholesky(more)).all():

@@ -33,7 +33,7 @@ SIZES = 10.0 ** np.arange(1, -7, -1)
 NAMED = 0.9
 """Probability from which a candidate is said to act."""
 
-MOST = 12
+MOST_CANDIDATES = 12
 """Number of candidates of which all sets are compared; each has the largest evidence beside those
 before it."""
 
@@ -49,7 +49,7 @@ _NEGLIGIBLE = 1e-6  # probability of a set that does not count in the average
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class ModelComparison:
     """Which candidates act.
 
     Attributes:
@@ -86,7 +86,7 @@ def compare(
     candidates: Mapping[str, NDArray[np.float64]],
     kept: Sequence[str],
     odds: Mapping[str, float] | None = None,
-) -> Comparison:
+) -> ModelComparison:
     """Compare all sets of candidates.
 
     Args:
@@ -159,7 +159,7 @@ class Question:
         gaussian: Gaussian,
         values: Mapping[str, NDArray[np.float64]],
         further: Mapping[str, NDArray[np.float64]] | None = None,
-    ) -> Comparison:
+    ) -> ModelComparison:
         """Compare all sets of candidates.
 
         Args:
@@ -253,10 +253,10 @@ class _Sets:
             left, d = np.concatenate([rest, rest - across @ by]), d[m:]
         return found
 
-    def comparison(self, odds: Mapping[str, float]) -> Comparison:
+    def comparison(self, odds: Mapping[str, float]) -> ModelComparison:
         """Return the comparison for the logs of all candidates' odds."""
         some = list[str]()
-        while len(some) < MOST and (others := [n for n in self.names if n not in some]):
+        while len(some) < MOST_CANDIDATES and (others := [n for n in self.names if n not in some]):
             gains = self._gains(others, some)
             name = max(gains, key=lambda each: gains[each].max() + odds[each])
             if gains[name].max() + odds[name] < np.log(UNLIKELY):
@@ -294,7 +294,7 @@ class _Sets:
         root = cholesky(covariance / own / own[:, None], lower=True)
         whiten = solve_triangular(root, np.diag(1 / own / scale), lower=True)
         average = np.column_stack([whiten, whiten @ ((nearby + mean) * scale)])
-        return Comparison(
+        return ModelComparison(
             probability,
             tuple(free),
             Gaussian.of_rows(self.kept_sizes, average),

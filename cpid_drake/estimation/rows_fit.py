@@ -74,7 +74,7 @@ class LogRows:
         Args:
             telemetry: the motion at N instants.
             covariance: (N, q, q) of the errors of each sample as changes of the q quantities of
-                `momentum_rows.changed`, or (1, q, q) if it is the same for all.
+                `momentum_rows.changed_motion`, or (1, q, q) if it is the same for all.
 
         """
         tree, family, momentum = self._problem

@@ -9,7 +9,7 @@ import numpy as np
 
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.estimation.evidence import NAMED, Comparison, Question
+from cpid_drake.estimation.evidence import NAMED, ModelComparison, Question
 from cpid_drake.estimation.fit import Fit
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.likelihood.constants import BIAS
@@ -190,7 +190,11 @@ def effects_of(
 
 
 def momentum_of(
-    model: Model, values: Values, gaussian: Gaussian, log: str, compared: Comparison | None = None
+    model: Model,
+    values: Values,
+    gaussian: Gaussian,
+    log: str,
+    compared: ModelComparison | None = None,
 ) -> dict[str, Any]:
     """Return a result's fields of L at the start of a log, and v_WScm if positions are measured.
 

@@ -18,7 +18,7 @@ from cpid_drake.sensors.presets import load_sensors, sensor_presets
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
-EXACT = "exact"
+EXACT_MODEL = "exact"
 """The uncertainty of a spacecraft whose model is exact."""
 
 Kind = TypeVar("Kind")
@@ -80,7 +80,7 @@ def _log_of(name: str, given: LogLike, spacecraft: Spacecraft) -> Motion | Log:
     return given
 
 
-def sensors_of(given: SensorSuite | PathLike | None) -> SensorSuite | None:
+def resolve_sensors(given: SensorSuite | PathLike | None) -> SensorSuite | None:
     """Return sensors; a preset or a file is read.
 
     Raises:
@@ -99,11 +99,11 @@ def sensors_of_logs(
     """Return the sensors of each log: one object for each preset and each file.
 
     Raises:
-        InputError: a name is no log, or a log has no sensors; see also `sensors_of`.
+        InputError: a name is no log, or a log has no sensors; see also `resolve_sensors`.
 
     """
     if not isinstance(given, Mapping):
-        return dict.fromkeys(logs, sensors_of(given))
+        return dict.fromkeys(logs, resolve_sensors(given))
     for name in given:
         if name not in logs:
             raise InputError(f"sensors: there is no log '{name}'; {choose_from(name, logs)}")
@@ -117,11 +117,11 @@ def sensors_of_logs(
         key: object = id(own)
         if isinstance(own, PathLike):
             key = str(own) if str(own) in sensor_presets() else Path(own).resolve()
-        found[name] = read[key] = read.get(key) or sensors_of(own)
+        found[name] = read[key] = read.get(key) or resolve_sensors(own)
     return found
 
 
-def bodies_of(given: BodyUncertainty | PathLike | None) -> BodyUncertainty | None:
+def resolve_bodies(given: BodyUncertainty | PathLike | None) -> BodyUncertainty | None:
     """Return the uncertainty of a spacecraft; a text or a file is read.
 
     Raises:
@@ -133,7 +133,7 @@ def bodies_of(given: BodyUncertainty | PathLike | None) -> BodyUncertainty | Non
     return _checked("known_bodies", given, BodyUncertainty, "a text, or a file")
 
 
-def prior_of(
+def resolve_prior(
     given: TargetPrior | Identification | PathLike | None, spacecraft: Spacecraft
 ) -> TargetPrior | None:
     """Return what is known of a target, also from a result; a file is read.
@@ -150,7 +150,7 @@ def prior_of(
     return _checked("prior", given, TargetPrior, "a result, or a file")
 
 
-def momentum_of(given: TotalMomentum | str | None) -> TotalMomentum | None:
+def resolve_momentum(given: TotalMomentum | str | None) -> TotalMomentum | None:
     """Return a total momentum, also by its name.
 
     Raises:
@@ -190,7 +190,7 @@ def read_uncertainty(text: str) -> BodyUncertainty:
 
     """
     whole = "the uncertainty of known bodies"
-    if text == EXACT:
+    if text == EXACT_MODEL:
         return BodyUncertainty()
     if "=" not in text:
         return load_yaml(BodyUncertainty, resolve_model(Path(text)), text, whole)

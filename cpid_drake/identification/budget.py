@@ -29,10 +29,10 @@ from cpid_drake.identification.effects import EffectEstimate, with_sensors_of
 from cpid_drake.sensors.sensors import Gyro
 from cpid_drake.sensors.suite import SensorSuite
 
-FAR = 4.0
+LARGEST_ERROR = 4.0
 """No error is larger than so many of its σ: one entry in 16,000 is."""
 
-LEAST = 0.01
+LEAST_SHARE = 0.01
 """Least share of a row of the budget, of any parameter."""
 
 ALL = "all errors together"
@@ -122,7 +122,7 @@ def error_budget(
             k += 1
     rows += [BudgetRow(name, share(left)) for name, left in _without_walks(found, held)]
     largest = {id(row): float(np.nanmax(row.shares, initial=0.0)) for row in rows}
-    rows = [row for row in rows if largest[id(row)] >= LEAST]
+    rows = [row for row in rows if largest[id(row)] >= LEAST_SHARE]
     return tuple(sorted(rows, key=lambda row: (row.name != ALL, -largest[id(row)])))
 
 
@@ -242,4 +242,4 @@ def size_checks(
         f"an error is {significant(sizes[name])} times as large as its sigma: {name}; declare "
         "what the hardware can have, or look for another cause"
     )
-    return (Check.of("declared sizes", sentence, sizes[name], FAR),)
+    return (Check.of("declared sizes", sentence, sizes[name], LARGEST_ERROR),)

@@ -36,7 +36,7 @@ from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
-FEWEST = 20
+FEWEST_FREEDOM = 20
 """Degrees of freedom from which on residuals are shown."""
 
 INTEGRATION = 1e-5
@@ -329,7 +329,7 @@ def _told(
             fields["momentum_covariance"] = inverse @ inverse.T
     target = whole.marginal([TARGET])
     solution = solution_of(target, *plausible(spacecraft, rows.form, target))
-    is_shown = solution.rank == len(tree.unknowns) and freedom > FEWEST
+    is_shown = solution.rank == len(tree.unknowns) and freedom > FEWEST_FREEDOM
     residuals = zip(("linear", "angular"), rows.residuals(x), strict=True) if is_shown else ()
     halves = tuple[Check, ...]()
     if solution.rank == len(tree.unknowns) and freedom > 0:

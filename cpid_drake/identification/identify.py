@@ -14,12 +14,12 @@ from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.identification.arguments import (
     LogLike,
     PathLike,
-    bodies_of,
     logs_of,
-    momentum_of,
     planar_of,
-    prior_of,
     require_spacecraft,
+    resolve_bodies,
+    resolve_momentum,
+    resolve_prior,
     sensors_of_logs,
 )
 from cpid_drake.identification.checked_log import CheckedLog, Known, check_log
@@ -115,9 +115,9 @@ def identify(
     """
     require_spacecraft(spacecraft)
     named = logs_of(data, spacecraft)
-    suites, momentum = sensors_of_logs(sensors, named), momentum_of(momentum)
+    suites, momentum = sensors_of_logs(sensors, named), resolve_momentum(momentum)
     [suite, *_] = suites.values()
-    known_bodies, prior = bodies_of(known_bodies), prior_of(prior, spacecraft)
+    known_bodies, prior = resolve_bodies(known_bodies), resolve_prior(prior, spacecraft)
     planar = planar_of(planar)
     where, logs = {name: name if len(named) > 1 else "" for name in named}, dict[str, CheckedLog]()
     for name, each in named.items():

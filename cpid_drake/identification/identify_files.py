@@ -12,7 +12,7 @@ import numpy as np
 
 from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.files.resources import __version__, resolve_model
-from cpid_drake.identification.arguments import bodies_of, momentum_of, sensors_of
+from cpid_drake.identification.arguments import resolve_bodies, resolve_momentum, resolve_sensors
 from cpid_drake.identification.checked_log import Known, left_out_warnings
 from cpid_drake.identification.identify import identify
 from cpid_drake.identification.prior import load_prior
@@ -22,7 +22,7 @@ from cpid_drake.logs.conversion import LogFile
 from cpid_drake.logs.files import inspect_log, refuse_problems
 from cpid_drake.logs.log import Log
 
-PARTS = 12
+PARTS_OVER_TIME = 12
 """From so many parts of a log estimates over time are identified."""
 
 
@@ -102,7 +102,7 @@ def converge(evidence: Evidence, progress: Callable[[str], None] = lambda step: 
         return [*result.history(), (end, result)]
     same = replace(inputs, estimator=result.estimator, rows=result.rows, planar=result.is_planar)
     estimates = []
-    for time in (end * np.arange(1, PARTS) / PARTS).tolist():
+    for time in (end * np.arange(1, PARTS_OVER_TIME) / PARTS_OVER_TIME).tolist():
         progress(f"identifying from the first {time:.4g} of {end:.4g} s")
         with suppress(InputError):  # too few samples, or nothing moves yet
             found = identify(data=data.between(0.0, time), **vars(same))
@@ -124,8 +124,8 @@ def opened_inputs(request: Request, progress: Callable[[str], object]) -> Known:
     craft = request.spacecraft
     progress("reading the model")
     spacecraft = craft.make()
-    momentum, sensors = momentum_of(request.momentum), sensors_of(request.sensors)
-    bodies = bodies_of(request.known_bodies)
+    momentum, sensors = resolve_momentum(request.momentum), resolve_sensors(request.sensors)
+    bodies = resolve_bodies(request.known_bodies)
     prior = None
     if request.prior is not None:
         prior = load_prior(request.prior, spacecraft, craft.capture_frame)

@@ -12,7 +12,7 @@ from cpid_drake.estimation.sweep import BOUNDARY, sweep
 from cpid_drake.estimation.unknowns import PSI
 from cpid_drake.identification.result import Identification
 
-MOST = 50
+MOST_ESTIMATES = 50
 """Number of estimates of a log, at most."""
 
 
@@ -28,7 +28,7 @@ def over_time(
 
     """
     [log], [rolled], model = found.logs, found.rolled, found.model
-    ends = range(len(log.blocks) - 1)[:: -(-len(log.blocks) // MOST)]
+    ends = range(len(log.blocks) - 1)[:: -(-len(log.blocks) // MOST_ESTIMATES)]
     swept = sweep(model, log, rolled, found.values, forward_only=True, stops=ends)
     prior, form = prior_of(model, [log], found.values), relative_parameterization(model.mass)
     counts = np.cumsum([sum(map(len, block.samples.samples.values())) for block in log.blocks])

@@ -27,12 +27,12 @@ from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.arguments import (
     PathLike,
-    bodies_of,
     logs_of,
-    momentum_of,
-    prior_of,
     require_spacecraft,
-    sensors_of,
+    resolve_bodies,
+    resolve_momentum,
+    resolve_prior,
+    resolve_sensors,
 )
 from cpid_drake.identification.checked_log import check_log, suite_of
 from cpid_drake.identification.fitted import NAME
@@ -161,8 +161,8 @@ def validate(
         raise InputError(f"the beginning must be a share between 0 and 1, not {beginning:g}")
     require_spacecraft(spacecraft)
     [given] = logs_of(data, spacecraft).values()
-    sensors, momentum = sensors_of(sensors), momentum_of(momentum)
-    known_bodies, known_target = bodies_of(known_bodies), prior_of(target, spacecraft)
+    sensors, momentum = resolve_sensors(sensors), resolve_momentum(momentum)
+    known_bodies, known_target = resolve_bodies(known_bodies), resolve_prior(target, spacecraft)
     if known_target is None:
         raise InputError("there is no target to validate")
     log = check_log(spacecraft, given, sensors, planar)

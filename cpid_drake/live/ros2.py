@@ -16,7 +16,7 @@ from cpid_drake.live.ros_samples import LIVE_TYPES, RosSamples
 TARGET, SIGMA, ESTIMATE = "~/target", "~/target_sigma", "~/estimate"
 """Topics of the estimate and of its σ, and of the ten parameters with their covariance."""
 
-DIAGNOSTICS = "/diagnostics"
+DIAGNOSTICS_TOPIC = "/diagnostics"
 """Topic of checks, error budget and topics, where ROS tools look for it."""
 
 DEPTH = 2000
@@ -68,7 +68,7 @@ class RosAdapter:
             TARGET: "geometry_msgs/msg/InertiaStamped",
             SIGMA: "geometry_msgs/msg/InertiaStamped",
             ESTIMATE: "std_msgs/msg/Float64MultiArray",
-            DIAGNOSTICS: "diagnostic_msgs/msg/DiagnosticArray",
+            DIAGNOSTICS_TOPIC: "diagnostic_msgs/msg/DiagnosticArray",
         }
         self._publishers = {
             topic: node.create_publisher(_class_of(kind), topic, 10)
@@ -128,7 +128,7 @@ class RosAdapter:
         found, stamp = samples.identifier.estimate(), samples.stamp
         rows = [*statuses_of(found), *samples.watch(time.monotonic()), self._stream(found)]
         array_of = messages.diagnostics(samples.newest, self._frame, rows)
-        self._publishers[DIAGNOSTICS].publish(array_of)
+        self._publishers[DIAGNOSTICS_TOPIC].publish(array_of)
         if stamp == self._published:
             return
         self._published = stamp

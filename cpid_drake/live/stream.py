@@ -15,11 +15,11 @@ from cpid_drake.estimation.unknowns import Model
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.arguments import (
     PathLike,
-    bodies_of,
-    momentum_of,
-    prior_of,
     require_spacecraft,
-    sensors_of,
+    resolve_bodies,
+    resolve_momentum,
+    resolve_prior,
+    resolve_sensors,
 )
 from cpid_drake.identification.consistency import with_nearest_body
 from cpid_drake.identification.online import identification_of_state, question_of
@@ -113,8 +113,8 @@ class Stream:
         in_order: bool = False,
     ) -> None:
         require_spacecraft(spacecraft)
-        suite, momentum = sensors_of(suite) or SensorSuite(), momentum_of(momentum)
-        known_bodies, prior = bodies_of(known_bodies), prior_of(prior, spacecraft)
+        suite, momentum = resolve_sensors(suite) or SensorSuite(), resolve_momentum(momentum)
+        known_bodies, prior = resolve_bodies(known_bodies), resolve_prior(prior, spacecraft)
         check_sensors(suite, "sensors")
         require_encoders(suite, "sensors")
         for name, value in (("lateness", lateness), ("window", window)):

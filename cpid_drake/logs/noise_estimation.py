@@ -117,7 +117,7 @@ def noise_level(samples: Samples) -> float:
 
 
 def sample_sigmas(samples: Log | Motion) -> NDArray[np.float64]:
-    """Return σ (12 + 2J,) of the noise in one sample, in the order of `momentum_rows.changed`.
+    """Return σ (12 + 2J,) of the noise in one sample, ordered as in `changed_motion`.
 
     Of states, which may belong to unconnected instants, rounding is the only noise that can be
     seen. σ is zero for a sensor without samples.

@@ -38,7 +38,7 @@ from cpid_drake.logs.splines import in_gap, regression_spline
 MOMENTUM = "momentum"
 """Name of the comparison with the conservation of momentum."""
 
-LONGEST = 60.0
+COMPARED_LENGTH = 60.0
 """Length of the part of a log that is compared [s]: the one in which the joints move most."""
 
 _ROUNDING = 1e-6  # residuals below this share of the motion are errors of the splines
@@ -334,11 +334,11 @@ def _compared(name: str, rate: str, moved: Array, measured: Array) -> Comparison
 def _liveliest(log: Log) -> Log:
     """Return the part of a log in which its joints move most."""
     time, q = log.encoders.time, log.encoders.value
-    if len(time) < FEWEST or time[-1] - time[0] <= LONGEST:
+    if len(time) < FEWEST or time[-1] - time[0] <= COMPARED_LENGTH:
         return log
     # The time may be in another unit: a part has many samples in any case.
     step = float(np.median(np.diff(time)))
-    count = max(int(LONGEST / step), 20 * FEWEST)
+    count = max(int(COMPARED_LENGTH / step), 20 * FEWEST)
     pieces = np.split(np.arange(len(time)), np.flatnonzero(np.diff(time) > count * step) + 1)
     cut = (np.array_split(piece, max(len(piece) // count, 1)) for piece in pieces)
     parts = [part for each in cut for part in each if len(part) >= FEWEST]

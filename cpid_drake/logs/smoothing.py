@@ -38,7 +38,7 @@ WINDOW, MARGIN = 30.0, 0.2
 """Length of the windows in which logs of more than twice this length are smoothed [s], and the
 margin on each side as a share of it: the time for a window grows faster than its length."""
 
-FEWEST = 60
+FEWEST_IN_WINDOW = 60
 """Least number of samples of the slowest required sensor in a window."""
 
 Array = NDArray[np.float64]
@@ -159,7 +159,7 @@ def smooth_windows(
     start, end = given.interval
     needed = ["encoders", "attitude", *(["position"] if with_position else [])]
     steps = [np.median(np.diff(given[n].time)) for n in needed if len(given[n]) > 1]
-    seconds = max(WINDOW, FEWEST * float(max(steps, default=0.0)))
+    seconds = max(WINDOW, FEWEST_IN_WINDOW * float(max(steps, default=0.0)))
     starts = np.arange(start, end, seconds) if end - start > 2 * WINDOW else np.array([start])
     refused, is_empty = None, True
     for first in starts.tolist():

@@ -29,7 +29,7 @@ PEAK = 60
 
 
 @dataclass(frozen=True, eq=False)
-class BaseMotion:
+class PlannedBaseMotion:
     """Motion of the base in B joint motions with one target, at N nodes.
 
     Attributes:
@@ -58,7 +58,7 @@ class BaseMotion:
         known: BodyDynamics,
         momentum: TotalMomentum,
         psi: NDArray[np.float64],
-    ) -> "BaseMotion":
+    ) -> "PlannedBaseMotion":
         """Integrate the attitude.
 
         Raises:

@@ -20,7 +20,7 @@ from scipy.interpolate import CubicSpline
 from cpid_drake.dynamics.rotations import rotate, skew
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
-from cpid_drake.planning.base_motion import BaseMotion
+from cpid_drake.planning.base_motion import PlannedBaseMotion
 from cpid_drake.sensors.suite import SensorSuite
 
 ANYWHERE = 1e3
@@ -41,7 +41,7 @@ class InformationModel:
         self._model = Model(tree, suite)
 
     def covariance(
-        self, motion: BaseMotion, information: NDArray[np.float64] | None = None
+        self, motion: PlannedBaseMotion, information: NDArray[np.float64] | None = None
     ) -> NDArray[np.float64]:
         """Return the Cramér-Rao bound (B, 10, 10) on the covariance of ψ in B motions.
 
@@ -88,7 +88,7 @@ class InformationModel:
         unit = unit[:, :, None] * unit[:, None]
         return np.asarray((np.linalg.inv(F * unit) * unit)[:, :10, :10])
 
-    def _places(self, motion: BaseMotion) -> dict[str, slice]:
+    def _places(self, motion: PlannedBaseMotion) -> dict[str, slice]:
         """Return the columns of the unknowns; those of the momentum [L; v] are the last."""
         suite = self.suite
         sizes = {"psi": 10, "attitude": 3}
@@ -99,7 +99,7 @@ class InformationModel:
         return {name: slice(a, b) for name, a, b in zip(sizes, ends, ends[1:])}
 
     def _rotations(
-        self, motion: BaseMotion, places: dict[str, slice], n: int
+        self, motion: PlannedBaseMotion, places: dict[str, slice], n: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return ξ and R δω (U, 3, n) for each unknown, in W."""
         R, L, step = motion.R, motion.momentum.L_WScm_W, motion.times[1]
@@ -123,7 +123,7 @@ class InformationModel:
         return xi.reshape(-1, 3, n), w.reshape(-1, 3, n)
 
     def _gain(
-        self, motion: BaseMotion, sensor: str, rows: NDArray[np.float64]
+        self, motion: PlannedBaseMotion, sensor: str, rows: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """Return the information (B, n, n) of a sensor whose samples change by rows (U, 3, n)."""
         N, n = len(motion.times), rows.shape[-1]

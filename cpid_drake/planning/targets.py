@@ -13,7 +13,7 @@ MASSES = (0.03, 0.3)
 LENGTHS = (0.2, 0.9)
 """Half axes of such targets, as shares of the spacecraft's radius of gyration."""
 
-FARTHEST = 1.2
+FARTHEST_CENTRE = 1.2
 """Largest distance of the centre of mass from C's origin, as a share of the mean half axis."""
 
 
@@ -91,7 +91,7 @@ def _ellipsoid(
     direction = rng.normal(size=3)
     com = (
         np.sqrt(squares.mean())
-        * (FARTHEST if heaviest else rng.uniform(0, FARTHEST))
+        * (FARTHEST_CENTRE if heaviest else rng.uniform(0, FARTHEST_CENTRE))
         * direction
         / np.linalg.norm(direction)
     )

@@ -20,7 +20,7 @@ from pydrake.multibody.tree import RotationalInertia
 
 from cpid_drake.files.errors import InputError
 from cpid_drake.files.resources import resolve_model
-from cpid_drake.spacecraft.parsing import make_parser, message_of, parse, summary
+from cpid_drake.spacecraft.parsing import make_parser, message_of, parse, summarize_ignored
 
 _MODEL_ENDINGS = (".urdf", ".sdf", ".xml", ".dmd.yaml")
 
@@ -111,7 +111,7 @@ class ModelFile:
         """
         ignored = parse(plant, self.path, self.model, self.folders)
         if ignored and not self._is_parsed:
-            logging.getLogger(__name__).warning("%s: %s", self.model, summary(ignored))
+            logging.getLogger(__name__).warning("%s: %s", self.model, summarize_ignored(ignored))
         self._is_parsed = True
         plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
 

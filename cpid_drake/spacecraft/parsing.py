@@ -112,7 +112,7 @@ def parse(
     return ignored
 
 
-def summary(ignored: Mapping[str, int]) -> str:
+def summarize_ignored(ignored: Mapping[str, int]) -> str:
     """Return what Drake ignored in one line."""
     named = ", ".join(f"{name} ({count})" for name, count in sorted(ignored.items()))
     return f"not read, and without effect on masses, joints and frames: {named}"

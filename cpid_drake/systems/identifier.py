@@ -25,7 +25,7 @@ from cpid_drake.estimation.gaussian import solution_of_rows
 from cpid_drake.estimation.least_squares import updated_information
 from cpid_drake.estimation.momentum_rows import momentum_columns, momentum_rows
 from cpid_drake.files.errors import InputError
-from cpid_drake.identification.arguments import momentum_of, require_spacecraft
+from cpid_drake.identification.arguments import require_spacecraft, resolve_momentum
 from cpid_drake.identification.by_rows import NAME, part_checks
 from cpid_drake.identification.consistency import with_nearest_body
 from cpid_drake.identification.result import Identification
@@ -188,7 +188,7 @@ class MomentumIdentifier(Identifier):
             raise InputError(f"identification offset must be >= 0 s, not {offset}")
         require_spacecraft(spacecraft)
         self._spacecraft = spacecraft
-        self._momentum = momentum_of(momentum) or TotalMomentum.zero()
+        self._momentum = resolve_momentum(momentum) or TotalMomentum.zero()
         if self._momentum.name == "known":
             raise InputError("identification needs a total momentum that is zero or unknown")
         self._family = row_family(rows, self._momentum.is_unknown)

@@ -13,7 +13,7 @@ from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.one_thread import one_thread
 from cpid_drake.estimation.online import WINDOW, OnlineState
 from cpid_drake.files.errors import InputError
-from cpid_drake.identification.arguments import PathLike, sensors_of
+from cpid_drake.identification.arguments import PathLike, resolve_sensors
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import Identification
 from cpid_drake.live.stream import Stream, StreamState
@@ -110,7 +110,7 @@ class SensorIdentifier(Identifier):
     ) -> None:
         super().__init__()
         self.set_name("sensor_identifier")
-        suite = sensors_of(suite) or SensorSuite()
+        suite = resolve_sensors(suite) or SensorSuite()
         self._stream = Stream(
             spacecraft,
             suite,

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from techniques.comparison import GENERIC, ONE_JOINT, SUITES, Comparison
+from techniques.comparison import GENERIC, ONE_JOINT, SUITES, TechniqueComparison
 from techniques.experiments import ARMS
 from techniques.records import FIT, PLANAR
 
@@ -25,7 +25,7 @@ PAPERS, RELATIVE, WRIST = (
 )
 
 Place = tuple[str, ...]
-"""Arguments of `Comparison.number`: technique and motion; also quantity, sensors and target."""
+"""Arguments of `TechniqueComparison.number`: technique, motion; also quantity, sensors, target."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Claim:
     verdict: Callable[..., str]
 
 
-def judge(claim: Claim, found: Comparison) -> tuple[dict[str, float], str]:
+def judge(claim: Claim, found: TechniqueComparison) -> tuple[dict[str, float], str]:
     """Return our values and the verdict."""
     values = {name: found.number(*place) for name, place in claim.numbers.items()}
     known = values and all(np.isfinite(value) for value in values.values())

@@ -29,7 +29,7 @@ WINDOW, DEGREE = 21, 4
 """Samples and degree of the polynomials that give rates at the window's centre, a tenth of a second
 late at 100 Hz. Encoders and gyro get the same filter, so that all belong to one instant."""
 
-VAGUE = 3e4
+START_SIGMA = 3e4
 """σ of the start value in units of a target's size, for rows with errors of unit size instead of
 3e-5 N·m·s. Less would count; more would let the noise of the first samples lead astray."""
 
@@ -47,7 +47,7 @@ class ForgettingLeastSquares:
         self.form, mass = relative_parameterization(known_mass), known_mass / 10
         scale = parameter_scale(np.array([mass, 0, 0, 0, *3 * [mass / 10], 0, 0, 0]))
         scale[1:4] *= mass
-        self.psi, self.P = np.zeros(10), np.diag((VAGUE * scale) ** 2)
+        self.psi, self.P = np.zeros(10), np.diag((START_SIGMA * scale) ** 2)
         self._forgetting = forgetting
 
     def update(self, A: Array, b: Array) -> None:

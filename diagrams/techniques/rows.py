@@ -23,7 +23,7 @@ from cpid_drake.dynamics import (
     rotate,
     skew,
 )
-from cpid_drake.estimation import changed
+from cpid_drake.estimation import changed_motion
 from cpid_drake.logs import Samples, regression_spline
 from techniques.force_sensors import RATE, Accelerometer, ForceSensors
 from techniques.newton_euler import newton_euler_regressor
@@ -37,7 +37,7 @@ ITERATIONS = 4
 THINNED = 10
 """Every so many instants give momentum rows: smoothed motion has no more information."""
 
-VAGUE = 1e3
+UNKNOWN_MOMENTUM = 1e3
 """σ of an unknown momentum [N·m·s or N·s]: that of a target that tumbles by a turn a second."""
 
 
@@ -118,8 +118,8 @@ def _solve(rows: Rows, whiten: Array) -> tuple[Array, Array]:
     return root @ (U.T @ b), root[:10]
 
 
-def momentum_rows(name: str, *, is_unknown: bool = False) -> Design:
-    """Return the rows of a row family, at a momentum of zero or at any up to about `VAGUE`.
+def momentum_design(name: str, *, is_unknown: bool = False) -> Design:
+    """Return the rows of a row family, at a momentum of zero or up to `UNKNOWN_MOMENTUM`.
 
     Their errors change most from sample to sample: they are weighted by the covariance of the
     smoothed motion.
@@ -137,15 +137,15 @@ def momentum_rows(name: str, *, is_unknown: bool = False) -> Design:
         found, whiten = rows(motion), np.eye(family.rows_per_sample)
         if trial.covariance is not None and x.any():
             C = trial.covariance[part]
-            shifts = np.repeat(step * np.eye(C.shape[1]), len(motion), axis=0)
-            moved = rows(changed(motion, shifts))[..., -11:] @ np.append(x, -1.0)
+            changes = np.repeat(step * np.eye(C.shape[1]), len(motion), axis=0)
+            moved = rows(changed_motion(motion, changes))[..., -11:] @ np.append(x, -1.0)
             here = found[..., -11:] @ np.append(x, -1.0)
             by = np.moveaxis((moved.reshape(-1, *here.shape) - here) / step, 0, -1)
             covariance = by @ C @ np.swapaxes(by, 1, 2)
             least = 1e-9 * np.trace(covariance, axis1=1, axis2=2)[:, None, None] * whiten
             whiten = np.linalg.inv(np.linalg.cholesky(covariance + least))
         found = whiten @ found
-        A = np.concatenate([found[..., -11:-1], VAGUE * found[..., :-11]], axis=2)
+        A = np.concatenate([found[..., -11:-1], UNKNOWN_MOMENTUM * found[..., :-11]], axis=2)
         return Rows(form, A, found[..., -1])
 
     return design

@@ -23,14 +23,14 @@ from cpid_drake.files import check_folder
 from cpid_drake.report import Report, print_tables, study_report
 from cpid_drake.simulation import files_of
 from techniques import tables
-from techniques.comparison import Comparison, run_comparison
+from techniques.comparison import TechniqueComparison, run_comparison
 from techniques.force_sensors import LABORATORY, load_force_sensors
 
 SCENARIOS = ("paper", EXCITING, "uncertain_spacecraft")
 """The shipped scenarios that are compared."""
 
 
-def page_of(found: Comparison, scenarios: Sequence[str], words: Sequence[str]) -> Report:
+def page_of(found: TechniqueComparison, scenarios: Sequence[str], words: Sequence[str]) -> Report:
     """Return the page of a comparison of techniques on scenarios, made by the command `words`."""
     subtitle = f"{', '.join(scenarios)}, {found.trials} trials, seed {found.seed}"
     files = {

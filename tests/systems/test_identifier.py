@@ -51,7 +51,7 @@ def test_estimate_is_nan_until_identifiable_and_says_so(servicer, motion, skewed
             assert np.isnan(covariance[is_open]).all()
             assert np.isnan(covariance[:, is_open]).all()
             assert inertia.IsNaN()
-            assert "not determined" in result.explain()
+            assert "Not identifiable" in result.explain()
             with pytest.raises(InputError, match="not determined"):
                 result.raw()
         else:

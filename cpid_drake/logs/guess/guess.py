@@ -24,7 +24,7 @@ from cpid_drake.logs.score import (
     compare_rates,
     instants_of,
 )
-from cpid_drake.logs.table import Table
+from cpid_drake.logs.table import LogTable
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 _ATTITUDE, _CLOCK = {"attitude.order", "attitude.direction"}, {"time.unit"}
@@ -41,7 +41,7 @@ groups of keys of which they may change one each."""
 
 
 def guess_map(
-    table: Table, spacecraft: Spacecraft, base: str = "", frame_rate: float | None = None
+    table: LogTable, spacecraft: Spacecraft, base: str = "", frame_rate: float | None = None
 ) -> GuessedMap:
     """Guess the meaning of a log's columns.
 

@@ -14,7 +14,7 @@ from cpid_drake.logs.column_map import ColumnMap, TimeUnit
 from cpid_drake.logs.conversion import read_columns
 from cpid_drake.logs.log import Log, Samples
 from cpid_drake.logs.screening import screen
-from cpid_drake.logs.table import Table
+from cpid_drake.logs.table import LogTable
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 
@@ -62,7 +62,7 @@ class GuessedMap:
     @property
     def log(self) -> Log:
         """The samples as read with the map, joints in the spacecraft's order, missing ones at 0."""
-        table = Table(dict(self.columns))
+        table = LogTable(dict(self.columns))
         read = read_columns(self.column_map, table, "the log").log
         log, joints = screen(look_at(read, self.spacecraft).log).log, {}
         names = self.spacecraft.joint_names

@@ -9,7 +9,7 @@ from cpid_drake.identification.identify_files import Evidence
 from cpid_drake.identification.result_files import result_text
 from cpid_drake.report.findings import Findings, Progress, findings_of
 from cpid_drake.report.page import Report, Section, embedded_json
-from cpid_drake.report.replay import LONGEST, motion_of, replay_html
+from cpid_drake.report.replay import LONGEST_REPLAY, motion_of, replay_html
 from cpid_drake.report.run_folder import simulated_section
 from cpid_drake.report.sections.data import (
     base_motion_section,
@@ -75,7 +75,7 @@ def identification_report(findings: Findings, progress: Progress = lambda step: 
                 visual_model=run.scenario.target.visual_model if run else None,
                 title=Path(result.sources[0].request.telemetry).name,
             )
-            text = f"The motion with the estimate over time, of at most {LONGEST:g} s."
+            text = f"The motion with the estimate over time, of at most {LONGEST_REPLAY:g} s."
             replay = embedded_json(json.dumps(page))
             sections.append(Section("Replay", texts=[text], inner_page=replay))
         except InputError as error:
