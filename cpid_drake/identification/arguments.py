@@ -47,7 +47,7 @@ def require_spacecraft(given: object) -> None:
     )
 
 
-def logs_of(
+def resolve_logs(
     data: LogLike | Mapping[str, LogLike] | Sequence[PathLike], spacecraft: Spacecraft
 ) -> dict[str, Motion | Log]:
     """Return logs by their names; files are read.
@@ -92,7 +92,7 @@ def resolve_sensors(given: SensorSuite | PathLike | None) -> SensorSuite | None:
     return _checked("sensors", given, SensorSuite, "a preset, or a file")
 
 
-def sensors_of_logs(
+def resolve_sensors_by_log(
     given: SensorSuite | PathLike | Mapping[str, SensorSuite | PathLike] | None,
     logs: Collection[str],
 ) -> dict[str, SensorSuite | None]:
@@ -162,7 +162,7 @@ def resolve_momentum(given: TotalMomentum | str | None) -> TotalMomentum | None:
     return _checked("momentum", given, TotalMomentum, "zero, or unknown")
 
 
-def planar_of(given: bool | None) -> bool | None:
+def resolve_planar(given: bool | None) -> bool | None:
     """Return whether a table carries a spacecraft.
 
     Raises:

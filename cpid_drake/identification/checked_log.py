@@ -38,8 +38,8 @@ OLD_ZEROS = (
 
 
 @dataclass(frozen=True, eq=False)
-class Known:
-    """What is known besides the logs: the arguments of `identify.identify`, by their names.
+class Arguments:
+    """The arguments of `identify.identify` besides the logs, by their names.
 
     Sensors are those of the first log; see `CheckedLog.sensors`.
     """

@@ -14,15 +14,15 @@ from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.identification.arguments import (
     LogLike,
     PathLike,
-    logs_of,
-    planar_of,
     require_spacecraft,
     resolve_bodies,
+    resolve_logs,
     resolve_momentum,
+    resolve_planar,
     resolve_prior,
-    sensors_of_logs,
+    resolve_sensors_by_log,
 )
-from cpid_drake.identification.checked_log import CheckedLog, Known, check_log
+from cpid_drake.identification.checked_log import Arguments, CheckedLog, check_log
 from cpid_drake.identification.checks import Check, rejection_checks
 from cpid_drake.identification.consistency import checked
 from cpid_drake.identification.estimators import (
@@ -114,11 +114,11 @@ def identify(
 
     """
     require_spacecraft(spacecraft)
-    named = logs_of(data, spacecraft)
-    suites, momentum = sensors_of_logs(sensors, named), resolve_momentum(momentum)
+    named = resolve_logs(data, spacecraft)
+    suites, momentum = resolve_sensors_by_log(sensors, named), resolve_momentum(momentum)
     [suite, *_] = suites.values()
     known_bodies, prior = resolve_bodies(known_bodies), resolve_prior(prior, spacecraft)
-    planar = planar_of(planar)
+    planar = resolve_planar(planar)
     where, logs = {name: name if len(named) > 1 else "" for name in named}, dict[str, CheckedLog]()
     for name, each in named.items():
         progress(f"checking {name}")
@@ -134,16 +134,18 @@ def identify(
         )
     if normals:
         spacecraft = spacecraft.on_table(one_normal(normals))
-    known = Known(spacecraft, estimator, rows, suite, momentum, known_bodies, prior, bool(normals))
-    known = with_method(known, logs)
-    assert known.estimator is not None
-    method = ESTIMATORS[known.estimator]
+    arguments = Arguments(
+        spacecraft, estimator, rows, suite, momentum, known_bodies, prior, bool(normals)
+    )
+    arguments = with_method(arguments, logs)
+    assert arguments.estimator is not None
+    method = ESTIMATORS[arguments.estimator]
     for name, log in logs.items():
         with prefix_errors(where[name]):
-            require_sensors(log, known)
+            require_sensors(log, arguments)
     progress("identifying")
     try:
-        found = method.estimate(known, logs, progress)
+        found = method.estimate(arguments, logs, progress)
     except (np.linalg.LinAlgError, InputError) as error:
         text = str(error)
         if isinstance(error, np.linalg.LinAlgError):
@@ -156,12 +158,12 @@ def identify(
         raise InputError(f"most likely, {causes}: {text}" if causes else text) from error
     tree = spacecraft.tree
     found = replace(found, is_planar=tree.normal_B is not None, normal_C=tree.normal_C)
-    found = checked(_with_logs(found, logs, method, not known.has_exact_bodies), tree)
+    found = checked(_with_logs(found, logs, method, not arguments.has_exact_bodies), tree)
     given = (each or SensorSuite() for each in suites.values())
     is_exact = method.uses_rows or errors_of_bodies(known_bodies, *given) is None
     if is_exact:
         found = replace(found, given=(SPACECRAFT,))
-    if is_exact and known.has_exact_bodies:
+    if is_exact and arguments.has_exact_bodies:
         has_thrust = any(log.measurements.has_thrust for log in logs.values())
         has_scale = has_thrust or found.momentum == "known"
         beyond = hidden_sensitivity(found.parameters, tree, has_scale=has_scale)

@@ -13,7 +13,7 @@ import numpy as np
 from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.files.resources import __version__, resolve_model
 from cpid_drake.identification.arguments import resolve_bodies, resolve_momentum, resolve_sensors
-from cpid_drake.identification.checked_log import Known, left_out_warnings
+from cpid_drake.identification.checked_log import Arguments, left_out_warnings
 from cpid_drake.identification.identify import identify
 from cpid_drake.identification.prior import load_prior
 from cpid_drake.identification.request import Request, Source, log_names
@@ -30,7 +30,7 @@ PARTS_OVER_TIME = 12
 class Evidence:
     """An identification with its inputs, and with the log files that were read for it."""
 
-    inputs: Known
+    inputs: Arguments
     files: tuple[LogFile, ...]
     found: Identification
 
@@ -110,7 +110,7 @@ def converge(evidence: Evidence, progress: Callable[[str], None] = lambda step: 
     return [*estimates, (end, result)]
 
 
-def opened_inputs(request: Request, progress: Callable[[str], object]) -> Known:
+def opened_inputs(request: Request, progress: Callable[[str], object]) -> Arguments:
     """Return the inputs of a request besides its telemetry.
 
     Args:
@@ -131,7 +131,7 @@ def opened_inputs(request: Request, progress: Callable[[str], object]) -> Known:
         prior = load_prior(request.prior, spacecraft, craft.capture_frame)
     progress("reading the telemetry")
     options = request.estimator, request.rows, sensors, momentum, bodies, prior, request.planar
-    return Known(spacecraft, *options)
+    return Arguments(spacecraft, *options)
 
 
 def open_log(request: Request, joints: tuple[str, ...]) -> tuple[Source, LogFile]:

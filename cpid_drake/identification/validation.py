@@ -27,9 +27,9 @@ from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.arguments import (
     PathLike,
-    logs_of,
     require_spacecraft,
     resolve_bodies,
+    resolve_logs,
     resolve_momentum,
     resolve_prior,
     resolve_sensors,
@@ -160,7 +160,7 @@ def validate(
     if not 0 < beginning < 1:
         raise InputError(f"the beginning must be a share between 0 and 1, not {beginning:g}")
     require_spacecraft(spacecraft)
-    [given] = logs_of(data, spacecraft).values()
+    [given] = resolve_logs(data, spacecraft).values()
     sensors, momentum = resolve_sensors(sensors), resolve_momentum(momentum)
     known_bodies, known_target = resolve_bodies(known_bodies), resolve_prior(target, spacecraft)
     if known_target is None:
