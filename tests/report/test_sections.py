@@ -15,7 +15,7 @@ from cpid_drake.identification.request import Request, Source
 from cpid_drake.identification.result import Identification
 from cpid_drake.identification.result_files import write_result
 from cpid_drake.planning.prediction import Prediction
-from cpid_drake.report.findings import Findings
+from cpid_drake.report.contents import ReportContents
 from cpid_drake.report.page import Table
 from cpid_drake.report.pages.identification import identification_report
 from cpid_drake.report.plan import motion_table
@@ -132,7 +132,7 @@ def test_a_page_whose_check_failed_says_so_first(found):
     failure = "the momentum is <not> zero"
     for checks in ((), (Check("momentum", failure),)):
         result = replace(found, checks=checks)
-        page = identification_report(Findings(result, missing="no log"))
+        page = identification_report(ReportContents(result, missing="no log"))
         assert ("a check failed" in page.title) == bool(checks)
         assert page.subtitle.startswith(f"Do not use this estimate: {failure}.") == bool(checks)
         passed = Check.of("misfit", "", 1.5, 3.0)

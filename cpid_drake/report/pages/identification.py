@@ -7,7 +7,7 @@ from cpid_drake.files.errors import InputError
 from cpid_drake.identification.estimators import estimator_label
 from cpid_drake.identification.identify_files import Evidence
 from cpid_drake.identification.result_files import result_text
-from cpid_drake.report.findings import Findings, Progress, findings_of
+from cpid_drake.report.contents import Progress, ReportContents, collect_contents
 from cpid_drake.report.page import Report, Section, embedded_json
 from cpid_drake.report.replay import LONGEST_REPLAY, motion_of, replay_html
 from cpid_drake.report.run_folder import simulated_section
@@ -42,25 +42,27 @@ def write_report(
         InputError: the file cannot be written.
 
     """
-    identification_report(findings_of(evidence, progress), progress).write(path)
+    identification_report(collect_contents(evidence, progress), progress).write(path)
 
 
-def identification_report(findings: Findings, progress: Progress = lambda step: None) -> Report:
+def identification_report(
+    contents: ReportContents, progress: Progress = lambda step: None
+) -> Report:
     """Return the report of an identification; see `write_report`."""
-    result, evidence, run = findings.result, findings.evidence, findings.run
+    result, evidence, run = contents.result, contents.evidence, contents.run
     sections = [
         *([] if run is None else [simulated_section(run)]),
-        result_section(result, findings.truth),
+        result_section(result, contents.truth),
         *([logs_section(result)] if result.logs else []),
         checks_section(result, None if evidence is None else evidence.found),
         *([budget_section(result)] if result.budget else []),
         *([effects_section(result)] if result.effects else []),
         identifiability_section(result),
     ]
-    missing = findings.missing and f"the log cannot be read: {findings.missing}"
+    missing = contents.missing and f"the log cannot be read: {contents.missing}"
     if evidence is not None:
         sections += [
-            convergence_section(findings.estimates, findings.truth),
+            convergence_section(contents.estimates, contents.truth),
             residuals_section(evidence.found),
             sensors_section(evidence),
             base_motion_section(evidence.log),
@@ -70,8 +72,8 @@ def identification_report(findings: Findings, progress: Progress = lambda step: 
             page = replay_html(
                 evidence.inputs.spacecraft,
                 motion_of(evidence.log, evidence.inputs.spacecraft, evidence.found.sensors),
-                findings.estimates,
-                truth=findings.truth,
+                contents.estimates,
+                truth=contents.truth,
                 visual_model=run.scenario.target.visual_model if run else None,
                 title=Path(result.sources[0].request.telemetry).name,
             )
