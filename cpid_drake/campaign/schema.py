@@ -114,7 +114,7 @@ class ModelErrors:
     """Errors of the model that have given values, besides those drawn from a σ.
 
     Attributes:
-        mass: relative error of the masses and inertias of all known bodies.
+        mass: relative error of the masses and inertias of all bodies of the spacecraft.
         grasp_mm, grasp_mrad: of the place and of the attitude of C on its body, in C.
         joint_zero_mrad: of all encoders' zeros [mrad or mm].
         delay_ms: by which sensors' stamps are late, by the names of the sensors.

@@ -84,13 +84,13 @@ Momentum = Annotated[
 @Parameter("*")
 @dataclass(frozen=True)
 class SpacecraftOptions:
-    """The known spacecraft."""
+    """The spacecraft model."""
 
     scenario: Annotated[FileName | None, Parameter(metavar="SCENARIO|YAML")] = None
     """Scenario, or file of a spacecraft, with model, base, capture frame, packages, sensors,
-    momentum, table and known bodies; other options override it."""
+    momentum, table and uncertainty of the spacecraft model; other options override it."""
     spacecraft: Annotated[FileName | None, Parameter(metavar="MODEL")] = None
-    """Model file of the known spacecraft: URDF, SDF, MJCF or Drake directives."""
+    """The spacecraft's model file: URDF, SDF, MJCF or Drake directives."""
     base: Name | None = None
     """Base body of the spacecraft."""
     capture_frame: Name | None = None

@@ -1,4 +1,4 @@
-"""The known bodies and a target, as seen from the base: inertia, momentum and centre of mass.
+"""Spacecraft and target as seen from the base: inertia, momentum and centre of mass.
 
 Without external forces, the system's centre of mass Scm moves on a straight line, and the angular
 momentum L about it is constant. Seen from the base, with ω = w_WB and all in B,
@@ -42,12 +42,12 @@ A rigid body never reduces it; half of it leaves room for estimates from noisy s
 
 @dataclass(frozen=True)
 class BodyDynamics:
-    """The known bodies and the capture frame as seen from the base, at N instants.
+    """The spacecraft's bodies and the capture frame as seen from the base, at N instants.
 
     Methods take vectors ψ (..., 10) of one or many targets; zeros for no target.
 
     Attributes:
-        mass: mass of the known bodies [kg].
+        mass: mass of the spacecraft [kg].
         normal_B: (3,) normal in B of a table that carries the base; None without one.
         I_K: (N, 3, 3) their inertia about their centre of mass K, in B.
         h_K: (N, 3) their angular momentum about K on a base that does not rotate, in B.

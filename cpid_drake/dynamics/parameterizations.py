@@ -234,7 +234,7 @@ STANDARD = Parameterization(
 
 
 def relative_parameterization(known_mass: float) -> Parameterization:
-    """Return the unknowns (μ, μc, I_*) of the relative rows, for known bodies of this mass [kg].
+    """Return the unknowns (μ, μc, I_*) of the relative rows, for a spacecraft of this mass [kg].
 
     μ = m_k m/(m_k + m) is the reduced mass and I_* = I + μ (cᵀc 1 − c cᵀ): the standard vector of
     a body of mass μ in the target's place.

@@ -137,7 +137,7 @@ def propagate(
     computed once for all targets.
 
     Args:
-        tree: the known spacecraft.
+        tree: the spacecraft model.
         motion: the motion of its joints.
         phi: (..., 10) standard vectors.
         times: (N,) increasing instants of the result [s]; the motion starts at the first.

@@ -80,7 +80,7 @@ def relative_regressor(s: ArrayLike, sdot: ArrayLike, w: ArrayLike) -> NDArray[n
     Y = [s×ṡ  s̃ω̃ − ṡ̃  [#ω]], about the system's centre of mass.
 
     Args:
-        s: (..., 3) vector from the known bodies' centre of mass to C's origin, in C [m].
+        s: (..., 3) vector from the spacecraft's centre of mass to C's origin, in C [m].
         sdot: (..., 3) its rate in W, expressed in C [m/s].
         w: (..., 3) angular velocity of C in W, in C [rad/s].
 
@@ -94,7 +94,7 @@ def _relative(samples: MomentumSamples) -> NDArray[np.float64]:
     """[Y | −L_K] (3 N, 11), all in C, s = p_C − r_k and Y from `relative_regressor`.
 
     The rows are the conservation of angular momentum about the system's centre of mass. L_K is the
-    known bodies' angular momentum about their own centre of mass: L_K + μ s × ṡ + μ (s × (ω × c) +
+    spacecraft's angular momentum about its own centre of mass: L_K + μ s × ṡ + μ (s × (ω × c) +
     c × ṡ) + I_* ω = 0. This equation does not depend on the base's position or on a constant
     velocity.
     """
@@ -123,7 +123,7 @@ class RowFamily:
 
     Attributes:
         name: the name in scenarios and on the command line.
-        parameterization: the unknowns of the ten columns, as a function of the known bodies' mass
+        parameterization: the unknowns of the ten columns, as a function of the spacecraft's mass
             [kg].
         augmented_rows: [A | b] stacked over the samples, (rows_per_sample · N, 11), in C.
         momentum_columns: columns (rows_per_sample · N, momentum_size) of a constant total momentum

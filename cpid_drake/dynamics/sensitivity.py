@@ -1,4 +1,4 @@
-"""First-order effects of errors in the joint motion and in the known bodies on the base's motion.
+"""First-order effects of errors of joint motion and bodies on the base's motion.
 
 Joint positions and rates come from encoders; masses, centres of mass and inertias of the known
 bodies, and the geometry of the arm, come from drawings. This module computes, in closed form, the
@@ -55,9 +55,9 @@ def joint_sensitivity(
     """Return the derivatives with respect to the J joint positions and joint rates.
 
     Args:
-        outboard: the known bodies *and* the target, as from `KinematicTree.with_target`.
+        outboard: the spacecraft's bodies *and* the target, as from `KinematicTree.with_target`.
         psi: (10,) the target's relative vector ψ = (μ, μc, I_*).
-        dynamics: dynamics of the known bodies alone, at the same instants.
+        dynamics: dynamics of the spacecraft's bodies alone, at the same instants.
 
     """
     tree = outboard.tree
@@ -212,7 +212,7 @@ def with_errors(
     The inertias remain physically consistent; a mass does if its relative error is above −1.
 
     Args:
-        tree: the known bodies.
+        tree: the spacecraft's bodies.
         uncertainty: the σ of the errors.
         errors: (c,) in units of σ, without the quantities whose σ is zero; first those of each
             body, then of each joint, then of C.

@@ -1,4 +1,4 @@
-"""The known bodies as a tree of joints, in plain NumPy."""
+"""The spacecraft's bodies as a tree of joints, in plain NumPy."""
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -43,10 +43,10 @@ class TreeBody:
 
 @dataclass(frozen=True, eq=False)
 class KinematicTree:
-    """The known bodies, inboard before outboard, and the capture frame C on one of them.
+    """The spacecraft's bodies, inboard before outboard, and the capture frame C on one of them.
 
     Attributes:
-        bodies: the known bodies.
+        bodies: the spacecraft's bodies.
         capture_body: the body that C is fixed on.
         R_BC, p_BC: pose of C in this body's frame.
         normal_B: (3,) unit normal, in the base's frame, of a table that carries the base, which

@@ -1,4 +1,4 @@
-"""Uncertainty of the known spacecraft: of its bodies, of the arm's geometry and of the grasp."""
+"""Uncertainty of the spacecraft model: of its bodies, of the arm's geometry and of the grasp."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ Size = Annotated[float, Ge(0)]
 
 @dataclass(frozen=True)
 class BodyUncertainty:
-    """Uncertainty of the known bodies and of their geometry; the same σ for every body and joint.
+    """Uncertainty of the bodies and of their geometry; the same σ for every body and joint.
 
     A reaction wheel remains balanced: its centre of mass stays on its axis, and its inertia stays
     symmetric about the axis. See `KinematicTree.wheels`.

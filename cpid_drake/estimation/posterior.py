@@ -20,7 +20,7 @@ from cpid_drake.estimation.unknowns import PSI, Model
 def known_target(
     model: Model, psi: NDArray[np.float64], gaussian: Gaussian, *, count: int = 0
 ) -> LeastSquaresSolution:
-    """Return what is known of the target's ψ about the nominal mass of the known bodies.
+    """Return what is known of the target's ψ about the nominal mass of the spacecraft.
 
     Args:
         model: the unknowns.

@@ -33,7 +33,7 @@ class Rolled:
         joints: sum of squares of the rows of joints and of what walks.
         start: sum of squares of what is known at its start.
         linear: the rows of blocks, as far as they have been linearized about these values.
-        by_psi: (10, 10) derivative of ψ about the known bodies' present mass by the target's
+        by_psi: (10, 10) derivative of ψ about the spacecraft's present mass by the target's
             coordinates.
 
     """

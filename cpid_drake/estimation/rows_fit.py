@@ -39,7 +39,7 @@ class LogRows:
     """The rows of one log, added part by part.
 
     Args:
-        tree: the known bodies.
+        tree: the spacecraft's bodies.
         family: the row family.
         momentum: the momentum, for `momentum_rows`.
 

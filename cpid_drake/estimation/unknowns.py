@@ -30,7 +30,7 @@ FASTEST_DRIFT = 10.0
 """σ of an unknown velocity of the system's centre of mass [m/s]."""
 
 PSI, BODIES, MOMENTUM = "psi", "bodies", "momentum"
-"""Names of the target's unknowns, of the known bodies' errors, and of a log's momentum."""
+"""Names of the unknowns of the target, of errors of the spacecraft, and of a log's momentum."""
 
 Scope = Literal["log", "hardware", "target"]
 
@@ -77,10 +77,10 @@ class Unknown:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """The known spacecraft with its sensors, and all that a fit does not know about them.
+    """The spacecraft model with its sensors, and all that a fit does not know about them.
 
     Attributes:
-        tree: the known spacecraft.
+        tree: the spacecraft model.
         suite: its sensors, with their errors; of several hardwares, those of the first log.
         known_bodies: uncertainty of its bodies; None if they are exact.
         priors: mean and σ of unknowns with another prior than that of `table`.
@@ -116,7 +116,7 @@ class Model:
         """Return the model in which all that nobody states has a plausible σ.
 
         Args:
-            tree: the known spacecraft.
+            tree: the spacecraft model.
             sensors: its sensors, or those of each log; one object is one hardware.
             known_bodies: uncertainty of its bodies as stated; None if it is not.
             has_thrust: whether thrusters fired.
@@ -160,7 +160,7 @@ class Model:
 
     @property
     def mass(self) -> float:
-        """Nominal mass of the known bodies [kg]."""
+        """Nominal mass of the spacecraft [kg]."""
         return self.tree.at_rest.mass
 
     @cached_property
@@ -256,7 +256,7 @@ class Model:
         return np.concatenate([np.empty(0), *sigma])
 
     def tree_with(self, errors: NDArray[np.float64] | None) -> KinematicTree:
-        """Return the known spacecraft with errors (c,) of its bodies, in units of σ."""
+        """Return the spacecraft model with errors (c,) of its bodies, in units of σ."""
         if self.known_bodies is None or errors is None or not np.any(errors):
             return self.tree
         return with_errors(self.tree, self.known_bodies, errors)

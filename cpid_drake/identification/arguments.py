@@ -189,7 +189,7 @@ def read_uncertainty(text: str) -> BodyUncertainty:
         InputError: no such file, not YAML, unknown keys, or values that are not numbers >= 0.
 
     """
-    whole = "the uncertainty of known bodies"
+    whole = "the uncertainty of the spacecraft model"
     if text == EXACT_MODEL:
         return BodyUncertainty()
     if "=" not in text:

@@ -146,7 +146,7 @@ def check_log(
     """Screen and check a log; exact states need no checks.
 
     Args:
-        spacecraft: the known spacecraft; None to check what a log alone shows.
+        spacecraft: the spacecraft model; None to check what a log alone shows.
         data: the log; the joints of measurements may be in any order.
         sensors: the sensors' errors, by which spikes and stuck sensors are found; None if they are
             not known.

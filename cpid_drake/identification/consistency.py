@@ -27,7 +27,7 @@ def checked(found: Identification, tree: KinematicTree) -> Identification:
 
     Args:
         found: the identification, with or without its nearest rigid body.
-        tree: the known spacecraft.
+        tree: the spacecraft model.
 
     """
     if found.check(NEAREST) is None:

@@ -170,12 +170,12 @@ def cramer_rao_bound(
     estimated as well. The bound holds for unbiased estimators.
 
     Args:
-        tree: the known bodies.
+        tree: the spacecraft's bodies.
         psi: (10,) relative unknowns of the target.
         measurements: ideal samples of the sensors.
         sensors: the sensors' errors.
         momentum: the total momentum, marked as unknown if it is to be estimated; default: zero.
-        known_bodies: uncertainty of the known bodies, which are estimated too.
+        known_bodies: uncertainty of the spacecraft's bodies, which are estimated too.
 
     Raises:
         InputError: no attitude samples, or no motion can be predicted.

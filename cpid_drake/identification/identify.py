@@ -68,10 +68,10 @@ def identify(
     and their separate estimates (`Identification.logs`).
 
     Names and paths are accepted where the command line accepts them: of logs, sensors, the
-    momentum, known bodies and the prior.
+    momentum, uncertainty of the spacecraft and the prior.
 
     Args:
-        spacecraft: the known spacecraft.
+        spacecraft: the spacecraft model.
         data: exact states at common times, or samples of sensors, each at its own times, as from
             `read_log`, or the path of a log in the package's own columns; of several logs by their
             names, or several paths. The joints of measurements may be in
@@ -80,7 +80,7 @@ def identify(
         estimator: name of an estimator (`cpid_drake.identification.estimators.ESTIMATORS`) or of a
             row family, which means least squares on these rows. Default: the trajectory fit, but
             least squares if rows are given, without attitude, and for exact states: also for
-            samples, without sensors and known bodies, whose momentum is constant to 1e-5.
+            samples, without sensors and uncertain bodies, whose momentum is constant to 1e-5.
         rows: row family of least squares (`cpid_drake.dynamics.rows.ROW_FAMILIES`); default:
             "standard", or "relative" for data without position and velocity.
         sensors: the sensors' errors, or those of each log by its name: logs with the same object,
@@ -90,7 +90,7 @@ def identify(
             it from the data.
         momentum: the total momentum of spacecraft and target, or "zero" or "unknown"; default: zero
             if the samples agree with this, else unknown.
-        known_bodies: uncertainty of the spacecraft's own bodies, of the arm's geometry and of the
+        known_bodies: uncertainty of the spacecraft's bodies, of the arm's geometry and of the
             grasp, whose errors the trajectory fit and the recursive fit estimate with these σ as
             prior, and include in their covariance; `BodyUncertainty()` if they are exact. Default:
             the trajectory fit includes 1 % of masses and inertias and 5 mm of each centre of mass,

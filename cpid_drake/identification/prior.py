@@ -168,7 +168,7 @@ def load_prior(path: str | Path, spacecraft: Spacecraft, capture_frame: str) -> 
 
     Args:
         path: a result of `cpid identify` (JSON), or YAML with the keys of `PriorConfig`.
-        spacecraft: the known spacecraft.
+        spacecraft: the spacecraft model.
         capture_frame: its capture frame, in which the prior must be expressed.
 
     Raises:

@@ -140,7 +140,7 @@ def validate(
     """Test an identified target with a log that was not used to identify it, and predict this log.
 
     Args:
-        spacecraft: the known spacecraft.
+        spacecraft: the spacecraft model.
         target: the identified target with its uncertainty, such as the result of `identify`.
         data: the log.
         sensors: the sensors' errors; default: estimated from the log.

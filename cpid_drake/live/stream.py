@@ -77,7 +77,7 @@ class Stream:
     """How the samples of a spacecraft's sensors are solved as they arrive.
 
     Args:
-        spacecraft: the known spacecraft.
+        spacecraft: the spacecraft model.
         suite: its sensors, or the name of a preset, or a file; so for all other arguments.
         momentum: the total momentum, zero (default) or unknown.
         prior: what is known about the target before the first sample; default: nothing.

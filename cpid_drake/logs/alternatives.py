@@ -36,7 +36,7 @@ class Alternative:
     Attributes:
         text: what is then wrong in the log as read, in words.
         log: what the log then says.
-        tree: the known spacecraft.
+        tree: the spacecraft model.
         entries: by key of the map of columns, with dots, the values that read the log so; empty if
             no map can.
 
@@ -69,7 +69,7 @@ def alternatives(
     Args:
         given: what the log says as read.
         names: the joints.
-        tree: the known spacecraft; None if it is not known.
+        tree: the spacecraft model; None if it is not known.
         column_map: the map it is read with.
 
     """

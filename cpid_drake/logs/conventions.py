@@ -106,7 +106,7 @@ def check_conventions(
 
     Args:
         log: screened samples, joints in the spacecraft's order.
-        tree: the known spacecraft; None to compare positions with rates only.
+        tree: the spacecraft model; None to compare positions with rates only.
         by_momentum: whether to look for another convention in any case, of which the momentum may
             decide; else only if rates contradict positions. A fit of the log says better whether
             the momentum is conserved, with noise, forces and errors.
@@ -162,7 +162,7 @@ def better_conventions(
     Args:
         given: what the log says as read.
         names: the joints.
-        tree: the known spacecraft.
+        tree: the spacecraft model.
         column_map: the map it is read with.
 
     Returns:

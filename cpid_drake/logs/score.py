@@ -6,7 +6,7 @@ residual relative to the motion: near 0 if the log is read in the right conventi
 
 Without external forces, the centre of mass of all bodies moves at a constant velocity. With the
 share μ of the target in the total mass, its first moment h' about C's origin in units of the total
-mass, and the vectors k and c in W from B's origin to the known bodies' centre of mass and to C,
+mass, and the vectors k and c in W from B's origin to the spacecraft's centre of mass and to C,
 
     p_WBo = a₀ + a₁ t + a₂ t² − (1 − μ) k − μ c − R_WC h'.
 
@@ -229,7 +229,7 @@ def explain_by_momentum(
 
     Args:
         given: what a log says.
-        tree: the known spacecraft, welded bodies in one.
+        tree: the spacecraft model, welded bodies in one.
         has_free_point: whether the positions may be those of another point than B's origin.
 
     Returns:

@@ -34,7 +34,7 @@ class PlannedBaseMotion:
 
     Attributes:
         times: (N,) the nodes, equidistant from zero [s].
-        known: the known bodies at U = N B instants.
+        known: the spacecraft's bodies at U = N B instants.
         momentum: the total momentum.
         psi: (10,) the target's relative unknowns.
         mobility: (U, 3, 3) J(ψ)⁻¹, in B.
@@ -107,7 +107,7 @@ class PlannedBaseMotion:
         A spline through the nodes gives the rates of the momenta.
 
         Args:
-            tree: the known spacecraft.
+            tree: the spacecraft model.
             samples: (N, B, 2, J) positions and rates.
             phi: (10,) the target's standard vector.
 
@@ -128,6 +128,6 @@ def smooth_peak(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def known_instants(tree: KinematicTree, samples: NDArray[np.float64]) -> BodyDynamics:
-    """Return the known bodies at positions and rates (N, B, 2, J), U = N B instants."""
+    """Return the spacecraft's bodies at positions and rates (N, B, 2, J), U = N B instants."""
     flat = samples.reshape(-1, *samples.shape[2:])
     return BodyDynamics.at(tree, flat[:, 0], flat[:, 1])

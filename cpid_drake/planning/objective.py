@@ -36,7 +36,7 @@ class Objective:
     """The criterion of a family's motions for plausible targets, and what they need.
 
     Attributes:
-        tree: the known spacecraft.
+        tree: the spacecraft model.
         model: the information that its sensors give.
         momentum: the total momentum, marked as unknown if it is estimated.
         family: the motions.

@@ -69,11 +69,11 @@ class MotionSetting:
     """What a prediction depends on besides motion and target.
 
     Attributes:
-        spacecraft: the known spacecraft.
+        spacecraft: the spacecraft model.
         suite: its sensors, as stated.
         momentum_W: (6,) total momentum [L; P] about W's origin at the start [N·m·s, N·s].
         is_unknown: whether the momentum is estimated.
-        known_bodies: uncertainty of the known bodies; None if they are exact.
+        known_bodies: uncertainty of the spacecraft's bodies; None if they are exact.
 
     """
 

@@ -40,7 +40,7 @@ def replay_html(
     """Return a self-contained page that replays a motion, with the numbers of the estimates.
 
     Args:
-        spacecraft: the known spacecraft.
+        spacecraft: the spacecraft model.
         motion: its motion.
         estimates: increasing times from which estimates are shown [s], and the estimates.
         truth: the true target, if it is known from a simulation.

@@ -57,7 +57,7 @@ Gain = Annotated[float, Interval(gt=0, le=1e4)]  # [rad/s]; stiffer ones are too
 
 @dataclass
 class SpacecraftConfig(SpacecraftReference):
-    """The known spacecraft; files are package:// URIs or paths relative to the scenario's folder.
+    """The spacecraft model; files are package:// URIs or paths relative to the scenario's folder.
 
     `configuration` is the default position of joints that the
     motion does not name [rad or m by joint name]; other joints are at zero. With `on_table` the
@@ -68,7 +68,7 @@ class SpacecraftConfig(SpacecraftReference):
     on_table: bool = False
 
     def make(self) -> Spacecraft:
-        """Return the known spacecraft; raises as `Spacecraft`."""
+        """Return the spacecraft model; raises as `Spacecraft`."""
         spacecraft = super().make()
         return spacecraft.on_table() if self.on_table else spacecraft
 

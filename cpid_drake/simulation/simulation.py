@@ -48,7 +48,7 @@ class Simulation:
 
     Attributes:
         scenario: the scenario.
-        spacecraft: the known spacecraft.
+        spacecraft: the spacecraft model.
         truth: the target in the simulated plant.
         joint_motion: the prescribed motion.
         diagram: the whole diagram.

@@ -58,7 +58,7 @@ class SpacecraftSensors(SpacecraftSystem):
       need `Simulator.AdvancePendingEvents`.
 
     Args:
-        spacecraft: the known spacecraft.
+        spacecraft: the spacecraft model.
         suite: its sensors.
         seed: seed of the sensors' random errors, a whole number >= 0.
 

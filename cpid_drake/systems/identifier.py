@@ -156,7 +156,7 @@ class MomentumIdentifier(Identifier):
     describes in words which parameters are not determined.
 
     Args:
-        spacecraft: the known spacecraft.
+        spacecraft: the spacecraft model.
         rows: "standard", "eq18" (the paper's) or "relative"; see
             `cpid_drake.dynamics.rows.ROW_FAMILIES`.
         momentum: the total momentum, zero (default) or unknown; not unknown with "eq18".

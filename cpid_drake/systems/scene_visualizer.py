@@ -54,7 +54,7 @@ class SceneVisualizer(SpacecraftSystem):
     them. As Meshcat's recording, the numbers over time belong to this object and to no Context.
 
     Args:
-        spacecraft: the known spacecraft.
+        spacecraft: the spacecraft model.
         meshcat: where to draw. Its camera is moved so that the spacecraft fills the picture.
         truth: the true target; simulation only.
         has_rates: whether the state has true rates, so that momenta are drawn.

@@ -79,7 +79,7 @@ class SensorIdentifier(Identifier):
     momentum changed, ten times as much.
 
     Args:
-        spacecraft: the known spacecraft.
+        spacecraft: the spacecraft model.
         suite: its sensors.
         momentum: the total momentum, zero (default) or unknown.
         period: time between updates [s]; default: that of the fastest sensor.

@@ -137,7 +137,7 @@ def reactionless_motion(
     not looked at.
 
     Args:
-        spacecraft: the known spacecraft.
+        spacecraft: the spacecraft model.
         target: the true target, which only the base's motion knows.
         joints: the joints that may move.
         q: (J,) joint positions at the start.

@@ -151,7 +151,7 @@ def write_bodies(
     trajectory: Trajectory,
     change: MotionChange,
 ) -> None:
-    """Write that of errors of the known bodies and of their geometry, in units of their σ.
+    """Write that of errors of the spacecraft's bodies and of their geometry, in units of their σ.
 
     Args:
         uncertainty: their σ.
@@ -211,7 +211,7 @@ def inertia_changes(
 
 
 def relate(motions: Sequence[BaseMotion], psi: NDArray[np.float64]) -> None:
-    """Compute the known bodies' dynamics of motions of one spacecraft and target in few calls.
+    """Compute the spacecraft's dynamics of motions of one spacecraft and target in few calls.
 
     Raises:
         InputError: see `BodyDynamics.mobility`.
@@ -305,6 +305,6 @@ def _relative_to_base(
 def _with_target(
     tree: KinematicTree, psi: NDArray[np.float64], dynamics: BodyDynamics
 ) -> KinematicTree:
-    """Return the known bodies with a target."""
+    """Return the spacecraft with a target."""
     parameters = relative_parameterization(dynamics.mass).to_parameters(psi)
     return tree.with_target(parameters_to_standard(parameters))

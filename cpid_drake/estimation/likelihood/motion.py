@@ -93,7 +93,7 @@ class Trajectory:
         travel: (U, 6) what logged thrust adds to position [m] and velocity [m/s] of the centre of
             mass, in W; None without thrust.
         by_joints: derivatives of the motion by joint positions and rates; None if not yet needed.
-        by_bodies: those by errors of the known bodies, likewise.
+        by_bodies: those by errors of the spacecraft's bodies, likewise.
 
     """
 
@@ -124,9 +124,9 @@ class BaseMotion:
     """Predicts the base's motion for one joint motion.
 
     Args:
-        tree: the known spacecraft.
+        tree: the spacecraft model.
         joints: its joint motion, from the start to the end of the base's motion.
-        times: (M,) further times in it, at which the known bodies' dynamics are needed [s].
+        times: (M,) further times in it, at which the spacecraft's dynamics are needed [s].
         step: longest step of the grid [s]; a joint motion of many pieces makes it shorter.
         constants: the constant errors, external forces among them.
         nominal: (k,) their values in units of their σ: by some the joint motion is too large.
@@ -167,7 +167,7 @@ class BaseMotion:
 
     @cached_property
     def dynamics(self) -> BodyDynamics:
-        """The known bodies' dynamics at all times; `effects.relate` computes those of many."""
+        """The spacecraft's dynamics at all times; `effects.relate` computes those of many."""
         q, qdot = np.moveaxis(self.joint_motion(self.times), 1, 0)
         return BodyDynamics.at(self.tree, q, qdot)
 

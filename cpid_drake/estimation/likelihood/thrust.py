@@ -6,7 +6,7 @@ B's origin, Newton's and Euler's laws about the system's centre of mass read, in
 
     L' = Σ R τ + R (a − ρ) × f,      v' = Σ f / m,      1/m = (m_k − μ) / m_k²,
 
-since μ = m_k m_T / m and m = m_k + m_T, with m_k the mass of the known bodies and m_T that of the
+since μ = m_k m_T / m and m = m_k + m_T, with m_k the mass of the spacecraft and m_T that of the
 target. The acceleration therefore depends on the target's mass, unlike all that follows from the
 conservation of momentum. To first order in a rotation ξ of the attitude in W, and in changes of ρ
 and of 1/m,
@@ -113,7 +113,7 @@ class BlockThrust:
         log: what the actuators do.
         nodes: (N,) times of the grid [s].
         times: (U,) instants from the first to the last node [s].
-        grid: the known bodies' dynamics at the nodes.
+        grid: the spacecraft's dynamics at the nodes.
         interpolation: see `Weights`.
         pose: see `Pose`.
         orbit: the orbit of W's origin; None for none.

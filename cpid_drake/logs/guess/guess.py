@@ -47,7 +47,7 @@ def guess_map(
 
     Args:
         table: the log's columns.
-        spacecraft: the known spacecraft, whose joints the log has.
+        spacecraft: the spacecraft model, whose joints the log has.
         base: name of the base body, which tells the base's columns from those of other bodies.
         frame_rate: frames per second, if the log counts frames and does not say it [Hz].
 

@@ -25,7 +25,7 @@ class GuessedMap:
     Attributes:
         columns: the columns of numbers (N,), NaN where a cell is absent.
         texts: by column of text, its first cell.
-        spacecraft: the known spacecraft.
+        spacecraft: the spacecraft model.
         base: name of the base body.
         column_map: the map so far.
         reasons: by key of the map, the reasons for its entries.
