@@ -4,7 +4,7 @@
 First, `PassivityController` drives the joints along the motion of the scenario exciting_motion. It
 starts without any target, measures no acceleration and no force, and learns from its tracking
 error and, in the composite form, from momentum. Then both arms move in the null space of the
-coupling that a recursive estimate of the target tells, so that the base rests while it is
+coupling that follows from a recursive estimate of the target, so that the base rests while it is
 identified. Meshcat shows and records both.
 """
 
@@ -32,7 +32,7 @@ def adapt(spacecraft, target, motion, duration, is_composite, meshcat):
     state = plant.get_state_output_port()
     desired_motion = builder.AddSystem(cpid.JointTrajectory(motion).source()).get_output_port()
 
-    # From here on nothing knows the target.
+    # From here on nothing has a model of the target.
     controller = PassivityController(spacecraft, is_composite=is_composite).connected(
         builder,
         state=state,

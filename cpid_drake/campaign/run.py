@@ -122,7 +122,7 @@ def run_campaign(
 @contextmanager
 def _client(workers: int | None, scheduler: str | None) -> Iterator[Client]:
     """Yield a client of the given scheduler, or of a new one with worker processes here."""
-    for name in ("distributed", "distributed.client"):  # the folder tells what is lost
+    for name in ("distributed", "distributed.client"):  # the folder shows what is lost
         logging.getLogger(name).setLevel(logging.CRITICAL)
     if scheduler is not None:
         try:

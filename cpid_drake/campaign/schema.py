@@ -141,7 +141,7 @@ class ModelErrors:
 
 @dataclass
 class Declared:
-    """What the estimators are told where it is not the truth; null for the truth.
+    """What is declared to the estimators where it is not the truth; null for the truth.
 
     `sensors` is a suite, named as in `SensorsConfig`; "none" for no suite. `momentum` is "zero",
     "unknown", or "known" for the true value; null for "unknown" if the momentum is not zero.

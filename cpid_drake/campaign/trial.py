@@ -287,11 +287,11 @@ def _rows(
         plan, job.number, _REPEATED, campaign.repeated
     ):
         common |= _compared(plan, job)
-    told, rows = _told(job), []
+    declared, rows = _declared(job), []
     for name in campaign.estimators:
         row, start = {**common, "estimator": name}, process_time()
         try:
-            found = identify(job.spacecraft, data, estimator=name, **told)
+            found = identify(job.spacecraft, data, estimator=name, **declared)
             row |= _estimate(found, case.truth.to_vector())
         except Exception as error:
             [*_, row["error"]] = failed_rows(plan, job.number, error)[0].values()
@@ -303,8 +303,8 @@ def _is_drawn(plan: CampaignPlan, number: int, purpose: int, share: float) -> bo
     return bool(np.random.default_rng(plan.random(number, purpose)).random() < share)
 
 
-def _told(job: _Job) -> dict[str, Any]:
-    """Return what the estimators are told besides the samples."""
+def _declared(job: _Job) -> dict[str, Any]:
+    """Return the arguments of the estimators besides the samples."""
     declared, case, sensors = job.trial.declared, job.case, job.suite
     if declared.sensors is not None:
         sensors = None if declared.sensors == "none" else _suite(declared.sensors)
@@ -347,13 +347,13 @@ def _estimate(found: Identification, truth: NDArray[np.float64]) -> dict[str, An
     low, high = found.intervals.T
     assert found.form is not None
     assert found.solution is not None
-    told = found.solution.known.moved(found.form.from_parameters(truth))
+    about_truth = found.solution.known.moved(found.form.from_parameters(truth))
     inside = (low <= truth) & (truth <= high)
     return {
         "estimate": nulls(found.parameters),
         "sigma": nulls(sigma),
         "inside": [bool(i) if k else None for i, k in zip(inside, known)],
-        "nees": told.cost(np.zeros(10)),
+        "nees": about_truth.cost(np.zeros(10)),
         "known": int(known.sum()),
         "passed": found.passed,
         "failed_checks": [check.name for check in found.checks if not check.passed],

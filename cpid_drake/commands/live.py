@@ -41,7 +41,7 @@ def replay(
     show: Annotated[bool, Parameter(negative="--no-show")] = True,
     quiet: options.Quiet = False,
 ) -> int:
-    """Feed a log through the online identifier in real time, and show what it knows.
+    """Feed a log through the online identifier in real time, and show the estimates.
 
     The end is that of `cpid identify`, with its exit codes.
 

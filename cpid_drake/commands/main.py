@@ -88,7 +88,7 @@ def install_completion(
     except ShellDetectionError as error:
         raise InputError(f"the shell is not known; give --shell: {error}") from error
     files, text = "COMPREPLY=( $(compgen -f", script.read_text(encoding="utf-8")
-    # Bash continues the name of a folder if it knows that the words are names of files.
+    # Bash continues the name of a folder if the words are declared to be names of files.
     text = text.replace(files, f"compopt -o filenames 2> /dev/null; {files}")
     script.write_text(text, encoding="utf-8")
     print(f"{script}: written; shells that start from now on use it")

@@ -37,7 +37,8 @@ HELD = {
     "wheel": (0, 1, 2),
 }
 """Entries in W of what a table holds: tilt, height, and what would change them. In the plane a
-spinning wheel in the base cannot be told from a momentum, nor a torque that rotates with the base
+spinning wheel in the base cannot be distinguished from a momentum, nor a torque that rotates with
+the base
 from one that does not."""
 
 ALONG = 1e-3

@@ -10,7 +10,7 @@ information form
 H and b the information of the samples about the candidates in units of σ. Each candidate has the
 size a among `SIZES` that its own evidence prefers, at the price of log(len(SIZES)): a vague prior
 would hide what is small. Every set has its probability, and the target is the average over all
-sets: what the samples cannot tell apart widens its interval.
+sets: what the samples cannot distinguish widens its interval.
 
 Sources: MacKay 2003, Information Theory, Inference, and Learning Algorithms, ch. 28; Hoeting et al.
 1999, Bayesian Model Averaging.
@@ -41,9 +41,9 @@ UNLIKELY = 0.02
 """Odds of a candidate beside those before it, below which no more are compared."""
 
 MOMENTUM_ODDS, CHANGE_ODDS, WRONG_ODDS = 1 / 10, 1 / 40, 1 / 100
-"""Odds before the samples: that a log has a momentum of which nobody tells, that momentum changes
-at the end of one block, and that a momentum is not as given. A size of which the samples tell
-nothing would otherwise look as likely as none."""
+"""Odds before the samples: that a log has a momentum that is not stated, that momentum changes
+at the end of one block, and that a momentum is not as given. A size that the samples do not
+determine would otherwise look as likely as none."""
 
 _NEGLIGIBLE = 1e-6  # probability of a set that does not count in the average
 
@@ -105,7 +105,7 @@ def compare(
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """What a comparison asks.
+    """The alternatives of a comparison.
 
     Attributes:
         candidates: σ of the momenta that may be zero.
@@ -306,7 +306,7 @@ class _Sets:
     def _mean_size(self, name: str, others: Sequence[str]) -> float:
         """Return the root of the mean square of a candidate's size, by the evidence of each.
 
-        Entries that no sample shows are as large as the others: few do not tell how large.
+        Entries that no sample shows are as large as the others: few do not show how large.
         """
         gains = self._gains([name], others)[name]
         weights = np.exp(gains - gains.max())

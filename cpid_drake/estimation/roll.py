@@ -177,7 +177,7 @@ def _is_same(state: TrajectoryState, other: TrajectoryState) -> bool:
 
 
 def past_of(model: Model, log: LogState, values: Values) -> Gaussian:
-    """Return what a log's past tells, about the present values at the log's start."""
+    """Return the Gaussian of a log's past, about the present values at the log's start."""
     assert log.past is not None
     joints = log.joints[0].coefficients[:ORDER]
     return log.past.about(log.starts[0], joints, first_table(model, log, values))

@@ -1,4 +1,4 @@
-"""What a fit does not know: one table of unknowns, with their priors, and the target's coordinates.
+"""The unknowns of a fit: one table of them, with their priors, and the target's coordinates.
 
 Every unknown has a scope: a `log` has its own momentum and forces, all logs of one `hardware` share
 the errors of its sensors, and all logs share the target and the spacecraft's bodies. What belongs
@@ -77,7 +77,7 @@ class Unknown:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """The spacecraft model with its sensors, and all that a fit does not know about them.
+    """The spacecraft model with its sensors, and all unknowns of a fit.
 
     Attributes:
         tree: the spacecraft model.

@@ -122,7 +122,7 @@ def load_yaml(
         file: the file to read.
         where: the file's name in error messages.
         whole: the file's contents in error messages, such as "a scenario".
-        tags: the YAML tags that the schema knows; see `FirstUnlessTagged`.
+        tags: the YAML tags of the schema; see `FirstUnlessTagged`.
 
     Raises:
         InputError: not YAML, larger than `LARGEST_FILE`, an alias, unknown or repeated keys,

@@ -26,7 +26,7 @@ from cpid_drake.identification.result import Identification
 
 @dataclass(frozen=True, eq=False)
 class Observed:
-    """What the residuals of all samples tell.
+    """What the residuals of all samples show.
 
     Attributes:
         tests: whiteness of the residuals of each sensor (of log).

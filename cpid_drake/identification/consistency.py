@@ -35,7 +35,7 @@ def checked(found: Identification, tree: KinematicTree) -> Identification:
     # The larger noise explains the other failures.
     checks = sorted(found.checks, key=lambda check: (check.passed, check.name != NOISE))
     found = replace(found, checks=tuple(checks))
-    known, near = _known(found, tree), found.check(NEAREST)
+    known, near = _identified(found, tree), found.check(NEAREST)
     if not found.rank or known is None or near is None or near.statistic is None:
         return found
     possible = _possible(found) if near.passed else np.full((10, 2), np.nan)
@@ -54,7 +54,7 @@ def with_nearest_body(found: Identification, tree: KinematicTree) -> Identificat
         return found
     body = None if found.consistent is None else found.consistent.to_vector()
     combinations, distance = None, np.nan
-    known = _known(found, tree)
+    known = _identified(found, tree)
     if known is not None:
         distance, unknowns = 0.0, solution.values
         if found.inconsistencies or not found.is_identifiable:
@@ -73,8 +73,8 @@ def with_nearest_body(found: Identification, tree: KinematicTree) -> Identificat
 
 
 @dataclass(frozen=True, eq=False)
-class _Known:
-    """What an identification knows of its unknowns.
+class _Identified:
+    """The identified combinations of the unknowns.
 
     Attributes:
         rows: A x = b with unit errors, without what is rounding.
@@ -88,7 +88,7 @@ class _Known:
     radius: float
 
 
-def _checks(found: Identification, distance: float, known: _Known | None) -> tuple[Check, ...]:
+def _checks(found: Identification, distance: float, known: _Identified | None) -> tuple[Check, ...]:
     """Return the check that a rigid body has the estimate, within its covariance."""
     rows, shown = 0 if found.solution is None else found.solution.row_count, found.parameters
     if not np.isfinite(np.diag(found.covariance)[np.isfinite(shown)]).all():
@@ -106,8 +106,8 @@ def _checks(found: Identification, distance: float, known: _Known | None) -> tup
     return (Check.of(NEAREST, sentence, distance, known.radius),)
 
 
-def _known(found: Identification, tree: KinematicTree) -> _Known | None:
-    """Return what an identification knows; None if nothing."""
+def _identified(found: Identification, tree: KinematicTree) -> _Identified | None:
+    """Return the identified combinations; None if there are none."""
     solution, form = found.solution, found.form
     assert solution is not None
     assert form is not None
@@ -123,7 +123,7 @@ def _known(found: Identification, tree: KinematicTree) -> _Known | None:
         squares.append(np.sum(about_C[[4, 7, 9]]) / 2 / mass)
     scale = sizes(form, float(mass), float(np.sqrt(max(squares))))
     radius = float(np.sqrt(_improbable(solution.rank, freedom)))
-    return _Known(without_rounding(known, scale), scale, radius)
+    return _Identified(without_rounding(known, scale), scale, radius)
 
 
 def _freedom(found: Identification) -> int | None:

@@ -30,7 +30,7 @@ class Estimator:
         estimate: its function of the arguments, of the logs by their names, and
             of a callback for progress. It raises an `InputError` if there are too few samples, or
             if it cannot use a prior or several logs.
-        uses_rows: whether it uses momentum rows, which know neither the log of thrust nor the
+        uses_rows: whether it uses momentum rows, which have neither the log of thrust nor the
             uncertainty of the spacecraft; else it uses all samples as they are.
 
     """

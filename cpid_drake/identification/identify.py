@@ -185,7 +185,7 @@ def identify(
 def _convention(log: CheckedLog, spacecraft: Spacecraft) -> str:
     """Return the convention that explains a log of which the identification failed; or nothing."""
     if spacecraft.tree.normal_B is not None:
-        return ""  # the plane's few equations do not tell conventions apart
+        return ""  # the plane's few equations do not distinguish conventions
     return check_conventions(log.measurements, spacecraft.tree).sentence
 
 

@@ -35,11 +35,11 @@ def over_time(
     estimates = []
     for k in ends:
         known = swept.stops[k]
-        told = known.marginal(name for name in known.places if name != BOUNDARY).add(prior)
-        told = told.condition({name: v for name, v in held.items() if name in told.places})
+        target = known.marginal(name for name in known.places if name != BOUNDARY).add(prior)
+        target = target.condition({name: v for name, v in held.items() if name in target.places})
         estimate = Identification.of_solution(
             form,
-            known_target(model, found.values[PSI], told, count=int(counts[k])),
+            known_target(model, found.values[PSI], target, count=int(counts[k])),
             sensors=model.suite,
             sample_count=int(counts[k]),
             estimator=estimator,

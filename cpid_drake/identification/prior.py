@@ -185,7 +185,7 @@ def load_prior(path: str | Path, spacecraft: Spacecraft, capture_frame: str) -> 
 def prior_of_result(
     result: Identification, where: str, spacecraft: Spacecraft, capture_frame: str | None
 ) -> TargetPrior:
-    """Return what a result, in the file `where`, tells about its target; see `load_prior`.
+    """Return the prior that a result, in the file `where`, is for its target; see `load_prior`.
 
     Without a capture frame, that of the result is not compared.
     """
@@ -212,9 +212,9 @@ def prior_of_result(
     if found is None and not given.any():
         raise InputError(f"{where}: the prior determines no parameter")
     if found is not None and found.unknowns == "relative":
-        told = relative_parameterization(found.known_mass).to_parameters(found.values)
-        sigma = np.sqrt(np.diag(result.covariance)) + 1e-9 * np.abs(told)
-        if (np.abs(told - result.parameters) > 0.01 * sigma)[given].any():
+        stated = relative_parameterization(found.known_mass).to_parameters(found.values)
+        sigma = np.sqrt(np.diag(result.covariance)) + 1e-9 * np.abs(stated)
+        if (np.abs(stated - result.parameters) > 0.01 * sigma)[given].any():
             raise InputError(
                 f"{where}: `parameters` are not those of `combinations`: leave one of them as it "
                 "was, or set `combinations` to null"

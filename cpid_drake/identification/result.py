@@ -137,7 +137,7 @@ class Identification:
         residuals: measured minus predicted, in σ by sensor, or by "linear" and "angular" for rows,
             in `RowFamily.linear_unit` and N·m·s; of a long log, those of rows are parts of it.
         history: returns times [s] and the estimates from the samples up to them; None if only
-            another identification can tell.
+            another identification is needed.
 
     """
 

@@ -45,7 +45,7 @@ from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 FALSE_ALARM = 0.01
-"""Probability that the test fails a right target: a user who asks for it wants its power."""
+"""Probability that the test fails a right target: a user who validates wants its power."""
 
 POWER = 0.9
 """Probability with which a target that is said to be noticed is noticed."""

@@ -154,7 +154,7 @@ class RosAdapter:
 
 
 def run(samples: RosSamples, frame: str, arguments: Sequence[str] = ()) -> Identification:
-    """Run a node `cpid` until it is interrupted; return what it knows then.
+    """Run a node `cpid` until it is interrupted; return its identification.
 
     Args:
         samples: see `RosAdapter`.
@@ -163,7 +163,7 @@ def run(samples: RosSamples, frame: str, arguments: Sequence[str] = ()) -> Ident
 
     Raises:
         ImportError: there is no ROS 2, or packages of its messages are missing.
-        InputError: ROS does not know the arguments; see also `RosAdapter`.
+        InputError: the arguments are none of ROS; see also `RosAdapter`.
 
     """
     import rclpy

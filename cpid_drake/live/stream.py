@@ -188,7 +188,7 @@ class Stream:
         return max(edge + self._lateness, newest + _RETRY * queue.length)
 
     def identification(self, state: StreamState, *, has_budget: bool = False) -> Identification:
-        """Return what the fit of a state knows, with its error budget if wanted; see `counted`."""
+        """Return the identification of a state, with its error budget if wanted; see `counted`."""
         joints = self.joint_names if has_budget else None
         found = identification_of_state(self._model, state.online, self._momentum, joints)
         if found.momentum_changes:

@@ -1,10 +1,10 @@
 """What a motion is planned for: the largest σ of the target's parameters, within limits.
 
-A planner does not know the target. It knows plausible targets, and a motion is as good as it is for
-the least favourable of them: the one whose σ exceeds most what other motions reach for it. Without
-these weights, a light target, which no motion determines well, would decide alone. Parameters are
-compared in units of their scale: the mass, a length for the centre of mass, and the trace of the
-inertia; see `parameterizations.parameter_scale`.
+The target is unknown when its motion is planned. A motion is as good as it is for the least
+favourable of plausible targets: the one whose σ exceeds most what other motions reach for it.
+Without these weights, a light target, which no motion determines well, would decide alone.
+Parameters are compared in units of their scale: the mass, a length for the centre of mass, and the
+trace of the inertia; see `parameterizations.parameter_scale`.
 """
 
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""The exact bound for one motion, and what the motion asks of the spacecraft."""
+"""The exact bound for one motion, and the loads of the motion on the spacecraft."""
 
 from dataclasses import dataclass, field
 

@@ -42,7 +42,7 @@ def plausible_targets(
             far from its centre of mass as possible.
 
     Raises:
-        InputError: the prior knows only combinations of parameters; no rigid body is near its mean.
+        InputError: the prior has only combinations of parameters; no rigid body is near its mean.
 
     """
     rng = np.random.default_rng(seed)
@@ -69,7 +69,7 @@ def plausible_targets(
 
 
 def prior_information(prior: TargetPrior | None) -> NDArray[np.float64]:
-    """Return the information (10, 10) about π that a prior gives; zero for what it leaves open."""
+    """Return the information (10, 10) of a prior about π; zero for what it does not identify."""
     information = np.zeros((10, 10))
     if prior is not None:
         known = np.flatnonzero(np.isfinite(prior.parameters))

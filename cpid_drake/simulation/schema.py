@@ -141,20 +141,20 @@ class TargetConfig(BodyConfig):
 class ControllerConfig:
     """The joint controller: its model of the target, and its feedback gains [rad/s, 1].
 
-    With the target it knows the forces from outside, too, and the joints follow their motion
-    exactly. A controller that does not know the target assumes a solid sphere about C's origin
+    With a model of the target it has the forces from outside, too, and the joints follow their
+    motion exactly. Without one it assumes a solid sphere about C's origin
     [kg, m]. Its mass must then be given; half or twice the true mass is good enough.
     """
 
-    knows_target: bool = True
+    has_target_model: bool = True
     nominal_mass: NotNegative = 0.0
     nominal_radius: Positive = 0.5
     natural_frequency: Gain = 10.0
     damping_ratio: Gain = 1.0
 
     def __post_init__(self) -> None:
-        if not (self.knows_target or self.nominal_mass > 0):
-            raise InputError("nominal_mass must be > 0 where knows_target is false")
+        if not (self.has_target_model or self.nominal_mass > 0):
+            raise InputError("nominal_mass must be > 0 where has_target_model is false")
 
 
 @dataclass
@@ -293,10 +293,10 @@ class Scenario:
     def __post_init__(self) -> None:
         """Refuse values that contradict each other, by an InputError that names them."""
         simulation, duration = self.simulation, self.simulation.duration
-        if simulation.wrist is not None and not self.controller.knows_target:
+        if simulation.wrist is not None and not self.controller.has_target_model:
             raise InputError(
-                "controller.knows_target must be true with simulation.wrist: a controller without "
-                "the springs of the wrist cannot hold a light last link"
+                "controller.has_target_model must be true with simulation.wrist: a controller "
+                "without the springs of the wrist cannot hold a light last link"
             )
         for name, period in (
             ("simulation.log_period", simulation.log_period),

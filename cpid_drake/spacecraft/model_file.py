@@ -83,7 +83,7 @@ class ModelFile:
         model: the file as the user named it; error messages begin with it.
         path: the absolute path of the file.
         folders: the packages' folders as the user named them.
-        efforts, hollow: what Drake does not tell of the file, see `check_model`.
+        efforts, hollow: what Drake does not report of the file, see `check_model`.
 
     Raises:
         InputError: no such file, an unknown format, or content that Drake must not read (see
@@ -148,7 +148,7 @@ def check_model(
         folders: folders of the packages that its URIs refer to, by name.
 
     Returns:
-        What Drake does not tell: the effort limits in URDF files [N·m or N] by joint, of which
+        What Drake does not report: the effort limits in URDF files [N·m or N] by joint, of which
         Drake reads only those with a transmission; and the links of URDF and SDF files that have a
         geometry and no inertia, whose mass Drake takes for zero (URDF) or for 1 kg (SDF).
 

@@ -61,7 +61,7 @@ _FREE = re.compile(
 
 
 def make_parser(plant: MultibodyPlant, folders: Mapping[str, Path]) -> Parser:
-    """Return a parser that knows these packages and does not download any."""
+    """Return a parser that has these packages and does not download any."""
     parser = Parser(plant)
     parser.package_map().Remove("drake_models")
     for name, folder in folders.items():

@@ -40,23 +40,23 @@ def run(scenario: str, out: Path, *, force: bool = False, quiet: bool = False) -
     loaded, exciting = load_scenario(path), load_scenario(find_scenario(EXCITING))
     check_folder("--out", out, [path, *files_of(loaded)], force=force)
 
-    def tell(text: str) -> None:
+    def show(text: str) -> None:
         if not quiet:
             print(text, file=sys.stderr)
 
     try:
-        study = run_paper_study(loaded, tell, exciting)
+        study = run_paper_study(loaded, show, exciting)
     except InputError as error:
         raise InputError(f"{scenario}: {error}") from error
     for text in check_limits(study.simulation).exceeded:
         print(f"warning: {text}", file=sys.stderr)
-    tell("drawing the figures")
+    show("drawing the figures")
     summary = summarize(study, time.perf_counter() - start)
     page = page_of(study, scenario, summary)
     page.write_folder(out)
     if not quiet:
         print_tables(page)
-    tell(f"{summary['wall_seconds']:.1f} s; open {out / 'report.html'}")
+    show(f"{summary['wall_seconds']:.1f} s; open {out / 'report.html'}")
     return study
 
 

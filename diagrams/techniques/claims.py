@@ -90,7 +90,7 @@ CLAIMS = (
         lambda error, parameters: _is(parameters < 10 and error > 0.01),
     ),
     Claim(
-        "One identification tells all ten parameters.",
+        "One identification determines all ten parameters.",
         "ten",
         {"error with exact data": (PAPERS, SLOW, "exact")},
         lambda error: _is(error < 1e-6),
@@ -151,7 +151,7 @@ CLAIMS = (
                 "median error, joints 0.02 rad elsewhere",
             ),
             "momentum": (FIT, SLOW),
-            "mass told of 600 kg": ("neural network", SLOW, "mass told of 600 kg"),
+            "mass found of 600 kg": ("neural network", SLOW, "mass found of 600 kg"),
         },
         lambda inside, other, momentum, mass: _is(inside > EQUAL * momentum or other > 3 * inside),
     ),

@@ -33,7 +33,7 @@ TESTED = 1000
 
 
 def planar(truth: Truth) -> Numbers:
-    """Return errors of the planar relations with exact data, and how many parameters they tell."""
+    """Return errors of the planar relations with exact data, and the number of parameters."""
     target, numbers = truth.case.truth.to_vector(), Numbers()
     for label, order in (("three", (2, 1, 0)), ("six", (2, 1, 0, 2, 1, 2))):
         runs = one_joint.best_moves(truth.spacecraft, order)
@@ -100,14 +100,15 @@ def network_errors(truth: Truth) -> Numbers:
         "median error": float(np.median(inside)),
         "95 % below": float(np.quantile(inside, 0.95)),
         "median error, joints 0.02 rad elsewhere": float(np.median(errors(0.02))),
-        "mass told of 600 kg": float(answers(heavy[None])[0, 0]),
+        "mass found of 600 kg": float(answers(heavy[None])[0, 0]),
     }
 
 
 def some_joints(truth: Truth) -> Numbers:
     """Return the bound of momentum if only some joints move from the start of a motion to its end.
 
-    It is NaN if they do not tell all ten. There are no numbers if the motion ends where it starts.
+    It is NaN if they do not determine all ten. There are no numbers if the motion ends where it
+    starts.
     """
     arm, numbers = np.array(one_joint.arm_joints(truth.spacecraft)), Numbers()
     start, end = truth.case.motion.evaluate(np.array([0.0, truth.case.duration]))[:, 0]

@@ -138,7 +138,7 @@ def reactionless_motion(
 
     Args:
         spacecraft: the spacecraft model.
-        target: the true target, which only the base's motion knows.
+        target: the true target, which only the base's motion has.
         joints: the joints that may move.
         q: (J,) joint positions at the start.
         noise: σ of a sample of the gyro and of the joint rates [rad/s].

@@ -96,7 +96,7 @@ def bound(design: Design, exact: Trial, parameters: Array) -> float:
 
 
 def instants(design: Design, exact: Trial) -> int:
-    """Return the least number of instants whose rows tell all ten; 0 if ten do not."""
+    """Return the least number of instants whose rows determine all ten; 0 if ten do not."""
     A = design(exact, np.zeros(10)).A[..., :10]
     for count in range(1, 11):
         some = A[np.linspace(0.2 * len(A), 0.8 * len(A), count).astype(int)].reshape(-1, 10)
@@ -203,9 +203,9 @@ def joint_torques(share: float) -> Design:
 def wrist(sensors: ForceSensors, size: float, *, is_estimated: bool) -> Design:
     """Return the rows of a wrist sensor: y = (1 + K) Y ψ + z + noise.
 
-    The zeros z, and if told the calibration's errors K of this relative size, are unknowns with the
-    sensor's σ as prior. The columns of K are those of the wrench Y ψ with the ψ before: with the
-    measured one, ψ = 0 and K = −1 would be an exact solution.
+    The zeros z, and if estimated the calibration's errors K of this relative size, are unknowns
+    with the sensor's σ as prior. The columns of K are those of the wrench Y ψ with the ψ before:
+    with the measured one, ψ = 0 and K = −1 would be an exact solution.
     """
 
     def design(trial: Trial, x: Array) -> Rows:

@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> None:
     check_folder("--out", args.out, [*inputs, args.force_sensors], force=args.force)
     sensors = load_force_sensors(args.force_sensors)
 
-    def tell(done: int, total: int) -> None:
+    def show(done: int, total: int) -> None:
         if sys.stderr.isatty() and not args.quiet:
             print(f"\r{done} of {total}", end="" if done < total else "\n", file=sys.stderr)
 
@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> None:
         seed=args.seed,
         jobs=args.jobs,
         is_fast=args.fast,
-        progress=tell,
+        progress=show,
     )
     words = ["python", "diagrams/techniques/run.py", *([args.scenario] if args.scenario else [])]
     words += ["--trials", str(args.trials), "--seed", str(args.seed)]

@@ -20,7 +20,7 @@ INTRODUCTION = (
     "RMS over the trials, with its 95 % interval by resampling. Two errors that differ by less "
     "than a factor of 1.5 are equal. Exact is the error without noise, with a dash for techniques "
     "that filter samples. The bound is the Cramér–Rao bound of momentum, or, for sensors of "
-    "forces, that of an exact motion. Instants are those whose exact rows tell all ten.",
+    "forces, that of an exact motion. Instants are those whose exact rows determine all ten.",
 )
 """What the tables show."""
 

@@ -132,7 +132,7 @@ def test_a_target_is_identified_on_a_vendors_arm(on_carrier, box, arm):
         spacecraft=SpacecraftConfig(**keywords),
         target=TargetConfig(box.mass, box.p_CTcm_C, box.I_TTcm_C),
         joint_motion=lively(spacecraft, duration=3.0),
-        controller=ControllerConfig(knows_target=True),
+        controller=ControllerConfig(has_target_model=True),
         identification=IdentificationConfig(rows="standard", period=0.25, offset=0.25),
         simulation=SimulationConfig(duration=3.0),
     )

@@ -257,7 +257,7 @@ class BlockModel:
         return np.arange(self.columns["psi"].start - self.motion.constants.size, self._width)
 
     def joint_triangle(self, order: NDArray[np.intp]) -> NDArray[np.float64]:
-        """Return rows [A | b] of what the joints' own sensors tell, each at its joint's column.
+        """Return rows [A | b] of the joints' own sensors, each at its joint's column.
 
         With columns in an order in which those of one joint stay in theirs, they are a triangle
         (n + 1, n + 1).

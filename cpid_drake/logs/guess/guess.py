@@ -1,8 +1,8 @@
 """Guesses the map of a log's columns: names first, then the conventions that explain it best.
 
-Names say which columns are which quantity, and perhaps units. What they leave open is chosen among
-`alternatives.alternatives` by the comparisons of `logs.score`: joint rates decide about the joints
-and the clock, the gyro about the attitude, the conservation of momentum about the rest.
+Names say which columns are which quantity, and perhaps units. What they do not determine is chosen
+among `alternatives.alternatives` by the comparisons of `logs.score`: joint rates decide about the
+joints and the clock, the gyro about the attitude, the conservation of momentum about the rest.
 """
 
 from collections.abc import Iterator, Sequence
@@ -48,7 +48,8 @@ def guess_map(
     Args:
         table: the log's columns.
         spacecraft: the spacecraft model, whose joints the log has.
-        base: name of the base body, which tells the base's columns from those of other bodies.
+        base: name of the base body, which distinguishes the base's columns from those of other
+            bodies.
         frame_rate: frames per second, if the log counts frames and does not say it [Hz].
 
     Raises:
@@ -98,7 +99,7 @@ def _settle_clock(guess: GuessedMap) -> None:
 
 
 def _settle_conventions(guess: GuessedMap) -> str:
-    """Choose the conventions that names leave open; return what momentum says of the motion.
+    """Choose the conventions that names do not determine; return what momentum shows.
 
     A key is settled if every other value of it leaves a clearly larger residual.
     """
