@@ -32,7 +32,7 @@ else:
     FileName = str | Path  # the values are str, which is tried first; shells complete paths
 
 NOT_ALL_KNOWN = 3
-"""Exit code if the data do not determine all that can act on the motion."""
+"""Exit code if not all parameters that can act on the motion are identifiable."""
 
 CHECK_FAILED = 4
 """Exit code if something contradicts the assumptions behind the answer."""

@@ -49,7 +49,7 @@ def motion(
     force: options.Force = False,
     quiet: options.Quiet = False,
 ) -> None:
-    """Plan the joint motion that determines the target best.
+    """Plan an exciting joint motion: one that determines the target best.
 
     The motion has the start and the end of the scenario's own motion. The planner does not use the
     target's mass properties in the scenario. Ctrl-C keeps the best motion so far.

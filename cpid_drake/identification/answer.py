@@ -30,7 +30,7 @@ class Observed:
 
     Attributes:
         tests: whiteness of the residuals of each sensor (of log).
-        counts: numbers of samples that are far off, and of all, by log and sensor.
+        counts: numbers of outliers, and of all samples, by log and sensor.
         changes: times at which the momentum changed [s].
         beside: see `checks.fit_checks`.
 
@@ -43,7 +43,7 @@ class Observed:
 
     @property
     def used(self) -> Counter[str]:
-        """Number of samples that are not far off, by log."""
+        """Number of samples that are no outliers, by log."""
         used = Counter[str]()
         for (log, _), (far, count) in self.counts.items():
             used[log] += count - far
@@ -51,15 +51,15 @@ class Observed:
 
     @property
     def rejected(self) -> dict[str, int]:
-        """Number of samples that are far off, by sensor."""
+        """Number of outliers by sensor."""
         rejected = Counter[str]()
         for (_, sensor), (far, _) in self.counts.items():
             rejected[sensor] += far
         return {name: count for name, count in rejected.items() if count}
 
     @property
-    def unexplained(self) -> float:
-        """Largest share of a sensor's samples that are far off."""
+    def outlier_share(self) -> float:
+        """Largest share of outliers in a sensor's samples."""
         return max(far / max(count, 1) for far, count in self.counts.values())
 
 
@@ -112,9 +112,9 @@ def answer_of(
     effects = effects_of(model, found.values, gaussian, *names)
     said = tuple(f"{e.describe()}: it failed" for e in effects if e.failed_valve)
     sizes = size_checks(model, found.values, gaussian, effects)
-    tests, unexplained = observed.tests, observed.unexplained
+    tests, outliers = observed.tests, observed.outlier_share
     fails = fit_checks(
-        found.converged, unexplained, noise, tests, len(changes), len(names), observed.beside
+        found.converged, outliers, noise, tests, len(changes), len(names), observed.beside
     )
     [first, *others] = names
     own = {} if others else momentum_of(model, found.values, gaussian, first, compared)

@@ -39,11 +39,11 @@ ALL = "all errors together"
 """Name of the row of everything that is estimated besides the target."""
 
 _GROUPS = {
-    "forces that walk": ("acceleration", "acceleration_B"),
-    "torques that walk": ("torque", "torque_B"),
-    "biases that walk": (BIAS,),
+    "random walk of forces": ("acceleration", "acceleration_B"),
+    "random walk of torques": ("torque", "torque_B"),
+    "random walk of biases": (BIAS,),
 }
-"""Kinds that walk and look alike."""
+"""Kinds with a random walk that look alike."""
 
 _XYZ = ("x", "y", "z")
 _STRETCHES = ("xx", "yy", "zz", "xy", "xz", "yz")

@@ -78,7 +78,7 @@ def with_sources(
         solution(combined(names)),
     )
     warnings = [
-        f"{name} determines nothing about the target, and was not used"
+        f"{name} identifies nothing of the target, and was not used"
         for name in counts
         if not alone[name].rank
     ]

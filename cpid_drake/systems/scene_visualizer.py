@@ -162,7 +162,7 @@ class SceneVisualizer(SpacecraftSystem):
         covariance = self.GetInputPort("covariance").Eval(context).reshape(10, 10)
         lines = estimate_lines(values, 1.96 * np.sqrt(np.diag(covariance)), self._truth)
         if np.isfinite(values).all() and not self.GetInputPort("checks_passed").Eval(context)[0]:
-            lines.append("checks did not pass: do not use it")
+            lines.append("a check failed: do not use it")
         self._texts = [each for each in self._texts if each[0] < time]
         if self._texts and self._texts[-1][1] == "\n".join(lines):
             return

@@ -212,7 +212,7 @@ class TestBudget:
         gone = 1 - np.diag(identify(craft, log(), sensors=calm).covariance) / np.diag(
             found.covariance
         )
-        parts = [row.shares for row in found.budget if row.name.endswith("that walk")]
+        parts = [row.shares for row in found.budget if row.name.startswith("random walk")]
         assert (np.max(parts, axis=0) < gone + 0.05).all()
 
 
