@@ -51,7 +51,7 @@ def adapt(spacecraft, target, motion, duration, is_composite, meshcat):
     plant.SetPositionsAndVelocities(plant_context, spacecraft.initial_state(target, motion))
     meshcat.StartRecording()
     simulator.AdvanceTo(duration)
-    cpid.keep_scene(meshcat, "adaptive.html")
+    cpid.keep_scene("adaptive.html", meshcat)
     found = log.FindLog(root_context)
     return found.sample_times(), found.data().T
 
@@ -73,7 +73,7 @@ def show(spacecraft, target, found, rate, meshcat, wait):
         state[columns["quaternion_WB"]], state[columns["q"]] = quaternion, q
         plant.SetPositionsAndVelocities(plant_context, state)
         diagram.ForcedPublish(context)
-    cpid.keep_scene(meshcat, "still_base.html", wait=wait)
+    cpid.keep_scene("still_base.html", meshcat, wait=wait)
 
 
 def main() -> None:

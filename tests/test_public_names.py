@@ -2,6 +2,7 @@
 
 import ast
 import importlib.metadata
+import inspect
 import pkgutil
 import re
 import subprocess
@@ -30,6 +31,22 @@ def test_every_public_name_is_there():
 def test_other_names_are_not():
     with pytest.raises(AttributeError, match="Identify"):
         _ = cpid_drake.Identify
+
+
+def test_the_path_is_the_first_argument_of_all_that_write_or_read_a_file():
+    found = {name: getattr(cpid_drake, name) for name in cpid_drake.__all__}
+    for name, each in found.items():
+        arguments = [*inspect.signature(each).parameters] if inspect.isroutine(each) else []
+        assert "path" not in arguments[1:], name
+    assert {"write_log", "write_result", "write_report", "export_target"} <= found.keys()
+
+
+def test_no_signature_shows_an_object_s_address():
+    for name in cpid_drake.__all__:
+        each = getattr(cpid_drake, name)
+        if callable(each):
+            for parameter in inspect.signature(each).parameters.values():
+                assert " at 0x" not in inspect.formatannotation(parameter.annotation), name
 
 
 def test_the_package_itself_loads_nothing_heavy():

@@ -51,7 +51,7 @@ def export(
     check_outputs([("--out", out)], [result, *found.files()], force=force)
     chosen, log = free_name(name, spacecraft), options.log_console()
     written = export_target(
-        target, out, format=format, spacecraft=spacecraft, name=chosen, overwrite=force
+        out, target, format=format, spacecraft=spacecraft, name=chosen, overwrite=force
     )
     if chosen != (name or "target"):
         log.print(f"the model already has a 'target'; the exported one is '{chosen}'")

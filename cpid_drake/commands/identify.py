@@ -52,7 +52,7 @@ def identify(
         if json is not None:
             cpid.write_result(json, result)
         if report is not None:
-            cpid.write_report(evidence, report, status.update)
+            cpid.write_report(report, evidence, status.update)
         if mcap is not None:
             write_mcap(mcap, evidence)
     ignored = list(dict.fromkeys(name for file in evidence.files for name in file.ignored))

@@ -7,7 +7,6 @@ from typing import Annotated, Any
 import numpy as np
 from cyclopts import Parameter
 from cyclopts.validators import Number as Within
-from rich.live import Live
 
 import cpid_drake as cpid
 from cpid_drake.commands import options
@@ -20,6 +19,7 @@ from cpid_drake.live.ros2 import run
 from cpid_drake.live.ros_samples import RosSamples, sources_of
 from cpid_drake.logs.log import THRUST
 from cpid_drake.report.scene import LatestState, Scene
+from cpid_drake.report.terminal import shown_live
 from cpid_drake.systems.scene_visualizer import FRAME_PERIOD
 
 live = group("live")
@@ -75,7 +75,7 @@ def replay(
     scene = Scene(craft, options.open_meshcat(PAGE), has_rates=has_rates) if show else None
     begin, shown, drawn = time.monotonic(), -np.inf, -np.inf
     found = identifier.estimate()
-    with Live(console=options.log_console(quiet), refresh_per_second=8) as screen:
+    with shown_live(options.log_console(quiet)) as screen:
         for count, (name, stamp, value) in enumerate(stream, start=1):
             lag = time.monotonic() - begin - (stamp - first) / rate
             if lag < 0:

@@ -49,9 +49,9 @@ def simulate(
             limits = check_limits(simulation)
         if out is None:
             print(_facts(scenario, simulation, limits))
-            options.print_warnings(limits.exceeded)
+            options.print_warnings([*limits.exceeded, *simulation.left_out])
             return CHECK_FAILED if limits.exceeded else 0
-        options.print_warnings(limits.exceeded)
+        options.print_warnings([*limits.exceeded, *simulation.left_out])
 
         def progress(now: Context) -> None:
             status.update(f"simulated {now.get_time():.1f} of {loaded.simulation.duration:g} s")

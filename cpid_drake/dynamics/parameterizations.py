@@ -175,6 +175,7 @@ def standard_to_pseudo_inertia(phi: NDArray[np.float64]) -> NDArray[np.float64]:
 class Parameterization:
     """A vector of ten unknowns in which a row family is linear, and its conversion to π.
 
+    `entries` says in the names of parameters what each unknown stands for: the reduced mass for m.
     `to_parameters` and `from_parameters` take vectors (..., 10), the first also complex ones.
     """
 
@@ -218,16 +219,16 @@ class Parameterization:
         return np.asarray(first @ first.T + bends @ bends.T / 2)
 
 
-_TENSOR_ENTRIES = ("11", "12", "13", "22", "23", "33")
+_MOMENTS = ("Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
 EQ18 = Parameterization(
     "eq18",
-    ("1/m", "cx", "cy", "cz", *("I" + ij for ij in _TENSOR_ENTRIES)),
+    ("1/m", "cx", "cy", "cz", *_MOMENTS),
     eq18_to_parameters,
     parameters_to_eq18,
 )
 STANDARD = Parameterization(
     "standard",
-    ("m", "m·cx", "m·cy", "m·cz", *("J" + ij for ij in _TENSOR_ENTRIES)),
+    ("m", "m·cx", "m·cy", "m·cz", *(f"{name} about C" for name in _MOMENTS)),
     standard_to_parameters,
     parameters_to_standard,
 )
@@ -249,5 +250,5 @@ def relative_parameterization(known_mass: float) -> Parameterization:
     def from_parameters(parameters: ArrayLike) -> NDArray[np.float64]:
         return standard_to_relative(parameters_to_standard(parameters), known_mass)
 
-    entries = ("μ", "μ·cx", "μ·cy", "μ·cz", *("I*" + ij for ij in _TENSOR_ENTRIES))
+    entries = ("m", "m·cx", "m·cy", "m·cz", *_MOMENTS)
     return Parameterization("relative", entries, to_parameters, from_parameters)

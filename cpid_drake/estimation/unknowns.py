@@ -240,12 +240,12 @@ class Model:
 
     @property
     def walking(self) -> list[Unknown]:
-        """The unknowns that walk."""
+        """The unknowns with a random walk."""
         return [u for u in self.table if u.walk]
 
     @cached_property
     def walking_columns(self) -> NDArray[np.intp]:
-        """Columns (w,) of the unknowns that walk."""
+        """Columns (w,) of the unknowns with a random walk."""
         columns = [np.r_[self.places[unknown.name]] for unknown in self.walking]
         return np.concatenate([np.empty(0, np.intp), *columns])
 

@@ -9,7 +9,7 @@ its place and the remedy.
 import json
 import re
 from collections.abc import Callable, Hashable
-from dataclasses import asdict, fields, is_dataclass
+from dataclasses import asdict, dataclass, fields, is_dataclass
 from functools import cache
 from operator import itemgetter
 from pathlib import Path
@@ -44,6 +44,11 @@ class Numbers:
     def __init__(self, *shape: int, unknown: bool = False) -> None:
         self._shape, self._unknown = shape, unknown
 
+    def __repr__(self) -> str:
+        """Return the annotation as it is written, for signatures."""
+        words = [*map(str, self._shape), *(["unknown=True"] if self._unknown else [])]
+        return f"Numbers({', '.join(words)})"
+
     def __get_pydantic_core_schema__(self, source: object, handler: object) -> "CoreSchema":
         """Return pydantic's schema of a list that becomes an array."""
         from pydantic_core import core_schema
@@ -66,6 +71,7 @@ class Numbers:
         return array.astype(float)
 
 
+@dataclass(frozen=True)
 class InMemory:
     """Annotation of a member that files do not have. It must have a default."""
 
@@ -79,6 +85,7 @@ class InMemory:
         raise ValueError("must be left out")
 
 
+@dataclass(frozen=True)
 class FirstUnlessTagged:
     """Annotation of a union of dataclasses: the first, unless a YAML tag `!NAME` names another."""
 

@@ -111,7 +111,7 @@ def answer_of(
         warnings, checks = (*warnings, *said), [*checks, *failed]
     effects = effects_of(model, found.values, gaussian, *names)
     said = tuple(f"{e.describe()}: it failed" for e in effects if e.failed_valve)
-    sizes = size_checks(model, found.values, gaussian, effects)
+    sizes = size_checks(model, found.values, gaussian, effects, joints)
     tests, outliers = observed.tests, observed.outlier_share
     fails = fit_checks(
         found.converged, outliers, noise, tests, len(changes), len(names), observed.beside

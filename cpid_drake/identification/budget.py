@@ -18,12 +18,13 @@ from numpy.typing import NDArray
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.estimation.fit import Fit, prior_of
 from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.least_squares import quantile_95
 from cpid_drake.estimation.likelihood.constants import BIAS
 from cpid_drake.estimation.roll import Values
 from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import BODIES, MOMENTUM, PSI, Model, Unknown
 from cpid_drake.files.checked_yaml import Numbers
-from cpid_drake.files.digits import significant
+from cpid_drake.files.digits import significant, with_half_width
 from cpid_drake.identification.checks import Check
 from cpid_drake.identification.effects import EffectEstimate, with_sensors_of
 from cpid_drake.sensors.sensors import Gyro
@@ -218,13 +219,18 @@ def _of_bodies(model: Model, joints: Sequence[str]) -> Iterator[tuple[str, str, 
 
 
 def size_checks(
-    model: Model, values: Values, gaussian: Gaussian, effects: Sequence[EffectEstimate]
+    model: Model,
+    values: Values,
+    gaussian: Gaussian,
+    effects: Sequence[EffectEstimate],
+    joints: Sequence[str] | None,
 ) -> tuple[Check, ...]:
     """Return the check of errors that are too large for their σ; what may fail is left out.
 
     Args:
         model, values, gaussian: all unknowns, their values, and what is known about these values.
         effects: the constant errors.
+        joints: names of the joints; None for their numbers.
 
     """
     sizes = {
@@ -232,9 +238,14 @@ def size_checks(
         for e in effects
         if not e.may_fail
     }
-    if model.known_bodies is not None and BODIES in gaussian.places:
-        own = values[BODIES] + gaussian.marginal([BODIES]).solve()
-        sizes["the spacecraft's bodies"] = float(np.abs(own).max(initial=0.0))
+    if model.known_bodies is not None and values.get(BODIES, np.empty(0)).size:
+        left = gaussian.marginal([BODIES])
+        own, sigma = values[BODIES] + left.solve(), np.sqrt(np.diag(left.covariance()))
+        numbered = joints or [f"joint {k + 1}" for k in range(model.joint_count)]
+        parts = zip(_of_bodies(model, numbered), own, quantile_95() * sigma, strict=True)
+        (name, unit, scale), value, width = max(parts, key=lambda part: abs(part[1]))
+        shown = f"{with_half_width(scale * value, scale * width)} {unit}"
+        sizes[f"the {name} differs from the model by {shown}"] = float(np.abs(own).max())
     if not sizes:
         return ()
     name = max(sizes, key=lambda each: sizes[each])

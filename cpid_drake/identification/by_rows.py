@@ -45,6 +45,9 @@ INTEGRATION = 1e-5
 NAME = "least_squares"
 """The estimator's name."""
 
+MISFIT = "misfit"
+"""Name of the check that rows miss the samples by no more than the samples' own errors."""
+
 _FORCES = (
     "the sensors' file declares forces, and rows assume a constant momentum: identify with "
     "--estimator trajectory_fit"
@@ -361,7 +364,7 @@ def _misfit(size: float, tree: KinematicTree) -> Check:
     axes = 3 if tree.normal_B is None else 1
     limit = float(np.sqrt(chdtri(axes, IMPROBABLE) / axes))
     text = f"the momentum balance misses the samples by {significant(size)} times their errors"
-    return Check.of("misfit", f"{text}: {_CAUSE}", size, limit)
+    return Check.of(MISFIT, f"{text}: {_CAUSE}", size, limit)
 
 
 def part_checks(

@@ -1,7 +1,8 @@
 """`identify`: a target from any data with any estimator."""
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import chain
 
@@ -22,11 +23,13 @@ from cpid_drake.identification.arguments import (
     resolve_prior,
     resolve_sensors_by_log,
 )
+from cpid_drake.identification.by_rows import MISFIT
 from cpid_drake.identification.checked_log import Arguments, CheckedLog, check_log
-from cpid_drake.identification.checks import Check, rejection_checks
+from cpid_drake.identification.checks import Check, label_of, rejection_checks
 from cpid_drake.identification.consistency import checked
 from cpid_drake.identification.estimators import (
     ESTIMATORS,
+    LEAST_SQUARES,
     Estimator,
     require_sensors,
     with_method,
@@ -37,6 +40,7 @@ from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import SPACECRAFT, Identification
 from cpid_drake.logs.conventions import check_conventions
 from cpid_drake.sensors.error_kinds import bodies_of as errors_of_bodies
+from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
@@ -45,6 +49,12 @@ THRUST_NOT_USED = (
     "--estimator trajectory_fit"
 )
 """The failed check of an estimator that assumes a constant momentum while thrusters fire."""
+
+HELD_BY_BASE = (
+    "the capture frame is fixed to the base: no joint moves the target relative to the base, and "
+    "only the base's reaction to the joints, or to thrusters, shows it"
+)
+"""The warning about a target that the base itself holds."""
 
 
 @one_thread
@@ -107,7 +117,8 @@ def identify(
     Raises:
         InputError: an argument is of another type; there is no log, or it cannot be read; a name of
             sensors is no log, or a log has none; the estimator or the rows are unknown, or cannot
-            handle this momentum; the data contain other joints than the spacecraft's; a sensor that
+            handle this momentum; the data contain other joints than the spacecraft's; another
+            convention explains a log clearly better than the one it is read in; a sensor that
             the estimator needs is missing (the message lists the estimators that could use the
             data); there are too few samples; the prior determines combinations of other unknowns
             than the estimator's.
@@ -143,6 +154,8 @@ def identify(
     for name, log in logs.items():
         with prefix_errors(where[name]):
             require_sensors(log, arguments)
+            if wrong := log.conventions.failures or _by_momentum(arguments, log):
+                raise InputError("; ".join(wrong))
     progress("identifying")
     try:
         found = method.estimate(arguments, logs, progress)
@@ -172,14 +185,36 @@ def identify(
     could_be = planar is None and could_be_planar(tree, log.measurements.attitude.value)
     if could_be and not (found.passed and found.is_complete):
         found = replace(found, warnings=(*found.warnings, PROPOSED))
+    if tree.jointed and tree.lumped.capture_body == 0:
+        found = replace(found, warnings=(*found.warnings, HELD_BY_BASE))
     if others or not found.failures or log.failures:
         return found
     convention = _convention(log, spacecraft)
     if not convention:
         return found
-    first, *rest = found.checks  # the first failed
-    first = replace(first, sentence=f"{first.sentence}; most likely, {convention}")
-    return replace(found, checks=(first, *rest))
+    return replace(found, checks=(Check("log", f"most likely, {convention}"), *found.checks))
+
+
+def _by_momentum(arguments: Arguments, log: CheckedLog) -> tuple[str, ...]:
+    """Return the convention that the momentum shows, if noise does not explain the log as read.
+
+    In a short log many conventions explain a smooth motion; the misfit of rows knows the noise.
+    """
+    if log.conventions.has_momentum or arguments.spacecraft.tree.normal_B is not None:
+        return ()
+    wrong = check_conventions(log.measurements, arguments.spacecraft.tree).failures
+    if not wrong:
+        return ()
+    coasting = log.measurements.between(-np.inf, log.measurements.first_burn)
+    logs = {"": replace(log, measurements=coasting)}
+    unknown = TotalMomentum.unknown()
+    by_rows = replace(arguments, estimator=LEAST_SQUARES, rows=None, prior=None, momentum=unknown)
+    with suppress(np.linalg.LinAlgError, InputError):  # too few samples
+        by_rows = with_method(by_rows, logs)
+        found = ESTIMATORS[LEAST_SQUARES].estimate(by_rows, logs, lambda step: None)
+        misfit = found.check(MISFIT)
+        return () if misfit is None or misfit.passed else wrong
+    return ()
 
 
 def _convention(log: CheckedLog, spacecraft: Spacecraft) -> str:
@@ -187,6 +222,18 @@ def _convention(log: CheckedLog, spacecraft: Spacecraft) -> str:
     if spacecraft.tree.normal_B is not None:
         return ""  # the plane's few equations do not distinguish conventions
     return check_conventions(log.measurements, spacecraft.tree).sentence
+
+
+def _without_errors(log: CheckedLog) -> Iterator[str]:
+    """Yield the sensors of a log that are not used, because the sensors' file has no errors."""
+    if log.sensors is None:
+        return
+    for name in SENSORS:
+        if len(log.measurements[name]) and name not in log.sensors.present():
+            yield (
+                f"the {label_of(name)} of the log is not used: the sensors' file has no "
+                f"'{name}:' with its rate and noise"
+            )
 
 
 def _with_logs(
@@ -200,6 +247,7 @@ def _with_logs(
         if log.measurements.has_thrust and method.uses_rows:
             failed.append(THRUST_NOT_USED.format(f"{log.measurements.first_burn:.4g}", method.name))
         said = [*log.warnings, *(f"not checked: {text}" for text in log.conventions.unchecked)]
+        said += [] if method.uses_rows else _without_errors(log)
         warnings += [where + text for text in said]
         checks += [Check("log", where + text) for text in failed]
         checks += rejection_checks(log.rejected, log.counts, where)

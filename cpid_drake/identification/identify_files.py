@@ -2,7 +2,7 @@
 
 import hashlib
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -76,6 +76,7 @@ def identify_files(
     for name, (_, file) in zip(names, opened, strict=True):
         rejected += Counter(file.partial) + Counter(rows=len(file.problems))
         where = f"{name}: " if len(opened) > 1 else ""
+        warnings += [where + text for text in _sensors_beside(requests[names.index(name)])]
         warnings += [where + text for text in left_out_warnings(file.left_out_joints)]
     found = replace(
         found,
@@ -84,6 +85,14 @@ def identify_files(
         sources=tuple(source for source, _ in opened),
     )
     return Evidence(inputs, tuple(file for _, file in opened), found)
+
+
+def _sensors_beside(request: Request) -> Iterator[str]:
+    """Yield that sensors lie beside a log, as `cpid simulate` writes them, and are not used."""
+    log = Path(request.telemetry)
+    for file in (log.with_name("sensors.yaml"), log.with_name(f"{log.stem}_sensors.yaml")):
+        if request.sensors is None and file.is_file():
+            yield f"{file} lies beside the log, and is not used: give --sensors {file}"
 
 
 def converge(evidence: Evidence, progress: Callable[[str], None] = lambda step: None) -> History:

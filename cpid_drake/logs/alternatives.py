@@ -25,6 +25,7 @@ UNEXPLAINED_DISTANCE = 0.05
 
 _LENGTHS, _SPEEDS = ("m", "mm", "cm", "in", "ft"), ("m/s", "mm/s", "cm/s", "in/s", "ft/s")
 _ANGLES, _TURNS = ("rad", "deg"), ("rad/s", "deg/s", "rpm")
+_ALL_JOINTS, _ALL_WHEELS = "all turning joints", "all wheels"
 
 Array = NDArray[np.float64]
 
@@ -127,37 +128,38 @@ def _joints(
     if tree is not None:
         rotors[:] = [tree.is_rotor(k) for k in range(count)]
         sliding[[body.joint for body in tree.bodies if body.joint >= 0 and body.prismatic]] = True
-    groups = [("<joint>", ~sliding), ("<wheel>", rotors)]
+    groups = [(_ALL_JOINTS, ~sliding), (_ALL_WHEELS, rotors)]
     groups += [(name, np.arange(count) == k) for k, name in enumerate(names)]
     for label, chosen in groups:
         if not chosen.any():
             continue
-        which = np.flatnonzero(chosen)
+        which, many = np.flatnonzero(chosen), f" of {label}"
+        q, qd = (f"{word}:{label}" if label in names else word + many for word in ("q", "qd"))
         first, slides = names[which[0]], bool(sliding[which[0]])
-        keys = ["unit"] if label == "<joint>" else [f"units.{names[k]}" for k in which]
+        keys = ["unit"] if label == _ALL_JOINTS else [f"units.{names[k]}" for k in which]
         now = at.units.get(first, "m" if slides else at.unit)
         rate_now = rate_at.units.get(first, "m/s" if slides else rate_at.unit)
         for unit in _LENGTHS if slides else _ANGLES:
             scaled = partial(np.multiply, np.where(chosen, scale_of(unit) / scale_of(now), 1.0))
             entries = {f"joint_positions.{key}": unit for key in keys}
-            if unit != now and label != "<wheel>":  # the angle of a wheel has no effect
-                yield f"q:{label} is in {_word(unit)}", given.changed(encoders=scaled), entries
+            if unit != now and label != _ALL_WHEELS:  # the angle of a wheel has no effect
+                yield f"{q} is in {_word(unit)}", given.changed(encoders=scaled), entries
                 entries = {**entries, **{f"joint_rates.{key}": f"{unit}/s" for key in keys}}
                 both = given.changed(encoders=scaled, joint_rates=scaled)
                 if has_rates:
-                    yield f"q:{label} and qd:{label} are in {_word(unit)}", both, entries
+                    yield f"{q} and {qd} are in {_word(unit)}", both, entries
         for unit in (_SPEEDS if slides else _TURNS) if has_rates else ():
             size = np.where(chosen, scale_of(unit) / scale_of(rate_now), 1.0)
             entries = {f"joint_rates.{key}": unit for key in keys}
             log = given.changed(joint_rates=partial(np.multiply, size))
             if unit != rate_now:
-                yield f"qd:{label} is in {_word(unit)}", log, entries
+                yield f"{qd} is in {_word(unit)}", log, entries
         signs = partial(np.multiply, np.where(chosen, -1.0, 1.0))
         if has_rates:
-            text = f"qd:{label} is the rate of q:{label} with the opposite sign"
+            text = f"{qd} is the rate of {q} with the opposite sign"
             yield text, given.changed(joint_rates=signs), {}
         if label in names and not rotors[which[0]]:
-            text = f"q:{label} has the opposite sign of the model's joint"
+            text = f"{q} has the opposite sign of the model's joint"
             yield (
                 text,
                 given.changed(encoders=signs, joint_rates=signs),

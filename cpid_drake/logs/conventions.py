@@ -6,7 +6,7 @@ comparisons of `logs.score`. The right convention leaves noise, all others leave
 of any size (delays, scales, zeros, masses) are no conventions: a fit compares them by evidence.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +14,7 @@ import numpy as np
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.files.errors import listed
 from cpid_drake.logs.alternatives import Alternative, alternatives
+from cpid_drake.logs.channels import PAIRS
 from cpid_drake.logs.clock import clock_factor, with_delay
 from cpid_drake.logs.column_map import ColumnMap
 from cpid_drake.logs.log import Log
@@ -25,6 +26,7 @@ from cpid_drake.logs.score import (
     compare_rates,
     instants_of,
 )
+from cpid_drake.sensors.sensors import SENSORS
 
 EXPLAINS = 0.05
 """Largest residual of the momentum that a right convention leaves; smoothing leaves less."""
@@ -51,7 +53,8 @@ class Findings:
         clock: true time divided by logged time, if it is not one.
         better: alternatives that explain the log clearly better than the conventions it is read in.
         unchecked: what could not be compared, each with the reason.
-        not_compared: positions and rates that the log has, but that show no motion to compare.
+        not_compared: positions and rates that the log has, but that show no motion to compare, or
+            that are alone, and the momentum does not explain them.
 
     """
 
@@ -60,6 +63,11 @@ class Findings:
     better: tuple[Alternative, ...] = ()
     unchecked: tuple[str, ...] = ()
     not_compared: tuple[str, ...] = ()
+
+    @property
+    def has_momentum(self) -> bool:
+        """Whether the momentum explains the motion, or cannot be compared."""
+        return all(c.residual <= EXPLAINS for c in self.comparisons if c.name == MOMENTUM)
 
     @property
     def sentence(self) -> str:
@@ -108,8 +116,8 @@ def check_conventions(
         log: screened samples, joints in the spacecraft's order.
         tree: the spacecraft model; None to compare positions with rates only.
         by_momentum: whether to look for another convention in any case, of which the momentum may
-            decide; else only if rates contradict positions. A fit of the log says better whether
-            the momentum is conserved, with noise, forces and errors.
+            decide; else only if rates contradict positions. An estimate from the log says better
+            whether the momentum is conserved, with noise, forces and errors.
 
     """
     given = instants_of(log)
@@ -137,6 +145,8 @@ def check_conventions(
     if not better and clock is None:
         found = [with_delay(each, given.time) for each in found]
     unmoved = _not_compared(log, {each.name for each in found})
+    if momentum is None or momentum in failed:
+        unmoved = (*unmoved, *_alone(log))
     return Findings(tuple(found), clock, tuple(better), tuple(unchecked), unmoved)
 
 
@@ -152,6 +162,17 @@ def _not_compared(log: Log, compared: Collection[str]) -> tuple[str, ...]:
     if not absent:
         return ()
     return (f"{listed(absent)} with measured rates (no motion, or one side does not show it)",)
+
+
+def _alone(log: Log) -> Iterator[str]:
+    """Yield the conventions that stay open because a log has no other side to compare with."""
+    for rate, position in PAIRS.items():
+        open_of = "order and direction" if position == "attitude" else "unit"
+        for name, other, what in ((rate, position, "unit"), (position, rate, open_of)):
+            # The unit of a position is open in any case without the momentum.
+            if len(log[name]) and not len(log[other]) and name != "position":
+                label, wanted = SENSORS[name].quantity, SENSORS[other].quantity
+                yield f"{what} of the {label} (no {wanted} to compare with)"
 
 
 def better_conventions(

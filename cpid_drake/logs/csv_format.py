@@ -1,8 +1,9 @@
 """Logs in text files: a header, then one line per time; absent samples are empty cells.
 
-Commas separate the cells, or semicolons, tabs or blanks, as in the first line. The names may stand
-in a comment above the numbers, as NumPy writes them, and a line of units may follow them. Without a
-header, the columns are named 1, 2, 3, …. Headers of Vicon's and Motive's exports are read, too.
+Commas separate the cells, or semicolons, tabs or blanks, as in the first line. With semicolons and
+tabs, decimals may have commas. The names may stand in a comment above the numbers, as NumPy writes
+them, and a line of units may follow them. Without a header, the columns are named 1, 2, 3, ….
+Headers of Vicon's and Motive's exports are read, too.
 """
 
 import csv
@@ -53,6 +54,8 @@ def read_csv(file: Path, where: str) -> LogTable:
     texts: dict[str, dict[int, str]] = {}
     count = 0
     lines = (line for line in lines if not line[1].startswith("#"))
+    if separator not in (",", None):
+        lines = _with_points(lines)
     while block := list(islice(lines, _BLOCK)):
         values = _plain(block, len(header), separator)
         if values is not None:
@@ -136,7 +139,7 @@ def _header(lines: Lines, where: str) -> tuple[str, list[str], str | None, Lines
         raise InputError(f"{where}: the file is empty")
     if "\0" in line:
         raise InputError(f"{where}: not a CSV file: line {number} holds binary data")
-    separator = next((s for s in ",;\t" if s in line), None)
+    separator = next((s for s in ";\t," if s in line), None)  # decimals may have commas
     if separator is None and " " not in line.strip():
         separator = ","
     try:
@@ -160,6 +163,21 @@ def _header(lines: Lines, where: str) -> tuple[str, list[str], str | None, Lines
     while len(names) > 1 and not names[-1]:
         names.pop()
     return f"line {number}", names, separator, lines
+
+
+def _with_points(lines: Lines) -> Lines:
+    """Return lines with decimal points instead of commas, if commas can be nothing else.
+
+    Three digits behind a comma may be thousands; so lines with other numbers of digits must be
+    there, and none with a point.
+    """
+    first = list(islice(lines, _BLOCK))
+    text = "\n".join(line for _, line in first)
+    behind = {len(digits) for digits in re.findall(r"\d,(\d+)", text)}
+    lines = chain(first, lines)
+    if not behind - {3} or "." in text:
+        return lines
+    return ((number, line.replace(",", ".")) for number, line in lines)
 
 
 def _vicon_names(lines: Lines) -> list[str]:

@@ -84,7 +84,7 @@ class Planner:
         options: the choices of the user.
         prior: what is known about the target.
         best: the best plan so far, also after an interrupt.
-        notes: what is not checked, in words.
+        notes: what is not used or not checked, in words.
 
     Raises:
         InputError: a choice is not possible, or the limits leave no room for a motion.
@@ -102,6 +102,11 @@ class Planner:
         self.spacecraft = self.scenario.spacecraft.make()
         self.own_motion: JointMotion = self.scenario.make_joint_motion(self.spacecraft)
         self.setting = MotionSetting.of(self.scenario, self.spacecraft, self.suite)
+        if self.prior is None:
+            self.notes.append(
+                "the mass properties of the scenario's target are not used, but those of plausible "
+                "targets of the spacecraft's size; --prior says what is known"
+            )
 
     @cached_property
     def family(self) -> MotionFamily:

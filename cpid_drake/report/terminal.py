@@ -1,7 +1,11 @@
-"""Tables of a page on the terminal."""
+"""What is shown on a terminal: tables of a page, and what is renewed."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
+from rich.live import Live
 from rich.table import Table as Drawn
 
 from cpid_drake.report.page import Report, Table
@@ -28,3 +32,12 @@ def print_table(table: Table) -> None:
     console.width = width
     if table.note:
         console.print(table.note)
+
+
+@contextmanager
+def shown_live(console: Console) -> Iterator[Live]:
+    """Provide what is shown on a console and renewed; its last line ends in files, too."""
+    with Live(console=console, refresh_per_second=8) as screen:
+        yield screen
+    if not console.is_terminal:  # where Rich prints the last state without its end
+        console.print()

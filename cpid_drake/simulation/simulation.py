@@ -78,6 +78,17 @@ class Simulation:
     sensors: SpacecraftSensors | None = None
     sensor_logs: dict[str, VectorLogSink] = field(default_factory=dict)
 
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """What of the joint motion the simulation leaves out, in words."""
+        motion, end = self.joint_motion.duration, self.scenario.simulation.duration
+        if motion <= end:
+            return ()
+        return (
+            f"the joint motion takes {motion:g} s, and simulation.duration is {end:g} s: the last "
+            f"{motion - end:g} s of the motion are left out",
+        )
+
     def make_simulator(self) -> Simulator:
         """Return an initialized Simulator at t = 0, with the scenario's motion and momentum."""
         simulator = Simulator(self.diagram)

@@ -76,8 +76,8 @@ class Link:
 
 
 def export_target(
-    parameters: InertialParameters,
     path: str | Path,
+    parameters: InertialParameters,
     *,
     format: str,
     spacecraft: Spacecraft | None = None,
@@ -90,8 +90,8 @@ def export_target(
     therefore written with principal moments larger by 1e-13 of their sum, which readers accept.
 
     Args:
-        parameters: physically consistent inertial parameters.
         path: the file to write, in a folder that exists.
+        parameters: physically consistent inertial parameters.
         format: "urdf", "sdf" or "mjcf", or "drake-yaml" for Drake model directives. Directives
             contain absolute paths; they add the target's URDF, which is written beside them.
         spacecraft: if given, the file contains it with the target fixed on C. Directives add the

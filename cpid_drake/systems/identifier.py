@@ -153,7 +153,7 @@ class MomentumIdentifier(Identifier):
       `identification(context)`.
 
     `identification(context)` returns all these quantities; the method `explain()` of its result
-    describes in words which parameters are not determined.
+    describes in words which parameters are not identifiable.
 
     Args:
         spacecraft: the spacecraft model.

@@ -87,8 +87,8 @@ def scene_html(
 
 
 def keep_scene(
-    meshcat: Meshcat,
     path: str | Path,
+    meshcat: Meshcat,
     steps: Sequence[tuple[float, str]] = (),
     *,
     wait: bool = False,
@@ -96,8 +96,8 @@ def keep_scene(
     """Publish the recording, write it as a page, and print the page's name.
 
     Args:
-        meshcat: the scene, which has been recording.
         path: the page, one HTML file that plays offline; its name is its title.
+        meshcat: the scene, which has been recording.
         steps: texts, see `scene_html`; without any, the page has no legend either.
         wait: keep the live page open until Enter or Ctrl-C.
 

@@ -151,7 +151,7 @@ class SceneVisualizer(SpacecraftSystem):
 
     def keep(self, path: str | Path, *, wait: bool = False) -> None:
         """Write the recorded scene as a page, and print its name; see `scene_page.keep_scene`."""
-        keep_scene(self._meshcat, path, self._texts, wait=wait)
+        keep_scene(path, self._meshcat, self._texts, wait=wait)
 
     def _show_numbers(self, context: Context) -> None:
         """Show the estimate in Meshcat's controls, and remember it for the page."""

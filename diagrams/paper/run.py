@@ -61,7 +61,7 @@ def run(scenario: str, out: Path, *, force: bool = False, quiet: bool = False) -
 
 
 def main() -> None:
-    """Read the command line; an error is one line, and exits with code 2."""
+    """Read the command line; an error or Ctrl-C is one line; code 2 or 130."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, required=True, help="folder to write")
     parser.add_argument("--scenario", default="paper", help="a scenario file, or a shipped one")
@@ -73,6 +73,8 @@ def main() -> None:
         run(args.scenario, args.out, force=args.force, quiet=args.quiet)
     except InputError as error:
         parser.exit(2, f"{parser.prog}: error: {error}\n")
+    except KeyboardInterrupt:
+        parser.exit(130, f"{parser.prog}: interrupted\n")
 
 
 if __name__ == "__main__":

@@ -244,7 +244,7 @@ def _worker(
             assert each.estimate is not None
             try:
                 error = rows.worst_error(each.estimate(trial), truth.case.truth.to_vector())
-                problem = "" if np.isfinite(error) else "some parameters are not determined"
+                problem = "" if np.isfinite(error) else "some parameters are not identifiable"
             except (InputError, np.linalg.LinAlgError) as raised:
                 problem = str(raised)
             seconds = perf_counter() - start

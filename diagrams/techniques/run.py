@@ -77,7 +77,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def main() -> None:
-    """Read the command line; an error is one line, and exits with code 2."""
+    """Read the command line; an error or Ctrl-C is one line; code 2 or 130."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     several = ", ".join(SCENARIOS)
     parser.add_argument("scenario", nargs="?", help=f"a scenario; default: {several}")
@@ -97,6 +97,8 @@ def main() -> None:
         run(args)
     except InputError as error:
         parser.exit(2, f"{parser.prog}: error: {error}\n")
+    except KeyboardInterrupt:
+        parser.exit(130, f"{parser.prog}: interrupted\n")
 
 
 if __name__ == "__main__":

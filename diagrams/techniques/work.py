@@ -3,7 +3,7 @@
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from typing import Any, TypeVar
 
 from threadpoolctl import threadpool_limits
@@ -36,10 +36,14 @@ def shared_work(
             yield from map(prepare(inputs), tasks)
         return
     with ProcessPoolExecutor(jobs, get_context("spawn"), _start, (prepare, inputs)) as pool:
+        handler = signal.signal(signal.SIGINT, signal.SIG_IGN)  # the processes inherit it
+        results = [pool.submit(_work, task) for task in tasks]
+        signal.signal(signal.SIGINT, handler)
         try:
-            yield from pool.map(_work, tasks)
+            yield from (each.result() for each in results)
         except BaseException:  # also where the caller stops early, or an interrupt
-            pool.shutdown(wait=False, cancel_futures=True)
+            for process in active_children():
+                process.terminate()
             raise
 
 
@@ -48,7 +52,6 @@ _function: Callable[[Any], Any] | None = None
 
 def _start(prepare: Callable[[Any], Callable[[Any], Any]], inputs: Any) -> None:
     global _function
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # an interrupt ends this process without a word
     threadpool_limits(1, "blas")
     _function = prepare(inputs)
 

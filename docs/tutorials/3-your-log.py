@@ -126,5 +126,5 @@ target = found.consistent
 plant = spacecraft.make_simulation_plant(target)
 print(f"together {plant.CalcTotalMass(plant.CreateDefaultContext()):.2f} kg")
 
-cpid.export_target(target, folder / "bag.urdf", format="urdf")
+cpid.export_target(folder / "bag.urdf", target, format="urdf")
 print((folder / "bag.urdf").read_text(encoding="utf-8"))

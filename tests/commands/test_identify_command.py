@@ -86,6 +86,20 @@ def test_a_printed_result_is_what_the_command_prints(cpid):
     assert f"{read_result('found.json')}\n" == stderr + stdout
 
 
+def test_sensors_beside_a_log_are_said_not_to_be_used(cpid):
+    """Those of a run of `cpid simulate` are sensors.yaml; another log has its name before."""
+    Path("run").mkdir()
+    Path("run/telemetry.csv").write_bytes(SAMPLE.read_bytes())
+    given = ("run/telemetry.csv", "--scenario", "free_flyer_payload", "--to", "2", "--quiet")
+    said = "lies beside the log, and is not used: give --sensors"
+    assert said not in cpid("identify", *given)[2]
+    for name in ("sensors.yaml", "telemetry_sensors.yaml"):
+        Path(f"run/{name}").write_text(dump_yaml(load_sensors("testbed")))
+        assert f"warning: run/{name} {said} run/{name}\n" in cpid("identify", *given)[2]
+        assert said not in cpid("identify", *given, "--sensors", f"run/{name}")[2]
+        Path(f"run/{name}").unlink()
+
+
 class TestScenario:
     """--scenario says of the spacecraft what single options say, and they override it."""
 

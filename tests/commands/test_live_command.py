@@ -26,6 +26,7 @@ def test_it_ends_with_the_answer_of_identify(cpid):
     other, *_ = mass(whole)
     assert abs(estimate - other) < 0.1 * (high - low) / 4
     assert "4004 samples, 0 rejected" in said
+    assert re.search(r" s late\n", said)  # what follows begins a line
     assert "recursive_fit" in live
 
 

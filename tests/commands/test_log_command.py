@@ -69,6 +69,22 @@ def test_a_log_of_ros_is_mapped_checked_converted_and_identified(cpid):
     np.testing.assert_allclose(again.parameters, found.parameters, rtol=1e-4, atol=1e-6)
 
 
+def test_what_is_wrong_with_a_map_is_written_into_its_file(cpid):
+    """Of a joint that turns the other way round than the model's."""
+    log = read_log(SAMPLE)
+    log.encoders.value[:, 3] *= -1
+    write_log("turned.csv", log)
+    code, _, stderr = cpid("log", "map", "turned.csv", *CRAFT, "--out", "map.yaml")
+    assert code == 4
+    text = " ".join(Path("map.yaml").read_text().replace("#", "").split())
+    assert "does not agree with this map: q:arm_joint4 has the opposite sign" in text
+    assert "(reversed_joints: [arm_joint4] in a map of columns)" in text
+    assert "unit: deg" not in text  # 7 % of the motion would be left
+    assert "may be in rad or deg" in stderr
+    assert cpid("log", "map", SAMPLE, *CRAFT, "--out", "right.yaml")[0] == 0
+    assert "does not agree" not in Path("right.yaml").read_text()
+
+
 def test_a_log_of_vicon_with_a_marker_off_the_origin_gives_the_target(cpid, vicon):
     """Of noise of 0.1 mm and 0.002°; the marker's place is rounded to 0.1 mm.
 
@@ -138,7 +154,7 @@ class TestCheck:
         assert code == 0
         assert "warning: changes of attitude and angular velocity differ by" in stdout
         assert "no problems found" not in stdout
-        assert stdout.splitlines()[-1] == "no errors; warnings: 1, not checked: 1"
+        assert stdout.splitlines()[-1] == "no errors; warnings: 1, not checked: 2"
 
     def test_unusable_samples_are_a_warning(self, cpid):
         """Of a position without its x."""
@@ -166,7 +182,7 @@ class TestCheck:
     def test_without_a_spacecraft_not_all_is_checked(self, cpid):
         code, stdout, _ = cpid("log", "check", SAMPLE)
         assert code == 0
-        assert stdout.splitlines()[-1] == "no errors; warnings: 0, not checked: 1"
+        assert stdout.splitlines()[-1] == "no errors; warnings: 0, not checked: 2"
 
     def test_every_problem_is_listed_with_its_line(self, cpid):
         lines = SAMPLE.read_text().splitlines()[:20]
@@ -189,7 +205,10 @@ class TestCheck:
         assert "not checked: units of position, its point, signs of joints (needs --sp" in stdout
 
     def test_positions_in_millimetres_are_named(self, cpid):
-        """Relative rows do not use positions: their answer is right, with a warning."""
+        """Relative rows do not use positions: their answer is right, with a warning.
+
+        A fit uses them, and asks first for what the log's channels are.
+        """
         log = read_log(SAMPLE)
         log.position.value[:] *= 1000
         write_log("mm.csv", log)
@@ -200,6 +219,8 @@ class TestCheck:
         code, stdout, stderr = cpid("identify", "mm.csv", *CRAFT, *rows)
         assert "momentum leaves 100% of the motion unexplained" in stderr
         assert (code, stdout) == cpid("identify", SAMPLE, *CRAFT, *rows)[:2]
-        assert cpid("identify", "mm.csv", *CRAFT)[0] == 4
+        code, stdout, _ = cpid("identify", "mm.csv", *CRAFT)
+        assert code == 4
+        assert stdout.startswith("failed check: most likely, the position is in millimetres")
         Path("map.yaml").write_text("position: {unit: mm}\n")
         assert cpid("log", "check", "mm.csv", *CRAFT, "--columns", "map.yaml")[0] == 0

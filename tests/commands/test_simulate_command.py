@@ -117,6 +117,17 @@ EXACT = (
 )
 
 
+def test_what_a_simulation_leaves_out_of_a_motion_is_said(short, cpid):
+    """It is no limit that is exceeded."""
+    code, _, stderr = cpid("simulate", short("cut.yaml"), "--check")
+    assert (
+        "warning: the joint motion takes 10 s, and simulation.duration is 3 s: the last 7 s"
+        in stderr
+    )
+    whole = short("whole.yaml", ("  duration: 3.0", "  duration: 10.0"))
+    assert (code, "left out" in cpid("simulate", whole, "--check")[2]) == (0, False)
+
+
 def test_an_input_is_not_overwritten(short, refusal, tmp_path):
     mine = tmp_path / "mine"
     mine.mkdir()

@@ -1,12 +1,15 @@
 """The scripts in diagrams/ run from anywhere, and fail in one line."""
 
+import os
 import re
+import signal
 import subprocess
+import time
 from functools import cache
 
 import matplotlib.image
 import pytest
-from processes import ROOT, finish, start
+from processes import HUNG, ROOT, finish, start
 
 FOLDER = ROOT / "diagrams"
 SCRIPTS = sorted(path.name for path in FOLDER.glob("*.py"))
@@ -69,6 +72,24 @@ def test_a_study_refuses_wrong_usage_in_one_line(tmp_path, study, arguments, cau
     assert cause in run.stderr.splitlines()[-1]
     assert "Traceback" not in run.stderr
     assert [each.name for each in tmp_path.iterdir()] == ["kept"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seconds", [5.0, 20.0])
+@pytest.mark.parametrize(("study", "jobs"), [("paper", []), ("techniques", ["--jobs", "2"])])
+def test_an_interrupt_ends_a_study_with_one_line(tmp_path, study, jobs, seconds):
+    """Also where its processes have just been started, and still import."""
+    process = start(
+        *(FOLDER / study / "run.py", "--out", "x", "--quiet", *jobs),
+        cwd=tmp_path,
+        start_new_session=True,
+        # A background job of a shell, which the tests may be, ignores Ctrl-C.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    time.sleep(seconds)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+    _, stderr = process.communicate(timeout=HUNG)
+    assert (process.returncode, stderr) == (130, "run.py: interrupted\n")
 
 
 @pytest.mark.slow

@@ -1,5 +1,6 @@
 """A spacecraft that is not exactly its model: the errors are as large as the covariance says."""
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -45,6 +46,20 @@ def test_bodies_with_errors_far_above_their_sigma_fail_a_check(craft, suite, ske
     small = BodyUncertainty(mass=0.001, com=0.00025, inertia=0.002)  # a twentieth
     found = identify(craft, samples, sensors=suite, known_bodies=small)
     assert "declared sizes" in [each.name for each in found.checks if not each.passed]
+
+
+@pytest.mark.parametrize("factor", [0.7, 1.5])
+def test_a_body_that_is_much_heavier_or_lighter_than_its_model_is_named(
+    craft, suite, skewed_target, factor
+):
+    base, *others = craft.tree.bodies
+    heavy = replace(base, mass=factor * base.mass, I_BBcm=factor * base.I_BBcm)
+    tree = replace(craft.tree, bodies=(heavy, *others))
+    samples = measured(craft, Sines.drawn(4, 101, 4.0, 0.6), skewed_target, suite, tree=tree)
+    found = identify(craft, samples, sensors=suite, known_bodies=UNCERTAINTY)
+    said = found.check("declared sizes").sentence
+    assert re.search(r"the (mass|inertia) of base(, \w\w)? differs from the model by", said)
+    assert (" by -" in said) == (factor < 1)
 
 
 @pytest.mark.slow

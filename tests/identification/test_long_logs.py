@@ -49,4 +49,4 @@ def test_the_part_in_which_the_arm_moves_is_checked(craft):
     rates = Samples(log.joint_rates.time, np.degrees(log.joint_rates.value))
     wrong = log.updated({"joint_rates": rates})
     found = check_log(craft, wrong)
-    assert any("qd:<joint> is in degrees" in failure for failure in found.failures)
+    assert any("qd of all turning joints is in degrees" in failure for failure in found.failures)

@@ -295,3 +295,31 @@ def test_an_error_on_a_table_whose_normal_is_no_axis_of_c_is_estimated(tmp_path,
     [effect] = [each for each in found.effects if each.name == "attitude.delay"]
     assert abs(effect.value[0] - true_value(true, 5, "attitude.delay")) < 4 * effect.sigma[0]
     assert abs(planar_errors(found)[0]) < 4  # the mass
+
+
+def test_a_sensor_of_the_log_that_the_suite_lacks_is_said_not_to_be_used(craft, log):
+    said = "the angular velocity of the log is not used: the sensors' file has no 'gyro:'"
+    measured_log, suite = log(), coarse_suite()
+    lacking = replace(suite, gyro=None)
+    found = identify(craft, measured_log, sensors=lacking)
+    assert sum(text.startswith(said) for text in found.warnings) == 1
+    for sensors, gyro in ((suite, slice(None)), (lacking, slice(0))):
+        given = measured_log.updated({"gyro": measured_log.gyro.where(gyro)})
+        warnings = identify(craft, given, sensors=sensors).warnings
+        assert not any("of the log is not used" in text for text in warnings)
+
+
+def test_a_target_that_the_base_holds_is_identified_with_a_warning(
+    tmp_path, craft, log, skewed_target
+):
+    """The base's reaction to its own joints shows it."""
+    small_craft(tmp_path)
+    held = Spacecraft(tmp_path / "craft.urdf", base="base", capture_frame="base")
+    sines, suite = Sines.drawn(4, seed=101, duration=10.0, size=0.6), coarse_suite()
+    noisy = add_noise(suite, measured(held, sines, skewed_target, suite), 4)
+    found = identify(held, noisy, sensors=suite)
+    assert any("the capture frame is fixed to the base" in text for text in found.warnings)
+    assert found["m"].is_known
+    assert abs(found["m"].value - skewed_target.mass) < 4 * np.sqrt(found.covariance[0, 0])
+    usual = identify(craft, log(), sensors=suite).warnings
+    assert not any("is fixed to the base" in text for text in usual)

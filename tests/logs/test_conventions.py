@@ -1,5 +1,6 @@
 """The convention is named that rates and the momentum ask for, and no other cause is."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +16,8 @@ from sensing_cases import (
     true_telemetry,
 )
 
-from cpid_drake import InputError, identify, load_scenario, shipped_scenario
+from cpid_drake import InputError, identify, load_scenario, read_log, shipped_scenario
+from cpid_drake.files.resources import models_directory
 from cpid_drake.logs.column_map import ColumnMap, TimeColumn
 from cpid_drake.logs.conventions import check_conventions
 from cpid_drake.logs.conversion import from_columns
@@ -94,11 +96,11 @@ SPOILED_STATES = {
     "velocity is in degrees per second": ("gyro", lambda c, m: m.gyro.value * DEGREES),
     "velocity is in rpm": ("gyro", lambda c, m: m.gyro.value * 30 / np.pi),
     "expressed in W's axes": ("gyro", lambda c, m: attitudes(m, "gyro").apply(m.gyro.value)),
-    "qd:<joint> is in degrees per second": (
+    "qd of all turning joints is in degrees per second": (
         "joint_rates",
         lambda c, m: m.joint_rates.value * turning(c, DEGREES),
     ),
-    "qd:<wheel> is in rpm": (
+    "qd of all wheels is in rpm": (
         "joint_rates",
         lambda c, m: m.joint_rates.value * wheels(c, 30 / np.pi),
     ),
@@ -166,7 +168,8 @@ def test_a_gyro_alone_is_enough_at_rest(craft, skewed_target):
     bad = changed("gyro", lambda m: m.gyro.value * DEGREES)(
         without(log, "attitude", "position", "velocity")
     )
-    assert "angular_velocity.unit: deg/s" in identify(craft, bad).failures[0]
+    with pytest.raises(InputError, match=r"\(angular_velocity.unit: deg/s in a map of columns\)"):
+        identify(craft, bad)
 
 
 def test_time_stamps_in_nanoseconds_are_refused_without_rates(craft, noisy):
@@ -341,13 +344,43 @@ def test_the_sign_of_a_joint_that_hardly_matters_is_named_in_an_exact_log_only(k
         assert (words in text) if is_named else (text == "")
 
 
-def test_a_wrong_unit_fails_a_check_and_is_no_refusal(craft, skewed_target):
+def test_a_wrong_unit_is_refused_before_anything_is_estimated(craft, skewed_target):
     motion = Sines.drawn(len(craft.joint_names), 11, TIMES[-1], 0.6)
     log = log_of(true_telemetry(craft.tree, craft.joint_names, motion, skewed_target, TIMES))
     bad = changed("position", lambda m: m.position.value * 1e3)(log)
-    found = identify(craft, bad, rows="standard")
-    assert any("in millimetres" in failure for failure in found.failures)
+    steps = []
+    with pytest.raises(InputError, match=r"^the position is in millimetres"):
+        identify(craft, bad, rows="standard", progress=steps.append)
+    assert steps == ["checking log"]
     assert not identify(craft, log, rows="standard").failures
+
+
+SAMPLE = read_log(models_directory() / "telemetry/free_flyer.csv")
+WRONG = {
+    "joint_positions.unit: deg": changed("encoders", lambda m: m.encoders.value * DEGREES),
+    "reversed_joints: [arm_joint4]": changed(
+        "encoders", lambda m: m.encoders.value * [1, 1, 1, -1]
+    ),
+    "attitude.order: xyzw": changed("attitude", lambda m: m.attitude.value[:, [1, 2, 3, 0]]),
+    "angular_velocity.unit: deg/s": changed("gyro", lambda m: m.gyro.value * DEGREES),
+}
+
+
+@pytest.mark.parametrize("remedy", WRONG)
+def test_a_log_that_shows_its_convention_is_refused_before_a_fit(remedy):
+    """By rates, or by the momentum, whose rows the noise of the sensors does not explain."""
+    craft, steps = load_scenario(shipped_scenario("free_flyer_payload")).spacecraft.make(), []
+    with pytest.raises(InputError, match=re.escape(remedy)):
+        identify(craft, WRONG[remedy](SAMPLE), progress=steps.append)
+    assert steps == ["checking log"]
+
+
+@pytest.mark.parametrize("end", [0.7, 1.0])
+def test_a_right_log_of_which_noise_is_half_the_motion_is_not_refused(end):
+    """Of a second of smooth motion, many conventions explain what the momentum does not."""
+    craft = load_scenario(shipped_scenario("free_flyer_payload")).spacecraft.make()
+    found = identify(craft, SAMPLE.between(0.0, end))
+    assert not any("map of columns" in failure for failure in found.failures)
 
 
 def test_gaps_are_not_bridged_and_the_part_that_moves_is_compared(craft, noisy):
@@ -397,3 +430,14 @@ def test_what_cannot_be_compared_is_said(craft, noisy):
     comparisons = check_conventions(noisy, craft.tree).comparisons
     assert {c.name for c in comparisons} == {"attitude", BY_MOMENTUM}
     assert all(c.residual < 0.05 for c in comparisons)
+
+
+def test_the_unit_of_a_gyro_without_attitude_is_said_to_be_open(craft, noisy):
+    """Unless the momentum tells it."""
+    alone = without(noisy, "attitude", "position")
+    said_open = "unit of the angular velocity (no attitude to compare with)"
+    assert said_open in check_conventions(alone, None).not_compared
+    assert said_open not in check_conventions(noisy, None).not_compared
+    assert check_conventions(noisy, craft.tree).not_compared == ()
+    turned = "order and direction of the attitude (no angular velocity to compare with)"
+    assert turned in check_conventions(without(noisy, "gyro"), None).not_compared

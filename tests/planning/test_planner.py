@@ -47,6 +47,13 @@ def parameters(planner, count, seed=3):
 # -- the criterion ---------------------------------------------------------------------------------
 
 
+def test_it_says_that_the_scenario_s_target_is_not_used(scenario):
+    said = "the mass properties of the scenario's target are not used"
+    assert any(said in note for note in Planner(scenario, FLIGHT, SMALL).notes)
+    prior = TargetPrior("it", scenario.target_truth().to_vector(), np.eye(10))
+    assert not any(said in note for note in Planner(scenario, FLIGHT, SMALL, prior).notes)
+
+
 def test_gradients_are_those_of_central_differences(planner):
     objective = replace(planner.objective, demanding=planner.checked_targets[:2])
     objective = objective.with_limits({"base attitude": 0.5, "base displacement": 0.1})

@@ -85,7 +85,7 @@ targets = pytest.mark.parametrize("target", TARGETS.values(), ids=TARGETS.keys()
 def test_mujoco_and_pinocchio_read_what_was_meant(target, read, tmp_path):
     format = "mjcf" if read is by_mujoco else "urdf"
     path = out_file(tmp_path, format)
-    export_target(target, path, format=format)
+    export_target(path, target, format=format)
     assert_same(read(path, "target"), target)
 
 
@@ -93,7 +93,7 @@ def test_mujoco_and_pinocchio_read_what_was_meant(target, read, tmp_path):
 @pytest.mark.parametrize("format", FORMATS)
 def test_drake_reads_what_was_meant(target, format, tmp_path):
     path = out_file(tmp_path, format)
-    exported = export_target(target, path, format=format)
+    exported = export_target(path, target, format=format)
     assert exported[0] == path
     assert sorted(exported) == sorted(tmp_path.iterdir())
     assert_same(by_drake(path, "target"), target)
@@ -183,7 +183,7 @@ def test_any_model_is_written_with_the_target_in_any_format(
 ):
     spacecraft = load(file, text, frame)
     path = out_file(tmp_path, format)
-    export_target(skewed_target, path, format=format, spacecraft=spacecraft)
+    export_target(path, skewed_target, format=format, spacecraft=spacecraft)
     assert_joined(path, spacecraft, skewed_target)
 
 
@@ -191,7 +191,7 @@ def test_any_model_is_written_with_the_target_in_any_format(
 def test_directives_add_the_target_to_any_model(load, file, text, frame, skewed_target, tmp_path):
     spacecraft = load(file, text, frame)
     path = out_file(tmp_path, "drake-yaml")
-    exported = export_target(skewed_target, path, format="drake-yaml", spacecraft=spacecraft)
+    exported = export_target(path, skewed_target, format="drake-yaml", spacecraft=spacecraft)
     assert exported == (path, tmp_path / "out_target.urdf")
     assert_joined(path, spacecraft, skewed_target)
 
@@ -201,12 +201,12 @@ def test_mujoco_and_pinocchio_find_the_target_at_its_place(load, skewed_target, 
     mujoco, pinocchio = pytest.importorskip("mujoco"), pytest.importorskip("pinocchio")
     by_urdf, mjcf = (load(*MODELS[name]) for name in ("urdf, a frame", "mjcf, an empty body"))
     path = out_file(tmp_path, "urdf")
-    export_target(skewed_target, path, format="urdf", spacecraft=by_urdf)
+    export_target(path, skewed_target, format="urdf", spacecraft=by_urdf)
     model = pinocchio.buildModelFromUrdf(str(path), pinocchio.JointModelFreeFlyer())
     com = pinocchio.centerOfMass(model, model.createData(), pinocchio.neutral(model))
     np.testing.assert_allclose(com, default_com(by_urdf, skewed_target), atol=1e-14)
     path = out_file(tmp_path, "mjcf")
-    export_target(skewed_target, path, format="mjcf", spacecraft=mjcf)
+    export_target(path, skewed_target, format="mjcf", spacecraft=mjcf)
     model = mujoco.MjModel.from_xml_path(str(path))
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -223,7 +223,7 @@ def test_the_exported_capture_is_identified_as_known(
 ):
     """Holding the exported target as part of itself, the spacecraft sees nothing more in it."""
     path = out_file(tmp_path, "urdf")
-    export_target(skewed_target, path, format="urdf", spacecraft=servicer)
+    export_target(path, skewed_target, format="urdf", spacecraft=servicer)
     joined = Spacecraft(path, base="bus", capture_frame="capture_point")
     telemetry = zero_momentum_motion(skewed_target, 20, 3)
     found = identify(servicer, telemetry, rows="standard").parameters
@@ -240,13 +240,13 @@ def test_a_name_that_is_taken_gets_a_number(load, skewed_target, tmp_path):
     spacecraft = load("mine.urdf", text, "hand")
     for format in ("urdf", "drake-yaml"):
         path = out_file(tmp_path, format)
-        export_target(skewed_target, path, format=format, spacecraft=spacecraft)
+        export_target(path, skewed_target, format=format, spacecraft=spacecraft)
         assert_joined(path, spacecraft, skewed_target, "target_3")
     for taken in ("base", "hand", "mine", "target_2"):
         with pytest.raises(InputError, match=f"'{taken}' is taken"):
             export_target(
-                skewed_target,
                 tmp_path / "b.urdf",
+                skewed_target,
                 format="urdf",
                 spacecraft=spacecraft,
                 name=taken,
@@ -263,7 +263,7 @@ def refusal(load, skewed_target, tmp_path):
     def export(file, format, target=skewed_target, **options) -> str:
         before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
         with pytest.raises(InputError) as caught:
-            export_target(target, tmp_path / file, format=format, **options)
+            export_target(tmp_path / file, target, format=format, **options)
         after = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
         assert after == before
         message = str(caught.value)

@@ -1,5 +1,7 @@
 """The shipped models: physically possible, as documented, and moved within their limits."""
 
+import re
+
 import numpy as np
 import pytest
 from pydrake.multibody.parsing import Parser
@@ -32,6 +34,17 @@ def strictly_loaded(path) -> MultibodyPlant:
 
 def bodies(plant) -> list:
     return [plant.get_body(BodyIndex(k)) for k in range(1, plant.num_bodies())]
+
+
+def test_the_joints_that_the_page_of_the_models_names_are_there():
+    page = (models_directory() / "README.md").read_text()
+    named = set(re.findall(r"`([^`]*(?:_joint|_spin)[^`]*)`", page))
+    there = {
+        plant.get_joint(k).name()
+        for plant in map(strictly_loaded, URDFS)
+        for k in plant.GetJointIndices()
+    }
+    assert {"capture_arm_joint1", "wheel4_spin"} <= named <= there
 
 
 @pytest.mark.parametrize("path", URDFS, ids=lambda path: path.stem)

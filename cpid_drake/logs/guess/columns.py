@@ -1,6 +1,6 @@
 """Chooses the columns of a log for each quantity by names and values."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from typing import Any, cast
 
 import numpy as np
@@ -8,7 +8,7 @@ import numpy as np
 from cpid_drake.files.errors import InputError
 from cpid_drake.logs.column_map import TimeUnit, scale_of
 from cpid_drake.logs.guess.guessed_map import GuessedMap
-from cpid_drake.logs.guess.joints import find_joint_units, find_joints
+from cpid_drake.logs.guess.joints import find_joint_units, find_joints, is_of_base
 from cpid_drake.logs.guess.names import (
     WORDS,
     Group,
@@ -141,14 +141,20 @@ def _find_attitude(guess: GuessedMap, free: list[str], axes: list[Group]) -> Non
         text = f"four columns {', '.join(given.columns)} of norm 1: a quaternion; {how}"
         guess.say("attitude", text)
         return
-    rolls = [
-        g for g in groups_by_angle(free) if not g.words & (WORDS["angular_velocity"] | _NO_VECTOR)
-    ]
+    rolls = _angles(guess, free)
     rotations = [g for g in axes if g.words & WORDS["rotation"]]
     rotations = [g for g in rotations if "w" not in g.members]
     if rolls:
-        given.columns = [rolls[0].members[key] for key in ("roll", "pitch", "yaw")]
+        group, *others = sorted(rolls, key=lambda g: _nearness(guess, g, ()), reverse=True)
+        if others and _nearness(guess, others[0], ()) == _nearness(guess, group, ()):
+            several = " or ".join(g.stem for g in (group, *others))
+            text = f"the attitude may be {several} for roll, pitch and yaw"
+            guess.leave_open(text)
+            return
+        given.columns = [group.members[key] for key in ("roll", "pitch", "yaw")]
         given.order, why = "roll_pitch_yaw", "the names say roll, pitch and yaw"
+        if others:
+            why += f", and the base (not used: {', '.join(g.stem for g in others)})"
     elif rotations:
         group = _nearest(guess, rotations, WORDS["attitude"])
         given.columns = [group.members[key] for key in "xyz"]
@@ -156,12 +162,36 @@ def _find_attitude(guess: GuessedMap, free: list[str], axes: list[Group]) -> Non
         why = "three columns of a rotation"
         guess.free.add("attitude.order")
     else:
-        guess.say("attitude", "no four columns have the norm 1, and none are named as angles")
+        _without_attitude(guess)
         return
     unit, size = unit_of(given.columns[0]), guess.largest(given.columns)
     given.unit = "deg" if unit == "deg" or (unit is None and size > 2 * np.pi) else "rad"
     named = "the name says so" if unit else f"the largest is {size:.4g}"
     guess.say("attitude", f"{', '.join(given.columns)}: {why}; in {given.unit}: {named}")
+
+
+def _angles(guess: GuessedMap, names: Iterable[str]) -> list[Group]:
+    """Return the groups of roll, pitch and yaw that may be those of the base."""
+    no_angle = WORDS["angular_velocity"] | _NO_VECTOR
+    return [group for group in groups_by_angle(names) if not group.words & no_angle]
+
+
+def _without_attitude(guess: GuessedMap) -> None:
+    """Leave the attitude open, also if angles that have the names of joints may be it."""
+    if guess.open_angles:
+        return
+    at = guess.column_map.joint_positions.columns
+    joints = {column: joint for joint, column in at.items()}
+    for group in _angles(guess, joints):
+        if not group.words or is_of_base(guess, group.words):
+            angles = {joints[column]: [column] for column in group.members.values()}
+            guess.leave_open_angles(angles)
+            guess.column_map.joint_positions.columns = {
+                joint: column for joint, column in at.items() if joint not in angles
+            }
+            return
+    guess.say("attitude", "no four columns have the norm 1, and none are named as its angles")
+    guess.missing.append("no columns are an attitude (attitude.columns)")
 
 
 def _find_vectors(guess: GuessedMap, free: list[str], axes: list[Group]) -> None:
@@ -180,7 +210,8 @@ def _find_vectors(guess: GuessedMap, free: list[str], axes: list[Group]) -> None
             guess.say(key, f"no {key.replace('_', ' ')}: no three columns have names for it")
             continue
         group, section = _nearest(guess, choices, words), getattr(guess.column_map, key)
-        section.columns = [name for axis, name in group.members.items() if axis != "w"]
+        ordered = sorted(group.members, key=lambda axis: (len(axis), axis))  # x, y, z or 9, 10, 11
+        section.columns = [group.members[axis] for axis in ordered if axis != "w"]
         if key == "angular_velocity":
             guess.column_map.angular_velocity.frame = "body"
         others = [g.stem for g in choices if g is not group]
@@ -215,8 +246,11 @@ def _find_thrust(guess: GuessedMap, axes: list[Group]) -> None:
 
 def _nearest(guess: GuessedMap, groups: list[Group], words: Collection[str]) -> Group:
     """Return the group of the base body, else the one whose name has most of the words."""
+    return max(groups, key=lambda group: _nearness(guess, group, words))
+
+
+def _nearness(guess: GuessedMap, group: Group, words: Collection[str]) -> tuple[int, int, int]:
+    """Return how much the name of a group is that of the base, and has of the words."""
     names = {guess.base.lower(), *words_of(guess.base)} - {""}
-    return max(
-        groups,
-        key=lambda g: (len(g.words & names), len(g.words & WORDS["base"]), len(g.words & {*words})),
-    )
+    own = group.words
+    return len(own & names), len(own & WORDS["base"]), len(own & {*words})

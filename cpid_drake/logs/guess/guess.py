@@ -13,8 +13,13 @@ import numpy as np
 from cpid_drake.files.errors import InputError, listed
 from cpid_drake.logs.alternatives import alternatives
 from cpid_drake.logs.column_map import ColumnMap, Order, with_entries
-from cpid_drake.logs.conventions import AGREES, DIFFERS, WORSE
-from cpid_drake.logs.conversion import read_columns
+from cpid_drake.logs.conventions import (
+    AGREES,
+    DIFFERS,
+    EXPLAINS,
+    WORSE,
+    check_conventions,
+)
 from cpid_drake.logs.guess.columns import find_columns
 from cpid_drake.logs.guess.guessed_map import GuessedMap
 from cpid_drake.logs.score import (
@@ -72,17 +77,18 @@ def guess_map(
     explained, given = _settle_conventions(guess), guess.column_map.attitude
     if "time.unit" in guess.free:
         guess.missing.append(f"the time may be in {' or '.join(guess.time_units)} (time.unit)")
-    if not given.columns:
-        guess.missing.append("no columns are an attitude (attitude.columns)")
-    elif "attitude.direction" in guess.free:
+    if given.columns and "attitude.direction" in guess.free:
         guess.missing.append(
             f"order and direction of the attitude are not determined: {given.order}, "
             f"{given.direction} are assumed ({explained}) (attitude.order, attitude.direction)"
         )
     if "joint_positions.unit" in guess.free:
         _assume_joint_unit(guess)
-    if unused := read_columns(guess.column_map, table, "the log").ignored:
+    if unused := guess.read(table).ignored:
         guess.say("ignore_columns", f"not used: {listed(unused, 20)}")
+    if given.columns and "time.unit" not in guess.free:
+        for wrong in check_conventions(guess.log, spacecraft.tree).failures:
+            guess.say("", f"The log does not agree with this map: {wrong}")
     return guess
 
 
@@ -122,7 +128,7 @@ def _settle_conventions(guess: GuessedMap) -> str:
         if name == MOMENTUM:
             explained = f"momentum leaves {min(residual, 1.0):.0%} of the base's motion unexplained"
             what = "the motion of the base and what conservation of momentum allows"
-        if residual <= DIFFERS:
+        if residual <= (EXPLAINS if name == MOMENTUM else DIFFERS):
             guess.column_map = chosen
             for key in sorted({_GYRO_AXES}.union(*groups) & guess.free):
                 value = _entry(chosen, key)

@@ -1,7 +1,7 @@
 """A guess at the map of a log's columns, in the making and at its end."""
 
 import textwrap
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import cast
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from cpid_drake.files.checked_yaml import dump_yaml
 from cpid_drake.logs.channels import look_at
 from cpid_drake.logs.column_map import ColumnMap, TimeUnit
-from cpid_drake.logs.conversion import read_columns
+from cpid_drake.logs.conversion import LogFile, read_columns
 from cpid_drake.logs.log import Log, Samples
 from cpid_drake.logs.screening import screen
 from cpid_drake.logs.table import LogTable
@@ -28,10 +28,12 @@ class GuessedMap:
         spacecraft: the spacecraft model.
         base: name of the base body.
         column_map: the map so far.
-        reasons: by key of the map, the reasons for its entries.
+        reasons: by key of the map, the reasons for its entries; by "", what is wrong in the whole.
         missing: what the map lacks or nothing in the log confirms, in words.
         free: keys of conventions about which names and values say nothing.
         time_units: the units of time that the steps allow, if there are several.
+        open_angles: by joint, columns that may be its positions, or an angle of the base; they are
+            not in the map.
 
     """
 
@@ -44,10 +46,27 @@ class GuessedMap:
     missing: list[str] = field(default_factory=list)
     free: set[str] = field(default_factory=set)
     time_units: tuple[TimeUnit, ...] = ()
+    open_angles: dict[str, list[str]] = field(default_factory=dict)
 
     def say(self, key: str, text: str) -> None:
         """Add a reason for an entry."""
         self.reasons.setdefault(key, []).append(text)
+
+    @property
+    def open_columns(self) -> list[str]:
+        """The columns of the open angles."""
+        return [column for columns in self.open_angles.values() for column in columns]
+
+    def leave_open(self, text: str, keys: str = "attitude.columns") -> None:
+        """Leave a choice of columns, of the attitude and of other keys, to the user."""
+        self.say("attitude", f"open: {text}")
+        self.missing.append(f"{text} ({keys})")
+
+    def leave_open_angles(self, angles: Mapping[str, list[str]]) -> None:
+        """Leave open whether columns are the positions of joints, or angles of the base."""
+        self.open_angles |= angles
+        text = f"{', '.join(self.open_columns)} may be the attitude, or the joints of these names"
+        self.leave_open(text, "attitude.columns, joint_positions.columns")
 
     def largest(self, columns: Iterable[str]) -> float:
         """Return the largest size of a number in columns."""
@@ -62,8 +81,7 @@ class GuessedMap:
     @property
     def log(self) -> Log:
         """The samples as read with the map, joints in the spacecraft's order, missing ones at 0."""
-        table = LogTable(dict(self.columns))
-        read = read_columns(self.column_map, table, "the log").log
+        read = self.read(LogTable(dict(self.columns))).log
         log, joints = screen(look_at(read, self.spacecraft).log).log, {}
         names = self.spacecraft.joint_names
         for name in ("encoders", "joint_rates"):
@@ -73,9 +91,18 @@ class GuessedMap:
             joints[name] = Samples(samples.time, np.reshape(value, (len(names), -1)).T)
         return replace(log.updated(joints), joint_names=names)
 
+    def read(self, table: LogTable) -> LogFile:
+        """Return a table as read with the map; joints that are open rest at 0."""
+        given, is_open = self.column_map, {*self.open_columns}
+        is_open |= {f"{word}:{joint}" for word in ("q", "qd") for joint in self.open_angles}
+        table = replace(table, columns={n: c for n, c in table.columns.items() if n not in is_open})
+        constant = dict.fromkeys(self.open_angles, 0.0)
+        resting = replace(given.joint_positions, constant=constant)
+        return read_columns(replace(given, joint_positions=resting), table, "the log")
+
     def text(self, heading: str = "") -> str:
         """Return the map as YAML text for `load_column_map`, its reasons as comments."""
-        lines = _comment(heading)
+        lines = [line for text in (heading, *self.reasons.get("", ())) for line in _comment(text)]
         for entry in fields(self.column_map):
             value = _without_defaults(getattr(self.column_map, entry.name))
             said = [line for text in self.reasons.get(entry.name, ()) for line in _comment(text)]

@@ -9,6 +9,7 @@ from cpid_drake.logs.guess.guessed_map import GuessedMap
 from cpid_drake.logs.guess.names import (
     WORDS,
     Group,
+    groups_by_angle,
     groups_by_number,
     letters_of,
     unit_of,
@@ -23,23 +24,32 @@ def find_joints(guess: GuessedMap) -> set[str]:
     craft, free = guess.spacecraft, [c for c in guess.columns if c != guess.column_map.time.column]
     names, used = craft.joint_names, set[str]()
     needed = [name for k, name in enumerate(names) if not craft.tree.is_rotor(k)]
-    positions, rates = dict[str, str](), dict[str, str]()
+    named, rated = dict[str, dict[str, str]](), dict[str, dict[str, str]]()
     for column in free:
         for joint in sorted(names, key=len, reverse=True):
-            if (rest := _rest(column, joint)) is not None:
+            if (stem := _stem(column, joint)) is not None:
                 used.add(column)
-                words = words_of(rest)
+                words = words_of(stem)
                 if not words & _OTHERS:
-                    (rates if words & WORDS["joint rate"] else positions).setdefault(joint, column)
+                    by_stem = rated if words & WORDS["joint rate"] else named
+                    by_stem.setdefault(stem, {}).setdefault(joint, column)
                 break
+    angles = [g for g in groups_by_angle(free) if not g.words & (_OTHERS | WORDS["joint rate"])]
+    positions, rates = _chosen(guess, named, angles), _chosen(guess, rated, [])
+    taken = {*positions.values(), *guess.open_columns}
+    of_base = [g for g in angles if not taken & {*g.members.values()}]
+    used -= {column for group in of_base for column in group.members.values()}
     if any(joint in positions for joint in needed):
         guess.say("joint_positions", "the columns have the names of the spacecraft's joints")
-    else:
+        for stem in (group.stem for group in of_base if group.stem in named):
+            text = f"not {', '.join(named[stem].values())}: less likely joints by their names"
+            guess.say("joint_positions", text)
+    elif not guess.open_angles:
         for found, is_rate in ((rates, True), (positions, False)):
             found.update(found or _numbered(guess, free, needed, is_rate))
         used |= {*positions.values(), *rates.values()}
     for joint in needed:
-        if joint not in positions:
+        if joint not in positions and joint not in guess.open_angles:
             raise InputError(
                 f"no column can be the position of joint '{joint}': none has its name, and there "
                 f"are no {len(needed)} numbered columns; the columns of numbers are "
@@ -59,8 +69,55 @@ def find_joints(guess: GuessedMap) -> set[str]:
     return used
 
 
-def _rest(column: str, joint: str) -> str | None:
-    """Return a column's name without the joint's name; None if it does not contain it."""
+def _chosen(
+    guess: GuessedMap, named: dict[str, dict[str, str]], angles: list[Group]
+) -> dict[str, str]:
+    """Return columns by joint: those of names alike in most joints, else the first.
+
+    Those that may as well be angles of the base are left open.
+
+    Args:
+        guess: the map.
+        named: by what is around the joint's name, columns by joint.
+        angles: roll, pitch and yaw of something.
+
+    """
+
+    def rank(stem: str) -> tuple[int, bool, bool, bool]:
+        """Return how well all columns of a form fit the joints."""
+        words = words_of(stem)
+        is_joint, is_own = bool(words & {"joint", "joints"}), stem in ("q:*", "qd:*")
+        others = {joint for each in named if each != stem for joint in named[each]}
+        # Bare names are alike without a meaning: only those count that others have, too.
+        count = len(named[stem].keys() & others) if stem == "*" else len(named[stem])
+        return count, is_own, is_joint, not is_of_base(guess, words)
+
+    found, is_open = dict[str, str](), dict[str, list[str]]()
+    angle_columns = {column for group in angles for column in group.members.values()}
+    stems = sorted(named, key=rank, reverse=True)  # equal ones stay in the order of the file
+    best = [stem for stem in stems if rank(stem) == rank(stems[0])]
+    for stem in stems:
+        for joint, column in named[stem].items():
+            is_sure = best == [stem] or column not in angle_columns
+            if joint in is_open and stem in best:
+                is_open[joint].append(column)
+            elif joint not in found and joint not in is_open:
+                if is_sure:
+                    found[joint] = column
+                else:
+                    is_open[joint] = [column]
+    if is_open:
+        guess.leave_open_angles(is_open)
+    return found
+
+
+def is_of_base(guess: GuessedMap, words: set[str]) -> bool:
+    """Return whether words in a name are about the base or its attitude."""
+    return bool(words & (WORDS["base"] | {guess.base.lower(), *words_of(guess.base)} - {""}))
+
+
+def _stem(column: str, joint: str) -> str | None:
+    """Return a column's name with * for the joint's name; None if it does not contain it."""
     wanted = letters_of(joint.rsplit("::", 1)[-1])
     places = [k for k, letter in enumerate(column) if letter.isascii() and letter.isalnum()]
     start = letters_of(column).find(wanted)
@@ -69,7 +126,7 @@ def _rest(column: str, joint: str) -> str | None:
     behind = column[places[start + len(wanted) - 1] + 1 :]
     if wanted[-1].isdigit() and behind[:1].isdigit():
         return None  # joint1 is not joint10
-    return f"{column[: places[start]]} {behind}"
+    return f"{column[: places[start]]}*{behind}"
 
 
 def _numbered(

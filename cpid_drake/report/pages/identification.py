@@ -29,13 +29,13 @@ from cpid_drake.report.sections.estimate import (
 
 
 def write_report(
-    evidence: Evidence, path: str | Path, progress: Progress = lambda step: None
+    path: str | Path, evidence: Evidence, progress: Progress = lambda step: None
 ) -> None:
     """Write the report of logs that have just been identified, one HTML page.
 
     Args:
-        evidence: what `identify_files` returned.
         path: the page.
+        evidence: what `identify_files` returned.
         progress: called before every step with a short description of it.
 
     Raises:

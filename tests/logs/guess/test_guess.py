@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from sensing_cases import (
     MOMENTUM,
     Sines,
@@ -13,9 +14,16 @@ from sensing_cases import (
     true_telemetry,
 )
 
-from cpid_drake import InertialParameters, InputError
+from cpid_drake import (
+    InertialParameters,
+    InputError,
+    Spacecraft,
+    load_scenario,
+    shipped_scenario,
+)
+from cpid_drake.files.resources import models_directory
 from cpid_drake.logs.column_map import load_column_map
-from cpid_drake.logs.files import table_of
+from cpid_drake.logs.files import read_table, table_of
 from cpid_drake.logs.guess.guess import guess_map
 from cpid_drake.logs.table import LogTable
 from cpid_drake.sensors.sensors import JointSensor, VectorSensor
@@ -211,3 +219,98 @@ def test_exchanged_axes_of_the_gyro_are_found_and_a_foreign_gyro_leaves_the_atti
     other = columns | {name: columns[name][::-1] for name in ("bwx", "bwy", "bwz")}
     missing = guess_map(LogTable(other), craft, "base").missing
     assert any("does not rotate at the angular velocity in any convention" in t for t in missing)
+
+
+@pytest.fixture(scope="module")
+def angular(tmp_path_factory):
+    """Return a craft whose joints are yaw, pitch, roll and wrist."""
+    text = (models_directory() / "free_flyer/free_flyer.urdf").read_text()
+    for k, name in enumerate(JOINTS, start=1):
+        text = text.replace(f'"arm_joint{k}"', f'"{name}"')
+    path = tmp_path_factory.mktemp("angular") / "craft.urdf"
+    path.write_text(text)
+    return Spacecraft(path, base="body", capture_frame="capture_point")
+
+
+JOINTS = ("yaw", "pitch", "roll", "wrist")
+
+
+def angle_columns(angles, joints, *, quaternion=False):
+    """Return the sample log with forms of names of the base's angles, and of the joints'."""
+    table = read_table(models_directory() / "telemetry/free_flyer.csv").columns
+    found = {name: table[name] for name in ("time", "x", "y", "z", "bwx", "bwy", "bwz")}
+    names = ("qw", "qx", "qy", "qz")
+    if quaternion:
+        found |= {name: table[name] for name in names}
+    if angles:
+        q = np.stack([table[name] for name in names], axis=1)
+        ypr = Rotation.from_quat(q, scalar_first=True).as_euler("ZYX").T
+        found |= {angles.replace("*", name): v for name, v in zip(JOINTS, ypr, strict=False)}
+    for k, name in enumerate(JOINTS[0 if joints else 3 :], start=1 if joints else 4):
+        found[(joints or "*").replace("*", name)] = table[f"q:arm_joint{k}"]
+    return found
+
+
+@pytest.mark.parametrize(
+    ("angles", "joints"),
+    [
+        ("*", "q:*"),
+        ("*", "joint_*"),
+        ("base_*", "arm_*"),
+        ("base_*", "*"),
+        ("pose.*", "arm.*.angle"),
+    ],
+)
+def test_angles_of_the_base_are_distinguished_from_joints_of_these_names(angular, angles, joints):
+    columns = angle_columns(angles, joints)
+    for given in (columns, dict([next(iter(columns.items())), *reversed(columns.items())])):
+        guess = guess_map(LogTable(given), angular, "body")
+        assert guess.missing == []
+        at, order = guess.column_map, ("roll", "pitch", "yaw")
+        assert at.attitude.columns == [angles.replace("*", name) for name in order]
+        assert at.position.columns == ["x", "y", "z"]
+        assert at.joint_positions.columns == {n: joints.replace("*", n) for n in JOINTS}
+
+
+def test_angles_beside_a_quaternion_are_those_of_the_joints(angular):
+    guess = guess_map(LogTable(angle_columns("", "*", quaternion=True)), angular, "body")
+    assert guess.missing == []
+    assert guess.column_map.attitude.columns == ["qw", "qx", "qy", "qz"]
+    assert guess.column_map.joint_positions.columns == {name: name for name in JOINTS}
+
+
+@pytest.mark.parametrize(
+    ("angles", "joints", "said"),
+    [
+        ("*", "", "yaw, pitch, roll may be the attitude, or the joints of these names"),
+        ("*", "arm_*", "yaw, arm_yaw, pitch, arm_pitch, roll, arm_roll may be the attitude, or"),
+    ],
+)
+def test_angles_that_may_be_the_base_s_or_joints_are_left_open(angular, angles, joints, said):
+    """In the draft and in what is missing, and nothing there says that there are none."""
+    columns = angle_columns(angles, joints)
+    columns["wrist"] = columns.pop("arm_wrist", columns.get("wrist"))
+    guess = guess_map(LogTable(columns), angular, "body")
+    assert guess.missing[0].startswith(said)
+    assert guess.missing[0].endswith("(attitude.columns, joint_positions.columns)")
+    assert not any("attitude" in text for text in guess.missing[1:])
+    assert guess.column_map.attitude.columns == []
+    assert guess.column_map.joint_positions.columns == {"wrist": "wrist"}
+    text = " ".join(guess.text().replace("#", "").split())
+    assert f"open: {said}" in text
+    assert "none are named as" not in text
+
+
+def test_two_triples_of_angles_leave_the_attitude_open_unless_one_is_the_base_s():
+    craft = load_scenario(shipped_scenario("free_flyer_payload")).spacecraft.make()
+    columns = angle_columns("s_*", "q:*")
+    columns |= {f"p_{name}": columns[f"q:{name}"] for name in JOINTS[:3]}
+    renamed = {f"q:{name}": f"q:arm_joint{k}" for k, name in enumerate(JOINTS, start=1)}
+    columns = {renamed.get(name, name): values for name, values in columns.items()}
+    guess = guess_map(LogTable(columns), craft, "body")
+    assert "the attitude may be s_* or p_* for roll, pitch and yaw" in guess.missing[0]
+    assert guess.column_map.attitude.columns == []
+    of_base = {name.replace("s_", "body "): values for name, values in columns.items()}
+    guess = guess_map(LogTable(of_base), craft, "body")
+    assert guess.missing == []
+    assert guess.column_map.attitude.columns == ["body roll", "body pitch", "body yaw"]
