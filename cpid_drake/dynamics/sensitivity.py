@@ -1,6 +1,6 @@
 """First-order effects of errors of joint motion and bodies on the base's motion.
 
-Joint positions and rates come from encoders; masses, centres of mass and inertias of the known
+Joint positions and rates come from encoders; masses, centres of mass and inertias of the
 bodies, and the geometry of the arm, come from drawings. This module computes, in closed form, the
 derivatives of the base's angular velocity and of the position of the system's centre of mass with
 respect to each of these quantities.

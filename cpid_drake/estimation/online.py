@@ -189,7 +189,7 @@ def _marginalized(state: OnlineState, count: int) -> OnlineState:
                 noise[name] = noise.get(name, 0.0) + sums
     about: Mapping[str, NDArray[np.float64]]
     about = {u.name: values[u.name] for u in model.table if u.scope != "log"}
-    if log.past and inertia_error(found) < WELL_KNOWN:  # what was told before is little
+    if log.past and inertia_error(found) < WELL_KNOWN:  # the past says little
         about = log.past.first
     past = Past(
         replace(known, rho2=0.0),
@@ -225,7 +225,7 @@ def inertia_error(found: Fit) -> float:
     """Return the relative error of the system's inertia about its centre of mass.
 
     It is the root mean square of Wᵀ δJ W, with J = W⁻ᵀW⁻¹, along the axes that can rotate. Errors
-    of the known bodies, which stay uncertain for ever, are not in it.
+    of the spacecraft's bodies, which stay uncertain for ever, are not in it.
     """
     exact = {BODIES: 0.0} if BODIES in found.gaussian.places else {}
     covariance = found.gaussian.condition(exact).marginal([PSI]).covariance()

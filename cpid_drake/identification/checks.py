@@ -25,7 +25,7 @@ AGREEMENT, CONVERGENCE, NEAREST = "agreement", "convergence", "distance of the n
 MOST_NOISE = 4.0
 """Ratio of the noise to the given one above which a check fails; hardware may have three times."""
 
-NOTICED_NOISE = 1.1
+SEEN = 1.1
 """Factor of the noise from which a warning says so."""
 
 MOST_OUTLIERS = 0.1
@@ -108,9 +108,7 @@ def fit_checks(
             "wheel, a flexible grasp or correlated noise, may look like changes"
         )
         # The size of a few residuals is as uncertain as their correlation.
-        larger = any(
-            noise.get(n, 1.0) > max(NOTICED_NOISE, 1 + test.band) for n, test in tests.items()
-        )
+        larger = any(noise.get(n, 1.0) > max(SEEN, 1 + test.band) for n, test in tests.items())
         coloured = any(t.lag_one > 0 and not t.is_white for t in (beside or {}).values())
         fails = changes > most or larger or coloured
         yield Check.of("changes of the momentum", sentence, changes, most, not fails)
@@ -213,7 +211,7 @@ def momentum_words(
 
 def noise_warnings(factors: Mapping[str, float]) -> tuple[str, ...]:
     """Return the warning about noise that is larger than declared; see `fit_checks`."""
-    seen = {name: factor for name, factor in factors.items() if factor > NOTICED_NOISE}
+    seen = {name: factor for name, factor in factors.items() if factor > SEEN}
     parts = [f"the {label_of(name)} {significant(factor)} times" for name, factor in seen.items()]
     if not parts:
         return ()

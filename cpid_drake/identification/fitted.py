@@ -133,7 +133,7 @@ def _separated(
 
 
 def _observed(found: Fit, beside: Mapping[str, Whiteness]) -> tuple[dict[str, Samples], Observed]:
-    """Return residuals by sensor (of log), and what they show."""
+    """Return residuals by sensor (of log), and what they tell."""
     series, counts = {}, {}
     for log, rolled in zip(found.logs, found.rolled, strict=True):
         for name in found.model.of_log(log.name).suite.present():

@@ -198,7 +198,8 @@ def identify(
 def _by_momentum(arguments: Arguments, log: CheckedLog) -> tuple[str, ...]:
     """Return the convention that the momentum shows, if noise does not explain the log as read.
 
-    In a short log many conventions explain a smooth motion; the misfit of rows knows the noise.
+    In a short log many conventions explain a smooth motion; the misfit of rows is relative to the
+    noise.
     """
     if log.conventions.has_momentum or arguments.spacecraft.tree.normal_B is not None:
         return ()

@@ -107,7 +107,7 @@ def look_at(log: Log, spacecraft: Spacecraft | None = None) -> Seen:
 
     Args:
         log: the samples as read; values need not be finite.
-        spacecraft: the known spacecraft, of which joints slide, and the angles of some have no
+        spacecraft: the spacecraft model, of which joints slide, and the angles of some have no
             effect; None if it is not known.
 
     Raises:

@@ -70,7 +70,7 @@ class ErrorKind:
         return self.file_scale or self.scale
 
     def plausible(self, tree: KinematicTree) -> float:
-        """Return the plausible σ for a craft with these known bodies, in the unit of the field."""
+        """Return the plausible σ for a craft with these bodies, in the unit of the field."""
         known = tree.at_rest
         radius = float(np.sqrt(np.trace(known.I_BBcm) / 2 / known.mass))
         size = (known.mass / MASS) ** self.by_mass * (radius / RADIUS) ** self.by_length
@@ -199,7 +199,8 @@ def with_plausible(
 
     Args:
         suite: the sensors.
-        tree: the known bodies, whose mass and size scale forces, lever arms and compliances.
+        tree: the bodies of the spacecraft, whose mass and size scale forces, lever arms and
+            compliances.
         has_thrust: whether thrusters fired.
 
     """
