@@ -3,7 +3,7 @@
 The public names, in order of their dependencies:
 
 - `InertialParameters`: mass, centre of mass and inertia in every representation;
-- `Spacecraft`: a model file as a known spacecraft with a base and a capture frame;
+- `Spacecraft`: a model file, with a base and a capture frame;
 - `Motion`: samples of base and joint motion;
 - `identify`: from `Motion` or `Log` to an `Identification`, by any estimator; it prints as a
   table, and each of its parameters is a `ParameterEstimate`;

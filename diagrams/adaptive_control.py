@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Use the estimate in the joint controller while the arms move: the tracking error vanishes.
 
-The controller starts with a model of the spacecraft alone. As soon as the identifier knows all ten
-parameters to 5 % and its checks pass, the controller uses the estimate; its feedback gains do not
+The controller starts with a model of the spacecraft alone. As soon as all ten parameters are
+identified to 5 % and the checks pass, the controller uses the estimate; its feedback gains do not
 change. The feedback
 reads the exact state; the sensors are for the identifier. Spacecraft, target and joint motion are
 those of the scenario exciting_motion, whose motion is made twice.
@@ -47,7 +47,7 @@ def simulate(scenario, source, seed):
     state = plant.get_state_output_port()
     desired_motion = builder.AddSystem(cpid.JointTrajectory(motion).source()).get_output_port()
 
-    # From here on nothing knows the target.
+    # From here on nothing has a model of the target.
     if source in (NONE, EXACT):
         identifier = cpid.MomentumIdentifier.AddToBuilder(
             builder, spacecraft, state=state, period=0.5, offset=0.5

@@ -28,7 +28,7 @@ def main() -> None:
     parser.add_argument("--sensors", default="testbed", help="preset or YAML file")
     args = parser.parse_args()
     try:
-        # The inputs: the known spacecraft, the log and the sensors.
+        # The inputs: the spacecraft model, the log and the sensors.
         spacecraft = Spacecraft(args.spacecraft, base=args.base, capture_frame=args.capture_frame)
         log, sensors = read_log(args.telemetry), load_sensors(args.sensors)
         found = identify(spacecraft, log, sensors=sensors)

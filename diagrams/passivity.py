@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Adaptive control finds the target while the arms move; then they move without turning the base.
+"""Adaptive control finds the target while the arms move; then they move and the base is still.
 
 First, `PassivityController` drives the joints along the motion of the scenario exciting_motion. It
 starts without any target, measures no acceleration and no force, and learns from its tracking
 error and, in the composite form, from momentum. Then both arms move in the null space of the
-coupling that a recursive estimate of the target tells, so that the base rests while it is
+coupling that follows from a recursive estimate of the target, so that the base rests while it is
 identified. Meshcat shows and records both.
 """
 
@@ -32,7 +32,7 @@ def adapt(spacecraft, target, motion, duration, is_composite, meshcat):
     state = plant.get_state_output_port()
     desired_motion = builder.AddSystem(cpid.JointTrajectory(motion).source()).get_output_port()
 
-    # From here on nothing knows the target.
+    # From here on nothing has a model of the target.
     controller = PassivityController(spacecraft, is_composite=is_composite).connected(
         builder,
         state=state,
@@ -99,12 +99,12 @@ def main() -> None:
             print(f"  {time:4.1f} s {worst_error(parameters, truth):10.1e}")
 
     joints, q = range(len(spacecraft.joint_names)), motion.evaluate(0.0)[0]
-    for is_free, word in ((True, "freely"), (False, "without turning the base")):
+    for is_free, word in ((True, "freely"), (False, "without rotation of the base")):
         found = reactionless_motion(
             spacecraft, target, joints, q, noise=(3e-6, 3e-5), duration=10.0, is_free=is_free
         )
-        error, turn = worst_error(found.parameters, truth), np.degrees(found.turn)
-        print(f"both arms, {word}: base turns by {turn:.3f}°, error {error:.1e}")
+        error, rotation = worst_error(found.parameters, truth), np.degrees(found.base_rotation)
+        print(f"both arms, {word}: base rotates by {rotation:.3f}°, error {error:.1e}")
     show(spacecraft, target, found, 50.0, meshcat, args.wait)
 
 

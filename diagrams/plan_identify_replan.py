@@ -6,7 +6,7 @@ the estimate back to the controller and to the planner. Nothing is known about t
 the first motion is planned for a range of targets, and the controller has one of them as its model.
 As long as the estimate is not as precise as asked, the next motion is planned with the estimate and
 its covariance. Then the joints make the transfer of the scenario with the estimate in the
-controller. The true target is drawn from the range; only the plant knows it.
+controller. The true target is drawn from the range; only the plant has it.
 """
 
 import argparse
@@ -74,7 +74,7 @@ class History:
 
 
 class Craft:
-    """The spacecraft with a target that only its plant knows, at rest after every motion."""
+    """The spacecraft with a target that only its plant has, at rest after every motion."""
 
     def __init__(
         self,
@@ -93,7 +93,7 @@ class Craft:
         self.source = builder.AddSystem(JointTrajectory(first).source())
         desired = self.source.get_output_port()
 
-        # From here on nothing knows the target.
+        # From here on nothing has a model of the target.
         sensors = SpacecraftSensors.AddToBuilder(
             builder, spacecraft, state=state, suite=suite, seed=seed
         )
@@ -181,8 +181,8 @@ def run(
         print(f"motion {count}: planned in {seconds:.1f} s, {said}", flush=True)
         if known <= precision and not found.failures:
             break
-        told = found.parameters, found.covariance, found.combinations
-        prior = None if found.failures else TargetPrior("estimate", *told)
+        numbers = found.parameters, found.covariance, found.combinations
+        prior = None if found.failures else TargetPrior("estimate", *numbers)
         planner = following(planner, prior)
     else:
         print(f"not as precise as asked after {MOST_MOTIONS} motions")

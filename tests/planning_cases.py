@@ -6,7 +6,7 @@ import numpy as np
 
 from cpid_drake import load_scenario, load_sensors, shipped_scenario
 from cpid_drake.dynamics.parameterizations import relative_parameterization
-from cpid_drake.planning.base_motion import BaseMotion, known_instants
+from cpid_drake.planning.base_motion import PlannedBaseMotion, known_instants
 from cpid_drake.planning.information import InformationModel
 from cpid_drake.planning.plan_options import PlanOptions
 from cpid_drake.planning.planner import Planner
@@ -31,14 +31,14 @@ class Planned:
         self.form = relative_parameterization(self.spacecraft.mass)
         self.psi = self.form.from_parameters(self.parameters)
 
-    def base(self, psi=None, motion=None) -> BaseMotion:
+    def base(self, psi=None, motion=None) -> PlannedBaseMotion:
         """Return the base's motion with a target of ψ."""
         motion = motion or self.motion
         times = np.linspace(0.0, motion.duration, int(NODE_RATE * motion.duration) + 1)
         samples = motion.evaluate(times)[:, None, :2]
         momentum = self.setting.momentum(self.truth, samples[0, 0, 0])
         known = known_instants(self.spacecraft.tree, samples)
-        return BaseMotion.of(times, known, momentum, self.psi if psi is None else psi)
+        return PlannedBaseMotion.of(times, known, momentum, self.psi if psi is None else psi)
 
     def sigma(self, suite=None, base=None) -> np.ndarray:
         """Return σ (10,) of π in closed form."""

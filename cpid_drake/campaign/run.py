@@ -15,7 +15,7 @@ from distributed import Client, LocalCluster, as_completed
 from distributed.scheduler import KilledWorker
 
 from cpid_drake.campaign import store
-from cpid_drake.campaign.schema import Plan, load_campaign
+from cpid_drake.campaign.schema import CampaignPlan, load_campaign
 from cpid_drake.campaign.trial import failed_rows, run_chunk, schema_of
 from cpid_drake.files.errors import InputError
 
@@ -61,7 +61,7 @@ class State:
 
 
 def run_campaign(
-    campaign: str | Path | Plan,
+    campaign: str | Path | CampaignPlan,
     folder: str | Path,
     *,
     resume: bool = False,
@@ -88,7 +88,7 @@ def run_campaign(
             scheduler cannot be reached, or was lost.
 
     """
-    plan = campaign if isinstance(campaign, Plan) else load_campaign(campaign)
+    plan = campaign if isinstance(campaign, CampaignPlan) else load_campaign(campaign)
     for name, value in (("chunk", chunk), ("workers", 1 if workers is None else workers)):
         if value < 1:
             raise InputError(f"{name} must be at least 1, not {value}")
@@ -122,7 +122,7 @@ def run_campaign(
 @contextmanager
 def _client(workers: int | None, scheduler: str | None) -> Iterator[Client]:
     """Yield a client of the given scheduler, or of a new one with worker processes here."""
-    for name in ("distributed", "distributed.client"):  # the folder tells what is lost
+    for name in ("distributed", "distributed.client"):  # the folder shows what is lost
         logging.getLogger(name).setLevel(logging.CRITICAL)
     if scheduler is not None:
         try:
@@ -147,7 +147,7 @@ def _client(workers: int | None, scheduler: str | None) -> Iterator[Client]:
 
 
 def _tables(
-    client: Client, plan: Plan, waiting: deque[Chunk]
+    client: Client, plan: CampaignPlan, waiting: deque[Chunk]
 ) -> Iterator[tuple[int, int, pa.Table]]:
     """Yield the rows of chunks as they are finished; none of those that the scheduler loses.
 

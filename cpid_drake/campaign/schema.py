@@ -114,7 +114,7 @@ class ModelErrors:
     """Errors of the model that have given values, besides those drawn from a σ.
 
     Attributes:
-        mass: relative error of the masses and inertias of all known bodies.
+        mass: relative error of the masses and inertias of all bodies of the spacecraft.
         grasp_mm, grasp_mrad: of the place and of the attitude of C on its body, in C.
         joint_zero_mrad: of all encoders' zeros [mrad or mm].
         delay_ms: by which sensors' stamps are late, by the names of the sensors.
@@ -141,7 +141,7 @@ class ModelErrors:
 
 @dataclass
 class Declared:
-    """What the estimators are told where it is not the truth; null for the truth.
+    """What is declared to the estimators where it is not the truth; null for the truth.
 
     `sensors` is a suite, named as in `SensorsConfig`; "none" for no suite. `momentum` is "zero",
     "unknown", or "known" for the true value; null for "unknown" if the momentum is not zero.
@@ -153,10 +153,10 @@ class Declared:
 
 
 @dataclass
-class Trial(Scenario):
+class TrialScenario(Scenario):
     """The scenario of one trial.
 
-    `tumble_C` is the angular velocity with which the target turned about its own centre of mass
+    `tumble_C` is the angular velocity with which the target rotated about its own centre of mass
     before the capture, in C [rad/s]; its angular momentum is added to that of
     `SimulationConfig.momentum_W`.
     """
@@ -203,8 +203,8 @@ class Campaign:
         repeated: share of the propagator's trials that Drake repeats, to compare.
         bounds: share of the trials whose Cramér-Rao bound is computed.
         estimators: of `cpid_drake.identification.estimators.methods`; all get the same samples.
-        fixed: keys of `Trial`, such as simulation.duration, and their values in all trials.
-        axes: keys of `Trial`, such as target.mass, and what varies.
+        fixed: keys of `TrialScenario`, such as simulation.duration, and their values in all trials.
+        axes: keys of `TrialScenario`, such as target.mass, and what varies.
         requirements: what is required of the mass, the centre of mass (`com`) and the inertia.
 
     """
@@ -226,7 +226,7 @@ class Campaign:
                 raise InputError(f"estimators: no '{name}'; {choose_from(name, [*methods()])}")
 
 
-class Plan:
+class CampaignPlan:
     """A campaign with its scenario, as one text that determines every trial.
 
     Args:
@@ -265,7 +265,7 @@ class Plan:
         drawn = {name: axis.draw(rng) for name, axis in self.campaign.axes.items()}
         return drawn | self.points[number // self.campaign.trials]
 
-    def trial(self, values: dict[str, Any]) -> Trial:
+    def trial(self, values: dict[str, Any]) -> TrialScenario:
         """Return the scenario of a trial with these values.
 
         Raises:
@@ -277,7 +277,7 @@ class Plan:
             _set(tree, key, value)
             if key.startswith("target.solid"):
                 tree["target"]["I_TTcm_C"] = None
-        trial = from_tree(Trial, tree, "trial", "a trial")
+        trial = from_tree(TrialScenario, tree, "trial", "a trial")
         resolve_files(trial, self._folder)
         if trial.declared.sensors not in (None, "none"):
             trial.declared.sensors = suite_from_folder(self._folder, trial.declared.sensors)
@@ -314,12 +314,12 @@ class Plan:
 
 
 @lru_cache(maxsize=4)
-def plan_of(text: str) -> Plan:
+def plan_of(text: str) -> CampaignPlan:
     """Return the plan of a text; each worker reads it once."""
-    return Plan(text)
+    return CampaignPlan(text)
 
 
-def load_campaign(path: str | Path) -> Plan:
+def load_campaign(path: str | Path) -> CampaignPlan:
     """Read a campaign from a YAML file, with the scenario that it names.
 
     Raises:
@@ -334,8 +334,8 @@ def load_campaign(path: str | Path) -> Plan:
         source = str(beside) if beside.is_file() else find_scenario(name)
     scenario = load_scenario(source)
     tree = parse_yaml(dump_yaml(scenario, MOTION_TAGS).encode(), name, MOTION_TAGS)
-    extra = {each.name for each in fields(Trial)} - {each.name for each in fields(Scenario)}
-    more = parse_yaml(dump_yaml(Trial(scenario.spacecraft, scenario.target)).encode(), name)
+    extra = {each.name for each in fields(TrialScenario)} - {each.name for each in fields(Scenario)}
+    more = parse_yaml(dump_yaml(TrialScenario(scenario.spacecraft, scenario.target)).encode(), name)
     assert isinstance(tree, dict)
     assert isinstance(more, dict)
     tree |= {each: more[each] for each in sorted(extra)}
@@ -347,7 +347,7 @@ def load_campaign(path: str | Path) -> Plan:
         "folder": str(file.parent),
         "files": named,
     }
-    plan = Plan(json.dumps(text, indent=1, sort_keys=False))
+    plan = CampaignPlan(json.dumps(text, indent=1, sort_keys=False))
     with prefix_errors(str(path)):
         plan.check()
     return plan

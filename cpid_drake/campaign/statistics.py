@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from scipy.special import betaincinv, chdtri
 
 from cpid_drake.campaign import store
-from cpid_drake.campaign.schema import Axis, Plan
+from cpid_drake.campaign.schema import Axis, CampaignPlan
 from cpid_drake.dynamics.parameterizations import SCALE_LENGTH, parameter_scale
 
 CONFIDENCE = 0.95
 """Probability with which a verdict on a requirement, and an interval of a share, is right."""
 
-WRONG = 1e-3
+WRONG_PROBABILITY = 1e-3
 """Probability of an error as large as it is, by the estimate's own covariance, below which the
 estimate is wrong: a failed check of such an estimate failed rightly."""
 
@@ -130,7 +130,7 @@ class Statistics:
 
     """
 
-    plan: Plan
+    plan: CampaignPlan
     by_point: dict[tuple[int, str], Tally] = field(default_factory=dict)
     by_axis: dict[tuple[str, str, str], Tally] = field(default_factory=dict)
     worst: dict[str, list[Worst]] = field(default_factory=dict)
@@ -210,7 +210,7 @@ def parts_of(axis: Axis) -> tuple[list[str], Callable[[Any], int]]:
     return names, place
 
 
-def add(tally: Tally, table: pa.Table, plan: Plan) -> None:
+def add(tally: Tally, table: pa.Table, plan: CampaignPlan) -> None:
     """Add the rows of one estimator to a tally."""
     good = table.filter(pc.is_null(table["error"]))
     tally.trials, tally.failed = tally.trials + len(table), tally.failed + len(table) - len(good)
@@ -235,7 +235,7 @@ def add(tally: Tally, table: pa.Table, plan: Plan) -> None:
     tally.scaled += float(np.nansum(largest(scaled) ** 2))
     nees = good["nees"].to_numpy()
     freedom = good["known"].to_numpy()
-    right = nees <= chdtri(freedom, WRONG)
+    right = nees <= chdtri(freedom, WRONG_PROBABILITY)
     tally.nees, tally.freedom = tally.nees + float(nees.sum()), tally.freedom + int(freedom.sum())
     tally.verdicts.update(zip(good["passed"].to_pylist(), right.tolist()))
     for names, is_right in zip(good["failed_checks"].to_pylist(), right.tolist()):
@@ -252,7 +252,7 @@ def required_errors(name: str, truth: Array, error: Array) -> Array:
     if name == "mass":
         return np.abs(error[:, 0]) / truth[:, 0]
     if name == "com":
-        return np.linalg.norm(error[:, 1:4], axis=1)
+        return np.asarray(np.linalg.norm(error[:, 1:4], axis=1))
     squares = np.array([1.0, 1, 1, 2, 2, 2])  # of Ixx, Iyy, Izz, Ixy, Ixz, Iyz in the norm
     return np.asarray(np.sqrt((error[:, 4:] ** 2 @ squares) / (truth[:, 4:] ** 2 @ squares)))
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from cpid_drake.campaign.schema import VERSION, Plan
+from cpid_drake.campaign.schema import VERSION, CampaignPlan
 from cpid_drake.files.drafts import write_errors, write_text
 from cpid_drake.files.errors import InputError
 from cpid_drake.files.resources import __version__
@@ -20,7 +20,7 @@ _NAME = re.compile(r"trials-(\d+)-(\d+)\.parquet")
 _DRAFT = ".trials-"
 
 
-def open_folder(folder: Path, plan: Plan, *, resume: bool) -> None:
+def open_folder(folder: Path, plan: CampaignPlan, *, resume: bool) -> None:
     """Prepare a folder for the trials of a campaign.
 
     Raises:
@@ -47,7 +47,7 @@ def open_folder(folder: Path, plan: Plan, *, resume: bool) -> None:
             draft.unlink()
 
 
-def plan_in(folder: Path) -> Plan:
+def plan_in(folder: Path) -> CampaignPlan:
     """Return the plan of the campaign in a folder.
 
     Raises:
@@ -55,14 +55,14 @@ def plan_in(folder: Path) -> Plan:
 
     """
     try:
-        return Plan((folder / PLAN).read_text(encoding="utf-8"))
+        return CampaignPlan((folder / PLAN).read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"{folder}: no folder of a campaign: {PLAN}: {error.strerror}") from error
     except (ValueError, KeyError) as error:
         raise InputError(f"{folder}: {PLAN} cannot be read: {error}") from error
 
 
-def write_chunk(folder: Path, plan: Plan, first: int, table: pa.Table, last: int) -> None:
+def write_chunk(folder: Path, plan: CampaignPlan, first: int, table: pa.Table, last: int) -> None:
     """Write the rows of trials first, …, last − 1 as one file, which is whole when it appears.
 
     Raises:
@@ -86,7 +86,7 @@ def write_chunk(folder: Path, plan: Plan, first: int, table: pa.Table, last: int
         os.close(place)
 
 
-def chunks(folder: Path, plan: Plan) -> dict[tuple[int, int], Path]:
+def chunks(folder: Path, plan: CampaignPlan) -> dict[tuple[int, int], Path]:
     """Return the files of a campaign by their first trial and the one after their last, in order.
 
     Raises:
@@ -108,7 +108,7 @@ def chunks(folder: Path, plan: Plan) -> dict[tuple[int, int], Path]:
     return found
 
 
-def missing(folder: Path, plan: Plan, size: int) -> list[tuple[int, int]]:
+def missing(folder: Path, plan: CampaignPlan, size: int) -> list[tuple[int, int]]:
     """Return the chunks of trials, of at most this size, that are not in a folder."""
     found, at = list[tuple[int, int]](), 0
     for first, last in [*chunks(folder, plan), (plan.total, plan.total)]:
@@ -118,7 +118,7 @@ def missing(folder: Path, plan: Plan, size: int) -> list[tuple[int, int]]:
     return found
 
 
-def read(folder: Path, plan: Plan) -> Iterator[pa.Table]:
+def read(folder: Path, plan: CampaignPlan) -> Iterator[pa.Table]:
     """Yield the rows of a campaign, one file after the other."""
     for path in chunks(folder, plan).values():
         yield pq.read_table(path)

@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from cpid_drake.campaign.schema import ModelErrors, Plan, Trial, plan_of
+from cpid_drake.campaign.schema import CampaignPlan, ModelErrors, TrialScenario, plan_of
 from cpid_drake.dynamics.kinematics import forward_kinematics
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.rotations import exponentials
@@ -40,7 +40,7 @@ from cpid_drake.simulation.trials import (
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 _BATCHED = ("target.", "target", "tumble_C", "simulation.momentum_W")
-_REPEATED, _BOUND = 2, 3  # purposes of random numbers; `Plan.values` has 1
+_REPEATED, _BOUND = 2, 3  # purposes of random numbers; `CampaignPlan.values` has 1
 
 _ten = pa.list_(pa.float64())
 _COLUMNS = {
@@ -65,7 +65,7 @@ _COLUMNS = {
 }
 
 
-def schema_of(plan: Plan) -> pa.Schema:
+def schema_of(plan: CampaignPlan) -> pa.Schema:
     """Return the columns of a campaign: the same for every trial, then one for each axis.
 
     `truth`, `estimate`, `sigma` and `bound` are in the order of `PARAMETER_NAMES`, and null where
@@ -84,7 +84,7 @@ class _Job:
     """A trial that is ready to be simulated."""
 
     number: int
-    trial: Trial
+    trial: TrialScenario
     spacecraft: Spacecraft
     case: Case
     suite: SensorSuite | None
@@ -115,7 +115,9 @@ def run_chunk(text: str, first: int, last: int) -> pa.Table:
     return pa.Table.from_pylist([r for n in sorted(rows) for r in rows[n]], schema_of(plan))
 
 
-def failed_rows(plan: Plan, number: int, error: BaseException | str) -> list[dict[str, Any]]:
+def failed_rows(
+    plan: CampaignPlan, number: int, error: BaseException | str
+) -> list[dict[str, Any]]:
     """Return the rows of a trial that gave no estimate."""
     name = "" if isinstance(error, InputError | str) else f"{type(error).__name__}: "
     text = " ".join(f"{name}{error}".split())
@@ -125,7 +127,7 @@ def failed_rows(plan: Plan, number: int, error: BaseException | str) -> list[dic
     ]
 
 
-def _common(plan: Plan, number: int) -> dict[str, Any]:
+def _common(plan: CampaignPlan, number: int) -> dict[str, Any]:
     """Return the number of a trial, its point in the grids and the values of its axes."""
     values = plan.values(number)
     axes = {
@@ -135,7 +137,7 @@ def _common(plan: Plan, number: int) -> dict[str, Any]:
     return {"trial": number, "point": number // plan.campaign.trials, **axes}
 
 
-def _job(plan: Plan, number: int, values: dict[str, Any]) -> _Job:
+def _job(plan: CampaignPlan, number: int, values: dict[str, Any]) -> _Job:
     trial = plan.trial(values)
     spacecraft = _spacecraft(json.dumps(asdict(trial.spacecraft)))
     suite = trial.sensors.explicit or (trial.sensors.suite and _suite(trial.sensors.suite)) or None
@@ -165,7 +167,7 @@ def _suite(name: str) -> SensorSuite:
 # -- the truth -------------------------------------------------------------------------------------
 
 
-def _data(plan: Plan, jobs: Sequence[_Job]) -> list[tuple[Log | Motion | Exception, float]]:
+def _data(plan: CampaignPlan, jobs: Sequence[_Job]) -> list[tuple[Log | Motion | Exception, float]]:
     """Return what the estimators read in trials that differ as `trials.draws` allows, and the time.
 
     The time is that of the processor for each trial [s].
@@ -193,13 +195,13 @@ def _propagated(jobs: Sequence[_Job]) -> list[Log | Motion]:
     return [with_sensor_errors(log, each.trial.errors) for log, each in zip(logs, jobs)]
 
 
-def _instants(trial: Trial) -> NDArray[np.float64]:
+def _instants(trial: TrialScenario) -> NDArray[np.float64]:
     """Return the times at which a trial without sensors is sampled: those of its identifier."""
     config, end = trial.identification, trial.simulation.duration
     return np.arange(config.offset, end + 1e-9, config.period)
 
 
-def _simulated(plan: Plan, job: _Job) -> Log | Motion:
+def _simulated(plan: CampaignPlan, job: _Job) -> Log | Motion:
     """Return the samples of a trial from Drake's simulation of its Diagram."""
     simulation = make_simulation(_scenario(plan, job))
     if job.suite is None:
@@ -207,12 +209,12 @@ def _simulated(plan: Plan, job: _Job) -> Log | Motion:
     return with_sensor_errors(simulation.log(simulation.run()), job.trial.errors)
 
 
-def replayed(plan: Plan, number: int) -> Scenario:
+def replayed(plan: CampaignPlan, number: int) -> Scenario:
     """Return the scenario with which Drake simulates a trial: its target, momentum and noise."""
     return _scenario(plan, _job(plan, number, plan.values(number)))
 
 
-def _scenario(plan: Plan, job: _Job) -> Scenario:
+def _scenario(plan: CampaignPlan, job: _Job) -> Scenario:
     trial = job.trial
     rows = trial.identification.rows or "standard"
     own = {each.name: getattr(trial, each.name) for each in fields(Scenario)}
@@ -247,7 +249,7 @@ def with_sensor_errors(log: Log, errors: ModelErrors) -> Log:
     return log.updated(changed) if changed else log
 
 
-def _compared(plan: Plan, job: _Job) -> dict[str, float]:
+def _compared(plan: CampaignPlan, job: _Job) -> dict[str, float]:
     """Return the largest differences of the base's pose between propagation and Drake.
 
     Of the nominal spacecraft, at 21 instants.
@@ -263,7 +265,7 @@ def _compared(plan: Plan, job: _Job) -> dict[str, float]:
     turn = np.linalg.norm(np.swapaxes(own.R_WB, 1, 2) @ drake.R_WB - np.eye(3), axis=(1, 2))
     return {
         "drake_position": float(np.linalg.norm(own.p_WB - drake.p_WB, axis=1).max()),
-        "drake_angle": float(turn.max() / np.sqrt(2)),  # of a small turn
+        "drake_angle": float(turn.max() / np.sqrt(2)),  # of a small rotation
         "drake_seconds": seconds,
     }
 
@@ -271,7 +273,9 @@ def _compared(plan: Plan, job: _Job) -> dict[str, float]:
 # -- the estimates ---------------------------------------------------------------------------------
 
 
-def _rows(plan: Plan, job: _Job, data: Log | Motion, seconds: float) -> list[dict[str, Any]]:
+def _rows(
+    plan: CampaignPlan, job: _Job, data: Log | Motion, seconds: float
+) -> list[dict[str, Any]]:
     """Return the rows of a trial: one for each estimator."""
     case, campaign = job.case, plan.campaign
     common = {**_common(plan, job.number), "truth": nulls(case.truth.to_vector())}
@@ -283,11 +287,11 @@ def _rows(plan: Plan, job: _Job, data: Log | Motion, seconds: float) -> list[dic
         plan, job.number, _REPEATED, campaign.repeated
     ):
         common |= _compared(plan, job)
-    told, rows = _told(job), []
+    declared, rows = _declared(job), []
     for name in campaign.estimators:
         row, start = {**common, "estimator": name}, process_time()
         try:
-            found = identify(job.spacecraft, data, estimator=name, **told)
+            found = identify(job.spacecraft, data, estimator=name, **declared)
             row |= _estimate(found, case.truth.to_vector())
         except Exception as error:
             [*_, row["error"]] = failed_rows(plan, job.number, error)[0].values()
@@ -295,12 +299,12 @@ def _rows(plan: Plan, job: _Job, data: Log | Motion, seconds: float) -> list[dic
     return rows
 
 
-def _is_drawn(plan: Plan, number: int, purpose: int, share: float) -> bool:
+def _is_drawn(plan: CampaignPlan, number: int, purpose: int, share: float) -> bool:
     return bool(np.random.default_rng(plan.random(number, purpose)).random() < share)
 
 
-def _told(job: _Job) -> dict[str, Any]:
-    """Return what the estimators are told besides the samples."""
+def _declared(job: _Job) -> dict[str, Any]:
+    """Return the arguments of the estimators besides the samples."""
     declared, case, sensors = job.trial.declared, job.case, job.suite
     if declared.sensors is not None:
         sensors = None if declared.sensors == "none" else _suite(declared.sensors)
@@ -343,13 +347,13 @@ def _estimate(found: Identification, truth: NDArray[np.float64]) -> dict[str, An
     low, high = found.intervals.T
     assert found.form is not None
     assert found.solution is not None
-    told = found.solution.known.moved(found.form.from_parameters(truth))
+    about_truth = found.solution.known.moved(found.form.from_parameters(truth))
     inside = (low <= truth) & (truth <= high)
     return {
         "estimate": nulls(found.parameters),
         "sigma": nulls(sigma),
         "inside": [bool(i) if k else None for i, k in zip(inside, known)],
-        "nees": told.cost(np.zeros(10)),
+        "nees": about_truth.cost(np.zeros(10)),
         "known": int(known.sum()),
         "passed": found.passed,
         "failed_checks": [check.name for check in found.checks if not check.passed],

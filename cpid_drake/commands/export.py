@@ -40,7 +40,7 @@ def export(
         )
     target = found.raw() if raw else found.consistent
     if target is None:
-        reason = "no rigid body is near the estimate" if found.is_observable else found.explain()
+        reason = "no rigid body is near the estimate" if found.is_identifiable else found.explain()
         raise InputError(f"{result}: nothing to export: {reason}")
     spacecraft = None
     if with_spacecraft:

@@ -12,7 +12,7 @@ import cpid_drake as cpid
 from cpid_drake.commands import options
 from cpid_drake.commands.groups import group
 from cpid_drake.files.errors import InputError
-from cpid_drake.identification.checked_log import Known, in_joint_order
+from cpid_drake.identification.checked_log import Arguments, in_joint_order
 from cpid_drake.identification.description import describe
 from cpid_drake.identification.identify_files import open_log, opened_inputs
 from cpid_drake.live.ros2 import run
@@ -41,7 +41,7 @@ def replay(
     show: Annotated[bool, Parameter(negative="--no-show")] = True,
     quiet: options.Quiet = False,
 ) -> int:
-    """Feed a log through the online identifier in real time, and show what it knows.
+    """Feed a log through the online identifier in real time, and show the estimates.
 
     The end is that of `cpid identify`, with its exit codes.
 
@@ -144,7 +144,7 @@ def ros2(
     return options.finish(found, quiet)
 
 
-def _sensors(inputs: Known) -> "cpid.SensorSuite":
+def _sensors(inputs: Arguments) -> "cpid.SensorSuite":
     """Return the sensors; refuse to go on without them."""
     if inputs.sensors is None:
         raise InputError("cpid live needs the sensors' errors: give --sensors")
@@ -152,7 +152,7 @@ def _sensors(inputs: Known) -> "cpid.SensorSuite":
 
 
 def _identifier(
-    inputs: Known, craft: "cpid.Spacecraft", suite: "cpid.SensorSuite", **others: bool
+    inputs: Arguments, craft: "cpid.Spacecraft", suite: "cpid.SensorSuite", **others: bool
 ) -> "cpid.OnlineIdentifier":
     """Return an identifier with what is known."""
     return cpid.OnlineIdentifier(

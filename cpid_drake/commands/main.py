@@ -25,7 +25,7 @@ COMMANDS = {
     "identify": "Identify the target that a spacecraft holds from logs of its motion.",
     "simulate": "Simulate a scenario; write the log of its sensors and the true parameters.",
     "live": "Identify from samples as they arrive.",
-    "plan": "Plan the joint motion that determines the target best; rank motions; export one.",
+    "plan": "Plan an exciting joint motion; rank motions; export one.",
     "validate": "Test an identified target with another log, and predict this log.",
     "export": "Export an identified target as a model: URDF, SDF, MJCF or Drake model directives.",
     "report": "Write the report of an identification or of a simulated run, one HTML page.",
@@ -39,7 +39,7 @@ COMMANDS = {
 EXIT_CODES = {
     0: "success",
     2: "bad input or usage, or an output that cannot be written",
-    3: "the data do not determine all that can act on the motion",
+    3: "not all parameters that can act on the motion are identifiable",
     4: "a check failed",
     130: "interrupted",
 }
@@ -88,7 +88,7 @@ def install_completion(
     except ShellDetectionError as error:
         raise InputError(f"the shell is not known; give --shell: {error}") from error
     files, text = "COMPREPLY=( $(compgen -f", script.read_text(encoding="utf-8")
-    # Bash continues the name of a folder if it knows that the words are names of files.
+    # Bash continues the name of a folder if the words are declared to be names of files.
     text = text.replace(files, f"compopt -o filenames 2> /dev/null; {files}")
     script.write_text(text, encoding="utf-8")
     print(f"{script}: written; shells that start from now on use it")

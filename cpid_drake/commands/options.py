@@ -19,7 +19,7 @@ import cpid_drake as cpid
 from cpid_drake.files.drafts import refuse_unfinished
 from cpid_drake.files.errors import InputError
 from cpid_drake.files.resources import find_scenario, package_folders, resolve_model
-from cpid_drake.identification.arguments import EXACT
+from cpid_drake.identification.arguments import EXACT_MODEL
 from cpid_drake.identification.description import describe
 from cpid_drake.identification.request import log_names
 from cpid_drake.simulation.spacecraft_file import EXPLICIT, SpacecraftFile, load_spacecraft
@@ -32,7 +32,7 @@ else:
     FileName = str | Path  # the values are str, which is tried first; shells complete paths
 
 NOT_ALL_KNOWN = 3
-"""Exit code if the data do not determine all that can act on the motion."""
+"""Exit code if not all parameters that can act on the motion are identifiable."""
 
 CHECK_FAILED = 4
 """Exit code if something contradicts the assumptions behind the answer."""
@@ -84,13 +84,13 @@ Momentum = Annotated[
 @Parameter("*")
 @dataclass(frozen=True)
 class SpacecraftOptions:
-    """The known spacecraft."""
+    """The spacecraft model."""
 
     scenario: Annotated[FileName | None, Parameter(metavar="SCENARIO|YAML")] = None
     """Scenario, or file of a spacecraft, with model, base, capture frame, packages, sensors,
-    momentum, table and known bodies; other options override it."""
+    momentum, table and uncertainty of the spacecraft model; other options override it."""
     spacecraft: Annotated[FileName | None, Parameter(metavar="MODEL")] = None
-    """Model file of the known spacecraft: URDF, SDF, MJCF or Drake directives."""
+    """The spacecraft's model file: URDF, SDF, MJCF or Drake directives."""
     base: Name | None = None
     """Base body of the spacecraft."""
     capture_frame: Name | None = None
@@ -231,8 +231,8 @@ class LogOptions(PartOptions, KnownOptions):
 
     def files(self) -> list[str | Path]:
         """Return the files that the options name."""
-        bodies = self.known_bodies or EXACT
-        of_bodies = None if "=" in bodies or bodies == EXACT else bodies
+        bodies = self.known_bodies or EXACT_MODEL
+        of_bodies = None if "=" in bodies or bodies == EXACT_MODEL else bodies
         sensors = [file for each in self.sensors or [] for file in (each, each.rpartition("=")[2])]
         given = (*sensors, self.columns, self.prior, of_bodies)
         return [*super().files(), *(file for file in given if file)]

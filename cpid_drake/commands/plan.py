@@ -49,7 +49,7 @@ def motion(
     force: options.Force = False,
     quiet: options.Quiet = False,
 ) -> None:
-    """Plan the joint motion that determines the target best.
+    """Plan an exciting joint motion: one that determines the target best.
 
     The motion has the start and the end of the scenario's own motion. The planner does not use the
     target's mass properties in the scenario. Ctrl-C keeps the best motion so far.
@@ -83,12 +83,14 @@ def motion(
             raise
         if front is not None:
             best, *_ = plans = planning.front(planner, best, progress)
-            rows = ["turn of the base [deg],worst σ [% of scale],motion"]
+            rows = ["rotation of the base [deg],worst σ [% of scale],motion"]
             with draft_folder(front) as draft:
                 for k, each in enumerate(plans):
                     name = f"motion_{k:02d}.yaml"
                     write_text(draft / name, planner.describe(each, scenario))
-                    rows.append(f"{math.degrees(each.turn):.6g},{100 * each.score:.6g},{name}")
+                    rows.append(
+                        f"{math.degrees(each.base_rotation):.6g},{100 * each.score:.6g},{name}"
+                    )
                 write_text(draft / "front.csv", "\n".join(rows) + "\n")
             log.print(f"{len(plans)} motions in {front}")
         write_text(out, planner.describe(best, scenario))

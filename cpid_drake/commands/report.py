@@ -11,7 +11,7 @@ from cpid_drake.files.drafts import draft_folder
 from cpid_drake.files.errors import InputError
 from cpid_drake.files.overwriting import check_folder, check_outputs
 from cpid_drake.identification.identify_files import identify_files
-from cpid_drake.report.findings import findings_of, findings_of_file
+from cpid_drake.report.contents import collect_contents, collect_contents_of_file
 from cpid_drake.report.pages.identification import identification_report
 from cpid_drake.report.run_folder import read_run
 
@@ -54,20 +54,20 @@ def report(
     console = options.log_console(quiet)
     with console.status("reading") as status:
         if result is not None:
-            findings = findings_of_file(result, status.update)
+            contents = collect_contents_of_file(result, status.update)
         else:
-            contents = None if run is None else read_run(run)
+            simulated = None if run is None else read_run(run)
             asked = chosen if run is None else chosen.of_run(run)
             request = asked.request(log or f"{run}/telemetry.csv")
             evidence = identify_files([request], status.update)
-            findings = findings_of(evidence, status.update, contents)
-        page = identification_report(findings, status.update)
-        check([log, result, run, *findings.files()])
+            contents = collect_contents(evidence, status.update, simulated)
+        page = identification_report(contents, status.update)
+        check([log, result, run, *contents.files()])
         status.update("drawing")
         page.write(out)
         if figures is not None:
             with draft_folder(figures) as draft:
                 page.save_figures(draft)
-    if findings.missing:
-        console.print(f"note: the report has no sections that need the log: {findings.missing}")
+    if contents.missing:
+        console.print(f"note: the report has no sections that need the log: {contents.missing}")
     console.print(f"{out}" + (f", figures in {figures}" if figures else ""))

@@ -1,4 +1,4 @@
-"""The known bodies and a target, as seen from the base: inertia, momentum and centre of mass.
+"""Spacecraft and target as seen from the base: inertia, momentum and centre of mass.
 
 Without external forces, the system's centre of mass Scm moves on a straight line, and the angular
 momentum L about it is constant. Seen from the base, with ω = w_WB and all in B,
@@ -11,8 +11,9 @@ any two ψ and ψ', with ω the true angular velocity for ψ, this means
     J(ψ') (ω − ω') = Rᵀ(L − L') − Y(ω) (ψ − ψ')
 
 exactly, with Y the relative rows. The attitude does not depend on the position, and the position
-does not depend on a measured velocity. A base on a table turns about the table's normal n only, and
-nᵀ (…) is the one equation that determines this turn; the others contain the table's reactions.
+does not depend on a measured velocity. A base on a table rotates about the table's normal n only,
+and nᵀ (…) is the one equation that determines this rotation; the others contain the table's
+reactions.
 
 Source: Ning et al. 2016, Eqs. 5 and 9, about the centre of mass.
 """
@@ -32,7 +33,7 @@ from cpid_drake.dynamics.rows import relative_regressor
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.files.errors import InputError
 
-LEAST = 0.5
+LEAST_INERTIA = 0.5
 """Least inertia of the system about any axis, as a share of that without the target.
 
 A rigid body never reduces it; half of it leaves room for estimates from noisy samples.
@@ -41,15 +42,15 @@ A rigid body never reduces it; half of it leaves room for estimates from noisy s
 
 @dataclass(frozen=True)
 class BodyDynamics:
-    """The known bodies and the capture frame as seen from the base, at N instants.
+    """The spacecraft's bodies and the capture frame as seen from the base, at N instants.
 
     Methods take vectors ψ (..., 10) of one or many targets; zeros for no target.
 
     Attributes:
-        mass: mass of the known bodies [kg].
+        mass: mass of the spacecraft [kg].
         normal_B: (3,) normal in B of a table that carries the base; None without one.
         I_K: (N, 3, 3) their inertia about their centre of mass K, in B.
-        h_K: (N, 3) their angular momentum about K on a base that does not turn, in B.
+        h_K: (N, 3) their angular momentum about K on a base that does not rotate, in B.
         p_BK: (N, 3) K from B's origin, in B [m].
         v_BK: (N, 3) rate of p_BK as seen from B [m/s].
         R_BC: (N, 3, 3) attitude of C in B.
@@ -126,12 +127,12 @@ class BodyDynamics:
         """Return ∂ω/∂L (..., N, 3, 3) in B: the inverse of J(ψ); on a table n nᵀ / (nᵀ J n).
 
         Raises:
-            InputError: with this target, the inertia about some axis is less than `LEAST` of that
-                without it. No rigid body reduces the inertia; noise may.
+            InputError: with this target, the inertia about some axis is less than `LEAST_INERTIA`
+                of that without it. No rigid body reduces the inertia; noise may.
 
         """
         J, n = self.inertia(psi), self.normal_B
-        more = J - LEAST * self.I_K
+        more = J - LEAST_INERTIA * self.I_K
         if n is None:
             with suppress(np.linalg.LinAlgError):  # not positive definite
                 if np.isfinite(np.linalg.cholesky(more)).all():
@@ -146,7 +147,7 @@ class BodyDynamics:
         return self.R_BC @ relative_regressor(self.s, cross(x, self.s), x)
 
     def momentum_at_rest(self, psi: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return h(ψ) (..., N, 3), in B: the angular momentum while the base does not turn."""
+        """Return h(ψ) (..., N, 3), in B: the angular momentum while the base does not rotate."""
         Y = relative_regressor(self.s, self.sdot, self.w_BC)
         return self.h_K + rotate(self.R_BC, rotate(Y, psi[..., None, :]))
 
@@ -166,7 +167,7 @@ class BodyDynamics:
     def com_rate_regressor(self) -> NDArray[np.float64]:
         """Return the derivative of `com_rate` with respect to (μ, μc), (N, 3, 4)."""
         columns = np.concatenate([self.sdot[..., None], skew(self.w_BC)], axis=-1)
-        return self.R_BC @ columns / self.mass
+        return np.asarray(self.R_BC @ columns / self.mass)
 
     def base_twist(
         self, psi: NDArray[np.float64], L_Scm_B: ArrayLike = (0.0,) * 3, v_Scm_B: ArrayLike = 0.0

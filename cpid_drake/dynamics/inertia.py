@@ -33,7 +33,7 @@ class InertialParameters:
     """Mass, centre of mass and inertia of one body, the target, in its capture frame C.
 
     The parameters need not be physically consistent: an estimate from noisy data can have values
-    that no rigid body has. `infeasibilities()` lists the reasons, and `nearest_feasible()`
+    that no rigid body has. `inconsistencies()` lists the reasons, and `nearest_consistent()`
     returns near parameters that a simulator accepts.
 
     Attributes:
@@ -113,15 +113,15 @@ class InertialParameters:
         then changed by 1e-12 of its size.
 
         Raises:
-            InputError: no rigid body has these parameters; use `nearest_feasible()` first.
+            InputError: no rigid body has these parameters; use `nearest_consistent()` first.
 
         """
         from pydrake.multibody.tree import SpatialInertia, UnitInertia
 
-        problems = self.infeasibilities()
+        problems = self.inconsistencies()
         if problems:
             raise InputError(
-                f"not a rigid body: {'; '.join(problems)}. Use nearest_feasible() first"
+                f"not a rigid body: {'; '.join(problems)}. Use nearest_consistent() first"
             )
         mass, com = self.mass, self.p_CTcm_C
         for inertia in (self.I_TTcm_C, inside_the_limits(mass, com, self.I_TTcm_C)):
@@ -132,17 +132,17 @@ class InertialParameters:
                 break
         return M_TCo_C
 
-    # -- feasibility -------------------------------------------------------------------------
+    # -- physical consistency ------------------------------------------------------------------
 
     def principal_moments(self) -> NDArray[np.float64]:
         """Return the (3,) principal moments about the centre of mass, ascending [kg·m²]."""
         return np.linalg.eigvalsh(self.I_TTcm_C).astype(float)
 
-    def infeasibilities(self) -> tuple[str, ...]:
+    def inconsistencies(self) -> tuple[str, ...]:
         """Return the reasons why no rigid body can have these parameters; empty if one can.
 
         The limits are exact up to rounding (1e-14 of the inertia's trace): a flat body, whose
-        largest principal moment equals the sum of the other two, is feasible.
+        largest principal moment equals the sum of the other two, is physically consistent.
         """
         problems = []
         if self.mass <= 0:
@@ -158,11 +158,11 @@ class InertialParameters:
             )
         return tuple(problems)
 
-    def is_feasible(self) -> bool:
+    def is_physically_consistent(self) -> bool:
         """Return whether a rigid body can have these parameters."""
-        return not self.infeasibilities()
+        return not self.inconsistencies()
 
-    def nearest_feasible(self) -> "InertialParameters":
+    def nearest_consistent(self) -> "InertialParameters":
         """Return the nearest physically consistent inertia, or these parameters if they are.
 
         The centre of mass stays, and the mass, which becomes a thousandth of its size if it is
@@ -176,7 +176,7 @@ class InertialParameters:
         semidefinite matrix.
 
         """
-        if self.is_feasible():
+        if self.is_physically_consistent():
             return self
         if self.mass == 0:
             raise InputError("parameters of zero mass have no nearest body: c = h/m is undefined")
@@ -208,7 +208,9 @@ def _ten(vector: ArrayLike, what: str) -> NDArray[np.float64]:
 # -- the nearest rigid body ----------------------------------------------------------------------
 
 
-def inside_the_limits(mass: ArrayLike, com: NDArray, inertia: NDArray) -> NDArray[np.float64]:
+def inside_the_limits(
+    mass: ArrayLike, com: NDArray[np.float64], inertia: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Return inertias (..., 3, 3) changed by about the rounding error, so that Drake accepts them.
 
     The change is at most 1e-12 of the body's size where the body is physically consistent up to

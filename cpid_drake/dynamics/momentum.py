@@ -1,7 +1,7 @@
-"""Momentum of the known bodies and of the target (Ning et al. 2016, Eqs. 4-9).
+"""Momentum of the spacecraft's bodies and of the target (Ning et al. 2016, Eqs. 4-9).
 
-Sums over the known bodies start at the base, i = 0, in every equation. The paper's Eqs. 4, 10, 14
-and 18 print i = 1. That omits the base and gives a negative mass in the paper's case.
+Sums over the spacecraft's bodies start at the base, i = 0, in every equation. The paper's Eqs. 4,
+10, 14 and 18 print i = 1. That omits the base and gives a negative mass in the paper's case.
 """
 
 from dataclasses import dataclass
@@ -20,11 +20,11 @@ from cpid_drake.dynamics.tree import KinematicTree
 
 @dataclass(frozen=True)
 class MomentumSamples:
-    """The motion of C and the known bodies' momentum at N samples: what the row families need.
+    """The motion of C and the spacecraft's momentum at N samples: what the row families need.
 
     Attributes:
         motion: pose and velocity of the capture frame C.
-        P: (N, 3) linear momentum of the known bodies, in W [N·s].
+        P: (N, 3) linear momentum of the spacecraft, in W [N·s].
         L: (N, 3) their angular momentum about C's origin, in W [N·m·s].
         p_WKcm: (N, 3) their centre of mass, in W [m].
         mass: their mass [kg].
@@ -79,7 +79,7 @@ def angular_momentum(
     The origin of W as Q gives the sum in Ning et al. 2016, Eq. 9, and the capture point (d_no) the
     sums in Eqs. 10, 14 and 18. Arguments as for `momenta`.
     """
-    return momenta(tree, motion, p_WQ)[1].sum(axis=0)
+    return np.asarray(momenta(tree, motion, p_WQ)[1].sum(axis=0))
 
 
 def target_momentum(

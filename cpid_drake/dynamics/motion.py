@@ -72,7 +72,7 @@ class Motion:
     @property
     def R_WB(self) -> NDArray[np.float64]:
         """(N, 3, 3) attitude of the base: columns are B's axes in W."""
-        return self._rotations().as_matrix()
+        return np.asarray(self._rotations().as_matrix())
 
     @property
     def states(self) -> dict[str, NDArray[np.float64]]:

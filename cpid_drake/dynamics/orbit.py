@@ -6,7 +6,7 @@ the torque on a system about its centre of mass, and the acceleration of this ce
     τ = 3 n² r̂ × J r̂,      p'' = n² (3 r̂ r̂ᵀ p − p),
 
 with J the system's inertia about its centre of mass. The second equation is that of Clohessy and
-Wiltshire in axes that do not turn. Source: Hughes 2004, Spacecraft Attitude Dynamics, ch. 8;
+Wiltshire in axes that do not rotate. Source: Hughes 2004, Spacecraft Attitude Dynamics, ch. 8;
 Clohessy & Wiltshire 1960, Terminal Guidance System for Satellite Rendezvous.
 """
 
@@ -110,7 +110,7 @@ class Orbit:
         """Return the matrices (M, 6, 6) from position and velocity in W at `start` to `times`.
 
         Without other forces, [p; v] at a time is this matrix times [p; v] at `start`.
-        Source: Clohessy & Wiltshire 1960, turned to W.
+        Source: Clohessy & Wiltshire 1960, rotated to W.
         """
         times, n = np.asarray(times, dtype=float), self.n
         angle = n * (times - start)
@@ -126,7 +126,7 @@ class Orbit:
         return self._to_W(times) @ Phi @ np.linalg.inv(self._to_W(np.asarray(start)))
 
     def _to_W(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the matrices (M, 6, 6) from position and velocity in the turning axes to W."""
+        """Return the matrices (M, 6, 6) from position and velocity in the rotating axes to W."""
         R = self.axes(times)
         T = np.zeros((*R.shape[:-2], 6, 6))
         T[..., :3, :3] = T[..., 3:, 3:] = R

@@ -137,7 +137,7 @@ class Outboard:
     def frame_screws(self, k: int, turns_F: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the screws (N, 6, 3 + n) of the inboard frame F of body k's joint.
 
-        They are shifts along the axes of its inboard body P, and turns about F's origin.
+        They are translations along the axes of its inboard body P, and rotations about F's origin.
 
         Args:
             k: the body.

@@ -84,7 +84,7 @@ def inertia_of_second_moment(sigma: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _spheres(tensors: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return tr(T) 1 (..., 3, 3) of tensors T (..., 3, 3)."""
-    return np.trace(tensors, axis1=-2, axis2=-1)[..., None, None] * np.eye(3)
+    return np.asarray(np.trace(tensors, axis1=-2, axis2=-1)[..., None, None] * np.eye(3))
 
 
 def moved_moments(
@@ -235,7 +235,7 @@ STANDARD = Parameterization(
 
 
 def relative_parameterization(known_mass: float) -> Parameterization:
-    """Return the unknowns (μ, μc, I_*) of the relative rows, for known bodies of this mass [kg].
+    """Return the unknowns (μ, μc, I_*) of the relative rows, for a spacecraft of this mass [kg].
 
     μ = m_k m/(m_k + m) is the reduced mass and I_* = I + μ (cᵀc 1 − c cᵀ): the standard vector of
     a body of mass μ in the target's place.

@@ -37,7 +37,8 @@ HELD = {
     "wheel": (0, 1, 2),
 }
 """Entries in W of what a table holds: tilt, height, and what would change them. In the plane a
-spinning wheel in the base cannot be told from a momentum, nor a torque that turns with the base
+spinning wheel in the base cannot be distinguished from a momentum, nor a torque that rotates with
+the base
 from one that does not."""
 
 ALONG = 1e-3
@@ -51,7 +52,7 @@ def parallel_axis(direction: NDArray[np.float64]) -> int:
 
 
 def tilt(quaternion_WB: ArrayLike, normal_B: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rotation vectors (N, 3) in W [rad] that turn the normal in B to W's z axis."""
+    """Return the rotation vectors (N, 3) in W [rad] that rotate the normal in B to W's z axis."""
     axis_W = rotate_by_quaternion(np.asarray(quaternion_WB, dtype=float), normal_B)
     turn = cross(axis_W, np.broadcast_to(NORMAL_W, axis_W.shape))
     sine = np.linalg.norm(turn, axis=-1)
@@ -69,7 +70,7 @@ def mean_normal(quaternion_WB: ArrayLike) -> NDArray[np.float64]:
 def in_plane(motion: Motion, normal_B: NDArray[np.float64]) -> Motion:
     """Return motion without its components out of the plane, which are noise.
 
-    The attitude is turned by the smallest angle so that the base's normal is W's z axis.
+    The attitude is rotated by the smallest angle so that the base's normal is W's z axis.
 
     Args:
         motion: the motion.
@@ -89,7 +90,7 @@ def in_plane(motion: Motion, normal_B: NDArray[np.float64]) -> Motion:
 def levelled(
     quaternion_WB: NDArray[np.float64], normal_B: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return attitudes (N, 4) turned by the smallest angle so that the normal in B is W's z."""
+    """Return attitudes (N, 4) rotated by the smallest angle so that the normal in B is W's z."""
     Rotation = scipy.spatial.transform.Rotation  # imported at its first use; it takes 0.25 s
     level = Rotation.from_rotvec(tilt(quaternion_WB, normal_B))
     level = level * Rotation.from_quat(quaternion_WB, scalar_first=True)

@@ -26,7 +26,7 @@ from cpid_drake.files.errors import InputError
 
 _DEGREE = 7  # of a step's polynomials: with steps of 0.2 s, they follow motions of 1 Hz to 1e-11
 _MOST_TURN = 1e6  # [rad] in all samples; beyond, the attitude is lost in rounding
-_ITERATIONS = _DEGREE  # of Picard: each adds a power of the turn in a step, as a degree does
+_ITERATIONS = _DEGREE  # of Picard: each adds a power of the rotation in a step, as a degree does
 _INNER = roots_jacobi(_DEGREE - 1, 1, 1)[0]  # of the Legendre polynomial's derivative
 _X = np.concatenate([[-1.0], _INNER, [1.0]])  # Lobatto points of −1 to 1
 _POINTS = (_X + 1) / 2  # as shares of a step
@@ -137,7 +137,7 @@ def propagate(
     computed once for all targets.
 
     Args:
-        tree: the known spacecraft.
+        tree: the spacecraft model.
         motion: the motion of its joints.
         phi: (..., 10) standard vectors.
         times: (N,) increasing instants of the result [s]; the motion starts at the first.
@@ -148,11 +148,11 @@ def propagate(
         wrench: the external forces from a time on [s]; default: none, so that the momentum is
             constant.
         edges: the times at which they change [s].
-        max_step: longest step [s], and longest turn in a step at the rate of the start [rad]; no
-            step contains an edge, or a break of the motion.
+        max_step: longest step [s], and largest rotation in a step at the rate of the start [rad];
+            no step contains an edge, or a break of the motion.
 
     Raises:
-        InputError: times that do not increase, a step that is not positive, a turn of more than
+        InputError: times that do not increase, a step that is not positive, a rotation of more than
             a million radians, or a target that no rigid body is; see `BodyDynamics.mobility`.
 
     """
@@ -172,7 +172,7 @@ def propagate(
     w_B = rotate(first.mobility(psi), L_B - first.momentum_at_rest(psi))  # at the start
     spin = float(np.abs(w_B).sum(axis=-1).max())
     if not spin * (times[-1] - times[0]) < _MOST_TURN:
-        raise InputError(f"the base turns at {spin:.3g} rad/s at the start: too fast to follow")
+        raise InputError(f"the base rotates at {spin:.3g} rad/s at the start: too fast to follow")
     longest = max_step / max(1.0, spin)
     breaks = np.union1d(motion.breaks(), edges)
     breaks = breaks[(breaks > times[0]) & (breaks < times[-1])]

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 def rotate(R: ArrayLike, vectors: ArrayLike) -> NDArray[np.float64]:
     """Return R @ v for (..., 3, 3) rotations and (..., 3) vectors, broadcast."""
-    return np.einsum("...ij,...j->...i", np.asarray(R), np.asarray(vectors))
+    return np.asarray(np.einsum("...ij,...j->...i", np.asarray(R), np.asarray(vectors)))
 
 
 def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -88,7 +88,7 @@ def right_jacobian(r: ArrayLike) -> NDArray[np.float64]:
     a = np.where(small, 0.5 - angle**2 / 24, (1 - np.cos(safe)) / safe**2)
     b = np.where(small, 1 / 6 - angle**2 / 120, (safe - np.sin(safe)) / safe**3)
     K = skew(r)
-    return np.eye(3) - a * K + b * K @ K
+    return np.asarray(np.eye(3) - a * K + b * K @ K)
 
 
 # -- quaternions ---------------------------------------------------------------------------------
@@ -101,7 +101,7 @@ def rotate_by_quaternion(
     w, u = quaternion[..., :1], quaternion[..., 1:]
     scale = 2 / np.einsum("...i,...i->...", quaternion, quaternion)[..., None]
     u_cross_v = cross(u, v)
-    return v + scale * (w * u_cross_v + cross(u, u_cross_v))
+    return np.asarray(v + scale * (w * u_cross_v + cross(u, u_cross_v)))
 
 
 def angular_velocity(

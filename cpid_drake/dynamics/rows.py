@@ -10,7 +10,7 @@ Corrections of the paper (Ning et al. 2016) that these rows contain:
 - the right-hand side of Eq. 14 contains v_C, the velocity of the last *known* link at the capture
   point (subscript n_i as in Eqs. 7 and 18), not the velocity of the target's centre of mass;
 - d_no is the capture point, and L is the angular momentum about that point;
-- in Eqs. 7, 10 and 14, c and I are expressed in W and change as the target turns, so these
+- in Eqs. 7, 10 and 14, c and I are expressed in W and change as the target rotates, so these
   equations can be solved at one instant only (they are in tests/paper_equations.py). In Eq. 18, c
   and I are expressed in C and are constant, so its rows can be stacked over time;
 - two samples never suffice: they give rank 9 of 10. With n = ω1 × ω2 in C, I = n nᵀ satisfies
@@ -34,6 +34,8 @@ from cpid_drake.dynamics.parameterizations import (
 from cpid_drake.dynamics.rotations import cross, rotate, skew
 from cpid_drake.files.errors import InputError
 
+_Array = NDArray[np.float64]
+
 # Row k is [#e_k], flattened: column j of it is E_j e_k with E_j the tensor of unit vector j.
 _INERTIA_OPERATOR = vector_to_tensor(np.eye(6)).transpose(2, 1, 0).reshape(3, 18)
 
@@ -47,7 +49,7 @@ def inertia_operator(v: ArrayLike) -> NDArray[np.float64]:
     return (v @ _INERTIA_OPERATOR).reshape(*v.shape, 6)
 
 
-def _eq18(v: NDArray, w: NDArray, P: NDArray, L: NDArray) -> NDArray[np.float64]:
+def _eq18(v: _Array, w: _Array, P: _Array, L: _Array) -> _Array:
     """[P  ω̃  0 | −v ; 0  P̃  [#ω] | −L] (6, 11), all in C (Ning et al. 2016, Eq. 18)."""
     rows = np.zeros((6, 11))
     rows[:3, 0], rows[:3, 1:4], rows[:3, 10] = P, skew(w), -v
@@ -55,7 +57,7 @@ def _eq18(v: NDArray, w: NDArray, P: NDArray, L: NDArray) -> NDArray[np.float64]
     return rows
 
 
-def _standard(v: NDArray, w: NDArray, P: NDArray, L: NDArray) -> NDArray[np.float64]:
+def _standard(v: _Array, w: _Array, P: _Array, L: _Array) -> _Array:
     """[v  ω̃  0 | −P ; 0  −ṽ  [#ω] | −L] (6, 11), all in C: the target's own momentum."""
     rows = np.zeros((6, 11))
     rows[:3, 0], rows[:3, 1:4], rows[:3, 10] = v, skew(w), -P
@@ -63,7 +65,7 @@ def _standard(v: NDArray, w: NDArray, P: NDArray, L: NDArray) -> NDArray[np.floa
     return rows
 
 
-def _at_all_samples(block: Callable[..., NDArray]) -> Callable[[MomentumSamples], NDArray]:
+def _at_all_samples(block: Callable[..., _Array]) -> Callable[[MomentumSamples], _Array]:
     """Return the rows of N samples from those of one, which are linear in (v, ω, P, L).
 
     One product with the rows at unit vectors: 9 µs for one sample, instead of 30 µs entry by entry.
@@ -78,7 +80,7 @@ def relative_regressor(s: ArrayLike, sdot: ArrayLike, w: ArrayLike) -> NDArray[n
     Y = [s×ṡ  s̃ω̃ − ṡ̃  [#ω]], about the system's centre of mass.
 
     Args:
-        s: (..., 3) vector from the known bodies' centre of mass to C's origin, in C [m].
+        s: (..., 3) vector from the spacecraft's centre of mass to C's origin, in C [m].
         sdot: (..., 3) its rate in W, expressed in C [m/s].
         w: (..., 3) angular velocity of C in W, in C [rad/s].
 
@@ -92,7 +94,7 @@ def _relative(samples: MomentumSamples) -> NDArray[np.float64]:
     """[Y | −L_K] (3 N, 11), all in C, s = p_C − r_k and Y from `relative_regressor`.
 
     The rows are the conservation of angular momentum about the system's centre of mass. L_K is the
-    known bodies' angular momentum about their own centre of mass: L_K + μ s × ṡ + μ (s × (ω × c) +
+    spacecraft's angular momentum about its own centre of mass: L_K + μ s × ṡ + μ (s × (ω × c) +
     c × ṡ) + I_* ω = 0. This equation does not depend on the base's position or on a constant
     velocity.
     """
@@ -121,7 +123,7 @@ class RowFamily:
 
     Attributes:
         name: the name in scenarios and on the command line.
-        parameterization: the unknowns of the ten columns, as a function of the known bodies' mass
+        parameterization: the unknowns of the ten columns, as a function of the spacecraft's mass
             [kg].
         augmented_rows: [A | b] stacked over the samples, (rows_per_sample · N, 11), in C.
         momentum_columns: columns (rows_per_sample · N, momentum_size) of a constant total momentum

@@ -1,6 +1,6 @@
-"""First-order effects of errors in the joint motion and in the known bodies on the base's motion.
+"""First-order effects of errors of joint motion and bodies on the base's motion.
 
-Joint positions and rates come from encoders; masses, centres of mass and inertias of the known
+Joint positions and rates come from encoders; masses, centres of mass and inertias of the
 bodies, and the geometry of the arm, come from drawings. This module computes, in closed form, the
 derivatives of the base's angular velocity and of the position of the system's centre of mass with
 respect to each of these quantities.
@@ -56,9 +56,9 @@ def joint_sensitivity(
     """Return the derivatives with respect to the J joint positions and joint rates.
 
     Args:
-        outboard: the known bodies *and* the target, as from `KinematicTree.with_target`.
+        outboard: the spacecraft's bodies *and* the target, as from `KinematicTree.with_target`.
         psi: (10,) the target's relative vector ψ = (μ, μc, I_*).
-        dynamics: dynamics of the known bodies alone, at the same instants.
+        dynamics: dynamics of the spacecraft's bodies alone, at the same instants.
 
     """
     which, S = outboard.joint_screws
@@ -121,8 +121,9 @@ def _by_geometry(
 ) -> tuple[NDArray[np.float64], ...]:
     """Return the derivatives of momentum and centre of mass by errors of the geometry, and screws.
 
-    They are a joint's place on its inboard body, in this body's frame, and small turns about the
-    two `axis_normals`, in the joint's inboard frame; last C's place and a small turn, both in C.
+    They are a joint's place on its inboard body, in this body's frame, and small rotations about
+    the two `axis_normals`, in the joint's inboard frame; last C's place and a small rotation, both
+    in C.
     """
     tree = outboard.tree
     if not wanted.any():
@@ -224,7 +225,7 @@ def with_errors(
     The inertias remain physically consistent; a mass does if its relative error is above −1.
 
     Args:
-        tree: the known bodies.
+        tree: the spacecraft's bodies.
         uncertainty: the σ of the errors.
         errors: (c,) in units of σ, without the quantities whose σ is zero; first those of each
             body, then of each joint, then of C.

@@ -1,4 +1,4 @@
-"""The known bodies as a tree of joints, in plain NumPy."""
+"""The spacecraft's bodies as a tree of joints, in plain NumPy."""
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -20,7 +20,7 @@ class TreeBody:
         name: the body's name.
         parent: index of the inboard body in the tree; −1 for the base.
         joint: column of the joint in q, or −1 where the body is welded.
-        prismatic: whether the joint slides along its axis (else it turns about it).
+        prismatic: whether the joint slides along its axis (else it rotates about it).
         axis_F: (3,) unit vector of the joint's axis, the same in F and in B; zero for a weld.
         R_PF, p_PF: pose of F, fixed on the inboard body P.
         mass: [kg].
@@ -43,10 +43,10 @@ class TreeBody:
 
 @dataclass(frozen=True, eq=False)
 class KinematicTree:
-    """The known bodies, inboard before outboard, and the capture frame C on one of them.
+    """The spacecraft's bodies, inboard before outboard, and the capture frame C on one of them.
 
     Attributes:
-        bodies: the known bodies.
+        bodies: the spacecraft's bodies.
         capture_body: the body that C is fixed on.
         R_BC, p_BC: pose of C in this body's frame.
         normal_B: (3,) unit normal, in the base's frame, of a table that carries the base, which
@@ -84,7 +84,8 @@ class KinematicTree:
     def lumped(self) -> "KinematicTree":
         """The same tree with welded bodies joined into one: the same momentum with less work."""
         lumps: list[TreeBody] = []
-        where: list[tuple[int, NDArray, NDArray]] = []  # lump and pose of each body
+        # The lump of each body, and its pose.
+        where: list[tuple[int, NDArray[np.float64], NDArray[np.float64]]] = []
         for body in self.bodies:
             lump, R_LP, p_LP = where[body.parent] if body.parent >= 0 else (-1, np.eye(3), 0.0)
             R_LF, p_LF = R_LP @ body.R_PF, p_LP + R_LP @ body.p_PF
@@ -106,7 +107,7 @@ class KinematicTree:
 
     @cached_property
     def normal_C(self) -> NDArray[np.float64] | None:
-        """(3,) the table's normal in C; None without a table, or if joints turn C out of it."""
+        """(3,) the table's normal in C; None without a table, or if joints rotate C out of it."""
         if self.normal_B is None:
             return None
         chain, k = [], self.capture_body
@@ -156,8 +157,8 @@ class KinematicTree:
     def is_rotor(self, joint: int) -> bool:
         """Return whether a joint's angle has no effect, as for a reaction wheel.
 
-        Such a joint turns a single body, and no other body is attached to that body. Its centre of
-        mass is on the axis, and its inertia is symmetric about the axis (to 1e-6 of its size).
+        Such a joint rotates a single body, and no other body is attached to that body. Its centre
+        of mass is on the axis, and its inertia is symmetric about the axis (to 1e-6 of its size).
         """
         [k] = [k for k, body in enumerate(self.bodies) if body.joint == joint]
         body, axis = self.bodies[k], self.bodies[k].axis_F

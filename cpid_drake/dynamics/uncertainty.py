@@ -1,4 +1,4 @@
-"""Uncertainty of the known spacecraft: of its bodies, of the arm's geometry and of the grasp."""
+"""Uncertainty of the spacecraft model: of its bodies, of the arm's geometry and of the grasp."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ Size = Annotated[float, Ge(0)]
 
 @dataclass(frozen=True)
 class BodyUncertainty:
-    """Uncertainty of the known bodies and of their geometry; the same σ for every body and joint.
+    """Uncertainty of the bodies and of their geometry; the same σ for every body and joint.
 
     A reaction wheel remains balanced: its centre of mass stays on its axis, and its inertia stays
     symmetric about the axis. See `KinematicTree.wheels`.
@@ -29,7 +29,7 @@ class BodyUncertainty:
             principal axes [rad].
         joint_position_mm: σ of each coordinate of a joint's place on its inboard body [mm].
         joint_axis_mrad: σ of the direction of a joint's axis on its inboard body, about each of two
-            axes perpendicular to it [mrad]. The bodies outboard of the joint turn with its axis.
+            axes perpendicular to it [mrad]. The bodies outboard of the joint rotate with its axis.
         grasp_mm: σ of each coordinate of C's origin on the body that holds the target [mm].
         grasp_mrad: σ of C's attitude on this body, about each axis [mrad].
 

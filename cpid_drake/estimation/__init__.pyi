@@ -1,5 +1,5 @@
-from .momentum_rows import changed
+from .momentum_rows import changed_motion
 
 __all__ = [
-    "changed",
+    "changed_motion",
 ]

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import pdtrik
 
 from cpid_drake.estimation.block import Block
-from cpid_drake.estimation.evidence import MOST, Comparison, Question
+from cpid_drake.estimation.evidence import MOST_CANDIDATES, ModelComparison, Question
 from cpid_drake.estimation.fit import Fit, fit, prior_of
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import FAR, IMPROBABLE
@@ -102,8 +102,8 @@ def _changes(found: Fit, question: Question) -> list[list[int]]:
         best, count = list[int](), len(log.blocks)
         before = known_at_start(model, log, found.values)
         wide = log.opened(range(count - 1))
-        for first in range(0, count - 1, MOST):
-            last = min(first + MOST, count - 1)
+        for first in range(0, count - 1, MOST_CANDIDATES):
+            last = min(first + MOST_CANDIDATES, count - 1)
             ends = [k for k in range(last - first) if not log.gaps[first + k]]
             later = slice(last, min(last + LATER + 1, count))
             own, part = wide.part(first, last), rolled.part(first, last)
@@ -130,7 +130,7 @@ def _compared(
     gaussian: Gaussian,
     changes: Values,
     question: Question,
-) -> Comparison:
+) -> ModelComparison:
     """Return the comparison of changes of a log, given by name, beside all other candidates."""
     total = prior_of(found.model, [log], found.values).add(gaussian)
     values = found.values | changes

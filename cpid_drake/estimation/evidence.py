@@ -10,7 +10,7 @@ information form
 H and b the information of the samples about the candidates in units of σ. Each candidate has the
 size a among `SIZES` that its own evidence prefers, at the price of log(len(SIZES)): a vague prior
 would hide what is small. Every set has its probability, and the target is the average over all
-sets: what the samples cannot tell apart widens its interval.
+sets: what the samples cannot distinguish widens its interval.
 
 Sources: MacKay 2003, Information Theory, Inference, and Learning Algorithms, ch. 28; Hoeting et al.
 1999, Bayesian Model Averaging.
@@ -33,7 +33,7 @@ SIZES = 10.0 ** np.arange(1, -7, -1)
 NAMED = 0.9
 """Probability from which a candidate is said to act."""
 
-MOST = 12
+MOST_CANDIDATES = 12
 """Number of candidates of which all sets are compared; each has the largest evidence beside those
 before it."""
 
@@ -41,15 +41,15 @@ UNLIKELY = 0.02
 """Odds of a candidate beside those before it, below which no more are compared."""
 
 MOMENTUM_ODDS, CHANGE_ODDS, WRONG_ODDS = 1 / 10, 1 / 40, 1 / 100
-"""Odds before the samples: that a log has a momentum of which nobody tells, that momentum changes
-at the end of one block, and that a momentum is not as given. A size of which the samples tell
-nothing would otherwise look as likely as none."""
+"""Odds before the samples: that a log has a momentum that is not stated, that momentum changes
+at the end of one block, and that a momentum is not as given. A size that the samples do not
+determine would otherwise look as likely as none."""
 
 _NEGLIGIBLE = 1e-6  # probability of a set that does not count in the average
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class ModelComparison:
     """Which candidates act.
 
     Attributes:
@@ -86,7 +86,7 @@ def compare(
     candidates: Mapping[str, NDArray[np.float64]],
     kept: Sequence[str],
     odds: Mapping[str, float] | None = None,
-) -> Comparison:
+) -> ModelComparison:
     """Compare all sets of candidates.
 
     Args:
@@ -105,7 +105,7 @@ def compare(
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """What a comparison asks.
+    """The alternatives of a comparison.
 
     Attributes:
         candidates: σ of the momenta that may be zero.
@@ -159,7 +159,7 @@ class Question:
         gaussian: Gaussian,
         values: Mapping[str, NDArray[np.float64]],
         further: Mapping[str, NDArray[np.float64]] | None = None,
-    ) -> Comparison:
+    ) -> ModelComparison:
         """Compare all sets of candidates.
 
         Args:
@@ -253,10 +253,10 @@ class _Sets:
             left, d = np.concatenate([rest, rest - across @ by]), d[m:]
         return found
 
-    def comparison(self, odds: Mapping[str, float]) -> Comparison:
+    def comparison(self, odds: Mapping[str, float]) -> ModelComparison:
         """Return the comparison for the logs of all candidates' odds."""
         some = list[str]()
-        while len(some) < MOST and (others := [n for n in self.names if n not in some]):
+        while len(some) < MOST_CANDIDATES and (others := [n for n in self.names if n not in some]):
             gains = self._gains(others, some)
             name = max(gains, key=lambda each: gains[each].max() + odds[each])
             if gains[name].max() + odds[name] < np.log(UNLIKELY):
@@ -294,7 +294,7 @@ class _Sets:
         root = cholesky(covariance / own / own[:, None], lower=True)
         whiten = solve_triangular(root, np.diag(1 / own / scale), lower=True)
         average = np.column_stack([whiten, whiten @ ((nearby + mean) * scale)])
-        return Comparison(
+        return ModelComparison(
             probability,
             tuple(free),
             Gaussian.of_rows(self.kept_sizes, average),
@@ -306,7 +306,7 @@ class _Sets:
     def _mean_size(self, name: str, others: Sequence[str]) -> float:
         """Return the root of the mean square of a candidate's size, by the evidence of each.
 
-        Entries that no sample shows are as large as the others: few do not tell how large.
+        Entries that no sample shows are as large as the others: few do not show how large.
         """
         gains = self._gains([name], others)[name]
         weights = np.exp(gains - gains.max())

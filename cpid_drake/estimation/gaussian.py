@@ -63,7 +63,7 @@ class Gaussian:
     @property
     def size(self) -> int:
         """Number n of all entries."""
-        return self.R.shape[1]
+        return int(self.R.shape[1])
 
     @property
     def rows(self) -> NDArray[np.float64]:
@@ -196,13 +196,13 @@ class LeastSquaresSolution:
         rank: number of independent combinations of the unknowns that the rows determine.
         singular_values: (n,) singular values of the rows with every column scaled to unit length,
             descending.
-        unobservable: (n − rank, n) orthonormal directions, in column-scaled unknowns, along which
+        unidentifiable: (n − rank, n) orthonormal directions, in column-scaled unknowns, along which
             the unknowns can change without a change of A x.
         residual_rms: root mean square of A x − b; NaN if the rows themselves are not known.
         row_count: number of scalar rows without rows of zeros.
         values: (n,) as `estimate`, with an arbitrary value of each undetermined combination in
             place of NaN.
-        unit: (n,) the unit of each unknown in `unobservable`: unknown = unit × column-scaled one.
+        unit: (n,) the unit of each unknown in `unidentifiable`: unknown = unit × column-scaled one.
 
     """
 
@@ -212,14 +212,14 @@ class LeastSquaresSolution:
     known: Gaussian
     rank: int
     singular_values: NDArray[np.float64]
-    unobservable: NDArray[np.float64]
+    unidentifiable: NDArray[np.float64]
     residual_rms: float
     row_count: int
     values: NDArray[np.float64]
     unit: NDArray[np.float64]
 
     @property
-    def is_observable(self) -> bool:
+    def is_identifiable(self) -> bool:
         """Whether the rows determine every unknown."""
         return self.rank == self.estimate.size
 
@@ -232,7 +232,7 @@ class LeastSquaresSolution:
     def condition_number(self) -> float:
         """Ratio of the largest to the smallest singular value; infinite below full rank."""
         sizes = self.singular_values
-        return float(sizes[0] / sizes[-1]) if self.is_observable else np.inf
+        return float(sizes[0] / sizes[-1]) if self.is_identifiable else np.inf
 
 
 def solution_of(
@@ -281,7 +281,7 @@ def solution_of(
         known=Gaussian.of_rows(target.sizes, np.column_stack([A, A @ x])),
         rank=int(strong.sum()),
         singular_values=sizes,
-        unobservable=axes[~strong],
+        unidentifiable=axes[~strong],
         residual_rms=np.nan,
         row_count=row_count,
         values=x,

@@ -22,7 +22,7 @@ from scipy.special import ndtri, stdtrit
 DEFAULT_RANK_TOLERANCE = 1e-9
 """Singular values of column-scaled rows are treated as zero below this share of the largest one.
 
-If a simulation conserves momentum to 1e-10 of its size, the singular values of unobservable
+If a simulation conserves momentum to 1e-10 of its size, the singular values of unidentifiable
 directions are below this tolerance. Noisy rows nearly always have full rank: use the covariance
 instead.
 """
@@ -78,8 +78,8 @@ def _upper(m: int, n: int) -> NDArray[np.bool_]:
     return np.triu(np.ones((m, n), dtype=bool))
 
 
-def describe_unobservable(directions: NDArray[np.float64], names: Sequence[str]) -> str:
-    """Return a sentence on the unobservable directions; empty when there are none.
+def describe_unidentifiable(directions: NDArray[np.float64], names: Sequence[str]) -> str:
+    """Return the unidentifiable directions in words; empty when there are none.
 
     Unknowns with a share below 0.1 in these directions are described as weakly affected.
 
@@ -94,7 +94,7 @@ def describe_unobservable(directions: NDArray[np.float64], names: Sequence[str])
     strongly = [name for name, part in zip(names, open_share, strict=True) if part > 0.1]
     weakly = [name for name, part in zip(names, open_share, strict=True) if 1e-6 < part <= 0.1]
     noun = "combination" if len(directions) == 1 else "combinations"
-    text = f"{len(directions)} {noun} of {', '.join(strongly)} not determined by the motion so far"
+    text = f"{len(directions)} {noun} of {', '.join(strongly)} with the motion so far"
     return text + (f"; {', '.join(weakly)} weakly affected" if weakly else "")
 
 

@@ -49,32 +49,32 @@ def momentum_columns(tree: KinematicTree, family: RowFamily, momentum: TotalMome
     return family.momentum_size if tree.normal_B is None else len(family.momenta_in_plane())
 
 
-def changed(telemetry: Motion, shift: NDArray[np.float64]) -> Motion:
+def changed_motion(telemetry: Motion, changes: NDArray[np.float64]) -> Motion:
     """Return motion with changed quantities, at unconnected times 0, 1, 2, ….
 
     Args:
         telemetry: the motion at N instants.
-        shift: (M N, 12 + 2J) changes of the attitude (a rotation in B), of the angular velocity in
-            B, of p_WB and v_WB, and of q and q̇; for M times the motion.
+        changes: (M N, 12 + 2J) changes of the attitude (a rotation in B), of the angular velocity
+            in B, of p_WB and v_WB, and of q and q̇; for M times the motion.
 
     """
-    J, count = len(telemetry.joint_names), len(shift) // len(telemetry)
+    J, count = len(telemetry.joint_names), len(changes) // len(telemetry)
 
     def tiled(values: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.tile(values, (count, 1))
 
     attitude = Rotation.from_quat(tiled(telemetry.quaternion_WB), scalar_first=True)
-    w_B = attitude.inv().apply(tiled(telemetry.w_WB)) + shift[:, 3:6]
-    attitude = attitude * Rotation.from_rotvec(shift[:, :3])
+    w_B = attitude.inv().apply(tiled(telemetry.w_WB)) + changes[:, 3:6]
+    attitude = attitude * Rotation.from_rotvec(changes[:, :3])
     return Motion(
         telemetry.joint_names,
-        np.arange(len(shift), dtype=float),
+        np.arange(len(changes), dtype=float),
         quaternion_WB=attitude.as_quat(scalar_first=True),
-        p_WB=tiled(telemetry.p_WB) + shift[:, 6:9],
+        p_WB=tiled(telemetry.p_WB) + changes[:, 6:9],
         w_WB=attitude.apply(w_B),
-        v_WB=tiled(telemetry.v_WB) + shift[:, 9:12],
-        q=tiled(telemetry.q) + shift[:, 12 : 12 + J],
-        qdot=tiled(telemetry.qdot) + shift[:, 12 + J :],
+        v_WB=tiled(telemetry.v_WB) + changes[:, 9:12],
+        q=tiled(telemetry.q) + changes[:, 12 : 12 + J],
+        qdot=tiled(telemetry.qdot) + changes[:, 12 + J :],
     )
 
 
@@ -89,13 +89,14 @@ def error_square(
 
     Args:
         telemetry: N samples.
-        covariance: (N or 1, q, q) of their errors as changes of the q quantities of `changed`.
+        covariance: (N or 1, q, q) of their errors as changes of the q quantities of
+            `changed_motion`.
         tree, family, momentum: see `momentum_rows`.
 
     """
     step, N, q = 1e-6, len(telemetry), covariance.shape[-1]
     rows = momentum_rows(tree, telemetry, family, momentum)
-    moved = changed(telemetry, np.repeat(step * np.eye(q), N, axis=0))
+    moved = changed_motion(telemetry, np.repeat(step * np.eye(q), N, axis=0))
     by = (momentum_rows(tree, moved, family, momentum).reshape(q, *rows.shape) - rows) / step
     flat = np.moveaxis(by.reshape(q, N, -1), 0, 1)
     return np.asarray(

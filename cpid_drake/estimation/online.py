@@ -188,7 +188,7 @@ def _marginalized(state: OnlineState, count: int) -> OnlineState:
     noise = added(log.past.noise if log.past else {}, own)
     about: Mapping[str, NDArray[np.float64]]
     about = {u.name: values[u.name] for u in model.table if u.scope != "log"}
-    if log.past and inertia_error(found) < WELL_KNOWN:  # what was told before is little
+    if log.past and inertia_error(found) < WELL_KNOWN:  # the past says little
         about = log.past.first
     past = Past(
         replace(known, rho2=0.0),
@@ -224,8 +224,8 @@ def change_beyond_linear(found: Fit) -> float:
 def inertia_error(found: Fit) -> float:
     """Return the relative error of the system's inertia about its centre of mass.
 
-    It is the root mean square of Wᵀ δJ W, with J = W⁻ᵀW⁻¹, along the axes that can turn. Errors of
-    the known bodies, which stay uncertain for ever, are not in it.
+    It is the root mean square of Wᵀ δJ W, with J = W⁻ᵀW⁻¹, along the axes that can rotate. Errors
+    of the spacecraft's bodies, which stay uncertain for ever, are not in it.
     """
     exact = {BODIES: 0.0} if BODIES in found.gaussian.places else {}
     covariance = found.gaussian.condition(exact).marginal([PSI]).covariance()
@@ -245,4 +245,4 @@ def _by_inertia(found: Fit) -> NDArray[np.float64]:
     else:
         W = normal_B[:, None] / np.sqrt(normal_B @ J @ normal_B)
     by = W.T @ (dynamics.inertia(np.eye(10))[:, 0] - none) @ W
-    return by.reshape(10, -1).T
+    return np.asarray(by.reshape(10, -1).T)

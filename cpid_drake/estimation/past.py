@@ -1,4 +1,4 @@
-"""What the blocks before a log's first one tell: they are behind a window, and marginalized."""
+"""The blocks before a log's first one: they are behind a window, and marginalized."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,9 +16,9 @@ class Past:
     """A Gaussian of what is at the start of a log's first block, and of all unknowns.
 
     Its rows are linear about the values at which each block was marginalized. So are the
-    derivatives of all later blocks by target and hardware: what no motion tells, such as where C is
-    in the target, would else seem to be known, since derivatives at other values contradict each
-    other. Source: Huang, Mourikis and Roumeliotis 2010 (first-estimates Jacobians).
+    derivatives of all later blocks by target and hardware: what no motion identifies, such as where
+    C is in the target, would else seem to be known, since derivatives at other values contradict
+    each other. Source: Huang, Mourikis and Roumeliotis 2010 (first-estimates Jacobians).
 
     Attributes:
         gaussian: of attitude, p, L, v and joints, then of the table of unknowns.

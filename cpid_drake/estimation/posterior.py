@@ -1,9 +1,10 @@
-"""What the samples tell about a target: one rule for fits and for rows.
+"""The posterior of a target: one rule for fits and for rows.
 
-A combination of the unknowns is known if the samples alone tell it to `KNOWN` of its plausible
+A combination of the unknowns is known if the samples alone determine it to `KNOWN` of its plausible
 size: that of a target as heavy and as large as the spacecraft, or as its own estimate, if this is
 larger. The rule is that of `gaussian.solution_of`. However flat an estimate is, these sizes are
-not. The prior of log-sizes keeps a fit among the possible bodies, and tells nothing.
+not. The prior of log-sizes keeps a fit among the physically consistent bodies, and identifies
+nothing.
 """
 
 from collections.abc import Sequence
@@ -19,7 +20,7 @@ from cpid_drake.estimation.unknowns import PSI, Model
 def known_target(
     model: Model, psi: NDArray[np.float64], gaussian: Gaussian, *, count: int = 0
 ) -> LeastSquaresSolution:
-    """Return what is known of the target's ψ about the nominal mass of the known bodies.
+    """Return what is known of the target's ψ about the nominal mass of the spacecraft.
 
     Args:
         model: the unknowns.
@@ -42,7 +43,7 @@ def _without(prior: Gaussian, posterior: Gaussian) -> Gaussian:
     return Gaussian.of_rows(posterior.sizes, np.column_stack([A, z]))
 
 
-_ROUNDING = 1e-6  # what samples tell less of, in units of the prior, is rounding
+_ROUNDING = 1e-6  # less information than this, in units of the prior, is rounding
 
 
 def difference(

@@ -46,12 +46,12 @@ def without_rounding(known: Gaussian, scale: NDArray[np.float64]) -> Gaussian:
 def unit_matrices(form: Parameterization, mass: float) -> NDArray[np.float64]:
     """Return G (10, 5, 5) of unit vectors, less `CONSTANT`.
 
-    The last entry is 1 − μ/mass for relative unknowns, in which a heavy target has the known
-    bodies' mass.
+    The last entry is 1 − μ/mass for relative unknowns, in which a heavy target has the
+    spacecraft's mass.
 
     Args:
         form: the parameterization of the unknowns.
-        mass: that of the known bodies, in units of the first unknown.
+        mass: that of the spacecraft's bodies, in units of the first unknown.
 
     """
     units, G = np.eye(10), np.zeros((10, 5, 5))
@@ -74,7 +74,7 @@ def nearest(
     Args:
         known: of the unknowns; see `without_rounding`.
         form: their parameterization.
-        known_mass: mass of the known bodies [kg].
+        known_mass: mass of the spacecraft [kg].
         scale: (10,) sizes of the unknowns.
 
     """

@@ -35,7 +35,7 @@ class Rolled:
         joints: sum of squares of the rows of joints and of what walks.
         start: sum of squares of what is known at its start.
         linear: the rows of blocks, as far as they have been linearized about these values.
-        by_psi: (10, 10) derivative of ψ about the known bodies' present mass by the target's
+        by_psi: (10, 10) derivative of ψ about the spacecraft's present mass by the target's
             coordinates.
 
     """
@@ -185,7 +185,7 @@ def _is_same(state: TrajectoryState, other: TrajectoryState) -> bool:
 
 
 def past_of(model: Model, log: LogState, values: Values) -> Gaussian:
-    """Return what a log's past tells, about the present values at the log's start."""
+    """Return the Gaussian of a log's past, about the present values at the log's start."""
     assert log.past is not None
     joints = log.joints[0].coefficients[:ORDER]
     return log.past.about(log.starts[0], joints, first_table(model, log, values))

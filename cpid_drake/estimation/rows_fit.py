@@ -1,4 +1,4 @@
-"""Least squares on the momentum rows of a log: what they tell about the target, as a Gaussian.
+"""Least squares on the momentum rows of a log, as a Gaussian of the target.
 
 The rows A x = b of a log are linear in the target's unknowns and in the log's own momentum. All of
 them weigh the same, and their errors are as large as the residuals: the covariance is s² (AᵀA)⁻¹.
@@ -39,7 +39,7 @@ class LogRows:
     """The rows of one log, added part by part.
 
     Args:
-        tree: the known bodies.
+        tree: the spacecraft's bodies.
         family: the row family.
         momentum: the momentum, for `momentum_rows`.
 
@@ -74,7 +74,7 @@ class LogRows:
         Args:
             telemetry: the motion at N instants.
             covariance: (N, q, q) of the errors of each sample as changes of the q quantities of
-                `momentum_rows.changed`, or (1, q, q) if it is the same for all.
+                `momentum_rows.changed_motion`, or (1, q, q) if it is the same for all.
 
         """
         tree, family, momentum = self._problem
@@ -122,16 +122,16 @@ class LogRows:
         return np.append(np.zeros(self.extra + 10 - len(x)), x)
 
     def gaussian(self, *, is_zero: bool = False) -> tuple[Gaussian, int]:
-        """Return what the rows tell about momentum and target, and the residuals' freedom.
+        """Return the Gaussian of momentum and target, and the residuals' freedom.
 
         If this is zero or less, no residuals show the errors, which are then those of rounding.
         """
         T = self.triangle(is_zero=is_zero)
-        told = Gaussian.of_rows({MOMENTUM: len(T) - 11, TARGET: 10}, T)
-        freedom = self.row_count - told.rank
+        found = Gaussian.of_rows({MOMENTUM: len(T) - 11, TARGET: 10}, T)
+        freedom = self.row_count - found.rank
         least = ROUNDING**2 * float(np.sum(T[:, -1] ** 2)) / max(self.row_count, 1)
-        s = np.sqrt(max(told.least_cost / freedom if freedom > 0 else 0.0, least, 1e-300))
-        return replace(told, R=told.R / s, z=told.z / s, rho2=told.rho2 / s**2), freedom
+        s = np.sqrt(max(found.least_cost / freedom if freedom > 0 else 0.0, least, 1e-300))
+        return replace(found, R=found.R / s, z=found.z / s, rho2=found.rho2 / s**2), freedom
 
     def misfit(self, x: NDArray[np.float64]) -> tuple[float, float]:
         """Return the sizes of the residuals at unknowns x (k + 10,), as ratios.

@@ -41,7 +41,7 @@ TAUS = 0.03 * 2.0 ** np.arange(8)
 RATIOS = np.array([0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0])
 """Variances of slow noise that are compared, in units of that of the white noise."""
 
-WHITE = np.eye(1 + len(TAUS))[0]
+WHITE: NDArray[np.float64] = np.eye(1 + len(TAUS))[0]
 """The spectrum (1 + taus,) of declared noise."""
 
 Spectra = Mapping[str, NDArray[np.float64]]

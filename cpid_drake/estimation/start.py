@@ -49,7 +49,7 @@ class SeenMotion:
         w: (M, 3) angular velocity w_WB_B.
         p, v: (M, 3) position and velocity of B's origin in W; NaN where nothing shows them.
         q: (M, J) joint positions.
-        dynamics: of the known bodies.
+        dynamics: of the spacecraft's bodies.
 
     """
 

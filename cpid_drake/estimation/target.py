@@ -1,4 +1,4 @@
-"""The target's unknowns ψ: which are possible, and how probable they are before the first sample.
+"""The target's unknowns ψ: the physically consistent ones, and their prior.
 
 With P(ψ) the pseudo-inertia (4, 4) of the target, P₀ that of a plausible solid and κ = `WIDENED`,
 
@@ -41,7 +41,7 @@ class TargetCone:
 
     Attributes:
         solid: (10,) ψ of a plausible solid.
-        mass: nominal mass of the known bodies [kg].
+        mass: nominal mass of the spacecraft [kg].
 
     """
 
@@ -204,9 +204,9 @@ for _k, (_i, _j) in enumerate(zip(*np.triu_indices(3), strict=True)):
 def psi_about(
     x: NDArray[np.float64], nominal_mass: float, mass: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return ψ (10,) about known bodies of another mass, and its derivative (10, 10) by x.
+    """Return ψ (10,) about a spacecraft of another mass, and its derivative (10, 10) by x.
 
-    The coordinates x of a target are ψ about the *nominal* mass of the known bodies, a fixed
+    The coordinates x of a target are ψ about the *nominal* mass of the spacecraft, a fixed
     function of the target's (m, m c, J). With f = m_k/(m_k + m) and P(h) = |h|²1 − hhᵀ,
 
         ψ = (m f, f h, J − P(h)/(m_k + m)),
@@ -215,7 +215,7 @@ def psi_about(
 
     Args:
         x: (10,) the target's coordinates.
-        nominal_mass, mass: of the known bodies, nominal and with their present errors [kg].
+        nominal_mass, mass: of the spacecraft's bodies, nominal and with their present errors [kg].
 
     """
     if mass == nominal_mass:
@@ -227,14 +227,14 @@ def psi_about(
 
 
 def _of_relative(psi: NDArray[np.float64], mass: float) -> NDArray[np.float64]:
-    """Return φ (10,) of ψ about known bodies of a mass: the inverse of `standard_to_relative`."""
+    """Return φ (10,) of ψ about a spacecraft of a mass: the inverse of `standard_to_relative`."""
     up = mass / (mass - psi[0])  # 1 + m / mass
     m, h = up * psi[0], up * psi[1:4]
     return np.concatenate([[m], h, psi[4:] + _SHIFTS @ h @ h / (mass + m)])
 
 
 def _by_standard(phi: NDArray[np.float64], mass: float) -> NDArray[np.float64]:
-    """Return the derivative (10, 10) of ψ by φ = (m, m c, J), about known bodies of a mass."""
+    """Return the derivative (10, 10) of ψ by φ = (m, m c, J), about a spacecraft of a mass."""
     h, total = phi[1:4], mass + phi[0]
     f, by = mass / total, np.eye(10)
     by[0, 0], by[1:4, 0], by[1:4, 1:4] = f**2, -f / total * h, f * np.eye(3)

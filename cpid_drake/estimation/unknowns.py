@@ -1,4 +1,4 @@
-"""What a fit does not know: one table of unknowns, with their priors, and the target's coordinates.
+"""The unknowns of a fit: one table of them, with their priors, and the target's coordinates.
 
 Every unknown has a scope: a `log` has its own momentum and forces, all logs of one `hardware` share
 the errors of its sensors, and all logs share the target and the spacecraft's bodies. What belongs
@@ -30,7 +30,7 @@ FASTEST_DRIFT = 10.0
 """σ of an unknown velocity of the system's centre of mass [m/s]."""
 
 PSI, BODIES, MOMENTUM = "psi", "bodies", "momentum"
-"""Names of the target's unknowns, of the known bodies' errors, and of a log's momentum."""
+"""Names of the unknowns of the target, of errors of the spacecraft, and of a log's momentum."""
 
 Scope = Literal["log", "hardware", "target"]
 
@@ -77,10 +77,10 @@ class Unknown:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """The known spacecraft with its sensors, and all that a fit does not know about them.
+    """The spacecraft model with its sensors, and all unknowns of a fit.
 
     Attributes:
-        tree: the known spacecraft.
+        tree: the spacecraft model.
         suite: its sensors, with their errors; of several hardwares, those of the first log.
         known_bodies: uncertainty of its bodies; None if they are exact.
         priors: mean and σ of unknowns with another prior than that of `table`.
@@ -116,7 +116,7 @@ class Model:
         """Return the model in which all that nobody states has a plausible σ.
 
         Args:
-            tree: the known spacecraft.
+            tree: the spacecraft model.
             sensors: its sensors, or those of each log; one object is one hardware.
             known_bodies: uncertainty of its bodies as stated; None if it is not.
             has_thrust: whether thrusters fired.
@@ -160,7 +160,7 @@ class Model:
 
     @property
     def mass(self) -> float:
-        """Nominal mass of the known bodies [kg]."""
+        """Nominal mass of the spacecraft [kg]."""
         return self.tree.at_rest.mass
 
     @cached_property
@@ -181,7 +181,7 @@ class Model:
         """Return the plausible sizes (10,) of ψ, or those of a target ψ (10,) that is larger."""
         m, moments = max(psi[0], 0.0), max((psi[4] + psi[7] + psi[9]) / 2, 0.0)
         own = np.repeat([m, np.sqrt(m * moments), moments], [1, 3, 6])
-        return np.maximum(self.plausible, own)
+        return np.asarray(np.maximum(self.plausible, own))
 
     @cached_property
     def table(self) -> tuple[Unknown, ...]:
@@ -209,7 +209,7 @@ class Model:
 
     @cached_property
     def cone(self) -> TargetCone:
-        """The targets that are possible, and their prior."""
+        """The physically consistent targets, and their prior."""
         return TargetCone(self.unknown(PSI).mean, self.mass)
 
     def with_prior(
@@ -240,12 +240,12 @@ class Model:
 
     @property
     def walking(self) -> list[Unknown]:
-        """The unknowns that walk."""
+        """The unknowns with a random walk."""
         return [u for u in self.table if u.walk]
 
     @cached_property
     def walking_columns(self) -> NDArray[np.intp]:
-        """Columns (w,) of the unknowns that walk."""
+        """Columns (w,) of the unknowns with a random walk."""
         columns = [np.r_[self.places[unknown.name]] for unknown in self.walking]
         return np.concatenate([np.empty(0, np.intp), *columns])
 
@@ -256,7 +256,7 @@ class Model:
         return np.concatenate([np.empty(0), *sigma])
 
     def tree_with(self, errors: NDArray[np.float64] | None) -> KinematicTree:
-        """Return the known spacecraft with errors (c,) of its bodies, in units of σ."""
+        """Return the spacecraft model with errors (c,) of its bodies, in units of σ."""
         if self.known_bodies is None or errors is None or not np.any(errors):
             return self.tree
         return with_errors(self.tree, self.known_bodies, errors)

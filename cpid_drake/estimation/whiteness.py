@@ -95,7 +95,7 @@ class LagSums:
             return np.zeros(0)
         reached = int(np.sum(self.pairs >= self.pairs[0] / 2))
         means = self.products[:reached] / self.pairs[:reached]
-        return np.clip(means / means[0], -1.0, 1.0)
+        return np.asarray(np.clip(means / means[0], -1.0, 1.0))
 
     @property
     def whiteness(self) -> Whiteness:

@@ -106,7 +106,7 @@ class FirstUnlessTagged:
 
         def choose(value: object) -> str:
             tags = value if isinstance(value, dict) else ()
-            return next((tag for tag in tags if tag in choices), first.__name__)
+            return next((tag for tag in tags if tag in choices), str(first.__name__))
 
         return core_schema.tagged_union_schema(choices, choose)
 
@@ -129,7 +129,7 @@ def load_yaml(
         file: the file to read.
         where: the file's name in error messages.
         whole: the file's contents in error messages, such as "a scenario".
-        tags: the YAML tags that the schema knows; see `FirstUnlessTagged`.
+        tags: the YAML tags of the schema; see `FirstUnlessTagged`.
 
     Raises:
         InputError: not YAML, larger than `LARGEST_FILE`, an alias, unknown or repeated keys,
@@ -177,7 +177,7 @@ class _StrictLoader(yaml.SafeLoader):
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         if self.check_event(yaml.AliasEvent):
-            raise _at(self.peek_event(), "aliases are not read: write the value again")
+            raise _at(self.current_event, "aliases are not read: write the value again")
         return super().compose_node(parent, index)
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
@@ -251,7 +251,7 @@ def from_tree(schema: type[Schema], tree: object, where: str, whole: str) -> Sch
     text, kind = json.dumps([tree], default=_plain), cast(Hashable, schema)
     try:
         [value] = _adapter(kind).validate_json(text)
-        return value
+        return cast(Schema, value)
     except ValidationError as error:
         # A misspelt key is both unknown and missing: report the unknown key.
         order = {_UNKNOWN_KEY: 0, "missing": 2}

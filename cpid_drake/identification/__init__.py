@@ -1,4 +1,4 @@
-"""From data and a known spacecraft to a result."""
+"""From data and a spacecraft model to a result."""
 
 import lazy_loader
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.estimation.evidence import NAMED, Comparison, Question
+from cpid_drake.estimation.evidence import NAMED, ModelComparison, Question
 from cpid_drake.estimation.fit import Fit
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.likelihood.constants import BIAS
@@ -26,11 +26,11 @@ from cpid_drake.identification.result import Identification
 
 @dataclass(frozen=True, eq=False)
 class Observed:
-    """What the residuals of all samples tell.
+    """What the residuals of all samples show.
 
     Attributes:
         tests: whiteness of the residuals of each sensor (of log).
-        counts: numbers of samples that are far off, and of all, by log and sensor.
+        counts: numbers of outliers, and of all samples, by log and sensor.
         changes: times at which the momentum changed [s].
         beside: see `checks.fit_checks`.
 
@@ -43,7 +43,7 @@ class Observed:
 
     @property
     def used(self) -> Counter[str]:
-        """Number of samples that are not far off, by log."""
+        """Number of samples that are no outliers, by log."""
         used = Counter[str]()
         for (log, _), (far, count) in self.counts.items():
             used[log] += count - far
@@ -51,15 +51,15 @@ class Observed:
 
     @property
     def rejected(self) -> dict[str, int]:
-        """Number of samples that are far off, by sensor."""
+        """Number of outliers by sensor."""
         rejected = Counter[str]()
         for (_, sensor), (far, _) in self.counts.items():
             rejected[sensor] += far
         return {name: count for name, count in rejected.items() if count}
 
     @property
-    def unexplained(self) -> float:
-        """Largest share of a sensor's samples that are far off."""
+    def outlier_share(self) -> float:
+        """Largest share of outliers in a sensor's samples."""
         return max(far / max(count, 1) for far, count in self.counts.values())
 
 
@@ -117,9 +117,9 @@ def answer_of(
     effects = effects_of(model, found.values, gaussian, *names)
     said = tuple(f"{e.describe()}: it failed" for e in effects if e.failed_valve)
     sizes = size_checks(model, found.values, gaussian, effects, joints)
-    tests, unexplained = observed.tests, observed.unexplained
+    tests, outliers = observed.tests, observed.outlier_share
     fails = fit_checks(
-        found.converged, unexplained, noise, tests, len(changes), len(names), observed.beside
+        found.converged, outliers, noise, tests, len(changes), len(names), observed.beside
     )
     [first, *others] = names
     own = {} if others else momentum_of(model, found.values, gaussian, first, compared)
@@ -195,7 +195,11 @@ def effects_of(
 
 
 def momentum_of(
-    model: Model, values: Values, gaussian: Gaussian, log: str, compared: Comparison | None = None
+    model: Model,
+    values: Values,
+    gaussian: Gaussian,
+    log: str,
+    compared: ModelComparison | None = None,
 ) -> dict[str, Any]:
     """Return a result's fields of L at the start of a log, and v_WScm if positions are measured.
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.total_momentum import TotalMomentum
@@ -18,8 +18,10 @@ from cpid_drake.sensors.presets import load_sensors, sensor_presets
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
-EXACT = "exact"
+EXACT_MODEL = "exact"
 """The uncertainty of a spacecraft whose model is exact."""
+
+Kind = TypeVar("Kind")
 
 PathLike = str | Path
 
@@ -45,7 +47,7 @@ def require_spacecraft(given: object) -> None:
     )
 
 
-def logs_of(
+def resolve_logs(
     data: LogLike | Mapping[str, LogLike] | Sequence[PathLike], spacecraft: Spacecraft
 ) -> dict[str, Motion | Log]:
     """Return logs by their names; files are read.
@@ -78,7 +80,7 @@ def _log_of(name: str, given: LogLike, spacecraft: Spacecraft) -> Motion | Log:
     return given
 
 
-def sensors_of(given: SensorSuite | PathLike | None) -> SensorSuite | None:
+def resolve_sensors(given: SensorSuite | PathLike | None) -> SensorSuite | None:
     """Return sensors; a preset or a file is read.
 
     Raises:
@@ -90,18 +92,18 @@ def sensors_of(given: SensorSuite | PathLike | None) -> SensorSuite | None:
     return _checked("sensors", given, SensorSuite, "a preset, or a file")
 
 
-def sensors_of_logs(
+def resolve_sensors_by_log(
     given: SensorSuite | PathLike | Mapping[str, SensorSuite | PathLike] | None,
     logs: Collection[str],
 ) -> dict[str, SensorSuite | None]:
     """Return the sensors of each log: one object for each preset and each file.
 
     Raises:
-        InputError: a name is no log, or a log has no sensors; see also `sensors_of`.
+        InputError: a name is no log, or a log has no sensors; see also `resolve_sensors`.
 
     """
     if not isinstance(given, Mapping):
-        return dict.fromkeys(logs, sensors_of(given))
+        return dict.fromkeys(logs, resolve_sensors(given))
     for name in given:
         if name not in logs:
             raise InputError(f"sensors: there is no log '{name}'; {choose_from(name, logs)}")
@@ -115,11 +117,11 @@ def sensors_of_logs(
         key: object = id(own)
         if isinstance(own, PathLike):
             key = str(own) if str(own) in sensor_presets() else Path(own).resolve()
-        found[name] = read[key] = read.get(key) or sensors_of(own)
+        found[name] = read[key] = read.get(key) or resolve_sensors(own)
     return found
 
 
-def bodies_of(given: BodyUncertainty | PathLike | None) -> BodyUncertainty | None:
+def resolve_bodies(given: BodyUncertainty | PathLike | None) -> BodyUncertainty | None:
     """Return the uncertainty of a spacecraft; a text or a file is read.
 
     Raises:
@@ -131,7 +133,7 @@ def bodies_of(given: BodyUncertainty | PathLike | None) -> BodyUncertainty | Non
     return _checked("known_bodies", given, BodyUncertainty, "a text, or a file")
 
 
-def prior_of(
+def resolve_prior(
     given: TargetPrior | Identification | PathLike | None, spacecraft: Spacecraft
 ) -> TargetPrior | None:
     """Return what is known of a target, also from a result; a file is read.
@@ -148,7 +150,7 @@ def prior_of(
     return _checked("prior", given, TargetPrior, "a result, or a file")
 
 
-def momentum_of(given: TotalMomentum | str | None) -> TotalMomentum | None:
+def resolve_momentum(given: TotalMomentum | str | None) -> TotalMomentum | None:
     """Return a total momentum, also by its name.
 
     Raises:
@@ -160,7 +162,7 @@ def momentum_of(given: TotalMomentum | str | None) -> TotalMomentum | None:
     return _checked("momentum", given, TotalMomentum, "zero, or unknown")
 
 
-def planar_of(given: bool | None) -> bool | None:
+def resolve_planar(given: bool | None) -> bool | None:
     """Return whether a table carries a spacecraft.
 
     Raises:
@@ -170,7 +172,7 @@ def planar_of(given: bool | None) -> bool | None:
     return _checked("planar", given, bool, "or None")
 
 
-def _checked(name: str, given: Any, kind: type, others: str) -> Any:
+def _checked(name: str, given: object, kind: type[Kind], others: str) -> Kind | None:
     if given is None or isinstance(given, kind):
         return given
     raise InputError(f"{name} must be a {kind.__name__}, {others}, not {given!r:.80}")
@@ -187,8 +189,8 @@ def read_uncertainty(text: str) -> BodyUncertainty:
         InputError: no such file, not YAML, unknown keys, or values that are not numbers >= 0.
 
     """
-    whole = "the uncertainty of known bodies"
-    if text == EXACT:
+    whole = "the uncertainty of the spacecraft model"
+    if text == EXACT_MODEL:
         return BodyUncertainty()
     if "=" not in text:
         return load_yaml(BodyUncertainty, resolve_model(Path(text)), text, whole)

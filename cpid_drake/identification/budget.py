@@ -31,21 +31,21 @@ from cpid_drake.sensors.error_kinds import KINDS
 from cpid_drake.sensors.sensors import Gyro
 from cpid_drake.sensors.suite import SensorSuite
 
-FAR = 4.0
+LARGEST_ERROR = 4.0
 """No error is larger than so many of its σ: one entry in 16,000 is."""
 
-LEAST = 0.01
+LEAST_SHARE = 0.01
 """Least share of a row of the budget, of any parameter."""
 
 ALL = "all errors together"
 """Name of the row of everything that is estimated besides the target."""
 
 _GROUPS = {
-    "forces that walk": ("acceleration", "acceleration_B"),
-    "torques that walk": ("torque", "torque_B"),
-    "biases that walk": (BIAS,),
+    "random walk of forces": ("acceleration", "acceleration_B"),
+    "random walk of torques": ("torque", "torque_B"),
+    "random walk of biases": (BIAS,),
 }
-"""Kinds that walk and look alike."""
+"""Kinds with a random walk that look alike."""
 
 _XYZ = ("x", "y", "z")
 _STRETCHES = ("xx", "yy", "zz", "xy", "xz", "yz")
@@ -58,7 +58,7 @@ class BudgetRow:
     Attributes:
         name: of the error, in words.
         shares: (10,) share of the variance of each parameter that would go if the error were exact;
-            NaN where the parameter is not known.
+            NaN where it is not identifiable.
         unit: of the three numbers that follow; empty if they are None.
         value, sigma: the estimate and its σ; None of several errors, and of what walks.
         matters: σ to which the error must be known so that half of its share goes.
@@ -124,7 +124,7 @@ def error_budget(
             k += 1
     rows += [BudgetRow(name, share(left)) for name, left in _without_walks(found, held)]
     largest = {id(row): float(np.nanmax(row.shares, initial=0.0)) for row in rows}
-    rows = [row for row in rows if largest[id(row)] >= LEAST]
+    rows = [row for row in rows if largest[id(row)] >= LEAST_SHARE]
     return tuple(sorted(rows, key=lambda row: (row.name != ALL, -largest[id(row)])))
 
 
@@ -254,4 +254,4 @@ def size_checks(
         f"an error is {significant(sizes[name])} times as large as its sigma: {name}; declare "
         "what the hardware can have, or look for another cause"
     )
-    return (Check.of("declared sizes", sentence, sizes[name], FAR),)
+    return (Check.of("declared sizes", sentence, sizes[name], LARGEST_ERROR),)

@@ -24,9 +24,9 @@ from cpid_drake.estimation.least_squares import KNOWN
 from cpid_drake.estimation.rows_fit import TARGET, LogRows
 from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.files.digits import significant
-from cpid_drake.identification.checked_log import CheckedLog, Known, suite_of
+from cpid_drake.identification.checked_log import Arguments, CheckedLog, suite_of
 from cpid_drake.identification.checks import IMPROBABLE, Check, halves_check, momentum_words
-from cpid_drake.identification.leaning import with_larger_base
+from cpid_drake.identification.model_sensitivity import with_larger_base
 from cpid_drake.identification.result import Identification
 from cpid_drake.identification.together import with_sources
 from cpid_drake.logs.log import Log
@@ -36,7 +36,7 @@ from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
-FEWEST = 20
+FEWEST_FREEDOM = 20
 """Degrees of freedom from which on residuals are shown."""
 
 INTEGRATION = 1e-5
@@ -52,7 +52,7 @@ _FORCES = (
     "the sensors' file declares forces, and rows assume a constant momentum: identify with "
     "--estimator trajectory_fit"
 )
-_SOME = 100  # samples of a log that show what the estimate leans on, or its noise
+_SOME = 100  # samples of a log that show the sensitivity of the estimate, or its noise
 _CAUSE = "the spacecraft, a frame, a sign or a clock is not as assumed, or forces acted"
 _NOISE = (
     "momentum rows ignore the noise inside of them: the estimate is biased, and its intervals may "
@@ -62,7 +62,7 @@ _MOMENTA = ("zero", "known", "unknown")
 
 
 def estimate(
-    known: Known,
+    arguments: Arguments,
     logs: Mapping[str, CheckedLog],
     progress: Callable[[str], object] = lambda step: None,
 ) -> Identification:
@@ -73,17 +73,17 @@ def estimate(
 
     See `estimators.Estimator`.
     """
-    craft, family = known.spacecraft, known.family
+    craft, family = arguments.spacecraft, arguments.family
     assert family is not None
     trees = dict[str, KinematicTree]()
-    if known.has_exact_bodies:
+    if arguments.has_exact_bodies:
         trees = {"": craft.tree} | with_larger_base(craft.tree)
-    told = {name: _told(known, log, trees) for name, log in logs.items()}
-    fields = {name: own for name, (own, _, _) in told.items()}
-    sources = {name: target for name, (_, target, _) in told.items()}
+    summaries = {name: _summarize(arguments, log, trees) for name, log in logs.items()}
+    fields = {name: own for name, (own, _, _) in summaries.items()}
+    sources = {name: target for name, (_, target, _) in summaries.items()}
     form = family.parameterization(craft.mass)
     rows = sum(own.pop("row_count") for own in fields.values())
-    solution, prior = _solved(known, form, reduce(Gaussian.add, sources.values()), rows)
+    solution, prior = _solved(arguments, form, reduce(Gaussian.add, sources.values()), rows)
     if not all(own.pop("has_noise") for own in fields.values()):
         solution = replace(solution, covariance=np.full((10, 10), np.nan))
     where = {name: f"{name}: " if len(logs) > 1 else "" for name in logs}
@@ -102,9 +102,9 @@ def estimate(
         common |= next(iter(fields.values()))
     at = {}
     for name, tree in trees.items():
-        total = reduce(Gaussian.add, (held[name] for _, _, held in told.values()))
+        total = reduce(Gaussian.add, (held[name] for _, _, held in summaries.values()))
         changed = family.parameterization(tree.mass)
-        at[name] = changed.to_parameters(_solved(known, changed, total)[0].values)
+        at[name] = changed.to_parameters(_solved(arguments, changed, total)[0].values)
     is_known = np.isfinite(form.to_parameters(solution.estimate))
     result = Identification.of_solution(
         form,
@@ -112,13 +112,13 @@ def estimate(
         sample_count=sum(counts.values()),
         estimator=NAME,
         rows=family.name,
-        leaning={n: np.where(is_known, x - at[""], np.nan) for n, x in at.items() if n},
+        sensitivity={n: np.where(is_known, x - at[""], np.nan) for n, x in at.items() if n},
         **common,
     )
     if len(logs) == 1 and prior is None:
         return result
-    if known.prior is not None and prior is not None:
-        sources[known.prior.name] = prior
+    if arguments.prior is not None and prior is not None:
+        sources[arguments.prior.name] = prior
     unit = solution.unit
     return with_sources(
         result,
@@ -127,20 +127,20 @@ def estimate(
         TARGET,
         lambda gaussian: solution_of(gaussian, solution.values, solution.unit),
         counts,
-        known.prior,
+        arguments.prior,
     )
 
 
 def _solved(
-    known: Known, form: Parameterization, logs: Gaussian, row_count: int = 0
+    arguments: Arguments, form: Parameterization, logs: Gaussian, row_count: int = 0
 ) -> tuple[LeastSquaresSolution, Gaussian | None]:
     """Return the target's unknowns by logs and prior, and the prior's part, if there is one."""
-    x, scale = plausible(known.spacecraft, form, logs)
-    if known.prior is None:
+    x, scale = plausible(arguments.spacecraft, form, logs)
+    if arguments.prior is None:
         return solution_of(logs, x, scale, row_count=row_count), None
-    x = known.prior.moved(form, x)
+    x = arguments.prior.moved(form, x)
     for _ in range(4):  # each squares the error of linearizing it about the joint estimate
-        prior = known.prior.gaussian(TARGET, form, x, scale)
+        prior = arguments.prior.gaussian(TARGET, form, x, scale)
         # What only the prior determines is determined, however vague the prior is.
         largest = max(KNOWN, 1.5 / float(prior.singular_parts(scale)[1].min()))
         found = solution_of(logs.add(prior), x, scale, largest=largest, row_count=row_count)
@@ -282,14 +282,14 @@ def _motion(
         )
 
 
-def _told(
-    known: Known, log: CheckedLog, trees: Mapping[str, KinematicTree]
+def _summarize(
+    arguments: Arguments, log: CheckedLog, trees: Mapping[str, KinematicTree]
 ) -> tuple[dict[str, Any], Gaussian, dict[str, Gaussian]]:
     """Return a log's fields of an identification, its Gaussian of the target, and that by tree.
 
-    The others are with the known bodies of each tree.
+    The last are those with the bodies of each tree.
     """
-    spacecraft, momentum, family = known.spacecraft, known.momentum, known.family
+    spacecraft, momentum, family = arguments.spacecraft, arguments.momentum, arguments.family
     assert family is not None
     tree, suite, warnings = spacecraft.tree, log.sensors, tuple[str, ...]()
     if log.states is not None:
@@ -332,7 +332,7 @@ def _told(
             fields["momentum_covariance"] = inverse @ inverse.T
     target = whole.marginal([TARGET])
     solution = solution_of(target, *plausible(spacecraft, rows.form, target))
-    is_shown = solution.rank == len(tree.unknowns) and freedom > FEWEST
+    is_shown = solution.rank == len(tree.unknowns) and freedom > FEWEST_FREEDOM
     residuals = zip(("linear", "angular"), rows.residuals(x), strict=True) if is_shown else ()
     halves = tuple[Check, ...]()
     if solution.rank == len(tree.unknowns) and freedom > 0:

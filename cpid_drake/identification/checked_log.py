@@ -38,8 +38,8 @@ OLD_ZEROS = (
 
 
 @dataclass(frozen=True, eq=False)
-class Known:
-    """What is known besides the logs: the arguments of `identify.identify`, by their names.
+class Arguments:
+    """The arguments of `identify.identify` besides the logs, by their names.
 
     Sensors are those of the first log; see `CheckedLog.sensors`.
     """
@@ -146,7 +146,7 @@ def check_log(
     """Screen and check a log; exact states need no checks.
 
     Args:
-        spacecraft: the known spacecraft; None to check what a log alone shows.
+        spacecraft: the spacecraft model; None to check what a log alone shows.
         data: the log; the joints of measurements may be in any order.
         sensors: the sensors' errors, by which spikes and stuck sensors are found; None if they are
             not known.
@@ -258,7 +258,7 @@ def _turned(measurements: Log, k: int, times: NDArray[np.float64]) -> NDArray[np
     time, rate = rates.time, rates.value[:, 0]
     later = np.maximum(times - time[-1], 0.0)  # at a constant rate after the last sample
     angle = np.interp(times, time, cumulative_trapezoid(rate, time, initial=0.0))
-    return angle + later * rate[-1]
+    return np.asarray(angle + later * rate[-1])
 
 
 def _beyond_limits(spacecraft: Spacecraft, positions: NDArray[np.float64]) -> Iterator[str]:

@@ -33,8 +33,8 @@ SEEN = 1.1
 SLOW = 0.1
 """Share of slow noise in the variance from which a warning says so."""
 
-MOST_UNEXPLAINED = 0.1
-"""Share of the samples that nothing explains, above which a check fails."""
+MOST_OUTLIERS = 0.1
+"""Share of outliers above which a check fails."""
 
 ROUGH = 2.0
 """Factor to which residuals of rows in different units show the σ of an estimate."""
@@ -80,7 +80,7 @@ class Check:
 
 def fit_checks(
     converged: bool,
-    unexplained: float,
+    outliers: float,
     noise: Mapping[str, float],
     tests: Mapping[str, Whiteness],
     changes: int = 0,
@@ -91,7 +91,7 @@ def fit_checks(
 
     Args:
         converged: whether it reached its minimum.
-        unexplained: share of the samples that were not used because nothing explains them.
+        outliers: largest share of outliers, which are not used, in the samples of a sensor.
         noise: factors of the declared σ, by sensor or by "sensor of log".
         tests: whiteness of the residuals of each sensor.
         changes: number of changes of the momentum that the fit found. They must explain what looked
@@ -102,8 +102,8 @@ def fit_checks(
     """
     sentence = "the estimator did not converge: its result is not the best fit"
     yield Check.of(CONVERGENCE, sentence, passed=converged)
-    sentence = f"nothing explains {100 * unexplained:.0f} % of the log"
-    yield Check.of("unexplained share", sentence, unexplained, MOST_UNEXPLAINED)
+    sentence = f"{100 * outliers:.0f} % of a sensor's samples are outliers"
+    yield Check.of("share of outliers", sentence, outliers, MOST_OUTLIERS)
     largest = max(noise.values(), default=1.0)
     if changes:
         most = float(most_changes(logs))

@@ -1,9 +1,10 @@
 """What a rigid body can have of an estimate: the nearest body, intervals, and bounds of the rest.
 
-The estimate of an estimator may be impossible: a negative moment of inertia, or moments that
-violate the triangle inequality. No negative part of the interval of a mass or of a moment is shown;
-the rest contains the true value as often as the whole interval. Parameters that the samples do not
-determine have the bounds of what they do determine, and of sizes like the spacecraft's.
+The estimate of an estimator may be physically inconsistent: a negative moment of inertia, or
+moments that violate the triangle inequality. No negative part of the interval of a mass or of a
+moment is shown; the rest contains the true value as often as the whole interval. Parameters that
+the samples do not determine have the bounds of what they do determine, and of sizes like the
+spacecraft's.
 """
 
 from dataclasses import dataclass, replace
@@ -26,7 +27,7 @@ def checked(found: Identification, tree: KinematicTree) -> Identification:
 
     Args:
         found: the identification, with or without its nearest rigid body.
-        tree: the known spacecraft.
+        tree: the spacecraft model.
 
     """
     if found.check(NEAREST) is None:
@@ -34,7 +35,7 @@ def checked(found: Identification, tree: KinematicTree) -> Identification:
     # The larger noise explains the other failures.
     checks = sorted(found.checks, key=lambda check: (check.passed, check.name != NOISE))
     found = replace(found, checks=tuple(checks))
-    known, near = _known(found, tree), found.check(NEAREST)
+    known, near = _identified(found, tree), found.check(NEAREST)
     if not found.rank or known is None or near is None or near.statistic is None:
         return found
     possible = _possible(found) if near.passed else np.full((10, 2), np.nan)
@@ -53,14 +54,14 @@ def with_nearest_body(found: Identification, tree: KinematicTree) -> Identificat
         return found
     body = None if found.consistent is None else found.consistent.to_vector()
     combinations, distance = None, np.nan
-    known = _known(found, tree)
+    known = _identified(found, tree)
     if known is not None:
         distance, unknowns = 0.0, solution.values
-        if found.infeasibilities or not found.is_observable:
+        if found.inconsistencies or not found.is_identifiable:
             distance, unknowns = nearest(known.rows, form, tree.mass, known.scale)
-        if found.infeasibilities and np.isfinite(distance):
+        if found.inconsistencies and np.isfinite(distance):
             near = InertialParameters.from_vector(form.to_parameters(unknowns))
-            body = near.nearest_feasible().to_vector()  # the solver rounds
+            body = near.nearest_consistent().to_vector()  # the solver rounds
     if np.isfinite(solution.information).all():
         combinations = Combinations(form.name, solution.values, solution.information, tree.mass)
     return replace(
@@ -72,8 +73,8 @@ def with_nearest_body(found: Identification, tree: KinematicTree) -> Identificat
 
 
 @dataclass(frozen=True, eq=False)
-class _Known:
-    """What an identification knows of its unknowns.
+class _Identified:
+    """The identified combinations of the unknowns.
 
     Attributes:
         rows: A x = b with unit errors, without what is rounding.
@@ -87,14 +88,14 @@ class _Known:
     radius: float
 
 
-def _checks(found: Identification, distance: float, known: _Known | None) -> tuple[Check, ...]:
+def _checks(found: Identification, distance: float, known: _Identified | None) -> tuple[Check, ...]:
     """Return the check that a rigid body has the estimate, within its covariance."""
     rows, shown = 0 if found.solution is None else found.solution.row_count, found.parameters
     if not np.isfinite(np.diag(found.covariance)[np.isfinite(shown)]).all():
         if found.sensors is None and 0 < rows <= found.rank:
             return ()  # as many rows as unknowns: no residuals show the noise
         return (Check("uncertainty", "the uncertainty of the estimate could not be computed"),)
-    problems = "; ".join(found.infeasibilities)
+    problems = "; ".join(found.inconsistencies)
     sentence = "no rigid body agrees with the estimate within its uncertainty"
     sentence += f" ({problems})" if problems else ""
     sentence += ": the momentum, the spacecraft's model, units, signs or frames are not as assumed"
@@ -105,8 +106,8 @@ def _checks(found: Identification, distance: float, known: _Known | None) -> tup
     return (Check.of(NEAREST, sentence, distance, known.radius),)
 
 
-def _known(found: Identification, tree: KinematicTree) -> _Known | None:
-    """Return what an identification knows; None if nothing."""
+def _identified(found: Identification, tree: KinematicTree) -> _Identified | None:
+    """Return the identified combinations; None if there are none."""
     solution, form = found.solution, found.form
     assert solution is not None
     assert form is not None
@@ -117,12 +118,12 @@ def _known(found: Identification, tree: KinematicTree) -> _Known | None:
     mass, squares = found.parameters[0], [np.trace(tree.at_rest.I_BBcm) / 2 / tree.mass]
     if not 1e-3 < mass / tree.mass < 1e3:
         mass = tree.mass
-    elif found.is_observable:
+    elif found.is_identifiable:
         about_C = found.raw().to_standard_vector()
         squares.append(np.sum(about_C[[4, 7, 9]]) / 2 / mass)
     scale = sizes(form, float(mass), float(np.sqrt(max(squares))))
     radius = float(np.sqrt(_improbable(solution.rank, freedom)))
-    return _Known(without_rounding(known, scale), scale, radius)
+    return _Identified(without_rounding(known, scale), scale, radius)
 
 
 def _freedom(found: Identification) -> int | None:

@@ -15,8 +15,8 @@ from cpid_drake.estimation.least_squares import quantile_95
 from cpid_drake.files.digits import decimals, significant, with_half_width
 from cpid_drake.identification.budget import ALL, BudgetRow
 from cpid_drake.identification.checks import AGREEMENT
-from cpid_drake.identification.leaning import ALL as ALL_MASSES
-from cpid_drake.identification.leaning import LINK
+from cpid_drake.identification.model_sensitivity import ALL as ALL_MASSES
+from cpid_drake.identification.model_sensitivity import LINK
 
 if TYPE_CHECKING:
     from cpid_drake.identification.result import Identification
@@ -98,14 +98,16 @@ def origin(result: "Identification") -> str:
 
 def _cells(result: "Identification") -> list[_Row]:
     """Return the table of the parameters, its heads first."""
-    leans = np.abs(np.array([np.full(10, np.nan), *result.leaning.values()]))
+    changes = np.abs(np.array([np.full(10, np.nan), *result.sensitivity.values()]))
     nearest = np.full(10, np.nan) if result.nearest is None else result.nearest
-    by_bodies = "by 1 % of a body" if result.leaning else ""
+    by_bodies = "by 1 % of a body" if result.sensitivity else ""
     cells: list[_Row] = [("", "estimate", "95 % interval", "", "consistent", by_bodies)]
     for k, name in enumerate(PARAMETER_NAMES):
-        each, change = result[name], np.fmax.reduce(leans[:, k])
+        each, change = result[name], np.fmax.reduce(changes[:, k])
         last = f"{nearest[k]:.{each.decimals}f}" if np.isfinite(nearest[k]) else ""
-        by_bodies = f"±{significant(change)}" if each.is_known and np.isfinite(change) else ""
+        by_bodies = (
+            f"±{significant(change)}" if each.is_identifiable and np.isfinite(change) else ""
+        )
         cells.append((name, each.shown(), each.shown_interval(), each.unit, last, by_bodies))
     return cells
 
@@ -133,11 +135,11 @@ def _notes(result: "Identification") -> list[str]:
     learned = (effect for effect in result.effects if effect.is_learned)
     lines += [f"  estimated    {effect.name}: {effect.describe()}" for effect in learned]
     lines += _budget(result)
-    lines += _leaning(result)
+    lines += _sensitivity(result)
     if result.logs:
         lines += ["", *_of_logs(result)]
     lines += ["", *_of_bodies(result)] if result.consistent_intervals is not None else []
-    if not result.is_observable:
+    if not result.is_identifiable:
         lines += ["", *gap(result)]
     return lines
 
@@ -193,10 +195,10 @@ def shares_in_words(row: BudgetRow) -> Iterator[str]:
             yield f"{PARAMETER_NAMES[part][k]} {text} %"
 
 
-def _leaning(result: "Identification") -> Iterator[str]:
-    """Yield by how much errors of what is held would move the estimate, at most in σ."""
+def _sensitivity(result: "Identification") -> Iterator[str]:
+    """Yield the sensitivity of the estimate to errors of the spacecraft model, at most in σ."""
     sigma = np.sqrt(np.diag(result.covariance))
-    for name, change in result.leaning.items():
+    for name, change in result.sensitivity.items():
         known = np.isfinite(change) & (sigma > 0)
         if known.any():
             k = int(np.argmax(np.where(known, np.abs(change) / sigma, -1.0)))
@@ -206,18 +208,18 @@ def _leaning(result: "Identification") -> Iterator[str]:
                 share = significant(100 * change[0] / result.parameters[0], sign="+")
                 text = f"m by {share} %, {text}" if k else f"m by {share} %, which is {largest}"
             what = name if name in (LINK, ALL_MASSES) else f"the base's {name}"
-            yield f"  leans on     1 % of {what} changes {text}"
+            yield f"  sensitivity  1 % of {what} changes {text}"
 
 
 def _of_bodies(result: "Identification") -> Iterator[str]:
     """Yield the lines about the physically consistent part of the intervals."""
-    if not result.is_possible:
+    if not result.is_consistent:
         yield "No interval is given, because no rigid body agrees with the estimate."
         return
     if (np.isnan(result.parameters)[:, None] & np.isfinite(result.shown_intervals)).any():
         yield (
-            "Intervals of what is not known are bounds: of a target about as heavy and as large as "
-            "the spacecraft (1 σ)."
+            "Intervals of what is not identifiable are bounds: of a target about as heavy and as "
+            "large as the spacecraft (1 σ)."
         )
 
 
@@ -229,7 +231,7 @@ def _of_logs(result: "Identification") -> Iterator[str]:
     yield f"  The sources {agreement_words(result)}. Each on its own:"
     for name, part in result.logs.items():
         half = (part.intervals[0, 1] - part.intervals[0, 0]) / 2
-        mass = "m not known"
+        mass = "m not identifiable"
         if np.isfinite(half):
             mass = f"m = {with_half_width(part.parameters[0], half)} kg"
         yield (
@@ -252,7 +254,7 @@ def agreement_words(result: "Identification") -> str:
 
 def consistency_words(result: "Identification") -> str:
     """Return whether a rigid body has the estimate, in words."""
-    problems = "; ".join(result.infeasibilities)
+    problems = "; ".join(result.inconsistencies)
     if result.consistent is not None and problems:
         return f"no rigid body has the estimate ({problems}); the nearest consistent one is given"
     if result.consistent is not None:
@@ -260,16 +262,16 @@ def consistency_words(result: "Identification") -> str:
     if problems:
         return f"no rigid body is near the estimate ({problems})"
     if result.consistent_intervals is None:
-        return "not known before all ten parameters are"
-    return f"{'some' if result.is_possible else 'no'} rigid body agrees with the estimate"
+        return "unknown until all ten parameters are identifiable"
+    return f"{'some' if result.is_consistent else 'no'} rigid body agrees with the estimate"
 
 
 def gap(result: "Identification") -> list[str]:
-    """Return sentences on what is not known, why, and how to see it; empty if all is known."""
+    """Return sentences on what is not identifiable, why, and how to see it; empty if all is."""
     lines = _table_words(result) if result.is_planar else []
     if not result.is_complete:
-        if result.not_observable:
-            lines.append(f"Not known: {result.not_observable}.")
+        if result.not_identifiable:
+            lines.append(f"Not identifiable: {result.not_identifiable}.")
         if not result.failures:  # else another motion would not help
             lines.append(
                 "To see the rest, move the joints by larger angles and at higher rates, joints "
@@ -281,14 +283,14 @@ def gap(result: "Identification") -> list[str]:
 def _table_words(result: "Identification") -> list[str]:
     """Return sentences on what a motion in the plane of a table can show."""
     if result.normal_C is None:
-        return ["A table carries the spacecraft; its joints turn the target out of the plane."]
+        return ["A table carries the spacecraft; its joints rotate the target out of the plane."]
     others = "the others have no effect on a motion in the plane"
     axis = parallel_axis(result.normal_C)
     if axis >= 0:
         m, *c = (PARAMETER_NAMES[k] for k in range(4) if k != axis + 1)
         moment = PARAMETER_NAMES[4 + axis]
-        return [f"On a table, {m}, {', '.join(c)} and {moment} can be known; {others}."]
+        return [f"On a table, {m}, {', '.join(c)} and {moment} are identifiable; {others}."]
     return [
-        f"On a table, four numbers can be known, here oblique to C's axes; {others}.",
+        f"On a table, four numbers are identifiable, here oblique to C's axes; {others}.",
         "A capture frame with an axis along the table's normal shows them.",
     ]

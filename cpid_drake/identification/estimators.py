@@ -1,6 +1,6 @@
 """The registry of estimators. The command line and reports read it.
 
-To add an estimator, write a function from what is known and from checked logs, by their names, to a
+To add an estimator, write a function from `Arguments` and from checked logs, by their names, to a
 `result.Identification`, and put its record here.
 """
 
@@ -11,7 +11,7 @@ from cpid_drake.dynamics.rows import ROW_FAMILIES
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification import by_rows, fitted, online
-from cpid_drake.identification.checked_log import CheckedLog, Known
+from cpid_drake.identification.checked_log import Arguments, CheckedLog
 from cpid_drake.identification.result import Identification
 from cpid_drake.sensors.sensors import SENSORS
 
@@ -27,10 +27,10 @@ class Estimator:
         name: its name on the command line, in result files and in scenarios.
         label: its name in reports.
         good_for: its recommended use, in one sentence.
-        estimate: its function of what is known besides the logs, of the logs by their names, and
+        estimate: its function of the arguments, of the logs by their names, and
             of a callback for progress. It raises an `InputError` if there are too few samples, or
             if it cannot use a prior or several logs.
-        uses_rows: whether it uses momentum rows, which know neither the log of thrust nor the
+        uses_rows: whether it uses momentum rows, which have neither the log of thrust nor the
             uncertainty of the spacecraft; else it uses all samples as they are.
 
     """
@@ -38,7 +38,9 @@ class Estimator:
     name: str
     label: str
     good_for: str
-    estimate: Callable[[Known, Mapping[str, CheckedLog], Callable[[str], object]], Identification]
+    estimate: Callable[
+        [Arguments, Mapping[str, CheckedLog], Callable[[str], object]], Identification
+    ]
     uses_rows: bool = False
 
 
@@ -80,8 +82,8 @@ def methods() -> tuple[str, ...]:
     return (*ROW_FAMILIES, *others)
 
 
-def with_method(known: Known, logs: Mapping[str, CheckedLog]) -> Known:
-    """Return what is known, with names of the estimator and of its rows, if it uses any.
+def with_method(arguments: Arguments, logs: Mapping[str, CheckedLog]) -> Arguments:
+    """Return the arguments, with names of the estimator and of its rows, if it uses any.
 
     What is not named is what is best for these logs.
 
@@ -89,12 +91,12 @@ def with_method(known: Known, logs: Mapping[str, CheckedLog]) -> Known:
         InputError: no such estimator, or rows for an estimator that uses none.
 
     """
-    estimator, rows = known.estimator, known.rows
-    best = by_rows.best_rows([log.counts for log in logs.values()], known.sensors)
+    estimator, rows = arguments.estimator, arguments.rows
+    best = by_rows.best_rows([log.counts for log in logs.values()], arguments.sensors)
     if estimator is None:
-        tree, family = known.spacecraft.tree, ROW_FAMILIES[best]
+        tree, family = arguments.spacecraft.tree, ROW_FAMILIES[best]
         has_files = any(log.states is None for log in logs.values())
-        is_fit = known.sensors is not None or (known.known_bodies is not None and has_files)
+        is_fit = arguments.sensors is not None or (arguments.known_bodies is not None and has_files)
         is_fit = is_fit or any(
             log.measurements.has_thrust or by_rows.is_measured(log, tree, family)
             for log in logs.values()
@@ -114,10 +116,10 @@ def with_method(known: Known, logs: Mapping[str, CheckedLog]) -> Known:
         rows = rows or best
     elif rows is not None:
         raise InputError(f"rows are for least_squares; {estimator} has none: leave rows out")
-    return replace(known, estimator=estimator, rows=rows)
+    return replace(arguments, estimator=estimator, rows=rows)
 
 
-def require_sensors(log: CheckedLog, known: Known) -> None:
+def require_sensors(log: CheckedLog, arguments: Arguments) -> None:
     """Refuse a log that lacks what an estimator needs.
 
     Raises:
@@ -126,9 +128,9 @@ def require_sensors(log: CheckedLog, known: Known) -> None:
 
     """
     needs: tuple[tuple[str, ...], ...] = (("encoders",), ("attitude",))
-    family = known.family
+    family = arguments.family
     if family is not None:
-        needs = by_rows.needs_of_rows(family, known.momentum or TotalMomentum.zero())
+        needs = by_rows.needs_of_rows(family, arguments.momentum or TotalMomentum.zero())
     present = log.counts if log.sensors is None else log.sensors.present()
     for choice in needs:
         if choice == ("encoders",) and not log.measurements.joint_names:
@@ -138,5 +140,5 @@ def require_sensors(log: CheckedLog, known: Known) -> None:
         text = " or ".join(SENSORS[name].description for name in choice)
         is_logged = any(log.counts.get(name) for name in choice)
         reason = "is not one of the given sensors" if is_logged else "the log has no samples of"
-        who = f"{known.estimator} with {family.name} rows" if family else known.estimator
+        who = f"{arguments.estimator} with {family.name} rows" if family else arguments.estimator
         raise InputError(f"{who} needs {text}, which {reason}; see `cpid list estimators`")

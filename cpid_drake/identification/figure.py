@@ -51,19 +51,18 @@ def _draw_parameter(estimate: ParameterEstimate, nearest: float, truth: float, a
     axes.set_ylim(-1.0, 1.0)
     if not np.isfinite([low, high, estimate.value, nearest, truth]).any():
         axes.set_xticks([])
-    bar = {"color": COLORS[0], "alpha": 0.35, "linewidth": 7, "solid_capstyle": "butt"}
-    axes.plot([low, high], [0, 0], label="95 % interval", **bar)
+    [bar] = axes.plot([low, high], [0, 0], color=COLORS[0], alpha=0.35, label="95 % interval")
+    bar.set(linewidth=7, solid_capstyle="butt")
     axes.plot(estimate.value, 0, "o", color=COLORS[0], label="estimate")
     axes.plot(nearest, 0, "D", color=COLORS[2], fillstyle="none", label="nearest rigid body")
     if np.isfinite(truth):
         axes.axvline(truth, color=COLORS[1], linestyle="--", label="true value")
     for bound, end, side in ((low, high, 1), (high, low, -1)):
         if np.isfinite(bound) and not np.isfinite(end):  # one bound: an arrow to the open side
-            move = {"xytext": (30 * side, 0), "textcoords": "offset points"}
             arrow = {"arrowstyle": "<-", "color": COLORS[0]}
             axes.plot(bound, 0, "|", color=COLORS[0], markersize=12)
-            axes.annotate("", (bound, 0), arrowprops=arrow, **move)
+            axes.annotate("", (bound, 0), (30 * side, 0), "data", "offset points", arrow)
     if not np.isfinite(estimate.value):
-        axes.text(0.5, 0.8, "not known", transform=axes.transAxes, ha="center", color=INK)
+        axes.text(0.5, 0.8, "not identifiable", transform=axes.transAxes, ha="center", color=INK)
     axes.xaxis.set_major_locator(MaxNLocator(3))
     axes.margins(x=0.15)

@@ -23,9 +23,9 @@ from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.estimation.whiteness import Whiteness, whiteness
 from cpid_drake.files.errors import prefix_errors
 from cpid_drake.identification.answer import Observed, answer_of, at_momentum
-from cpid_drake.identification.checked_log import CheckedLog, Known, suites_of
+from cpid_drake.identification.checked_log import Arguments, CheckedLog, suites_of
 from cpid_drake.identification.halves import part_checks
-from cpid_drake.identification.leaning import leaning
+from cpid_drake.identification.model_sensitivity import base_sensitivity
 from cpid_drake.identification.over_time import over_time
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import Identification
@@ -38,7 +38,7 @@ NAME = "trajectory_fit"
 
 
 def estimate(
-    known: Known,
+    arguments: Arguments,
     logs: Mapping[str, CheckedLog],
     progress: Callable[[str], object] = lambda step: None,
 ) -> Identification:
@@ -48,7 +48,7 @@ def estimate(
     """
     suites, warnings = suites_of(logs)
     has_thrust = any(log.measurements.has_thrust for log in logs.values())
-    tree, bodies = known.spacecraft.tree, known.known_bodies
+    tree, bodies = arguments.spacecraft.tree, arguments.known_bodies
     model = Model.of(tree, suites, bodies, has_thrust=has_thrust)
     where = {name: f"{name}: " if len(logs) > 1 else "" for name in logs}
     states = []
@@ -56,8 +56,8 @@ def estimate(
         with prefix_errors(where[name].removesuffix(": ")):
             states.append(LogState.of(model, log.measurements, name))
     progress("fitting")
-    question = Question.of(model, logs, known.momentum)
-    found = _fit(model, states, known.prior, progress)
+    question = Question.of(model, logs, arguments.momentum)
+    found = _fit(model, states, arguments.prior, progress)
     asked = question.without_contradicted(found.gaussian, found.values, model)
     found, beside = fit_with_events(found, asked, progress)
     progress("comparing")
@@ -65,9 +65,9 @@ def estimate(
     best = asked.answer(found.gaussian, found.values).best
     found = about(found, asked.held(found.values, best))
     series, observed = _observed(found, beside)
-    names = known.spacecraft.joint_names
+    names = arguments.spacecraft.joint_names
     result, held = answer_of(
-        found, question, known.momentum, observed, joints=names, estimator=NAME
+        found, question, arguments.momentum, observed, joints=names, estimator=NAME
     )
     result = replace(
         result,
@@ -76,12 +76,12 @@ def estimate(
         warnings=(*warnings, *result.warnings),
     )
     if model.known_bodies is None and found.converged and result.solution is not None:
-        result = replace(result, leaning=leaning(found, result.solution, held))
+        result = replace(result, sensitivity=base_sensitivity(found, result.solution, held))
     if len(logs) == 1:
         result = replace(result, history=partial(over_time, found, held, NAME))
-    if len(logs) == 1 and known.prior is None:
+    if len(logs) == 1 and arguments.prior is None:
         return result
-    return _separated(result, found, held, known.prior, observed.used)
+    return _separated(result, found, held, arguments.prior, observed.used)
 
 
 def _fit(
@@ -175,12 +175,12 @@ def cramer_rao_bound(
     estimated as well. The bound holds for unbiased estimators.
 
     Args:
-        tree: the known bodies.
+        tree: the spacecraft's bodies.
         psi: (10,) relative unknowns of the target.
         measurements: ideal samples of the sensors.
         sensors: the sensors' errors.
         momentum: the total momentum, marked as unknown if it is to be estimated; default: zero.
-        known_bodies: uncertainty of the known bodies, which are estimated too.
+        known_bodies: uncertainty of the spacecraft's bodies, which are estimated too.
 
     Raises:
         InputError: no attitude samples, or no motion can be predicted.

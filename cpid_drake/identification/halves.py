@@ -36,7 +36,7 @@ def part_checks(found: Fit, held: Values) -> tuple[Check, ...]:
 
 
 def _beginning(found: Fit) -> Gaussian | None:
-    """Return what the first halves of all logs tell; None if a log is too short."""
+    """Return the Gaussian of the first halves of all logs; None if a log is too short."""
     known = prior_of(found.model, found.logs, found.values)
     for log, rolled in zip(found.logs, found.rolled, strict=True):
         middle = (log.blocks[0].start + log.blocks[-1].end) / 2

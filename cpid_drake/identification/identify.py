@@ -15,16 +15,16 @@ from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.identification.arguments import (
     LogLike,
     PathLike,
-    bodies_of,
-    logs_of,
-    momentum_of,
-    planar_of,
-    prior_of,
     require_spacecraft,
-    sensors_of_logs,
+    resolve_bodies,
+    resolve_logs,
+    resolve_momentum,
+    resolve_planar,
+    resolve_prior,
+    resolve_sensors_by_log,
 )
 from cpid_drake.identification.by_rows import MISFIT
-from cpid_drake.identification.checked_log import CheckedLog, Known, check_log
+from cpid_drake.identification.checked_log import Arguments, CheckedLog, check_log
 from cpid_drake.identification.checks import Check, label_of, rejection_checks
 from cpid_drake.identification.consistency import checked
 from cpid_drake.identification.estimators import (
@@ -34,7 +34,7 @@ from cpid_drake.identification.estimators import (
     require_sensors,
     with_method,
 )
-from cpid_drake.identification.leaning import leaning_of_any_samples
+from cpid_drake.identification.model_sensitivity import hidden_sensitivity
 from cpid_drake.identification.planar import PROPOSED, could_be_planar, one_normal
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import SPACECRAFT, Identification
@@ -78,10 +78,10 @@ def identify(
     and their separate estimates (`Identification.logs`).
 
     Names and paths are accepted where the command line accepts them: of logs, sensors, the
-    momentum, known bodies and the prior.
+    momentum, uncertainty of the spacecraft and the prior.
 
     Args:
-        spacecraft: the known spacecraft.
+        spacecraft: the spacecraft model.
         data: exact states at common times, or samples of sensors, each at its own times, as from
             `read_log`, or the path of a log in the package's own columns; of several logs by their
             names, or several paths. The joints of measurements may be in
@@ -90,7 +90,7 @@ def identify(
         estimator: name of an estimator (`cpid_drake.identification.estimators.ESTIMATORS`) or of a
             row family, which means least squares on these rows. Default: the trajectory fit, but
             least squares if rows are given, without attitude, and for exact states: also for
-            samples, without sensors and known bodies, whose momentum is constant to 1e-5.
+            samples, without sensors and uncertain bodies, whose momentum is constant to 1e-5.
         rows: row family of least squares (`cpid_drake.dynamics.rows.ROW_FAMILIES`); default:
             "standard", or "relative" for data without position and velocity.
         sensors: the sensors' errors, or those of each log by its name: logs with the same object,
@@ -100,7 +100,7 @@ def identify(
             it from the data.
         momentum: the total momentum of spacecraft and target, or "zero" or "unknown"; default: zero
             if the samples agree with this, else unknown.
-        known_bodies: uncertainty of the spacecraft's own bodies, of the arm's geometry and of the
+        known_bodies: uncertainty of the spacecraft's bodies, of the arm's geometry and of the
             grasp, whose errors the trajectory fit and the recursive fit estimate with these σ as
             prior, and include in their covariance; `BodyUncertainty()` if they are exact. Default:
             the trajectory fit includes 1 % of masses and inertias and 5 mm of each centre of mass,
@@ -125,11 +125,11 @@ def identify(
 
     """
     require_spacecraft(spacecraft)
-    named = logs_of(data, spacecraft)
-    suites, momentum = sensors_of_logs(sensors, named), momentum_of(momentum)
+    named = resolve_logs(data, spacecraft)
+    suites, momentum = resolve_sensors_by_log(sensors, named), resolve_momentum(momentum)
     [suite, *_] = suites.values()
-    known_bodies, prior = bodies_of(known_bodies), prior_of(prior, spacecraft)
-    planar = planar_of(planar)
+    known_bodies, prior = resolve_bodies(known_bodies), resolve_prior(prior, spacecraft)
+    planar = resolve_planar(planar)
     where, logs = {name: name if len(named) > 1 else "" for name in named}, dict[str, CheckedLog]()
     for name, each in named.items():
         progress(f"checking {name}")
@@ -145,18 +145,20 @@ def identify(
         )
     if normals:
         spacecraft = spacecraft.on_table(one_normal(normals))
-    known = Known(spacecraft, estimator, rows, suite, momentum, known_bodies, prior, bool(normals))
-    known = with_method(known, logs)
-    assert known.estimator is not None
-    method = ESTIMATORS[known.estimator]
+    arguments = Arguments(
+        spacecraft, estimator, rows, suite, momentum, known_bodies, prior, bool(normals)
+    )
+    arguments = with_method(arguments, logs)
+    assert arguments.estimator is not None
+    method = ESTIMATORS[arguments.estimator]
     for name, log in logs.items():
         with prefix_errors(where[name]):
-            require_sensors(log, known)
-            if wrong := log.conventions.failures or _by_momentum(known, log):
+            require_sensors(log, arguments)
+            if wrong := log.conventions.failures or _by_momentum(arguments, log):
                 raise InputError("; ".join(wrong))
     progress("identifying")
     try:
-        found = method.estimate(known, logs, progress)
+        found = method.estimate(arguments, logs, progress)
     except (np.linalg.LinAlgError, InputError) as error:
         text = str(error)
         if isinstance(error, np.linalg.LinAlgError):
@@ -169,16 +171,16 @@ def identify(
         raise InputError(f"most likely, {causes}: {text}" if causes else text) from error
     tree = spacecraft.tree
     found = replace(found, is_planar=tree.normal_B is not None, normal_C=tree.normal_C)
-    found = checked(_with_logs(found, logs, method, not known.has_exact_bodies), tree)
+    found = checked(_with_logs(found, logs, method, not arguments.has_exact_bodies), tree)
     given = (each or SensorSuite() for each in suites.values())
     is_exact = method.uses_rows or errors_of_bodies(known_bodies, *given) is None
     if is_exact:
         found = replace(found, given=(SPACECRAFT,))
-    if is_exact and known.has_exact_bodies:
+    if is_exact and arguments.has_exact_bodies:
         has_thrust = any(log.measurements.has_thrust for log in logs.values())
         has_scale = has_thrust or found.momentum == "known"
-        beyond = leaning_of_any_samples(found.parameters, tree, has_scale=has_scale)
-        found = replace(found, leaning={**found.leaning, **beyond})
+        beyond = hidden_sensitivity(found.parameters, tree, has_scale=has_scale)
+        found = replace(found, sensitivity={**found.sensitivity, **beyond})
     [log, *others] = logs.values()
     could_be = planar is None and could_be_planar(tree, log.measurements.attitude.value)
     if could_be and not (found.passed and found.is_complete):
@@ -193,20 +195,21 @@ def identify(
     return replace(found, checks=(Check("log", f"most likely, {convention}"), *found.checks))
 
 
-def _by_momentum(known: Known, log: CheckedLog) -> tuple[str, ...]:
-    """Return the convention that the momentum asks for, if noise does not explain the log as read.
+def _by_momentum(arguments: Arguments, log: CheckedLog) -> tuple[str, ...]:
+    """Return the convention that the momentum shows, if noise does not explain the log as read.
 
-    In a short log many conventions explain a smooth motion; the misfit of rows knows the noise.
+    In a short log many conventions explain a smooth motion; the misfit of rows is relative to the
+    noise.
     """
-    if log.conventions.has_momentum or known.spacecraft.tree.normal_B is not None:
+    if log.conventions.has_momentum or arguments.spacecraft.tree.normal_B is not None:
         return ()
-    wrong = check_conventions(log.measurements, known.spacecraft.tree).failures
+    wrong = check_conventions(log.measurements, arguments.spacecraft.tree).failures
     if not wrong:
         return ()
     coasting = log.measurements.between(-np.inf, log.measurements.first_burn)
     logs = {"": replace(log, measurements=coasting)}
     unknown = TotalMomentum.unknown()
-    by_rows = replace(known, estimator=LEAST_SQUARES, rows=None, prior=None, momentum=unknown)
+    by_rows = replace(arguments, estimator=LEAST_SQUARES, rows=None, prior=None, momentum=unknown)
     with suppress(np.linalg.LinAlgError, InputError):  # too few samples
         by_rows = with_method(by_rows, logs)
         found = ESTIMATORS[LEAST_SQUARES].estimate(by_rows, logs, lambda step: None)
@@ -218,7 +221,7 @@ def _by_momentum(known: Known, log: CheckedLog) -> tuple[str, ...]:
 def _convention(log: CheckedLog, spacecraft: Spacecraft) -> str:
     """Return the convention that explains a log of which the identification failed; or nothing."""
     if spacecraft.tree.normal_B is not None:
-        return ""  # the plane's few equations do not tell conventions apart
+        return ""  # the plane's few equations do not distinguish conventions
     return check_conventions(log.measurements, spacecraft.tree).sentence
 
 

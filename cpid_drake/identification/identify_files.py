@@ -12,8 +12,8 @@ import numpy as np
 
 from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.files.resources import __version__, resolve_model
-from cpid_drake.identification.arguments import bodies_of, momentum_of, sensors_of
-from cpid_drake.identification.checked_log import Known, left_out_warnings
+from cpid_drake.identification.arguments import resolve_bodies, resolve_momentum, resolve_sensors
+from cpid_drake.identification.checked_log import Arguments, left_out_warnings
 from cpid_drake.identification.identify import identify
 from cpid_drake.identification.prior import load_prior
 from cpid_drake.identification.request import Request, Source, log_names
@@ -22,7 +22,7 @@ from cpid_drake.logs.conversion import LogFile
 from cpid_drake.logs.files import inspect_log, refuse_problems
 from cpid_drake.logs.log import Log
 
-PARTS = 12
+PARTS_OVER_TIME = 12
 """From so many parts of a log estimates over time are identified."""
 
 
@@ -30,7 +30,7 @@ PARTS = 12
 class Evidence:
     """An identification with its inputs, and with the log files that were read for it."""
 
-    inputs: Known
+    inputs: Arguments
     files: tuple[LogFile, ...]
     found: Identification
 
@@ -111,7 +111,7 @@ def converge(evidence: Evidence, progress: Callable[[str], None] = lambda step: 
         return [*result.history(), (end, result)]
     same = replace(inputs, estimator=result.estimator, rows=result.rows, planar=result.is_planar)
     estimates = []
-    for time in (end * np.arange(1, PARTS) / PARTS).tolist():
+    for time in (end * np.arange(1, PARTS_OVER_TIME) / PARTS_OVER_TIME).tolist():
         progress(f"identifying from the first {time:.4g} of {end:.4g} s")
         with suppress(InputError):  # too few samples, or nothing moves yet
             found = identify(data=data.between(0.0, time), **vars(same))
@@ -119,7 +119,7 @@ def converge(evidence: Evidence, progress: Callable[[str], None] = lambda step: 
     return [*estimates, (end, result)]
 
 
-def opened_inputs(request: Request, progress: Callable[[str], object]) -> Known:
+def opened_inputs(request: Request, progress: Callable[[str], object]) -> Arguments:
     """Return the inputs of a request besides its telemetry.
 
     Args:
@@ -133,14 +133,14 @@ def opened_inputs(request: Request, progress: Callable[[str], object]) -> Known:
     craft = request.spacecraft
     progress("reading the model")
     spacecraft = craft.make()
-    momentum, sensors = momentum_of(request.momentum), sensors_of(request.sensors)
-    bodies = bodies_of(request.known_bodies)
+    momentum, sensors = resolve_momentum(request.momentum), resolve_sensors(request.sensors)
+    bodies = resolve_bodies(request.known_bodies)
     prior = None
     if request.prior is not None:
         prior = load_prior(request.prior, spacecraft, craft.capture_frame)
     progress("reading the telemetry")
     options = request.estimator, request.rows, sensors, momentum, bodies, prior, request.planar
-    return Known(spacecraft, *options)
+    return Arguments(spacecraft, *options)
 
 
 def open_log(request: Request, joints: tuple[str, ...]) -> tuple[Source, LogFile]:

@@ -13,7 +13,7 @@ from cpid_drake.estimation.posterior import known_target
 from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.answer import Observed, answer_of
-from cpid_drake.identification.checked_log import CheckedLog, Known, suite_of
+from cpid_drake.identification.checked_log import Arguments, CheckedLog, suite_of
 from cpid_drake.identification.checks import Check
 from cpid_drake.identification.result import Identification
 
@@ -38,7 +38,7 @@ def identification_of_state(
     momentum: TotalMomentum | None,
     joints: Sequence[str] | None = None,
 ) -> Identification:
-    """Return what is known after the last block.
+    """Return the identification after the last block.
 
     Args:
         model: the unknowns.
@@ -79,7 +79,7 @@ def identification_of_state(
 
 
 def estimate(
-    known: Known,
+    arguments: Arguments,
     logs: Mapping[str, CheckedLog],
     progress: Callable[[str], object] = lambda step: None,
 ) -> Identification:
@@ -89,14 +89,14 @@ def estimate(
     """
     if len(logs) > 1:
         raise InputError(f"{NAME} identifies from one log; use the trajectory fit")
-    [log], craft = logs.values(), known.spacecraft
-    suite, warnings = suite_of(known.sensors, log)
+    [log], craft = logs.values(), arguments.spacecraft
+    suite, warnings = suite_of(arguments.sensors, log)
     has_thrust = log.measurements.has_thrust
-    model = Model.of(craft.tree, suite, known.known_bodies, has_thrust=has_thrust)
-    if known.prior is not None:
-        model = replace(model, rows=(known.prior.of_psi(model),))
+    model = Model.of(craft.tree, suite, arguments.known_bodies, has_thrust=has_thrust)
+    if arguments.prior is not None:
+        model = replace(model, rows=(arguments.prior.of_psi(model),))
     progress("fitting")
-    state = OnlineState(question=question_of(model, known.momentum))
+    state = OnlineState(question=question_of(model, arguments.momentum))
     state = run(model, log.measurements.blocks(), state)
-    found = identification_of_state(model, state, known.momentum, craft.joint_names)
+    found = identification_of_state(model, state, arguments.momentum, craft.joint_names)
     return replace(found, warnings=(*warnings, *found.warnings))

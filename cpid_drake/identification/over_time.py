@@ -12,7 +12,7 @@ from cpid_drake.estimation.sweep import BOUNDARY, sweep
 from cpid_drake.estimation.unknowns import PSI
 from cpid_drake.identification.result import Identification
 
-MOST = 50
+MOST_ESTIMATES = 50
 """Number of estimates of a log, at most."""
 
 
@@ -28,18 +28,18 @@ def over_time(
 
     """
     [log], [rolled], model = found.logs, found.rolled, found.model
-    ends = range(len(log.blocks) - 1)[:: -(-len(log.blocks) // MOST)]
+    ends = range(len(log.blocks) - 1)[:: -(-len(log.blocks) // MOST_ESTIMATES)]
     swept = sweep(model, log, rolled, found.values, forward_only=True, stops=ends)
     prior, form = prior_of(model, [log], found.values), relative_parameterization(model.mass)
     counts = np.cumsum([sum(map(len, block.samples.samples.values())) for block in log.blocks])
     estimates = []
     for k in ends:
         known = swept.stops[k]
-        told = known.marginal(name for name in known.places if name != BOUNDARY).add(prior)
-        told = told.condition({name: v for name, v in held.items() if name in told.places})
+        target = known.marginal(name for name in known.places if name != BOUNDARY).add(prior)
+        target = target.condition({name: v for name, v in held.items() if name in target.places})
         estimate = Identification.of_solution(
             form,
-            known_target(model, found.values[PSI], told, count=int(counts[k])),
+            known_target(model, found.values[PSI], target, count=int(counts[k])),
             sensors=model.suite,
             sample_count=int(counts[k]),
             estimator=estimator,

@@ -12,10 +12,10 @@ class ParameterEstimate:
 
     Attributes:
         name: such as "m", "cx" or "Ixx".
-        value: the estimate; NaN if it is not known.
-        sigma: its σ; NaN if it is not known.
+        value: the estimate; NaN if it is not identifiable.
+        sigma: its σ; NaN if it is not identifiable.
         interval: ends of the 95 % interval, as far as a rigid body can have it. A parameter that is
-            not known may have bounds; an end without a bound is NaN.
+            not identifiable may have bounds; an end without a bound is NaN.
         unit: of all numbers.
         checks_passed: whether no check of the identification failed; else do not use the estimate.
 
@@ -30,7 +30,10 @@ class ParameterEstimate:
 
     def __repr__(self) -> str:
         unit, spread = f" {self.unit}", self.shown_interval()
-        parts = [f"{self.name} " + (f"= {self.shown()}{unit}" if self.is_known else "not known")]
+        parts = [
+            f"{self.name} "
+            + (f"= {self.shown()}{unit}" if self.is_identifiable else "not identifiable")
+        ]
         if isfinite(self.sigma):
             parts.append(f"σ {significant(self.sigma)}{unit}")
         if spread:
@@ -38,7 +41,7 @@ class ParameterEstimate:
         return ", ".join(parts) + ("" if self.checks_passed else "; a check failed")
 
     @property
-    def is_known(self) -> bool:
+    def is_identifiable(self) -> bool:
         """Whether the samples determine the parameter."""
         return isfinite(self.value)
 
@@ -48,8 +51,8 @@ class ParameterEstimate:
         return decimals_of(*self.interval)
 
     def shown(self) -> str:
-        """Return the estimate, or that it is not known."""
-        return f"{self.value:.{self.decimals}f}" if self.is_known else "not known"
+        """Return the estimate, or that it is not identifiable."""
+        return f"{self.value:.{self.decimals}f}" if self.is_identifiable else "not identifiable"
 
     def shown_interval(self) -> str:
         """Return the interval in words: both ends, one bound, or nothing."""

@@ -34,7 +34,7 @@ ASSUMED = (
 """The warning if a log without tilt and height is identified in the plane."""
 
 PROPOSED = (
-    "all joints turn about one axis: if a table carries the spacecraft, say so with --planar, "
+    "all joints rotate about one axis: if a table carries the spacecraft, say so with --planar, "
     "because its reactions are not in the equations otherwise"
 )
 """The warning if such a spacecraft has no answer, or not a whole one."""

@@ -32,8 +32,8 @@ class TargetPrior:
 
     Attributes:
         name: its name in messages.
-        parameters: (10,) π in the spacecraft's capture frame; NaN where not known.
-        covariance: (10, 10) of `parameters`; NaN where not known.
+        parameters: (10,) π in the spacecraft's capture frame; NaN where not identifiable.
+        covariance: (10, 10) of `parameters`; NaN where not identifiable.
         combinations: what an estimate determines in its own unknowns, which is used in place of
             the parameters where these are the unknowns; None without any.
         failures: reasons not to trust the prior.
@@ -140,7 +140,7 @@ class PriorConfig:
         place = np.zeros(3) if self.p_CTcm_C is None else self.p_CTcm_C
         inertia = np.eye(3) if self.I_TTcm_C is None else self.I_TTcm_C
         body = InertialParameters(mass, place, inertia)
-        problems = body.infeasibilities()
+        problems = body.inconsistencies()
         if problems:
             raise InputError(f"not a rigid body: {'; '.join(problems)}")
         values = body.to_vector()
@@ -168,7 +168,7 @@ def load_prior(path: str | Path, spacecraft: Spacecraft, capture_frame: str) -> 
 
     Args:
         path: a result of `cpid identify` (JSON), or YAML with the keys of `PriorConfig`.
-        spacecraft: the known spacecraft.
+        spacecraft: the spacecraft model.
         capture_frame: its capture frame, in which the prior must be expressed.
 
     Raises:
@@ -185,7 +185,7 @@ def load_prior(path: str | Path, spacecraft: Spacecraft, capture_frame: str) -> 
 def prior_of_result(
     result: Identification, where: str, spacecraft: Spacecraft, capture_frame: str | None
 ) -> TargetPrior:
-    """Return what a result, in the file `where`, tells about its target; see `load_prior`.
+    """Return the prior that a result, in the file `where`, is for its target; see `load_prior`.
 
     Without a capture frame, that of the result is not compared.
     """
@@ -212,9 +212,9 @@ def prior_of_result(
     if found is None and not given.any():
         raise InputError(f"{where}: the prior determines no parameter")
     if found is not None and found.unknowns == "relative":
-        told = relative_parameterization(found.known_mass).to_parameters(found.values)
-        sigma = np.sqrt(np.diag(result.covariance)) + 1e-9 * np.abs(told)
-        if (np.abs(told - result.parameters) > 0.01 * sigma)[given].any():
+        stated = relative_parameterization(found.known_mass).to_parameters(found.values)
+        sigma = np.sqrt(np.diag(result.covariance)) + 1e-9 * np.abs(stated)
+        if (np.abs(stated - result.parameters) > 0.01 * sigma)[given].any():
             raise InputError(
                 f"{where}: `parameters` are not those of `combinations`: leave one of them as it "
                 "was, or set `combinations` to null"

@@ -32,7 +32,7 @@ class Request:
 
     Attributes:
         telemetry: a file or a bag's folder.
-        spacecraft: the known spacecraft.
+        spacecraft: the spacecraft model.
         estimator, rows: see `cpid_drake.identification.identify.identify`.
         sensors: name of a preset or a YAML file; None if they are unknown. Logs with the same have
             the same hardware.

@@ -17,7 +17,7 @@ from cpid_drake.dynamics.parameterizations import (
     Parameterization,
 )
 from cpid_drake.estimation.gaussian import LeastSquaresSolution
-from cpid_drake.estimation.least_squares import describe_unobservable, quantile_95
+from cpid_drake.estimation.least_squares import describe_unidentifiable, quantile_95
 from cpid_drake.files.checked_yaml import InMemory, Numbers
 from cpid_drake.files.errors import InputError, choose_from
 from cpid_drake.identification.budget import BudgetRow
@@ -37,14 +37,14 @@ if TYPE_CHECKING:  # Drake and Matplotlib take half a second to import
 SPACECRAFT = "spacecraft model"
 """What is given of an estimate that includes no error of the spacecraft's bodies."""
 
-FORMAT = 7
+FORMAT = 8
 """Version of the keys of a result file."""
 
 TURNS = 4
 """So many times, the direction in which a parameter becomes extreme is improved."""
 
 NO_MASS = "c and I, because the interval of m contains zero"
-"""Why they are not known although the samples determine all unknowns."""
+"""Why they are not identifiable although the samples determine all unknowns."""
 
 Array = NDArray[np.float64]
 Count = Annotated[int, Ge(0), Le(2**53)]
@@ -87,10 +87,11 @@ class Identification:
     Attributes:
         format: see `FORMAT`.
         names, units: names and units of the ten parameters.
-        parameters: (10,) m [kg], c [m], Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg·m²]; NaN where not known.
-        covariance: (10, 10) of `parameters`, to second order; NaN where not known. With unweighted
-            rows of Eq. 18, which are in m/s and N·m·s, it is rough: the σ of the mass can be 25
-            times too large. With standard rows it is accurate to a factor of 1.5.
+        parameters: (10,) m [kg], c [m], Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg·m²]; NaN where not
+            identifiable.
+        covariance: (10, 10) of `parameters`, to second order; NaN where not identifiable. With
+            unweighted rows of Eq. 18, which are in m/s and N·m·s, it is rough: the σ of the mass
+            can be 25 times too large. With standard rows it is accurate to a factor of 1.5.
         intervals: (10, 2) two-sided 95 % intervals of `parameters`, of Student's t distribution if
             the noise is estimated from the residuals, else of the normal distribution.
         consistent_intervals: (10, 2) the part of each interval that a rigid body can have; for
@@ -102,11 +103,11 @@ class Identification:
         rank: number of parameters, or of combinations of them, that the samples determine.
         singular_values: (10,) singular values of the scaled problem, descending.
         condition: ratio of the largest to the smallest; None below a rank of ten.
-        not_observable: what the samples do not determine, in words; empty if they determine all.
+        not_identifiable: what the samples do not determine, in words; empty if they determine all.
         combinations: what the result determines, in its own unknowns; None without a covariance.
         is_planar: whether a table carries the spacecraft.
-        normal_C: (3,) the table's normal in C; None if the joints turn C out of the plane, so that
-            all ten parameters act on the motion.
+        normal_C: (3,) the table's normal in C; None if the joints rotate C out of the plane, so
+            that all ten parameters act on the motion.
         sample_count: number of samples used.
         rejected: number of samples that could not be used, by sensor.
         estimator: name of the estimator in `estimators.ESTIMATORS`.
@@ -121,9 +122,9 @@ class Identification:
             "sensor of log".
         effects: estimates of the constant errors of sensors, forces and grasp.
         given: what is taken to be exact although nothing is: "spacecraft model", or nothing.
-        leaning: change (10,) of the parameters if what is held were 1 % larger: "mass" or "inertia"
-            of the base (not online), the link that holds the target, or all masses and inertias;
-            NaN where not known. Empty if the spacecraft is uncertain.
+        sensitivity: change (10,) of the parameters if an exact spacecraft had 1 % more "mass" or
+            "inertia" of the base (not online), of the link that holds the target, or of all masses
+            and inertias; NaN where not identifiable. Empty if the spacecraft is uncertain.
         budget: what the variance comes from, largest first; see `budget`.
         logs: the estimates from each log alone and, last, from the prior alone, by their names; if
             several logs or a prior were used.
@@ -136,7 +137,7 @@ class Identification:
         residuals: measured minus predicted, in σ by sensor, or by "linear" and "angular" for rows,
             in `RowFamily.linear_unit` and N·m·s; of a long log, those of rows are parts of it.
         history: returns times [s] and the estimates from the samples up to them; None if only
-            another identification can tell.
+            another identification is needed.
 
     """
 
@@ -151,7 +152,7 @@ class Identification:
     rank: Rank
     singular_values: Ten
     condition: float | None = None
-    not_observable: str = ""
+    not_identifiable: str = ""
     combinations: Combinations | None = None
     is_planar: bool = False
     normal_C: Annotated[Array, Numbers(3)] | None = None
@@ -166,7 +167,7 @@ class Identification:
     noise: Mapping[str, float] = field(default_factory=dict)
     effects: tuple[EffectEstimate, ...] = ()
     given: tuple[str, ...] = ()
-    leaning: Mapping[str, Ten] = field(default_factory=dict)
+    sensitivity: Mapping[str, Ten] = field(default_factory=dict)
     budget: tuple[BudgetRow, ...] = ()
     logs: Mapping[str, "Identification"] = field(default_factory=dict)
     checks: tuple[Check, ...] = ()
@@ -205,7 +206,7 @@ class Identification:
         freedom = solution.row_count - solution.rank if sensors is None else None
         intervals = extremes(form, solution.estimate, own, quantile_95(freedom))
         intervals[0] = np.nan if np.isnan(intervals[0]).any() else intervals[0]
-        words = describe_unobservable(solution.unobservable, form.entries)
+        words = describe_unidentifiable(solution.unidentifiable, form.entries)
         if intervals[0, 0] <= 0 <= intervals[0, 1] and np.isfinite(parameters[1:]).any():
             intervals[1:], words = np.nan, "; ".join(each for each in (words, NO_MASS) if each)
         is_open = np.isnan(intervals).any(axis=1) & np.isfinite(np.diag(covariance))
@@ -216,8 +217,8 @@ class Identification:
             intervals=intervals,
             rank=solution.rank,
             singular_values=solution.singular_values,
-            condition=float(solution.condition_number) if solution.is_observable else None,
-            not_observable=words,
+            condition=float(solution.condition_number) if solution.is_identifiable else None,
+            not_identifiable=words,
             form=form,
             solution=solution,
             sensors=sensors,
@@ -250,7 +251,7 @@ class Identification:
         return not self.failures
 
     @property
-    def is_possible(self) -> bool:
+    def is_consistent(self) -> bool:
         """Whether a rigid body agrees with the estimate within its uncertainty, as far as known."""
         check = self.check(NEAREST)
         return check is None or check.passed
@@ -262,7 +263,7 @@ class Identification:
         return check is None or check.passed
 
     @property
-    def is_observable(self) -> bool:
+    def is_identifiable(self) -> bool:
         """Whether the samples determine all ten parameters."""
         return self.rank == 10 and bool(np.isfinite(self.parameters).all())
 
@@ -274,7 +275,7 @@ class Identification:
     @property
     def is_complete(self) -> bool:
         """Whether everything is known that can act on the motion."""
-        return self.is_observable or (self.most < 10 and self.rank >= self.most)
+        return self.is_identifiable or (self.most < 10 and self.rank >= self.most)
 
     @property
     def shown_intervals(self) -> Array:
@@ -288,14 +289,14 @@ class Identification:
             InputError: the samples do not determine all ten parameters.
 
         """
-        if not self.is_observable:
+        if not self.is_identifiable:
             raise InputError(self.explain())
         return InertialParameters.from_vector(self.parameters)
 
     @property
-    def infeasibilities(self) -> tuple[str, ...]:
+    def inconsistencies(self) -> tuple[str, ...]:
         """Why no rigid body can have the estimate; empty if one can, or if not all is known."""
-        return tuple(self.raw().infeasibilities()) if self.is_observable else ()
+        return tuple(self.raw().inconsistencies()) if self.is_identifiable else ()
 
     @cached_property
     def consistent(self) -> InertialParameters | None:
@@ -305,9 +306,9 @@ class Identification:
         """
         if self.nearest is not None:
             return InertialParameters.from_vector(self.nearest)
-        if self.solution is None or not self.is_observable or not self.parameters[0]:
+        if self.solution is None or not self.is_identifiable or not self.parameters[0]:
             return None
-        return self.raw().nearest_feasible()
+        return self.raw().nearest_consistent()
 
     def spatial_inertia(self) -> "SpatialInertia":
         """Return the consistent estimate about C's origin, in C; all NaN if there is none."""
@@ -319,7 +320,7 @@ class Identification:
     def explain(self) -> str:
         """Return a sentence on what the samples determine."""
         known = f"{self.sample_count} samples determine {self.rank} of 10"
-        if self.is_observable:
+        if self.is_identifiable:
             return f"{known} parameters (condition {self.condition or np.inf:.3g})"
         return f"{known}: {' '.join(gap(self))}"
 

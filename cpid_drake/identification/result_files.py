@@ -90,7 +90,7 @@ def _parse(data: bytes, where: str) -> Identification:
     size = 0.0 if result.nearest is None else np.abs(result.nearest).max()
     if size > 1e90:  # products of larger numbers overflow
         raise InputError(f"{where}: nearest: {size:g} is too large for a rigid body")
-    problems = [] if result.consistent is None else result.consistent.infeasibilities()
+    problems = [] if result.consistent is None else result.consistent.inconsistencies()
     if problems:
         raise InputError(f"{where}: nearest: no rigid body has these: {'; '.join(problems)}")
     return result

@@ -39,7 +39,7 @@ def with_sources(
     Args:
         result: the identification from all sources.
         vague: all unknowns before the samples, the target too.
-        sources: what each log, and last the prior, tells about them, by its name; at least two.
+        sources: the Gaussians of each log, and last of the prior, by its name; at least two.
         target: name of the target among the unknowns.
         solution: returns the target of a distribution of all unknowns.
         counts: number of samples of each log.
@@ -51,7 +51,7 @@ def with_sources(
     assert result.solution is not None
     plausible = result.solution.unit
 
-    def told(*groups: Sequence[str]) -> Gaussian:
+    def combined(*groups: Sequence[str]) -> Gaussian:
         return _with(vague, sources, target, groups)
 
     def part(found: LeastSquaresSolution, count: int = 0, *checks: Check) -> Identification:
@@ -72,15 +72,18 @@ def with_sources(
         return _agreement(sentence, *difference(apart, plausible, own))
 
     others = {name: [other for other in names if other != name] for name in names}
-    alone = {name: solution(told([name])) for name in names}
-    rests, joint = {name: solution(told(others[name])) for name in names}, solution(told(names))
+    alone = {name: solution(combined([name])) for name in names}
+    rests, joint = (
+        {name: solution(combined(others[name])) for name in names},
+        solution(combined(names)),
+    )
     warnings = [
-        f"{name} determines nothing about the target, and was not used"
+        f"{name} identifies nothing of the target, and was not used"
         for name in counts
         if not alone[name].rank
     ]
     tests = []
-    if prior is not None:  # what it tells is known, however vague it is
+    if prior is not None:  # what it contains is known, however vague it is
         without, variance = (np.diag(part(each).covariance) for each in (rests[prior.name], joint))
         is_half = ~np.isfinite(without) | (variance < without / 2)
         dominated = np.array(PARAMETER_NAMES)[is_half & np.isfinite(variance)]

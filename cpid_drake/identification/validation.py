@@ -27,12 +27,12 @@ from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.arguments import (
     PathLike,
-    bodies_of,
-    logs_of,
-    momentum_of,
-    prior_of,
     require_spacecraft,
-    sensors_of,
+    resolve_bodies,
+    resolve_logs,
+    resolve_momentum,
+    resolve_prior,
+    resolve_sensors,
 )
 from cpid_drake.identification.checked_log import check_log, suite_of
 from cpid_drake.identification.fitted import NAME
@@ -45,7 +45,7 @@ from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 FALSE_ALARM = 0.01
-"""Probability that the test fails a right target: a user who asks for it wants its power."""
+"""Probability that the test fails a right target: a user who validates wants its power."""
 
 POWER = 0.9
 """Probability with which a target that is said to be noticed is noticed."""
@@ -140,7 +140,7 @@ def validate(
     """Test an identified target with a log that was not used to identify it, and predict this log.
 
     Args:
-        spacecraft: the known spacecraft.
+        spacecraft: the spacecraft model.
         target: the identified target with its uncertainty, such as the result of `identify`.
         data: the log.
         sensors: the sensors' errors; default: estimated from the log.
@@ -160,9 +160,9 @@ def validate(
     if not 0 < beginning < 1:
         raise InputError(f"the beginning must be a share between 0 and 1, not {beginning:g}")
     require_spacecraft(spacecraft)
-    [given] = logs_of(data, spacecraft).values()
-    sensors, momentum = sensors_of(sensors), momentum_of(momentum)
-    known_bodies, known_target = bodies_of(known_bodies), prior_of(target, spacecraft)
+    [given] = resolve_logs(data, spacecraft).values()
+    sensors, momentum = resolve_sensors(sensors), resolve_momentum(momentum)
+    known_bodies, known_target = resolve_bodies(known_bodies), resolve_prior(target, spacecraft)
     if known_target is None:
         raise InputError("there is no target to validate")
     log = check_log(spacecraft, given, sensors, planar)

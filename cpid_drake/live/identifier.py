@@ -25,7 +25,7 @@ class OnlineIdentifier:
     the last blocks. All methods may be called from several threads; one at a time works.
 
     Args:
-        spacecraft: the known spacecraft.
+        spacecraft: the spacecraft model.
         sensors: its sensors' errors: a suite, the name of a preset, or a file.
         **options: the options of `live.stream.Stream`, by name; `has_budget`: whether estimates
             have their error budget.

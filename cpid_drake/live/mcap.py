@@ -18,7 +18,7 @@ TARGET, SIGMA = "/cpid/target", "/cpid/target_sigma"
 RESIDUALS = "/cpid/residuals/"
 """Topics of the residuals in σ, by sensor: `std_msgs/Float64MultiArray`."""
 
-DIAGNOSTICS = "/cpid/diagnostics"
+DIAGNOSTICS_TOPIC = "/cpid/diagnostics"
 """Topic of changes of the momentum, and of checks at the end: `diagnostic_msgs/DiagnosticArray`."""
 
 _NO_TIME = 1e-9  # stamps of a bag are positive
@@ -80,5 +80,5 @@ def _messages(types: Mapping[str, Any], evidence: Evidence) -> Iterator[tuple[in
             yield stamp(time), RESIDUALS + name, make.numbers(value)
     for time in result.momentum_changes or ():
         row = Status(ERROR, "momentum", "the momentum changed")
-        yield stamp(time), DIAGNOSTICS, make.diagnostics(stamp(time), frame, [row])
-    yield stamp(end), DIAGNOSTICS, make.diagnostics(stamp(end), frame, statuses_of(result))
+        yield stamp(time), DIAGNOSTICS_TOPIC, make.diagnostics(stamp(time), frame, [row])
+    yield stamp(end), DIAGNOSTICS_TOPIC, make.diagnostics(stamp(end), frame, statuses_of(result))

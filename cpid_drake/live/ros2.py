@@ -16,7 +16,7 @@ from cpid_drake.live.ros_samples import LIVE_TYPES, RosSamples
 TARGET, SIGMA, ESTIMATE = "~/target", "~/target_sigma", "~/estimate"
 """Topics of the estimate and of its σ, and of the ten parameters with their covariance."""
 
-DIAGNOSTICS = "/diagnostics"
+DIAGNOSTICS_TOPIC = "/diagnostics"
 """Topic of checks, error budget and topics, where ROS tools look for it."""
 
 DEPTH = 2000
@@ -68,7 +68,7 @@ class RosAdapter:
             TARGET: "geometry_msgs/msg/InertiaStamped",
             SIGMA: "geometry_msgs/msg/InertiaStamped",
             ESTIMATE: "std_msgs/msg/Float64MultiArray",
-            DIAGNOSTICS: "diagnostic_msgs/msg/DiagnosticArray",
+            DIAGNOSTICS_TOPIC: "diagnostic_msgs/msg/DiagnosticArray",
         }
         self._publishers = {
             topic: node.create_publisher(_class_of(kind), topic, 10)
@@ -128,7 +128,7 @@ class RosAdapter:
         found, stamp = samples.identifier.estimate(), samples.stamp
         rows = [*statuses_of(found), *samples.watch(time.monotonic()), self._stream(found)]
         array_of = messages.diagnostics(samples.newest, self._frame, rows)
-        self._publishers[DIAGNOSTICS].publish(array_of)
+        self._publishers[DIAGNOSTICS_TOPIC].publish(array_of)
         if stamp == self._published:
             return
         self._published = stamp
@@ -154,7 +154,7 @@ class RosAdapter:
 
 
 def run(samples: RosSamples, frame: str, arguments: Sequence[str] = ()) -> Identification:
-    """Run a node `cpid` until it is interrupted; return what it knows then.
+    """Run a node `cpid` until it is interrupted; return its identification.
 
     Args:
         samples: see `RosAdapter`.
@@ -163,7 +163,7 @@ def run(samples: RosSamples, frame: str, arguments: Sequence[str] = ()) -> Ident
 
     Raises:
         ImportError: there is no ROS 2, or packages of its messages are missing.
-        InputError: ROS does not know the arguments; see also `RosAdapter`.
+        InputError: the arguments are none of ROS; see also `RosAdapter`.
 
     """
     import rclpy

@@ -15,11 +15,11 @@ from cpid_drake.estimation.unknowns import Model
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.arguments import (
     PathLike,
-    bodies_of,
-    momentum_of,
-    prior_of,
     require_spacecraft,
-    sensors_of,
+    resolve_bodies,
+    resolve_momentum,
+    resolve_prior,
+    resolve_sensors,
 )
 from cpid_drake.identification.consistency import with_nearest_body
 from cpid_drake.identification.online import identification_of_state, question_of
@@ -68,7 +68,7 @@ class StreamState:
     screening: Log | None = None
     zero: float = np.nan
 
-    def __deepcopy__(self, memo: dict) -> "StreamState":
+    def __deepcopy__(self, memo: dict[int, object]) -> "StreamState":
         """Return the value itself, which never changes."""
         return self
 
@@ -77,7 +77,7 @@ class Stream:
     """How the samples of a spacecraft's sensors are solved as they arrive.
 
     Args:
-        spacecraft: the known spacecraft.
+        spacecraft: the spacecraft model.
         suite: its sensors, or the name of a preset, or a file; so for all other arguments.
         momentum: the total momentum, zero (default) or unknown.
         prior: what is known about the target before the first sample; default: nothing.
@@ -113,8 +113,8 @@ class Stream:
         in_order: bool = False,
     ) -> None:
         require_spacecraft(spacecraft)
-        suite, momentum = sensors_of(suite) or SensorSuite(), momentum_of(momentum)
-        known_bodies, prior = bodies_of(known_bodies), prior_of(prior, spacecraft)
+        suite, momentum = resolve_sensors(suite) or SensorSuite(), resolve_momentum(momentum)
+        known_bodies, prior = resolve_bodies(known_bodies), resolve_prior(prior, spacecraft)
         check_sensors(suite, "sensors")
         require_encoders(suite, "sensors")
         for name, value in (("lateness", lateness), ("window", window)):
@@ -188,7 +188,7 @@ class Stream:
         return max(edge + self._lateness, newest + _RETRY * queue.length)
 
     def identification(self, state: StreamState, *, has_budget: bool = False) -> Identification:
-        """Return what the fit of a state knows, with its error budget if wanted; see `counted`."""
+        """Return the identification of a state, with its error budget if wanted; see `counted`."""
         joints = self.joint_names if has_budget else None
         found = identification_of_state(self._model, state.online, self._momentum, joints)
         if found.momentum_changes:

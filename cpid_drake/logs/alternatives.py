@@ -20,7 +20,7 @@ from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.logs.column_map import QUATERNION_ORDERS, UNITS, ColumnMap, scale_of
 from cpid_drake.logs.score import Instants, explain_by_momentum
 
-FAR = 0.05
+UNEXPLAINED_DISTANCE = 0.05
 """Distance of a point from B's origin, in reaches of the arm, that model errors do not explain."""
 
 _LENGTHS, _SPEEDS = ("m", "mm", "cm", "in", "ft"), ("m/s", "mm/s", "cm/s", "in/s", "ft/s")
@@ -37,7 +37,7 @@ class Alternative:
     Attributes:
         text: what is then wrong in the log as read, in words.
         log: what the log then says.
-        tree: the known spacecraft.
+        tree: the spacecraft model.
         entries: by key of the map of columns, with dots, the values that read the log so; empty if
             no map can.
 
@@ -70,7 +70,7 @@ def alternatives(
     Args:
         given: what the log says as read.
         names: the joints.
-        tree: the known spacecraft; None if it is not known.
+        tree: the spacecraft model; None if it is not known.
         column_map: the map it is read with.
 
     """
@@ -269,7 +269,11 @@ def _places(
         if tree is None or spin is None:
             continue
         found = explain_by_momentum(log, tree, has_free_point=True)
-        if found is None or found[0].residual >= 1 or np.linalg.norm(found[1]) < FAR * found[2]:
+        if (
+            found is None
+            or found[0].residual >= 1
+            or np.linalg.norm(found[1]) < UNEXPLAINED_DISTANCE * found[2]
+        ):
             continue
         place = np.round(at.point_B + found[1], 4).tolist()
         of_point = (

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.files.errors import InputError
-from cpid_drake.logs.table import Table, repeated_names
+from cpid_drake.logs.table import LogTable, repeated_names
 
 _LARGEST_COLUMN = 200_000_000
 """Largest size of an array in an NPZ file [bytes]: 69 hours at 100 Hz. Archives can be bombs."""
 
 
-def read_npz(file: Path, where: str) -> Table:
+def read_npz(file: Path, where: str) -> LogTable:
     """Read a log whose arrays are columns; nothing is unpickled.
 
     Raises:
@@ -52,10 +52,10 @@ def read_npz(file: Path, where: str) -> Table:
         count = len(columns[reference])
         if len(column) != count:
             unreadable[name] = f"has {len(column)} samples, but '{reference}' {count}"
-    return Table(columns, unreadable=unreadable | repeated_names(names, where))
+    return LogTable(columns, unreadable=unreadable | repeated_names(names, where))
 
 
-def read_parquet(file: Path, where: str) -> Table:
+def read_parquet(file: Path, where: str) -> LogTable:
     """Read a log from a Parquet file.
 
     Raises:
@@ -80,7 +80,7 @@ def read_parquet(file: Path, where: str) -> Table:
     except (pyarrow.ArrowException, OSError) as error:
         text = " ".join(str(error).split())
         raise InputError(f"{where}: not a Parquet file that can be read: {text:.200}") from error
-    return Table(columns, unreadable=unreadable)
+    return LogTable(columns, unreadable=unreadable)
 
 
 def _pyarrow(where: str) -> tuple[Any, Any]:

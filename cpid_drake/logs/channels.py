@@ -107,7 +107,7 @@ def look_at(log: Log, spacecraft: Spacecraft | None = None) -> Seen:
 
     Args:
         log: the samples as read; values need not be finite.
-        spacecraft: the known spacecraft, of which joints slide, and the angles of some have no
+        spacecraft: the spacecraft model, of which joints slide, and the angles of some have no
             effect; None if it is not known.
 
     Raises:
@@ -239,7 +239,7 @@ class _Look:
         others = [each for each in map(self.given, ("position", "velocity", "gyro")) if each]
         if any(_noise(each) > RESOLUTION * np.ptp(each.value) for each in others):
             self.errors.append(
-                f"attitude: {text}: it is not filled, and nothing gives the base's turn"
+                f"attitude: {text}: it is not filled, and nothing gives the base's rotation"
             )
         self.found["attitude"].append(text)
 

@@ -18,13 +18,13 @@ from cpid_drake.files.errors import InputError
 from cpid_drake.logs.log import Samples
 from cpid_drake.logs.score import MOMENTUM, Comparison
 
-WRONG = 0.005
+LEAST_CLOCK_ERROR = 0.005
 """Smallest relative error of a clock that is named: crystals are a hundred times better."""
 
-SEEN = 0.01
+LEAST_RESIDUAL = 0.01
 """Smallest residual that a delay may explain: errors of smoothing leave less."""
 
-LONGEST_DELAY = 1.0
+LONGEST_SOUGHT_DELAY = 1.0
 """Longest delay between two sensors that is looked for [s]."""
 
 _PAIRS = (("encoders", "joint_rates"), ("attitude", "gyro"), ("position", "velocity"))
@@ -49,7 +49,7 @@ def clock_factor(comparisons: Sequence[Comparison]) -> float | None:
         return None
     factor = float(np.mean(factors))
     is_same = np.ptp(factors) < abs(factor - 1) / 5
-    return factor if abs(factor - 1) > WRONG and is_same and factor > 0 else None
+    return factor if abs(factor - 1) > LEAST_CLOCK_ERROR and is_same and factor > 0 else None
 
 
 def with_delay(comparison: Comparison, time: NDArray[np.float64]) -> Comparison:
@@ -61,9 +61,9 @@ def with_delay(comparison: Comparison, time: NDArray[np.float64]) -> Comparison:
 
     """
     moved, measured = comparison.values
-    if comparison.name == MOMENTUM or comparison.residual < SEEN or len(time) < 20:
+    if comparison.name == MOMENTUM or comparison.residual < LEAST_RESIDUAL or len(time) < 20:
         return comparison
-    most = min(LONGEST_DELAY, (time[-1] - time[0]) / 5)
+    most = min(LONGEST_SOUGHT_DELAY, (time[-1] - time[0]) / 5)
     inner = (time >= time[0] + most) & (time <= time[-1] - most)
     spline, there = CubicSpline(time, moved), measured[inner]
 
@@ -131,7 +131,7 @@ def time_from_rates(samples: Mapping[str, Samples]) -> dict[str, Samples]:
 
     def moved(t: NDArray[np.float64]) -> NDArray[np.float64]:
         outside = usual * (np.minimum(t - time[0], 0) + np.maximum(t - time[-1], 0))
-        return np.interp(t, time, new) + outside
+        return np.asarray(np.interp(t, time, new) + outside)
 
     return {name: Samples(moved(s.time), s.value) for name, s in samples.items()}
 

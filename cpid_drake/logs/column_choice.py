@@ -27,7 +27,7 @@ from difflib import get_close_matches
 from cpid_drake.files.errors import InputError, listed
 from cpid_drake.logs.column_map import ColumnMap, JointPositionColumns, JointRateColumns
 from cpid_drake.logs.log import THRUST_COLUMNS
-from cpid_drake.logs.table import Table
+from cpid_drake.logs.table import LogTable
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.thrusters import VALVE
 
@@ -37,7 +37,7 @@ YAW = "yaw"
 
 def with_own_columns(
     given: ColumnMap,
-    table: Table,
+    table: LogTable,
     where: str,
     *,
     map_name: str = "the map",

@@ -114,7 +114,7 @@ def check_conventions(
 
     Args:
         log: screened samples, joints in the spacecraft's order.
-        tree: the known spacecraft; None to compare positions with rates only.
+        tree: the spacecraft model; None to compare positions with rates only.
         by_momentum: whether to look for another convention in any case, of which the momentum may
             decide; else only if rates contradict positions. An estimate from the log says better
             whether the momentum is conserved, with noise, forces and errors.
@@ -183,7 +183,7 @@ def better_conventions(
     Args:
         given: what the log says as read.
         names: the joints.
-        tree: the known spacecraft.
+        tree: the spacecraft model.
         column_map: the map it is read with.
 
     Returns:

@@ -25,7 +25,7 @@ from cpid_drake.logs.column_map import (
 )
 from cpid_drake.logs.log import THRUST, Log, Samples, with_fixed_joints
 from cpid_drake.logs.screening import LARGEST, QUATERNION_NORM
-from cpid_drake.logs.table import Table
+from cpid_drake.logs.table import LogTable
 from cpid_drake.logs.unwrapping import unwrapped
 from cpid_drake.sensors.thrusters import VALVE
 
@@ -84,7 +84,7 @@ def from_columns(columns: Mapping[str, ArrayLike], column_map: ColumnMap | None 
     shapes = {array.shape for array in arrays.values()}
     if len(shapes) != 1 or len(next(iter(shapes))) != 1:
         raise InputError("all columns must have one dimension and the same length")
-    found = read_columns(column_map or ColumnMap(), Table(arrays), "the columns")
+    found = read_columns(column_map or ColumnMap(), LogTable(arrays), "the columns")
     if found.problems:
         raise InputError(found.problems[0])
     return found.log
@@ -92,7 +92,7 @@ def from_columns(columns: Mapping[str, ArrayLike], column_map: ColumnMap | None 
 
 def read_columns(
     given: ColumnMap,
-    table: Table,
+    table: LogTable,
     where: str,
     *,
     map_name: str = "the map",
@@ -133,7 +133,7 @@ def read_columns(
     )
 
 
-def _travel(table: Table, used: ColumnMap, joint: str) -> float:
+def _travel(table: LogTable, used: ColumnMap, joint: str) -> float:
     """Return the range of positions of a joint that is not used, in the log's unit."""
     section = used.joint_positions
     column = table.columns.get(f"{section.prefix}{joint}{section.suffix}", np.empty(0))
@@ -153,7 +153,7 @@ class _Conversion:
 
     """
 
-    def __init__(self, used: ColumnMap, table: Table) -> None:
+    def __init__(self, used: ColumnMap, table: LogTable) -> None:
         self._map, self._table = used, table
         self.problems = list(table.problems)
         self.partial = Counter(table.rejected)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from cpid_drake.files.errors import InputError
 from cpid_drake.logs.column_map import UNITS
-from cpid_drake.logs.table import Table, repeated_names, seconds_of_stamps
+from cpid_drake.logs.table import LogTable, repeated_names, seconds_of_stamps
 
 _LONGEST_LINE = 1_000_000
 """Longest line of a text file: 10000 columns of 100 digits. A binary file has none."""
@@ -39,8 +39,8 @@ _NO_UNIT = ("", "-", "1", "none", "n/a", "quaternion", "unitless")
 Lines = Iterator[tuple[int, str]]
 
 
-def read_csv(file: Path, where: str) -> Table:
-    """Read a log; cells that are not finite numbers are in `Table.texts`.
+def read_csv(file: Path, where: str) -> LogTable:
+    """Read a log; cells that are not finite numbers are in `LogTable.texts`.
 
     Raises:
         InputError: the file is empty, has no usable header, is not text, or holds several logs.
@@ -81,7 +81,7 @@ def read_csv(file: Path, where: str) -> Table:
         seconds = seconds_of_stamps([*texts[name].values()])
         if seconds is not None:
             columns[name][[*texts.pop(name)]] = seconds
-    return Table(
+    return LogTable(
         columns,
         np.concatenate(numbers),
         "line",

@@ -15,11 +15,11 @@ from cpid_drake.logs.column_map import ColumnMap, load_column_map
 from cpid_drake.logs.conversion import LogFile, read_columns
 from cpid_drake.logs.csv_format import read_csv, write_csv
 from cpid_drake.logs.log import THRUST, THRUST_COLUMNS, Log
-from cpid_drake.logs.table import Table
+from cpid_drake.logs.table import LogTable
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.thrusters import VALVE
 
-Read = Callable[[Path, str], Table]
+Read = Callable[[Path, str], LogTable]
 """Reads a file, given its path and its name in messages."""
 
 Write = Callable[[Path, list[str], NDArray[np.float64]], None]
@@ -70,7 +70,7 @@ def inspect_log(
         raise InputError(f"{path}: the file does not fit into memory") from error
 
 
-def read_table(path: str | Path, topics: Mapping[str, str] | None = None) -> Table:
+def read_table(path: str | Path, topics: Mapping[str, str] | None = None) -> LogTable:
     """Return the columns of a log file as they are in the file.
 
     Raises:

@@ -5,6 +5,7 @@ noise of variance σ² have the variance σ² (2p)!/(p!)².
 """
 
 from contextlib import suppress
+from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,7 +71,7 @@ def _resolution(samples: Samples) -> float:
 
 
 def sensor_noise(name: str, samples: Samples) -> float:
-    """Return σ of one entry of a sensor's samples (of attitudes: of the turn about one axis [rad]).
+    """Return σ of one entry of a sensor's samples (of attitudes: rotations about one axis [rad]).
 
     Entries that a table holds are exactly constant. They are not measured, and do not count.
 
@@ -81,7 +82,7 @@ def sensor_noise(name: str, samples: Samples) -> float:
     value = samples.value
     if name == "attitude" and len(value) and value[:, 1:3].any():
         # A rotation by δ changes the four entries by δ/2 in total, along three directions.
-        return 2 * np.sqrt(4 / 3) * noise_level(Samples(samples.time, without_flips(value)))
+        return 2 * sqrt(4 / 3) * noise_level(Samples(samples.time, without_flips(value)))
     if name == "attitude":
         value = np.unwrap(2 * np.arctan2(value[:, 3], value[:, 0]))[:, None]
     elif SENSORS[name].width is not None and len(value) and np.ptp(value, axis=0).any():
@@ -112,11 +113,11 @@ def noise_level(samples: Samples) -> float:
             levels.append(_root_mean_square(difference) / np.sqrt(comb(2 * order, order)))
     if not levels:
         raise InputError("the times of samples are too uneven to estimate noise; give the sensors")
-    return max(min(levels), 1e-13)  # a σ of zero could not be divided by
+    return max(float(min(levels)), 1e-13)  # a σ of zero could not be divided by
 
 
 def sample_sigmas(samples: Log | Motion) -> NDArray[np.float64]:
-    """Return σ (12 + 2J,) of the noise in one sample, in the order of `momentum_rows.changed`.
+    """Return σ (12 + 2J,) of the noise in one sample, ordered as in `changed_motion`.
 
     Of states, which may belong to unconnected instants, rounding is the only noise that can be
     seen. σ is zero for a sensor without samples.

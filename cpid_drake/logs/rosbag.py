@@ -7,7 +7,7 @@ PyPI package `rosbags` does the parsing, so ROS need not be installed.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +24,11 @@ from cpid_drake.logs.ros_messages import (
     stamp_of,
     velocity_in_W,
 )
-from cpid_drake.logs.table import Table
+from cpid_drake.logs.table import LogTable
 from cpid_drake.sensors.sensors import SENSORS
+
+if TYPE_CHECKING:
+    from rosbags.interfaces import Connection
 
 Series = tuple[NDArray[np.int64], NDArray[np.float64]]
 """Stamps (N,) [ns] and values (N, width)."""
@@ -54,7 +57,7 @@ class _Messages:
         return np.array(stamps, dtype=np.int64), np.array(rows, dtype=float)
 
 
-def read_rosbag(path: str | Path, topics: Mapping[str, str]) -> Table:
+def read_rosbag(path: str | Path, topics: Mapping[str, str]) -> LogTable:
     """Return the motion of a spacecraft in a ROS 2 bag as columns with the package's names.
 
     Attitude is read from the odometry, else from the poses, else from the IMU; position from the
@@ -120,13 +123,13 @@ def read_rosbag(path: str | Path, topics: Mapping[str, str]) -> Table:
 
 def _table(
     topics: Mapping[str, _Messages], chosen: Mapping[str, list[str]], every: Mapping[str, str]
-) -> Table:
+) -> LogTable:
     """Return the columns of a bag, one row for each stamp of any topic."""
     stamps = np.concatenate([np.array(each.stamps, dtype=np.int64) for each in topics.values()])
     middle = np.sort(stamps)[stamps.size // 2]
     origin = stamps[np.abs(stamps - middle) < 10 * 86400 * 10**9].min()
     rows = np.unique(stamps)
-    table = Table({"time": (rows - origin) / 1e9}, notes={})
+    table = LogTable({"time": (rows - origin) / 1e9}, notes={})
     used = {"joints"}
     for quantity, kinds in SOURCES.items():
         there = [kind for kind in kinds if kind in topics and quantity in topics[kind].samples]
@@ -159,7 +162,7 @@ def _table(
 
 
 def _put(
-    table: Table,
+    table: LogTable,
     rows: NDArray[np.int64],
     quantity: str,
     names: Sequence[str],
@@ -184,7 +187,7 @@ def _put(
 
 
 def _choose_topics(
-    where: str, connections: list, topics: Mapping[str, str]
+    where: str, connections: "Sequence[Connection]", topics: Mapping[str, str]
 ) -> dict[str, list[str]]:
     """Return the topics to read by kind, for all kinds in the bag."""
     for kind in topics:

@@ -6,7 +6,7 @@ residual relative to the motion: near 0 if the log is read in the right conventi
 
 Without external forces, the centre of mass of all bodies moves at a constant velocity. With the
 share μ of the target in the total mass, its first moment h' about C's origin in units of the total
-mass, and the vectors k and c in W from B's origin to the known bodies' centre of mass and to C,
+mass, and the vectors k and c in W from B's origin to the spacecraft's centre of mass and to C,
 
     p_WBo = a₀ + a₁ t + a₂ t² − (1 − μ) k − μ c − R_WC h'.
 
@@ -38,7 +38,7 @@ from cpid_drake.logs.splines import in_gap, regression_spline
 MOMENTUM = "momentum"
 """Name of the comparison with the conservation of momentum."""
 
-LONGEST = 60.0
+COMPARED_LENGTH = 60.0
 """Length of the part of a log that is compared [s]: the one in which the joints move most."""
 
 _ROUNDING = 1e-6  # residuals below this share of the motion are errors of the splines
@@ -229,14 +229,14 @@ def explain_by_momentum(
 
     Args:
         given: what a log says.
-        tree: the known spacecraft, welded bodies in one.
+        tree: the spacecraft model, welded bodies in one.
         has_free_point: whether the positions may be those of another point than B's origin.
 
     Returns:
         The comparison, whose residual is the geometric mean of those of the base's motion and of
-        its turn, and at least 1 if no target with its mass, or no point near the base, can exist;
-        the place (3,) of the point in B [m]; the reach of the arm [m]. None if nothing moves, or
-        nothing can be compared.
+        its rotation, and at least 1 if no target with its mass, or no point near the base, can
+        exist; the place (3,) of the point in B [m]; the reach of the arm [m]. None if nothing
+        moves, or nothing can be compared.
 
     """
     is_tilted = tree is not None and tree.normal_B is not None and tree.normal_C is None
@@ -334,11 +334,11 @@ def _compared(name: str, rate: str, moved: Array, measured: Array) -> Comparison
 def _liveliest(log: Log) -> Log:
     """Return the part of a log in which its joints move most."""
     time, q = log.encoders.time, log.encoders.value
-    if len(time) < FEWEST or time[-1] - time[0] <= LONGEST:
+    if len(time) < FEWEST or time[-1] - time[0] <= COMPARED_LENGTH:
         return log
     # The time may be in another unit: a part has many samples in any case.
     step = float(np.median(np.diff(time)))
-    count = max(int(LONGEST / step), 20 * FEWEST)
+    count = max(int(COMPARED_LENGTH / step), 20 * FEWEST)
     pieces = np.split(np.arange(len(time)), np.flatnonzero(np.diff(time) > count * step) + 1)
     cut = (np.array_split(piece, max(len(piece) // count, 1)) for piece in pieces)
     parts = [part for each in cut for part in each if len(part) >= FEWEST]

@@ -48,7 +48,7 @@ BRIDGE = 4.0
 """Ratio of a spike's deviation to that of its four neighbours from a parabola: a kink of the motion
 bends its neighbours, too."""
 
-WINDOW = 16
+NEIGHBOURHOOD = 16
 """Number of samples around a sample that show what is usual."""
 
 REPEATS = 1e-9
@@ -66,7 +66,7 @@ class Screened:
         log: the accepted samples.
         rejected: number of rejected samples of every sensor of the table.
         memory: what the screening of the next chunk needs: the latest accepted samples of every
-            sensor, at most `WINDOW`.
+            sensor, at most `NEIGHBOURHOOD`.
 
     """
 
@@ -124,7 +124,7 @@ def screen(log: Log, suite: SensorSuite | None = None, memory: Log | None = None
             keep[: len(before)] = True
             samples, everything = samples.where(keep[len(before) :]), everything.where(keep)
         # The copy releases the memory of all earlier samples.
-        recent[name] = concatenated_samples([everything.where(slice(-WINDOW, None))])
+        recent[name] = concatenated_samples([everything.where(slice(-NEIGHBOURHOOD, None))])
         kept[name] = samples
     rejected = {name: len(samples) - len(kept[name]) for name, samples in given.items()}
     return Screened(given.updated(kept), rejected, Log(log.joint_names, recent))
@@ -334,7 +334,9 @@ def _spikes(time: Array, value: Array, sigma: float) -> NDArray[np.bool_]:
     rows = np.flatnonzero((deviation > SPIKE * sigma).any(axis=1))
     if not rows.size:
         return found
-    window = np.clip(rows[:, None] + np.arange(-WINDOW // 2, WINDOW // 2 + 1), 0, len(x[2]) - 1)
+    window = np.clip(
+        rows[:, None] + np.arange(-NEIGHBOURHOOD // 2, NEIGHBOURHOOD // 2 + 1), 0, len(x[2]) - 1
+    )
     limit = np.maximum(SPIKE * sigma, PROMINENCE * np.quantile(deviation[window], 0.75, axis=1))
     limit = np.maximum(limit, BRIDGE * bend[rows])
     gap, steps = t[3] - t[1], t[1] - t[0] + t[4] - t[3]  # across a gap, nothing is known

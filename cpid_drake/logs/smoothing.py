@@ -3,7 +3,7 @@
 The method is regression splines: least squares in a B-spline basis of degree 5. Each piece holds
 about the same number of samples; Akaike's criterion chooses the number of pieces. Rates that no
 sensor measures are the derivatives of the splines. The attitude is the spline of the quaternion
-times the exponential of a spline, so that the base may turn by any angle. No times are in gaps of
+times the exponential of a spline, so that the base may rotate by any angle. No times are in gaps of
 the samples.
 """
 
@@ -38,7 +38,7 @@ WINDOW, MARGIN = 30.0, 0.2
 """Length of the windows in which logs of more than twice this length are smoothed [s], and the
 margin on each side as a share of it: the time for a window grows faster than its length."""
 
-FEWEST = 60
+FEWEST_IN_WINDOW = 60
 """Least number of samples of the slowest required sensor in a window."""
 
 Array = NDArray[np.float64]
@@ -159,7 +159,7 @@ def smooth_windows(
     start, end = given.interval
     needed = ["encoders", "attitude", *(["position"] if with_position else [])]
     steps = [np.median(np.diff(given[n].time)) for n in needed if len(given[n]) > 1]
-    seconds = max(WINDOW, FEWEST * float(max(steps, default=0.0)))
+    seconds = max(WINDOW, FEWEST_IN_WINDOW * float(max(steps, default=0.0)))
     starts = np.arange(start, end, seconds) if end - start > 2 * WINDOW else np.array([start])
     refused, is_empty = None, True
     for first in starts.tolist():
@@ -262,7 +262,7 @@ def _smooth_attitude(
     middle = gyro.time + np.median(since)
 
     def moved(r: BSpline, at: Array) -> tuple[Rotation, Array]:
-        """Return attitude and angular velocity in B (N, 3) of the path turned by r."""
+        """Return attitude and angular velocity in B (N, 3) of the path rotated by r."""
         turn, w_B = Rotation.from_rotvec(r(at)), angular_velocity(path(at), path(at, 1))
         R = Rotation.from_quat(path(at), scalar_first=True) * turn
         return R, turn.inv().apply(w_B) + rotate(right_jacobian(r(at)), r(at, 1))
@@ -306,7 +306,7 @@ def _smooth_attitude(
         x, chi = solve(design(pieces)[1], b[:, None])
         return chi, x[:, 0]
 
-    width = 3.0 if normal_B is None else 1.0  # a base on a table turns about one axis
+    width = 3.0 if normal_B is None else 1.0  # a base on a table rotates about one axis
     # Of one axis the criterion is less certain, and a bias is worse than noise.
     first = len(path.t) - 2 * DEGREE - 1
     samples = len(attitude) + len(gyro)

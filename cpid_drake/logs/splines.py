@@ -130,4 +130,5 @@ def covariance(A: csr_array, chi: float, numbers: float) -> Array:
     """Return the covariance of a solution, with the misfit if χ² is larger than the noise says."""
     normal = (A.T @ A).toarray()
     normal += 1e-13 * normal.diagonal().max() * np.eye(len(normal))
-    return max(chi / max(numbers, 1.0), 1.0) * cho_solve(cho_factor(normal), np.eye(len(normal)))
+    covariance = cho_solve(cho_factor(normal), np.eye(len(normal)))
+    return np.asarray(max(chi / max(numbers, 1.0), 1.0) * covariance)

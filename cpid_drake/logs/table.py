@@ -12,7 +12,7 @@ from cpid_drake.files.errors import InputError
 
 
 @dataclass(eq=False)
-class Table:
+class LogTable:
     """N rows of a file, its columns by name.
 
     Attributes:

@@ -22,19 +22,19 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
 
 BASE_LIMITS = ("base attitude", "base rate", "base displacement")
-"""Names of the limits of the base: its turn [rad], rate [rad/s], displacement of its origin [m]."""
+"""Limits of the base: its rotation [rad], rate [rad/s], displacement of its origin [m]."""
 
 PEAK = 60
 """Exponent p of (Σ xᵖ)^(1/p), the smooth largest value over time: up to 6 % above for 30 nodes."""
 
 
 @dataclass(frozen=True, eq=False)
-class BaseMotion:
+class PlannedBaseMotion:
     """Motion of the base in B joint motions with one target, at N nodes.
 
     Attributes:
         times: (N,) the nodes, equidistant from zero [s].
-        known: the known bodies at U = N B instants.
+        known: the spacecraft's bodies at U = N B instants.
         momentum: the total momentum.
         psi: (10,) the target's relative unknowns.
         mobility: (U, 3, 3) J(ψ)⁻¹, in B.
@@ -58,7 +58,7 @@ class BaseMotion:
         known: BodyDynamics,
         momentum: TotalMomentum,
         psi: NDArray[np.float64],
-    ) -> "BaseMotion":
+    ) -> "PlannedBaseMotion":
         """Integrate the attitude.
 
         Raises:
@@ -87,7 +87,7 @@ class BaseMotion:
         """Return the displacement (N, B, 3) of the base's origin from the start, in W [m]."""
         from_base = self.by_node(rotate(self.R, self.known.com(self.psi)))
         drift = self.times[:, None, None] * self.momentum.v_WScm_W
-        return drift + from_base[0] - from_base
+        return np.asarray(drift + from_base[0] - from_base)
 
     def lengths(self) -> dict[str, NDArray[np.float64]]:
         """Return what `BASE_LIMITS` names, (N, B) each."""
@@ -107,7 +107,7 @@ class BaseMotion:
         A spline through the nodes gives the rates of the momenta.
 
         Args:
-            tree: the known spacecraft.
+            tree: the spacecraft model.
             samples: (N, B, 2, J) positions and rates.
             phi: (10,) the target's standard vector.
 
@@ -128,6 +128,6 @@ def smooth_peak(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def known_instants(tree: KinematicTree, samples: NDArray[np.float64]) -> BodyDynamics:
-    """Return the known bodies at positions and rates (N, B, 2, J), U = N B instants."""
+    """Return the spacecraft's bodies at positions and rates (N, B, 2, J), U = N B instants."""
     flat = samples.reshape(-1, *samples.shape[2:])
     return BodyDynamics.at(tree, flat[:, 0], flat[:, 1])

@@ -1,7 +1,7 @@
 """Fisher information about a target from joint motions, in closed form, for many motions at once.
 
-With ξ a small turn of the base in W and the notation of `base_motion`, the first-order effects of
-the target's unknowns ψ, of the start and of an unknown momentum (L, v) are
+With ξ a small rotation of the base in W and the notation of `base_motion`, the first-order effects
+of the target's unknowns ψ, of the start and of an unknown momentum (L, v) are
 
     δω = J⁻¹ (Rᵀ (δL + L × ξ) − Y δψ),      ξ' = R δω,
     δp = δp₀ + t δv − ξ × Rρ − R (∂ρ/∂ψ) δψ,
@@ -9,8 +9,8 @@ the target's unknowns ψ, of the start and of an unknown momentum (L, v) are
 with Y the relative rows. Attitude sensor, gyro (with a constant bias), position and velocity
 sensors measure ξ, δω, δp and its rate; their information is that per second of their samples. What
 follows about ψ when all other unknowns are eliminated is the information about the target. Errors
-of encoders, mountings, delays and known bodies are left out: `MotionSetting.predict` contains them
-in the exact bound, which takes a hundred times as long.
+of encoders, mountings, delays and the spacecraft's bodies are left out: `MotionSetting.predict`
+contains them in the exact bound, which takes a hundred times as long.
 """
 
 import numpy as np
@@ -20,7 +20,7 @@ from scipy.interpolate import CubicSpline
 from cpid_drake.dynamics.rotations import rotate, skew
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
-from cpid_drake.planning.base_motion import BaseMotion
+from cpid_drake.planning.base_motion import PlannedBaseMotion
 from cpid_drake.sensors.suite import SensorSuite
 
 ANYWHERE = 1e3
@@ -31,7 +31,7 @@ class InformationModel:
     """The information that a spacecraft's sensors give about a target.
 
     Args:
-        tree: the known spacecraft.
+        tree: the spacecraft model.
         suite: its sensors.
 
     """
@@ -41,7 +41,7 @@ class InformationModel:
         self._model = Model(tree, suite)
 
     def covariance(
-        self, motion: BaseMotion, information: NDArray[np.float64] | None = None
+        self, motion: PlannedBaseMotion, information: NDArray[np.float64] | None = None
     ) -> NDArray[np.float64]:
         """Return the Cramér-Rao bound (B, 10, 10) on the covariance of ψ in B motions.
 
@@ -53,7 +53,7 @@ class InformationModel:
         """
         places = self._places(motion)
         n = max(place.stop for place in places.values())
-        xi, w = self._turns(motion, places, n)
+        xi, w = self._rotations(motion, places, n)
         sigma = np.full(n, ANYWHERE)
         sigma[places["psi"]] = np.inf
         if "momentum" in places:
@@ -88,7 +88,7 @@ class InformationModel:
         unit = unit[:, :, None] * unit[:, None]
         return np.asarray((np.linalg.inv(F * unit) * unit)[:, :10, :10])
 
-    def _places(self, motion: BaseMotion) -> dict[str, slice]:
+    def _places(self, motion: PlannedBaseMotion) -> dict[str, slice]:
         """Return the columns of the unknowns; those of the momentum [L; v] are the last."""
         suite = self.suite
         sizes = {"psi": 10, "attitude": 3}
@@ -98,8 +98,8 @@ class InformationModel:
         ends = np.cumsum([0, *sizes.values()]).tolist()
         return {name: slice(a, b) for name, a, b in zip(sizes, ends, ends[1:])}
 
-    def _turns(
-        self, motion: BaseMotion, places: dict[str, slice], n: int
+    def _rotations(
+        self, motion: PlannedBaseMotion, places: dict[str, slice], n: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return ξ and R δω (U, 3, n) for each unknown, in W."""
         R, L, step = motion.R, motion.momentum.L_WScm_W, motion.times[1]
@@ -123,7 +123,7 @@ class InformationModel:
         return xi.reshape(-1, 3, n), w.reshape(-1, 3, n)
 
     def _gain(
-        self, motion: BaseMotion, sensor: str, rows: NDArray[np.float64]
+        self, motion: PlannedBaseMotion, sensor: str, rows: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """Return the information (B, n, n) of a sensor whose samples change by rows (U, 3, n)."""
         N, n = len(motion.times), rows.shape[-1]

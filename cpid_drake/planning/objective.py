@@ -1,10 +1,10 @@
 """What a motion is planned for: the largest σ of the target's parameters, within limits.
 
-A planner does not know the target. It knows plausible targets, and a motion is as good as it is for
-the least favourable of them: the one whose σ exceeds most what other motions reach for it. Without
-these weights, a light target, which no motion determines well, would decide alone. Parameters are
-compared in units of their scale: the mass, a length for the centre of mass, and the trace of the
-inertia; see `parameterizations.parameter_scale`.
+The target is unknown when its motion is planned. A motion is as good as it is for the least
+favourable of plausible targets: the one whose σ exceeds most what other motions reach for it.
+Without these weights, a light target, which no motion determines well, would decide alone.
+Parameters are compared in units of their scale: the mass, a length for the centre of mass, and the
+trace of the inertia; see `parameterizations.parameter_scale`.
 """
 
 from collections.abc import Mapping
@@ -22,11 +22,11 @@ from cpid_drake.dynamics.parameterizations import (
 )
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
-from cpid_drake.planning.base_motion import BaseMotion, known_instants, smooth_peak
+from cpid_drake.planning.base_motion import PlannedBaseMotion, known_instants, smooth_peak
 from cpid_drake.planning.information import InformationModel
 from cpid_drake.planning.motion_family import MotionFamily
 
-STEP = 1e-6
+DIFFERENCE_STEP = 1e-6
 """Step of the differences in a motion's parameters [rad or m]: σ changes by 1e-6 of itself, and
 rounding by 1e-11."""
 
@@ -36,7 +36,7 @@ class Objective:
     """The criterion of a family's motions for plausible targets, and what they need.
 
     Attributes:
-        tree: the known spacecraft.
+        tree: the spacecraft model.
         model: the information that its sensors give.
         momentum: the total momentum, marked as unknown if it is estimated.
         family: the motions.
@@ -44,7 +44,7 @@ class Objective:
         targets: (T, 10) π of the plausible targets, at least one.
         information: (10, 10) what is known about π before the motion.
         demanding: (D, 10) π of the targets for which the limits hold, usually heavy ones.
-        limits: the finite limits of the base's motion, by the names in `BaseMotion.lengths`.
+        limits: the finite limits of the base's motion, by the names in `PlannedBaseMotion.lengths`.
         efforts: (J,) largest joint efforts; infinite where there is no limit [N·m or N].
         weights: (T,) of the σ of each target beside those of the others; default: one.
 
@@ -72,7 +72,7 @@ class Objective:
         for target in self.targets:
             psi = form.from_parameters(target)
             jacobian = form.jacobian(psi)
-            motion = BaseMotion.of(self.times, known, self.momentum, psi)
+            motion = PlannedBaseMotion.of(self.times, known, self.momentum, psi)
             prior = jacobian.T @ self.information @ jacobian
             covariance = jacobian @ self.model.covariance(motion, prior) @ jacobian.T
             sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
@@ -93,7 +93,7 @@ class Objective:
         form = relative_parameterization(self.tree.mass)
         for target in self.demanding:
             psi = form.from_parameters(target)
-            motion = BaseMotion.of(self.times, known, self.momentum, psi)
+            motion = PlannedBaseMotion.of(self.times, known, self.momentum, psi)
             lengths = motion.lengths()
             shares = [lengths[name] / limit for name, limit in self.limits.items()]
             if np.isfinite(self.efforts).any():
@@ -132,9 +132,9 @@ class Objective:
         self, parameters: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return `values` (m,) of one motion (F, K) and their derivatives (m, F K)."""
-        steps = STEP * np.eye(parameters.size).reshape(-1, *parameters.shape)
+        steps = DIFFERENCE_STEP * np.eye(parameters.size).reshape(-1, *parameters.shape)
         values = self.values(np.concatenate([parameters[None], parameters + steps]))
-        return values[0], (values[1:] - values[0]).T / STEP
+        return values[0], (values[1:] - values[0]).T / DIFFERENCE_STEP
 
     @property
     def _determined(self) -> NDArray[np.intp]:

@@ -40,7 +40,7 @@ class PlanOptions:
     clearance: Annotated[float, _LIMITS] = 0.05
     """Smallest distance of bodies that are not neighbours [m]."""
     base_attitude: Annotated[float, _LIMITS] = inf
-    """Largest turn of the base [deg]. Default: any."""
+    """Largest rotation of the base [deg]. Default: any."""
     base_rate: Annotated[float, _LIMITS] = inf
     """Largest angular rate of the base [deg/s]. Default: any."""
     base_displacement: Annotated[float, _LIMITS] = inf

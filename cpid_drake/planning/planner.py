@@ -56,7 +56,7 @@ class Plan:
         parameters: (F, K) of the planner's family.
         score: the criterion: the largest weighted σ in units of the scale.
         usage: the largest share of each limit that it needs with any target, by the limit's name.
-        turn: the largest turn of the base with any target [rad].
+        base_rotation: the largest rotation of the base with any target [rad].
 
     """
 
@@ -64,7 +64,7 @@ class Plan:
     parameters: NDArray[np.float64]
     score: float
     usage: dict[str, float]
-    turn: float
+    base_rotation: float
 
     @property
     def active(self) -> list[str]:
@@ -183,8 +183,8 @@ class Planner:
         craft, family, options = self.spacecraft, self.family, self.options
         first = InertialParameters.from_vector(self.targets[0])
         nodes = max(int(np.ceil(NODES_PER_PERIOD * options.frequency * family.duration)), 4)
-        turn, rate = np.radians([options.base_attitude, options.base_rate]).tolist()
-        limits = (turn, rate, options.base_displacement)
+        rotation, rate = np.radians([options.base_attitude, options.base_rate]).tolist()
+        limits = (rotation, rate, options.base_displacement)
         return Objective(
             craft.tree.lumped,
             InformationModel(craft.tree, self.suite),
@@ -294,9 +294,11 @@ class Planner:
         for _ in range(BISECTIONS):
             x = share * parameters
             motion = self.family.make(x)
-            usage, turn = self.usage(motion)
+            usage, rotation = self.usage(motion)
             if max(usage.values()) <= 1 + 1e-9:  # a joint may rest at its limit
-                found = Plan(motion, x, float(self.objective.sigmas(x[None]).max()), usage, turn)
+                found = Plan(
+                    motion, x, float(self.objective.sigmas(x[None]).max()), usage, rotation
+                )
                 least = share
                 if share == 1:
                     break
@@ -308,7 +310,7 @@ class Planner:
         return found
 
     def usage(self, motion: JointMotion) -> tuple[dict[str, float], float]:
-        """Return the largest share of each limit that a motion needs, and the base's turn [rad].
+        """Return the largest share of each limit that a motion needs; the base's rotation [rad].
 
         They are the largest with any of the checked targets; those of efforts are computed in
         Drake's plant, with the targets that need the most.

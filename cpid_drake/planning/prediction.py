@@ -1,4 +1,4 @@
-"""The exact bound for one motion, and what the motion asks of the spacecraft."""
+"""The exact bound for one motion, and the loads of the motion on the spacecraft."""
 
 from dataclasses import dataclass, field
 
@@ -35,9 +35,9 @@ class Prediction:
             has errors; NaN where not determined.
         plausible_sigma: (10,) the same if all that they do not state has plausible errors.
         scale: (10,) scale of each parameter.
-        base_angle: largest turn of the base from its attitude at the start [rad].
+        base_rotation: largest rotation of the base from its attitude at the start [rad].
         base_rate: its largest angular velocity [rad/s].
-        base_shift: largest displacement of its origin [m].
+        base_displacement: largest displacement of its origin [m].
         usage: the largest share of a limit that the motion needs with any target.
         errors: (N, 10) errors of the fit in N trials, in units of the scale; NaN where it failed.
 
@@ -46,9 +46,9 @@ class Prediction:
     sigma: NDArray[np.float64]
     plausible_sigma: NDArray[np.float64]
     scale: NDArray[np.float64]
-    base_angle: float
+    base_rotation: float
     base_rate: float
-    base_shift: float
+    base_displacement: float
     usage: float = np.nan
     errors: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 10)))
 
@@ -69,11 +69,11 @@ class MotionSetting:
     """What a prediction depends on besides motion and target.
 
     Attributes:
-        spacecraft: the known spacecraft.
+        spacecraft: the spacecraft model.
         suite: its sensors, as stated.
         momentum_W: (6,) total momentum [L; P] about W's origin at the start [N·m·s, N·s].
         is_unknown: whether the momentum is estimated.
-        known_bodies: uncertainty of the known bodies; None if they are exact.
+        known_bodies: uncertainty of the spacecraft's bodies; None if they are exact.
 
     """
 
@@ -135,8 +135,8 @@ class MotionSetting:
         """Return what a motion needs with T targets π (T, 10), the efforts in Drake's plant.
 
         Returns:
-            The largest efforts (T, J) of the joints [N·m or N], and the largest turn [rad], angular
-            rate [rad/s] and displacement [m] of the base (T, 3).
+            The largest efforts (T, J) of the joints [N·m or N], and the largest rotation [rad],
+            angular rate [rad/s] and displacement [m] of the base (T, 3).
 
         """
         times = motion.instants()
@@ -156,7 +156,7 @@ class MotionSetting:
 
 
 def _base_lengths(base: Motion) -> tuple[float, float, float]:
-    """Return the largest turn [rad], angular rate [rad/s] and displacement [m] of the base."""
+    """Return the largest rotation [rad], angular rate [rad/s] and displacement [m] of the base."""
     cosine = np.abs(base.quaternion_WB @ base.quaternion_WB[0])
     return (
         float(2 * np.arccos(np.clip(cosine, 0, 1)).max()),

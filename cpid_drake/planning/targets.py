@@ -13,7 +13,7 @@ MASSES = (0.03, 0.3)
 LENGTHS = (0.2, 0.9)
 """Half axes of such targets, as shares of the spacecraft's radius of gyration."""
 
-FARTHEST = 1.2
+FARTHEST_CENTRE = 1.2
 """Largest distance of the centre of mass from C's origin, as a share of the mean half axis."""
 
 
@@ -42,7 +42,7 @@ def plausible_targets(
             far from its centre of mass as possible.
 
     Raises:
-        InputError: the prior knows only combinations of parameters; no rigid body is near its mean.
+        InputError: the prior has only combinations of parameters; no rigid body is near its mean.
 
     """
     rng = np.random.default_rng(seed)
@@ -60,7 +60,7 @@ def plausible_targets(
         for _ in range(200):
             change = rng.multivariate_normal(np.zeros(len(known)), covariance)
             target[known] = mean + deviation * change
-            if target[0] > 0 and InertialParameters.from_vector(target).is_feasible():
+            if target[0] > 0 and InertialParameters.from_vector(target).is_physically_consistent():
                 break
             deviation *= 0.9
         else:
@@ -69,7 +69,7 @@ def plausible_targets(
 
 
 def prior_information(prior: TargetPrior | None) -> NDArray[np.float64]:
-    """Return the information (10, 10) about π that a prior gives; zero for what it leaves open."""
+    """Return the information (10, 10) of a prior about π; zero for what it does not identify."""
     information = np.zeros((10, 10))
     if prior is not None:
         known = np.flatnonzero(np.isfinite(prior.parameters))
@@ -91,7 +91,7 @@ def _ellipsoid(
     direction = rng.normal(size=3)
     com = (
         np.sqrt(squares.mean())
-        * (FARTHEST if heaviest else rng.uniform(0, FARTHEST))
+        * (FARTHEST_CENTRE if heaviest else rng.uniform(0, FARTHEST_CENTRE))
         * direction
         / np.linalg.norm(direction)
     )

@@ -14,8 +14,8 @@ from cpid_drake.files.pictures import COLORS, INK, WIDE, Picture, label_axes, le
 from cpid_drake.report.page import Section, Table
 
 LEGEND = (
-    "Scale: the true mass, 0.5 m, and the trace of I. Bound: Cramér-Rao, of an estimator that "
-    "knows the spacecraft exactly and all thrust. NEES / n: squared error in units of the "
+    "Scale: the true mass, 0.5 m, and the trace of I. Bound: Cramér-Rao, with an "
+    "exact spacecraft model and all thrust. NEES / n: squared error in units of the "
     "covariance, for each known parameter; 1 if the covariance is right, ! outside the 95 % "
     "band. Behind the coverage, its 95 % interval. Bias / spread: the largest of the parameters."
 )

@@ -72,7 +72,7 @@ def _draw_parameter(estimates: History, true: float, i: int, axes: Axes) -> None
     known = np.flatnonzero(np.isfinite(value))
     if not known.size:
         axes.set_yticks([])
-        axes.text(0.5, 0.5, "not known", transform=axes.transAxes, ha="center")
+        axes.text(0.5, 0.5, "not identifiable", transform=axes.transAxes, ha="center")
         return
     # The limits show the later estimates: the first intervals are too wide.
     late = known[len(known) // 3 :]

@@ -35,9 +35,9 @@ def motion_table(found: Mapping[str, Prediction], title: str) -> Table:
         if not is_calibrated:
             rows[f"σ({name}), plausible"] = [each.plausible_sigma[k] for each in columns]
     rows["worst σ, % of scale"] = [100 * each.worst for each in columns]
-    rows["turn of the base, deg"] = [np.degrees(each.base_angle) for each in columns]
+    rows["rotation of the base, deg"] = [np.degrees(each.base_rotation) for each in columns]
     rows["its rate, deg/s"] = [np.degrees(each.base_rate) for each in columns]
-    rows["its shift, m"] = [each.base_shift for each in columns]
+    rows["its displacement, m"] = [each.base_displacement for each in columns]
     rows["largest share of a limit"] = [each.usage for each in columns]
     if any(len(each.errors) for each in columns):
         rows["worst error of fits, %"] = [100 * each.realised for each in columns]
@@ -58,7 +58,7 @@ def plan_pictures(
     predictions: Mapping[str, Prediction],
     target: NDArray[np.float64],
 ) -> list[Picture]:
-    """Return the pictures of a plan: σ of each parameter, the turn of the base, and the joints.
+    """Return the pictures of a plan: σ of each parameter, the rotation of the base, and the joints.
 
     Args:
         setting: spacecraft and sensors.
@@ -69,15 +69,15 @@ def plan_pictures(
     """
     *_, plan = motions.values()
     times = np.linspace(0.0, plan.duration, 301)
-    joints, turns = plan.evaluate(times), []
+    joints, rotations = plan.evaluate(times), []
     for motion in motions.values():
         [moved] = setting.telemetries(motion, target[None], times)
         cosine = np.clip(np.abs(moved.quaternion_WB @ moved.quaternion_WB[0]), 0, 1)
-        turns.append(np.degrees(2 * np.arccos(cosine)))
-    turn, names = np.transpose(turns), setting.spacecraft.joint_names
+        rotations.append(np.degrees(2 * np.arccos(cosine)))
+    rotation, names = np.transpose(rotations), setting.spacecraft.joint_names
     return [
         Picture("predicted σ", partial(_draw_sigma, predictions), _SIZE),
-        curves("Turn of the base", times, turn, "deg", [*motions], size=_SIZE),
+        curves("Rotation of the base", times, rotation, "deg", [*motions], size=_SIZE),
         curves("Positions", times, joints[:, 0], "rad or m", names, size=_SIZE),
         curves("Rates", times, joints[:, 1], "rad/s or m/s", names, size=_SIZE),
     ]

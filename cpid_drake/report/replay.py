@@ -24,7 +24,7 @@ from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.scene_page import estimate_lines, scene_html
 from cpid_drake.systems.scene_visualizer import FRAME_PERIOD
 
-LONGEST = 60.0
+LONGEST_REPLAY = 60.0
 """Longest part of a log that is replayed [s]: a page with more frames is slow to open."""
 
 
@@ -40,7 +40,7 @@ def replay_html(
     """Return a self-contained page that replays a motion, with the numbers of the estimates.
 
     Args:
-        spacecraft: the known spacecraft.
+        spacecraft: the spacecraft model.
         motion: its motion.
         estimates: increasing times from which estimates are shown [s], and the estimates.
         truth: the true target, if it is known from a simulation.
@@ -78,7 +78,7 @@ def estimate_text(found: Identification, truth: InertialParameters | None = None
         return f"{lines[0]}: {numbers[0]}"
     lines += numbers
     lines += [f"failed check: {failure}" for failure in found.failures]
-    if found.infeasibilities:
+    if found.inconsistencies:
         lines.append("no rigid body has the estimate; the nearest is drawn")
     return "\n".join(lines)
 
@@ -95,7 +95,7 @@ def motion_of(log: Log, spacecraft: Spacecraft, sensors: SensorSuite | None) -> 
         InputError: the log has too few samples, or a sensor that smoothing needs is missing.
 
     """
-    beginning = log.between(0.0, LONGEST)
+    beginning = log.between(0.0, LONGEST_REPLAY)
     screened = screen(in_joint_order(beginning, spacecraft).log).log
     with_position = bool(len(screened.position))
     if len(screened.attitude):

@@ -98,7 +98,7 @@ def simulated_section(run: Run) -> Section:
         ("Momentum drift", f"{drift['linear_N_s']:.2g} N·s, {drift['angular_N_m_s']:.2g} N·m·s"),
         ("Closest bodies", about.limits.closest or "not checked"),
     ]
-    cells = ["not known" if value is None else f"{value:.4g}" for value in estimate.values()]
+    cells = ["not identifiable" if value is None else f"{value:.4g}" for value in estimate.values()]
     return Section(
         "Simulation",
         facts=facts,

@@ -21,7 +21,7 @@ class Scene:
     """What `SceneVisualizer` and Drake draw of a spacecraft, at states that are given.
 
     Args:
-        spacecraft: the known spacecraft.
+        spacecraft: the spacecraft model.
         meshcat: where to draw.
         truth: the true target, if it is known from a simulation.
         visual_model: model file with the true target's shape; default: an ellipsoid of its inertia.
@@ -87,7 +87,7 @@ class LatestState:
     A position or rate that no sensor measures is zero.
 
     Args:
-        spacecraft: the known spacecraft.
+        spacecraft: the spacecraft model.
 
     """
 

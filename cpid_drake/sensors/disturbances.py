@@ -35,15 +35,15 @@ class Disturbances:
         joint_compliance_urad: σ of the compliance of each joint: its angle is the encoder's less so
             much per effort that moves what is outboard of it [10⁻⁶ rad/(N·m); of prismatic joints
             10⁻⁶ m/N]. No seed draws it.
-        compliance_urad: σ of the compliance of the grasp about each axis of C: the target turns
+        compliance_urad: σ of the compliance of the grasp about each axis of C: the target rotates
             against C by so much per moment [10⁻⁶ rad/(N·m)]. No seed draws it: simulations have a
             wrist of their own.
         translational_compliance_um: the same along each axis of C: the target moves against C by so
             much per force [10⁻⁶ m/N].
         wheel: σ of each coordinate, in B, of the constant angular momentum of rotors in the base
             that the spacecraft's model has not [N·m·s]. No seed draws it.
-        orbit: orbit of W's origin, whose gravity gradient turns the system and moves its centre of
-            mass; None for none. It is known, and has no σ.
+        orbit: orbit of W's origin, whose gravity gradient rotates the system and moves its centre
+            of mass; None for none. It is known, and has no σ.
 
     Raises:
         InputError: a random walk without the σ at its start.

@@ -75,7 +75,7 @@ class ErrorKind:
         return self.file_scale or self.scale
 
     def plausible(self, tree: KinematicTree) -> float:
-        """Return the plausible σ for a craft with these known bodies, in the unit of the field."""
+        """Return the plausible σ for a craft with these bodies, in the unit of the field."""
         known = tree.at_rest
         radius = float(np.sqrt(np.trace(known.I_BBcm) / 2 / known.mass))
         size = (known.mass / MASS) ** self.by_mass * (radius / RADIUS) ** self.by_length
@@ -130,7 +130,7 @@ _KINDS = (
     ),
     ErrorKind(
         *("compliance", "disturbances", "compliance_urad", 3, "µrad/(N·m)", 1e-6, 300.0),
-        "the grasp is flexible: the target turns against C by {} about its axes",
+        "the grasp is flexible: the target rotates against C by {} about its axes",
         by_mass=-1,
     ),
     ErrorKind(
@@ -168,7 +168,7 @@ _KINDS = (
     ),
     ErrorKind(
         *("mounting", "sensor", "mounting_arcsec", 3, "arcsec", ARCSECOND, 360.0),
-        "the {sensor} is turned by {} from the axes of the base",
+        "the {sensor} is rotated by {} from the axes of the base",
     ),
     ErrorKind(
         *("scale", "sensor", "scale_ppm", 3, "ppm", 1e-6, 1000.0),
@@ -213,7 +213,8 @@ def with_plausible(
 
     Args:
         suite: the sensors.
-        tree: the known bodies, whose mass and size scale forces, lever arms and compliances.
+        tree: the bodies of the spacecraft, whose mass and size scale forces, lever arms and
+            compliances.
         has_thrust: whether thrusters fired.
 
     """

@@ -83,7 +83,7 @@ class AttitudeSensor(SensorErrors):
         cross_boresight_arcsec: σ about each of the two axes perpendicular to the boresight.
         boresight_arcsec: σ about the boresight.
         boresight_B: (3,) direction of the boresight in B, of any length.
-        mounting_arcsec: σ of the error of the mounting, a constant turn about each axis of B.
+        mounting_arcsec: σ of the error of the mounting, a constant rotation about each axis of B.
 
     Raises:
         InputError: the boresight has no length.

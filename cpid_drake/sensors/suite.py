@@ -65,7 +65,7 @@ class SensorSuite:
             KeyError: it is absent.
 
         """
-        errors = getattr(self, name, None) if name in SENSORS else None
+        errors: SensorErrors | None = getattr(self, name, None) if name in SENSORS else None
         if errors is None:
             raise KeyError(name)
         return errors

@@ -80,7 +80,7 @@ class SimulatedDisturbance:
         The random walk starts at zero.
         """
         if not self.walks:
-            return self._constant
+            return np.asarray(self._constant)
         pieces = self._pieces  # other threads may write it meanwhile
         if number >= len(pieces):
             count = max(64, 2 * number)
@@ -89,7 +89,7 @@ class SimulatedDisturbance:
             pieces = self._constant + np.vstack([np.zeros(6), walk])
             pieces += self._noise / np.sqrt(WALK_PERIOD) * self._normal(3, count + 1)
             self._pieces = pieces
-        return pieces[number]
+        return np.asarray(pieces[number])
 
     def at(self, time: float) -> NDArray[np.float64]:
         """Return [torque; acceleration] (6,) just after a time [s]; see `piece`."""

@@ -41,7 +41,7 @@ class HalfCosineMotion:
         """Return the motion of the spacecraft's joints; errors: see `Scenario.make_joint_motion`.
 
         Args:
-            spacecraft: the known spacecraft.
+            spacecraft: the spacecraft model.
             default: positions of joints that the motion does not name [rad or m by joint name].
 
         """

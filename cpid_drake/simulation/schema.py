@@ -57,7 +57,7 @@ Gain = Annotated[float, Interval(gt=0, le=1e4)]  # [rad/s]; stiffer ones are too
 
 @dataclass
 class SpacecraftConfig(SpacecraftReference):
-    """The known spacecraft; files are package:// URIs or paths relative to the scenario's folder.
+    """The spacecraft model; files are package:// URIs or paths relative to the scenario's folder.
 
     `configuration` is the default position of joints that the
     motion does not name [rad or m by joint name]; other joints are at zero. With `on_table` the
@@ -68,7 +68,7 @@ class SpacecraftConfig(SpacecraftReference):
     on_table: bool = False
 
     def make(self) -> Spacecraft:
-        """Return the known spacecraft; raises as `Spacecraft`."""
+        """Return the spacecraft model; raises as `Spacecraft`."""
         spacecraft = super().make()
         return spacecraft.on_table() if self.on_table else spacecraft
 
@@ -141,20 +141,20 @@ class TargetConfig(BodyConfig):
 class ControllerConfig:
     """The joint controller: its model of the target, and its feedback gains [rad/s, 1].
 
-    With the target it knows the forces from outside, too, and the joints follow their motion
-    exactly. A controller that does not know the target assumes a solid sphere about C's origin
+    With a model of the target it has the forces from outside, too, and the joints follow their
+    motion exactly. Without one it assumes a solid sphere about C's origin
     [kg, m]. Its mass must then be given; half or twice the true mass is good enough.
     """
 
-    knows_target: bool = True
+    has_target_model: bool = True
     nominal_mass: NotNegative = 0.0
     nominal_radius: Positive = 0.5
     natural_frequency: Gain = 10.0
     damping_ratio: Gain = 1.0
 
     def __post_init__(self) -> None:
-        if not (self.knows_target or self.nominal_mass > 0):
-            raise InputError("nominal_mass must be > 0 where knows_target is false")
+        if not (self.has_target_model or self.nominal_mass > 0):
+            raise InputError("nominal_mass must be > 0 where has_target_model is false")
 
 
 @dataclass
@@ -217,7 +217,9 @@ def _read_simulator(value: object) -> SimulatorConfig:
 def _simulator(text: str) -> SimulatorConfig:
     """Return Drake's settings from JSON, whose keys and types Drake checks."""
     try:
-        config = yaml_load_typed(schema=SimulatorConfig, data=text, defaults=default_simulator())
+        config: SimulatorConfig = yaml_load_typed(
+            schema=SimulatorConfig, data=text, defaults=default_simulator()
+        )
     except (RuntimeError, ValueError, TypeError, AttributeError) as error:
         raise InputError(f"not Drake's SimulatorConfig: {error}") from error
     if config.integration_scheme not in INTEGRATION_SCHEMES:
@@ -293,10 +295,10 @@ class Scenario:
     def __post_init__(self) -> None:
         """Refuse values that contradict each other, by an InputError that names them."""
         simulation, duration = self.simulation, self.simulation.duration
-        if simulation.wrist is not None and not self.controller.knows_target:
+        if simulation.wrist is not None and not self.controller.has_target_model:
             raise InputError(
-                "controller.knows_target must be true with simulation.wrist: a controller without "
-                "the springs of the wrist cannot hold a light last link"
+                "controller.has_target_model must be true with simulation.wrist: a controller "
+                "without the springs of the wrist cannot hold a light last link"
             )
         for name, period in (
             ("simulation.log_period", simulation.log_period),
@@ -346,7 +348,7 @@ class Scenario:
     def target_truth(self) -> InertialParameters:
         """Return the true target; raises InputError if it is not a rigid body."""
         truth = self.target.parameters()
-        problems = truth.infeasibilities()
+        problems = truth.inconsistencies()
         if problems:
             raise InputError(f"target: not a rigid body: {'; '.join(problems)}")
         return truth

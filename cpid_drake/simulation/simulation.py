@@ -49,7 +49,7 @@ class Simulation:
 
     Attributes:
         scenario: the scenario.
-        spacecraft: the known spacecraft.
+        spacecraft: the spacecraft model.
         truth: the target in the simulated plant.
         joint_motion: the prescribed motion.
         diagram: the whole diagram.
@@ -250,7 +250,7 @@ def make_simulation(
     sensors, sensor_logs, suite = None, {}, scenario.make_suite()
     forces, thrust = _add_forces(builder, scenario, spacecraft, plant)
     known = None
-    if forces is not None and config.knows_target and not scenario.simulation.sprung_masses:
+    if forces is not None and config.has_target_model and not scenario.simulation.sprung_masses:
         known = forces.GetOutputPort("spatial_forces")
     controller = JointController.AddToBuilder(
         builder,
@@ -258,7 +258,7 @@ def make_simulation(
         state=plant.get_state_output_port(),
         desired_motion=source.get_output_port(),
         generalized_force=plant.get_applied_generalized_force_input_port(),
-        target=truth if config.knows_target else sphere,
+        target=truth if config.has_target_model else sphere,
         connect=grasp,
         plant=plant,
         natural_frequency=config.natural_frequency,

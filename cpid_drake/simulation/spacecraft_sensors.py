@@ -17,7 +17,7 @@ from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.files.errors import InputError, prefix_errors
-from cpid_drake.identification.arguments import PathLike, require_spacecraft, sensors_of
+from cpid_drake.identification.arguments import PathLike, require_spacecraft, resolve_sensors
 from cpid_drake.logs.log import Log, Samples, first_sample
 from cpid_drake.sensors.sensors import SENSORS, SensorErrors
 from cpid_drake.sensors.suite import SensorSuite, check_sensors, require_encoders
@@ -59,7 +59,7 @@ class SpacecraftSensors(SpacecraftSystem):
       need `Simulator.AdvancePendingEvents`.
 
     Args:
-        spacecraft: the known spacecraft.
+        spacecraft: the spacecraft model.
         suite: its sensors.
         seed: seed of the sensors' random errors, a whole number >= 0.
         joint_compliance: of all joints, whose encoders are before the spring, on the motor: they
@@ -86,7 +86,7 @@ class SpacecraftSensors(SpacecraftSystem):
         super().__init__()
         self.set_name("spacecraft_sensors")
         require_spacecraft(spacecraft)
-        suite = sensors_of(suite) or SensorSuite()
+        suite = resolve_sensors(suite) or SensorSuite()
         check_sensors(suite, "sensors")
         if spacecraft.joint_names:
             require_encoders(suite, "sensors")

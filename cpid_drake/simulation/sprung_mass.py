@@ -57,7 +57,7 @@ class SprungMass:
         part = InertialParameters(self.mass, self.p_BS, np.zeros((3, 3)))
         remainder = whole.to_standard_vector() - part.to_standard_vector()
         problems = ["no mass remains"] if remainder[0] <= 0 else []
-        problems += InertialParameters.from_standard_vector(remainder).infeasibilities()
+        problems += InertialParameters.from_standard_vector(remainder).inconsistencies()
         if problems:
             where = f"a sprung mass of {self.mass:g} kg in {self.body}"
             raise InputError(f"{where}: {'; '.join(problems)}")

@@ -1,1 +1,1 @@
-"""From a model file to a known spacecraft, and from an estimate back to a model file."""
+"""From a model file to a spacecraft, and from an estimate back to a model file."""

@@ -9,6 +9,7 @@ from pydrake.geometry import (
     AddContactMaterial,
     Ellipsoid,
     ProximityProperties,
+    Rgba,
     Role,
     SceneGraph,
 )
@@ -95,6 +96,7 @@ def add_target_appearance(
                 material = instance.mutable_illustration_properties()
                 if material.HasProperty("phong", "diffuse"):
                     color = material.GetProperty("phong", "diffuse")
+                    assert isinstance(color, Rgba)
                     color.update(a=OPACITY * color.a())
                     material.UpdateProperty("phong", "diffuse", color)
                 plant.RegisterVisualGeometry(body, instance)

@@ -48,7 +48,7 @@ class Clearance:
     may overlap. The target has the collision geometry of its visual model, and none without it.
 
     Args:
-        spacecraft: the known spacecraft.
+        spacecraft: the spacecraft model.
         target: the target that it holds.
         target_visual_model: a model file with the target's geometry, if there is one.
 
@@ -180,7 +180,7 @@ class Clearance:
         }
 
 
-def _computed(distances: Callable, argument: object) -> Any:
+def _computed(distances: Callable[[Any], Any], argument: object) -> Any:
     """Return Drake's distances; raises InputError for shapes that it cannot compare."""
     try:
         return distances(argument)

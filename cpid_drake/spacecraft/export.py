@@ -10,6 +10,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from itertools import chain, count
 from pathlib import Path
+from typing import Any
 
 import jinja2
 import numpy as np
@@ -110,7 +111,7 @@ def export_target(
 
     """
     path = Path(path)
-    problems = parameters.infeasibilities()
+    problems = parameters.inconsistencies()
     if problems:
         raise InputError(f"{path}: not written: no rigid body has this: {'; '.join(problems)}")
     if format not in FORMATS:
@@ -247,7 +248,7 @@ def _links(spacecraft: Spacecraft, target: Link) -> list[Link]:
 def _directives(target_file: Path, name: str, spacecraft: Spacecraft | None) -> str:
     """Return Drake model directives that add the target, and the spacecraft that holds it."""
     target = {"add_model": {"name": name, "file": f"file://{target_file.resolve()}"}}
-    items: list[dict] = [target]
+    items: list[dict[str, dict[str, Any]]] = [target]
     if spacecraft is not None:
         file = f"file://{spacecraft.path}"  # a package:// URI would need a map of packages
         instance = spacecraft.plant.GetModelInstanceName(spacecraft.base.model_instance())

@@ -20,7 +20,7 @@ from pydrake.multibody.tree import RotationalInertia
 
 from cpid_drake.files.errors import InputError
 from cpid_drake.files.resources import resolve_model
-from cpid_drake.spacecraft.parsing import make_parser, message_of, parse, summary
+from cpid_drake.spacecraft.parsing import make_parser, message_of, parse, summarize_ignored
 
 _MODEL_ENDINGS = (".urdf", ".sdf", ".xml", ".dmd.yaml")
 
@@ -83,7 +83,7 @@ class ModelFile:
         model: the file as the user named it; error messages begin with it.
         path: the absolute path of the file.
         folders: the packages' folders as the user named them.
-        efforts, hollow: what Drake does not tell of the file, see `check_model`.
+        efforts, hollow: what Drake does not report of the file, see `check_model`.
 
     Raises:
         InputError: no such file, an unknown format, or content that Drake must not read (see
@@ -111,7 +111,7 @@ class ModelFile:
         """
         ignored = parse(plant, self.path, self.model, self.folders)
         if ignored and not self._is_parsed:
-            logging.getLogger(__name__).warning("%s: %s", self.model, summary(ignored))
+            logging.getLogger(__name__).warning("%s: %s", self.model, summarize_ignored(ignored))
         self._is_parsed = True
         plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
 
@@ -148,7 +148,7 @@ def check_model(
         folders: folders of the packages that its URIs refer to, by name.
 
     Returns:
-        What Drake does not tell: the effort limits in URDF files [N·m or N] by joint, of which
+        What Drake does not report: the effort limits in URDF files [N·m or N] by joint, of which
         Drake reads only those with a transmission; and the links of URDF and SDF files that have a
         geometry and no inertia, whose mass Drake takes for zero (URDF) or for 1 kg (SDF).
 

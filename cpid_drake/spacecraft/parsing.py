@@ -61,7 +61,7 @@ _FREE = re.compile(
 
 
 def make_parser(plant: MultibodyPlant, folders: Mapping[str, Path]) -> Parser:
-    """Return a parser that knows these packages and does not download any."""
+    """Return a parser that has these packages and does not download any."""
     parser = Parser(plant)
     parser.package_map().Remove("drake_models")
     for name, folder in folders.items():
@@ -112,7 +112,7 @@ def parse(
     return ignored
 
 
-def summary(ignored: Mapping[str, int]) -> str:
+def summarize_ignored(ignored: Mapping[str, int]) -> str:
     """Return what Drake ignored in one line."""
     named = ", ".join(f"{name} ({count})" for name, count in sorted(ignored.items()))
     return f"not read, and without effect on masses, joints and frames: {named}"

@@ -1,4 +1,4 @@
-"""The known spacecraft that a model file describes: a free base, a tree of joints and C."""
+"""What a model file describes of a spacecraft: a free base, a tree of joints and C."""
 
 from collections.abc import Callable, Mapping
 from copy import copy
@@ -40,7 +40,7 @@ TARGET_NAME = "captured_target"
 
 
 class Spacecraft:
-    """The known spacecraft without the target: the only prior knowledge of an identifier.
+    """The spacecraft model without the target: the only prior knowledge of an identifier.
 
     The model may be any tree of revolute, prismatic and fixed joints on a free base, from URDF,
     SDF, MJCF or Drake model directives. There is no gravity. `plant` is shared; a caller that
@@ -63,7 +63,7 @@ class Spacecraft:
         joint_names: the movable joints in the order of q.
         limits: limits of these joints.
         tree: the same spacecraft as NumPy arrays, for computations on many samples at once.
-        mass: total mass of the known bodies [kg].
+        mass: total mass [kg].
         state_columns: columns of the plant state x = [q; v] that hold the members of `Motion`,
             by their names: `quaternion_WB`, `p_WB`, `w_WB`, `v_WB`, `q` and `qdot`.
 
@@ -96,7 +96,7 @@ class Spacecraft:
         self.tree = extract_tree(self.plant, self.base, self.capture_frame, self._joints)
         self.mass = self.tree.mass
         if not self.mass > 0:
-            raise self._file.error("the known spacecraft has no mass; give its links inertias")
+            raise self._file.error("the spacecraft model has no mass; give its links inertias")
 
         nq = self.plant.num_positions()
         q_B = self.base.floating_positions_start()
@@ -281,7 +281,8 @@ class Spacecraft:
         Joints that move at t = 0 contribute to the momentum; the twist of the base takes this into
         account. The arguments are those of `predicted_motion`.
         """
-        return self.to_states(self.predicted_motion(target, motion, [0.0], momentum_W))[0]
+        start = self.predicted_motion(target, motion, [0.0], momentum_W)
+        return np.asarray(self.to_states(start)[0])
 
     def require_joints(self, motion: Motion) -> None:
         """Refuse a motion of another spacecraft.

@@ -25,7 +25,7 @@ from cpid_drake.estimation.gaussian import solution_of_rows
 from cpid_drake.estimation.least_squares import updated_information
 from cpid_drake.estimation.momentum_rows import momentum_columns, momentum_rows
 from cpid_drake.files.errors import InputError
-from cpid_drake.identification.arguments import momentum_of, require_spacecraft
+from cpid_drake.identification.arguments import require_spacecraft, resolve_momentum
 from cpid_drake.identification.by_rows import NAME, part_checks
 from cpid_drake.identification.consistency import with_nearest_body
 from cpid_drake.identification.result import Identification
@@ -52,7 +52,8 @@ class Identifier(SpacecraftSystem):
         Its intervals are those of the estimator; `consistency.checked` finds the part of them that
         a rigid body can have.
         """
-        return self._solution.Eval(context)
+        found: Identification = self._solution.Eval(context)
+        return found
 
     def estimate_ports(self) -> dict[str, OutputPort]:
         """Return the ports that a controller or a visualizer reads, by their names there."""
@@ -136,14 +137,14 @@ class MomentumIdentifier(Identifier):
 
     - `state`: x = [q; v] of the spacecraft's plant (a target welded on C adds no state).
     - `parameters` (10): m, c, Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg, m, kg·m²] as estimated; see
-      `parameterizations.PARAMETER_NAMES`. An entry is NaN until it is observable.
+      `parameterizations.PARAMETER_NAMES`. An entry is NaN until it is identifiable.
     - `covariance` (100): of the parameters, row by row, from the residuals of equally
-      weighted rows; NaN until all are observable. With standard rows every σ is accurate to a
+      weighted rows; NaN until all are identifiable. With standard rows every σ is accurate to a
       factor of about 1.5, or 2 with rounded data. With Eq. 18, whose rows are in m/s and in N·m·s,
       errors are larger, and the σ of the mass can be 25 times too large.
     - `spatial_inertia` (abstract `SpatialInertia`): the physically consistent parameters
-      nearest to the estimate, about C's origin, in C; NaN until all are observable.
-    - `diagnostics` (4): number of samples, rank (10 when all is observable), condition number of
+      nearest to the estimate, about C's origin, in C; NaN until all are identifiable.
+    - `diagnostics` (4): number of samples, rank (10 when all are identifiable), condition number of
       the scaled rows (infinite below rank 10), RMS of the residuals of all rows in their own units
       (Eq. 18: m/s and N·m·s; standard: N·s and N·m·s). See `DIAGNOSTICS`.
     - `checks_passed` (1): 1 if some check was made and none failed, else 0. A rigid body must have
@@ -152,10 +153,10 @@ class MomentumIdentifier(Identifier):
       `identification(context)`.
 
     `identification(context)` returns all these quantities; the method `explain()` of its result
-    describes in words which parameters are not determined.
+    describes in words which parameters are not identifiable.
 
     Args:
-        spacecraft: the known spacecraft.
+        spacecraft: the spacecraft model.
         rows: "standard", "eq18" (the paper's) or "relative"; see
             `cpid_drake.dynamics.rows.ROW_FAMILIES`.
         momentum: the total momentum, zero (default) or unknown; not unknown with "eq18".
@@ -187,7 +188,7 @@ class MomentumIdentifier(Identifier):
             raise InputError(f"identification offset must be >= 0 s, not {offset}")
         require_spacecraft(spacecraft)
         self._spacecraft = spacecraft
-        self._momentum = momentum_of(momentum) or TotalMomentum.zero()
+        self._momentum = resolve_momentum(momentum) or TotalMomentum.zero()
         if self._momentum.name == "known":
             raise InputError("identification needs a total momentum that is zero or unknown")
         self._family = row_family(rows, self._momentum.is_unknown)
@@ -285,10 +286,10 @@ class MomentumIdentifier(Identifier):
 
     def _root(self, context: Context) -> NDArray[np.float64]:
         root = context.get_discrete_state(self._root_index).value()
-        return root.reshape(self._size, self._size)
+        return np.asarray(root.reshape(self._size, self._size))
 
     def _earlier(self, context: Context) -> NDArray[np.float64]:
-        return context.get_discrete_state(self._earlier_index).value()
+        return np.asarray(context.get_discrete_state(self._earlier_index).value())
 
     def _solve(self, context: Context) -> Identification:
         samples, row_count, _ = context.get_discrete_state(self._count_index).value()

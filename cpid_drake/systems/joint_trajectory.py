@@ -10,7 +10,7 @@ from cpid_drake.dynamics.joint_motion import JointMotion
 _ORDERS = 3  # positions, rates, accelerations
 
 
-class JointTrajectory(Trajectory):
+class JointTrajectory(Trajectory):  # type: ignore[misc]  # the base has no usable stub
     """A prescribed joint motion: (J, 1) positions [rad or m], with rates and accelerations.
 
     Before its start and after its end the joints rest.
@@ -26,7 +26,7 @@ class JointTrajectory(Trajectory):
         super().__init__()
         self._motion, self._start, self._order = motion, start, order
 
-    def __deepcopy__(self, memo: dict) -> "JointTrajectory":
+    def __deepcopy__(self, memo: dict[int, object]) -> "JointTrajectory":
         """Return the same motion."""
         return JointTrajectory(self._motion, self._start, self._order)
 

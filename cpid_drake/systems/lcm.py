@@ -102,7 +102,7 @@ def add_lcm(
     return identifier
 
 
-class _Receiver(LeafSystem):
+class _Receiver(LeafSystem):  # type: ignore[misc]  # the base has no usable stub
     """The numbers of the latest message; NaN before the first.
 
     If it is read in periodic events, it remembers the message of the last one.

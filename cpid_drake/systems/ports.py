@@ -20,7 +20,7 @@ from cpid_drake.files.errors import InputError
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 
-class SpacecraftSystem(LeafSystem):
+class SpacecraftSystem(LeafSystem):  # type: ignore[misc]  # the base has no usable stub
     """Base class of the systems that belong to a spacecraft: how they are connected."""
 
     def connected(self, builder: DiagramBuilder, **ports: InputPort | OutputPort | None) -> Self:
@@ -61,15 +61,15 @@ class SpacecraftSystem(LeafSystem):
 
     def _declare_plant_context(self, plant: MultibodyPlant) -> Callable[[Context], Context]:
         """Declare a context of a plant that each call may overwrite; return how to get it."""
-        entry = self.DeclareCacheEntry(
+        evaluate: Callable[[Context], Context] = self.DeclareCacheEntry(
             "plant_context",
             ValueProducer(
                 allocate=lambda: AbstractValue.Make(plant.CreateDefaultContext()),
                 calc=ValueProducer.NoopCalc,
             ),
             {self.nothing_ticket()},
-        )
-        return entry.Eval
+        ).Eval
+        return evaluate
 
 
 def spacecraft_state(

@@ -40,7 +40,7 @@ def estimate_lines(
 
     """
     if not np.isfinite(parameters).all():
-        return ["not all ten parameters known"]
+        return ["not all ten parameters identifiable"]
     lines = []
     for name, part, unit in _PARTS:
         half = float(halves[part].max())

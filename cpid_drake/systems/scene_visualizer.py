@@ -54,7 +54,7 @@ class SceneVisualizer(SpacecraftSystem):
     them. As Meshcat's recording, the numbers over time belong to this object and to no Context.
 
     Args:
-        spacecraft: the known spacecraft.
+        spacecraft: the spacecraft model.
         meshcat: where to draw. Its camera is moved so that the spacecraft fills the picture.
         truth: the true target; simulation only.
         has_rates: whether the state has true rates, so that momenta are drawn.
@@ -162,7 +162,7 @@ class SceneVisualizer(SpacecraftSystem):
         covariance = self.GetInputPort("covariance").Eval(context).reshape(10, 10)
         lines = estimate_lines(values, 1.96 * np.sqrt(np.diag(covariance)), self._truth)
         if np.isfinite(values).all() and not self.GetInputPort("checks_passed").Eval(context)[0]:
-            lines.append("checks did not pass: do not use it")
+            lines.append("a check failed: do not use it")
         self._texts = [each for each in self._texts if each[0] < time]
         if self._texts and self._texts[-1][1] == "\n".join(lines):
             return

@@ -13,7 +13,7 @@ from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.one_thread import one_thread
 from cpid_drake.estimation.online import WINDOW, OnlineState
 from cpid_drake.files.errors import InputError
-from cpid_drake.identification.arguments import PathLike, sensors_of
+from cpid_drake.identification.arguments import PathLike, resolve_sensors
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import Identification
 from cpid_drake.live.stream import Stream, StreamState
@@ -79,7 +79,7 @@ class SensorIdentifier(Identifier):
     momentum changed, ten times as much.
 
     Args:
-        spacecraft: the known spacecraft.
+        spacecraft: the spacecraft model.
         suite: its sensors.
         momentum: the total momentum, zero (default) or unknown.
         period: time between updates [s]; default: that of the fastest sensor.
@@ -110,7 +110,7 @@ class SensorIdentifier(Identifier):
     ) -> None:
         super().__init__()
         self.set_name("sensor_identifier")
-        suite = sensors_of(suite) or SensorSuite()
+        suite = resolve_sensors(suite) or SensorSuite()
         self._stream = Stream(
             spacecraft,
             suite,
@@ -186,7 +186,8 @@ class SensorIdentifier(Identifier):
         return self._memory(context).stream.online
 
     def _memory(self, context: Context) -> "_Memory":
-        return context.get_abstract_state(self._memory_index).get_value()
+        memory: _Memory = context.get_abstract_state(self._memory_index).get_value()
+        return memory
 
     @one_thread
     def _collect(self, context: Context, state: State) -> EventStatus:
@@ -247,6 +248,6 @@ class _Memory:
     seen: dict[str, float]
     due: float = np.nan
 
-    def __deepcopy__(self, memo: dict) -> "_Memory":
+    def __deepcopy__(self, memo: dict[int, object]) -> "_Memory":
         """Return the value itself, which never changes."""
         return self

@@ -61,8 +61,8 @@ class RoundedCase:
 
         They are lost in rounding if the base's speed is less than one step of the rounding.
         """
-        if not self.identification.is_observable:
-            return "not determined"
+        if not self.identification.is_identifiable:
+            return "not identifiable"
         if self.speed_in_steps < 1:
             return "lost in rounding"
         return "" if self.identification.passed else "a check failed"

@@ -10,6 +10,7 @@ import logging
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
@@ -22,7 +23,7 @@ from paper.study import PaperStudy, run_paper_study, summarize
 from paper.values import EXCITING
 
 
-def page_of(study: PaperStudy, scenario: str, summary: dict) -> Report:
+def page_of(study: PaperStudy, scenario: str, summary: dict[str, Any]) -> Report:
     """Return the page of a study on a scenario of this name or path."""
     words = ["python", "diagrams/paper/run.py", "--scenario", scenario, "--out", "OUT"]
     introduction = Section("The paper and this study", texts=tables.INTRODUCTION)
@@ -39,23 +40,23 @@ def run(scenario: str, out: Path, *, force: bool = False, quiet: bool = False) -
     loaded, exciting = load_scenario(path), load_scenario(find_scenario(EXCITING))
     check_folder("--out", out, [path, *files_of(loaded)], force=force)
 
-    def tell(text: str) -> None:
+    def show(text: str) -> None:
         if not quiet:
             print(text, file=sys.stderr)
 
     try:
-        study = run_paper_study(loaded, tell, exciting)
+        study = run_paper_study(loaded, show, exciting)
     except InputError as error:
         raise InputError(f"{scenario}: {error}") from error
     for text in check_limits(study.simulation).exceeded:
         print(f"warning: {text}", file=sys.stderr)
-    tell("drawing the figures")
+    show("drawing the figures")
     summary = summarize(study, time.perf_counter() - start)
     page = page_of(study, scenario, summary)
     page.write_folder(out)
     if not quiet:
         print_tables(page)
-    tell(f"{summary['wall_seconds']:.1f} s; open {out / 'report.html'}")
+    show(f"{summary['wall_seconds']:.1f} s; open {out / 'report.html'}")
     return study
 
 

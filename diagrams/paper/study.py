@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,7 +50,8 @@ class PaperStudy:
             [N·m·s].
         rounded_momentum: (2,) largest total momentum computed from samples rounded to six decimals;
             the paper gives 1e-2 for the angular one.
-        resimulated_target: feasible parameters identified from samples rounded to six decimals.
+        resimulated_target: physically consistent parameters identified from samples rounded to six
+            decimals.
         resimulated: motion of a second simulation, with these parameters (Fig. 7).
 
     """
@@ -137,19 +139,19 @@ def run_paper_study(
 
     progress("identifying")
     exact = identified(samples)
-    if not exact.is_observable:
+    if not exact.is_identifiable:
         raise InputError(f"the scenario does not identify its target: {exact.explain()}")
     online = simulation.identification(context).parameters
     rounded = tuple(rounded_case(samples, number, identified) for number in range(1, 13))
-    feasible = rounded[PAPER_DIGITS - 1].identification.consistent
-    if feasible is None:
+    consistent = rounded[PAPER_DIGITS - 1].identification.consistent
+    if consistent is None:
         raise InputError("rounded to six decimals, the samples determine no rigid body")
     of_exciting: tuple[tuple[RoundedCase, ...], ...] = ()
     if exciting is not None and is_papers_target(truth):
         of_exciting = exciting_motion(exciting, samples.time, sorted(PAPER_TABLE_2), progress)
 
     progress("simulating again with the identified parameters")
-    again = make_simulation(scenario, target=feasible)
+    again = make_simulation(scenario, target=consistent)
     exact_momentum = system_momentum(spacecraft.tree, truth, telemetry)
     six_momentum = system_momentum(spacecraft.tree, truth, samples.rounded(PAPER_DIGITS))
     return PaperStudy(
@@ -164,7 +166,7 @@ def run_paper_study(
         online_minus_batch=max_relative_error(online - exact.parameters + truth.to_vector(), truth),
         drift=_largest(momentum - momentum[0] for momentum in exact_momentum),
         rounded_momentum=_largest(six_momentum),
-        resimulated_target=feasible,
+        resimulated_target=consistent,
         resimulated=again.motion(again.run()),
     )
 
@@ -185,18 +187,19 @@ def sampling_times(scenario: Scenario) -> NDArray[np.float64]:
     return config.offset + config.period * np.arange(count, dtype=float)
 
 
-def summarize(study: PaperStudy, wall_seconds: float) -> dict:
+def summarize(study: PaperStudy, wall_seconds: float) -> dict[str, Any]:
     """Return the study's numbers for `summary.json`; missing values are None."""
 
     def error(found: Identification) -> float | None:
-        return nulls(max_relative_error(found.parameters, study.truth))
+        largest: float | None = nulls(max_relative_error(found.parameters, study.truth))
+        return largest
 
-    def table_1(found: Identification) -> dict:
+    def table_1(found: Identification) -> dict[str, Any]:
         errors = parameter_errors(found.parameters, study.truth)
         values = {"parameters": nulls(found.parameters), "relative_errors": nulls(errors)}
         return {**values, "max_relative_error": error(found)}
 
-    def table_2(cases: Iterable[RoundedCase]) -> list[dict]:
+    def table_2(cases: Iterable[RoundedCase]) -> list[dict[str, Any]]:
         return [
             {
                 "decimals": case.decimals,

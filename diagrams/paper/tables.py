@@ -113,7 +113,7 @@ def _samples_table(study: PaperStudy) -> Table:
     rows = []
     for n, found in enumerate(study.by_count, 1):
         error = max_relative_error(found.parameters, study.truth)
-        text = f"{error:.1e}" if np.isfinite(error) else "not determined"
+        text = f"{error:.1e}" if np.isfinite(error) else "not identifiable"
         rows.append([str(n), str(found.rank), text])
     heads = ("samples", "rank of 10", "largest relative error")
     return Table(heads, rows, "Rank and error by number of samples (the paper uses two)")

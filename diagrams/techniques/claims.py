@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from techniques.comparison import GENERIC, ONE_JOINT, SUITES, Comparison
+from techniques.comparison import GENERIC, ONE_JOINT, SUITES, TechniqueComparison
 from techniques.experiments import ARMS
 from techniques.records import FIT, PLANAR
 
@@ -25,7 +25,7 @@ PAPERS, RELATIVE, WRIST = (
 )
 
 Place = tuple[str, ...]
-"""Arguments of `Comparison.number`: technique and motion; also quantity, sensors and target."""
+"""Arguments of `TechniqueComparison.number`: technique, motion; also quantity, sensors, target."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Claim:
     verdict: Callable[..., str]
 
 
-def judge(claim: Claim, found: Comparison) -> tuple[dict[str, float], str]:
+def judge(claim: Claim, found: TechniqueComparison) -> tuple[dict[str, float], str]:
     """Return our values and the verdict."""
     values = {name: found.number(*place) for name, place in claim.numbers.items()}
     known = values and all(np.isfinite(value) for value in values.values())
@@ -81,7 +81,7 @@ CLAIMS = (
         lambda one, twelve: _is(one > EQUAL * twelve),
     ),
     Claim(
-        "A two-body model that turns in a plane has shortcomings.",
+        "A two-body model that rotates in a plane has shortcomings.",
         "three runs for all parameters",
         {
             f"{quantity}, exact data": (PLANAR, ONE_JOINT, quantity, SUITES[0], GENERIC)
@@ -90,7 +90,7 @@ CLAIMS = (
         lambda error, parameters: _is(parameters < 10 and error > 0.01),
     ),
     Claim(
-        "One identification tells all ten parameters.",
+        "One identification determines all ten parameters.",
         "ten",
         {"error with exact data": (PAPERS, SLOW, "exact")},
         lambda error: _is(error < 1e-6),
@@ -151,7 +151,7 @@ CLAIMS = (
                 "median error, joints 0.02 rad elsewhere",
             ),
             "momentum": (FIT, SLOW),
-            "mass told of 600 kg": ("neural network", SLOW, "mass told of 600 kg"),
+            "mass found of 600 kg": ("neural network", SLOW, "mass found of 600 kg"),
         },
         lambda inside, other, momentum, mass: _is(inside > EQUAL * momentum or other > 3 * inside),
     ),
@@ -171,9 +171,9 @@ CLAIMS = (
         {
             f"{number}, {arms}": (f"reactionless motion, {arms}", FAST, number)
             for arms in ARMS[1:]
-            for number in ("error", "turn [°]")
+            for number in ("error", "rotation [°]")
         },
-        lambda error, turn, free, turn_free: _is(error >= 1e-3 or turn >= 0.1),
+        lambda error, rotation, free, rotation_free: _is(error >= 1e-3 or rotation >= 0.1),
     ),
     Claim(
         "The computing time is short.",

@@ -61,7 +61,7 @@ Key = tuple[str, str, str, str]
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class TechniqueComparison:
     """The results of `run_comparison`.
 
     Attributes:
@@ -109,7 +109,7 @@ def run_comparison(
     jobs: int = 1,
     is_fast: bool = False,
     progress: Callable[[int, int], None] = lambda done, total: None,
-) -> Comparison:
+) -> TechniqueComparison:
     """Compare the techniques.
 
     Each scenario is run with each of `SUITES`; if its spacecraft is known exactly, also with a
@@ -154,7 +154,7 @@ def run_comparison(
             numbers[key] = found[k, "", -1][name] | _summary(drawn)
             if failed := [each["problem"] for each in drawn if each["problem"]]:
                 problems[key] = failed[0]
-    return Comparison(records, cells, numbers, problems, trials, seed)
+    return TechniqueComparison(records, cells, numbers, problems, trials, seed)
 
 
 def _summary(drawn: Sequence[Numbers]) -> Numbers:
@@ -244,7 +244,7 @@ def _worker(
             assert each.estimate is not None
             try:
                 error = rows.worst_error(each.estimate(trial), truth.case.truth.to_vector())
-                problem = "" if np.isfinite(error) else "some parameters are not determined"
+                problem = "" if np.isfinite(error) else "some parameters are not identifiable"
             except (InputError, np.linalg.LinAlgError) as raised:
                 problem = str(raised)
             seconds = perf_counter() - start

@@ -33,7 +33,7 @@ TESTED = 1000
 
 
 def planar(truth: Truth) -> Numbers:
-    """Return errors of the planar relations with exact data, and how many parameters they tell."""
+    """Return errors of the planar relations with exact data, and the number of parameters."""
     target, numbers = truth.case.truth.to_vector(), Numbers()
     for label, order in (("three", (2, 1, 0)), ("six", (2, 1, 0, 2, 1, 2))):
         runs = one_joint.best_moves(truth.spacecraft, order)
@@ -47,7 +47,7 @@ def planar(truth: Truth) -> Numbers:
 
 
 def reactionless(arms: str, truth: Truth) -> Numbers:
-    """Return the RMS error and the largest turn of the base, from the start of the motion."""
+    """Return the RMS error and the largest rotation of the base, from the start of the motion."""
     everything = range(len(truth.spacecraft.joint_names))
     joints = everything if "both" in arms else sorted(one_joint.arm_joints(truth.spacecraft))
     runs = [
@@ -63,8 +63,8 @@ def reactionless(arms: str, truth: Truth) -> Numbers:
         for draw in range(FREE_SEEDS)
     ]
     errors = [worst_error(run.parameters, truth.case.truth.to_vector()) for run in runs]
-    turn, error = max(run.turn for run in runs), np.sqrt(np.mean(np.square(errors)))
-    return {"error": float(error), "turn [°]": float(np.degrees(turn))}
+    rotation, error = max(run.base_rotation for run in runs), np.sqrt(np.mean(np.square(errors)))
+    return {"error": float(error), "rotation [°]": float(np.degrees(rotation))}
 
 
 def adaptive(is_composite: bool, truth: Truth) -> Numbers:
@@ -100,14 +100,15 @@ def network_errors(truth: Truth) -> Numbers:
         "median error": float(np.median(inside)),
         "95 % below": float(np.quantile(inside, 0.95)),
         "median error, joints 0.02 rad elsewhere": float(np.median(errors(0.02))),
-        "mass told of 600 kg": float(answers(heavy[None])[0, 0]),
+        "mass found of 600 kg": float(answers(heavy[None])[0, 0]),
     }
 
 
 def some_joints(truth: Truth) -> Numbers:
     """Return the bound of momentum if only some joints move from the start of a motion to its end.
 
-    It is NaN if they do not tell all ten. There are no numbers if the motion ends where it starts.
+    It is NaN if they do not determine all ten. There are no numbers if the motion ends where it
+    starts.
     """
     arm, numbers = np.array(one_joint.arm_joints(truth.spacecraft)), Numbers()
     start, end = truth.case.motion.evaluate(np.array([0.0, truth.case.duration]))[:, 0]

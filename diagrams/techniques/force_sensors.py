@@ -48,7 +48,7 @@ class Wrist:
     def ratios(self) -> Array:
         """(6, 6) ratios of the ranges: a calibration error of the same size in each entry."""
         ranges = np.repeat(self.range, 3)
-        return ranges[:, None] / ranges
+        return np.asarray(ranges[:, None] / ranges)
 
 
 @dataclass

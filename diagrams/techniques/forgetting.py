@@ -1,4 +1,4 @@
-"""Recursive least squares with forgetting, and motion of the arms that does not turn the base.
+"""Recursive least squares with forgetting, and motion of the arms that does not rotate the base.
 
 The rows are the relative ones in B at zero momentum, Y(ω_WB) ψ = −(I_K ω_WB + h_K), which need
 neither attitude nor position. Old samples are forgotten with the factor λ per sample:
@@ -29,7 +29,7 @@ WINDOW, DEGREE = 21, 4
 """Samples and degree of the polynomials that give rates at the window's centre, a tenth of a second
 late at 100 Hz. Encoders and gyro get the same filter, so that all belong to one instant."""
 
-VAGUE = 3e4
+START_SIGMA = 3e4
 """σ of the start value in units of a target's size, for rows with errors of unit size instead of
 3e-5 N·m·s. Less would count; more would let the noise of the first samples lead astray."""
 
@@ -47,7 +47,7 @@ class ForgettingLeastSquares:
         self.form, mass = relative_parameterization(known_mass), known_mass / 10
         scale = parameter_scale(np.array([mass, 0, 0, 0, *3 * [mass / 10], 0, 0, 0]))
         scale[1:4] *= mass
-        self.psi, self.P = np.zeros(10), np.diag((VAGUE * scale) ** 2)
+        self.psi, self.P = np.zeros(10), np.diag((START_SIGMA * scale) ** 2)
         self._forgetting = forgetting
 
     def update(self, A: Array, b: Array) -> None:
@@ -106,14 +106,14 @@ class Reactionless:
 
     Attributes:
         parameters: (10,) the estimate at its end.
-        turn: largest angle by which the base turned [rad].
+        base_rotation: largest angle by which the base rotated [rad].
         q: (N, J) joint positions.
         quaternion_WB: (N, 4) attitude of the base.
 
     """
 
     parameters: Array
-    turn: float
+    base_rotation: float
     q: Array
     quaternion_WB: Array
 
@@ -137,8 +137,8 @@ def reactionless_motion(
     not looked at.
 
     Args:
-        spacecraft: the known spacecraft.
-        target: the true target, which only the base's motion knows.
+        spacecraft: the spacecraft model.
+        target: the true target, which only the base's motion has.
         joints: the joints that may move.
         q: (J,) joint positions at the start.
         noise: σ of a sample of the gyro and of the joint rates [rad/s].

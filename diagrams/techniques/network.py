@@ -107,7 +107,7 @@ def train(
     """Train a network.
 
     Args:
-        spacecraft: the known spacecraft.
+        spacecraft: the spacecraft model.
         motion: the motion of its joints.
         gyro: the errors of the gyro.
         duration: of the motion [s].

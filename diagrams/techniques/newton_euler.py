@@ -8,7 +8,7 @@ The wrench that the arm exerts on the target about C's origin Co is F = Y(a_WCo,
 An and Hollerbach 1986, "Estimation of inertial parameters of manipulator loads and links").
 
 **Relative form.** Without external force the system's centre of mass does not accelerate, so the
-centre of mass K of the known bodies accelerates by −f/m_k. With s the vector from K to Co and s̈ its
+centre of mass K of the spacecraft accelerates by −f/m_k. With s the vector from K to Co and s̈ its
 second derivative in W,
 
     F = Y(s̈, α, ω) ψ:
@@ -98,7 +98,7 @@ def spatial_inertia(phi: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class ReferenceDynamics:
-    """Equations of motion M v̇_r + C v_r of the known bodies with skew Ṁ − 2C, at one instant.
+    """Equations of motion M v̇_r + C v_r of the spacecraft with skew Ṁ − 2C, at one instant.
 
     The velocities v are the base's twist in B, then the J joint rates.
 
@@ -120,7 +120,7 @@ class ReferenceDynamics:
         """Return them at joint positions (J,), velocities and reference velocities (6 + J,).
 
         Args:
-            tree: the known bodies; `KinematicTree.lumped` is the fastest.
+            tree: the spacecraft's bodies; `KinematicTree.lumped` is the fastest.
             q: (J,) joint positions [rad or m].
             v: (6 + J,) velocities.
             v_r: (6 + J,) reference velocities.

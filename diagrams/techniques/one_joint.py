@@ -67,7 +67,7 @@ def best_moves(spacecraft: Spacecraft, order: tuple[int, ...] = (2, 1, 0)) -> Sp
     bodies are not looked at.
 
     Args:
-        spacecraft: the known spacecraft.
+        spacecraft: the spacecraft model.
         order: the joints that move, by their number from the target on.
 
     Raises:

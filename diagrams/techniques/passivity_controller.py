@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 NOMINAL = InertialParameters(50.0, np.zeros(3), 5.0 * np.eye(3))
 """The target of the damping, so that it never becomes small with a light wrist alone."""
 
-VAGUE = 1e3
+START_SIGMA = 1e3
 """σ of the start value in the momentum recursion, in units of each parameter's scale."""
 
 
@@ -105,7 +105,7 @@ class PassivityController(SpacecraftSystem):
         self.DeclareVectorInputPort("desired_motion", 3 * J)
         self.DeclareContinuousState(16)
         if is_composite:
-            self._P_index = self.DeclareDiscreteState(np.diag((VAGUE * scale) ** 2).ravel())
+            self._P_index = self.DeclareDiscreteState(np.diag((START_SIGMA * scale) ** 2).ravel())
             self.DeclarePeriodicUnrestrictedUpdateEvent(
                 period_sec=period, offset_sec=0.0, update=self._learn_from_momentum
             )

@@ -58,7 +58,7 @@ class Technique:
 def techniques(sensors: ForceSensors) -> tuple[Technique, ...]:
     """Return all techniques, with these sensors of forces."""
     ning, murotsu, sharf = "Ning et al. 2016", "Murotsu et al. 1993", "Nguyen-Huynh and Sharf 2013"
-    slotine, ours, by_rows = "Slotine and Li 1987, 1989", "this package", rows.momentum_rows
+    slotine, ours, by_rows = "Slotine and Li 1987, 1989", "this package", rows.momentum_design
     any_momentum = by_rows("standard", is_unknown=True)
     measured = rows.accelerometer(sensors.accelerometer)
     found = [

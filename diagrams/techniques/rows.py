@@ -23,7 +23,7 @@ from cpid_drake.dynamics import (
     rotate,
     skew,
 )
-from cpid_drake.estimation import changed
+from cpid_drake.estimation import changed_motion
 from cpid_drake.logs import Samples, regression_spline
 from techniques.force_sensors import RATE, Accelerometer, ForceSensors
 from techniques.newton_euler import newton_euler_regressor
@@ -37,7 +37,7 @@ ITERATIONS = 4
 THINNED = 10
 """Every so many instants give momentum rows: smoothed motion has no more information."""
 
-VAGUE = 1e3
+UNKNOWN_MOMENTUM = 1e3
 """σ of an unknown momentum [N·m·s or N·s]: that of a target that tumbles by a turn a second."""
 
 
@@ -96,7 +96,7 @@ def bound(design: Design, exact: Trial, parameters: Array) -> float:
 
 
 def instants(design: Design, exact: Trial) -> int:
-    """Return the least number of instants whose rows tell all ten; 0 if ten do not."""
+    """Return the least number of instants whose rows determine all ten; 0 if ten do not."""
     A = design(exact, np.zeros(10)).A[..., :10]
     for count in range(1, 11):
         some = A[np.linspace(0.2 * len(A), 0.8 * len(A), count).astype(int)].reshape(-1, 10)
@@ -118,8 +118,8 @@ def _solve(rows: Rows, whiten: Array) -> tuple[Array, Array]:
     return root @ (U.T @ b), root[:10]
 
 
-def momentum_rows(name: str, *, is_unknown: bool = False) -> Design:
-    """Return the rows of a row family, at a momentum of zero or at any up to about `VAGUE`.
+def momentum_design(name: str, *, is_unknown: bool = False) -> Design:
+    """Return the rows of a row family, at a momentum of zero or up to `UNKNOWN_MOMENTUM`.
 
     Their errors change most from sample to sample: they are weighted by the covariance of the
     smoothed motion.
@@ -137,15 +137,15 @@ def momentum_rows(name: str, *, is_unknown: bool = False) -> Design:
         found, whiten = rows(motion), np.eye(family.rows_per_sample)
         if trial.covariance is not None and x.any():
             C = trial.covariance[part]
-            shifts = np.repeat(step * np.eye(C.shape[1]), len(motion), axis=0)
-            moved = rows(changed(motion, shifts))[..., -11:] @ np.append(x, -1.0)
+            changes = np.repeat(step * np.eye(C.shape[1]), len(motion), axis=0)
+            moved = rows(changed_motion(motion, changes))[..., -11:] @ np.append(x, -1.0)
             here = found[..., -11:] @ np.append(x, -1.0)
             by = np.moveaxis((moved.reshape(-1, *here.shape) - here) / step, 0, -1)
             covariance = by @ C @ np.swapaxes(by, 1, 2)
             least = 1e-9 * np.trace(covariance, axis1=1, axis2=2)[:, None, None] * whiten
             whiten = np.linalg.inv(np.linalg.cholesky(covariance + least))
         found = whiten @ found
-        A = np.concatenate([found[..., -11:-1], VAGUE * found[..., :-11]], axis=2)
+        A = np.concatenate([found[..., -11:-1], UNKNOWN_MOMENTUM * found[..., :-11]], axis=2)
         return Rows(form, A, found[..., -1])
 
     return design
@@ -203,9 +203,9 @@ def joint_torques(share: float) -> Design:
 def wrist(sensors: ForceSensors, size: float, *, is_estimated: bool) -> Design:
     """Return the rows of a wrist sensor: y = (1 + K) Y ψ + z + noise.
 
-    The zeros z, and if told the calibration's errors K of this relative size, are unknowns with the
-    sensor's σ as prior. The columns of K are those of the wrench Y ψ with the ψ before: with the
-    measured one, ψ = 0 and K = −1 would be an exact solution.
+    The zeros z, and if estimated the calibration's errors K of this relative size, are unknowns
+    with the sensor's σ as prior. The columns of K are those of the wrench Y ψ with the ψ before:
+    with the measured one, ψ = 0 and K = −1 would be an exact solution.
     """
 
     def design(trial: Trial, x: Array) -> Rows:

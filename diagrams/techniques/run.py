@@ -23,14 +23,14 @@ from cpid_drake.files import check_folder
 from cpid_drake.report import Report, print_tables, study_report
 from cpid_drake.simulation import files_of
 from techniques import tables
-from techniques.comparison import Comparison, run_comparison
+from techniques.comparison import TechniqueComparison, run_comparison
 from techniques.force_sensors import LABORATORY, load_force_sensors
 
 SCENARIOS = ("paper", EXCITING, "uncertain_spacecraft")
 """The shipped scenarios that are compared."""
 
 
-def page_of(found: Comparison, scenarios: Sequence[str], words: Sequence[str]) -> Report:
+def page_of(found: TechniqueComparison, scenarios: Sequence[str], words: Sequence[str]) -> Report:
     """Return the page of a comparison of techniques on scenarios, made by the command `words`."""
     subtitle = f"{', '.join(scenarios)}, {found.trials} trials, seed {found.seed}"
     files = {
@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> None:
     check_folder("--out", args.out, [*inputs, args.force_sensors], force=args.force)
     sensors = load_force_sensors(args.force_sensors)
 
-    def tell(done: int, total: int) -> None:
+    def show(done: int, total: int) -> None:
         if sys.stderr.isatty() and not args.quiet:
             print(f"\r{done} of {total}", end="" if done < total else "\n", file=sys.stderr)
 
@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> None:
         seed=args.seed,
         jobs=args.jobs,
         is_fast=args.fast,
-        progress=tell,
+        progress=show,
     )
     words = ["python", "diagrams/techniques/run.py", *([args.scenario] if args.scenario else [])]
     words += ["--trials", str(args.trials), "--seed", str(args.seed)]

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from cpid_drake.files import COLORS, INK, Picture, label_axes, legend_below
 from cpid_drake.report import Section, Table
 from techniques.claims import CLAIMS, judge
-from techniques.comparison import ONE_JOINT, Cell, Comparison
+from techniques.comparison import ONE_JOINT, Cell, TechniqueComparison
 from techniques.records import FIT
 
 INTRODUCTION = (
@@ -20,14 +20,14 @@ INTRODUCTION = (
     "RMS over the trials, with its 95 % interval by resampling. Two errors that differ by less "
     "than a factor of 1.5 are equal. Exact is the error without noise, with a dash for techniques "
     "that filter samples. The bound is the Cramér–Rao bound of momentum, or, for sensors of "
-    "forces, that of an exact motion. Instants are those whose exact rows tell all ten.",
+    "forces, that of an exact motion. Instants are those whose exact rows determine all ten.",
 )
 """What the tables show."""
 
 _QUANTITIES = ("exact", "instants", "bound", "rms", "low", "high", "estimates", "seconds")
 
 
-def sections(found: Comparison) -> list[Section]:
+def sections(found: TechniqueComparison) -> list[Section]:
     """Return the page's sections: claims, errors of each cell, other results, failures."""
     needs = [[each.name, each.measures or "nothing", each.reference] for each in found.records]
     failures = [f"{', '.join(key)}: {problem}" for key, problem in found.problems.items()]
@@ -46,7 +46,7 @@ def sections(found: Comparison) -> list[Section]:
     ]
 
 
-def claims(found: Comparison) -> list[tuple[str, str]]:
+def claims(found: TechniqueComparison) -> list[tuple[str, str]]:
     """Return the claims, each with its verdict and the numbers that it follows from."""
     result = []
     for claim in CLAIMS:
@@ -57,7 +57,7 @@ def claims(found: Comparison) -> list[tuple[str, str]]:
     return result
 
 
-def short_table(found: Comparison) -> str:
+def short_table(found: TechniqueComparison) -> str:
     """Return six lines of Markdown, for the README."""
     names = {
         FIT: "momentum, `trajectory_fit`",
@@ -73,7 +73,7 @@ def short_table(found: Comparison) -> str:
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
-def _errors(found: Comparison, cell: Cell) -> Table:
+def _errors(found: TechniqueComparison, cell: Cell) -> Table:
     rows = []
     for name in cell.techniques:
         values = found.numbers[name, cell.motion, cell.sensors, cell.target]
@@ -86,7 +86,7 @@ def _errors(found: Comparison, cell: Cell) -> Table:
     return Table(["", *_QUANTITIES], rows, f"{title}, {found.trials} trials")
 
 
-def _experiments(found: Comparison) -> Table:
+def _experiments(found: TechniqueComparison) -> Table:
     rows = [
         [
             f"{technique}, {motion}",
@@ -105,7 +105,7 @@ def _experiments(found: Comparison) -> Table:
     return Table(["", "quantity", "value"], rows, note=note)
 
 
-def pictures(found: Comparison) -> list[Picture]:
+def pictures(found: TechniqueComparison) -> list[Picture]:
     """Return a picture of the errors of all techniques for each motion."""
     motions = dict.fromkeys(cell.motion for cell in found.cells if cell.motion != ONE_JOINT)
     return [
@@ -114,7 +114,7 @@ def pictures(found: Comparison) -> list[Picture]:
     ]
 
 
-def _draw_errors(found: Comparison, motion: str, axes: Axes) -> None:
+def _draw_errors(found: TechniqueComparison, motion: str, axes: Axes) -> None:
     cells = [cell for cell in found.cells if cell.motion == motion]
     names = [each.name for each in found.records if each.experiment is None]
     for k, cell in enumerate(cells):
@@ -144,7 +144,7 @@ def number(value: float) -> str:
     return f"{value:.2g}" if 0.01 <= abs(value) < 100 or not value else f"{value:.1e}"
 
 
-def numbers(found: Comparison) -> Table:
+def numbers(found: TechniqueComparison) -> Table:
     """Return the table of all numbers, one in each row."""
     heads = ["technique", "motion", "sensors", "target", "quantity", "value"]
     rows = [

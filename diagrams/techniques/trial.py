@@ -45,20 +45,20 @@ _STREAM = 100  # random streams that no sensor of a suite has
 
 
 class Rates:
-    """Motion of C and of the known bodies with its rates in W, at N instants, all in C.
+    """Motion of C and of the spacecraft's bodies with its rates in W, at N instants, all in C.
 
     Args:
-        tree: the known bodies.
+        tree: the spacecraft's bodies.
         around: motion (3 N) at t − `STEP`, t and t + `STEP`.
 
     Attributes:
         motion: the motion of base and joints at t.
-        s, s_ddot: (N, 3) from the known bodies' centre of mass K to C's origin, and its second
+        s, s_ddot: (N, 3) from the spacecraft's centre of mass K to C's origin, and its second
             derivative.
         w, alpha: (N, 3) angular velocity and acceleration of C.
         a: (N, 3) acceleration of C's origin.
         a_B: (N, 3) acceleration of the base's origin.
-        K_rate: (N, 3) rate of the known bodies' angular momentum about K.
+        K_rate: (N, 3) rate of the spacecraft's angular momentum about K.
         momentum_rate: (N, 6) [L̇ + v × P; Ṗ], with L about C's origin, which moves.
         R_CB: (N, 3, 3) attitude of B in C.
 
@@ -152,7 +152,7 @@ class Trial:
     """All that a technique may use: the nominal spacecraft and what the sensors measured.
 
     Attributes:
-        spacecraft: the known spacecraft.
+        spacecraft: the spacecraft model.
         suite: the errors of the sensors of the base and of the joints.
         log: their samples.
         rates: the smoothed motion, at the instants of rows; the base's position is zero if it is

@@ -136,7 +136,7 @@ plt.show()
 #
 # Most of the interval does not come from noise. The budget says which error it comes from, and how
 # well you must know this error to halve its share. The first rows here are masses and inertias of
-# the spacecraft's own bodies: weigh them.
+# the spacecraft's bodies: weigh them.
 
 # %%
 found = results["nothing wrong", "plausible"]

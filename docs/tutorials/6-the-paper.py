@@ -52,7 +52,7 @@ for name, values in (("exact", exact.parameters), ("six", six.parameters), ("pap
 
 assert errors(exact.parameters).max() < 1e-10
 assert errors(six.parameters).max() < errors(printed).max() / 10
-assert cpid.InertialParameters.from_vector(printed).infeasibilities()
+assert cpid.InertialParameters.from_vector(printed).inconsistencies()
 
 # %% [markdown]
 # ## Table 2: the mass from data of few decimals
@@ -68,7 +68,7 @@ ours = {}
 for decimals, mass in paper_mass.items():
     found = identified(samples.rounded(decimals))
     ours[decimals] = found.parameters[0]
-    here = "no answer" if not found.is_observable else f"{ours[decimals]:.7f} kg"
+    here = "no answer" if not found.is_identifiable else f"{ours[decimals]:.7f} kg"
     print(f"{decimals} decimals: here {here:>14}, paper {mass:.6f} kg")
 
 figure, axis = plt.subplots(figsize=(7, 3), layout="constrained")

@@ -501,7 +501,7 @@ RESULTS = {
     ),
 }
 EXPORTS = {
-    "not_feasible": (result(nearest=None), "no rigid body is near the estimate"),
+    "not_consistent": (result(nearest=None), "no rigid body is near the estimate"),
 }
 
 # -- all ------------------------------------------------------------------------------------------

@@ -36,7 +36,7 @@ COMMANDED = [
         "scenario-tab",
     ),
     *("scenario-joint_misspelt_in_it", "sensors-sigma_unit_in_it", "result-key_twice"),
-    *("export-unknown", "export-not_feasible"),
+    *("export-unknown", "export-not_consistent"),
 ]
 """Cases for the command line: one of each kind, or of what only a command refuses."""
 

@@ -8,7 +8,7 @@ import pytest
 from cpid_drake.files.resources import models_directory
 from cpid_drake.identification.identify_files import identify_files
 from cpid_drake.identification.request import Request
-from cpid_drake.report.findings import findings_of
+from cpid_drake.report.contents import collect_contents
 from cpid_drake.report.pages.identification import identification_report
 from cpid_drake.spacecraft.reference import SpacecraftReference
 
@@ -26,7 +26,7 @@ def report(tmp_path_factory):
     log = folder / "<img src=x onerror=alert(1)>.csv"
     log.write_bytes((models_directory() / "telemetry/free_flyer.csv").read_bytes())
     request = Request(str(log), FREE_FLYER, sensors="testbed", end=4.0)
-    identification_report(findings_of(identify_files([request]))).write(folder / "report.html")
+    identification_report(collect_contents(identify_files([request]))).write(folder / "report.html")
     return (folder / "report.html").as_uri()
 
 

@@ -13,7 +13,7 @@ from cpid_drake.files.resources import models_directory
 from cpid_drake.identification import by_rows
 from cpid_drake.identification.estimators import ESTIMATORS, Estimator
 from cpid_drake.logs.files import FORMATS
-from cpid_drake.logs.table import Table
+from cpid_drake.logs.table import LogTable
 
 SAMPLE = models_directory() / "telemetry/free_flyer.csv"
 CRAFT = ("--scenario", "free_flyer_payload")
@@ -32,7 +32,7 @@ def estimate_every_second(known, logs, progress):
 
 def read_json(file, where):
     content = json.loads(file.read_text())
-    return Table({name: np.array(column, dtype=float) for name, column in content.items()})
+    return LogTable({name: np.array(column, dtype=float) for name, column in content.items()})
 
 
 def write_json(path, columns, values):

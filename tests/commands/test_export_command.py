@@ -49,7 +49,7 @@ def target_in(path, name="target") -> np.ndarray:
     return InertialParameters.from_spatial_inertia(inertia).to_vector()
 
 
-def test_the_feasible_target_alone(cpid, result, tmp_path):
+def test_the_consistent_target_alone(cpid, result, tmp_path):
     code, stdout, stderr = cpid(
         "export", "r.json", "--format", "urdf", "--out", "t.urdf", "--name", "debris"
     )

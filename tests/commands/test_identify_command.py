@@ -173,7 +173,7 @@ class TestOneLog:
         """Only the times asked for are used: two samples."""
         code, stdout, _ = cpid("identify", exact, *SERVICER, "--to", "1.5", "--json", "r.json")
         assert code == 3
-        assert "Not known: 1 combination of" in stdout
+        assert "Not identifiable: 1 combination of" in stdout
         assert "joints with different axes" in " ".join(stdout.split())
         found = read_result("r.json")
         assert (found.rank, found.sample_count, found.consistent) == (9, 2, None)

@@ -78,7 +78,7 @@ def test_a_run_s_report_has_the_truth_and_figures(cpid, folder):
     page = (folder / "run.html").read_text()
     assert json.loads(re.search(r'id="data-truth">(.*?)</script>', page, re.DOTALL)[1]) == truth
     assert "error / σ" in page
-    names = ("convergence", "residuals", "observability", "base-motion")
+    names = ("convergence", "residuals", "identifiability", "base-motion")
     for name in names:
         assert (folder / f"figures/{name}.png").read_bytes().startswith(b"\x89PNG")
         assert "<svg" in (folder / f"figures/{name}.svg").read_text()

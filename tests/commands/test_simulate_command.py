@@ -139,7 +139,7 @@ def test_an_input_is_not_overwritten(short, refusal, tmp_path):
 
 def test_a_motion_that_cannot_be_simulated_is_one_line(short, refusal):
     fast = short("fast.yaml", ("momentum_W: [0.0,", "momentum_W: [1.0e+300,"), *EXACT)
-    assert "the base turns at 1.56e+297 rad/s at the start" in refusal(
+    assert "the base rotates at 1.56e+297 rad/s at the start" in refusal(
         "simulate", fast, "--out", "fast"
     )
 

@@ -133,8 +133,8 @@ def test_parameters_come_while_the_arms_move_and_the_base_may_rest(ran, folder):
     for page in ("adaptive.html", "still_base.html"):
         assert f"{page} plays the motion" in stdout
         assert (folder / page).stat().st_size > 1e5
-    turns = [float(turn) for turn in re.findall(r"turns by (\S+)°", stdout)]
-    assert turns[0] > 100 * turns[1]
+    rotations = [float(each) for each in re.findall(r"rotates by (\S+)°", stdout)]
+    assert rotations[0] > 100 * rotations[1]
     assert max(float(error) for error in re.findall(r"error (\S+)$", stdout, re.M)) < 1e-3
 
 

@@ -124,8 +124,8 @@ def test_the_base_rests_while_both_arms_identify(craft, truth):
     both = reactionless_motion(craft, GENERIC, range(12), q, **options)
     free = reactionless_motion(craft, GENERIC, range(12), q, **options, is_free=True)
     assert worst_error(both.parameters, GENERIC.to_vector()) < 1e-8
-    assert np.degrees(both.turn) < 0.05
-    assert free.turn > 50 * both.turn
+    assert np.degrees(both.base_rotation) < 0.05
+    assert free.base_rotation > 50 * both.base_rotation
 
 
 def test_planar_relations_know_seven_numbers_from_three_axes(craft):

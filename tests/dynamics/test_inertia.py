@@ -1,4 +1,4 @@
-"""The ten parameters: every representation says the same, and feasibility is what physics says."""
+"""The ten parameters: every representation says the same, and consistency is what physics says."""
 
 import numpy as np
 import pytest
@@ -112,8 +112,8 @@ def test_pseudo_inertia_is_the_second_moment_of_the_mass():
     np.testing.assert_allclose(pseudo_inertia(body), expected, rtol=1e-12, atol=1e-12)
 
 
-def test_the_papers_true_inertia_is_feasible_though_on_the_limit(paper_target):
-    assert paper_target.is_feasible()
+def test_the_papers_true_inertia_is_consistent_though_on_the_limit(paper_target):
+    assert paper_target.is_physically_consistent()
     assert paper_target.to_spatial_inertia().IsPhysicallyValid()
     assert min(np.linalg.eigvalsh(pseudo_inertia(paper_target))) < 1e-9
 
@@ -127,37 +127,39 @@ def test_the_papers_true_inertia_is_feasible_though_on_the_limit(paper_target):
         ({"I_TTcm_C": np.diag([1.0, 1.0, 2.1])}, "triangle inequality"),
     ],
 )
-def test_infeasibility_is_said_in_words(change, reason):
+def test_inconsistency_is_said_in_words(change, reason):
     values = {"mass": 1.0, "p_CTcm_C": np.zeros(3), "I_TTcm_C": np.eye(3)} | change
-    assert reason in "; ".join(InertialParameters(**values).infeasibilities())
+    assert reason in "; ".join(InertialParameters(**values).inconsistencies())
 
 
-def test_feasibility_does_not_depend_on_the_frame(paper_target):
-    """A flat body stays feasible, and an impossible one impossible, however it is turned."""
-    impossible = np.diag([20.0, 30.001, 10.0])
+def test_consistency_does_not_depend_on_the_frame(paper_target):
+    """A flat body stays consistent, and an inconsistent one inconsistent, however it is turned."""
+    inconsistent = np.diag([20.0, 30.001, 10.0])
     for R in Rotation.random(50, np.random.default_rng(9)).as_matrix():
         turned = InertialParameters(
             100.0, R @ paper_target.p_CTcm_C, R @ paper_target.I_TTcm_C @ R.T
         )
-        assert turned.is_feasible()
-        assert not InertialParameters(1.0, np.zeros(3), R @ impossible @ R.T).is_feasible()
+        assert turned.is_physically_consistent()
+        assert not InertialParameters(
+            1.0, np.zeros(3), R @ inconsistent @ R.T
+        ).is_physically_consistent()
 
 
 @pytest.mark.parametrize("violation", [1e-12, 1e-9, 1e-6, 1e-3, 1.0])
 def test_a_small_violation_costs_a_small_change(paper_target, violation):
     vector = paper_target.to_vector() + violation * np.array([0, 0, 0, 0, -1, 1, 0, 0, 0, 1])
     raw = InertialParameters.from_vector(vector)
-    feasible = raw.nearest_feasible()
-    assert feasible.to_spatial_inertia().IsPhysicallyValid()
+    consistent = raw.nearest_consistent()
+    assert consistent.to_spatial_inertia().IsPhysicallyValid()
     # 1e-12 of the body's size is the margin that keeps rounding out of Drake's own check.
-    assert np.abs(feasible.to_vector() - vector).max() < 2 * violation + 1e-10
+    assert np.abs(consistent.to_vector() - vector).max() < 2 * violation + 1e-10
 
 
 def test_the_nearest_inertia_is_nearer_than_others_of_rigid_bodies():
     """By the second moment, of which random rigid bodies about the same point are no nearer."""
     rng = np.random.default_rng(3)
     raw = InertialParameters(10.0, [0.1, 0.2, -0.1], np.diag([2.0, 1.0, 4.0]))
-    near = raw.nearest_feasible()
+    near = raw.nearest_consistent()
     assert (near.mass, near.p_CTcm_C.tolist()) == (10.0, [0.1, 0.2, -0.1])
 
     def distance(inertia):
@@ -172,7 +174,7 @@ def test_the_nearest_inertia_is_nearer_than_others_of_rigid_bodies():
 def test_a_body_nearest_to_one_of_negative_mass_has_some_mass():
     """At least a thousandth of the estimate's magnitude: a simulator divides by it."""
     raw = InertialParameters(-50.0, [0.1, 0.2, -0.1], np.diag([1.0, 2.0, 2.5]))
-    assert raw.nearest_feasible().mass > 0.0499
+    assert raw.nearest_consistent().mass > 0.0499
 
 
 @pytest.mark.parametrize(

@@ -133,7 +133,7 @@ def test_a_tumbling_target_is_identified_along_with_its_momentum(
 ):
     telemetry, _, _ = tumbling
     found = identify(servicer, telemetry, rows=rows, momentum=TotalMomentum.unknown())
-    assert found.is_observable
+    assert found.is_identifiable
     np.testing.assert_allclose(found.parameters, skewed_target.to_vector(), atol=1e-7)
     ignored = identify(servicer, telemetry, rows=rows, momentum=TotalMomentum.zero())
     assert "contradict a total momentum of zero" in ignored.failures[0]

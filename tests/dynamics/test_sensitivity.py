@@ -183,7 +183,9 @@ def test_drawn_spacecraft_are_rigid_bodies_of_the_declared_spread(craft):
     for _ in range(400):
         drawn = perturbed(tree, uncertainty, rng)
         for each in drawn.bodies:
-            assert InertialParameters(each.mass, each.p_BBcm, each.I_BBcm).is_feasible()
+            assert InertialParameters(
+                each.mass, each.p_BBcm, each.I_BBcm
+            ).is_physically_consistent()
         moments, nominal = (second_moment(b.I_BBcm, axes) for b in (drawn.bodies[0], body))
         one, link = drawn.bodies[k], tree.bodies[k]
         np.testing.assert_allclose(one.R_PF @ one.R_PF.T, np.eye(3), rtol=0, atol=1e-14)

@@ -170,7 +170,7 @@ def test_what_the_motion_leaves_open_stays_where_it_was(tmp_path, skewed_target)
     assert found.converged
     known = known_target(model, found.values[PSI], found.gaussian)
     assert 0 < known.rank < 10
-    rows = known.unobservable / known.unit
+    rows = known.unidentifiable / known.unit
     assert (np.abs(rows @ (known.values - model.unknown(PSI).mean)) < 1).all()  # σ of the prior
     error = known.known.moved(true_psi(craft, skewed_target))
     assert error.z @ error.z < chi2.ppf(0.999, known.rank)

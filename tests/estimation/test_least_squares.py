@@ -89,14 +89,16 @@ def test_open_unknowns_are_nan_and_the_others_right():
     A[:, 9] = 0.0
     solution = batch_solution(A, A @ x)
     assert solution.rank == 8
-    assert not solution.is_observable
+    assert not solution.is_identifiable
     assert np.isnan(solution.estimate[[3, 7, 9]]).all()
     closed = [0, 1, 2, 4, 5, 6, 8]
     np.testing.assert_allclose(solution.estimate[closed], x[closed], rtol=1e-10)
     assert np.isnan(solution.covariance[3]).all()
     assert np.isfinite(solution.covariance[np.ix_(closed, closed)]).all()
     assert solution.condition_number == np.inf
-    assert np.abs((A / np.linalg.norm(A, axis=0).clip(1e-9)) @ solution.unobservable.T).max() < 1e-9
+    assert (
+        np.abs((A / np.linalg.norm(A, axis=0).clip(1e-9)) @ solution.unidentifiable.T).max() < 1e-9
+    )
 
 
 @pytest.mark.parametrize("rows", [0, 1, 5, 9])

@@ -71,13 +71,13 @@ def test_all_rows_of_a_long_log_count(servicer, zero_momentum_motion, skewed_tar
 
 
 @pytest.mark.parametrize("rows", ["eq18", "standard"])
-def test_no_rigid_body_is_nearer_than_the_feasible_one(
+def test_no_rigid_body_is_nearer_than_the_consistent_one(
     servicer, zero_momentum_motion, paper_target, rows
 ):
     """The distance is that of the covariance of what is reported, to first order."""
     samples = zero_momentum_motion(paper_target, 12, 7).rounded(4)
     found = identify(servicer, samples, rows=rows)
-    assert found.raw().infeasibilities()
+    assert found.raw().inconsistencies()
     information = np.linalg.inv(found.covariance)
 
     def distance(vector) -> float:
@@ -90,5 +90,5 @@ def test_no_rigid_body_is_nearer_than_the_feasible_one(
     for size in (0.01, 0.1, 1.0):
         for _ in range(10):
             other = nearest + size * sigma * rng.normal(size=10)
-            body = InertialParameters.from_vector(other).nearest_feasible()
+            body = InertialParameters.from_vector(other).nearest_consistent()
             assert distance(body.to_vector()) > 0.98 * distance(nearest)

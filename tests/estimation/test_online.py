@@ -152,7 +152,7 @@ def test_a_sensor_that_fails_is_not_used_any_more(case, model):
     state = run(model, [samples.updated({"gyro": Samples(gyro.time, value)})])
     assert nees(case, *target(state.found.gaussian, state.found.values)) < 30
     found = identification_of_state(model, state, TotalMomentum.zero())
-    assert found.check("unexplained share").statistic > 0.2
+    assert found.check("share of outliers").statistic > 0.2
 
 
 def test_samples_that_no_motion_has_are_a_gap(case, model):
@@ -166,7 +166,7 @@ def test_samples_that_no_motion_has_are_a_gap(case, model):
     assert state.rejected["encoders"] >= wrong.sum()
     assert nees(case, *target(state.found.gaussian, state.found.values)) < 30
     found = identification_of_state(model, state, TotalMomentum.zero())
-    assert found.check("unexplained share").statistic > 0.1
+    assert found.check("share of outliers").statistic > 0.1
 
 
 def test_stored_blocks_are_few(case, model):

@@ -35,7 +35,7 @@ def test_the_prior_alone_knows_nothing(model, psi):
     assert found.rank == 0
     assert np.isnan(found.estimate).all()
     assert np.isnan(found.covariance).all()
-    assert len(found.unobservable) == 10
+    assert len(found.unidentifiable) == 10
 
 
 def test_what_samples_tell_is_told_without_the_prior(model, psi):

@@ -46,7 +46,7 @@ def test_an_interval_shows_only_what_a_rigid_body_can_have(tree):
 
 def test_an_impossible_estimate_has_no_interval_and_is_doubted(tree):
     found = in_plane(2.0, 0.0, 0.0, -0.05, [0.01, 0.001, 0.001, 0.001], tree)
-    assert not found.is_possible
+    assert not found.is_consistent
     assert found.failures
     text = str(found)
     assert "[" not in text.replace("[kg", "")
@@ -56,7 +56,7 @@ def test_an_impossible_estimate_has_no_interval_and_is_doubted(tree):
 def test_a_centre_of_mass_too_far_for_the_moment_is_doubted(tree):
     """J about C is at least m |c|²: every number alone is possible, all together are not."""
     found = in_plane(2.0, 0.4, 0.0, 0.05, [0.01, 0.001, 0.001, 0.001], tree)
-    assert not found.is_possible  # m |c|² = 0.08
+    assert not found.is_consistent  # m |c|² = 0.08
     assert any("no rigid body" in failure for failure in found.failures)
 
 

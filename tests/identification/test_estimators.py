@@ -79,7 +79,7 @@ def test_without_motion_nothing_is_known(craft, skewed_target, estimator):
     options = {"sensors": suite, "estimator": estimator}
     result = identify(craft, add_noise(suite, perfect, 1), **options)
     assert result.rank < 4
-    assert not result.is_observable
+    assert not result.is_identifiable
     assert np.isnan(result.parameters).any()
     assert np.isnan(result.covariance).all()
     assert np.isnan(result.spatial_inertia().get_mass())

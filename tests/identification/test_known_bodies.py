@@ -23,7 +23,7 @@ from cpid_drake import Spacecraft, TotalMomentum, identify
 from cpid_drake.dynamics.parameterizations import parameter_scale
 from cpid_drake.dynamics.sensitivity import perturbed
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.identification.leaning import ALL, INERTIA, LINK, MASS
+from cpid_drake.identification.model_sensitivity import ALL, INERTIA, LINK, MASS
 from cpid_drake.simulation.noise import add_noise
 
 UNCERTAINTY = BodyUncertainty(mass=0.02, com=0.005, inertia=0.04)
@@ -128,7 +128,7 @@ def test_a_firing_is_found_although_the_spacecraft_is_uncertain(tmp_path, skewed
         ("inertia", {"60.0": "60.06", "70.0": "70.07", "50.0": "50.05"}),
     ],
 )
-def test_an_estimate_leans_on_the_base_as_a_changed_model_shows(
+def test_the_sensitivity_to_the_base_is_that_of_a_changed_model(
     craft, suite, skewed_target, tmp_path, held, texts
 ):
     """A model with 0.1 % more moves the estimate by a tenth of what is said of 1 %."""
@@ -144,7 +144,7 @@ def test_an_estimate_leans_on_the_base_as_a_changed_model_shows(
     other = Spacecraft(path, base="base", capture_frame="hand")
     found, moved = (identify(each, samples, sensors=suite) for each in (craft, other))
     change = 10 * (moved.parameters - found.parameters) / sigmas(found)
-    expected = found.leaning[held] / sigmas(found)
+    expected = found.sensitivity[held] / sigmas(found)
     assert np.linalg.norm(change - expected) < 0.05 * np.linalg.norm(expected)
     assert any(f"1 % of the base's {held} changes m by" in line for line in str(found).splitlines())
 
@@ -157,7 +157,7 @@ def test_an_estimate_leans_on_the_base_as_a_changed_model_shows(
         *((held, rows) for held in (MASS, INERTIA) for rows in ("eq18", "standard", "relative")),
     ],
 )
-def test_rows_lean_on_a_body_as_exact_states_of_a_changed_one_show(
+def test_the_sensitivity_of_rows_to_a_body_is_that_of_exact_states_of_a_changed_one(
     craft, skewed_target, held, rows
 ):
     """What is larger by a share of 1e-5 moves the estimate by 1e-3 of what is said of 1 %."""
@@ -179,6 +179,6 @@ def test_rows_lean_on_a_body_as_exact_states_of_a_changed_one_show(
     assert found.passed
     truth = skewed_target.to_vector()
     scale = parameter_scale(truth)
-    error, said = 1e3 * (found.parameters - truth) / scale, -found.leaning[held] / scale
+    error, said = 1e3 * (found.parameters - truth) / scale, -found.sensitivity[held] / scale
     assert np.linalg.norm(error - said) < 0.05 * np.linalg.norm(said)  # 1/m bends over 1 %
     assert "by 1 % of a body" in str(found)

@@ -55,9 +55,9 @@ def test_a_fit_tells_the_share_of_its_log_that_it_leaves_out(craft, ideal, suite
     jitter = np.random.default_rng(3).normal(scale=0.2, size=gyro.value.shape)
     bad = {"gyro": replace(gyro, value=gyro.value + jitter * is_bad[:, None])}
     found = identify(craft, samples.updated(bad), sensors=suite)
-    left_out = found.check("unexplained share").statistic
+    left_out = found.check("share of outliers").statistic
     assert left_out == pytest.approx(share, abs=0.05)
-    assert f"nothing explains {100 * left_out:.0f} % of the log" in found.failures
+    assert f"{100 * left_out:.0f} % of a sensor's samples are outliers" in found.failures
 
 
 @pytest.mark.parametrize("estimator", FITS)

@@ -101,7 +101,7 @@ def test_a_log_of_x_y_and_yaw_is_recognized(craft, table):
     same = identify(table, samples(craft, 1), sensors=SUITE)
     np.testing.assert_allclose(found.parameters[KNOWN], same.parameters[KNOWN], rtol=1e-4)
     assert found.is_complete
-    assert not found.is_observable
+    assert not found.is_identifiable
     assert "larger angles" not in found.explain()
 
 
@@ -118,7 +118,7 @@ def test_a_log_of_six_coordinates_is_proposed_to_be_planar(craft):
     assert PROPOSED in found.warnings
     said = identify(craft, log, sensors=SUITE, rows="standard", planar=True)
     assert PROPOSED not in said.warnings
-    assert "m, cx, cy and Izz can be known" in said.explain()
+    assert "m, cx, cy and Izz are identifiable" in said.explain()
     denied = identify(craft, log, sensors=SUITE, rows="standard", planar=False)
     assert PROPOSED not in denied.warnings
     assert not denied.is_planar
@@ -137,7 +137,7 @@ def test_a_frame_c_that_is_turned_has_its_own_four(tmp_path):
     level = planar_craft(tmp_path, grip_rpy="0 0 0").on_table()
     motion_of_level = true_telemetry(level.tree, level.joint_names, motion(), TARGET, TIMES)
     found = identify(turned.on_table(), motion_of_level, rows="standard")
-    assert "m, cx, cz and Iyy can be known" in found.explain()
+    assert "m, cx, cz and Iyy are identifiable" in found.explain()
     values = found.parameters[[0, 1, 3, 5]]
     m, cx, cy, Izz = TRUTH
     np.testing.assert_allclose(values, [m, cx, cy, Izz], rtol=1e-9)

@@ -80,7 +80,7 @@ class TestNoisyLogs:
     def test_one_without_motion_is_not_used(self, craft, suite, logs, noisy):
         both = {"log 0": logs["log 0"], "still": noisy(3, size=0.0)}
         found = identify(craft, both, sensors=suite)
-        assert "still determines nothing about the target, and was not used" in found.warnings
+        assert "still identifies nothing of the target, and was not used" in found.warnings
         assert found.logs["still"].rank == 0
         alone = identify(craft, logs["log 0"], sensors=suite)
         assert np.all(np.abs(found.parameters - alone.parameters) < 0.05 * sigmas(alone))

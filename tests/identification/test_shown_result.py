@@ -78,7 +78,7 @@ def test_what_is_not_known_is_no_number(unknown):
         assert np.isnan(found.value)
         assert np.isnan(found.sigma)
         np.testing.assert_array_equal(found.interval, unknown.shown_intervals[k])
-        assert repr(found).startswith(f"{name} not known")
+        assert repr(found).startswith(f"{name} not identifiable")
         assert "nan" not in repr(found)
     ends = re.search(r"95 % in \[(\S+), (\S+)\] kg", repr(unknown["m"])).groups()
     low, high = unknown.shown_intervals[0]
@@ -100,7 +100,7 @@ def test_a_repr_is_one_line(result, unknown, craft, log):
     assert "rank 10 of 10; m = 8." in repr(result)
     assert "no check failed" in repr(result)
     assert "failed checks: halves" in repr(failing(result))
-    assert "m not known" in repr(unknown)
+    assert "m not identifiable" in repr(unknown)
     assert "free_flyer.urdf: base body, capture frame capture_point, 10.49 kg" in repr(craft)
     assert "arm_joint1, arm_joint2, arm_joint3, arm_joint4" in repr(craft)
     assert repr(craft.on_table()).endswith("; on a table)")
@@ -123,7 +123,7 @@ def test_warnings_are_printed_first(result):
 
 def test_numbers_of_sigma_are_written_out(result):
     sigma = np.sqrt(np.diag(result.covariance))
-    text = str(replace(result, leaning={"mass": 114.3 * sigma}))
+    text = str(replace(result, sensitivity={"mass": 114.3 * sigma}))
     assert "by +110 σ" in text or "is +110 σ" in text
     assert not re.search(r"e[+-]\d+ σ", text)
 
@@ -194,7 +194,7 @@ class TestFigure:
     def test_what_is_not_known_says_so(self, unknown):
         figure = unknown.plot()
         for axes in figure.axes:
-            assert "not known" in [text.get_text() for text in axes.texts]
+            assert "not identifiable" in [text.get_text() for text in axes.texts]
         figure.canvas.draw()
 
 

@@ -31,7 +31,7 @@ def drawn_prior(truth, rng) -> TargetPrior:
     sigma = SIGMA * parameter_scale(truth)
     while True:
         guess = truth + sigma * rng.normal(size=10)
-        if InertialParameters.from_vector(guess).is_feasible():
+        if InertialParameters.from_vector(guess).is_physically_consistent():
             return TargetPrior("a guess", guess, np.diag(sigma**2))
 
 

@@ -138,7 +138,7 @@ class TestBodies:
         found = checked(Identification.of_solution(form, solution, **KNOWN_SENSORS), craft.tree)
         assert np.flatnonzero(np.isnan(found.parameters)).tolist() == [4]
         assert not found.is_complete
-        assert "1 combination of Ixx not determined" in found.explain()
+        assert "Not identifiable: 1 combination of Ixx" in found.explain()
         assert found.consistent is None
 
     @pytest.mark.parametrize("factor", [3.0, 44.0])

@@ -7,7 +7,7 @@ import pytest
 
 from cpid_drake import InputError, Request, SpacecraftReference, identify_files
 from cpid_drake.files.resources import models_directory
-from cpid_drake.live.mcap import DIAGNOSTICS, RESIDUALS, SIGMA, TARGET, write_mcap
+from cpid_drake.live.mcap import DIAGNOSTICS_TOPIC, RESIDUALS, SIGMA, TARGET, write_mcap
 
 rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="needs the package rosbags")
 typesys = pytest.importorskip("rosbags.typesys")
@@ -76,7 +76,7 @@ def test_the_residuals_are_white_noise_of_one_sigma(read, evidence):
 
 def test_the_checks_stand_at_the_end(read, evidence):
     """With what is known, and what each error costs."""
-    [(_, message)] = read[DIAGNOSTICS]
+    [(_, message)] = read[DIAGNOSTICS_TOPIC]
     names = [each.name.removeprefix("cpid: ") for each in message.status]
     checks = [check.name for check in evidence.found.checks]
     assert names == ["estimate", *checks, "error budget"]

@@ -131,9 +131,9 @@ def test_erratum_the_error_falls_with_every_digit(servicer, papers):
 
 def test_erratum_the_papers_identified_inertia_is_no_rigid_body():
     """Erratum 8: Table 1's inertia violates the triangle inequality; Drake refuses it."""
-    assert not PAPER_TABLE_1.is_feasible()
-    assert "triangle inequality" in PAPER_TABLE_1.infeasibilities()[0]
-    with pytest.raises(InputError, match="nearest_feasible"):
+    assert not PAPER_TABLE_1.is_physically_consistent()
+    assert "triangle inequality" in PAPER_TABLE_1.inconsistencies()[0]
+    with pytest.raises(InputError, match="nearest_consistent"):
         PAPER_TABLE_1.to_spatial_inertia()
     I = PAPER_TABLE_1.I_TTcm_C  # noqa: E741
     with pytest.raises(RuntimeError):

@@ -70,7 +70,7 @@ def test_the_four_of_mujocos_planar_joint_are_identified(log, tmp_path, run_cpid
     craft = ["--spacecraft", model, "--base", "base", "--capture-frame", "grip"]
     code, text, _ = run_cpid("identify", path, *craft, "--json", result)
     assert code == 0
-    assert "can be known; the others have no effect" in text
+    assert "are identifiable; the others have no effect" in text
     assert "three axes" not in text
     found = json.loads(result.read_text())
     values = np.array(found["parameters"], dtype=float)

@@ -92,6 +92,6 @@ def test_three_samples_suffice_with_six_more_unknowns(
     w_WB, v_WB = (rotate(telemetry.R_WB, part) for part in twist)
     moving = replace(telemetry, w_WB=w_WB, v_WB=v_WB)
     found = identify(servicer, moving, rows="standard", momentum=TotalMomentum.unknown())
-    assert found.is_observable is is_known
+    assert found.is_identifiable is is_known
     if is_known:
         np.testing.assert_allclose(found.parameters, skewed_target.to_vector(), atol=1e-6)

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from cpid_drake import InertialParameters
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.estimation.unknowns import PSI, Model
-from cpid_drake.planning.base_motion import BASE_LIMITS, BaseMotion, known_instants
+from cpid_drake.planning.base_motion import BASE_LIMITS, PlannedBaseMotion, known_instants
 from cpid_drake.planning.information import InformationModel
 
 
@@ -101,7 +101,7 @@ def test_joints_at_rest_leave_what_is_known_before(exciting):
     samples = np.zeros((len(times), 1, 2, len(q)))
     samples[:, 0, 0] = q
     tree = exciting.spacecraft.tree
-    at_rest = BaseMotion.of(
+    at_rest = PlannedBaseMotion.of(
         times, known_instants(tree, samples), TotalMomentum.zero(), exciting.psi
     )
     [found] = InformationModel(tree, exciting.suite).covariance(at_rest)

@@ -127,9 +127,9 @@ def test_little_motion_of_the_base_can_be_required(scenario):
     best = planner.run()
     for target in planner.checked_targets:  # also the heaviest, which move the base most
         found = planner.setting.predict(best.motion, target)
-        assert np.degrees(found.base_angle) <= limits["base_attitude"]
+        assert np.degrees(found.base_rotation) <= limits["base_attitude"]
         assert np.degrees(found.base_rate) <= limits["base_rate"]
-        assert found.base_shift <= 0.2
+        assert found.base_displacement <= 0.2
 
 
 def test_an_interrupt_leaves_a_motion_within_all_limits(scenario):
@@ -170,9 +170,9 @@ def test_a_front_turns_the_base_less_and_less():
     planner = Planner(scenario, FLIGHT, replace(SMALL, targets=1, iterations=24))
     plans = front(planner, planner.run())
     assert len(plans) > 3
-    assert (np.diff([plan.turn for plan in plans]) < 0).all()
+    assert (np.diff([plan.base_rotation for plan in plans]) < 0).all()
     assert (np.diff([plan.score for plan in plans]) > 0).all()
-    assert plans[-1].turn < 0.3 * plans[0].turn
+    assert plans[-1].base_rotation < 0.3 * plans[0].base_rotation
     assert all(max(plan.usage.values()) <= 1 + 1e-9 for plan in plans)
 
 

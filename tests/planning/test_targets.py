@@ -23,7 +23,7 @@ def prior(sigma, known=slice(0, 10), **more) -> TargetPrior:
 def test_they_are_rigid_bodies_that_the_seed_determines(given):
     first, again, other = (plausible_targets(700.0, 1.2, 5, seed, given) for seed in (1, 1, 2))
     for a, b in zip(first, again, strict=True):
-        assert InertialParameters.from_vector(a).is_feasible()
+        assert InertialParameters.from_vector(a).is_physically_consistent()
         np.testing.assert_array_equal(a, b)
     assert not np.allclose(first[-1], other[-1])
 

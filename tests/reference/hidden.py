@@ -65,7 +65,7 @@ def answer(
     except InputError as error:
         return Answer(2, str(error), seconds=time.perf_counter() - start)
     code = 4 if found.failures else 0 if found.is_complete else 3
-    said = {0: "", 3: found.not_observable, 4: "; ".join(found.failures)}[code]
+    said = {0: "", 3: found.not_identifiable, 4: "; ".join(found.failures)}[code]
     sigma = np.sqrt(np.diag(found.covariance))
     in_sigma = (found.parameters - truth) / sigma
     known = np.isfinite(in_sigma)

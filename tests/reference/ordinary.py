@@ -100,7 +100,7 @@ def answer(design: Design) -> Answer:
         return Answer(design, 2, str(error), False, tuple(sweeps), seconds)
     seconds = middle - start, time.perf_counter() - middle
     code = 4 if found.failures else 0 if found.is_complete else 3
-    said = {0: "", 3: found.not_observable, 4: "; ".join(found.failures)}[code]
+    said = {0: "", 3: found.not_identifiable, 4: "; ".join(found.failures)}[code]
     parts = code, said, found.converged, tuple(sweeps), seconds
     return Answer(design, *parts, *_compared(found, made.truth))
 

@@ -12,7 +12,7 @@ from cpid_drake.files.pictures import Picture
 from cpid_drake.identification.identify_files import converge, identify_files
 from cpid_drake.identification.request import Request
 from cpid_drake.identification.result_files import result_text, write_result
-from cpid_drake.report.findings import findings_of, findings_of_file
+from cpid_drake.report.contents import collect_contents, collect_contents_of_file
 from cpid_drake.report.pages import identification
 from cpid_drake.report.pages.identification import identification_report
 from cpid_drake.spacecraft.reference import SpacecraftReference
@@ -83,7 +83,7 @@ def html(tmp_path_factory, zero_momentum_motion, skewed_target):
     write_log(folder / "exact.csv", zero_momentum_motion(skewed_target, 60, 4))
     found = identify_files([Request(str(folder / "exact.csv"), SERVICER)])
     write_result(folder / "result.json", found.found)
-    return identification_report(findings_of_file(folder / "result.json")).html()
+    return identification_report(collect_contents_of_file(folder / "result.json")).html()
 
 
 class TestPage:
@@ -105,7 +105,7 @@ class TestPage:
         log = exact.rename(tmp_path / "<script>alert(1)<x>.csv")
         found = identify_files([Request(str(log), SERVICER)])
         object.__setattr__(found.found, "warnings", (SCRIPT, "{{ 7 * 7 }}"))
-        page = Page(identification_report(findings_of(found)).html())
+        page = Page(identification_report(collect_contents(found)).html())
         ours = {"data-result", "data-replay", ""}
         assert page.scripts.keys() == ours
         assert "alert" not in page.scripts[""]
@@ -123,7 +123,7 @@ class TestWhatIsSaid:
 
     def test_without_the_log_the_result_alone_is_shown(self, result_file, exact):
         exact.unlink()
-        page = Page(identification_report(findings_of_file(result_file)).html())
+        page = Page(identification_report(collect_contents_of_file(result_file)).html())
         assert f"{exact} does not exist any more" in page.text
         assert ">Convergence<" not in page.text
         assert "data-replay" not in page.scripts
@@ -131,15 +131,15 @@ class TestWhatIsSaid:
 
     def test_a_log_that_changed_is_not_used(self, result_file, exact):
         exact.write_text(exact.read_text() + "\n")
-        findings = findings_of_file(result_file)
-        assert findings.evidence is None
-        assert "has changed since: its SHA-256 differs" in findings.missing
+        contents = collect_contents_of_file(result_file)
+        assert contents.evidence is None
+        assert "has changed since: its SHA-256 differs" in contents.missing
 
     def test_another_estimate_than_the_file_s_is_warned_of(self, evidence, tmp_path):
         document = json.loads(result_text(evidence.found, ""))
         document["parameters"][0] += 1.0
         (tmp_path / "r.json").write_text(json.dumps(document))
-        page = Page(identification_report(findings_of_file(tmp_path / "r.json")).html())
+        page = Page(identification_report(collect_contents_of_file(tmp_path / "r.json")).html())
         assert "the values differ from those of the result file" in page.text
 
 

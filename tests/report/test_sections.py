@@ -15,7 +15,7 @@ from cpid_drake.identification.request import Request, Source
 from cpid_drake.identification.result import Identification
 from cpid_drake.identification.result_files import write_result
 from cpid_drake.planning.prediction import Prediction
-from cpid_drake.report.findings import Findings
+from cpid_drake.report.contents import ReportContents
 from cpid_drake.report.page import Table
 from cpid_drake.report.pages.identification import identification_report
 from cpid_drake.report.plan import motion_table
@@ -43,7 +43,7 @@ def found():
         Gaussian.of_rows({"x": 10}, np.column_stack([root, root @ estimate])),
         rank=10,
         singular_values=np.linspace(10.0, 1.0, 10),
-        unobservable=np.empty((0, 10)),
+        unidentifiable=np.empty((0, 10)),
         residual_rms=1.0,
         row_count=16,
         values=estimate,
@@ -115,9 +115,9 @@ def test_a_plan_s_table_is_in_degrees_and_percent():
     prediction = Prediction(0.02 * one, 0.02 * one, 2 * one, np.pi / 6, np.pi / 180, 0.25, 0.5)
     table = motion_table({"plan": prediction}, "")
     shown = {row[0]: float(row[1]) for row in table.rows}
-    assert shown["turn of the base, deg"] == pytest.approx(30.0, rel=0.01)
+    assert shown["rotation of the base, deg"] == pytest.approx(30.0, rel=0.01)
     assert shown["its rate, deg/s"] == pytest.approx(1.0, rel=0.01)
-    assert shown["its shift, m"] == pytest.approx(0.25)
+    assert shown["its displacement, m"] == pytest.approx(0.25)
     assert shown["worst σ, % of scale"] == pytest.approx(1.0)
 
 
@@ -132,7 +132,7 @@ def test_a_page_whose_check_failed_says_so_first(found):
     failure = "the momentum is <not> zero"
     for checks in ((), (Check("momentum", failure),)):
         result = replace(found, checks=checks)
-        page = identification_report(Findings(result, missing="no log"))
+        page = identification_report(ReportContents(result, missing="no log"))
         assert ("a check failed" in page.title) == bool(checks)
         assert page.subtitle.startswith(f"Do not use this estimate: {failure}.") == bool(checks)
         passed = Check.of("misfit", "", 1.5, 3.0)

@@ -177,7 +177,7 @@ def test_a_prior_is_what_the_recursive_fit_starts_from(write, paper_yaml):
     found = before_the_first_sample(guess())
     np.testing.assert_allclose(found.parameters, [50, 0.4, 0, 0, 8, 9, 7, 0, 0, 0], atol=1e-12)
     np.testing.assert_allclose(found.covariance[0, 0] ** 0.5, 15.0, rtol=1e-3)
-    assert not before_the_first_sample(None).is_observable
+    assert not before_the_first_sample(None).is_identifiable
 
 
 def test_a_suite_of_ones_own_starts_at_the_scenarios_folder(

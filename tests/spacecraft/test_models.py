@@ -55,7 +55,7 @@ def test_every_body_is_physically_possible(path):
             assert not inertia.CopyToFullMatrix6().any(), body.name()
         else:
             assert inertia.IsPhysicallyValid(), body.name()
-            assert not InertialParameters.from_spatial_inertia(inertia).infeasibilities()
+            assert not InertialParameters.from_spatial_inertia(inertia).inconsistencies()
 
 
 def test_the_papers_target_is_the_scenarios_target(paper_scenario):

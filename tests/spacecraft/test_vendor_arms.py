@@ -132,14 +132,14 @@ def test_a_target_is_identified_on_a_vendors_arm(on_carrier, box, arm):
         spacecraft=SpacecraftConfig(**keywords),
         target=TargetConfig(box.mass, box.p_CTcm_C, box.I_TTcm_C),
         joint_motion=lively(spacecraft, duration=3.0),
-        controller=ControllerConfig(knows_target=True),
+        controller=ControllerConfig(has_target_model=True),
         identification=IdentificationConfig(rows="standard", period=0.25, offset=0.25),
         simulation=SimulationConfig(duration=3.0),
     )
     simulation = make_simulation(scenario)
     telemetry = simulation.motion(simulation.run())
     result = identify(simulation.spacecraft, telemetry, rows="standard")
-    assert result.is_observable
+    assert result.is_identifiable
     scale = np.repeat([box.mass, 0.5, np.trace(box.I_TTcm_C)], [1, 3, 6])
     assert np.abs((result.parameters - box.to_vector()) / scale).max() < 1e-6
 

@@ -1,4 +1,4 @@
-"""The identifier in a diagram: state only in the Context, NaN until observable, equal to batch."""
+"""The identifier in a diagram: state in the Context, NaN until identifiable, equal to batch."""
 
 import re
 from dataclasses import replace
@@ -33,7 +33,7 @@ def outputs(identifier, context) -> dict:
 
 
 @pytest.mark.parametrize("rows", ["eq18", "standard"])
-def test_estimate_is_nan_until_observable_and_says_so(servicer, motion, skewed_target, rows):
+def test_estimate_is_nan_until_identifiable_and_says_so(servicer, motion, skewed_target, rows):
     identifier = MomentumIdentifier(servicer, rows=rows)
     context = identifier.CreateDefaultContext()
     for count, state in enumerate(servicer.to_states(motion), start=1):
@@ -51,8 +51,8 @@ def test_estimate_is_nan_until_observable_and_says_so(servicer, motion, skewed_t
             assert np.isnan(covariance[is_open]).all()
             assert np.isnan(covariance[:, is_open]).all()
             assert inertia.IsNaN()
-            assert "not determined" in result.explain()
-            with pytest.raises(InputError, match="not determined"):
+            assert "Not identifiable" in result.explain()
+            with pytest.raises(InputError, match="Not identifiable"):
                 result.raw()
         else:
             assert rank == 10
@@ -103,14 +103,14 @@ def test_errors_are_as_large_as_their_deviations(
     assert (size < 2.0).all()
 
 
-def test_infeasible_estimates_leave_feasible(servicer, paper_target, zero_momentum_motion):
+def test_inconsistent_estimates_leave_consistent(servicer, paper_target, zero_momentum_motion):
     """The paper's target is on the limit: rounded data put the raw estimate beyond it."""
     rough = zero_momentum_motion(paper_target, 10, seed=46).rounded(3)
     identifier = MomentumIdentifier(servicer)
     context = identifier.CreateDefaultContext()
     for state in servicer.to_states(rough):
         take(identifier, context, state)
-    assert not identifier.identification(context).raw().is_feasible()
+    assert not identifier.identification(context).raw().is_physically_consistent()
     inertia = identifier.GetOutputPort("spatial_inertia").Eval(context)
     assert inertia.IsPhysicallyValid()
     assert inertia.get_mass() > 0

@@ -32,7 +32,7 @@ def run(request):
     """
     scenario = load_scenario(shipped_scenario("paper"))
     scenario.simulation.duration, scenario.simulation.simulator.accuracy = 3.0, 1e-9
-    scenario.controller.knows_target = request.param
+    scenario.controller.has_target_model = request.param
     scenario.controller.nominal_mass = 60.0
     simulation = make_simulation(scenario)
     context = simulation.run()

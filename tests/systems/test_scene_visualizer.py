@@ -124,16 +124,16 @@ def test_the_controls_say_what_is_known_and_whether_to_use_it(scene, random_moti
     telemetry = random_motion(3, 1)
     spy, draw = scene(telemetry, truth=skewed_target)
     draw(0)
-    assert "not all ten parameters known" in spy.buttons()
+    assert "not all ten parameters identifiable" in spy.buttons()
     assert any("momentum P of the target" in text for text in spy.buttons())
     draw(1, skewed_target, 1e-4 * np.eye(3))
-    assert "not all ten parameters known" not in spy.buttons()
+    assert "not all ten parameters identifiable" not in spy.buttons()
     texts = "\n".join(spy.buttons())
     assert re.search(r"^c [-\d. ]+ m ± 0.02$", texts, re.M)  # 1.96 σ
     assert re.search(r"^true 60", texts, re.M)
-    assert "checks did not pass" not in texts
+    assert "a check failed" not in texts
     draw(2, skewed_target, 1e-4 * np.eye(3), passed=False)
-    assert any("checks did not pass" in text for text in spy.buttons())
+    assert any("a check failed" in text for text in spy.buttons())
     assert any("momentum P of the target" in text for text in spy.buttons())
 
 
@@ -155,7 +155,7 @@ def test_a_kept_scene_is_a_page_that_needs_no_network(servicer, skewed_target, t
     assert capsys.readouterr().out == f"{tmp_path}/<b>.html plays the motion in a browser\n"
     page = (tmp_path / "<b>.html").read_text(encoding="utf-8")
     assert "<h1>&lt;b&gt;</h1>" in page
-    assert 'const steps = [[0.0, "not all ten parameters known"]]' in page
+    assert 'const steps = [[0.0, "not all ten parameters identifiable"]]' in page
     assert "momentum P of the target" in page
     assert 'src="http' not in page
     with pytest.raises(InputError, match=r"nowhere"):

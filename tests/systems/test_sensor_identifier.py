@@ -167,7 +167,7 @@ def test_samples_that_come_too_late_are_rejected_and_counted(flight, samples):
     late = int((samples.position.time < 2.5 - 1e-9).sum())
     assert counts["position_rejected"] == pytest.approx(late, abs=1)
     assert counts["gyro_used"] == len(samples.gyro)
-    assert flight.identification(context).is_observable
+    assert flight.identification(context).is_identifiable
 
 
 # -- in a full simulation ------------------------------------------------------------------------
@@ -187,7 +187,7 @@ def test_it_equals_the_estimator_on_the_logged_samples(simulation, finished, sam
 
 
 def test_it_identifies_the_target_in_the_plant(simulation, finished, skewed_target):
-    """A target that no file knows: within 5 σ, feasible, and the momentum stays what it is."""
+    """A target in no file: within 5 σ, consistent, and the momentum stays what it is."""
     identifier = simulation.identifier
     context = identifier.GetMyContextFromRoot(finished)
     parameters = identifier.GetOutputPort("parameters").Eval(context)

@@ -73,7 +73,7 @@ def write_constant(
 
 
 def _wheel(motion: BaseMotion, trajectory: Trajectory, sigma: float, change: MotionChange) -> None:
-    """Write that of the angular momentum of rotors in the base, which turns with it.
+    """Write that of the angular momentum of rotors in the base, which rotates with it.
 
     That of the other bodies is counted at the start, so that a wheel alone is no momentum.
     """
@@ -86,7 +86,7 @@ def _wheel(motion: BaseMotion, trajectory: Trajectory, sigma: float, change: Mot
 def _leak_torque(
     motion: BaseMotion, trajectory: Trajectory, sigma: float, change: MotionChange
 ) -> None:
-    """Write that of a torque about the centre of mass that turns with the base."""
+    """Write that of a torque about the centre of mass that rotates with the base."""
     impulse = sigma * motion.accumulated(trajectory.R[: len(motion.nodes)])
     change.w[:], change.L[:] = trajectory.mobility @ impulse, impulse[-1]
 
@@ -94,7 +94,7 @@ def _leak_torque(
 def _leak_acceleration(
     motion: BaseMotion, trajectory: Trajectory, sigma: float, change: MotionChange
 ) -> None:
-    """Write that of an acceleration of the centre of mass that turns with the base.
+    """Write that of an acceleration of the centre of mass that rotates with the base.
 
     A table lets none act along its normal.
     """

@@ -95,7 +95,7 @@ def write_start(motion: BaseMotion, trajectory: Trajectory, change: MotionChange
     mobility = trajectory.mobility
     change.w[:, :, 6:9] = mobility
     wheel = motion.constants.value(trajectory.state.constants, "wheel")
-    if wheel is not None:  # it turns with the base
+    if wheel is not None:  # it rotates with the base
         change.L[:, :3] = -skew(trajectory.state.attitude.as_matrix() @ wheel)
         change.w[:, :, :3] = mobility @ change.L[:, :3]
     drift = transition(motion.joints.start, motion.times, motion.orbit)
@@ -112,7 +112,7 @@ def write_joints(motion: BaseMotion, trajectory: Trajectory, change: MotionChang
         each = (getattr(by, name)[:count, ..., None] for by in (by_q, by_qdot))
         q, qdot = (by * basis[:count] for by, basis in zip(each, bases, strict=True))
         q += qdot
-        return q.reshape(*q.shape[:2], np.prod(q.shape[2:]))
+        return np.asarray(q.reshape(*q.shape[:2], np.prod(q.shape[2:])))
 
     U, rates = len(motion.times), len(change.com_rate)
     counts = {"w": rates or len(change.w), "com": U, "v": rates, "screw": len(change.screw)}
@@ -153,7 +153,7 @@ def write_bodies(
     trajectory: Trajectory,
     change: MotionChange,
 ) -> None:
-    """Write that of errors of the known bodies and of their geometry, in units of their σ.
+    """Write that of errors of the spacecraft's bodies and of their geometry, in units of their σ.
 
     Args:
         uncertainty: their σ.
@@ -228,7 +228,7 @@ def inertia_changes(
 
 
 def relate(motions: Sequence[BaseMotion], psi: NDArray[np.float64]) -> None:
-    """Compute the known bodies' dynamics of motions of one spacecraft and target in few calls.
+    """Compute the spacecraft's dynamics of motions of one spacecraft and target in few calls.
 
     Raises:
         InputError: see `BodyDynamics.mobility`.
@@ -350,6 +350,6 @@ def _relative_to_base(
 def _with_target(
     tree: KinematicTree, psi: NDArray[np.float64], dynamics: BodyDynamics
 ) -> KinematicTree:
-    """Return the known bodies with a target."""
+    """Return the spacecraft with a target."""
     parameters = relative_parameterization(dynamics.mass).to_parameters(psi)
     return tree.with_target(parameters_to_standard(parameters))

@@ -25,7 +25,7 @@ DEGREE = 5
 
 @dataclass(frozen=True, eq=False)
 class JointPart:
-    """The joints' motion in one block, and what their own sensors tell about it.
+    """The joints' motion in one block, and the rows of their own sensors.
 
     Attributes:
         start, end: [s].

@@ -49,16 +49,17 @@ class BlockModel:
     """Predicts the samples of the base's sensors in one block of time.
 
     Args:
-        tree: the known spacecraft.
+        tree: the spacecraft model.
         joints: its joint motion in the block.
         measurements: samples in the block of sensors in the suite.
         suite: the sensors' errors.
-        known_bodies: uncertainty of the known bodies; None if they are exact.
+        known_bodies: uncertainty of the spacecraft's bodies; None if they are exact.
         step: longest step of the grid [s].
         constants: the constant errors; default: those of the suite.
         nominal: (k,) values of the constant errors about which delays, joint zeros and thrust are
             linear, in units of their σ; default: zero.
-        errors: (c,) errors of the known bodies that the tree already has, in units of their σ;
+        errors: (c,) errors of the spacecraft's bodies that the tree already has, in units of their
+            σ;
             default: zero.
         origin: see `BaseMotion`.
 
@@ -66,8 +67,8 @@ class BlockModel:
         motion: the base's motion.
         sensors: models of the sensors that have samples, by name.
         effects: the function that writes each effect on the motion, by name.
-        columns: columns of each effect in the Jacobian; those of the target and of the known bodies
-            are last.
+        columns: columns of each effect in the Jacobian; those of the target and of the spacecraft's
+            bodies are last.
         at_start, at_end: columns of the base's state and of the joints at both ends.
 
     """
@@ -135,7 +136,7 @@ class BlockModel:
         """Return the derivatives (m, n) of the predictions in units of σ, and (12, n) of the end.
 
         The latter are those of attitude (a rotation in W), centre of mass, L and velocity at the
-        block's end. The columns are `columns`, known bodies included.
+        block's end. The columns are `columns`, those of the spacecraft's bodies included.
         """
         columns, places, joints = self.columns, self._places, self._places["joints"]
         change = self._no_change(sum(place.stop - place.start for place in places.values()))
@@ -174,7 +175,7 @@ class BlockModel:
     ) -> tuple[dict[str, NDArray[np.float64]], NDArray[np.float64]]:
         """Return what is of first order adds to the readings and to the state at the block's end.
 
-        That is a flexible grasp, or a force that turns with the base: the trajectory has neither.
+        That is a flexible grasp, or a force that rotates with the base: the trajectory has neither.
 
         Returns:
             (M, d) in units of σ, by sensor, and (12,) change of attitude, centre of mass, L and v.
@@ -252,7 +253,7 @@ class BlockModel:
         return np.arange(self.columns["psi"].start - self.motion.constants.size, self._width)
 
     def joint_triangle(self, order: NDArray[np.intp]) -> NDArray[np.float64]:
-        """Return rows [A | b] of what the joints' own sensors tell, each at its joint's column.
+        """Return rows [A | b] of the joints' own sensors, each at its joint's column.
 
         With columns in an order in which those of one joint stay in theirs, they are a triangle
         (n + 1, n + 1).

@@ -48,7 +48,7 @@ _STEPS_PER_PIECE = 3.5
 """Grid steps per piece of the joint motion's splines, so that the grid resolves errors of rates."""
 
 _ROUNDS = 120
-"""Most rounds of Newton's iteration, each of which follows the turn about a radian farther."""
+"""Most rounds of Newton's iteration, each of which follows the rotation about a radian farther."""
 
 _MOST_STEPS = 400
 """Grid steps of a block: one that is longer than 10 s has encoders that show no faster motion."""
@@ -93,7 +93,7 @@ class Trajectory:
         travel: (U, 6) what logged thrust adds to position [m] and velocity [m/s] of the centre of
             mass, in W; None without thrust.
         by_joints: derivatives of the motion by joint positions and rates; None if not yet needed.
-        by_bodies: those by errors of the known bodies, likewise.
+        by_bodies: those by errors of the spacecraft's bodies, likewise.
         by_compliance: those by compliances of joints and grasp, likewise.
 
     """
@@ -126,9 +126,9 @@ class BaseMotion:
     """Predicts the base's motion for one joint motion.
 
     Args:
-        tree: the known spacecraft.
+        tree: the spacecraft model.
         joints: its joint motion, from the start to the end of the base's motion.
-        times: (M,) further times in it, at which the known bodies' dynamics are needed [s].
+        times: (M,) further times in it, at which the spacecraft's dynamics are needed [s].
         step: longest step of the grid [s]; a joint motion of many pieces makes it shorter.
         constants: the constant errors, external forces among them.
         nominal: (k,) their values in units of their σ: by some the joint motion is too large.
@@ -169,7 +169,7 @@ class BaseMotion:
 
     @cached_property
     def dynamics(self) -> BodyDynamics:
-        """The known bodies' dynamics at all times; `effects.relate` computes those of many."""
+        """The spacecraft's dynamics at all times; `effects.relate` computes those of many."""
         q, qdot = np.moveaxis(self.joint_motion(self.times), 1, 0)
         return BodyDynamics.at(self.tree, q, qdot)
 
@@ -213,7 +213,7 @@ class BaseMotion:
 
         Raises:
             InputError: the system's inertia is not positive definite for this target, or the base
-                turns by more than about a radian in a step.
+                rotates by more than about a radian in a step.
 
         """
         N, psi = len(self.nodes), state.psi
@@ -228,14 +228,14 @@ class BaseMotion:
         for force in self.forces.values():
             if force.turns:
                 L = L + force.impulse(self.times) @ self._entries(force, state)
-        if wheel is not None:  # which turns with the base; L is that of the other bodies
+        if wheel is not None:  # which rotates with the base; L is that of the other bodies
             h, L = h + wheel, L + first @ wheel
         J = None if self.orbit is None else self.grid.inertia(state.psi)
         leak = self.constants.value(state.constants, TORQUE_B)
         added, pushed, last = np.zeros((N, 3)), None, 0.0
         # With momentum the velocity depends on the attitude: iterate until the next change, by the
         # ratio of those before, is rounding error. Where Picard's iteration does not fall fast, it
-        # multiplies rounding errors by the exponential of the turn: then it is Newton's.
+        # multiplies rounding errors by the exponential of the rotation: then it is Newton's.
         for _ in range(_ROUNDS):
             if self.orbit is not None and J is not None:
                 inertia_W = R @ J @ np.swapaxes(R, -1, -2)
@@ -263,7 +263,7 @@ class BaseMotion:
                 break
             last = change
         else:
-            raise InputError(f"the base turns too fast to follow in steps of {step:.3g} s")
+            raise InputError(f"the base rotates too fast to follow in steps of {step:.3g} s")
         travel = None
         if self.thrust is not None:
             travel = self.thrust.travel(R, state.psi)

@@ -51,7 +51,7 @@ class SensorModel(ABC):
     """
 
     at_instants = False
-    """Whether the sensor needs the known bodies' dynamics at its samples."""
+    """Whether the sensor needs the spacecraft's dynamics at its samples."""
 
     def __init__(
         self,

@@ -6,14 +6,14 @@ B's origin, Newton's and Euler's laws about the system's centre of mass read, in
 
     L' = Σ R τ + R (a − ρ) × f,      v' = Σ f / m,      1/m = (m_k − μ) / m_k²,
 
-since μ = m_k m_T / m and m = m_k + m_T, with m_k the mass of the known bodies and m_T that of the
+since μ = m_k m_T / m and m = m_k + m_T, with m_k the mass of the spacecraft and m_T that of the
 target. The acceleration therefore depends on the target's mass, unlike all that follows from the
 conservation of momentum. To first order in a rotation ξ of the attitude in W, and in changes of ρ
 and of 1/m,
 
     δL' = ξ × L' + Σ f × R δρ,      δv' = ξ × v' + Σ f δ(1/m),
 
-but a force that is given in W does not turn with ξ: its parts are (ξ × R (a − ρ)) × f and zero.
+but a force that is given in W does not rotate with ξ: its parts are (ξ × R (a − ρ)) × f and zero.
 
 On a table, the torque about its normal and the force in its plane are all that acts.
 Source: Hughes 2004, Spacecraft Attitude Dynamics, ch. 3.
@@ -98,7 +98,7 @@ class Push:
     def arms(self, R: NDArray[np.float64], com: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the points (Q, V, 3) from the system's centre of mass, in W."""
         rho = np.asarray(self.to @ com)[:, None]
-        return (self._arm - rho) @ np.swapaxes(self.rotations(R), -1, -2)
+        return np.asarray((self._arm - rho) @ np.swapaxes(self.rotations(R), -1, -2))
 
     def torques(self, R: NDArray[np.float64], com: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the torques (Q, V, 3) of unit amplitudes, likewise."""
@@ -113,7 +113,7 @@ class BlockThrust:
         log: what the actuators do.
         nodes: (N,) times of the grid [s].
         times: (U,) instants from the first to the last node [s].
-        grid: the known bodies' dynamics at the nodes.
+        grid: the spacecraft's dynamics at the nodes.
         interpolation: see `Weights`.
         pose: see `Pose`.
         orbit: the orbit of W's origin; None for none.
@@ -244,7 +244,7 @@ class BlockThrust:
             f, r = skew(push.forces(R)), skew(push.arms(R, com))
             by_turn += np.einsum("qv,qvij->qij", given, f @ r)
         added = self._accumulated(self._turns[:, None] * by_turn)[: len(self._nodes)]
-        return np.diff(added, axis=0) / (self._nodes[1] - self._nodes[0])
+        return np.asarray(np.diff(added, axis=0) / (self._nodes[1] - self._nodes[0]))
 
     def travel_change(
         self,

@@ -130,7 +130,8 @@ def spline_weights(nodes: NDArray[np.float64], times: NDArray[np.float64]) -> ND
 
 def spline_slopes(nodes: NDArray[np.float64], times: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (M, N) weights of the nodes in the rates at times (M,) of a spline through them."""
-    return spline_weights(nodes, times) @ (_slopes(len(nodes)) / (nodes[1] - nodes[0]))
+    slopes = _slopes(len(nodes)) / (nodes[1] - nodes[0])
+    return np.asarray(spline_weights(nodes, times) @ slopes)
 
 
 @lru_cache(maxsize=1024)

@@ -17,7 +17,7 @@ class WhiteReading:
     Torques of a given size turn a lighter system more. Their prior as unknowns would therefore
     prefer small inertia and weak thrusters, which need smaller torques for the same motion. The
     prior is that of the angular accelerations: with the present inertia J, a torque τ reads
-    J J_new⁻¹ τ for that of another target, of joints elsewhere, or of other known bodies.
+    J J_new⁻¹ τ for that of another target, of joints elsewhere, or of another spacecraft.
     """
 
     at_instants = False

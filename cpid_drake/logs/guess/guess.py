@@ -1,8 +1,8 @@
 """Guesses the map of a log's columns: names first, then the conventions that explain it best.
 
-Names say which columns are which quantity, and perhaps units. What they leave open is chosen among
-`alternatives.alternatives` by the comparisons of `logs.score`: joint rates decide about the joints
-and the clock, the gyro about the attitude, the conservation of momentum about the rest.
+Names say which columns are which quantity, and perhaps units. What they do not determine is chosen
+among `alternatives.alternatives` by the comparisons of `logs.score`: joint rates decide about the
+joints and the clock, the gyro about the attitude, the conservation of momentum about the rest.
 """
 
 from collections.abc import Iterator, Sequence
@@ -29,7 +29,7 @@ from cpid_drake.logs.score import (
     compare_rates,
     instants_of,
 )
-from cpid_drake.logs.table import Table
+from cpid_drake.logs.table import LogTable
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 _ATTITUDE, _CLOCK = {"attitude.order", "attitude.direction"}, {"time.unit"}
@@ -46,14 +46,15 @@ groups of keys of which they may change one each."""
 
 
 def guess_map(
-    table: Table, spacecraft: Spacecraft, base: str = "", frame_rate: float | None = None
+    table: LogTable, spacecraft: Spacecraft, base: str = "", frame_rate: float | None = None
 ) -> GuessedMap:
     """Guess the meaning of a log's columns.
 
     Args:
         table: the log's columns.
-        spacecraft: the known spacecraft, whose joints the log has.
-        base: name of the base body, which tells the base's columns from those of other bodies.
+        spacecraft: the spacecraft model, whose joints the log has.
+        base: name of the base body, which distinguishes the base's columns from those of other
+            bodies.
         frame_rate: frames per second, if the log counts frames and does not say it [Hz].
 
     Raises:
@@ -104,7 +105,7 @@ def _settle_clock(guess: GuessedMap) -> None:
 
 
 def _settle_conventions(guess: GuessedMap) -> str:
-    """Choose the conventions that names leave open; return what momentum says of the motion.
+    """Choose the conventions that names do not determine; return what momentum shows.
 
     A key is settled if every other value of it leaves a clearly larger residual.
     """
@@ -138,9 +139,9 @@ def _settle_conventions(guess: GuessedMap) -> str:
                     guess.say(section, f"{entry} {value}: {what} then differ by {residual:.2%}")
         elif name == "attitude":  # the gyro contradicts everything
             guess.missing.append(
-                "the attitude does not turn at the angular velocity in any convention (they differ "
-                f"by {residual:.0%} at least): order and direction of the attitude, or the axes of "
-                "one of the sensors, are not determined"
+                "the attitude does not rotate at the angular velocity in any convention (they "
+                f"differ by {residual:.0%} at least): order and direction of the attitude, or the "
+                "axes of one of the sensors, are not determined"
             )
         if name == "attitude":  # momentum cannot decide against the gyro
             guess.free -= _ATTITUDE

@@ -14,7 +14,7 @@ from cpid_drake.logs.column_map import ColumnMap, TimeUnit
 from cpid_drake.logs.conversion import LogFile, read_columns
 from cpid_drake.logs.log import Log, Samples
 from cpid_drake.logs.screening import screen
-from cpid_drake.logs.table import Table
+from cpid_drake.logs.table import LogTable
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 
@@ -25,7 +25,7 @@ class GuessedMap:
     Attributes:
         columns: the columns of numbers (N,), NaN where a cell is absent.
         texts: by column of text, its first cell.
-        spacecraft: the known spacecraft.
+        spacecraft: the spacecraft model.
         base: name of the base body.
         column_map: the map so far.
         reasons: by key of the map, the reasons for its entries; by "", what is wrong in the whole.
@@ -81,7 +81,7 @@ class GuessedMap:
     @property
     def log(self) -> Log:
         """The samples as read with the map, joints in the spacecraft's order, missing ones at 0."""
-        read = self.read(Table(dict(self.columns))).log
+        read = self.read(LogTable(dict(self.columns))).log
         log, joints = screen(look_at(read, self.spacecraft).log).log, {}
         names = self.spacecraft.joint_names
         for name in ("encoders", "joint_rates"):
@@ -91,7 +91,7 @@ class GuessedMap:
             joints[name] = Samples(samples.time, np.reshape(value, (len(names), -1)).T)
         return replace(log.updated(joints), joint_names=names)
 
-    def read(self, table: Table) -> LogFile:
+    def read(self, table: LogTable) -> LogFile:
         """Return a table as read with the map; joints that are open rest at 0."""
         given, is_open = self.column_map, {*self.open_columns}
         is_open |= {f"{word}:{joint}" for word in ("q", "qd") for joint in self.open_angles}

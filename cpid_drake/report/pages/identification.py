@@ -7,9 +7,9 @@ from cpid_drake.files.errors import InputError
 from cpid_drake.identification.estimators import estimator_label
 from cpid_drake.identification.identify_files import Evidence
 from cpid_drake.identification.result_files import result_text
-from cpid_drake.report.findings import Findings, Progress, findings_of
+from cpid_drake.report.contents import Progress, ReportContents, collect_contents
 from cpid_drake.report.page import Report, Section, embedded_json
-from cpid_drake.report.replay import LONGEST, motion_of, replay_html
+from cpid_drake.report.replay import LONGEST_REPLAY, motion_of, replay_html
 from cpid_drake.report.run_folder import simulated_section
 from cpid_drake.report.sections.data import (
     base_motion_section,
@@ -22,8 +22,8 @@ from cpid_drake.report.sections.data import (
 from cpid_drake.report.sections.estimate import (
     budget_section,
     effects_section,
+    identifiability_section,
     logs_section,
-    observability_section,
     result_section,
 )
 
@@ -42,25 +42,27 @@ def write_report(
         InputError: the file cannot be written.
 
     """
-    identification_report(findings_of(evidence, progress), progress).write(path)
+    identification_report(collect_contents(evidence, progress), progress).write(path)
 
 
-def identification_report(findings: Findings, progress: Progress = lambda step: None) -> Report:
+def identification_report(
+    contents: ReportContents, progress: Progress = lambda step: None
+) -> Report:
     """Return the report of an identification; see `write_report`."""
-    result, evidence, run = findings.result, findings.evidence, findings.run
+    result, evidence, run = contents.result, contents.evidence, contents.run
     sections = [
         *([] if run is None else [simulated_section(run)]),
-        result_section(result, findings.truth),
+        result_section(result, contents.truth),
         *([logs_section(result)] if result.logs else []),
         checks_section(result, None if evidence is None else evidence.found),
         *([budget_section(result)] if result.budget else []),
         *([effects_section(result)] if result.effects else []),
-        observability_section(result),
+        identifiability_section(result),
     ]
-    missing = findings.missing and f"the log cannot be read: {findings.missing}"
+    missing = contents.missing and f"the log cannot be read: {contents.missing}"
     if evidence is not None:
         sections += [
-            convergence_section(findings.estimates, findings.truth),
+            convergence_section(contents.estimates, contents.truth),
             residuals_section(evidence.found),
             sensors_section(evidence),
             base_motion_section(evidence.log),
@@ -70,12 +72,12 @@ def identification_report(findings: Findings, progress: Progress = lambda step: 
             page = replay_html(
                 evidence.inputs.spacecraft,
                 motion_of(evidence.log, evidence.inputs.spacecraft, evidence.found.sensors),
-                findings.estimates,
-                truth=findings.truth,
+                contents.estimates,
+                truth=contents.truth,
                 visual_model=run.scenario.target.visual_model if run else None,
                 title=Path(result.sources[0].request.telemetry).name,
             )
-            text = f"The motion with the estimate over time, of at most {LONGEST:g} s."
+            text = f"The motion with the estimate over time, of at most {LONGEST_REPLAY:g} s."
             replay = embedded_json(json.dumps(page))
             sections.append(Section("Replay", texts=[text], inner_page=replay))
         except InputError as error:
@@ -89,7 +91,7 @@ def identification_report(findings: Findings, progress: Progress = lambda step: 
     if run is not None:
         title, data = f"Simulated run “{run.folder.resolve().name}”", {**data, **run.texts}
     model = craft.model.rsplit("/", 1)[-1] if craft else "a spacecraft"
-    known = "All ten parameters" if result.is_observable else f"{result.rank} of ten combinations"
+    known = "All ten parameters" if result.is_identifiable else f"{result.rank} of ten combinations"
     subtitle = f"{known} identified with {model} by {estimator_label(result.estimator)}"
     if result.failures:
         title = f"{title}: a check failed"

@@ -1,4 +1,4 @@
-"""The sections with what was estimated: parameters, effects, separate logs, observability."""
+"""The sections with what was estimated: parameters, effects, separate logs, identifiability."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ def result_section(result: Identification, truth: InertialParameters | None) -> 
     """Return the section with the estimate, its 95 % intervals and, if it is known, the truth."""
     words = consistency_words(result)
     texts = [f"{words[0].upper()}{words[1:]}."]
-    if not result.is_observable:
+    if not result.is_identifiable:
         known = f"The log determines {result.rank} of ten combinations of the parameters."
         texts = [known, *gap(result)]
     return Section(
@@ -35,13 +35,13 @@ def _parameters(result: Identification, truth: InertialParameters | None) -> Tab
     sigma = np.sqrt(np.diag(result.covariance))
     nearest = np.full(10, np.nan) if result.consistent is None else result.consistent.to_vector()
     intervals = result.intervals
-    if not result.is_possible:
+    if not result.is_consistent:
         intervals = np.full((10, 2), np.nan)  # no rigid body agrees with the estimate
     rows = []
     for i, (name, unit) in enumerate(zip(PARAMETER_NAMES, PARAMETER_UNITS)):
         places = decimals_of(*intervals[i])
         estimate, body = (_number(x[i], places) for x in (result.parameters, nearest))
-        row = [name, estimate or "not known", _range(intervals[i]), body]
+        row = [name, estimate or "not identifiable", _range(intervals[i]), body]
         row += [_range(result.shown_intervals[i])] * has_bodies
         row.append(unit)
         if truth is not None:
@@ -53,8 +53,8 @@ def _parameters(result: Identification, truth: InertialParameters | None) -> Tab
         "m: mass. c: centre of mass, from the origin of the capture frame C, in its axes. I: "
         "inertia about the centre of mass, in the same axes; Ixy = −∫xy dm. Consistent: the "
         "nearest values of a rigid body. Rigid bodies: the part of the interval that a rigid body "
-        "can have; of what is not known, bounds of a target about as heavy and as large as the "
-        "spacecraft (1 σ). σ: standard deviation of the estimate."
+        "can have; of what is not identifiable, bounds of a target about as heavy and as large as "
+        "the spacecraft (1 σ). σ: standard deviation of the estimate."
     )
     return Table(heads, rows, note=note)
 
@@ -84,7 +84,7 @@ def logs_section(result: Identification) -> Section:
         cells = []
         for part in parts.values():
             value, half = part.parameters[i], np.diff(part.intervals[i])[0] / 2
-            cells.append(with_half_width(value, half) if np.isfinite(value) else "not known")
+            cells.append(with_half_width(value, half) if np.isfinite(value) else "not identifiable")
         rows.append([name, *cells, unit])
     note = (
         "Estimates with 95 % intervals; each log has its own start, momentum and biases. "
@@ -138,7 +138,7 @@ def budget_section(result: Identification) -> Section:
     return Section("Error budget", tables=[Table(heads, rows, note=note)])
 
 
-def observability_section(result: Identification) -> Section:
+def identifiability_section(result: Identification) -> Section:
     """Return the section with the singular values."""
     values, texts = result.singular_values, []
     if result.condition is not None:
@@ -148,4 +148,4 @@ def observability_section(result: Identification) -> Section:
             "smallest."
         )
     pictures = [] if np.isnan(values).any() else [singular_value_picture(values)]
-    return Section("Observability", texts=texts, pictures=pictures)
+    return Section("Identifiability", texts=texts, pictures=pictures)

@@ -33,5 +33,5 @@ def test_a_long_turn_is_followed(tmp_path, skewed_target, speed, length):
 
 def test_a_turn_too_fast_for_the_grid_is_refused(tmp_path, skewed_target):
     """The grid of a long block has steps of 0.05 s."""
-    with pytest.raises(InputError, match="turns too fast"):
+    with pytest.raises(InputError, match="rotates too fast"):
         tumble(tmp_path, skewed_target, 14.0, 20.0)

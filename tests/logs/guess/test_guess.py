@@ -25,7 +25,7 @@ from cpid_drake.files.resources import models_directory
 from cpid_drake.logs.column_map import load_column_map
 from cpid_drake.logs.files import read_table, table_of
 from cpid_drake.logs.guess.guess import guess_map
-from cpid_drake.logs.table import Table
+from cpid_drake.logs.table import LogTable
 from cpid_drake.sensors.sensors import JointSensor, VectorSensor
 from cpid_drake.simulation.noise import add_noise
 
@@ -74,7 +74,7 @@ def in_other_conventions(log, seed):
 @pytest.mark.parametrize("seed", range(4))
 def test_the_guessed_map_gives_back_every_sample(craft, log, tmp_path, seed):
     columns = in_other_conventions(log, seed)
-    guess = guess_map(Table(columns), craft, "base")
+    guess = guess_map(LogTable(columns), craft, "base")
     for name in ("attitude", "position", "encoders", "joint_rates", "gyro", "velocity"):
         read, true = guess.log[name], log[name]
         if name in ("gyro", "velocity") and not any(
@@ -96,13 +96,13 @@ def test_joints_are_found_by_number_and_by_names_in_cells(craft, log):
     numbered = {name: column for name, column in columns.items() if not name.startswith("arm/")}
     for k, joint in enumerate(joints):
         numbered[f"q({k + 1})"] = columns[f"arm/{joint}.position"]
-    found = guess_map(Table(numbered), craft, "base").column_map.joint_positions.columns
+    found = guess_map(LogTable(numbered), craft, "base").column_map.joint_positions.columns
     assert found == {joint: f"q({k + 1})" for k, joint in enumerate(joints)}
     texts = {f"name{k + 1}": joint for k, joint in enumerate(reversed(joints))}
     texted = {name: column for name, column in columns.items() if not name.startswith("arm/")}
     for k, joint in enumerate(reversed(joints)):
         texted[f"position{k + 1}"] = columns[f"arm/{joint}.position"]
-    table = Table(texted, texts={name: {0: text} for name, text in texts.items()})
+    table = LogTable(texted, texts={name: {0: text} for name, text in texts.items()})
     found = guess_map(table, craft, "base").column_map.joint_positions.columns
     assert found == {joint: f"position{k + 1}" for k, joint in enumerate(reversed(joints))}
 
@@ -112,7 +112,7 @@ def test_columns_of_the_base_are_preferred_to_those_of_other_bodies(craft, log):
     for axis in "xyz":
         columns[f"Base:T{axis.upper()}"] = columns.pop(f"pos.{axis}")
         columns[f"Debris:T{axis.upper()}"] = np.arange(len(columns["stamp"])) * 0.1
-    found = guess_map(Table(dict(sorted(columns.items(), reverse=True))), craft, "base")
+    found = guess_map(LogTable(dict(sorted(columns.items(), reverse=True))), craft, "base")
     assert sorted(found.column_map.position.columns) == ["Base:TX", "Base:TY", "Base:TZ"]
 
 
@@ -127,7 +127,7 @@ def test_thrust_is_found_by_name(craft, log, force, torque):
         columns[force + axis] = np.full(len(columns["stamp"]), k + 1.0)
         columns[torque + axis] = np.full(len(columns["stamp"]), k + 4.0)
         columns[f"thruster_cmd_{axis}"] = np.full(len(columns["stamp"]), 9.0)
-    guess = guess_map(Table(columns), craft, "base")
+    guess = guess_map(LogTable(columns), craft, "base")
     assert guess.column_map.thrust.force == [force + axis for axis in "xyz"]
     assert guess.column_map.position.columns == [f"pos.{axis}" for axis in "xyz"]
     np.testing.assert_array_equal(guess.log.thrust.value[0], [4, 5, 6, 1, 2, 3])
@@ -138,21 +138,21 @@ def test_without_a_time_the_columns_are_listed(craft, log):
     columns = in_other_conventions(log, 0)
     columns["stamp"] = columns["stamp"][::-1]
     with pytest.raises(InputError, match=r"no column can be the time: .* columns of numbers are"):
-        guess_map(Table(columns), craft, "base")
+        guess_map(LogTable(columns), craft, "base")
 
 
 def test_the_first_column_is_the_time_if_it_increases_and_numbers_are_no_names(craft, log):
     columns = in_other_conventions(log, 0)
-    given = guess_map(Table({"thing": columns.pop("stamp"), **columns}), craft, "base")
+    given = guess_map(LogTable({"thing": columns.pop("stamp"), **columns}), craft, "base")
     assert given.column_map.time.column == "thing"
     counted = {"id": np.arange(len(columns["quat[0]"])) + 1.0, **columns}
-    named = Table({**counted, "recv_time": counted["id"] / 10})
+    named = LogTable({**counted, "recv_time": counted["id"] / 10})
     received = guess_map(named, craft, "base")
     assert received.column_map.time.column == "recv_time"
-    assert "time.unit" in guess_map(Table(counted), craft, "base").missing[0]  # a count is open
+    assert "time.unit" in guess_map(LogTable(counted), craft, "base").missing[0]  # a count is open
     numbered = dict(zip(map(str, range(1, 99)), columns.values()))
     with pytest.raises(InputError, match=r"does not name its columns: write a map"):
-        guess_map(Table(numbered), craft, "base")
+        guess_map(LogTable(numbered), craft, "base")
 
 
 def columns_at_200_hz(craft):
@@ -168,14 +168,14 @@ def columns_at_200_hz(craft):
 
 def test_a_fast_clock_in_ms_is_found_by_the_rates_or_left_open(craft):
     columns = columns_at_200_hz(craft)
-    guess = guess_map(Table(columns), craft, "base")
+    guess = guess_map(LogTable(columns), craft, "base")
     assert (guess.column_map.time.unit, guess.missing) == ("ms", [])
     without = {name: values for name, values in columns.items() if not name.endswith("rate")}
-    [text] = guess_map(Table(without), craft, "base").missing
+    [text] = guess_map(LogTable(without), craft, "base").missing
     assert text == "the time may be in s or ms (time.unit)"
     slow = {name: v / (100 if name.endswith("rate") else 1) for name, v in columns.items()}
     slow["t"] = columns["t"] / 10  # in s, in steps of 0.5 s
-    guess = guess_map(Table(slow), craft, "base")
+    guess = guess_map(LogTable(slow), craft, "base")
     assert (guess.column_map.time.unit, guess.missing) == ("s", [])
 
 
@@ -188,7 +188,7 @@ def test_four_columns_of_norm_one_are_an_attitude_whatever_their_names(craft):
     columns = {name: values for name, values in columns.items() if not name.endswith("rate")}
     columns["mode"] = np.zeros(len(columns["t"]))
     columns = {name: values for name, values in columns.items() if "spin" not in name}
-    guess = guess_map(Table(columns), craft, "base")
+    guess = guess_map(LogTable(columns), craft, "base")
     assert sorted(guess.column_map.attitude.columns) == ["Q1", "Q2", "Q3", "Q4"]
     assert list(guess.column_map.joint_positions.columns.values()) == ["A1", "A2", "A3", "A4"]
     assert guess.column_map.joint_positions.unit == "deg"
@@ -196,7 +196,7 @@ def test_four_columns_of_norm_one_are_an_attitude_whatever_their_names(craft):
     assert guess.reasons["ignore_columns"] == ["not used: mode"]
     bare = {name: values for name, values in columns.items() if name[0] not in "Qp"}
     bare |= {name: np.radians(v) for name, v in bare.items() if name in ("A1", "A3", "A4")}
-    attitude, unit = guess_map(Table(bare), craft, "base").missing
+    attitude, unit = guess_map(LogTable(bare), craft, "base").missing
     assert "attitude" in attitude
     assert "joint_positions.unit" in unit
 
@@ -207,18 +207,18 @@ def test_exchanged_axes_of_the_gyro_are_found_and_a_foreign_gyro_leaves_the_atti
     """If no convention of the attitude agrees with the gyro, momentum is not asked for a guess."""
     names, values = table_of(log)
     columns = dict(zip(names, values.T))
-    assert guess_map(Table(columns), craft, "base").missing == []
+    assert guess_map(LogTable(columns), craft, "base").missing == []
     axes = {"w_x_imu": "bwy", "w_y_imu": "bwz", "w_z_imu": "bwx"}  # an axis inside of a name
     turned = {name: values for name, values in columns.items() if name not in axes.values()}
     turned |= {name: columns[axis] for name, axis in axes.items()}
-    guess = guess_map(Table(turned), craft, "base")
+    guess = guess_map(LogTable(turned), craft, "base")
     assert guess.missing == []
     np.testing.assert_array_equal(
         guess.column_map.angular_velocity.R_BS, [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
     )
     other = columns | {name: columns[name][::-1] for name in ("bwx", "bwy", "bwz")}
-    missing = guess_map(Table(other), craft, "base").missing
-    assert any("does not turn at the angular velocity in any convention" in t for t in missing)
+    missing = guess_map(LogTable(other), craft, "base").missing
+    assert any("does not rotate at the angular velocity in any convention" in t for t in missing)
 
 
 @pytest.fixture(scope="module")
@@ -261,10 +261,10 @@ def angle_columns(angles, joints, *, quaternion=False):
         ("pose.*", "arm.*.angle"),
     ],
 )
-def test_angles_of_the_base_are_told_from_joints_of_these_names(angular, angles, joints):
+def test_angles_of_the_base_are_distinguished_from_joints_of_these_names(angular, angles, joints):
     columns = angle_columns(angles, joints)
     for given in (columns, dict([next(iter(columns.items())), *reversed(columns.items())])):
-        guess = guess_map(Table(given), angular, "body")
+        guess = guess_map(LogTable(given), angular, "body")
         assert guess.missing == []
         at, order = guess.column_map, ("roll", "pitch", "yaw")
         assert at.attitude.columns == [angles.replace("*", name) for name in order]
@@ -273,7 +273,7 @@ def test_angles_of_the_base_are_told_from_joints_of_these_names(angular, angles,
 
 
 def test_angles_beside_a_quaternion_are_those_of_the_joints(angular):
-    guess = guess_map(Table(angle_columns("", "*", quaternion=True)), angular, "body")
+    guess = guess_map(LogTable(angle_columns("", "*", quaternion=True)), angular, "body")
     assert guess.missing == []
     assert guess.column_map.attitude.columns == ["qw", "qx", "qy", "qz"]
     assert guess.column_map.joint_positions.columns == {name: name for name in JOINTS}
@@ -290,7 +290,7 @@ def test_angles_that_may_be_the_base_s_or_joints_are_left_open(angular, angles, 
     """In the draft and in what is missing, and nothing there says that there are none."""
     columns = angle_columns(angles, joints)
     columns["wrist"] = columns.pop("arm_wrist", columns.get("wrist"))
-    guess = guess_map(Table(columns), angular, "body")
+    guess = guess_map(LogTable(columns), angular, "body")
     assert guess.missing[0].startswith(said)
     assert guess.missing[0].endswith("(attitude.columns, joint_positions.columns)")
     assert not any("attitude" in text for text in guess.missing[1:])
@@ -307,10 +307,10 @@ def test_two_triples_of_angles_leave_the_attitude_open_unless_one_is_the_base_s(
     columns |= {f"p_{name}": columns[f"q:{name}"] for name in JOINTS[:3]}
     renamed = {f"q:{name}": f"q:arm_joint{k}" for k, name in enumerate(JOINTS, start=1)}
     columns = {renamed.get(name, name): values for name, values in columns.items()}
-    guess = guess_map(Table(columns), craft, "body")
+    guess = guess_map(LogTable(columns), craft, "body")
     assert "the attitude may be s_* or p_* for roll, pitch and yaw" in guess.missing[0]
     assert guess.column_map.attitude.columns == []
     of_base = {name.replace("s_", "body "): values for name, values in columns.items()}
-    guess = guess_map(Table(of_base), craft, "body")
+    guess = guess_map(LogTable(of_base), craft, "body")
     assert guess.missing == []
     assert guess.column_map.attitude.columns == ["body roll", "body pitch", "body yaw"]

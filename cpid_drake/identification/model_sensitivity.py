@@ -1,4 +1,4 @@
-"""What an estimate leans on: its change if what is held were 1 % larger."""
+"""Sensitivity of an estimate to the spacecraft model: its change if the model had 1 % more."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -22,11 +22,11 @@ from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import BODIES, PSI
 
 MASS, INERTIA = "mass", "inertia"
-"""What is held of the base: of everything that is fixed to it, inertia about its centre of mass."""
-
+"""Of the base, with everything that is fixed to it; the inertia is about its centre of mass."""
 
 LINK, ALL = "the link that holds the target", "all masses and inertias"
-"""What no samples tell: this link moves as the target does; momentum is linear in all masses."""
+"""Not identifiable from any samples: this link moves as the target does, and momentum is linear in
+all masses."""
 
 
 class _OfBase(BodyUncertainty):
@@ -39,7 +39,7 @@ class _OfBase(BodyUncertainty):
 
 
 def with_larger_base(tree: KinematicTree) -> dict[str, KinematicTree]:
-    """Return the known spacecraft with 1 % more mass, and with 1 % more inertia, of its base."""
+    """Return the spacecraft with 1 % more mass, and with 1 % more inertia, of its base."""
     base, *others = tree.lumped.bodies
     larger = {
         MASS: replace(base, mass=1.01 * base.mass),
@@ -48,7 +48,7 @@ def with_larger_base(tree: KinematicTree) -> dict[str, KinematicTree]:
     return {n: replace(tree.lumped, bodies=(each, *others)) for n, each in larger.items()}
 
 
-def leaning(
+def base_sensitivity(
     found: Fit, solution: LeastSquaresSolution, held: Values
 ) -> dict[str, NDArray[np.float64]]:
     """Return the change (10,) of the parameters if mass or inertia of the base were 1 % larger.
@@ -68,27 +68,25 @@ def leaning(
     total = total.condition({name: value for name, value in held.items() if name in total.places})
     R = total.marginal([PSI, BODIES]).R
     mass, *stretches = -solve_triangular(R[:10, :10], R[:10, 10:14]).T  # of the base, in σ
-    form, open_axes = relative_parameterization(model.mass), solution.unobservable
-    found_by = {}
+    form, open_axes = relative_parameterization(model.mass), solution.unidentifiable
+    changes = {}
     for name, change in ((MASS, mass), (INERTIA, np.sum(stretches, axis=0))):
-        scaled = change / solution.unit  # combinations that are not known stay as they are
+        scaled = change / solution.unit  # combinations that are not identifiable stay as they are
         scaled = scaled - open_axes.T @ (open_axes @ scaled)
         change = form.jacobian(solution.values) @ (solution.unit * scaled)
-        found_by[name] = np.where(
-            np.isfinite(form.to_parameters(solution.estimate)), change, np.nan
-        )
-    return found_by
+        changes[name] = np.where(np.isfinite(form.to_parameters(solution.estimate)), change, np.nan)
+    return changes
 
 
-def leaning_of_any_samples(
+def hidden_sensitivity(
     parameters: NDArray[np.float64], tree: KinematicTree, *, has_scale: bool
 ) -> dict[str, NDArray[np.float64]]:
-    """Return the change (10,) of the parameters that no samples can show.
+    """Return the change (10,) of the parameters by errors that no samples identify.
 
     Args:
         parameters: (10,) of the target.
-        tree: the known spacecraft.
-        has_scale: whether a known momentum or force tells how heavy everything is.
+        tree: the spacecraft.
+        has_scale: whether a known momentum or force determines the scale of all masses.
 
     """
     tree = tree.lumped

@@ -21,7 +21,7 @@ Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True, eq=False)
-class Findings:
+class ReportContents:
     """A result, and its log if that can be read again.
 
     Attributes:
@@ -52,16 +52,18 @@ class Findings:
         return found if self.run is None else [*found, self.run.scenario.target.visual_model]
 
 
-def findings_of(
+def collect_contents(
     evidence: Evidence, progress: Progress = lambda step: None, run: Run | None = None
-) -> Findings:
+) -> ReportContents:
     """Return the contents of a report on logs that have just been identified."""
     if len(evidence.files) > 1:
-        return Findings(evidence.found)
-    return Findings(evidence.found, evidence, converge(evidence, progress), run=run)
+        return ReportContents(evidence.found)
+    return ReportContents(evidence.found, evidence, converge(evidence, progress), run=run)
 
 
-def findings_of_file(path: str | Path, progress: Progress = lambda step: None) -> Findings:
+def collect_contents_of_file(
+    path: str | Path, progress: Progress = lambda step: None
+) -> ReportContents:
     """Return the contents of a report on a result file; its log is identified again if possible.
 
     Raises:
@@ -70,9 +72,9 @@ def findings_of_file(path: str | Path, progress: Progress = lambda step: None) -
     """
     result = read_result(path)
     if len(result.logs) > 1:
-        return Findings(result)
+        return ReportContents(result)
     try:
         evidence = identify_files([request_of_result(result, str(path))], progress)
     except InputError as error:
-        return Findings(result, missing=str(error))
-    return replace(findings_of(evidence, progress), result=result)
+        return ReportContents(result, missing=str(error))
+    return replace(collect_contents(evidence, progress), result=result)
