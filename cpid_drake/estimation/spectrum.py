@@ -12,10 +12,10 @@ rows Q of these unknowns, G = QQᵀ and h = diag G, the squares of the transform
     (1 − 2h) S/S₀ + G² (S/S₀) + (h − G² 1)
 
 for a spectrum S, if S₀ was assumed; the last term is the noise of other sensors. Both are summed in
-bands of a factor of 2, all that is kept of a block. The noise is as declared unless
-that is improbable, and white unless that is improbable: few samples tell little. Else a grid of
-slow parts is weighed by its likelihood. The declared σ counts as
-`DECLARED` samples of what is seen of the noise, and as many of the whole, if that is larger.
+bands of a factor of 2, all that is kept of a block. The noise is as declared unless that is
+improbable, and white unless that is improbable: few samples tell little. Else a grid of slow parts
+is weighed by its likelihood. The declared σ counts as `DECLARED` samples of what is seen of the
+noise, and as many of the whole, if that is larger.
 
 Sources: Whittle 1953 (likelihood of a spectrum); Patterson and Thompson 1971 (likelihood of
 residuals).

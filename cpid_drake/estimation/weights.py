@@ -1,7 +1,7 @@
-"""Weights of samples and noise factors of sensors, as the residuals show them.
+"""Weights of samples and the noise of sensors, as the residuals show them.
 
-Samples that are far off weigh less, by the loss of `least_squares.loss_weight`. A sensor's noise
-factor is 1 or more.
+Samples that are far off weigh less, by the loss of `least_squares.loss_weight`. The spectrum of a
+sensor's noise is what blocks alone show. What the model leaves beside it is a factor of 1 or more.
 """
 
 from collections.abc import Mapping, Sequence
