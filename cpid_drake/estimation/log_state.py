@@ -213,9 +213,14 @@ class LogState:
 
     @property
     def noise_factors(self) -> dict[str, float]:
-        """Size of what is not explained, as factors of the sensors' declared σ."""
-        sizes = {name: float(np.sqrt(np.sum(each))) for name, each in self.spectra.items()}
-        return {name: sizes.get(name, 1.0) * factor for name, factor in self.noise.items()}
+        """Size of the noise inside of a block, as factors of the sensors' declared σ."""
+        found = dict(self.noise)
+        for name, spectrum in self.spectra.items():
+            times = max((block.samples[name].time for block in self.blocks), key=len)
+            if len(times) > 1:
+                power = Whitening.of(times, spectrum, np.ones(len(times))).power[1:]
+                found[name] = found.get(name, 1.0) * float(np.sqrt(np.mean(power)))
+        return found
 
     def part(self, first: int, end: int) -> "LogState":
         """Return the blocks from `first` up to `end`, with what changes behind the last of them."""
