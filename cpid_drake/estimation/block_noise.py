@@ -44,7 +44,7 @@ def _without_outliers(blocks: list[dict[str, NDArray[np.float64]]]) -> tuple[Spe
         size = np.array([size_of(each[name]) for each in own])
         weights = loss_weight(size / max(float(np.median(size)), 1e-12))
         for each, weight in zip(own, weights, strict=True):
-            each[name] = weight * each[name]
+            each[name] = weight**2 * each[name]
     return tuple(blocks)
 
 

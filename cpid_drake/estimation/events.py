@@ -96,13 +96,9 @@ def _tests(found: Fit, changes: Sequence[Sequence[int]]) -> dict[str, Whiteness]
 
 
 def _changes(found: Fit, question: Question) -> list[list[int]]:
-    """Return of each log the blocks at whose ends something changed.
-
-    Noise that is slower than a block seems small in blocks: here it is as large as declared.
-    """
+    """Return of each log the blocks at whose ends something changed."""
     model, result = found.model, []
     for log, rolled in zip(found.logs, found.rolled, strict=True):
-        log = replace(log, spectra={n: s / min(s.sum(), 1.0) for n, s in log.spectra.items()})
         best, count = list[int](), len(log.blocks)
         before = known_at_start(model, log, found.values)
         wide = log.opened(range(count - 1))

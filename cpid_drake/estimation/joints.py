@@ -32,7 +32,7 @@ from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.joint_samples import JointSamples, Smoothness, once_weights
 from cpid_drake.estimation.least_squares import loss_weight
 from cpid_drake.estimation.likelihood.joint_motion import DEGREE, ORDER, JointPart
-from cpid_drake.estimation.spectrum import DECLARED, WHITE, Spectra, added, are_near, spectrum_of
+from cpid_drake.estimation.spectrum import DECLARED, Spectra, added, are_near, spectrum_of
 from cpid_drake.files.errors import InputError
 from cpid_drake.sensors.suite import SensorSuite
 
@@ -107,14 +107,10 @@ def _spectra(
     smoothness: Smoothness,
     weights: Sequence[NDArray[np.float64]],
 ) -> Spectra:
-    """Return the shapes of the spectra, of variance 1, of the joints' sensors without steps.
-
-    What is smaller than declared may be an error of the splines: white noise is added to it.
-    """
+    """Return the shapes of the spectra, of variance 1, of the joints' sensors without steps."""
     blocks = [each.sums(smoothness, w) for each, w in zip(samples, weights, strict=True)]
     found = {name: spectrum_of(sums) for name, sums in added(*blocks).items()}
-    whole = {name: each + max(0.0, 1 - each.sum()) * WHITE for name, each in found.items()}
-    return {name: each / each.sum() for name, each in whole.items()}
+    return {name: each / each.sum() for name, each in found.items()}
 
 
 class _Splines:

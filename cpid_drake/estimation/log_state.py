@@ -128,8 +128,8 @@ class LogState:
     ) -> "LogState":
         """Return a log of other blocks with the same past; see `of_blocks`."""
         fresh = LogState.of_blocks(model, blocks, self.name, starts, past=self.past)
-        noise = self.noise if self.past else {}
-        return replace(fresh, spectra=self.spectra, noise=noise, origin=self.origin)
+        fresh = replace(fresh, origin=self.origin)
+        return replace(fresh, spectra=self.spectra, noise=self.noise) if self.past else fresh
 
     def extended(self, model: Model, block: Block, start: TrajectoryState) -> "LogState":
         """Return the log with one more block; with a past, joints of the others stay as they are.

@@ -15,7 +15,8 @@ for a spectrum S, if S₀ was assumed; the last term is the noise of other senso
 bands of a factor of 2, all that is kept of a block. The noise is as declared unless that is
 improbable, and white unless that is improbable: few samples tell little. Else a grid of slow parts
 is weighed by its likelihood. The declared σ counts as `DECLARED` samples of what is seen of the
-noise, and as many of the whole, if that is larger.
+noise, and as many of the whole, if that is larger. What is missing of it is white: noise that is
+slower than a block, too, leaves residuals that are too small.
 
 Sources: Whittle 1953 (likelihood of a spectrum); Patterson and Thompson 1971 (likelihood of
 residuals).
@@ -172,11 +173,12 @@ def spectrum_of(sums: NDArray[np.float64]) -> NDArray[np.float64]:
     for size in (v * level, np.maximum(v * whole, 1.0)):
         deviance += DECLARED * (np.log(size) + 1 / size)
     p = _ODDS * np.exp(-0.5 * (deviance - deviance.min()))
+    found = v[1] * WHITE
     if p[0] > IMPROBABLE * p.sum():
-        return WHITE
-    if p[1] > IMPROBABLE * p.sum():
-        return np.asarray(v[1] * WHITE)
-    return np.asarray((p * v)[2:] @ _FORMS[1:] / p[2:].sum())
+        found = WHITE
+    elif p[1] < IMPROBABLE * p.sum():
+        found = (p * v)[2:] @ _FORMS[1:] / p[2:].sum()
+    return np.asarray(found + max(0.0, 1 - found.sum()) * WHITE)
 
 
 def size_of(sums: NDArray[np.float64]) -> float:

@@ -19,6 +19,7 @@ from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Rolled, Values
 from cpid_drake.estimation.spectrum import DECLARED, WHITE, are_near
 from cpid_drake.estimation.unknowns import Model
+from cpid_drake.estimation.whiteness import MOST_CORRELATED
 from cpid_drake.sensors.sensors import SENSORS
 
 SAME = 1e-2
@@ -54,8 +55,11 @@ def reweighted(
     sampled = {f"{name}.{BIAS}" for name in absorbed}
     biases = sum(each.size for each in model.table if each.name in sampled)
     free = 0 if log.past else 12 + 10 + biases
+    white = _white(log, rolled.residuals)
     for name, rest in rolled.all_residuals().items():
-        shares[name] = 1 - min(free / rolled.count + absorbed.get(name, 0.0) / rest.size, MOST_LOST)
+        lost = min(free / rolled.count + absorbed.get(name, 0.0) / rest.size, MOST_LOST)
+        time = _correlation_time(white[name], lost) if name in SENSORS else 1.0
+        shares[name] = (1 - lost) / time
     for name, sums in noise_sums(log, rolled.residuals, shares).items():
         square, freedom = DECLARED + past.get(name, 0.0) + sums
         noise[name] = max(1.0, float(np.sqrt(square / freedom)))
@@ -77,15 +81,41 @@ def noise_sums(
         freedom: of one residual, by sensor.
 
     """
+    white = _white(log, residuals)
+    return {
+        name: np.array([np.sum(white[name] ** 2), white[name].size * share])
+        for name, share in freedom.items()
+        if name in white
+    }
+
+
+def _white(
+    log: LogState, residuals: Sequence[Mapping[str, NDArray[np.float64]]]
+) -> dict[str, NDArray[np.float64]]:
+    """Return the white residuals (M, d) of a log's first blocks that are not far off, by sensor."""
     plain = replace(log, noise={}, weights=tuple({} for _ in log.blocks))
-    sums = dict[str, NDArray[np.float64]]()
+    found = dict[str, list[NDArray[np.float64]]]()
     for k, (block, weights) in enumerate(zip(residuals, log.weights, strict=False)):
-        for name in block.keys() & freedom.keys():
-            white = plain.whitened(k, name, block[name])
-            near = white[weights.get(name, np.ones(len(white))) == 1.0]
-            own = np.array([np.sum(near**2), near.size * freedom[name]])
-            sums[name] = sums.get(name, 0.0) + own
-    return sums
+        for name, rest in block.items():
+            near = weights.get(name, np.ones(len(rest))) == 1.0
+            found.setdefault(name, []).append(plain.whitened(k, name, rest)[near])
+    return {name: np.concatenate(parts) for name, parts in found.items()}
+
+
+def _correlation_time(rest: NDArray[np.float64], lost: float) -> float:
+    """Return (1 + ρ)/(1 − ρ), how much stronger first-order Gauss-Markov errors are if slow.
+
+    The spectrum leaves those that are slower than a block. Of white noise, the motion takes the
+    lowest frequencies, the share that is `lost`, and leaves residuals whose neighbours have the
+    correlation −sin(π lost)/π/(1 − lost). The covariance beyond that is ρ times the variance, of
+    which 1 − lost is in residuals.
+    """
+    if len(rest) < 2 or not rest.any():
+        return 1.0
+    seen = np.mean(rest[1:] * rest[:-1]) / np.mean(rest**2)
+    of_white = -np.sin(np.pi * lost) / np.pi / (1 - lost)
+    rho = np.clip((1 - lost) * (seen - of_white), 0.0, MOST_CORRELATED)  # more is no noise
+    return float((1 + rho) / (1 - rho))
 
 
 def _weighted(log: LogState, rolled: Rolled) -> LogState:
