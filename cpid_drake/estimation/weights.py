@@ -118,7 +118,7 @@ def _correlation_time(rest: NDArray[np.float64], lost: float) -> float:
     of_white = -lost * np.sinc(lost * np.arange(N // 2)) / (1 - lost)
     rho = (1 - lost) * (products / products[0] - of_white)
     rho[0] = 1.0
-    return correlation_time(rho)
+    return correlation_time(rho, rest.size)
 
 
 def _weighted(log: LogState, rolled: Rolled) -> LogState:

@@ -103,22 +103,21 @@ class LagSums:
         rho, count = self.correlation, round(self.pairs[0] / self.channels)
         if count < 4 or len(rho) < 2:
             return Whiteness(0.0, 1.0, 1.0, count, 0.0)
-        time = correlation_time(rho)
+        time = correlation_time(rho, self.pairs[0])
         rms = float(np.sqrt(self.products[0] / self.pairs[0]))
-        return Whiteness(
-            float(rho[1]), float(BAND / np.sqrt(self.pairs[1])), time, count, rms
-        )
+        return Whiteness(float(rho[1]), float(BAND / np.sqrt(self.pairs[1])), time, count, rms)
 
 
-def correlation_time(rho: NDArray[np.float64]) -> float:
-    """Return 1 + 2 Σ ρ_k, or 1, from the autocorrelation at 0, 1, 2, … samples.
+def correlation_time(rho: NDArray[np.float64], count: float) -> float:
+    """Return 1 + 2 Σ ρ_k from the autocorrelation at 0, 1, 2, … samples of so many entries.
 
     The sum is up to where pairs of ρ turn negative (Geyer 1992, "Practical Markov Chain Monte
-    Carlo", initial positive sequence).
+    Carlo", initial positive sequence). It is 1 if white residuals may have as large a sum.
     """
     pairs = rho[: len(rho) // 2 * 2].reshape(-1, 2).sum(axis=1)
     end = int(np.argmax(pairs <= 0)) if (pairs <= 0).any() else len(pairs)
-    return max(2 * float(pairs[:end].sum()) - 1, 1.0)
+    beyond = 2 * float(pairs[:end].sum()) - 2
+    return 1 + beyond if beyond > 2 * BAND * np.sqrt(2 * end / count) else 1.0
 
 
 def whiteness(residuals: NDArray[np.float64]) -> Whiteness:
