@@ -112,12 +112,12 @@ def correlation_time(rho: NDArray[np.float64], count: float) -> float:
     """Return 1 + 2 Σ ρ_k from the autocorrelation at 0, 1, 2, … samples of so many entries.
 
     The sum is up to where pairs of ρ turn negative (Geyer 1992, "Practical Markov Chain Monte
-    Carlo", initial positive sequence). It is 1 if white residuals may have as large a sum.
+    Carlo", initial positive sequence), less two of its σ if residuals are white.
     """
     pairs = rho[: len(rho) // 2 * 2].reshape(-1, 2).sum(axis=1)
     end = int(np.argmax(pairs <= 0)) if (pairs <= 0).any() else len(pairs)
     beyond = 2 * float(pairs[:end].sum()) - 2
-    return 1 + beyond if beyond > 2 * BAND * np.sqrt(2 * end / count) else 1.0
+    return 1 + max(beyond - 4 * float(np.sqrt(2 * end / count)), 0.0)
 
 
 def whiteness(residuals: NDArray[np.float64]) -> Whiteness:
