@@ -147,18 +147,7 @@ def _trial(code, text, seconds, world, estimate, intervals, covariance, told) ->
     error, nees = estimate - world.target.to_vector(), np.nan
     if np.isfinite(error).any():
         is_relative = told is not None and told["unknowns"] == "relative"
-        order = [
-            0,
-            1,
-            2,
-            3,
-            4,
-            7,
-            9,
-            5,
-            6,
-            8,
-        ]  # of a file's xx, xy, xz, yy, yz, zz: see `relative_to`
+        order = [0, 1, 2, 3, 4, 7, 9, 5, 6, 8]  # of a file's xx, xy, xz, yy, yz, zz
         information = np.array(told["information"])[np.ix_(order, order)] if is_relative else None
         nees = nees_of(world, estimate, covariance, information, floor)
     return Trial(code, text, seconds, error, sigma, covariance, floor, nees)
