@@ -204,18 +204,6 @@ class TestCopies:
         assert channel(checked(given), "position").found == ()
 
 
-def test_samples_at_the_end_of_the_scale_are_left_out():
-    given = columns()
-    given["bwz"] = np.clip(given["bwz"], -0.3, 0.3)
-    clipped = np.abs(given["bwz"]) == 0.3
-    assert 10 < clipped.sum() < 200
-    log = checked(given)
-    assert channel(log, "gyro").found == (
-        f"{clipped.sum()} rows at the end of the scale (0.3, -0.3), left out",
-    )
-    assert len(log.measurements.gyro) == 251 - clipped.sum()
-
-
 class TestClocks:
     @pytest.mark.parametrize(
         ("moved", "of", "than", "rows"),

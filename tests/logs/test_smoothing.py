@@ -5,7 +5,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 from sensing_cases import Sines, coarse_suite, measured, true_telemetry
 
-from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.logs.log import Samples
 from cpid_drake.logs.smoothing import smooth
 from cpid_drake.sensors.sensors import AttitudeSensor, Gyro
@@ -195,11 +194,3 @@ def test_no_times_are_in_a_gap_and_beside_it_the_errors_are_known(scene, name):
     z, times = normalized(suite, *scene(suite), range(4), without(name, 3.5, 4.5))
     assert not ((times > 3.6) & (times < 4.4)).any()
     assert np.sqrt(np.mean(z**2)) < 1.3
-
-
-def test_angular_velocity_is_given_in_the_world(scene):
-    suite = coarse_suite(gyro=Gyro(20.0))
-    perfect, _ = scene(suite, TUMBLE)
-    t, _ = smooth(perfect, suite, perfect.gyro.time[20:60])
-    in_base = rotate(np.swapaxes(t.R_WB, -1, -2), t.w_WB)
-    np.testing.assert_allclose(in_base, perfect.gyro.value[20:60], rtol=0, atol=1e-5)

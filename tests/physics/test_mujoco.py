@@ -5,8 +5,6 @@ joints follow a smooth reference by springs and dampers. These are internal torq
 momentum stays zero from rest, whatever the joints really do.
 """
 
-import csv
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -73,12 +71,6 @@ class Log:
 
     columns: list[str]
     rows: NDArray[np.float64]
-
-    def write(self, file: Path) -> None:
-        with file.open("w", newline="") as stream:
-            writer = csv.writer(stream)
-            writer.writerow(self.columns)
-            writer.writerows([[f"{value:.17g}" for value in row] for row in self.rows.tolist()])
 
     def telemetry(self, joint_names: tuple[str, ...]) -> Motion:
         base = np.split(self.rows[:, 1:14], [4, 7, 10], axis=1)
@@ -175,18 +167,6 @@ def dual_arm_log(dual_arm_file, skewed_target) -> Log:
 def test_what_mujoco_simulates_is_identified(dual_arm, dual_arm_log, skewed_target, rows):
     telemetry = dual_arm_log.telemetry(dual_arm.joint_names)
     assert_identified(identify(dual_arm, telemetry, rows=rows).parameters, skewed_target)
-
-
-def test_the_command_identifies_from_mujocos_log(
-    dual_arm_log, dual_arm_file, skewed_target, tmp_path, run_cpid
-):
-    log, result = tmp_path / "log.csv", tmp_path / "result.json"
-    dual_arm_log.write(log)
-    arguments = ["identify", log, "--spacecraft", dual_arm_file, "--json", result]
-    names = ["--base", "bus", "--capture-frame", "left_grip"]
-    assert run_cpid(*arguments, *names)[0] == 0
-    found = json.loads(result.read_text())
-    assert_identified(np.array(found["parameters"]), skewed_target)
 
 
 def test_the_shipped_servicer_moves_in_mujoco_as_here(servicer, paper_target):

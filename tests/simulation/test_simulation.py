@@ -10,7 +10,6 @@ from cpid_drake import (
     InertialParameters,
     InputError,
     JointController,
-    identify,
     load_scenario,
     make_simulation,
     shipped_scenario,
@@ -62,27 +61,6 @@ def test_a_motion_that_starts_moving_needs_the_right_base_twist(servicer, skewed
     plant.SetPositionsAndVelocities(context, state)
     momentum = plant.CalcSpatialMomentumInWorldAboutPoint(context, np.zeros(3)).get_coeffs()
     assert np.abs(momentum).max() > 1.0
-
-
-@pytest.mark.slow
-def test_a_tumbling_capture_is_identified_with_its_momentum():
-    """Online, in the full simulation; the momentum stays what the scenario says."""
-    scenario = load_scenario(shipped_scenario("tumbling_capture"))
-    scenario.simulation.simulator.accuracy = 3e-12
-    scenario.simulation.duration = 5.0
-    simulation = make_simulation(scenario)
-    root_context = simulation.run()
-    telemetry = simulation.motion(root_context)
-    P, L = system_momentum(simulation.spacecraft.tree, simulation.truth, telemetry)
-    momentum = np.tile(scenario.simulation.momentum_W, (len(telemetry), 1))
-    np.testing.assert_allclose(np.hstack([L, P]), momentum, rtol=0, atol=1e-7)
-    context = simulation.identifier.GetMyContextFromRoot(root_context)
-    estimate = simulation.identifier.GetOutputPort("parameters").Eval(context)
-    np.testing.assert_allclose(estimate, simulation.truth.to_vector(), rtol=0, atol=1e-5)
-    # The paper's form, on the same data, assumes zero momentum: it has no answer, and says why.
-    wrong = identify(simulation.spacecraft, telemetry, rows="eq18")
-    assert np.isnan(wrong.parameters[0])
-    assert "contradict a total momentum of zero" in wrong.failures[0]
 
 
 # -- sensors -------------------------------------------------------------------------------------

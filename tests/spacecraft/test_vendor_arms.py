@@ -144,12 +144,6 @@ def test_a_target_is_identified_on_a_vendors_arm(on_carrier, box, arm):
     assert np.abs((result.parameters - box.to_vector()) / scale).max() < 1e-6
 
 
-def test_a_hand_whose_fingers_mimic_each_other_is_refused_with_what_to_do(on_carrier):
-    """They are coupled: to take them for two free joints would be another spacecraft."""
-    with pytest.raises(InputError, match=r"mimic.*make joints fixed that hold still.*fingers"):
-        Spacecraft(**on_carrier("panda"))
-
-
 # -- geometry is not needed ----------------------------------------------------------------------
 
 
