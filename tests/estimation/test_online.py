@@ -78,26 +78,6 @@ def test_a_change_of_any_size_leaves_the_target_right(case, model, size, time):
         assert nees(case, *target(deaf.gaussian, deaf.values, "log")) > 60
 
 
-def test_a_window_as_long_as_the_log_is_the_fit_of_all_samples(case, model):
-    samples = add_noise(SUITE, case.samples, 2)
-    state = run(model, [samples], OnlineState(np.inf))
-    found = fit(model, [LogState.of(model, samples)])
-    psi, covariance = target(found.gaussian, found.values, "log")
-    again, same = target(state.found.gaussian, state.found.values)
-    assert np.abs((again - psi) / np.sqrt(np.diag(covariance))).max() < 0.01
-    np.testing.assert_allclose(np.diag(same), np.diag(covariance), rtol=0.01)
-
-
-def test_after_a_change_at_the_beginning_the_first_momentum_is_what_was_given(case, model):
-    """And the target is right: the momentum after the change is another unknown."""
-    state = run(model, [add_noise(SUITE, fired(case, 0.6, MOMENTUM), 2)])
-    found = identification_of_state(model, state, TotalMomentum.zero())
-    assert found.momentum == "zero"
-    assert not found.failures
-    assert len(found.momentum_changes) == 1
-    assert nees(case, *target(state.found.gaussian, state.found.values)) < 30
-
-
 def test_blocks_that_are_linear_about_another_target_fail_a_check(case, model):
     """By a fifth of the target: not if it is what it was."""
     state = run(model, [add_noise(SUITE, case.samples, 1)])

@@ -121,13 +121,6 @@ def test_warnings_are_printed_first(result):
     assert str(said) == f"warning: the momentum may not be zero\n{result}"
 
 
-def test_numbers_of_sigma_are_written_out(result):
-    sigma = np.sqrt(np.diag(result.covariance))
-    text = str(replace(result, sensitivity={"mass": 114.3 * sigma}))
-    assert "by +110 σ" in text or "is +110 σ" in text
-    assert not re.search(r"e[+-]\d+ σ", text)
-
-
 def test_principal_moments_and_axes_have_the_digits_that_the_covariance_allows(result):
     """The last digit is below σ, and not below a thousandth of it; σ by drawing targets."""
     rng = np.random.default_rng(0)
