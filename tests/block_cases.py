@@ -138,10 +138,7 @@ def make_case(folder, target, suite, momentum_W=None, duration=DURATION) -> Case
 
 
 def fired(case: Case, time, momentum_W, duration=1e-6) -> Log:
-    """Return what a case's sensors measure without noise if thrusters fire, which nobody logs.
-
-    They add a momentum (6,) about W's origin, in W [N·m·s, N·s].
-    """
+    """Return what a case's sensors measure without noise if thrusters fire, which nobody logs."""
     trial, tree, names = trial_of(case), case.craft.tree, case.craft.joint_names
     base = trials.base_trajectory(trial, tree, np.array([0.0, time]))
     R_WB = Rotation.from_quat(base.quaternion_WB[1], scalar_first=True)

@@ -74,10 +74,7 @@ def own_attributes(owner: type) -> frozenset[str]:
 
 
 def exists(name: str, local: set[str] = frozenset()) -> bool:
-    """Return whether a name is known to the package, to one module's code, or importable.
-
-    A dotted name that begins with a module of the package must be in that module.
-    """
+    """Return whether a name is known to the package, to one module's code, or importable."""
     names, modules = known_names()
     parts = name.split(".")
     if name in names or NOT_A_NAME.match(name):

@@ -32,16 +32,7 @@ Content = str | bytes | Callable[[], str | bytes]
 
 @dataclass(frozen=True)
 class Case:
-    """One bad file.
-
-    Attributes:
-        name: what is wrong.
-        kind: "telemetry", "model", "scenario", "sensors", "result" or "export" (a result that can
-            be read, and has no target to export).
-        make: writes it into a folder and returns its name.
-        phrases: what the message must contain.
-
-    """
+    """One bad file."""
 
     name: str
     kind: str

@@ -123,13 +123,7 @@ def press(page, name: str) -> None:
 
 @pytest.fixture
 def live():
-    """A live view, served in a thread of its own, as Meshcat wants.
-
-    Drake ends the process if a Meshcat is destroyed in another thread than its own, so garbage that
-    contains one is collected in its thread.
-
-    Returns the address of the scene, and the thread.
-    """
+    """A live view, served in a thread of its own, as Meshcat wants."""
     urls = queue.Queue()
 
     def show() -> None:

@@ -64,10 +64,7 @@ def fits(case):
 
 @pytest.mark.parametrize("name", FITS)
 def test_errors_are_as_the_covariance_and_the_bound_say(case, fits, name):
-    """Noise is no change of momentum and no misfit.
-
-    An error that the sensors do not declare, and that a log cannot exclude, may widen its interval.
-    """
+    """Noise is no change of momentum and no misfit."""
     low, high = chi2.ppf([1e-3, 1 - 1e-3], 30)
     assert low < sum(nees(case, found) for found in fits[name]) < high
     bound = cramer_rao_bound(case.craft.tree, case.psi, case.samples, SUITE)

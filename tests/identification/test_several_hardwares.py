@@ -122,11 +122,7 @@ class TestTwoHardwares:
 
 class TestOneHardware:
     def test_its_errors_are_shared(self, craft, logs):
-        """Two logs know better what the motion shows of them, and so the mass.
-
-        The zero of the last joint turns the target about its axis: no log shows it. Two hardwares
-        show the difference of theirs, and half of the variance of each is left.
-        """
+        """Two logs know better what the motion shows of them, and so the mass."""
         pair = {name: logs(0)[name] for name in ("a", "b")}
         shared = identify(craft, pair, sensors=declared(), momentum="zero")
         separate = {name: declared() for name in pair}

@@ -73,12 +73,7 @@ def normalized(suite, perfect, truth, seeds=SEEDS, change=lambda measurements: m
 
 
 def assert_consistent(z, **highest) -> None:
-    """Errors over σ have a mean square of one, or somewhat more where it is said.
-
-    Attitude has the fewest independent errors: some 25 in eight runs, so that their root mean
-    square is only known to 14 %. The base's rates are smoothed as much as Akaike's criterion says,
-    and have misfit that is not in the covariance.
-    """
+    """Errors over σ have a mean square of one, or somewhat more where it is said."""
     for name, columns in GROUPS.items():
         high = highest.get(name.replace(" ", "_"), 1.3)
         rms = np.sqrt(np.mean(z[..., columns] ** 2))
@@ -134,10 +129,7 @@ def test_the_gyros_bias_is_no_angular_velocity(scene):
     ("rate", "integrates"), [(10.0, False), (10.0, True), (2.0, False)], ids=str
 )
 def test_noise_free_motion_comes_back_through_whole_turns(scene, rate, integrates):
-    """A base that tumbles through more than a turn: attitude and rate are right throughout.
-
-    Between few attitudes, the path of the attitude is wrong by what the gyro must mend.
-    """
+    """A base that tumbles through more than a turn: attitude and rate are right throughout."""
     suite = coarse_suite(gyro=Gyro(50.0, integrates=integrates), attitude=AttitudeSensor(rate))
     perfect, truth = scene(suite, TUMBLE)
     smoothed, _ = smooth(perfect, suite)

@@ -86,10 +86,7 @@ def simulate(
     step: float = STEP,
     start_twist: tuple[float, ...] = (0.0,) * 6,
 ) -> Log:
-    """Simulate the model in MuJoCo with the target on one of its bodies.
-
-    `start_twist` is (v_WBo_W, w_WB_B), MuJoCo's convention for a free joint.
-    """
+    """Simulate the model in MuJoCo with the target on one of its bodies."""
     spec = mujoco.MjSpec.from_file(str(model_file))
     spec.compiler.fusestatic = False  # bodies without a joint are to stay, in URDF too
     bus = spec.body("bus")

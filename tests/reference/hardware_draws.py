@@ -15,15 +15,7 @@ X, Y, Z = np.eye(3)
 
 @dataclass(eq=False)
 class Draw:
-    """Files of a draw, and its truth.
-
-    Attributes:
-        urdf, sensors: the model of the known spacecraft, and the file of its sensors.
-        logs: NPZ files.
-        truth: (10,) parameters of the target in the capture frame.
-        dead: name of the dead valve; empty for none.
-
-    """
+    """Files of a draw, and its truth."""
 
     urdf: Path
     sensors: Path
@@ -71,10 +63,7 @@ def pose_sensors(rate, sigma_m, sigma_rad) -> dict:
 
 
 def inside(rng, valves: list[Valve], rate: float, mass: float):
-    """Return a command: random pulses of 0.2 to 1 s of one or two valves, then a pause.
-
-    Of a few random choices that with the smallest error of pose and rates is fired.
-    """
+    """Return a command: random pulses of 0.2 to 1 s of one or two valves, then a pause."""
     u, until = np.zeros(len(valves)), 0
     force = np.array([v.force * v.direction for v in valves])
     moment = np.array([np.cross(v.position, f) for v, f in zip(valves, force)])
@@ -105,10 +94,7 @@ def inside(rng, valves: list[Valve], rate: float, mass: float):
 
 
 def valves(seed: int, folder: Path, *, declared: bool = True) -> Draw:
-    """A platform with on/off valves and no arm; one valve is dead, thrust is late.
-
-    Without `declared`, the sensors' file has neither disturbances nor σ of the thrusters.
-    """
+    """A platform with on/off valves and no arm; one valve is dead, thrust is late."""
     rng = np.random.default_rng([12, 1, seed])
     planar, joint = seed % 2 == 0, bool(seed // 2 % 2)
     mass, share = rng.uniform(8, 40), rng.uniform(0.3, 0.8)
@@ -178,10 +164,7 @@ def valves(seed: int, folder: Path, *, declared: bool = True) -> Draw:
 
 
 def floor(seed: int, folder: Path, *, logs: int = 1, step: float = 0.0) -> Draw:
-    """An arm on a table, seen at 5 Hz with gaps; noise three times the declared one.
-
-    In the last log, somebody moves the base by `step` [m].
-    """
+    """An arm on a table, seen at 5 Hz with gaps; noise three times the declared one."""
     rng = np.random.default_rng([12, 2, seed])
     base = Body.drawn(rng, rng.uniform(6, 15), 0.35, np.zeros(3))
     target = Body.drawn(

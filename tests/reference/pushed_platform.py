@@ -14,10 +14,7 @@ OWN, COMMON, DELAY = 0.1, 0.05, 0.1
 
 
 def platform(seed: int, folder: Path, *, common: bool = True) -> tuple[Draw, float]:
-    """Return a draw, and the true error that all forces have in common; one valve is dead.
-
-    Without `common`, the sensors' file does not declare that there is one.
-    """
+    """Return a draw, and the true error that all forces have in common; one valve is dead."""
     rng = np.random.default_rng([12, 4, seed])
     base = Body.drawn(rng, 0.55 * MASS, 0.35, 0.02 * rng.standard_normal(3))
     target = Body.drawn(rng, 0.45 * MASS, 0.3, [0.12, *0.04 * rng.standard_normal(2)])

@@ -8,11 +8,7 @@ from scipy.special import chdtrc
 @pytest.mark.slow
 @pytest.mark.parametrize(("seed", "declared"), [(1, True), (2, False), (4, True), (5, False)])
 def test_a_platform_that_only_valves_move_is_identified(tmp_path, seed, declared):
-    """In space or on a floor; one valve dead, thrust late, and nothing else changes momentum.
-
-    Whether or not the sensors' file declares that forces err. If it does not, its forces are
-    assumed to err so much that the mass need not be known.
-    """
+    """In space or on a floor; one valve dead, thrust late, and nothing else changes momentum."""
     found = identified(valves(seed, tmp_path, declared=declared), "--momentum", "unknown")
     assert found["code"] in (0, 3)
     assert found["named"]

@@ -48,10 +48,7 @@ def vendor_folder() -> Path:
 
 @pytest.fixture
 def on_carrier(vendor_folder, tmp_path):
-    """Return a function (arm, edit) -> keywords of a Spacecraft of carrier and arm.
-
-    As a user writes it: model directives; and a copy of the arm's file, edited, if need be.
-    """
+    """Return a function (arm, edit) -> keywords of a Spacecraft of carrier and arm."""
 
     def write(arm: str, edit=None) -> dict:
         file, first_link, held_by = ARMS[arm]

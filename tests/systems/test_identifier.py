@@ -84,10 +84,7 @@ def test_online_equals_batch(servicer, motion, rows):
 def test_errors_are_as_large_as_their_deviations(
     servicer, skewed_target, zero_momentum_motion, rows, least
 ):
-    """Root mean square of error over σ, for each parameter, over logs with white noise.
-
-    The σ of what only the linear rows of Eq. 18 tell is too large: their errors are smaller.
-    """
+    """Root mean square of error over σ, for each parameter, over logs with white noise."""
     truth, ratios = skewed_target.to_vector(), []
     identifier = MomentumIdentifier(servicer, rows=rows)
     for seed in range(30):

@@ -78,10 +78,7 @@ def give(identifier, context, **shown) -> None:
 
 
 def play(identifier, context, measurements, *, delay=None, until=np.inf) -> None:
-    """Show samples as `SpacecraftSensors` would, each `delay` [s] of its sensor after its stamp.
-
-    The updates are 10 ms apart, at instants between those of the sensors.
-    """
+    """Show samples as `SpacecraftSensors` would, each `delay` [s] of its sensor after its stamp."""
     delay = delay or {}
     queues = {
         name: (s.time + delay.get(name, 0.0), np.column_stack([s.time, s.value]))
