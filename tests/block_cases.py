@@ -86,6 +86,11 @@ class Case:
     def psi(self):
         return true_psi(self.craft, self.target)
 
+    def nees(self, psi, covariance) -> float:
+        """Return the squared error of ψ in units of its covariance."""
+        error = psi - self.psi
+        return float(error @ np.linalg.solve(covariance, error))
+
     def block(self, start: float, end: float, samples=None) -> Block:
         samples = self.samples if samples is None else samples
         return Block(start, end, after(samples, start, end))

@@ -49,11 +49,6 @@ def target(gaussian, values, at_rest=False):
     return values[PSI] + found.solve(), found.covariance()
 
 
-def nees(case, psi, covariance):
-    error = psi - true_psi(case.craft, case.target)
-    return error @ np.linalg.solve(covariance, error)
-
-
 @pytest.fixture(scope="module")
 def found(case):
     return fitted(case)
@@ -155,7 +150,7 @@ def test_a_slow_log_with_gaps_and_larger_noise_is_fitted(tmp_path, skewed_target
     assert found.converged
     assert found.sweeps <= 25
     np.testing.assert_allclose(found.logs[0].smoothness.noise, 3.0, rtol=0.3)
-    assert nees(case, *target(found.gaussian, found.values)) < 30
+    assert case.nees(*target(found.gaussian, found.values)) < 30
 
 
 def test_what_the_motion_leaves_open_stays_where_it_was(tmp_path, skewed_target):

@@ -258,3 +258,16 @@ def test_what_does_not_matter_is_said_once(load, caplog):
     assert said.endswith(
         "without effect on masses, joints and frames: frictionloss (1), stiffness (1)"
     )
+
+
+@pytest.mark.parametrize("mesh", ["missing.obj", "there.stl"])
+def test_a_mesh_of_mjcf_that_cannot_be_read_is_named(tmp_path, mesh):
+    """There a body may take its mass from the mesh: Drake does not go on without it."""
+    (tmp_path / "there.stl").touch()
+    file = tmp_path / "model.xml"
+    file.write_text(
+        f'<mujoco model="r"><asset><mesh name="m" file="{mesh}"/></asset><worldbody>'
+        '<body name="hull"><freejoint/><geom type="mesh" mesh="m"/></body></worldbody></mujoco>'
+    )
+    with pytest.raises(InputError, match=f"mesh.*{mesh}"):
+        Spacecraft(file, base="hull", capture_frame="hull")
