@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from flyer_cases import FREE_FLYER, SAMPLE
 
 from cpid_drake import InertialParameters, load_sensors, read_log, write_log
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
@@ -14,11 +15,6 @@ from cpid_drake.files.resources import models_directory
 from cpid_drake.identification.description import principal_axes
 from cpid_drake.identification.result_files import read_result
 
-SAMPLE = models_directory() / "telemetry/free_flyer.csv"
-FREE_FLYER = (
-    *("--spacecraft", models_directory() / "free_flyer/free_flyer.urdf"),
-    *("--base", "body", "--capture-frame", "capture_point"),
-)
 NOISY = (*FREE_FLYER, "--sensors", "testbed")
 SERVICER = ("--scenario", "paper")
 BAG = InertialParameters(
