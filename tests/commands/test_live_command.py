@@ -47,6 +47,7 @@ def test_what_cannot_be_replayed_is_refused(refusal, given, says):
     assert says in refusal("live", "replay", SAMPLE, *given)
 
 
+@pytest.mark.slow
 def test_logged_thrust_is_replayed_too(cpid, tmp_path):
     """Without it the burn would be a change of the momentum that nothing explains."""
     out = tmp_path / "run"

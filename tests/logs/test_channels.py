@@ -54,14 +54,6 @@ class TestWrappedJoints:
         given[JOINT] = 3.1 + 0.3 * np.sin(given["time"])
         assert any("beyond the model's limits" in warning for warning in checked(given).warnings)
 
-    def test_the_target_is_found(self):
-        given = columns()
-        given[JOINT] = wrapped(given[JOINT])
-        found = identify(flyer(), from_columns(given), rows="relative")
-        plain = identify(flyer(), from_columns(columns()), rows="relative")
-        np.testing.assert_allclose(found.parameters, plain.parameters, rtol=1e-9)
-        assert abs(found["m"].value - MASS) < 4 * found["m"].sigma
-
     def test_a_sliding_joint_is_not_wrapped(self, craft, skewed_target):
         """One that moves by 6.28 m within a sample is damaged, not turned."""
         motion = Sines.drawn(len(craft.joint_names), 3, 6.0, 0.5)

@@ -151,19 +151,6 @@ def test_samples_are_taken_at_the_given_times(servicer, motion, period, offset, 
 
 
 @pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        ({"perod": 1.0}, "'perod'"),
-        ({"stat": None}, "'stat'"),
-        ({}, "'state'"),
-    ],
-)
-def test_a_misspelt_option_or_port_is_named(servicer, given, message):
-    with pytest.raises(TypeError, match=message):
-        MomentumIdentifier.AddToBuilder(DiagramBuilder(), servicer, **given)
-
-
-@pytest.mark.parametrize(
     ("ports", "message"),
     [
         (["stat"], "has no input 'stat'"),
