@@ -1,8 +1,4 @@
-"""The paper's equations for one instant, in W.
-
-No product uses them: c and I in W change as the target turns, so these rows cannot be stacked over
-time. They are an independent way to Eq. 18.
-"""
+"""The paper's equations for one instant, in W."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray

@@ -1,9 +1,4 @@
-"""Bad files of every kind, each with what the one line about it must say: where, and what.
-
-A case is made when it is needed: `Case.make(folder)` writes the file, and what it refers to, into
-a folder and returns how a user would name it. Beside it stand `arm.urdf` and `log.csv`, which are
-all right: see `write_good`.
-"""
+"""Bad files of every kind, each with what the one line about it must say: where, and what."""
 
 import io
 import json

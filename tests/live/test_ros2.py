@@ -1,7 +1,4 @@
-"""The ROS 2 node beside a robot in another process: late, deaf, killed, started again.
-
-It needs ROS 2: a sourced one, or `pip install 'cpid-drake[ros2]'` on Python 3.11.
-"""
+"""The ROS 2 node beside a robot in another process: late, deaf, killed, started again."""
 
 import json
 import os

@@ -1,7 +1,4 @@
-"""Logs as other tools write them: each is read right, or refused with place and remedy.
-
-Every case changes the columns of one log of 251 rows, or their text.
-"""
+"""Logs as other tools write them: each is read right, or refused with place and remedy."""
 
 import io
 from datetime import datetime, timedelta
