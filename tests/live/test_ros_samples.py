@@ -200,12 +200,6 @@ def test_each_quantity_has_one_source(flyer):
     assert {name for name, *_ in alone.identifier.heard} == {"attitude", "gyro"}
 
 
-def test_a_quaternion_that_nobody_filled_is_no_attitude(flyer):
-    samples = make(flyer)
-    samples.take("pose", pose(EPOCH, [0, 0, 0, 0], [1, 2, 3]), 0, 0.0)
-    assert [name for name, *_ in samples.identifier.heard] == ["position"]
-
-
 def test_transforms_are_those_between_the_named_frames(flyer):
     samples = make(flyer, {"joints": "/joints", "pose": "/tf:map:body"})
 
