@@ -128,16 +128,21 @@ def test_intervals_hold(craft, ideal, skewed_target, errors, least):
 def test_noise_slower_than_a_block_widens_the_intervals(craft, ideal, skewed_target):
     """Half of a gyro's noise is correlated over 3 s: no block shows it, its size is as declared."""
 
-    def half_slow(rng, shape):
-        slow = coloured(rng, shape, np.exp(-20.0 / shape[0] / 3.0))
-        return (rng.standard_normal(shape) + slow) / np.sqrt(2)
+    def white(rng, times, shape):
+        return rng.standard_normal(shape)
+
+    def half_slow(rng, times, shape):
+        slow = coloured(rng, times, shape, np.exp(-20.0 / shape[0] / 3.0))
+        return (white(rng, times, shape) + slow) / np.sqrt(2)
 
     suite = coarse_suite(gyro=Gyro(50.0, 0.005, 1.0), encoders=JointSensor(50.0, 1e-5))
     exact, squares = ideal(suite, 20.0), []
     for seed in range(4):
-        white = spoiled(exact, suite, lambda rng, shape: rng.standard_normal(shape), seed)
-        gyro = spoiled(exact, suite, half_slow, seed).gyro
-        found = identify(craft, white.updated({"gyro": gyro}), sensors=suite)
+        log, slow = (
+            with_drawn_errors(suite, exact, partial(draw, np.random.default_rng(seed)))
+            for draw in (white, half_slow)
+        )
+        found = identify(craft, log.updated({"gyro": slow.gyro}), sensors=suite)
         squares += [nees(found, skewed_target)] if found.passed else []
     assert squares
     assert max(squares) < chi2.isf(1e-4, 10)
