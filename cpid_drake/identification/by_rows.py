@@ -24,7 +24,8 @@ from cpid_drake.estimation.least_squares import KNOWN
 from cpid_drake.estimation.rows_fit import TARGET, LogRows
 from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.files.digits import significant
-from cpid_drake.identification.checked_log import Arguments, CheckedLog, suite_of
+from cpid_drake.identification.arguments import Arguments
+from cpid_drake.identification.checked_log import CheckedLog, suites_of
 from cpid_drake.identification.checks import IMPROBABLE, Check, halves_check, momentum_words
 from cpid_drake.identification.model_sensitivity import with_larger_base
 from cpid_drake.identification.result import Identification
@@ -295,7 +296,8 @@ def _summarize(
     if log.states is not None:
         suite = None
     elif suite is None and common_times(log.measurements, family) is None:
-        suite, warnings = suite_of(None, log)
+        suites, warnings = suites_of({"": log})
+        suite = suites[""]
     has_place = bool(len(log.measurements.position)) or not family.uses_base_position
     is_open = momentum is None or momentum.is_zero  # the samples may contradict zero
     is_tested = is_open and bool(len(log.measurements.attitude)) and has_place

@@ -9,9 +9,10 @@ from dataclasses import dataclass, replace
 
 from cpid_drake.dynamics.rows import ROW_FAMILIES
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.files.errors import InputError
+from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.identification import by_rows, fitted, online
-from cpid_drake.identification.checked_log import Arguments, CheckedLog
+from cpid_drake.identification.arguments import Arguments
+from cpid_drake.identification.checked_log import CheckedLog
 from cpid_drake.identification.result import Identification
 from cpid_drake.sensors.sensors import SENSORS
 
@@ -82,6 +83,20 @@ def methods() -> tuple[str, ...]:
     return (*ROW_FAMILIES, *others)
 
 
+def choose(arguments: Arguments, logs: Mapping[str, CheckedLog]) -> tuple[Estimator, Arguments]:
+    """Return the estimator, and the arguments with its name and that of its rows.
+
+    Raises:
+        InputError: see `with_method`; a log lacks what the estimator needs.
+
+    """
+    arguments = with_method(arguments, logs)
+    for log in logs.values():
+        with prefix_errors(log.label):
+            _require_sensors(log, arguments)
+    return ESTIMATORS[arguments.estimator or ""], arguments
+
+
 def with_method(arguments: Arguments, logs: Mapping[str, CheckedLog]) -> Arguments:
     """Return the arguments, with names of the estimator and of its rows, if it uses any.
 
@@ -119,14 +134,8 @@ def with_method(arguments: Arguments, logs: Mapping[str, CheckedLog]) -> Argumen
     return replace(arguments, estimator=estimator, rows=rows)
 
 
-def require_sensors(log: CheckedLog, arguments: Arguments) -> None:
-    """Refuse a log that lacks what an estimator needs.
-
-    Raises:
-        InputError: a sensor that the estimator needs has no samples, or is not one of the given
-            sensors; its rows do not exist, or cannot handle this momentum.
-
-    """
+def _require_sensors(log: CheckedLog, arguments: Arguments) -> None:
+    """Refuse a log without samples, or errors, of a sensor that the estimator needs."""
     needs: tuple[tuple[str, ...], ...] = (("encoders",), ("attitude",))
     family = arguments.family
     if family is not None:

@@ -23,7 +23,8 @@ from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.estimation.whiteness import Whiteness, whiteness
 from cpid_drake.files.errors import prefix_errors
 from cpid_drake.identification.answer import Observed, answer_of, at_momentum
-from cpid_drake.identification.checked_log import Arguments, CheckedLog, suites_of
+from cpid_drake.identification.arguments import Arguments
+from cpid_drake.identification.checked_log import CheckedLog, suites_of
 from cpid_drake.identification.halves import part_checks
 from cpid_drake.identification.model_sensitivity import base_sensitivity
 from cpid_drake.identification.over_time import over_time

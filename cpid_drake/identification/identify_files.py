@@ -12,8 +12,13 @@ import numpy as np
 
 from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.files.resources import __version__, resolve_model
-from cpid_drake.identification.arguments import resolve_bodies, resolve_momentum, resolve_sensors
-from cpid_drake.identification.checked_log import Arguments, left_out_warnings
+from cpid_drake.identification.arguments import (
+    Arguments,
+    resolve_bodies,
+    resolve_momentum,
+    resolve_sensors,
+)
+from cpid_drake.identification.checked_log import left_out_warnings
 from cpid_drake.identification.identify import identify
 from cpid_drake.identification.prior import load_prior
 from cpid_drake.identification.request import Request, Source, log_names

@@ -13,7 +13,8 @@ from cpid_drake.estimation.posterior import known_target
 from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.answer import Observed, answer_of
-from cpid_drake.identification.checked_log import Arguments, CheckedLog, suite_of
+from cpid_drake.identification.arguments import Arguments
+from cpid_drake.identification.checked_log import CheckedLog, suites_of
 from cpid_drake.identification.checks import Check
 from cpid_drake.identification.result import Identification
 
@@ -90,7 +91,8 @@ def estimate(
     if len(logs) > 1:
         raise InputError(f"{NAME} identifies from one log; use the trajectory fit")
     [log], craft = logs.values(), arguments.spacecraft
-    suite, warnings = suite_of(arguments.sensors, log)
+    suites, warnings = suites_of(logs)
+    [suite] = suites.values()
     has_thrust = log.measurements.has_thrust
     model = Model.of(craft.tree, suite, arguments.known_bodies, has_thrust=has_thrust)
     if arguments.prior is not None:

@@ -73,14 +73,25 @@ def normal_in_base(attitude: NDArray[np.float64]) -> NDArray[np.float64]:
     return nearest if normal @ nearest > np.cos(LEVEL) else normal
 
 
-def one_normal(normals: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Return the table's normal (3,) in B of several logs, by their names.
+def common_normal(
+    normals: Mapping[str, NDArray[np.float64] | None],
+) -> NDArray[np.float64] | None:
+    """Return the table's normal (3,) in B of several logs, by their names; None without a table.
 
     Raises:
-        InputError: it is not the same in all of them.
+        InputError: only some have one, or it is not the same in all of them.
 
     """
-    [(first, normal), *others] = normals.items()
+    on_table = {name: normal for name, normal in normals.items() if normal is not None}
+    if not on_table:
+        return None
+    [(first, normal), *others] = on_table.items()
+    for name in normals:
+        if name not in on_table:
+            raise InputError(
+                f"{first} has x, y and yaw only, as on a table, and {name} has not: say --planar "
+                "or --no-planar"
+            )
     for name, other in others:
         if other @ normal < np.cos(LEVEL):
             angle = np.degrees(np.arccos(np.clip(other @ normal, -1.0, 1.0)))
@@ -88,7 +99,7 @@ def one_normal(normals: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64
                 f"{name} and {first} have other axes of the base along the table's normal "
                 f"({angle:.0f}° apart): identify them one by one, and combine the results"
             )
-    total = np.sum(list(normals.values()), axis=0)
+    total = np.sum(list(on_table.values()), axis=0)
     return np.asarray(total / np.linalg.norm(total))
 
 

@@ -34,7 +34,7 @@ from cpid_drake.identification.arguments import (
     resolve_prior,
     resolve_sensors,
 )
-from cpid_drake.identification.checked_log import check_log, suite_of
+from cpid_drake.identification.checked_log import check_log, suites_of
 from cpid_drake.identification.fitted import NAME
 from cpid_drake.identification.identify import identify
 from cpid_drake.identification.prior import TargetPrior
@@ -171,7 +171,8 @@ def validate(
     for name in ("attitude", "encoders"):
         if not log.counts.get(name):
             raise InputError(f"the log has no samples of {SENSORS[name].quantity}")
-    sensors, said = suite_of(sensors, log)
+    [suites, said] = suites_of({"": replace(log, sensors=sensors)})
+    sensors = suites[""]
     thrust = log.measurements.has_thrust
     model = Model.of(spacecraft.tree, sensors, known_bodies, has_thrust=thrust)
     whole = LogState.of(model, log.measurements)
