@@ -5,8 +5,9 @@ here tests one consequence of this assumption with the data, and becomes one of
 `Identification.checks`.
 """
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,28 +79,55 @@ class Check:
         return cls(name, "" if passed else sentence, shown, limit, passed)
 
 
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """What the residuals of all samples show.
+
+    Attributes:
+        tests: whiteness of the residuals of each sensor (of log).
+        counts: numbers of outliers, which are not used, and of all samples, by log and sensor.
+        changes: times at which the momentum changed [s].
+        beside: whiteness of the residuals by sensor where nothing changed, with all ends open.
+
+    """
+
+    tests: Mapping[str, Whiteness]
+    counts: Mapping[tuple[str, str], tuple[int, int]]
+    changes: tuple[float, ...] = ()
+    beside: Mapping[str, Whiteness] = field(default_factory=dict)
+
+    @property
+    def used(self) -> Counter[str]:
+        """Number of samples that are no outliers, by log."""
+        used = Counter[str]()
+        for (log, _), (far, count) in self.counts.items():
+            used[log] += count - far
+        return used
+
+    @property
+    def rejected(self) -> dict[str, int]:
+        """Number of outliers by sensor."""
+        rejected = Counter[str]()
+        for (_, sensor), (far, _) in self.counts.items():
+            rejected[sensor] += far
+        return {name: count for name, count in rejected.items() if count}
+
+
 def fit_checks(
-    converged: bool,
-    outliers: float,
-    noise: Mapping[str, float],
-    tests: Mapping[str, Whiteness],
-    changes: int = 0,
-    logs: int = 1,
-    beside: Mapping[str, Whiteness] | None = None,
+    converged: bool, noise: Mapping[str, float], observed: Observed, logs: int = 1
 ) -> Iterator[Check]:
     """Yield the checks of a fit.
 
     Args:
         converged: whether it reached its minimum.
-        outliers: largest share of outliers, which are not used, in the samples of a sensor.
         noise: factors of the declared σ, by sensor or by "sensor of log".
-        tests: whiteness of the residuals of each sensor.
-        changes: number of changes of the momentum that the fit found. They must explain what looked
-            like noise, and be rare, as the fit assumes: enough changes imitate any other cause.
+        observed: the residuals. Changes of the momentum must explain what looked like noise, and
+            be rare, as the fit assumes: enough changes imitate any other cause.
         logs: number of logs.
-        beside: whiteness of the residuals by sensor where nothing changed, with all ends open.
 
     """
+    tests, changes = observed.tests, len(observed.changes)
+    outliers = max((far / max(n, 1) for far, n in observed.counts.values()), default=0.0)
     sentence = "the estimator did not converge: its result is not the best fit"
     yield Check.of(CONVERGENCE, sentence, passed=converged)
     sentence = f"{100 * outliers:.0f} % of a sensor's samples are outliers"
@@ -114,7 +142,7 @@ def fit_checks(
         )
         # The size of a few residuals is as uncertain as their correlation.
         larger = any(noise.get(n, 1.0) > max(SEEN, 1 + test.band) for n, test in tests.items())
-        coloured = any(t.lag_one > 0 and not t.is_white for t in (beside or {}).values())
+        coloured = any(t.lag_one > 0 and not t.is_white for t in observed.beside.values())
         fails = changes > most or larger or coloured
         yield Check.of("changes of the momentum", sentence, changes, most, not fails)
     loud = {name: factor for name, factor in noise.items() if factor > MOST_NOISE}

@@ -15,11 +15,10 @@ from cpid_drake.dynamics.parameterizations import (
 )
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.estimation.fit import Fit, prior_of
 from cpid_drake.estimation.gaussian import LeastSquaresSolution
-from cpid_drake.estimation.roll import Values, roll
-from cpid_drake.estimation.sweep import sweep
+from cpid_drake.estimation.roll import roll
 from cpid_drake.estimation.unknowns import BODIES, PSI
+from cpid_drake.identification.chosen_fit import ChosenFit
 
 MASS, INERTIA = "mass", "inertia"
 """Of the base, with everything that is fixed to it; the inertia is about its centre of mass."""
@@ -49,23 +48,20 @@ def with_larger_base(tree: KinematicTree) -> dict[str, KinematicTree]:
 
 
 def base_sensitivity(
-    found: Fit, solution: LeastSquaresSolution, held: Values
+    chosen: ChosenFit, solution: LeastSquaresSolution
 ) -> dict[str, NDArray[np.float64]]:
     """Return the change (10,) of the parameters if mass or inertia of the base were 1 % larger.
 
     Args:
-        found: a fit with an exact spacecraft.
+        chosen: a fit with an exact spacecraft.
         solution: its target.
-        held: unknowns that are held, with their values less those of the fit.
 
     """
-    model = replace(found.model, known_bodies=_OfBase(mass=0.01, inertia=0.01))
-    values = found.values | {BODIES: model.unknown(BODIES).mean}
-    total = prior_of(model, found.logs, values)
-    for log in found.logs:
-        rolled = roll(model, log, values)
-        total = total.add(sweep(model, log, rolled, values, forward_only=True).gaussian)
-    total = total.condition({name: value for name, value in held.items() if name in total.places})
+    fit = chosen.fit
+    model = replace(fit.model, known_bodies=_OfBase(mass=0.01, inertia=0.01))
+    values = fit.values | {BODIES: model.unknown(BODIES).mean}
+    parts = ((log, roll(model, log, values), values) for log in fit.logs)
+    total = chosen.swept(model, values, parts)
     R = total.marginal([PSI, BODIES]).R
     mass, *stretches = -solve_triangular(R[:10, :10], R[:10, 10:14]).T  # of the base, in σ
     form, open_axes = relative_parameterization(model.mass), solution.unidentifiable

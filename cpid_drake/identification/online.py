@@ -12,10 +12,10 @@ from cpid_drake.estimation.online import OnlineState, change_beyond_linear, run
 from cpid_drake.estimation.posterior import known_target
 from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.files.errors import InputError
-from cpid_drake.identification.answer import Observed, answer_of
+from cpid_drake.identification.answer import answer_of
 from cpid_drake.identification.arguments import Arguments
 from cpid_drake.identification.checked_log import CheckedLog, suites_of
-from cpid_drake.identification.checks import Check
+from cpid_drake.identification.checks import Check, Observed
 from cpid_drake.identification.result import Identification
 
 NAME = "recursive_fit"
