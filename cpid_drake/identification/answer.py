@@ -80,7 +80,7 @@ def answer_of(
         said, failed = momentum_words(likely, is_given=momentum is not None, where=where)
         warnings, checks = [*warnings, *said], [*checks, *failed]
     warnings += [f"{e.describe()}: it failed" for e in effects if e.failed_valve]
-    fails = fit_checks(fit.converged, noise, observed, len(names))
+    fails = tuple(fit_checks(fit.converged, noise, observed, len(names)))
     sizes = size_checks(model, values, gaussian, effects, joints)
     [first, *others] = names
     result = Identification.of_solution(

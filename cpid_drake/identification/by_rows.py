@@ -26,7 +26,8 @@ from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.files.digits import significant
 from cpid_drake.identification.arguments import Arguments
 from cpid_drake.identification.checked_log import CheckedLog, suites_of
-from cpid_drake.identification.checks import IMPROBABLE, Check, halves_check, momentum_words
+from cpid_drake.identification.checks import IMPROBABLE, Check, momentum_words
+from cpid_drake.identification.chosen_fit import halves_check
 from cpid_drake.identification.model_sensitivity import with_larger_base
 from cpid_drake.identification.result import Identification
 from cpid_drake.identification.together import with_sources

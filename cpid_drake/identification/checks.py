@@ -11,11 +11,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri, fdtri
 
 from cpid_drake.estimation.events import most_changes
 from cpid_drake.estimation.evidence import NAMED
-from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import IMPROBABLE as IMPROBABLE
 from cpid_drake.estimation.spectrum import slow_part
 from cpid_drake.estimation.whiteness import MOST_CORRELATED, Whiteness
@@ -36,9 +34,6 @@ SLOW = 0.1
 
 MOST_OUTLIERS = 0.1
 """Share of outliers above which a check fails."""
-
-ROUGH = 2.0
-"""Factor to which residuals of rows in different units show the σ of an estimate."""
 
 NOISE = "noise"
 """Name of the check of larger noise, which makes other causes seem likely."""
@@ -161,57 +156,6 @@ def fit_checks(
     sentence = "the noise is larger than the sensors' file declares: "
     sentence += f"{', '.join(parts)} the given one"
     yield Check.of(NOISE, sentence, largest, MOST_NOISE, not loud)
-
-
-def halves_check(
-    first: Gaussian,
-    whole: Gaussian,
-    cause: str,
-    *,
-    rests: float | None = None,
-    freedom: int = 0,
-) -> Check:
-    """Return the check that the first half of the samples has the target of all of them.
-
-    Of nested samples, the difference of two estimates has the difference of their covariances as
-    covariance (Hausman 1978, Econometrica 46). What the rest hardly improves is left out.
-
-    Args:
-        first, whole: what is known of the target from the first half, and from all samples.
-        cause: what another target means.
-        rests: sum of squares of the residuals of all samples, if only they show the noise; the
-            Gaussians then have errors of any size. The residuals without the difference show the
-            noise, to `ROUGH` (Chow 1960, Econometrica 28).
-        freedom: degrees of freedom of these residuals.
-
-    """
-    scale = np.linalg.norm(whole.R, axis=0)
-    scale[scale == 0] = 1.0
-    by_whole = first.R @ (np.linalg.pinv(whole.R / scale) / scale[:, None])
-    U, ratio, _ = np.linalg.svd(by_whole)  # of σ after and before
-    seen = ratio**2 < 0.99  # less is rounding and bends of the equations
-    change = (U.T @ (first.z - first.R @ whole.solve()))[seen]
-    statistic, count = float(np.sum(change**2 / (1 - ratio[seen] ** 2))), int(seen.sum())
-    limit = float(chdtri(max(count, 1), IMPROBABLE))
-    if rests is not None:
-        left = freedom - count
-        if count < 1 or left < 1:
-            return Check.of("halves", "", passed=True)
-        statistic *= left / max(rests - statistic, 1e-12 * rests, 1e-300)
-        limit = ROUGH**2 * count * float(fdtri(count, left, 1 - IMPROBABLE))
-    text = f"the first half of the samples has another target than all of them: {cause}"
-    return Check.of("halves", text, statistic, limit)
-
-
-def rejection_checks(
-    rejected: Mapping[str, int], used: Mapping[str, int], where: str = ""
-) -> Iterator[Check]:
-    """Yield the checks that most samples of a sensor could be used, from their numbers."""
-    for name, count in rejected.items():
-        if count:
-            total = count + used.get(name, 0)
-            text = f"{where}{count} of {total} samples of {name} could not be used"
-            yield Check.of(f"rejected share of {name}", text, count / total, 0.5)
 
 
 def momentum_words(

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import chdtri, fdtri
 
 from cpid_drake.estimation.fit import Fit, prior_of
 from cpid_drake.estimation.gaussian import Gaussian
@@ -16,7 +17,10 @@ from cpid_drake.estimation.posterior import known_target
 from cpid_drake.estimation.roll import Rolled, Values
 from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import PSI, Model
-from cpid_drake.identification.checks import Check, halves_check
+from cpid_drake.identification.checks import IMPROBABLE, Check
+
+ROUGH = 2.0
+"""Factor to which residuals of rows in different units show the σ of an estimate."""
 
 _CAUSE = "a joint or the grasp slips, or a body, a clock or a force is not as modelled"
 
@@ -71,3 +75,43 @@ class ChosenFit:
             step, later = np.split(later, [unknown.size])
             values[unknown.key(log.name)] = values[unknown.key(log.name)] - step
         return values
+
+
+def halves_check(
+    first: Gaussian,
+    whole: Gaussian,
+    cause: str,
+    *,
+    rests: float | None = None,
+    freedom: int = 0,
+) -> Check:
+    """Return the check that the first half of the samples has the target of all of them.
+
+    Of nested samples, the difference of two estimates has the difference of their covariances as
+    covariance (Hausman 1978, Econometrica 46). What the rest hardly improves is left out.
+
+    Args:
+        first, whole: what is known of the target from the first half, and from all samples.
+        cause: what another target means.
+        rests: sum of squares of the residuals of all samples, if only they show the noise; the
+            Gaussians then have errors of any size. The residuals without the difference show the
+            noise, to `ROUGH` (Chow 1960, Econometrica 28).
+        freedom: degrees of freedom of these residuals.
+
+    """
+    scale = np.linalg.norm(whole.R, axis=0)
+    scale[scale == 0] = 1.0
+    by_whole = first.R @ (np.linalg.pinv(whole.R / scale) / scale[:, None])
+    U, ratio, _ = np.linalg.svd(by_whole)  # of σ after and before
+    seen = ratio**2 < 0.99  # less is rounding and bends of the equations
+    change = (U.T @ (first.z - first.R @ whole.solve()))[seen]
+    statistic, count = float(np.sum(change**2 / (1 - ratio[seen] ** 2))), int(seen.sum())
+    limit = float(chdtri(max(count, 1), IMPROBABLE))
+    if rests is not None:
+        left = freedom - count
+        if count < 1 or left < 1:
+            return Check.of("halves", "", passed=True)
+        statistic *= left / max(rests - statistic, 1e-12 * rests, 1e-300)
+        limit = ROUGH**2 * count * float(fdtri(count, left, 1 - IMPROBABLE))
+    text = f"the first half of the samples has another target than all of them: {cause}"
+    return Check.of("halves", text, statistic, limit)

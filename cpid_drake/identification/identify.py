@@ -26,7 +26,7 @@ from cpid_drake.identification.arguments import (
 )
 from cpid_drake.identification.by_rows import MISFIT
 from cpid_drake.identification.checked_log import CheckedLog, check_logs
-from cpid_drake.identification.checks import Check, label_of, rejection_checks
+from cpid_drake.identification.checks import Check, label_of
 from cpid_drake.identification.consistency import checked
 from cpid_drake.identification.estimators import (
     ESTIMATORS,
@@ -219,7 +219,10 @@ def _with_logs(
             failed.append(THRUST_NOT_USED.format(f"{log.measurements.first_burn:.4g}", method.name))
         warnings += [log.where + text for text in said]
         checks += [Check("log", log.where + text) for text in failed]
-        checks += rejection_checks(log.rejected, log.counts, log.where)
+        for name, count in (+Counter(log.rejected)).items():
+            total = count + log.counts.get(name, 0)
+            text = f"{log.where}{count} of {total} samples of {name} could not be used"
+            checks.append(Check.of(f"rejected share of {name}", text, count / total, 0.5))
         rejected.update(log.rejected)
     if method.uses_rows and not arguments.has_exact_bodies:
         warnings.append(
