@@ -119,10 +119,7 @@ def momentum_samples(tree: KinematicTree, motion: Motion) -> MomentumSamples:
 def _on_a_base_at_rest(
     tree: KinematicTree, joints: bytes, shape: tuple[int, ...]
 ) -> tuple[CaptureMotion, list[NDArray[np.float64]]]:
-    """Return C's motion, momentum P and L, and first moment and inertia, about C, seen from B.
-
-    The joints are the bytes of positions and rates (2, N, J).
-    """
+    """Return C's motion, P, L, first moment and inertia about C, from the bytes of (2, N, J)."""
     bodies, capture = forward_kinematics(tree, *np.frombuffer(joints).reshape(shape))
     P, L = momenta(tree, bodies, capture.p_WC)
     p = bodies.r - capture.p_WC
