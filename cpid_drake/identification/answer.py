@@ -43,8 +43,8 @@ def answer_of(
 
     Args:
         fit: the fit.
-        question: what is asked about the momentum.
-        momentum: the total momentum of all logs; None for zero or unknown.
+        question: what is asked about the momentum of its logs, which is `momentum` if it is given.
+        momentum: see `identify.identify`.
         observed: of all samples.
         joints: names of the joints, for the error budget; None for no budget.
         estimator: name of the estimator.

@@ -75,13 +75,9 @@ class BudgetRow:
 def error_budget(
     chosen: ChosenFit, known: NDArray[np.bool_], joints: Sequence[str]
 ) -> tuple[BudgetRow, ...]:
-    """Return the budget, the largest shares first; that of all errors together is the first row.
+    """Return the budget for joints of these names, and the parameters (10,) that are known.
 
-    Args:
-        chosen: a fit.
-        known: (10,) whether each parameter is known.
-        joints: names of the joints.
-
+    The first row is that of all errors together; then, the largest shares come first.
     """
     fit = chosen.fit
     model, psi, whole = fit.model, fit.values[PSI], chosen.given(fit.gaussian)

@@ -269,10 +269,7 @@ def complete_samples(measurements: Log, family: RowFamily) -> Motion | None:
 def _motion(
     log: CheckedLog, tree: KinematicTree, family: RowFamily, suite: SensorSuite | None
 ) -> Iterator[tuple[Motion, NDArray[np.float64]]]:
-    """Yield parts of the motion of a log and their errors; smoothed if a suite is given.
-
-    See `LogRows.add`.
-    """
+    """Yield parts of a log's motion, smoothed if a suite is given, and their errors."""
     if log.states is not None:
         yield log.states, np.diag(sample_sigmas(log.states) ** 2)[None]
     elif suite is None:

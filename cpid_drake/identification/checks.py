@@ -111,13 +111,15 @@ class Observed:
 def fit_checks(
     converged: bool, noise: Mapping[str, float], observed: Observed, logs: int = 1
 ) -> Iterator[Check]:
-    """Yield the checks of a fit.
+    """Yield the checks of a fit that reached its minimum or not.
+
+    Changes of the momentum must explain what looked like noise, and be rare, as the fit assumes:
+    enough changes imitate any other cause.
 
     Args:
-        converged: whether it reached its minimum.
+        converged: whether it did.
         noise: factors of the declared σ, by sensor or by "sensor of log".
-        observed: the residuals. Changes of the momentum must explain what looked like noise, and
-            be rare, as the fit assumes: enough changes imitate any other cause.
+        observed: the residuals.
         logs: number of logs.
 
     """
@@ -191,10 +193,7 @@ def noise_warnings(
 ) -> tuple[str, ...]:
     """Return the warnings about noise that is larger than declared, and that is not white.
 
-    Args:
-        factors: see `fit_checks`.
-        spectra: of the noise, by sensor or by "sensor of log".
-
+    Factors of the noise and its spectra are by sensor or by "sensor of log".
     """
     said = list[str]()
     seen = {name: factor for name, factor in factors.items() if factor > SEEN}

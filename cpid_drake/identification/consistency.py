@@ -74,18 +74,11 @@ def with_nearest_body(found: Identification, tree: KinematicTree) -> Identificat
 
 @dataclass(frozen=True, eq=False)
 class _Identified:
-    """The identified combinations of the unknowns.
+    """The identified combinations of the unknowns."""
 
-    Attributes:
-        rows: A x = b with unit errors, without what is rounding.
-        scale: (10,) plausible sizes of the unknowns.
-        radius: with probability 1 − `IMPROBABLE`, the target has an |A x − b| of at most so much.
-
-    """
-
-    rows: Gaussian
-    scale: NDArray[np.float64]
-    radius: float
+    rows: Gaussian  # A x = b with unit errors, without what is rounding
+    scale: NDArray[np.float64]  # (10,) plausible sizes of the unknowns
+    radius: float  # with probability 1 − IMPROBABLE, the target's |A x − b| is no larger
 
 
 def _checks(found: Identification, distance: float, known: _Identified | None) -> tuple[Check, ...]:

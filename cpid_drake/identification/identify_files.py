@@ -56,8 +56,7 @@ def identify_files(
         progress: see `identify`.
 
     Raises:
-        InputError: a model, sensors, telemetry or a prior that cannot be read or used; see the
-            functions that read them. Two of the files are the same.
+        InputError: what is named cannot be read or used, or two of the files are the same.
 
     """
     request, paths = requests[0], [each.telemetry for each in requests]
@@ -104,11 +103,6 @@ def converge(evidence: Evidence, progress: Callable[[str], None] = lambda step: 
     """Return the estimates from growing parts of the only log.
 
     A fit has them from one pass; another estimator identifies the parts in the same way as all.
-
-    Args:
-        evidence: the samples and how they were identified.
-        progress: called before every part with a short description of the part.
-
     """
     result, inputs, data = evidence.found, evidence.inputs, evidence.log
     _, end = data.interval
@@ -125,16 +119,7 @@ def converge(evidence: Evidence, progress: Callable[[str], None] = lambda step: 
 
 
 def opened_inputs(request: Request, progress: Callable[[str], object]) -> Arguments:
-    """Return the inputs of a request besides its telemetry.
-
-    Args:
-        request: the request.
-        progress: called before every step with a short description of the step.
-
-    Raises:
-        InputError: one of them cannot be read or used.
-
-    """
+    """Return the inputs of a request besides its telemetry, or raise an InputError of one."""
     craft = request.spacecraft
     progress("reading the model")
     spacecraft = craft.make()
@@ -181,13 +166,9 @@ def open_log(request: Request, joints: tuple[str, ...]) -> tuple[Source, LogFile
 
 
 def request_of_result(result: Identification, where: str) -> Request:
-    """Return the request that a result file records.
+    """Return the request of a result that was read from the file `where`.
 
     The telemetry is expected at its recorded place, or beside the result file.
-
-    Args:
-        result: the result as read from its file.
-        where: the result file.
 
     Raises:
         InputError: the file names no telemetry, or the telemetry is missing or has changed.

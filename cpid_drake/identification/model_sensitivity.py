@@ -52,10 +52,7 @@ def base_sensitivity(
 ) -> dict[str, NDArray[np.float64]]:
     """Return the change (10,) of the parameters if mass or inertia of the base were 1 % larger.
 
-    Args:
-        chosen: a fit with an exact spacecraft.
-        solution: its target.
-
+    The fit has an exact spacecraft, and the solution is its target.
     """
     fit = chosen.fit
     model = replace(fit.model, known_bodies=_OfBase(mass=0.01, inertia=0.01))
@@ -77,13 +74,9 @@ def base_sensitivity(
 def hidden_sensitivity(
     parameters: NDArray[np.float64], tree: KinematicTree, *, has_scale: bool
 ) -> dict[str, NDArray[np.float64]]:
-    """Return the change (10,) of the parameters by errors that no samples identify.
+    """Return the change (10,) of the target's parameters (10,) by errors that no samples identify.
 
-    Args:
-        parameters: (10,) of the target.
-        tree: the spacecraft.
-        has_scale: whether a known momentum or force determines the scale of all masses.
-
+    A known momentum or force has a scale, which is that of all masses.
     """
     tree = tree.lumped
     body, R_CB = tree.bodies[tree.capture_body], tree.R_BC.T

@@ -44,8 +44,7 @@ def identification_of_state(
     Args:
         model: the unknowns.
         state: after the last block.
-        momentum: the total momentum at the start; None for zero if the samples agree with this,
-            else unknown.
+        momentum: see `identify.identify`.
         joints: names of the joints, for the error budget; default: no budget.
 
     """

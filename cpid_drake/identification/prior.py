@@ -66,17 +66,10 @@ class TargetPrior:
         at: NDArray[np.float64],
         unit: NDArray[np.float64],
     ) -> Gaussian:
-        """Return the prior about the unknowns of a parameterization.
+        """Return the prior of the unknowns of a parameterization, linear about `at` (10,).
 
-        Args:
-            name: name of the unknowns.
-            form: the parameterization.
-            at: (10,) unknowns about which the parameters are linearized.
-            unit: (10,) plausible sizes of the unknowns.
-
-        Raises:
-            InputError: the prior determines combinations of other unknowns.
-
+        Raises an InputError if it determines combinations of other unknowns. Combinations of sizes
+        far below `unit` (10,), the plausible ones, are rounding.
         """
         known = self.combinations
         given = np.isfinite(self.parameters)
@@ -124,8 +117,7 @@ class PriorConfig:
         """Return the prior, with its name in messages.
 
         Raises:
-            InputError: it contains nothing, or contradicts itself; no rigid body has the values; a
-                σ is missing.
+            InputError: it contains nothing, no rigid body has the values, or a σ is missing.
 
         """
         parts = {

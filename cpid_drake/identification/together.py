@@ -123,10 +123,7 @@ def _with(
     groups: Sequence[Sequence[str]],
     share: float = 1.0,
 ) -> Gaussian:
-    """Return what some sources say together if each group of them has a target of its own.
-
-    The prior of each target has the share `share` of its inverse σ.
-    """
+    """Return what groups of sources say, each with its own target and a share of its prior."""
     total, own = vague.marginal(n for n in vague.places if n != target), vague.marginal([target])
     own = replace(own, R=share * own.R, z=share * own.z)
     for k, group in enumerate(groups):

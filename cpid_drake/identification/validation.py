@@ -140,14 +140,13 @@ def validate(
     """Test an identified target with a log that was not used to identify it, and predict this log.
 
     Args:
-        spacecraft: the spacecraft model.
+        spacecraft, planar: see `identify`.
         target: the identified target with its uncertainty, such as the result of `identify`.
         data: the log.
         sensors: the sensors' errors; default: estimated from the log.
         momentum: the total momentum; default: that of the largest evidence, and the average over
             zero and unknown in the test of the target.
         known_bodies: uncertainty of the spacecraft; default: none.
-        planar: whether the spacecraft floats on a table; see `identify`.
         beginning: share of the log, or of its longest part without a gap, to which start, momentum
             and biases are fitted for the prediction.
 
