@@ -73,7 +73,7 @@ class BudgetRow:
 
 
 def error_budget(
-    chosen: ChosenFit, known: NDArray[np.bool_], joints: Sequence[str]
+    chosen: ChosenFit, is_known: NDArray[np.bool_], joints: Sequence[str]
 ) -> tuple[BudgetRow, ...]:
     """Return the budget for joints of these names, and the parameters (10,) that are known.
 
@@ -92,7 +92,7 @@ def error_budget(
     def share(left: Gaussian) -> NDArray[np.float64]:
         """Return the shares that go if this is left."""
         own = left.marginal([PSI]).covariance()
-        return np.where(known, 1 - np.diag(jacobian @ own @ jacobian.T) / total, np.nan)
+        return np.where(is_known, 1 - np.diag(jacobian @ own @ jacobian.T) / total, np.nan)
 
     rows, k = list[BudgetRow](), 10
     names = [log.name for log in fit.logs]
@@ -109,7 +109,7 @@ def error_budget(
             value, sigma, prior = fit.values[key], np.sqrt(variance), unknown.sigma
             entry = k - both.places[key].start
             if not walks:
-                shares = np.where(known, of_target**2 / (variance * total), np.nan)
+                shares = np.where(is_known, of_target**2 / (variance * total), np.nan)
                 needed = 1 / np.hypot(1 / prior[entry], 1 / sigma)
                 numbers = (value[entry] + solution[k], sigma, needed)
                 rows.append(
@@ -193,18 +193,18 @@ def _of_bodies(model: Model, joints: Sequence[str]) -> Iterator[tuple[str, str, 
     """Yield the same of the errors of bodies, geometry and grasp; see `BodyUncertainty`."""
     uncertainty = model.known_bodies
     assert uncertainty is not None
-    found = list[tuple[str, str, float]]()
+    errors = list[tuple[str, str, float]]()
     for body in model.tree.bodies:
-        found.append((f"mass of {body.name}", "%", 100.0))
-        found += [(f"centre of mass of {body.name}, {axis}", "mm", 1e3) for axis in _XYZ]
-        found += [(f"inertia of {body.name}, {entry}", "%", 200.0) for entry in _STRETCHES]
+        errors.append((f"mass of {body.name}", "%", 100.0))
+        errors += [(f"centre of mass of {body.name}, {axis}", "mm", 1e3) for axis in _XYZ]
+        errors += [(f"inertia of {body.name}, {entry}", "%", 200.0) for entry in _STRETCHES]
     for joint in joints:
-        found += [(f"place of {joint}, {axis}", "mm", 1e3) for axis in _XYZ]
-        found += [(f"axis of {joint}, {k}", "mrad", 1e3) for k in (1, 2)]
-    found += [(f"place of the grasp, {axis}", "mm", 1e3) for axis in _XYZ]
-    found += [(f"attitude of the grasp, {axis}", "mrad", 1e3) for axis in _XYZ]
+        errors += [(f"place of {joint}, {axis}", "mm", 1e3) for axis in _XYZ]
+        errors += [(f"axis of {joint}, {k}", "mrad", 1e3) for k in (1, 2)]
+    errors += [(f"place of the grasp, {axis}", "mm", 1e3) for axis in _XYZ]
+    errors += [(f"attitude of the grasp, {axis}", "mrad", 1e3) for axis in _XYZ]
     sigmas = uncertainty.all_sigmas(model.tree.wheels, len(joints))
-    for (name, unit, scale), sigma in zip(found, sigmas, strict=True):
+    for (name, unit, scale), sigma in zip(errors, sigmas, strict=True):
         if sigma > 0:
             yield name, unit, scale * float(sigma)
 

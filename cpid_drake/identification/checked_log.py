@@ -167,16 +167,16 @@ def check_log(
         others = [name for name in data.joint_names if name not in spacecraft.joint_names]
         beyond = (*_beyond_limits(spacecraft, measurements.encoders.value),)
         tree = spacecraft.tree
-    found = check_conventions(measurements, tree, by_momentum=by_momentum)
-    found = replace(found, not_compared=(*found.not_compared, *seen.not_compared))
-    warnings = [*left_out_warnings(others), *seen.warnings, *notes, *found.warnings]
+    conventions = check_conventions(measurements, tree, by_momentum=by_momentum)
+    conventions = replace(conventions, not_compared=(*conventions.not_compared, *seen.not_compared))
+    warnings = [*left_out_warnings(others), *seen.warnings, *notes, *conventions.warnings]
     return CheckedLog(
         measurements,
         screened.rejected,
         (*warnings, *beyond),
         None if tree is None else tree.normal_B,
-        (*found.failures, *failures),
-        found,
+        (*conventions.failures, *failures),
+        conventions,
         channels=seen.table,
     )
 

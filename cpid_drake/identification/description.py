@@ -116,9 +116,9 @@ def _aligned(cells: list[_Row]) -> list[str]:
     """Return the lines of a table, as narrow as its columns are."""
     sizes = [max(map(len, column)) for column in zip(*cells)]
     return [
-        f"  {name:4}{known:>{sizes[1]}}  {spread:>{sizes[2]}}  {unit:{sizes[3]}}"
+        f"  {name:4}{estimate:>{sizes[1]}}  {spread:>{sizes[2]}}  {unit:{sizes[3]}}"
         f"  {last:>{sizes[4]}}  {by_bodies:>{sizes[5]}}".rstrip()
-        for name, known, spread, unit, last, by_bodies in cells
+        for name, estimate, spread, unit, last, by_bodies in cells
     ]
 
 
@@ -199,12 +199,12 @@ def _sensitivity(result: "Identification") -> Iterator[str]:
     """Yield the sensitivity of the estimate to errors of the spacecraft model, at most in σ."""
     sigma = np.sqrt(np.diag(result.covariance))
     for name, change in result.sensitivity.items():
-        known = np.isfinite(change) & (sigma > 0)
-        if known.any():
-            k = int(np.argmax(np.where(known, np.abs(change) / sigma, -1.0)))
+        is_known = np.isfinite(change) & (sigma > 0)
+        if is_known.any():
+            k = int(np.argmax(np.where(is_known, np.abs(change) / sigma, -1.0)))
             largest = f"{significant(change[k] / sigma[k], sign='+')} σ"
             text = f"{PARAMETER_NAMES[k]} by {largest}"
-            if known[0]:
+            if is_known[0]:
                 share = significant(100 * change[0] / result.parameters[0], sign="+")
                 text = f"m by {share} %, {text}" if k else f"m by {share} %, which is {largest}"
             what = name if name in (LINK, ALL_MASSES) else f"the base's {name}"

@@ -219,9 +219,14 @@ def cramer_rao_bound(
     [log], [rolled], values = fit.logs, fit.rolled, fit.values
     log = replace(log, noise={}, spectra={}, weights=tuple({} for _ in log.blocks))  # as declared
     total = prior_of(model, [log], values).add(sweep(model, log, rolled, values).gaussian)
-    known = at_momentum(total, values, momentum or TotalMomentum.zero(), log.name)
-    known = known.moved(known.solve())  # the vague prior prefers another target than the true one
-    form, solution = relative_parameterization(model.mass), known_target(model, values[PSI], known)
-    found = Identification.of_solution(form, solution, sample_count=0, estimator=NAME)
+    gaussian = at_momentum(total, values, momentum or TotalMomentum.zero(), log.name)
+    gaussian = gaussian.moved(
+        gaussian.solve()
+    )  # the vague prior prefers another target than the true one
+    form, solution = (
+        relative_parameterization(model.mass),
+        known_target(model, values[PSI], gaussian),
+    )
+    bound = Identification.of_solution(form, solution, sample_count=0, estimator=NAME)
     J, P = (np.nan_to_num(x) for x in (form.jacobian(solution.estimate), solution.covariance))
-    return np.where(np.isfinite(found.covariance), J @ P @ J.T, np.nan)
+    return np.where(np.isfinite(bound.covariance), J @ P @ J.T, np.nan)

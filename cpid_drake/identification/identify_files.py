@@ -75,20 +75,20 @@ def identify_files(
         options = options | {"sensors": {n: e.sensors for n, e in own if e.sensors is not None}}
     with prefix_errors(paths[0] if len(paths) == 1 else ""):
         data = {name: file.log for name, (_, file) in zip(names, opened, strict=True)}
-        found = identify(data=data, **options, progress=progress)
-    rejected, warnings = Counter(found.rejected), list[str]()
+        result = identify(data=data, **options, progress=progress)
+    rejected, warnings = Counter(result.rejected), list[str]()
     for name, (_, file) in zip(names, opened, strict=True):
         rejected += Counter(file.partial) + Counter(rows=len(file.problems))
         where = f"{name}: " if len(opened) > 1 else ""
         warnings += [where + text for text in _sensors_beside(requests[names.index(name)])]
         warnings += [where + text for text in left_out_warnings(file.left_out_joints)]
-    found = replace(
-        found,
+    result = replace(
+        result,
         rejected=dict(rejected),
-        warnings=(*warnings, *found.warnings),
+        warnings=(*warnings, *result.warnings),
         sources=tuple(source for source, _ in opened),
     )
-    return Evidence(inputs, tuple(file for _, file in opened), found)
+    return Evidence(inputs, tuple(file for _, file in opened), result)
 
 
 def _sensors_beside(request: Request) -> Iterator[str]:
@@ -113,8 +113,8 @@ def converge(evidence: Evidence, progress: Callable[[str], None] = lambda step: 
     for time in (end * np.arange(1, PARTS_OVER_TIME) / PARTS_OVER_TIME).tolist():
         progress(f"identifying from the first {time:.4g} of {end:.4g} s")
         with suppress(InputError):  # too few samples, or nothing moves yet
-            found = identify(data=data.between(0.0, time), **vars(same))
-            estimates.append((time, found))
+            estimate = identify(data=data.between(0.0, time), **vars(same))
+            estimates.append((time, estimate))
     return [*estimates, (end, result)]
 
 

@@ -84,8 +84,8 @@ def hidden_sensitivity(
     link = InertialParameters(body.mass, R_CB @ (body.p_BBcm - tree.p_BC), I_C).to_vector()
     parameters = np.where(np.isfinite(parameters), parameters, np.nan)  # c, if there is no mass
     moved = parameters_to_standard(parameters) - 0.01 * parameters_to_standard(link)
-    found = {LINK: standard_to_parameters(moved) - parameters}
+    changes = {LINK: standard_to_parameters(moved) - parameters}
     if not has_scale:
-        found[ALL] = 0.01 * parameters
-        found[ALL][1:4] = 0.0  # the centre of mass stays
-    return found
+        changes[ALL] = 0.01 * parameters
+        changes[ALL][1:4] = 0.0  # the centre of mass stays
+    return changes

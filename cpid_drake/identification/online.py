@@ -99,5 +99,5 @@ def estimate(
     progress("fitting")
     state = OnlineState(question=question_of(model, arguments.momentum))
     state = run(model, log.measurements.blocks(), state)
-    found = identification_of_state(model, state, arguments.momentum, craft.joint_names)
-    return replace(found, warnings=(*warnings, *found.warnings))
+    result = identification_of_state(model, state, arguments.momentum, craft.joint_names)
+    return replace(result, warnings=(*warnings, *result.warnings))

@@ -112,19 +112,19 @@ def could_be_planar(tree: KinematicTree, attitude: NDArray[np.float64]) -> bool:
 
 def _contradictions(normal_B: NDArray[np.float64], measurements: Log) -> tuple[str, ...]:
     """Return the reasons why no table can have carried the base of a log."""
-    attitude, position, found = measurements.attitude.value, measurements.position.value, []
+    attitude, position, reasons = measurements.attitude.value, measurements.position.value, []
     if len(attitude):
         angles = tilt(attitude, normal_B)
         if np.linalg.norm(_spread(angles)) > WOBBLE:
             largest = np.degrees(np.linalg.norm(angles - angles.mean(axis=0), axis=1).max())
-            found.append(f"the base tilts by up to {largest:.2g} deg")
+            reasons.append(f"the base tilts by up to {largest:.2g} deg")
     if len(position):
         spread = _spread(position)
         if spread[2] > HEIGHT + np.sin(LEVEL) * np.hypot(*spread[:2]):
-            found.append(f"the base's height changes by {np.ptp(position[:, 2]):.2g} m")
-    if not found:
+            reasons.append(f"the base's height changes by {np.ptp(position[:, 2]):.2g} m")
+    if not reasons:
         return ()
-    return (f"no table carries this spacecraft: {', and '.join(found)}; leave out --planar",)
+    return (f"no table carries this spacecraft: {', and '.join(reasons)}; leave out --planar",)
 
 
 def _spread(values: NDArray[np.float64]) -> NDArray[np.float64]:

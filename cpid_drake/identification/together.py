@@ -54,10 +54,10 @@ def with_sources(
     def combined(*groups: Sequence[str]) -> Gaussian:
         return _with(vague, sources, target, groups)
 
-    def part(found: LeastSquaresSolution, count: int = 0, *checks: Check) -> Identification:
+    def part(own: LeastSquaresSolution, count: int = 0, *checks: Check) -> Identification:
         return Identification.of_solution(
             form,
-            found,
+            own,
             sensors=result.sensors,
             sample_count=count,
             estimator=result.estimator,

@@ -201,9 +201,9 @@ def validate(
     for name, rest in own.residuals.items():
         parts = zip(predicted.models[first:], predicted.residuals[first:], strict=True)
         sizes = [
-            np.linalg.norm(found[name] * part.scale_of(name), axis=1)
-            for part, found in parts
-            if name in found
+            np.linalg.norm(residuals[name] * part.scale_of(name), axis=1)
+            for part, residuals in parts
+            if name in residuals
         ]
         if not sizes:
             continue
@@ -234,9 +234,9 @@ def _test(model: Model, own: Identification, target: TargetPrior) -> tuple[float
     """Return χ², freedom and `heavier` of the test of a target by a log's own estimate."""
     if not own.converged:
         return np.inf, 10, np.inf
-    form, known = relative_parameterization(model.mass), own.solution
-    assert known is not None
-    both = [target.of_psi(model), known.known]
+    form, solution = relative_parameterization(model.mass), own.solution
+    assert solution is not None
+    both = [target.of_psi(model), solution.known]
     total = both[0].add(both[1])
     freedom = both[0].rank + both[1].rank - total.rank
     if not freedom:
@@ -265,8 +265,8 @@ def _predicted(
     ]
     cut = replace(log, blocks=tuple(blocks))
     model = replace(model, rows=(target,))
-    found = fit(model, [cut])
-    return roll(model, replace(found.logs[0], blocks=log.blocks), found.values)
+    beginning = fit(model, [cut])
+    return roll(model, replace(beginning.logs[0], blocks=log.blocks), beginning.values)
 
 
 def _rms(sizes: NDArray[np.float64]) -> float:
