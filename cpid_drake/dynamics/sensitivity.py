@@ -19,17 +19,13 @@ from numpy.typing import NDArray
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.outboard import Outboard
 from cpid_drake.dynamics.parameterizations import (
-    REPORT_ORDER,
+    UNIT_TENSORS,
     inertia_of_second_moment,
     second_moment,
-    vector_to_tensor,
 )
 from cpid_drake.dynamics.rotations import exponentials, right_jacobian, rotate, skew
 from cpid_drake.dynamics.tree import KinematicTree, TreeBody
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-
-# The six symmetric unit stretches (6, 3, 3): xx, yy, zz, xy, xz, yz.
-_STRETCHES = vector_to_tensor(np.eye(6))[REPORT_ORDER]
 
 
 @dataclass(frozen=True)
@@ -173,7 +169,7 @@ def error_directions(
     """
     body = tree.bodies[k]
     if not tree.wheels[k]:
-        return np.eye(3), _STRETCHES
+        return np.eye(3), UNIT_TENSORS
     axis = body.axis_F
     axes, stretches = np.zeros((3, 3)), np.zeros((6, 3, 3))
     axes[0], stretches[0] = axis, np.outer(axis, axis)

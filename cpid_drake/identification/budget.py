@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.least_squares import quantile_95
+from cpid_drake.estimation.least_squares import FAR, quantile_95
 from cpid_drake.estimation.likelihood.constants import BIAS
 from cpid_drake.estimation.roll import Values
 from cpid_drake.estimation.unknowns import BODIES, MOMENTUM, PSI, Model, Unknown
@@ -29,9 +29,6 @@ from cpid_drake.identification.effects import EffectEstimate, with_sensors_of
 from cpid_drake.sensors.error_kinds import KINDS
 from cpid_drake.sensors.sensors import Gyro
 from cpid_drake.sensors.suite import SensorSuite
-
-LARGEST_ERROR = 4.0
-"""No error is larger than so many of its σ: one entry in 16,000 is."""
 
 LEAST_SHARE = 0.01
 """Least share of a row of the budget, of any parameter."""
@@ -216,7 +213,7 @@ def size_checks(
     effects: Sequence[EffectEstimate],
     joints: Sequence[str] | None,
 ) -> tuple[Check, ...]:
-    """Return the check of errors that are too large for their σ; what may fail is left out.
+    """Return the check of errors that are beyond `FAR` of their σ; what may fail is left out.
 
     Args:
         model, values, gaussian: all unknowns, their values, and what is known about these values.
@@ -244,4 +241,4 @@ def size_checks(
         f"an error is {significant(sizes[name])} times as large as its sigma: {name}; declare "
         "what the hardware can have, or look for another cause"
     )
-    return (Check.of("declared sizes", sentence, sizes[name], LARGEST_ERROR),)
+    return (Check.of("declared sizes", sentence, sizes[name], FAR),)

@@ -44,7 +44,7 @@ FEWEST_FREEDOM = 20
 INTEGRATION = 1e-5
 """Residuals below this share of the momentum contradict nothing: integration leaves as much."""
 
-NAME = "least_squares"
+LEAST_SQUARES = "least_squares"
 """The estimator's name."""
 
 MISFIT = "misfit"
@@ -117,7 +117,7 @@ def estimate(
         solution,
         sensors=first.sensors,
         sample_count=sum(counts.values()),
-        estimator=NAME,
+        estimator=LEAST_SQUARES,
         rows=family.name,
         momentum=max((part.momentum for part in parts.values()), key=_MOMENTA.index),
         sensitivity={n: np.where(is_known, x - at[""], np.nan) for n, x in at.items() if n},

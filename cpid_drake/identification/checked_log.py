@@ -8,6 +8,9 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
 from cpid_drake.dynamics.motion import Motion
+from cpid_drake.dynamics.tree import KinematicTree
+from cpid_drake.dynamics.uncertainty import BodyUncertainty
+from cpid_drake.estimation.unknowns import Model
 from cpid_drake.files.errors import InputError, listed, prefix_errors
 from cpid_drake.identification.planar import common_normal, normal_in_base, placed
 from cpid_drake.logs.channels import Channel, Seen, look_at
@@ -94,6 +97,15 @@ def suites_of(
                 setattr(suite, name, errors)
     text = "the sensors' noise was estimated from the log; give the sensors if you know them"
     return dict.fromkeys(logs, suite), (text,)
+
+
+def model_of(
+    tree: KinematicTree, logs: Mapping[str, CheckedLog], known_bodies: BodyUncertainty | None
+) -> tuple[Model, tuple[str, ...]]:
+    """Return the unknowns of a fit of some logs, and the warnings of `suites_of`."""
+    suites, warnings = suites_of(logs)
+    has_thrust = any(log.measurements.has_thrust for log in logs.values())
+    return Model.of(tree, suites, known_bodies, has_thrust=has_thrust), warnings
 
 
 def log_of_states(telemetry: Motion) -> CheckedLog:

@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.inertia import InertialParameters
-from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
+from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, UNIT_TENSORS
 from cpid_drake.dynamics.plane import parallel_axis
 from cpid_drake.estimation.least_squares import quantile_95
 from cpid_drake.files.digits import decimals, significant, with_half_width
 from cpid_drake.identification.budget import ALL, BudgetRow
 from cpid_drake.identification.checks import AGREEMENT
-from cpid_drake.identification.model_sensitivity import ALL as ALL_MASSES
-from cpid_drake.identification.model_sensitivity import LINK
+from cpid_drake.identification.model_sensitivity import ALL_MASSES, LINK
 
 if TYPE_CHECKING:
     from cpid_drake.identification.result import Identification
@@ -25,9 +24,6 @@ SHOWN = 5
 """Number of rows of the budget that are shown."""
 
 _Row = tuple[str, str, str, str, str, str]
-
-_TENSORS = np.array([InertialParameters.from_vector(row).I_TTcm_C for row in np.eye(10)[4:]])
-"""(6, 3, 3) the tensors of the last six parameters."""
 
 
 def principal_axes(target: InertialParameters) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -150,7 +146,7 @@ def _of_axes(result: "Identification") -> Iterator[str]:
         return
     moments, axes = principal_axes(result.consistent)
     # The change of the tensor by each of its six numbers, in the principal axes.
-    turned = np.einsum("jk,pjl,lm->pkm", axes, _TENSORS, axes)
+    turned = np.einsum("jk,pjl,lm->pkm", axes, UNIT_TENSORS, axes)
     P = result.covariance[4:, 4:]
     yield "  principal moments [kg·m²] and axes in C"
     for k, (moment, axis) in enumerate(zip(moments, axes.T)):

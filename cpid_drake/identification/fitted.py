@@ -24,7 +24,7 @@ from cpid_drake.estimation.whiteness import Whiteness, whiteness
 from cpid_drake.files.errors import prefix_errors
 from cpid_drake.identification.answer import answer_of, at_momentum
 from cpid_drake.identification.arguments import Arguments
-from cpid_drake.identification.checked_log import CheckedLog, suites_of
+from cpid_drake.identification.checked_log import CheckedLog, model_of
 from cpid_drake.identification.checks import Observed
 from cpid_drake.identification.chosen_fit import ChosenFit
 from cpid_drake.identification.model_sensitivity import base_sensitivity
@@ -34,7 +34,7 @@ from cpid_drake.identification.together import with_sources
 from cpid_drake.logs.log import Log, Samples
 from cpid_drake.sensors.suite import SensorSuite
 
-NAME = "trajectory_fit"
+TRAJECTORY_FIT = "trajectory_fit"
 """The estimator's name."""
 
 MOST_ESTIMATES = 50
@@ -51,10 +51,8 @@ def estimate(
     See `estimators.Estimator`.
     """
     # Model: the unknowns x = (target ψ, bodies, sensors, …, each log's motion) and their priors.
-    suites, warnings = suites_of(logs)
-    has_thrust = any(log.measurements.has_thrust for log in logs.values())
-    tree, bodies = arguments.spacecraft.tree, arguments.known_bodies
-    model, states = Model.of(tree, suites, bodies, has_thrust=has_thrust), []
+    model, warnings = model_of(arguments.spacecraft.tree, logs, arguments.known_bodies)
+    states = []
     for name, log in logs.items():
         with prefix_errors(log.label):
             states.append(LogState.of(model, log.measurements, name))
@@ -76,8 +74,14 @@ def estimate(
 
     # Answer: p(ψ | y) averaged over these sets, its checks, and the budget of its variance.
     series, observed = _observed(fit, beside)
-    momentum, joints = arguments.momentum, arguments.spacecraft.joint_names
-    result, chosen = answer_of(fit, question, momentum, observed, joints=joints, estimator=NAME)
+    result, chosen = answer_of(
+        fit,
+        question,
+        arguments.momentum,
+        observed,
+        joints=arguments.spacecraft.joint_names,
+        estimator=TRAJECTORY_FIT,
+    )
     result = replace(
         result,
         checks=(*result.checks, *chosen.part_checks()),
@@ -151,7 +155,7 @@ def _over_time(chosen: ChosenFit) -> History:
             known_target(model, values[PSI], target, count=count),
             sensors=model.suite,
             sample_count=count,
-            estimator=NAME,
+            estimator=TRAJECTORY_FIT,
         )
         estimates.append((log.blocks[k].end, estimate))
     return estimates
@@ -219,14 +223,9 @@ def cramer_rao_bound(
     [log], [rolled], values = fit.logs, fit.rolled, fit.values
     log = replace(log, noise={}, spectra={}, weights=tuple({} for _ in log.blocks))  # as declared
     total = prior_of(model, [log], values).add(sweep(model, log, rolled, values).gaussian)
-    gaussian = at_momentum(total, values, momentum or TotalMomentum.zero(), log.name)
-    gaussian = gaussian.moved(
-        gaussian.solve()
-    )  # the vague prior prefers another target than the true one
-    form, solution = (
-        relative_parameterization(model.mass),
-        known_target(model, values[PSI], gaussian),
-    )
-    bound = Identification.of_solution(form, solution, sample_count=0, estimator=NAME)
+    there = at_momentum(total, values, momentum or TotalMomentum.zero(), log.name)
+    there = there.moved(there.solve())  # the vague prior prefers another target than the true one
+    form, solution = relative_parameterization(model.mass), known_target(model, values[PSI], there)
+    bound = Identification.of_solution(form, solution, sample_count=0, estimator=TRAJECTORY_FIT)
     J, P = (np.nan_to_num(x) for x in (form.jacobian(solution.estimate), solution.covariance))
     return np.where(np.isfinite(bound.covariance), J @ P @ J.T, np.nan)

@@ -12,6 +12,7 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.one_thread import one_thread
 from cpid_drake.files.errors import InputError, prefix_errors
+from cpid_drake.identification import by_rows
 from cpid_drake.identification.arguments import (
     Arguments,
     LogLike,
@@ -24,13 +25,11 @@ from cpid_drake.identification.arguments import (
     resolve_prior,
     resolve_sensors_by_log,
 )
-from cpid_drake.identification.by_rows import MISFIT
+from cpid_drake.identification.by_rows import LEAST_SQUARES, MISFIT
 from cpid_drake.identification.checked_log import CheckedLog, check_logs
 from cpid_drake.identification.checks import Check, label_of
 from cpid_drake.identification.consistency import checked
 from cpid_drake.identification.estimators import (
-    ESTIMATORS,
-    LEAST_SQUARES,
     Estimator,
     choose,
     with_method,
@@ -180,11 +179,9 @@ def _by_momentum(arguments: Arguments, log: CheckedLog) -> tuple[str, ...]:
     coasting = log.measurements.between(-np.inf, log.measurements.first_burn)
     logs = {"": replace(log, measurements=coasting)}
     unknown = TotalMomentum.unknown()
-    by_rows = replace(arguments, estimator=LEAST_SQUARES, rows=None, prior=None, momentum=unknown)
+    rows = replace(arguments, estimator=LEAST_SQUARES, rows=None, prior=None, momentum=unknown)
     with suppress(np.linalg.LinAlgError, InputError):  # too few samples
-        result = ESTIMATORS[LEAST_SQUARES].estimate(
-            with_method(by_rows, logs), logs, lambda step: None
-        )
+        result = by_rows.estimate(with_method(rows, logs), logs)
         misfit = result.check(MISFIT)
         return () if misfit is None or misfit.passed else wrong
     return ()

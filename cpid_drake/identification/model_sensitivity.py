@@ -23,7 +23,7 @@ from cpid_drake.identification.chosen_fit import ChosenFit
 MASS, INERTIA = "mass", "inertia"
 """Of the base, with everything that is fixed to it; the inertia is about its centre of mass."""
 
-LINK, ALL = "the link that holds the target", "all masses and inertias"
+LINK, ALL_MASSES = "the link that holds the target", "all masses and inertias"
 """Not identifiable from any samples: this link moves as the target does, and momentum is linear in
 all masses."""
 
@@ -86,6 +86,6 @@ def hidden_sensitivity(
     moved = parameters_to_standard(parameters) - 0.01 * parameters_to_standard(link)
     changes = {LINK: standard_to_parameters(moved) - parameters}
     if not has_scale:
-        changes[ALL] = 0.01 * parameters
-        changes[ALL][1:4] = 0.0  # the centre of mass stays
+        changes[ALL_MASSES] = 0.01 * parameters
+        changes[ALL_MASSES][1:4] = 0.0  # the centre of mass stays
     return changes

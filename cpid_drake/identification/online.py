@@ -14,11 +14,11 @@ from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.answer import answer_of
 from cpid_drake.identification.arguments import Arguments
-from cpid_drake.identification.checked_log import CheckedLog, suites_of
+from cpid_drake.identification.checked_log import CheckedLog, model_of
 from cpid_drake.identification.checks import Check, Observed
 from cpid_drake.identification.result import Identification
 
-NAME = "recursive_fit"
+RECURSIVE_FIT = "recursive_fit"
 """The estimator's name."""
 
 NOT_LINEAR = (
@@ -57,7 +57,7 @@ def identification_of_state(
             nothing,
             sensors=model.suite,
             sample_count=0,
-            estimator=NAME,
+            estimator=RECURSIVE_FIT,
             momentum=assumed.name,
             momentum_changes=(),
         )
@@ -69,7 +69,7 @@ def identification_of_state(
     }
     observed = Observed(tests, counts, tuple(sorted(state.events)))
     result, _ = answer_of(
-        state.found, state.question, momentum, observed, joints=joints, estimator=NAME
+        state.found, state.question, momentum, observed, joints=joints, estimator=RECURSIVE_FIT
     )
     change = change_beyond_linear(state.found)
     if not change:
@@ -88,12 +88,9 @@ def estimate(
     See `estimators.Estimator`.
     """
     if len(logs) > 1:
-        raise InputError(f"{NAME} identifies from one log; use the trajectory fit")
+        raise InputError(f"{RECURSIVE_FIT} identifies from one log; use the trajectory fit")
     [log], craft = logs.values(), arguments.spacecraft
-    suites, warnings = suites_of(logs)
-    [suite] = suites.values()
-    has_thrust = log.measurements.has_thrust
-    model = Model.of(craft.tree, suite, arguments.known_bodies, has_thrust=has_thrust)
+    model, warnings = model_of(craft.tree, logs, arguments.known_bodies)
     if arguments.prior is not None:
         model = replace(model, rows=(arguments.prior.of_psi(model),))
     progress("fitting")

@@ -34,11 +34,12 @@ from cpid_drake.identification.arguments import (
     resolve_prior,
     resolve_sensors,
 )
-from cpid_drake.identification.checked_log import check_log, suites_of
-from cpid_drake.identification.fitted import NAME
+from cpid_drake.identification.checked_log import check_log, model_of
+from cpid_drake.identification.fitted import TRAJECTORY_FIT
 from cpid_drake.identification.identify import identify
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import Identification
+from cpid_drake.logs.column_map import scale_of
 from cpid_drake.logs.log import Log
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite
@@ -50,12 +51,7 @@ FALSE_ALARM = 0.01
 POWER = 0.9
 """Probability with which a target that is said to be noticed is noticed."""
 
-_UNITS = {
-    "rad": (180 / np.pi, "deg"),
-    "m": (1e3, "mm"),
-    "m/s": (1e3, "mm/s"),
-    "rad/s": (180 / np.pi, "deg/s"),
-}
+_SHOWN = {"rad": "deg", "m": "mm", "m/s": "mm/s", "rad/s": "deg/s"}
 
 
 @dataclass(frozen=True)
@@ -170,10 +166,8 @@ def validate(
     for name in ("attitude", "encoders"):
         if not log.counts.get(name):
             raise InputError(f"the log has no samples of {SENSORS[name].quantity}")
-    [suites, said] = suites_of({"": replace(log, sensors=sensors)})
-    sensors = suites[""]
-    thrust = log.measurements.has_thrust
-    model = Model.of(spacecraft.tree, sensors, known_bodies, has_thrust=thrust)
+    logs = {"": replace(log, sensors=sensors)}
+    model, said = model_of(spacecraft.tree, logs, known_bodies)
     whole = LogState.of(model, log.measurements)
     samples = _longest_part(model, whole)
     start, end = samples.blocks[0].start, samples.blocks[-1].end
@@ -186,8 +180,8 @@ def validate(
     own = identify(
         spacecraft,
         given,
-        estimator=NAME,
-        sensors=sensors,
+        estimator=TRAJECTORY_FIT,
+        sensors=model.suite,
         momentum=momentum,
         known_bodies=known_bodies,
         planar=planar,
@@ -209,7 +203,8 @@ def validate(
             continue
         size = np.concatenate(sizes)
         sigmas = next(m.scale_of(name) for m in predicted.models if name in m.sensors)
-        factor, unit = _UNITS[SENSORS[name].unit]
+        unit = _SHOWN[SENSORS[name].unit]
+        factor = 1 / scale_of(unit)
         rms, largest = factor * _rms(size), factor * float(size.max())
         noise = factor * float(np.linalg.norm(sigmas))
         errors.append(SensorError(name, unit, len(size), rms, largest, noise, _rms(rest.value)))
