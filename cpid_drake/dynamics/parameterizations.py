@@ -107,9 +107,6 @@ def moved_moments(
     return np.asarray(mass)[..., None] * p, turned + point_mass_inertia(mass, p)
 
 
-# -- the vectors ---------------------------------------------------------------------------------
-
-
 def parameter_scale(
     parameters: NDArray[np.float64], length: float | None = None
 ) -> NDArray[np.float64]:

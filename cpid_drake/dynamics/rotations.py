@@ -91,9 +91,6 @@ def right_jacobian(r: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(np.eye(3) - a * K + b * K @ K)
 
 
-# -- quaternions ---------------------------------------------------------------------------------
-
-
 def rotate_by_quaternion(
     quaternion: NDArray[np.float64], v: NDArray[np.float64]
 ) -> NDArray[np.float64]:

@@ -161,16 +161,15 @@ class RowFamily:
     def rows_in_plane(
         self, rows: NDArray[np.float64], R_WC: NDArray[np.float64], unknowns: NDArray[np.intp]
     ) -> NDArray[np.float64]:
-        """Return the rows of P_x, P_y and L_z in W from rows of all components in C.
+        """Return the rows (3 N, l + 11) of P_x, P_y and L_z in W from those of `full_rows` in C.
+
+        They are (N, l + 11) without linear rows, with the l columns of `momenta_in_plane`.
 
         Args:
-            rows: (rows_per_sample · N, k + 11), as from `full_rows`.
+            rows: (rows_per_sample · N, k + 11).
             R_WC: (N, 3, 3) attitude of C.
-            unknowns: places (u,) of the target's unknowns that act; see `KinematicTree.unknowns`.
-
-        Returns:
-            (3 N, l + 11), or (N, l + 11) without linear rows, with the l columns of
-            `momenta_in_plane`. Columns of unknowns that do not act are zero.
+            unknowns: places (u,) of the target's unknowns that act, see `KinematicTree.unknowns`;
+                columns of others become zero.
 
         """
         k = rows.shape[1] - 11
