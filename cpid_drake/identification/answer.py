@@ -158,14 +158,14 @@ def momentum_of(
     values: Values,
     gaussian: Gaussian,
     log: str,
-    compared: ModelComparison | None = None,
+    compared: ModelComparison,
 ) -> dict[str, Any]:
     """Return a result's fields of L at the start of a log, and v_WScm if positions are measured.
 
     There are none if the momentum is known. One that acts has the values of its comparison.
     """
     key = f"{MOMENTUM}|{log}"
-    if compared is not None and key in compared.values:
+    if key in compared.values:
         value, covariance = compared.values[key], compared.covariance[key]
     elif key in gaussian.places:
         own = gaussian.marginal([key])

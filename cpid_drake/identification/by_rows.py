@@ -38,9 +38,6 @@ from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
-FEWEST_FREEDOM = 20
-"""Degrees of freedom from which on residuals are shown."""
-
 INTEGRATION = 1e-5
 """Residuals below this share of the momentum contradict nothing: integration leaves as much."""
 
@@ -328,15 +325,14 @@ def _summarize(
     if suite is not None and (suite.disturbances or Disturbances()) != Disturbances():
         checks = (*checks, Check("forces", _FORCES))
     checks = (*checks, _misfit(min(to_errors, to_rows / INTEGRATION), tree))
-    if is_whole and freedom > 0:
+    own: dict[str, Any] = {}
+    if is_whole and freedom > 0:  # residuals show the errors
+        residuals = zip(("linear", "angular"), rows.residuals(x), strict=True)
+        own["residuals"] = {kind: each for kind, each in residuals if each.value.size}
         first, all_rows = (rows.triangle(is_zero=is_zero, is_half=h) for h in (True, False))
         checks += part_checks(first[-11:, -11:], all_rows[-11:, -11:], freedom)
     if log.states is None and to_rows > INTEGRATION:
         warnings = (*warnings, _NOISE)
-    own: dict[str, Any] = {}
-    if is_whole and freedom > FEWEST_FREEDOM:
-        residuals = zip(("linear", "angular"), rows.residuals(x), strict=True)
-        own["residuals"] = {kind: each for kind, each in residuals if each.value.size}
     if rows.extra and not is_zero:
         own["momentum_estimate"] = x[: rows.extra]
         if whole.rank == rows.extra + len(tree.unknowns):

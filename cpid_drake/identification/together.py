@@ -73,10 +73,6 @@ def with_sources(
 
     others = {name: [other for other in names if other != name] for name in names}
     alone = {name: solution(combined([name])) for name in names}
-    rests, joint = (
-        {name: solution(combined(others[name])) for name in names},
-        solution(combined(names)),
-    )
     warnings = [
         f"{name} identifies nothing of the target, and was not used"
         for name in counts
@@ -84,7 +80,8 @@ def with_sources(
     ]
     tests = []
     if prior is not None:  # what it contains is known, however vague it is
-        without, variance = (np.diag(part(each).covariance) for each in (rests[prior.name], joint))
+        rest = part(solution(combined(others[prior.name])))
+        without, variance = np.diag(rest.covariance), np.diag(result.covariance)
         is_half = ~np.isfinite(without) | (variance < without / 2)
         dominated = np.array(PARAMETER_NAMES)[is_half & np.isfinite(variance)]
         shown = ", ".join(dominated) or "no parameter"
@@ -98,7 +95,7 @@ def with_sources(
     worst = max(names, key=lambda name: sizes[name])
     sentence = "the logs" + (" and the prior" if prior is not None else "")
     sentence += f" do not have the same target: {worst} differs from the rest"
-    sentence += _difference(parts[worst], part(rests[worst]))
+    sentence += _difference(parts[worst], part(solution(combined(others[worst]))))
     checks = (agreement(sentence, *([name] for name in names)), *tests)
     return replace(
         result,
