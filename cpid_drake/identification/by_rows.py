@@ -4,7 +4,7 @@ Every log is a Gaussian of the target and of its own momentum (`estimation.rows_
 show whether the momentum is zero. Several logs, and a prior, are the sum of their Gaussians.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import reduce
 from typing import Any
@@ -187,15 +187,6 @@ def needs_of_rows(family: RowFamily, momentum: TotalMomentum) -> tuple[tuple[str
     return (("encoders",), ("attitude",), place)
 
 
-def best_rows(counts: Sequence[Mapping[str, int]], sensors: SensorSuite | None) -> str:
-    """Return "standard", or "relative" if samples must be smoothed or have no velocity.
-
-    An error of the base's velocity enters all standard rows of a sample, and no relative one.
-    """
-    is_complete = all(count.get("joint_rates") and count.get("velocity") for count in counts)
-    return "standard" if is_complete and sensors is None else "relative"
-
-
 def is_measured(log: CheckedLog, tree: KinematicTree, family: RowFamily) -> bool:
     """Return whether a log has samples of sensors, which a fit can use.
 
@@ -239,8 +230,7 @@ def _needed(measurements: Log, family: RowFamily) -> list[str]:
 def complete_samples(measurements: Log, family: RowFamily) -> Motion | None:
     """Return the motion at the common times of a log; None if they are too few.
 
-    Position, velocity and attitude that were not logged are set to zero if `needs_of_rows` does not
-    require them.
+    What was not logged, and `needs_of_rows` does not require, is zero.
     """
     common = common_times(measurements, family)
     if common is None:

@@ -107,7 +107,10 @@ def with_method(arguments: Arguments, logs: Mapping[str, CheckedLog]) -> Argumen
 
     """
     estimator, rows = arguments.estimator, arguments.rows
-    best = by_rows.best_rows([log.counts for log in logs.values()], arguments.sensors)
+    # An error of the base's velocity enters all standard rows of a sample, and no relative one.
+    measured = [log.counts for log in logs.values()]
+    is_complete = all(count.get("joint_rates") and count.get("velocity") for count in measured)
+    best = "standard" if is_complete and arguments.sensors is None else "relative"
     if estimator is None:
         tree, family = arguments.spacecraft.tree, ROW_FAMILIES[best]
         has_files = any(log.states is None for log in logs.values())

@@ -154,8 +154,8 @@ def identify(
                 f"{method.name} cannot calculate with these samples ({error}): plot them, and "
                 "compare units with the sensors' file and the model"
             )
-        found_causes = (log.failures or [_convention(log, spacecraft)] for log in logs.values())
-        causes = "; ".join(dict.fromkeys(filter(None, chain.from_iterable(found_causes))))
+        said = (log.failures or [_convention(log, spacecraft)] for log in logs.values())
+        causes = "; ".join(dict.fromkeys(filter(None, chain.from_iterable(said))))
         raise InputError(f"most likely, {causes}: {text}" if causes else text) from error
     # Result: the answer with what its logs, its body and its assumptions say.
     tree = spacecraft.tree

@@ -120,13 +120,9 @@ class PriorConfig:
             InputError: it contains nothing, no rigid body has the values, or a σ is missing.
 
         """
-        parts = {
-            "mass": (self.mass, self.sigma_mass, slice(0, 1)),
-            "p_CTcm_C": (self.p_CTcm_C, self.sigma_p_CTcm_C, slice(1, 4)),
-            "I_TTcm_C": (self.I_TTcm_C, self.sigma_I_TTcm_C, slice(4, 10)),
-        }
-        given = [key for key, (value, _, _) in parts.items() if value is not None]
-        if not given:
+        parts = {"mass": slice(0, 1), "p_CTcm_C": slice(1, 4), "I_TTcm_C": slice(4, 10)}
+        parts = {key: part for key, part in parts.items() if getattr(self, key) is not None}
+        if not parts:
             raise InputError("give mass, p_CTcm_C or I_TTcm_C")
         mass = 1.0 if self.mass is None else self.mass
         place = np.zeros(3) if self.p_CTcm_C is None else self.p_CTcm_C
@@ -138,8 +134,8 @@ class PriorConfig:
         values = body.to_vector()
         scale = parameter_scale(values) if np.trace(inertia) > 0 else np.zeros(10)
         parameters, sigma = np.full(10, np.nan), np.full(10, np.nan)
-        for key in given:
-            _, own, part = parts[key]
+        for key, part in parts.items():
+            own = getattr(self, f"sigma_{key}")
             if own is None and self.sigma is None:
                 raise InputError(f"give sigma_{key}, or sigma for all")
             needs_size = own is None and key != "mass"
@@ -149,10 +145,8 @@ class PriorConfig:
             sigma[part] = scale[part] * (self.sigma or 0.0) if own is None else own
             if not np.all(sigma[part] > 0):
                 raise InputError(f"give sigma_{key}: the body has no size")
-        covariance = np.full((10, 10), np.nan)
-        stated = np.flatnonzero(np.isfinite(parameters))
-        covariance[np.ix_(stated, stated)] = np.diag(sigma[stated] ** 2)
-        return TargetPrior(name, parameters, covariance)
+        # NaN in rows and columns of what is not stated.
+        return TargetPrior(name, parameters, np.diag(sigma**2) + 0 * np.add.outer(sigma, sigma))
 
 
 def load_prior(path: str | Path, spacecraft: Spacecraft, capture_frame: str) -> TargetPrior:

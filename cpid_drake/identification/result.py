@@ -360,7 +360,7 @@ class Identification:
 
     def files(self) -> list[Path]:
         """Return the files that the result was computed from, as far as they exist."""
-        paths = (path for source in self.sources for path in source.request.found())
+        paths = (path for source in self.sources for path in source.request.existing_files())
         return list(dict.fromkeys(paths))
 
 

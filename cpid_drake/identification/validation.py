@@ -34,7 +34,7 @@ from cpid_drake.identification.arguments import (
     resolve_prior,
     resolve_sensors,
 )
-from cpid_drake.identification.checked_log import check_log, model_of
+from cpid_drake.identification.checked_log import check_logs, model_of
 from cpid_drake.identification.fitted import TRAJECTORY_FIT
 from cpid_drake.identification.identify import identify
 from cpid_drake.identification.prior import TargetPrior
@@ -155,28 +155,14 @@ def validate(
     if not 0 < beginning < 1:
         raise InputError(f"the beginning must be a share between 0 and 1, not {beginning:g}")
     require_spacecraft(spacecraft)
-    [given] = resolve_logs(data, spacecraft).values()
+    given = resolve_logs(data, spacecraft)
     sensors, momentum = resolve_sensors(sensors), resolve_momentum(momentum)
     known_bodies, known_target = resolve_bodies(known_bodies), resolve_prior(target, spacecraft)
     if known_target is None:
         raise InputError("there is no target to validate")
-    log = check_log(spacecraft, given, sensors, planar)
-    if log.normal_B is not None:
-        spacecraft = spacecraft.on_table(log.normal_B)
-    for name in ("attitude", "encoders"):
-        if not log.counts.get(name):
-            raise InputError(f"the log has no samples of {SENSORS[name].quantity}")
-    logs = {"": replace(log, sensors=sensors)}
+    suites = dict.fromkeys(given, sensors)
+    spacecraft, logs = check_logs(spacecraft, given, suites, planar, lambda step: None)
     model, said = model_of(spacecraft.tree, logs, known_bodies)
-    whole = LogState.of(model, log.measurements)
-    samples = _longest_part(model, whole)
-    start, end = samples.blocks[0].start, samples.blocks[-1].end
-    first = sum(block.end <= start + beginning * (end - start) for block in samples.blocks)
-    if not 0 < first < len(samples.blocks):
-        raise InputError(
-            "the log is too short to predict a part of it from its beginning; give a log of at "
-            "least a few seconds"
-        )
     own = identify(
         spacecraft,
         given,
@@ -186,6 +172,16 @@ def validate(
         known_bodies=known_bodies,
         planar=planar,
     )
+    [log] = logs.values()
+    whole = LogState.of(model, log.measurements)
+    samples = _longest_part(model, whole)
+    start, end = samples.blocks[0].start, samples.blocks[-1].end
+    first = sum(block.end <= start + beginning * (end - start) for block in samples.blocks)
+    if not 0 < first < len(samples.blocks):
+        raise InputError(
+            "the log is too short to predict a part of it from its beginning; give a log of at "
+            "least a few seconds"
+        )
     if own.momentum != "unknown" and samples.blocks[0] is whole.blocks[0]:
         used = momentum or TotalMomentum.zero()
         value = np.concatenate([used.L_WScm_W, used.v_WScm_W])
