@@ -20,7 +20,7 @@ from cpid_drake.estimation.roll import roll
 from cpid_drake.estimation.unknowns import BODIES, PSI
 from cpid_drake.identification.chosen_fit import ChosenFit
 
-MASS, INERTIA = "mass", "inertia"
+BASE_MASS, BASE_INERTIA = "mass", "inertia"
 """Of the base, with everything that is fixed to it; the inertia is about its centre of mass."""
 
 LINK, ALL_MASSES = "the link that holds the target", "all masses and inertias"
@@ -41,8 +41,8 @@ def with_larger_base(tree: KinematicTree) -> dict[str, KinematicTree]:
     """Return the spacecraft with 1 % more mass, and with 1 % more inertia, of its base."""
     base, *others = tree.lumped.bodies
     larger = {
-        MASS: replace(base, mass=1.01 * base.mass),
-        INERTIA: replace(base, I_BBcm=1.01 * base.I_BBcm),
+        BASE_MASS: replace(base, mass=1.01 * base.mass),
+        BASE_INERTIA: replace(base, I_BBcm=1.01 * base.I_BBcm),
     }
     return {n: replace(tree.lumped, bodies=(each, *others)) for n, each in larger.items()}
 
@@ -63,7 +63,7 @@ def base_sensitivity(
     mass, *stretches = -solve_triangular(R[:10, :10], R[:10, 10:14]).T  # of the base, in σ
     form, open_axes = relative_parameterization(model.mass), solution.unidentifiable
     changes = {}
-    for name, change in ((MASS, mass), (INERTIA, np.sum(stretches, axis=0))):
+    for name, change in ((BASE_MASS, mass), (BASE_INERTIA, np.sum(stretches, axis=0))):
         scaled = change / solution.unit  # combinations that are not identifiable stay as they are
         scaled = scaled - open_axes.T @ (open_axes @ scaled)
         change = form.jacobian(solution.values) @ (solution.unit * scaled)
