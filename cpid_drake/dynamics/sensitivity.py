@@ -87,9 +87,9 @@ def uncertain_sensitivity(
     C. Other arguments as for `screw_sensitivity`.
     """
     tree = outboard.tree
-    known = replace(tree, bodies=tree.bodies[:-1])
-    bodies, joints, grasp = _errors_of(known, uncertainty, errors)
-    sigmas = uncertainty.all_sigmas(known.wheels, len(joints))
+    craft = replace(tree, bodies=tree.bodies[:-1])
+    bodies, joints, grasp = _errors_of(craft, uncertainty, errors)
+    sigmas = uncertainty.all_sigmas(craft.wheels, len(joints))
     of_bodies, of_geometry = np.split(sigmas > 0, [bodies.size])
     parts = [
         _by_bodies(outboard, dynamics.com(psi), bodies, of_bodies),
@@ -154,8 +154,8 @@ def _by_bodies(
             dL[..., 4 + i] = rotate(R, w_B @ change)
         shift[..., 0], shift[..., 1:4] = nominal / total * (r - rho), mass / total * axes
         momentum[:, :, k], com[:, :, k] = np.concatenate([dL, dP], axis=1), shift
-    found = momentum.reshape(N, 6, -1)[..., wanted]
-    return found, com.reshape(N, 3, -1)[..., wanted], np.zeros_like(found)
+    changes = momentum.reshape(N, 6, -1)[..., wanted]
+    return changes, com.reshape(N, 3, -1)[..., wanted], np.zeros_like(changes)
 
 
 def error_directions(
