@@ -19,7 +19,7 @@ from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Rolled, Values
 from cpid_drake.estimation.spectrum import DECLARED, WHITE, are_near
 from cpid_drake.estimation.unknowns import Model
-from cpid_drake.estimation.whiteness import correlation_time
+from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.sensors.sensors import SENSORS
 
 SAME = 1e-2
@@ -58,7 +58,7 @@ def reweighted(
     white = _white(log, rolled.residuals)
     for name, rest in rolled.all_residuals().items():
         lost = min(free / rolled.count + absorbed.get(name, 0.0) / rest.size, MOST_LOST)
-        time = _correlation_time(white[name], lost) if name in SENSORS else 1.0
+        time = whiteness(white[name]).correlation_time if name in SENSORS else 1.0
         shares[name] = (1 - lost) / time
     for name, sums in noise_sums(log, rolled.residuals, shares).items():
         square, freedom = DECLARED + past.get(name, 0.0) + sums
@@ -100,25 +100,6 @@ def _white(
             near = weights.get(name, np.ones(len(rest))) == 1.0
             found.setdefault(name, []).append(plain.whitened(k, name, rest)[near])
     return {name: np.concatenate(parts) for name, parts in found.items()}
-
-
-def _correlation_time(rest: NDArray[np.float64], lost: float) -> float:
-    """Return 1 + 2 Σ ρ, how much stronger errors are at low frequencies than white ones.
-
-    The spectrum leaves those that are slower than a block. Of white noise, the motion takes the
-    lowest frequencies, the share that is `lost`, and leaves residuals with the autocorrelation
-    −sin(π lost k)/(π k)/(1 − lost). The covariance beyond that is ρ times the variance, of which
-    1 − lost is in residuals. The sum ends where ρ does (Geyer 1992; see `whiteness`).
-    """
-    N = len(rest)
-    if N < 4 or not rest.any():
-        return 1.0
-    power = np.sum(np.abs(np.fft.rfft(rest, 2 * N, axis=0)) ** 2, axis=1)
-    products = np.fft.irfft(power)[: N // 2] / (N - np.arange(N // 2))
-    of_white = -lost * np.sinc(lost * np.arange(N // 2)) / (1 - lost)
-    rho = (1 - lost) * (products / products[0] - of_white)
-    rho[0] = 1.0
-    return correlation_time(rho, rest.size)
 
 
 def _weighted(log: LogState, rolled: Rolled) -> LogState:

@@ -13,7 +13,7 @@ is ignored."""
 MOST_CORRELATED = 0.7
 """Correlation of residuals from sample to sample above which a check fails."""
 
-LAGS = 60
+LAGS = 600
 """Longest distance of two residuals whose correlation counts, in samples."""
 
 BAND = 3.3

@@ -119,7 +119,7 @@ def test_intervals_hold_with_noise_half_of_which_is_slow(case, kept):
 def test_a_firing_in_slow_noise_is_found(case):
     time, momentum_W = 4.37, 0.05 * np.array([3.0, -2.0, 4.0, 1.0, 0.5, -1.0])
     samples = spoiled(fired(case, time, momentum_W), half, 0)
-    found, _ = fit_with_events(fitted(case, samples), AT_REST)
+    found = fit_with_events(fitted(case, samples), AT_REST)
     [log] = found.logs
     assert found.converged
     assert 1 <= len(log.changes) <= 2
