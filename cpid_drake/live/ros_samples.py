@@ -19,7 +19,6 @@ from cpid_drake.logs.ros_messages import (
     joint_values,
     message_values,
     stamp_of,
-    velocity_in_W,
 )
 from cpid_drake.sensors.suite import SensorSuite
 
@@ -256,12 +255,6 @@ class RosSamples:
             values: dict[str, Any] = {THRUST: self._map @ data}
         else:
             values = dict(message_values(message, kind))
-        attitude = values.get("attitude")
-        if attitude is not None and "velocity" in values:
-            values["velocity"] = velocity_in_W(np.array(values["velocity"]), np.array(attitude))
-        if attitude is not None and not any(attitude):  # a message that nobody filled
-            values.pop("attitude")
-            values.pop("velocity", None)
         for name, value in values.items():
             if self._sources.get(name) == kind:
                 yield name, value

@@ -278,7 +278,8 @@ def _smooth_attitude(
 
     def of_w(knots: Array, at: Array, w: Array) -> csr_array:
         """Return the derivatives (3 N, 3 n) of w_B (N, 3) by the coefficients of r."""
-        wx = bsr_array((skew(w), np.arange(len(w)), np.arange(len(w) + 1)))
+        numbers = np.arange(len(w) + 1)
+        wx = bsr_array((skew(w), numbers[:-1], numbers), shape=(w.size, w.size))
         return kron(basis(knots, at, 1), np.eye(3)) + wx @ kron(basis(knots, at), np.eye(3))
 
     def design(pieces: int) -> tuple[Array, csr_array]:
