@@ -72,11 +72,10 @@ class CheckedLog:
     Attributes:
         measurements: the samples.
         rejected: number of unusable samples by sensor, which are left out.
-        warnings: joints that the spacecraft does not have, positions beyond the joints' limits, and
-            positions that may be those of another point.
+        notes: joints that the spacecraft does not have, what was found in the channels, and
+            positions beyond the joints' limits.
         normal_B: (3,) normal in B of a table that carries the spacecraft; None without one.
-        failures: failed checks: contradictions between positions, rates, and the conservation of
-            momentum, and reasons why no table can have carried the spacecraft.
+        not_planar: reasons why no table can have carried the spacecraft, if one was said to.
         conventions: what comparing positions with rates, and the motion with the momentum, says.
         states: the caller's exact states, which were not sampled by sensors; else None.
         channels: what was found in every channel.
@@ -86,13 +85,23 @@ class CheckedLog:
 
     measurements: Log
     rejected: Mapping[str, int] = field(default_factory=dict)
-    warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     normal_B: NDArray[np.float64] | None = None
-    failures: tuple[str, ...] = ()
+    not_planar: tuple[str, ...] = ()
     conventions: Findings = field(default_factory=Findings)
     states: Motion | None = None
     channels: tuple[Channel, ...] = ()
     sensors: SensorSuite | None = None
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The notes, and what the conventions leave open, such as the point of the position."""
+        return (*self.notes, *self.conventions.warnings)
+
+    @property
+    def failures(self) -> tuple[str, ...]:
+        """Failed checks: contradictions between positions, rates and momentum, and no table."""
+        return (*self.conventions.failures, *self.not_planar)
 
     @property
     def counts(self) -> dict[str, int]:
@@ -140,8 +149,6 @@ def check_log(
     data: Motion | Log,
     sensors: SensorSuite | None = None,
     planar: bool | None = None,
-    *,
-    by_momentum: bool = True,
 ) -> CheckedLog:
     """Screen and check a log; exact states need no checks.
 
@@ -151,7 +158,6 @@ def check_log(
         sensors: the sensors' errors, by which spikes and stuck sensors are found; None if they are
             not known.
         planar: whether a table carries the spacecraft; see `planar.placed`.
-        by_momentum: see `check_conventions`.
 
     Raises:
         InputError: the log lacks a joint of the spacecraft, or its times cannot be in s.
@@ -176,15 +182,14 @@ def check_log(
         others = [name for name in data.joint_names if name not in spacecraft.joint_names]
         beyond = (*_beyond_limits(spacecraft, measurements.encoders.value),)
         tree = spacecraft.tree
-    found = check_conventions(measurements, tree, by_momentum=by_momentum)
+    found = check_conventions(measurements, tree, by_momentum=False)
     found = replace(found, not_compared=(*found.not_compared, *seen.not_compared))
-    warnings = [*left_out_warnings(others), *seen.warnings, *notes, *found.warnings]
     return CheckedLog(
         measurements,
         screened.rejected,
-        (*warnings, *beyond),
+        (*left_out_warnings(others), *seen.warnings, *notes, *beyond),
         None if tree is None else tree.normal_B,
-        (*found.failures, *failures),
+        failures,
         found,
         channels=seen.table,
     )

@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from itertools import chain
 
@@ -23,17 +22,16 @@ from cpid_drake.identification.arguments import (
     resolve_prior,
     resolve_sensors_by_log,
 )
-from cpid_drake.identification.by_rows import MISFIT
 from cpid_drake.identification.checked_log import Arguments, CheckedLog, check_log
 from cpid_drake.identification.checks import Check, label_of, rejection_checks
 from cpid_drake.identification.consistency import checked
 from cpid_drake.identification.estimators import (
     ESTIMATORS,
-    LEAST_SQUARES,
     Estimator,
     require_sensors,
     with_method,
 )
+from cpid_drake.identification.log_conventions import with_conventions
 from cpid_drake.identification.model_sensitivity import hidden_sensitivity
 from cpid_drake.identification.planar import PROPOSED, could_be_planar, one_normal
 from cpid_drake.identification.prior import TargetPrior
@@ -134,7 +132,7 @@ def identify(
     for name, each in named.items():
         progress(f"checking {name}")
         with prefix_errors(where[name]):
-            own = check_log(spacecraft, each, suites[name], planar, by_momentum=False)
+            own = check_log(spacecraft, each, suites[name], planar)
         logs[name] = replace(own, sensors=suites[name])
     normals = {name: log.normal_B for name, log in logs.items() if log.normal_B is not None}
     if normals and len(normals) < len(logs):
@@ -154,7 +152,7 @@ def identify(
     for name, log in logs.items():
         with prefix_errors(where[name]):
             require_sensors(log, arguments)
-            if wrong := log.conventions.failures or _by_momentum(arguments, log):
+            if wrong := with_conventions(log, arguments).conventions.failures:
                 raise InputError("; ".join(wrong))
     progress("identifying")
     try:
@@ -193,29 +191,6 @@ def identify(
     if not convention:
         return found
     return replace(found, checks=(Check("log", f"most likely, {convention}"), *found.checks))
-
-
-def _by_momentum(arguments: Arguments, log: CheckedLog) -> tuple[str, ...]:
-    """Return the convention that the momentum shows, if noise does not explain the log as read.
-
-    In a short log many conventions explain a smooth motion; the misfit of rows is relative to the
-    noise.
-    """
-    if log.conventions.has_momentum or arguments.spacecraft.tree.normal_B is not None:
-        return ()
-    wrong = check_conventions(log.measurements, arguments.spacecraft.tree).failures
-    if not wrong:
-        return ()
-    coasting = log.measurements.between(-np.inf, log.measurements.first_burn)
-    logs = {"": replace(log, measurements=coasting)}
-    unknown = TotalMomentum.unknown()
-    by_rows = replace(arguments, estimator=LEAST_SQUARES, rows=None, prior=None, momentum=unknown)
-    with suppress(np.linalg.LinAlgError, InputError):  # too few samples
-        by_rows = with_method(by_rows, logs)
-        found = ESTIMATORS[LEAST_SQUARES].estimate(by_rows, logs, lambda step: None)
-        misfit = found.check(MISFIT)
-        return () if misfit is None or misfit.passed else wrong
-    return ()
 
 
 def _convention(log: CheckedLog, spacecraft: Spacecraft) -> str:
