@@ -18,16 +18,14 @@ from cpid_drake.logs.channels import Channel, Seen, look_at
 from cpid_drake.logs.conventions import Findings, check_conventions
 from cpid_drake.logs.log import Log, Samples, with_fixed_joints
 from cpid_drake.logs.noise_estimation import estimate_suite
-from cpid_drake.logs.screening import as_arrays, screen
+from cpid_drake.logs.screening import LONGEST_GAP, as_arrays, screen
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
-LONGEST_STEP = 3600.0
-"""Usual step of the fastest sensor above which the stamps are not in seconds [s]."""
-
 SLOWER = 100.0
-"""The same for a sensor whose rate is declared, in declared steps."""
+"""Usual step of the fastest sensor above which the stamps are not in seconds, in declared steps; it
+is `LONGEST_GAP` without a declared rate."""
 
 
 OLD_ZEROS = (
@@ -297,7 +295,7 @@ def _refuse_slow(measurements: Log, sensors: SensorSuite | None) -> None:
     }
     name = min(steps, key=lambda each: steps[each], default="")
     declared = {} if sensors is None else sensors.present()
-    longest = SLOWER / declared[name].rate if name in declared else LONGEST_STEP
+    longest = SLOWER / declared[name].rate if name in declared else LONGEST_GAP
     if name and steps[name] > longest:
         raise InputError(
             f"the samples of {SENSORS[name].quantity} are {steps[name]:.3g} s apart if the time is "

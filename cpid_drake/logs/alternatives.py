@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from cpid_drake.dynamics.rotations import rotate
+from cpid_drake.dynamics.rotations import conjugate, rotate
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.logs.column_map import QUATERNION_ORDERS, UNITS, ColumnMap, scale_of
 from cpid_drake.logs.score import Instants, explain_by_momentum
@@ -312,7 +312,7 @@ def _reordered(quaternion: Array, now: str, order: str, turns: bool) -> Array:
     """Return quaternions or their rates as read in another order and direction."""
     if order != now:  # the entries of the file: scalar first or last
         quaternion = quaternion[:, [3, 0, 1, 2] if order == "xyzw" else [1, 2, 3, 0]]
-    return quaternion * [1.0, -1.0, -1.0, -1.0] if turns else quaternion
+    return conjugate(quaternion) if turns else quaternion
 
 
 def _product(a: Array, b: Array) -> Array:

@@ -20,11 +20,8 @@ from cpid_drake.logs.log import Log, Samples, without_flips
 from cpid_drake.logs.noise_estimation import FEWEST, RESOLUTION, noise_level, rounding
 from cpid_drake.logs.screening import as_arrays
 from cpid_drake.logs.unwrapping import unwrapped
-from cpid_drake.sensors.sensors import SENSORS
+from cpid_drake.sensors.sensors import POSITIONS, SENSORS
 from cpid_drake.spacecraft.spacecraft import Spacecraft
-
-PAIRS = {"joint_rates": "encoders", "gyro": "attitude", "velocity": "position"}
-"""By rate, the channel that changes at this rate."""
 
 _SHOWS = 0.02  # smallest change that contradicts a constant [rad, m]
 _REGULAR = 0.9  # share of equal runs from which values are held, not equal by chance
@@ -97,7 +94,7 @@ class Seen:
         return tuple(
             f"{SENSORS[position].quantity} with {SENSORS[rate].quantity} "
             f"({SENSORS[rate if rate in out else position].quantity} left out)"
-            for rate, position in PAIRS.items()
+            for rate, position in POSITIONS.items()
             if rate in out or position in out
         )
 
@@ -124,7 +121,7 @@ def look_at(log: Log, spacecraft: Spacecraft | None = None) -> Seen:
         look.leave_out_copies(name)
     look.unwrap()
     look.leave_out_constants()
-    for name in PAIRS:
+    for name in POSITIONS:
         look.leave_out_ends(name)
     table = tuple(
         _channel(name, look.log[name], found, name in look.out)
@@ -229,7 +226,7 @@ class _Look:
 
     def leave_out_constants(self) -> None:
         """Leave out channels that are exactly constant while others show that they change."""
-        for rate, position in PAIRS.items():
+        for rate, position in POSITIONS.items():
             self._check_rate(rate, position)
             self._check_position(rate, position)
         attitude, moving = self.given("attitude"), self._moving_joints()

@@ -17,17 +17,14 @@ from scipy.spatial.transform import Rotation
 from cpid_drake.files.errors import InputError
 from cpid_drake.logs.log import Samples
 from cpid_drake.logs.score import MOMENTUM, Comparison
+from cpid_drake.logs.screening import LONGEST_DELAY
+from cpid_drake.sensors.sensors import POSITIONS
 
 LEAST_CLOCK_ERROR = 0.005
 """Smallest relative error of a clock that is named: crystals are a hundred times better."""
 
 LEAST_RESIDUAL = 0.01
 """Smallest residual that a delay may explain: errors of smoothing leave less."""
-
-LONGEST_SOUGHT_DELAY = 1.0
-"""Longest delay between two sensors that is looked for [s]."""
-
-_PAIRS = (("encoders", "joint_rates"), ("attitude", "gyro"), ("position", "velocity"))
 
 
 def clock_factor(comparisons: Sequence[Comparison]) -> float | None:
@@ -63,7 +60,7 @@ def with_delay(comparison: Comparison, time: NDArray[np.float64]) -> Comparison:
     moved, measured = comparison.values
     if comparison.name == MOMENTUM or comparison.residual < LEAST_RESIDUAL or len(time) < 20:
         return comparison
-    most = min(LONGEST_SOUGHT_DELAY, (time[-1] - time[0]) / 5)
+    most = min(LONGEST_DELAY, (time[-1] - time[0]) / 5)
     inner = (time >= time[0] + most) & (time <= time[-1] - most)
     spline, there = CubicSpline(time, moved), measured[inner]
 
@@ -92,7 +89,7 @@ def time_from_rates(samples: Mapping[str, Samples]) -> dict[str, Samples]:
 
     """
     time, changes, rates = None, [], []
-    for position, rate in _PAIRS:
+    for rate, position in POSITIONS.items():
         both = [samples.get(position), samples.get(rate)]
         if both[0] is None or both[1] is None or len(both[0]) < 3:
             continue

@@ -24,7 +24,8 @@ spline of degree 5 has at least seven numbers."""
 RESOLUTION = 1e-6
 """Least noise of a sensor, as a share of the spread of its samples: 20 bits.
 
-Samples of a simulation have no noise, but errors of integration and of interpolation.
+Samples of a simulation have no noise, but errors of integration and of interpolation: a smaller
+share of the motion is none.
 """
 
 _SMOOTH = 0.05

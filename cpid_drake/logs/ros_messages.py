@@ -41,10 +41,6 @@ SOURCES = {
 """For each quantity, the kinds of topic that can hold its samples; the first that does is used."""
 
 
-LARGEST_STEP_BACK = 1.0
-"""Largest decrease of the stamps from message to message [s]."""
-
-
 def stamp_of(message: Any) -> int:
     """Return the stamp of a message's header [ns]."""
     stamp = message.header.stamp

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from cpid_drake.files.errors import InputError
 from cpid_drake.logs.log import THRUST, THRUST_COLUMNS
 from cpid_drake.logs.ros_messages import (
-    LARGEST_STEP_BACK,
     SOURCES,
     TOPIC_TYPES,
     TRANSFORMS,
@@ -23,6 +22,7 @@ from cpid_drake.logs.ros_messages import (
     message_values,
     stamp_of,
 )
+from cpid_drake.logs.screening import LONGEST_DELAY
 from cpid_drake.logs.table import LogTable
 from cpid_drake.sensors.sensors import SENSORS
 
@@ -274,7 +274,7 @@ def _read_topic(
     if times.size > 1 and (times == times[0]).all():
         raise InputError(f"{where}: all headers have the stamp {times[0] / 1e9:g} s; set the time")
     back = np.maximum.accumulate(times) - times
-    far = back > LARGEST_STEP_BACK * 1e9
+    far = back > LONGEST_DELAY * 1e9
     if far.any():
         raise InputError(
             f"{where}: stamps jump back by {back[far][0] / 1e9:g} s at message {far.argmax()}; a "

@@ -32,8 +32,9 @@ from cpid_drake.dynamics.rotations import angular_velocity, rotate, skew
 from cpid_drake.dynamics.rows import RELATIVE_ROWS
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.logs.log import Log, Samples, without_flips
-from cpid_drake.logs.noise_estimation import FEWEST
+from cpid_drake.logs.noise_estimation import FEWEST, RESOLUTION
 from cpid_drake.logs.splines import in_gap, regression_spline
+from cpid_drake.sensors.sensors import POSITIONS
 
 MOMENTUM = "momentum"
 """Name of the comparison with the conservation of momentum."""
@@ -41,11 +42,8 @@ MOMENTUM = "momentum"
 COMPARED_LENGTH = 60.0
 """Length of the part of a log that is compared [s]: the one in which the joints move most."""
 
-_ROUNDING = 1e-6  # residuals below this share of the motion are errors of the splines
 _MODEL_ERROR = 0.02  # share of the total mass by which errors of the model make a mass impossible
 _LEAST = 1e-9  # smallest motion [rad, m, rad/s, m/s]
-_RATES = ("gyro", "velocity", "joint_rates")
-_MOVED = ("attitude", "position", "encoders")
 
 Array = NDArray[np.float64]
 
@@ -154,7 +152,7 @@ def instants_of(log: Log) -> Instants | None:
         splines[name] = regression_spline(samples)
         fitted = splines[name](samples.time)
         noise = np.sqrt(np.mean((samples.value - fitted) ** 2, axis=0))
-        if name not in _RATES:  # a constant rate is a motion, a constant position is none
+        if name not in POSITIONS:  # a constant rate is a motion, a constant position is none
             fitted = fitted - fitted.mean(axis=0)
         size = np.sqrt(np.mean(fitted**2, axis=0))
         if name in ("encoders", "joint_rates"):
@@ -172,7 +170,7 @@ def instants_of(log: Log) -> Instants | None:
         return None
 
     values = {name: spline(time) for name, spline in splines.items()}
-    rates = {name: splines[name](time, 1) for name in _MOVED if name in splines}
+    rates = {name: splines[name](time, 1) for name in POSITIONS.values() if name in splines}
     return Instants(time - time[0], values, rates, frozenset(moving), is_free)
 
 
@@ -261,12 +259,12 @@ def explain_by_momentum(
         return None
     # What each part leaves alone is its noise, by which both together are weighed.
     alone = [_least_squares(A, b) for A, b, _ in parts]
-    noise = [max(_rms(a[1]), _ROUNDING * p[2], 1e-300) for a, p in zip(alone, parts)]
+    noise = [max(_rms(a[1]), RESOLUTION * p[2], 1e-300) for a, p in zip(alone, parts)]
     A, b = (np.concatenate([p[k] / sigma for p, sigma in zip(parts, noise)]) for k in (0, 1))
     together = _least_squares(A, b)
     errors = np.split(together[1], [len(parts[0][1])])
     left = [
-        max(_rms(e) * sigma / max(size, 1e-300), _ROUNDING)
+        max(_rms(e) * sigma / max(size, 1e-300), RESOLUTION)
         for e, sigma, (*_, size) in zip(errors, noise, parts)
     ]
     is_possible, point_B = True, np.zeros(3)
@@ -327,7 +325,7 @@ def _least_squares(A: Array, b: Array) -> tuple[Array, Array, float]:
 
 def _compared(name: str, rate: str, moved: Array, measured: Array) -> Comparison:
     size = max(np.sum(moved**2), np.sum(measured**2), 1e-300)
-    residual = max(float(np.sqrt(np.sum((moved - measured) ** 2) / size)), _ROUNDING)
+    residual = max(float(np.sqrt(np.sum((moved - measured) ** 2) / size)), RESOLUTION)
     return Comparison(name, (f"changes of {name}", rate), (moved, measured), residual)
 
 

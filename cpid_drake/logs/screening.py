@@ -29,9 +29,10 @@ and larger values are damaged messages whose squares may overflow."""
 LONGEST_GAP = 3600.0
 """Longest time between two samples of a sensor [s]; with a longer one, a clock was wrong."""
 
-LONGEST_SILENCE = 1.0
-"""A stamp later than all others by more than this time [s], or than five steps of the slowest
-sensor, must be confirmed by other stamps; it is longer than the delay between sensors."""
+LONGEST_DELAY = 1.0
+"""Longest delay of a sensor, or of the log of thrust [s]. A stamp later than all others by more, or
+by more than five steps of the slowest sensor, must be confirmed by other stamps; and stamps of one
+topic do not go back so far."""
 
 CONFIRMING = 3
 """Number of different stamps that confirm each other: a damaged one, or two, cannot end a log."""
@@ -228,7 +229,7 @@ def _confirmed(stamps: Sequence[Array], newest: float) -> Array:
     pool = np.unique(np.concatenate([*stamps, known]))
     with np.errstate(over="ignore"):  # between absurd stamps, a step is infinite
         steps = [np.median(np.abs(np.diff(time))) for time in stamps if time.size > 1]
-        silence = max(LONGEST_SILENCE, 5 * float(max(steps, default=0.0)))
+        silence = max(LONGEST_DELAY, 5 * float(max(steps, default=0.0)))
         group = np.append(0, np.cumsum(np.diff(pool) > silence))[: pool.size]
     count = np.bincount(group)
     is_good = count >= CONFIRMING

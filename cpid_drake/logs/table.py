@@ -70,7 +70,6 @@ _STAMP = re.compile(
     r"(?P<day>\d{4}-\d\d-\d\d)?[T ]?(?P<time>\d\d:\d\d:\d\d([.,]\d{1,9})?)"
     r"(?P<zone> ?(Z|UTC|[+-]\d\d:?\d\d))?"
 )
-_DAY = 86_400 * 10**9  # ns
 
 
 def seconds_of_stamps(texts: Sequence[str]) -> NDArray[np.float64] | None:
@@ -84,12 +83,13 @@ def seconds_of_stamps(texts: Sequence[str]) -> NDArray[np.float64] | None:
         return None
     days = ((m["day"] or "1970-01-01", m["time"].replace(",", ".")) for m in found if m)
     try:
-        stamps = np.array(["T".join(pair) for pair in days], dtype="datetime64[ns]").astype(int)
+        stamps = np.array(["T".join(pair) for pair in days], dtype="datetime64[ns]")
     except ValueError:  # no such day or hour
         return None
     if not found[0] or not found[0]["day"]:
-        stamps = stamps + _DAY * np.append(0, np.cumsum(np.diff(stamps) < -_DAY // 2))
-    return np.asarray((stamps - stamps[0]) / 1e9)
+        midnights = np.diff(stamps) < -np.timedelta64(12, "h")
+        stamps = stamps + np.timedelta64(1, "D") * np.append(0, np.cumsum(midnights))
+    return np.asarray((stamps - stamps[0]) / np.timedelta64(1, "s"))
 
 
 def repeated_names(names: Sequence[str], where: str) -> dict[str, str]:

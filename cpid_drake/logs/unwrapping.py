@@ -3,8 +3,6 @@
 import numpy as np
 from numpy.typing import NDArray
 
-TURN = 2 * np.pi
-
 _SLACK = 0.1  # by which a wrapped angle may leave one turn: noise [rad]
 
 Array = NDArray[np.float64]
@@ -23,9 +21,9 @@ def unwrapped(value: Array, turned: Array) -> tuple[Array, int]:
     jumps = np.abs(steps) > np.pi
     if not jumps.any():
         return value, 0
-    is_within = bool(np.ptp(value) <= TURN + _SLACK)
+    is_within = bool(np.ptp(value) <= 2 * np.pi + _SLACK)
     if not is_within:
-        rest = np.abs(np.abs(steps) - TURN)
+        rest = np.abs(np.abs(steps) - 2 * np.pi)
         usual = float(np.median(np.abs(steps)))
         is_turn = jumps & (rest < max(0.5, 5 * usual)) & (usual < 0.5)
         if not (is_turn == jumps).all():
@@ -42,4 +40,4 @@ def unwrapped(value: Array, turned: Array) -> tuple[Array, int]:
 
 def _rest(steps: Array) -> Array:
     """Return steps without whole turns."""
-    return np.asarray(steps - TURN * np.round(steps / TURN))
+    return np.asarray(steps - 2 * np.pi * np.round(steps / (2 * np.pi)))

@@ -26,11 +26,6 @@ WALKS = 0.03
 BIAS_WALKS = 1 / 3
 """The same of a gyro's bias in the root of an hour."""
 
-CLOCKS = 50.0
-"""σ of a clock that nobody disciplines [ppm]: quartz is sold with tolerances of 20 to 100 ppm, and
-temperature and age add as much. Two clocks then differ by 71 ppm; a survey of 20,000 computers
-found a median error of 78 ppm (Mills 2006)."""
-
 PLAUSIBLE_BODIES = BodyUncertainty(mass=0.01, com=0.005, inertia=0.01)
 """Uncertainty of bodies of which nobody says how well they are known."""
 
@@ -162,8 +157,11 @@ _KINDS = (
         *("delay", "sensor", "delay_ms", 1, "ms", 1e-3, 30.0),
         "the stamps of the {sensor} are {} late",
     ),
+    # Nobody disciplines the clock: quartz is sold with tolerances of 20 to 100 ppm, and temperature
+    # and age add as much. Two clocks then differ by 71 ppm; a survey of 20,000 computers found a
+    # median error of 78 ppm (Mills 2006).
     ErrorKind(
-        *("clock_drift", "sensor", "clock_drift_ppm", 1, "ppm", 1e-6, CLOCKS),
+        *("clock_drift", "sensor", "clock_drift_ppm", 1, "ppm", 1e-6, 50.0),
         "the clock of the {sensor} is fast by {}",
     ),
     ErrorKind(

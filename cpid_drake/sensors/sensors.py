@@ -20,7 +20,7 @@ from cpid_drake.files.checked_yaml import Numbers
 from cpid_drake.files.errors import InputError
 
 ARCSECOND = np.pi / (180 * 3600)
-DEGREE_PER_HOUR = np.pi / (180 * 3600)
+DEGREE_PER_HOUR = ARCSECOND  # in a second
 DEGREE_PER_ROOT_HOUR = np.pi / (180 * 60)
 
 CALIBRATED_GYRO_BIAS = 10.0
@@ -331,3 +331,6 @@ SENSORS: dict[str, Sensor] = {
     )
 }
 """All sensors by name. Estimators process samples of equal time in this order."""
+
+POSITIONS = {"joint_rates": "encoders", "gyro": "attitude", "velocity": "position"}
+"""By the name of a rate, that of the position that changes at it."""
