@@ -1,9 +1,9 @@
 """The columns of a log file as they are in the file."""
 
-import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import datetime
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,30 +66,21 @@ class LogTable:
         return number, f"{self.row_word} {number}" + (f", column '{column}'" if column else "")
 
 
-_STAMP = re.compile(
-    r"(?P<day>\d{4}-\d\d-\d\d)?[T ]?(?P<time>\d\d:\d\d:\d\d([.,]\d{1,9})?)"
-    r"(?P<zone> ?(Z|UTC|[+-]\d\d:?\d\d))?"
-)
-
-
 def seconds_of_stamps(texts: Sequence[str]) -> NDArray[np.float64] | None:
     """Return seconds since the first of stamps of ISO 8601, or of hh:mm:ss; None for other texts.
 
-    All must have a date and the same time zone, or none; a time of day may pass midnight.
+    All must have a date, or none, and all a time zone, or none; a time of day may pass midnight.
     """
-    found = [_STAMP.fullmatch(text) for text in texts]
-    kinds = {(bool(m["day"]), m["zone"]) if m else None for m in found}
-    if len(kinds) != 1 or None in kinds:
-        return None
-    days = ((m["day"] or "1970-01-01", m["time"].replace(",", ".")) for m in found if m)
-    try:
-        stamps = np.array(["T".join(pair) for pair in days], dtype="datetime64[ns]")
-    except ValueError:  # no such day or hour
-        return None
-    if not found[0] or not found[0]["day"]:
-        midnights = np.diff(stamps) < -np.timedelta64(12, "h")
-        stamps = stamps + np.timedelta64(1, "D") * np.append(0, np.cumsum(midnights))
-    return np.asarray((stamps - stamps[0]) / np.timedelta64(1, "s"))
+    iso = [text.replace("UTC", "Z").replace(" Z", "Z").replace(" +", "+") for text in texts]
+    for day in ("", "1970-01-01T"):
+        try:
+            stamps = [datetime.fromisoformat(day + text) for text in iso]
+            seconds = np.array([(stamp - stamps[0]).total_seconds() for stamp in stamps])
+        except (ValueError, TypeError):  # TypeError: a time zone in some
+            continue
+        midnights = bool(day) * (np.diff(seconds) < -43_200)
+        return np.asarray(seconds + 86_400 * np.append(0, np.cumsum(midnights)))
+    return None
 
 
 def repeated_names(names: Sequence[str], where: str) -> dict[str, str]:
