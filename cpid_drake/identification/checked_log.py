@@ -248,7 +248,8 @@ def in_joint_order(measurements: Log, spacecraft: Spacecraft) -> Seen:
                 "wheels that are balanced about their axis and carry nothing"
             )
         value[:, k] = _turned(seen.log, k, time)
-    return replace(seen, log=seen.log.updated({"encoders": Samples(time, value)}))
+    seen.log = seen.log.updated({"encoders": Samples(time, value)})
+    return seen
 
 
 def _turned(measurements: Log, k: int, times: NDArray[np.float64]) -> NDArray[np.float64]:
