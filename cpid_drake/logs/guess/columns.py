@@ -178,7 +178,7 @@ def _angles(guess: GuessedMap, names: Iterable[str]) -> list[Group]:
 
 def _without_attitude(guess: GuessedMap) -> None:
     """Leave the attitude open, also if angles that have the names of joints may be it."""
-    if guess.open_angles:
+    if guess.open_joints:
         return
     at = guess.column_map.joint_positions.columns
     joints = {column: joint for joint, column in at.items()}

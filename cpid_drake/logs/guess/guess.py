@@ -72,6 +72,8 @@ def guess_map(
         )
     guess = GuessedMap(columns, texts, spacecraft, base)
     find_columns(guess, frame_rate)
+    if guess.open_joints:  # nothing can be compared without all joints
+        return guess
     _settle_clock(guess)
     explained, given = _settle_conventions(guess), guess.column_map.attitude
     if "time.unit" in guess.free:
