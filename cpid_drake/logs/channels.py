@@ -13,10 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
-from scipy.spatial.transform import Rotation
 
 from cpid_drake.files.errors import InputError, listed
-from cpid_drake.logs.log import Log, Samples, without_flips
+from cpid_drake.logs.log import Log, Samples, turns
 from cpid_drake.logs.noise_estimation import FEWEST, RESOLUTION, noise_level, rounding
 from cpid_drake.logs.screening import as_arrays
 from cpid_drake.logs.unwrapping import unwrapped
@@ -336,12 +335,8 @@ def _path(name: str, samples: Samples) -> Array:
     """Return what the rate of a channel sums up to: for the attitude, the turn in B."""
     if name != "attitude":
         return samples.value
-    norm = np.linalg.norm(samples.value, axis=1, keepdims=True)
-    R = Rotation.from_quat(
-        without_flips(samples.value / np.where(norm > 0, norm, 1.0)), scalar_first=True
-    )
-    turns = (R[:-1].inv() * R[1:]).as_rotvec()
-    return np.concatenate([np.zeros((1, 3)), np.cumsum(turns, axis=0)])
+    still = np.where(samples.value.any(axis=1, keepdims=True), samples.value, [1.0, 0, 0, 0])
+    return np.concatenate([np.zeros((1, 3)), np.cumsum(turns(still), axis=0)])
 
 
 def _channel(name: str, samples: Samples, found: Sequence[str], is_out: bool) -> Channel:

@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
-from scipy.spatial.transform import Rotation
 
 from cpid_drake.files.errors import InputError
-from cpid_drake.logs.log import Samples
+from cpid_drake.logs.log import Samples, turns
 from cpid_drake.logs.score import MOMENTUM, Comparison
 from cpid_drake.logs.screening import LONGEST_DELAY
 from cpid_drake.sensors.sensors import POSITIONS
@@ -97,11 +96,7 @@ def time_from_rates(samples: Mapping[str, Samples]) -> dict[str, Samples]:
         if len(common) < 3 or (time is not None and not np.array_equal(common, time)):
             continue
         time, value, speed = common, both[0].value[first], both[1].value[second]
-        if position == "attitude":
-            R = Rotation.from_quat(value, scalar_first=True)
-            change = (R[:-1].inv() * R[1:]).as_rotvec()
-        else:
-            change = np.diff(value, axis=0)
+        change = turns(value) if position == "attitude" else np.diff(value, axis=0)
         mean = (speed[1:] + speed[:-1]) / 2
         unit = np.sqrt(np.mean(mean**2, axis=0))
         moves = unit > 0

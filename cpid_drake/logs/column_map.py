@@ -49,6 +49,10 @@ UNITS = {
 """By unit, its size in SI units and radians, and its names in words, the usual one first."""
 
 
+UNIT_OF = {word: unit for unit, (_, words) in UNITS.items() for word in (unit, *words.split())}
+"""The unit of each of its names."""
+
+
 def scale_of(unit: str) -> float:
     """Return the size of a unit in SI units and radians."""
     return UNITS[unit.removesuffix("/s")][0]

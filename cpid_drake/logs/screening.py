@@ -117,7 +117,7 @@ def screen(log: Log, suite: SensorSuite | None = None, memory: Log | None = None
     for name, samples in readable.items():
         before = memory[name]
         ordered = np.isin(samples.time, confirmed)
-        ordered[ordered] = _in_order(samples.time[ordered], last_time(before))
+        ordered[ordered] = _in_order(samples.time[ordered], before.last_time)
         samples = samples if ordered.all() else samples.where(ordered)
         everything = concatenated_samples([before, samples]) if len(before) else samples
         if len(samples) and suite is not None and name in present:
@@ -129,11 +129,6 @@ def screen(log: Log, suite: SensorSuite | None = None, memory: Log | None = None
         kept[name] = samples
     rejected = {name: len(samples) - len(kept[name]) for name, samples in given.items()}
     return Screened(given.updated(kept), rejected, Log(log.joint_names, recent))
-
-
-def last_time(samples: Samples) -> float:
-    """Return the time of the last sample [s]; −inf without samples."""
-    return float(samples.time[-1]) if len(samples) else -np.inf
 
 
 def as_arrays(log: Log) -> Log:

@@ -185,8 +185,6 @@ def check_model(
             main = next((each for each in around if each.suffix.lower() == ".xml"), file)
             elements = _read_xml(file, place)
             for element, line in elements.items():
-                _refuse_templates(element, f"{place}: line {line}: ")
-            for element, line in elements.items():
                 _check_numbers(element, ending, f"{place}: line {line}: ")
             for element, line in elements.items():
                 _check_meaning(element, ending, f"{place}: line {line}: ")
@@ -231,6 +229,9 @@ def _read_xml(file: Path, place: str) -> dict[ElementTree.Element, int]:
     )
     if not data.strip():
         raise InputError(f"{place}: the file is empty")
+    if template := re.search(rb"<xacro:|\$\{", data):
+        number = data.count(b"\n", 0, template.start()) + 1
+        raise InputError(f"{place}: line {number}: this file is a xacro template: run xacro first")
     if entity := re.search(rb"<!ENTITY\s+(\S+)", data):
         name = entity[1].decode(errors="replace")
         raise InputError(f"{place}: the entity &{name}; would not be read; write its text")
@@ -248,12 +249,6 @@ def _read_xml(file: Path, place: str) -> dict[ElementTree.Element, int]:
             f"{place}: line {line_number}, column {column + 1}: not XML: {text}"
         ) from error
     return lines
-
-
-def _refuse_templates(element: ElementTree.Element, where: str) -> None:
-    """Refuse an element that xacro would replace."""
-    if "xacro}" in element.tag or any("${" in text for text in element.attrib.values()):
-        raise InputError(f"{where}this file is a xacro template: run xacro first")
 
 
 def _check_numbers(element: ElementTree.Element, ending: str, where: str) -> None:
