@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.files.errors import InputError
-from cpid_drake.logs.column_map import UNIT_OF, UNITS
+from cpid_drake.logs.column_map import UNIT_OF, scale_of
 from cpid_drake.logs.table import LogTable, repeated_names, seconds_of_stamps
 
 _LONGEST_LINE = 1_000_000
@@ -31,7 +31,6 @@ _VICON = ("Segments", "Objects", "Trajectories", "Joints", "Model Outputs")
 _MOTIVE = {"Type", "ID", "Parent"}
 """Lines of the header of Motive's files that are not used."""
 
-_SI = {unit for unit, (size, _) in UNITS.items() if size == 1.0}
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
 _NO_UNIT = ("", "-", "1", "none", "n/a", "quaternion", "unitless")
 
@@ -240,7 +239,7 @@ def _units(row: list[str], header: list[str], where: str) -> list[str]:
             return []
         base, _, per = word.partition("/")
         unit = UNIT_OF.get(base) or UNIT_OF.get(base.lower())
-        if word.lower() in _NO_UNIT or (unit in _SI and per in ("", "s", "sec")):
+        if word.lower() in _NO_UNIT or (unit and scale_of(unit) == 1 and per in ("", "s", "sec")):
             found.append(name)
         elif unit is not None and per in ("", "s", "sec"):
             found.append(f"{name} [{unit}{'/s' * bool(per)}]")

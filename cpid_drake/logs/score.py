@@ -21,9 +21,10 @@ Source: Ning et al. 2016, Eqs. 5 and 9.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.momentum import MomentumSamples, momentum_samples
@@ -75,6 +76,10 @@ class Instants:
             return {**parts, **found}
 
         return replace(self, values=new(self.values), rates=new(self.rates))
+
+    def scaled(self, size: ArrayLike, *sensors: str) -> "Instants":
+        """Return what a log says with the values of some sensors times a size."""
+        return self.changed(**dict.fromkeys(sensors, partial(np.multiply, size)))
 
     @property
     def quaternion(self) -> Array:
