@@ -46,9 +46,7 @@ def with_own_columns(
     """Return a map that names all columns of a file that are read.
 
     Those of what the given map does not name are the package's own, if they are in the file. Joints
-    that the spacecraft lacks are ignored.
-
-    Args: see `read_columns`.
+    that the spacecraft lacks are ignored. The arguments are those of `read_columns`.
 
     Raises:
         InputError: no time, a column that the map names is missing, groups that are not complete,

@@ -283,11 +283,7 @@ def load_column_map(path: str | Path) -> ColumnMap:
 
 
 def check_column_map(column_map: ColumnMap, where: str) -> None:
-    """Refuse a map that contradicts itself.
-
-    Args:
-        column_map: the map.
-        where: its file's name in error messages.
+    """Refuse a map that contradicts itself; messages begin with `where`.
 
     Raises:
         InputError: a wrong number of columns, a column that is named twice, frames without a rate,

@@ -179,16 +179,8 @@ def better_conventions(
 ) -> list[Alternative]:
     """Return the alternatives that explain a log clearly better than the conventions it is read in.
 
-    Args:
-        given: what the log says as read.
-        names: the joints.
-        tree: the spacecraft model.
-        column_map: the map it is read with.
-
-    Returns:
-        The best first, and others that explain the log equally well; empty if no alternative
-        explains it clearly better, or too many do.
-
+    The best is first, and others explain the log equally well; empty if too many do. The arguments
+    are those of `alternatives`.
     """
     tree = None if tree is None else tree.lumped
     before = compare_rates(given, names) + compare_momentum(given, tree)

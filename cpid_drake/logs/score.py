@@ -139,10 +139,6 @@ def instants_of(log: Log) -> Instants | None:
 
     Every sensor's samples are smoothed by a regression spline. The instants are in the part of the
     log in which the joints move most, before thrusters fire, and outside of gaps.
-
-    Args:
-        log: screened samples; joint positions of all joints.
-
     """
     coasting = log.between(-np.inf, log.first_burn)
     is_free = len(coasting.encoders) >= FEWEST
@@ -180,13 +176,7 @@ def instants_of(log: Log) -> Instants | None:
 
 
 def compare_rates(given: Instants, names: tuple[str, ...]) -> list[Comparison]:
-    """Return the comparisons of positions that move with measured rates.
-
-    Args:
-        given: what the log says.
-        names: the joints.
-
-    """
+    """Return the comparisons of positions that move with measured rates."""
     found, values = [], given.values
     for k, joint in enumerate(names if "joint_rates" in values else ()):
         if {f"encoders {joint}", f"joint_rates {joint}"} <= given.moving:
@@ -230,10 +220,7 @@ def explain_by_momentum(
 ) -> tuple[Comparison, Array, float] | None:
     """Return what the conservation of momentum with the best target leaves of a log.
 
-    Args:
-        given: what a log says.
-        tree: the spacecraft model, welded bodies in one.
-        has_free_point: whether the positions may be those of another point than B's origin.
+    With a free point, the positions may be those of another point than B's origin.
 
     Returns:
         The comparison, whose residual is the geometric mean of those of the base's motion and of

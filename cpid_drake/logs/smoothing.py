@@ -145,12 +145,6 @@ def smooth_windows(
     ends. The gyro bias is estimated in each window. Windows with too few samples of a required
     sensor are left out.
 
-    Args:
-        given: samples of the sensors.
-        suite: the sensors' errors.
-        with_position: whether to compute the base's position and velocity, else they are zero.
-        normal_B: see `smooth`.
-
     Raises:
         InputError: all windows have too few samples of a required sensor.
 

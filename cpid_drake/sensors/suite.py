@@ -135,15 +135,7 @@ def check_sensors(suite: SensorSuite, where: str) -> None:
 
 
 def require_encoders(suite: SensorSuite, where: str) -> None:
-    """Refuse a suite without encoders.
-
-    Args:
-        suite, where: see `check_sensors`.
-
-    Raises:
-        InputError: there are no encoders.
-
-    """
+    """Refuse a suite without encoders: raises InputError; see `check_sensors`."""
     if suite.encoders is None:
         raise InputError(
             f"{where}: encoders are missing; no estimator works without joint positions"

@@ -77,12 +77,11 @@ class ModelFile:
 
     Args:
         model: a path or a `package://NAME/...` URI.
-        folders: the packages' folders by name.
+        folders: folders, by name, of the packages that its URIs refer to.
 
     Attributes:
         model: the file as the user named it; error messages begin with it.
         path: the absolute path of the file.
-        folders: the packages' folders as the user named them.
         efforts, hollow: what Drake does not report of the file, see `check_model`.
 
     Raises:
@@ -141,11 +140,6 @@ def check_model(
     path: Path, where: str, folders: Mapping[str, Path]
 ) -> tuple[dict[str, float], set[str]]:
     """Check a model that Drake might never finish reading, or might read as another one.
-
-    Args:
-        path: the model's file.
-        where: its name in error messages.
-        folders: folders of the packages that its URIs refer to, by name.
 
     Returns:
         What Drake does not report: the effort limits in URDF files [N·m or N] by joint, of which

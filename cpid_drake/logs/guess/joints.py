@@ -74,13 +74,8 @@ def _chosen(
 ) -> dict[str, str]:
     """Return columns by joint: those of names alike in most joints, else the first.
 
-    Those that may as well be angles of the base are left open.
-
-    Args:
-        guess: the map.
-        named: by what is around the joint's name, columns by joint.
-        angles: roll, pitch and yaw of something.
-
+    Those that may as well be angles of the base are left open; `named` are columns by what is
+    around the joint's name, and by joint.
     """
 
     def rank(stem: str) -> tuple[int, bool, bool, bool]:
