@@ -23,7 +23,6 @@ from cpid_drake.sensors.sensors import POSITIONS, SENSORS
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 _SHOWS = 0.02  # smallest change that contradicts a constant [rad, m]
-_REGULAR = 0.9  # share of equal runs from which values are held, not equal by chance
 _AT_END = 4  # equal samples in a row at the end of a scale
 _FASTEST = 2.0  # usual step of a wheel from which turns between samples may be missed [rad]
 
@@ -170,7 +169,7 @@ class Seen:
             rows = np.flatnonzero(new)
             runs = np.diff(rows)
             usual = int(np.median(runs)) if runs.size >= FEWEST else 1
-            if usual < 2 or np.mean(np.abs(runs - usual) <= 1) < _REGULAR:
+            if usual < 2 or np.median(np.abs(runs - usual)) > 1:  # equal by chance, not held
                 continue
             if _noise(given.where(rows)) > 2 * step:
                 text = f"{word} each value over {usual} rows: {len(new) - len(rows)} rows left out"

@@ -82,7 +82,6 @@ def read_csv(file: Path, where: str) -> LogTable:
     return LogTable(
         columns,
         np.concatenate(numbers),
-        "line",
         texts,
         repeated_names(header, where),
         problems,

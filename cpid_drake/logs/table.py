@@ -17,8 +17,7 @@ class LogTable:
 
     Attributes:
         columns: by name, the numbers (N,), NaN where a cell is absent.
-        lines: (N,) numbers of the rows in the file; None for 0, 1, ….
-        row_word: word for a row in messages, "line" or "row".
+        lines: (N,) numbers of the lines in a text file; None for rows 0, 1, ….
         texts: by column, its cells that are not finite numbers, by row; they are NaN in `columns`.
         unreadable: by column that cannot be used, why, such as "must hold numbers"; it is not in
             `columns`.
@@ -31,7 +30,6 @@ class LogTable:
 
     columns: dict[str, NDArray[np.float64]]
     lines: NDArray[np.intp] | None = None
-    row_word: str = "row"
     texts: dict[str, dict[int, str]] = field(default_factory=dict)
     unreadable: Mapping[str, str] = field(default_factory=dict)
     problems: list[tuple[int, str]] = field(default_factory=list)
@@ -62,8 +60,8 @@ class LogTable:
 
     def place(self, row: int | np.intp, column: str = "") -> tuple[int, str]:
         """Return the number of a row in the file, and the place of a cell for messages."""
-        number = int(row if self.lines is None else self.lines[row])
-        return number, f"{self.row_word} {number}" + (f", column '{column}'" if column else "")
+        word, number = ("row", row) if self.lines is None else ("line", self.lines[row])
+        return int(number), f"{word} {number}" + (f", column '{column}'" if column else "")
 
 
 def seconds_of_stamps(texts: Sequence[str]) -> NDArray[np.float64] | None:
