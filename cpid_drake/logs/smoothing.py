@@ -95,24 +95,20 @@ def smooth(
     times = np.asarray(times, dtype=float)
     if not (len(times) and times[0] >= start - 1e-9 and times[-1] <= end + 1e-9):
         raise InputError(f"all sensors have samples from {start:g} to {end:g} s only")
-    joints = log.between(log.encoders.time[0], log.encoders.time[-1])
-    q, qdot, joint_errors = _smooth_vectors(
-        [
-            (joints[name], derivative, float(suite.sigmas(name)[0]))
-            for derivative, name in enumerate(("encoders", "joint_rates"))
-            if len(joints[name])
-        ],
-        times,
-        finer=True,
-    )
+
+    def parts(*names: str) -> list[tuple[Samples, int, float]]:
+        """Return samples, order of the derivative, and σ, from the first of values to the last."""
+        inside = log.between(log[names[0]].time[0], log[names[0]].time[-1])
+        given = [(inside[name], nu, name) for nu, name in enumerate(names)]
+        return [(s, nu, float(suite.sigmas(name)[0])) for s, nu, name in given if len(s)]
+
+    q, qdot, joint_errors = _smooth_vectors(parts("encoders", "joint_rates"), times, finer=True)
     attitude, w_B, attitude_errors = _smooth_attitude(log, suite, times, normal_B)
     N, J = q.shape
     p_WB, v_WB, place_errors = np.zeros((N, 3)), np.zeros((N, 3)), np.zeros((N, 2, 2))
     if with_position:
-        inside = log.between(log.position.time[0], log.position.time[-1])
-        sensors = [n for n in ("position", "velocity") if len(inside[n])]
-        parts = [(inside[n], int(n == "velocity"), suite.sigmas(n)[0]) for n in sensors]
-        p_WB, v_WB, place_errors = _smooth_vectors(parts, times, finer=normal_B is not None)
+        place = parts("position", "velocity")
+        p_WB, v_WB, place_errors = _smooth_vectors(place, times, finer=normal_B is not None)
     whole = np.zeros((N, 12 + 2 * J, 12 + 2 * J))
     whole[:, :6, :6] = attitude_errors
     for first, width, errors in ((6, 3, place_errors), (12, J, joint_errors)):
