@@ -290,16 +290,14 @@ def _check_meaning(element: ElementTree.Element, ending: str, where: str) -> Non
                     f"{where}<{inner.tag}> in <robot> is not read, and looks like a link or a "
                     "joint: correct its name"
                 )
-    if tag == "link" and ending != ".xml":
-        for inertial in element.iter("inertial"):
-            _check_inertia(inertial, ending, f"{where}link '{element.get('name', '')}': ")
-    elif tag == "body" and ending == ".xml":
+    if tag in ("link", "body"):
+        named = f"{where}{tag} '{element.get('name', '')}'"
         for inertial in element.findall("inertial"):
-            _check_inertia(inertial, ending, f"{where}body '{element.get('name', '')}': ")
-        if parts["joint"] > 1 and _POSES & set(element.attrib):
+            _check_inertia(inertial, ending, f"{named}: ")
+        if tag == "body" and parts["joint"] > 1 and _POSES & set(element.attrib):
             raise InputError(
-                f"{where}body '{element.get('name', '')}' has {parts['joint']} joints and a pose, "
-                "which Drake applies at the wrong one: put each joint in a body of its own"
+                f"{named} has {parts['joint']} joints and a pose, which Drake applies at the wrong "
+                "one: put each joint in a body of its own"
             )
     elif tag == "mimic" and ending == ".sdf":
         raise InputError(f"{where}a mimic joint couples joints; Drake would ignore it")
