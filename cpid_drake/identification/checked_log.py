@@ -222,7 +222,7 @@ def in_joint_order(measurements: Log, spacecraft: Spacecraft) -> Seen:
     if have and not wanted:
         raise InputError(
             f"the spacecraft has no joints, but the log has {listed(have)}: this is another "
-            "spacecraft; leave the joints out of the log if they did not move"
+            "spacecraft, or a map of columns must say that they are not used: ignore_joints"
         )
     measurements = as_arrays(measurements)
     q = measurements.encoders.value
