@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -32,14 +32,12 @@ class Observed:
         tests: whiteness of the residuals of each sensor (of log).
         counts: numbers of outliers, and of all samples, by log and sensor.
         changes: times at which the momentum changed [s].
-        beside: see `checks.fit_checks`.
 
     """
 
     tests: Mapping[str, Whiteness]
     counts: Mapping[tuple[str, str], tuple[int, int]]
     changes: tuple[float, ...] = ()
-    beside: Mapping[str, Whiteness] = field(default_factory=dict)
 
     @property
     def used(self) -> Counter[str]:
@@ -118,9 +116,7 @@ def answer_of(
     said = tuple(f"{e.describe()}: it failed" for e in effects if e.failed_valve)
     sizes = size_checks(model, found.values, gaussian, effects, joints)
     tests, outliers = observed.tests, observed.outlier_share
-    fails = fit_checks(
-        found.converged, outliers, noise, tests, len(changes), len(names), observed.beside
-    )
+    fails = fit_checks(found.converged, outliers, noise, tests, len(changes), len(names))
     [first, *others] = names
     own = {} if others else momentum_of(model, found.values, gaussian, first, compared)
     count = observed.used.total()

@@ -85,7 +85,6 @@ def fit_checks(
     tests: Mapping[str, Whiteness],
     changes: int = 0,
     logs: int = 1,
-    beside: Mapping[str, Whiteness] | None = None,
 ) -> Iterator[Check]:
     """Yield the checks of a fit.
 
@@ -97,7 +96,6 @@ def fit_checks(
         changes: number of changes of the momentum that the fit found. They must explain what looked
             like noise, and be rare, as the fit assumes: enough changes imitate any other cause.
         logs: number of logs.
-        beside: whiteness of the residuals by sensor where nothing changed, with all ends open.
 
     """
     sentence = "the estimator did not converge: its result is not the best fit"
@@ -114,8 +112,7 @@ def fit_checks(
         )
         # The size of a few residuals is as uncertain as their correlation.
         larger = any(noise.get(n, 1.0) > max(SEEN, 1 + test.band) for n, test in tests.items())
-        coloured = any(t.lag_one > 0 and not t.is_white for t in (beside or {}).values())
-        fails = changes > most or larger or coloured
+        fails = changes > most or larger
         yield Check.of("changes of the momentum", sentence, changes, most, not fails)
     loud = {name: factor for name, factor in noise.items() if factor > MOST_NOISE}
     for name, test in tests.items():

@@ -20,7 +20,7 @@ from cpid_drake.estimation.posterior import known_target
 from cpid_drake.estimation.roll import Values
 from cpid_drake.estimation.sweep import EXACT, sweep
 from cpid_drake.estimation.unknowns import PSI, Model
-from cpid_drake.estimation.whiteness import Whiteness, whiteness
+from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.files.errors import prefix_errors
 from cpid_drake.identification.answer import Observed, answer_of, at_momentum
 from cpid_drake.identification.checked_log import Arguments, CheckedLog, suites_of
@@ -59,12 +59,12 @@ def estimate(
     question = Question.of(model, logs, arguments.momentum)
     found = _fit(model, states, arguments.prior, progress)
     asked = question.without_contradicted(found.gaussian, found.values, model)
-    found, beside = fit_with_events(found, asked, progress)
+    found = fit_with_events(found, asked, progress)
     progress("comparing")
     asked = question.without_contradicted(found.gaussian, found.values, model)
     best = asked.answer(found.gaussian, found.values).best
     found = about(found, asked.held(found.values, best))
-    series, observed = _observed(found, beside)
+    series, observed = _observed(found)
     names = arguments.spacecraft.joint_names
     result, held = answer_of(
         found, question, arguments.momentum, observed, joints=names, estimator=NAME
@@ -134,7 +134,7 @@ def _separated(
     )
 
 
-def _observed(found: Fit, beside: Mapping[str, Whiteness]) -> tuple[dict[str, Samples], Observed]:
+def _observed(found: Fit) -> tuple[dict[str, Samples], Observed]:
     """Return residuals by sensor (of log), and what they tell."""
     series, white, counts = dict[str, Samples](), dict[str, NDArray[np.float64]](), {}
     for log, rolled in zip(found.logs, found.rolled, strict=True):
@@ -156,7 +156,7 @@ def _observed(found: Fit, beside: Mapping[str, Whiteness]) -> tuple[dict[str, Sa
                 white[key] = np.concatenate(whites)
     tests = {name: whiteness(each) for name, each in white.items()}
     changes = tuple(sorted(time for log in found.logs for time in log.changes))
-    return series, Observed(tests, counts, changes, beside)
+    return series, Observed(tests, counts, changes)
 
 
 def cramer_rao_bound(

@@ -184,17 +184,3 @@ class TestCheck:
             key = line.strip(" -").partition(":")[0]
             not_shown = ("start_time", "target_realtime_rate", "publish_every_time_step")
             assert key.startswith("[") or key in self.TEMPLATE or key in not_shown, line
-
-    @pytest.mark.parametrize(
-        ("old", "new", "cause"),
-        [
-            ("mass: 60.0", "mas: 60.0", "unknown key 'target.mas'; did you mean 'mass'?"),
-            ("base: bus", "base: hull", "no RigidBody named 'hull'"),
-        ],
-    )
-    def test_what_is_wrong_is_said_with_file_and_key(self, refusal, old, new, cause):
-        assert old in self.TEMPLATE
-        Path("mine.yaml").write_text(self.TEMPLATE.replace(old, new, 1))
-        message = refusal("simulate", "mine.yaml", "--check")
-        assert "mine.yaml: " in message
-        assert cause in message

@@ -29,22 +29,28 @@ from cpid_drake.simulation.noise import add_noise
 UNCERTAINTY = BodyUncertainty(mass=0.02, com=0.005, inertia=0.04)
 
 
-def test_an_error_is_as_large_as_its_sigma(craft, suite, skewed_target):
-    """Of a spacecraft that is not its model, with sensors whose own errors are far smaller."""
-    motion = Sines.drawn(4, seed=101, duration=4.0, size=0.6)
+@pytest.fixture(scope="module")
+def uncertain(craft, suite, skewed_target):
+    """Return a function (duration) -> samples of a spacecraft that errs as `UNCERTAINTY` says."""
     tree = perturbed(craft.tree, UNCERTAINTY, np.random.default_rng(7))
-    samples = measured(craft, motion, skewed_target, suite, tree=tree)
-    found = identify(craft, samples, sensors=suite, known_bodies=UNCERTAINTY)
+
+    def make(duration):
+        motion = Sines.drawn(4, seed=101, duration=duration, size=0.6)
+        return measured(craft, motion, skewed_target, suite, tree=tree)
+
+    return make
+
+
+def test_an_error_is_as_large_as_its_sigma(craft, suite, skewed_target, uncertain):
+    """Of a spacecraft that is not its model, with sensors whose own errors are far smaller."""
+    found = identify(craft, uncertain(4.0), sensors=suite, known_bodies=UNCERTAINTY)
     assert found.failures == ()
     assert nees(found, skewed_target) < chi2.isf(1e-3, 10)
 
 
-def test_bodies_with_errors_far_above_their_sigma_fail_a_check(craft, suite, skewed_target):
-    motion = Sines.drawn(4, seed=101, duration=4.0, size=0.6)
-    tree = perturbed(craft.tree, UNCERTAINTY, np.random.default_rng(7))
-    samples = measured(craft, motion, skewed_target, suite, tree=tree)
+def test_bodies_with_errors_far_above_their_sigma_fail_a_check(craft, suite, uncertain):
     small = BodyUncertainty(mass=0.001, com=0.00025, inertia=0.002)  # a twentieth
-    found = identify(craft, samples, sensors=suite, known_bodies=small)
+    found = identify(craft, uncertain(4.0), sensors=suite, known_bodies=small)
     assert "declared sizes" in [each.name for each in found.checks if not each.passed]
 
 
@@ -63,12 +69,9 @@ def test_a_body_that_is_much_heavier_or_lighter_than_its_model_is_named(
 
 
 @pytest.mark.slow
-def test_a_model_that_is_taken_for_exact_fails_a_check(craft, suite, skewed_target):
+def test_a_model_that_is_taken_for_exact_fails_a_check(craft, suite, skewed_target, uncertain):
     """The sensors' own errors are far smaller than those of the model: the answer is far off."""
-    motion = Sines.drawn(4, seed=101, duration=6.0, size=0.6)
-    tree = perturbed(craft.tree, UNCERTAINTY, np.random.default_rng(7))
-    samples = measured(craft, motion, skewed_target, suite, tree=tree)
-    exact = identify(craft, samples, sensors=suite)
+    exact = identify(craft, uncertain(6.0), sensors=suite)
     error = (exact.parameters - skewed_target.to_vector()) / sigmas(exact)
     assert np.sqrt(np.mean(error**2)) > 5
     assert exact.failures

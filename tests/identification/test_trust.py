@@ -208,10 +208,7 @@ def test_what_only_noise_moves_is_not_known(paper_target, suite, seed):
 
 
 def test_a_momentum_too_small_to_be_noticed_is_in_the_intervals(craft, suite, skewed_target):
-    """1.3 mN·m·s are 2.6 σ of the momentum, and 8 σ of a target that is fitted with zero.
-
-    Of all directions of L, this one shows least for its effect on the target.
-    """
+    """1.3 mN·m·s are 2.6 σ of the momentum, and 8 σ of a target that is fitted with zero."""
     motion = Sines.drawn(4, seed=101, duration=5.0, size=0.6)
     momentum_W = np.array([-0.35e-3, -0.64e-3, -1.08e-3, 0.0, 0.0, 0.0])
     samples = measured(craft, motion, skewed_target, suite, momentum_W)
