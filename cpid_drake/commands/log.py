@@ -11,7 +11,8 @@ from cpid_drake.dynamics.rows import RELATIVE_ROWS, STANDARD_ROWS
 from cpid_drake.files.drafts import write_text
 from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.files.overwriting import check_outputs
-from cpid_drake.identification.checked_log import Arguments, check_log, left_out_warnings
+from cpid_drake.identification.arguments import Arguments
+from cpid_drake.identification.checked_log import check_log, left_out_warnings
 from cpid_drake.identification.checks import label_of
 from cpid_drake.identification.log_conventions import with_conventions
 from cpid_drake.logs.channels import look_at

@@ -8,9 +8,11 @@ import numpy as np
 
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.files.errors import InputError
-from cpid_drake.identification.by_rows import MISFIT
-from cpid_drake.identification.checked_log import Arguments, CheckedLog
-from cpid_drake.identification.estimators import ESTIMATORS, LEAST_SQUARES, with_method
+from cpid_drake.identification import by_rows
+from cpid_drake.identification.arguments import Arguments
+from cpid_drake.identification.by_rows import LEAST_SQUARES, MISFIT
+from cpid_drake.identification.checked_log import CheckedLog
+from cpid_drake.identification.estimators import with_method
 from cpid_drake.logs.conventions import check_conventions
 
 
@@ -41,10 +43,9 @@ def _contradicts(log: CheckedLog, arguments: Arguments, rows: str | None) -> boo
     """Return whether rows of a log as read differ by more than noise, or show a negative mass."""
     coasting = log.measurements.between(-np.inf, log.measurements.first_burn)
     logs, unknown = {"": replace(log, measurements=coasting)}, TotalMomentum.unknown()
-    by_rows = replace(arguments, estimator=LEAST_SQUARES, rows=rows, prior=None, momentum=unknown)
+    rows_of = replace(arguments, estimator=LEAST_SQUARES, rows=rows, prior=None, momentum=unknown)
     with suppress(np.linalg.LinAlgError, InputError):  # too few samples
-        by_rows = with_method(by_rows, logs)
-        found = ESTIMATORS[LEAST_SQUARES].estimate(by_rows, logs, lambda step: None)
+        found = by_rows.estimate(with_method(rows_of, logs), logs)
         misfit, mass = found.check(MISFIT), found.parameters[0]
         is_impossible = mass < -3 * np.sqrt(found.covariance[0, 0])
         return bool(is_impossible or (misfit is not None and not misfit.passed))

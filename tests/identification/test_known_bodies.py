@@ -23,7 +23,7 @@ from cpid_drake import Spacecraft, TotalMomentum, identify
 from cpid_drake.dynamics.parameterizations import parameter_scale
 from cpid_drake.dynamics.sensitivity import perturbed
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.identification.model_sensitivity import ALL, INERTIA, LINK, MASS
+from cpid_drake.identification.model_sensitivity import ALL_MASSES, BASE_INERTIA, BASE_MASS, LINK
 from cpid_drake.simulation.noise import add_noise
 
 UNCERTAINTY = BodyUncertainty(mass=0.02, com=0.005, inertia=0.04)
@@ -156,20 +156,24 @@ def test_the_sensitivity_to_the_base_is_that_of_a_changed_model(
     ("held", "rows"),
     [
         (LINK, "relative"),
-        (ALL, "relative"),
-        *((held, rows) for held in (MASS, INERTIA) for rows in ("eq18", "standard", "relative")),
+        (ALL_MASSES, "relative"),
+        *(
+            (held, rows)
+            for held in (BASE_MASS, BASE_INERTIA)
+            for rows in ("eq18", "standard", "relative")
+        ),
     ],
 )
 def test_the_sensitivity_of_rows_to_a_body_is_that_of_exact_states_of_a_changed_one(
     craft, skewed_target, held, rows
 ):
     """What is larger by a share of 1e-5 moves the estimate by 1e-3 of what is said of 1 %."""
-    changed = {LINK: craft.tree.capture_body, MASS: 0, INERTIA: 0}
+    changed = {LINK: craft.tree.capture_body, BASE_MASS: 0, BASE_INERTIA: 0}
     bodies = tuple(
         replace(
             b,
-            mass=b.mass if held == INERTIA else (1 + 1e-5) * b.mass,
-            I_BBcm=b.I_BBcm if held == MASS else (1 + 1e-5) * b.I_BBcm,
+            mass=b.mass if held == BASE_INERTIA else (1 + 1e-5) * b.mass,
+            I_BBcm=b.I_BBcm if held == BASE_MASS else (1 + 1e-5) * b.I_BBcm,
         )
         if changed.get(held, k) == k
         else b

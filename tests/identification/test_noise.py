@@ -146,3 +146,10 @@ def test_noise_slower_than_a_block_widens_the_intervals(craft, ideal, skewed_tar
         squares += [nees(found, skewed_target)] if found.passed else []
     assert squares
     assert max(squares) < chi2.isf(1e-4, 10)
+
+
+def test_a_gyro_bias_that_walks_is_no_other_target_in_the_first_half(craft, ideal):
+    """The bias at half time is that at the end less what it has walked since."""
+    suite = coarse_suite(gyro=Gyro(50.0, 0.005, 1.0, bias_random_walk=300.0))
+    found = identify(craft, add_noise(suite, ideal(suite, 8.0), 2), sensors=suite)
+    assert found.check("halves").passed

@@ -26,7 +26,7 @@ from cpid_drake import (
 )
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.estimation.gaussian import Gaussian, solution_of
-from cpid_drake.identification.checks import fit_checks
+from cpid_drake.identification.checks import Observed, fit_checks
 from cpid_drake.identification.consistency import checked
 from cpid_drake.identification.result import Identification
 from cpid_drake.logs.log import Samples
@@ -144,7 +144,7 @@ class TestBodies:
     @pytest.mark.parametrize("factor", [3.0, 44.0])
     def test_a_floor_that_is_far_noisier_than_declared_fails(self, factor):
         """A push from outside looks like white forces, which leave no residuals to test."""
-        failed = [c for c in fit_checks(True, 0.0, {"acceleration_noise": factor}, {})]
+        failed = [c for c in fit_checks(True, {"acceleration_noise": factor}, Observed({}, {}))]
         assert any(not c.passed and "acceleration noise 44" in c.sentence for c in failed) == (
             factor > 4
         )

@@ -5,7 +5,7 @@ import pytest
 from sensing_cases import small_craft
 
 from cpid_drake.dynamics.kinematics import forward_kinematics
-from cpid_drake.dynamics.momentum import angular_momentum, linear_momentum, system_momentum
+from cpid_drake.dynamics.momentum import momenta, system_momentum
 
 
 @pytest.fixture(scope="module")
@@ -70,8 +70,7 @@ def test_known_momentum_agrees_with_drake_about_any_point(servicer, random_motio
     telemetry = random_motion(15, seed=21)
     points = np.random.default_rng(22).normal(size=(15, 3))
     bodies, _ = forward_kinematics(servicer.tree, **telemetry.states)
-    P = linear_momentum(servicer.tree, bodies)
-    L = angular_momentum(servicer.tree, bodies, points)
+    P, L = (sum(parts) for parts in momenta(servicer.tree, bodies, points))
     drake = drake_momentum(servicer.plant, servicer.to_states(telemetry), points)
     scale = np.abs(drake).max()
     np.testing.assert_allclose(np.hstack([P, L]), drake, rtol=0, atol=1e-12 * scale)
@@ -100,10 +99,9 @@ def test_momentum_and_centre_of_mass_agree_with_pinocchio(servicer, random_motio
     data, telemetry = model.createData(), random_motion(6, 34)
     places = [model.joints[model.getJointId(name)].idx_q for name in servicer.joint_names]
     bodies, _ = forward_kinematics(servicer.tree, **telemetry.states)
-    P = linear_momentum(servicer.tree, bodies)
     masses = np.array([body.mass for body in servicer.tree.bodies])
     p_WScm = np.einsum("k,kni->ni", masses, bodies.r) / servicer.mass
-    L = angular_momentum(servicer.tree, bodies, p_WScm)
+    P, L = (sum(parts) for parts in momenta(servicer.tree, bodies, p_WScm))
     for k in range(len(telemetry)):
         R = telemetry.R_WB[k]
         q, v = np.zeros(model.nq), np.zeros(model.nv)
