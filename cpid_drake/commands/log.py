@@ -7,11 +7,14 @@ from pathlib import Path
 from cpid_drake.commands import options
 from cpid_drake.commands.groups import group
 from cpid_drake.commands.options import CHECK_FAILED
+from cpid_drake.dynamics.rows import RELATIVE_ROWS, STANDARD_ROWS
 from cpid_drake.files.drafts import write_text
 from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.files.overwriting import check_outputs
+from cpid_drake.identification.arguments import Arguments
 from cpid_drake.identification.checked_log import check_log, left_out_warnings
 from cpid_drake.identification.checks import label_of
+from cpid_drake.identification.log_conventions import with_conventions
 from cpid_drake.logs.channels import look_at
 from cpid_drake.logs.conventions import Findings
 from cpid_drake.logs.files import inspect_log, read_log, read_table, write_log
@@ -20,6 +23,7 @@ from cpid_drake.report.log_contents import contents
 
 log = group("log")
 _SHOWN = 100  # problems of a file that are listed; more of them say nothing new
+_ROWS = (RELATIVE_ROWS.name, STANDARD_ROWS.name)  # without the position, and with it
 
 
 @log.command
@@ -44,6 +48,8 @@ def check(
     warnings = left_out_warnings(found.left_out_joints)
     try:
         checked = check_log(spacecraft, found.log)
+        if spacecraft is not None:
+            checked = with_conventions(checked, Arguments(spacecraft), _ROWS)
     except InputError as error:
         failures, seen = [str(error)], look_at(found.log)
         warnings, channels = [*warnings, *seen.warnings], seen.table
@@ -101,20 +107,29 @@ def map_columns(
     topics = options.ReadingOptions(topic=topic).topics()
     with prefix_errors(log):
         guess = guess_map(read_table(log, topics), spacecraft, known.base, frame_rate)
+    warnings, failures = tuple[str, ...](), tuple[str, ...]()
+    try:
+        checked = check_log(spacecraft, guess.log)
+        checked = with_conventions(checked, Arguments(spacecraft), _ROWS)
+        warnings, failures = checked.warnings, checked.failures
+    except InputError as error:
+        failures = (str(error),)
+    if guess.column_map.attitude.columns and "time.unit" not in guess.free:
+        for failure in failures:
+            guess.say("", f"The log does not agree with this map: {failure}")
     text = guess.text(f"Map of the columns of {Path(log).name}, guessed by `cpid log map`.")
     options.log_console(stderr=False).print(text)
     if out is not None:
         write_text(out, text)
-    with prefix_errors(f"{log}: does not agree with this map"):
-        checked, wrong = check_log(spacecraft, guess.log), ""
+    wrong = ""
     if guess.missing:
         wrong = f"complete this map: {'; '.join(guess.missing)}"
-    elif checked.failures:
-        wrong = f"does not agree with this map: {checked.failures[0]}"
+    elif failures:
+        wrong = f"does not agree with this map: {failures[0]}"
     if wrong:
         print(f"{log}: {wrong}", file=sys.stderr)
         return CHECK_FAILED
-    options.print_warnings(checked.warnings)
+    options.print_warnings(warnings)
     if out is not None:
         print(f"{out}: written; read the log with --columns {out}", file=sys.stderr)
     return 0

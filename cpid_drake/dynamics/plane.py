@@ -21,7 +21,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from cpid_drake.dynamics.motion import Motion
-from cpid_drake.dynamics.rotations import cross, rotate, rotate_by_quaternion
+from cpid_drake.dynamics.rotations import conjugate, cross, rotate, rotate_by_quaternion
 
 NORMAL_W = np.array([0.0, 0.0, 1.0])
 """The table's normal in W."""
@@ -61,7 +61,7 @@ def tilt(quaternion_WB: ArrayLike, normal_B: NDArray[np.float64]) -> NDArray[np.
 
 def mean_normal(quaternion_WB: ArrayLike) -> NDArray[np.float64]:
     """Return the mean direction (3,) of W's z axis in B, of attitudes (N, 4)."""
-    inverse = np.asarray(quaternion_WB, dtype=float) * [1.0, -1.0, -1.0, -1.0]
+    inverse = conjugate(np.asarray(quaternion_WB, dtype=float))
     mean = np.mean(rotate_by_quaternion(inverse, NORMAL_W), axis=0)
     return np.asarray(mean / np.linalg.norm(mean))
 

@@ -20,7 +20,13 @@ from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.orbit import Orbit
 from cpid_drake.dynamics.parameterizations import standard_to_relative
-from cpid_drake.dynamics.rotations import cross, quaternion_rate, rotate, rotate_by_quaternion
+from cpid_drake.dynamics.rotations import (
+    conjugate,
+    cross,
+    quaternion_rate,
+    rotate,
+    rotate_by_quaternion,
+)
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.files.errors import InputError
 
@@ -109,7 +115,7 @@ class Wrench:
         torque_B = torque_B - cross(p_BScm_B, force_B)
         if self.orbit is not None:
             nadir_W = self.orbit.nadir(times)
-            nadir_B = rotate_by_quaternion(_inverse(quaternion_WB), nadir_W)
+            nadir_B = rotate_by_quaternion(conjugate(quaternion_WB), nadir_W)
             torque_B = torque_B + 3 * self.orbit.n**2 * cross(nadir_B, rotate(J_B, nadir_B))
             acceleration = acceleration + rotate(self.orbit.tide(times), p_WScm)
         return (
@@ -169,7 +175,7 @@ def propagate(
     p_WScm = p_WB + rotate_by_quaternion(q_WB, com[..., 0, :])
     L = momentum_W[..., :3] - cross(p_WScm, momentum_W[..., 3:])
     first = dynamics.part(np.array([0]))
-    L_B = rotate_by_quaternion(_inverse(q_WB), L)[..., None, :]
+    L_B = rotate_by_quaternion(conjugate(q_WB), L)[..., None, :]
     w_B = rotate(first.mobility(psi), L_B - first.momentum_at_rest(psi))  # at the start
     spin = float(np.abs(w_B).sum(axis=-1).max())
     if not spin * (times[-1] - times[0]) < _MOST_TURN:
@@ -191,7 +197,7 @@ def propagate(
     def rate(k: int, acting: Wrench | None, state: NDArray[np.float64]) -> NDArray[np.float64]:
         q_WB, p_WScm, L, P = _parts(state)
         own = slice(k * len(_POINTS), (k + 1) * len(_POINTS))
-        L_B = rotate_by_quaternion(_inverse(q_WB), L)
+        L_B = rotate_by_quaternion(conjugate(q_WB), L)
         w_B = rotate(mobility[..., own, :, :], L_B - at_rest[..., own, :])
         turning = quaternion_rate(q_WB, w_B)
         if acting is None:
@@ -225,7 +231,7 @@ def propagate(
 
     q_WB, p_WScm, L, P = _parts(np.concatenate(states, axis=-2))
     q_WB = q_WB / np.linalg.norm(q_WB, axis=-1, keepdims=True)
-    of_Scm = (rotate_by_quaternion(_inverse(q_WB), v) for v in (L, P / mass[..., None, None]))
+    of_Scm = (rotate_by_quaternion(conjugate(q_WB), v) for v in (L, P / mass[..., None, None]))
     w_B, v_B = dynamics.base_twist(psi, *of_Scm)
     base = p_WScm - rotate_by_quaternion(q_WB, com)
     if tree.normal_B is not None:  # the table holds the height
@@ -239,7 +245,3 @@ def propagate(
 def _parts(state: NDArray[np.float64]) -> list[NDArray[np.float64]]:
     """Return attitude, centre of mass, L about it, and P of states (..., 13)."""
     return np.split(state, [4, 7, 10], axis=-1)
-
-
-def _inverse(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
-    return quaternion * [1.0, -1.0, -1.0, -1.0]

@@ -91,6 +91,11 @@ def right_jacobian(r: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(np.eye(3) - a * K + b * K @ K)
 
 
+def conjugate(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the conjugates (..., 4) of quaternions, scalar first: the inverse rotations."""
+    return np.asarray(quaternion * np.array([1.0, -1.0, -1.0, -1.0]))
+
+
 def rotate_by_quaternion(
     quaternion: NDArray[np.float64], v: NDArray[np.float64]
 ) -> NDArray[np.float64]:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.logs.log import THRUST, Log, concatenated
+from cpid_drake.logs.screening import LONGEST_DELAY
 from cpid_drake.sensors.suite import SensorSuite
 
 SHORTEST_BLOCK = 1.0
@@ -24,9 +25,6 @@ FEWEST_SAMPLES = 4
 
 LATE = 2
 """A block whose encoders have been silent for so many usual steps at its end may precede a gap."""
-
-LONGEST_DELAY = 1.0
-"""Longest delay of a sensor, or of the log of thrust, that can be modelled [s]."""
 
 _STAMP = 1e-7  # rounding error of a stamp [s]
 

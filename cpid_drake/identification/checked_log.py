@@ -17,16 +17,14 @@ from cpid_drake.logs.channels import Channel, Seen, look_at
 from cpid_drake.logs.conventions import Findings, check_conventions
 from cpid_drake.logs.log import Log, Samples, with_fixed_joints
 from cpid_drake.logs.noise_estimation import estimate_suite
-from cpid_drake.logs.screening import as_arrays, screen
+from cpid_drake.logs.screening import LONGEST_GAP, as_arrays, screen
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
-LONGEST_STEP = 3600.0
-"""Usual step of the fastest sensor above which the stamps are not in seconds [s]."""
-
 SLOWER = 100.0
-"""The same for a sensor whose rate is declared, in declared steps."""
+"""Usual step of the fastest sensor above which the stamps are not in seconds, in declared steps; it
+is `LONGEST_GAP` without a declared rate."""
 
 
 OLD_ZEROS = (
@@ -43,11 +41,10 @@ class CheckedLog:
     Attributes:
         measurements: the samples.
         rejected: number of unusable samples by sensor, which are left out.
-        warnings: joints that the spacecraft does not have, positions beyond the joints' limits, and
-            positions that may be those of another point.
+        notes: joints that the spacecraft does not have, what was found in the channels, and
+            positions beyond the joints' limits.
         normal_B: (3,) normal in B of a table that carries the spacecraft; None without one.
-        failures: failed checks: contradictions between positions, rates, and the conservation of
-            momentum, and reasons why no table can have carried the spacecraft.
+        not_planar: reasons why no table can have carried the spacecraft, if one was said to.
         conventions: what comparing positions with rates, and the motion with the momentum, says.
         states: the caller's exact states, which were not sampled by sensors; else None.
         channels: what was found in every channel.
@@ -58,9 +55,9 @@ class CheckedLog:
 
     measurements: Log
     rejected: Mapping[str, int] = field(default_factory=dict)
-    warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     normal_B: NDArray[np.float64] | None = None
-    failures: tuple[str, ...] = ()
+    not_planar: tuple[str, ...] = ()
     conventions: Findings = field(default_factory=Findings)
     states: Motion | None = None
     channels: tuple[Channel, ...] = ()
@@ -71,6 +68,16 @@ class CheckedLog:
     def where(self) -> str:
         """The beginning of sentences about it."""
         return f"{self.label}: " if self.label else ""
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The notes, and what the conventions leave open, such as the point of the position."""
+        return (*self.notes, *self.conventions.warnings)
+
+    @property
+    def failures(self) -> tuple[str, ...]:
+        """Failed checks: contradictions between positions, rates and momentum, and no table."""
+        return (*self.conventions.failures, *self.not_planar)
 
     @property
     def counts(self) -> dict[str, int]:
@@ -132,7 +139,7 @@ def check_logs(
         progress(f"checking {name}")
         label = name if len(data) > 1 else ""
         with prefix_errors(label):
-            log = check_log(spacecraft, each, suites[name], planar, by_momentum=False)
+            log = check_log(spacecraft, each, suites[name], planar)
         logs[name] = replace(log, sensors=suites[name], label=label)
     normal_B = common_normal({name: log.normal_B for name, log in logs.items()})
     return (spacecraft if normal_B is None else spacecraft.on_table(normal_B)), logs
@@ -143,8 +150,6 @@ def check_log(
     data: Motion | Log,
     sensors: SensorSuite | None = None,
     planar: bool | None = None,
-    *,
-    by_momentum: bool = True,
 ) -> CheckedLog:
     """Screen and check a log; exact states need no checks.
 
@@ -154,7 +159,6 @@ def check_log(
         sensors: the sensors' errors, by which spikes and stuck sensors are found; None if they are
             not known.
         planar: whether a table carries the spacecraft; see `planar.placed`.
-        by_momentum: see `check_conventions`.
 
     Raises:
         InputError: the log lacks a joint of the spacecraft, or its times cannot be in s.
@@ -179,15 +183,14 @@ def check_log(
         others = [name for name in data.joint_names if name not in spacecraft.joint_names]
         beyond = (*_beyond_limits(spacecraft, measurements.encoders.value),)
         tree = spacecraft.tree
-    conventions = check_conventions(measurements, tree, by_momentum=by_momentum)
+    conventions = check_conventions(measurements, tree, by_momentum=False)
     conventions = replace(conventions, not_compared=(*conventions.not_compared, *seen.not_compared))
-    warnings = [*left_out_warnings(others), *seen.warnings, *notes, *conventions.warnings]
     return CheckedLog(
         measurements,
         screened.rejected,
-        (*warnings, *beyond),
+        (*left_out_warnings(others), *seen.warnings, *notes, *beyond),
         None if tree is None else tree.normal_B,
-        (*conventions.failures, *failures),
+        failures,
         conventions,
         channels=seen.table,
     )
@@ -222,7 +225,7 @@ def in_joint_order(measurements: Log, spacecraft: Spacecraft) -> Seen:
     if have and not wanted:
         raise InputError(
             f"the spacecraft has no joints, but the log has {listed(have)}: this is another "
-            "spacecraft; leave the joints out of the log if they did not move"
+            "spacecraft, or a map of columns must say that they are not used: ignore_joints"
         )
     measurements = as_arrays(measurements)
     q = measurements.encoders.value
@@ -248,7 +251,8 @@ def in_joint_order(measurements: Log, spacecraft: Spacecraft) -> Seen:
                 "wheels that are balanced about their axis and carry nothing"
             )
         value[:, k] = _turned(seen.log, k, time)
-    return replace(seen, log=seen.log.updated({"encoders": Samples(time, value)}))
+    seen.log = seen.log.updated({"encoders": Samples(time, value)})
+    return seen
 
 
 def _turned(measurements: Log, k: int, times: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -295,7 +299,7 @@ def _refuse_slow(measurements: Log, sensors: SensorSuite | None) -> None:
     }
     name = min(steps, key=lambda each: steps[each], default="")
     declared = {} if sensors is None else sensors.present()
-    longest = SLOWER / declared[name].rate if name in declared else LONGEST_STEP
+    longest = SLOWER / declared[name].rate if name in declared else LONGEST_GAP
     if name and steps[name] > longest:
         raise InputError(
             f"the samples of {SENSORS[name].quantity} are {steps[name]:.3g} s apart if the time is "

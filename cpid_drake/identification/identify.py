@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from itertools import chain
 
@@ -12,7 +11,6 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.one_thread import one_thread
 from cpid_drake.files.errors import InputError, prefix_errors
-from cpid_drake.identification import by_rows
 from cpid_drake.identification.arguments import (
     Arguments,
     LogLike,
@@ -25,15 +23,14 @@ from cpid_drake.identification.arguments import (
     resolve_prior,
     resolve_sensors_by_log,
 )
-from cpid_drake.identification.by_rows import LEAST_SQUARES, MISFIT
 from cpid_drake.identification.checked_log import CheckedLog, check_logs
 from cpid_drake.identification.checks import Check, label_of
 from cpid_drake.identification.consistency import checked
 from cpid_drake.identification.estimators import (
     Estimator,
     choose,
-    with_method,
 )
+from cpid_drake.identification.log_conventions import with_conventions
 from cpid_drake.identification.model_sensitivity import hidden_sensitivity
 from cpid_drake.identification.planar import PROPOSED, could_be_planar
 from cpid_drake.identification.prior import TargetPrior
@@ -141,7 +138,7 @@ def identify(
     )
     for log in logs.values():
         with prefix_errors(log.label):
-            if wrong := log.conventions.failures or _by_momentum(arguments, log):
+            if wrong := with_conventions(log, arguments).conventions.failures:
                 raise InputError("; ".join(wrong))
     # Fit and answer.
     progress("identifying")
@@ -165,26 +162,6 @@ def identify(
     if method.uses_rows or errors_of_bodies(known_bodies, *given) is None:
         result = _of_exact_model(result, arguments, logs)
     return _with_hints(result, spacecraft, list(logs.values()), planar)
-
-
-def _by_momentum(arguments: Arguments, log: CheckedLog) -> tuple[str, ...]:
-    """Return the convention that the momentum shows, if noise does not explain the log as read."""
-    if log.conventions.has_momentum or arguments.spacecraft.tree.normal_B is not None:
-        return ()
-    wrong = check_conventions(log.measurements, arguments.spacecraft.tree).failures
-    if not wrong:
-        return ()
-    # In a short log many conventions explain a smooth motion; the misfit of rows is relative to
-    # the noise.
-    coasting = log.measurements.between(-np.inf, log.measurements.first_burn)
-    logs = {"": replace(log, measurements=coasting)}
-    unknown = TotalMomentum.unknown()
-    rows = replace(arguments, estimator=LEAST_SQUARES, rows=None, prior=None, momentum=unknown)
-    with suppress(np.linalg.LinAlgError, InputError):  # too few samples
-        result = by_rows.estimate(with_method(rows, logs), logs)
-        misfit = result.check(MISFIT)
-        return () if misfit is None or misfit.passed else wrong
-    return ()
 
 
 def _convention(log: CheckedLog, spacecraft: Spacecraft) -> str:

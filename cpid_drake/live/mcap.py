@@ -21,8 +21,6 @@ RESIDUALS = "/cpid/residuals/"
 DIAGNOSTICS_TOPIC = "/cpid/diagnostics"
 """Topic of changes of the momentum, and of checks at the end: `diagnostic_msgs/DiagnosticArray`."""
 
-_NO_TIME = 1e-9  # stamps of a bag are positive
-
 
 def write_mcap(path: str | Path, evidence: Evidence) -> None:
     """Write the estimates of one log over time, residuals and events as ROS 2 messages.
@@ -68,7 +66,7 @@ def _messages(types: Mapping[str, Any], evidence: Evidence) -> Iterator[tuple[in
     begin, frame = max(source.start, 0.0), source.request.spacecraft.capture_frame
 
     def stamp(time: float) -> int:
-        return round((begin + max(time, _NO_TIME)) * 1e9)
+        return max(round((begin + max(time, 0.0)) * 1e9), 1)  # stamps of a bag are positive
 
     end = 0.0
     for time, found in converge(evidence):

@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 
 from cpid_drake.identification.result import Identification
 
-OK, WARN, ERROR, STALE = range(4)
-"""Levels of `diagnostic_msgs/DiagnosticStatus`."""
+OK, WARN, ERROR, STALE = "OK", "WARN", "ERROR", "STALE"
+"""Levels, as constants of `diagnostic_msgs/DiagnosticStatus` are called."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Status:
 
     """
 
-    level: int
+    level: str
     name: str
     text: str = ""
     values: Mapping[str, object] = field(default_factory=dict)
@@ -77,10 +77,9 @@ class Messages:
         """Return lines as `DiagnosticArray`."""
         status = self._find("diagnostic_msgs/msg/DiagnosticStatus")
         pair = self._find("diagnostic_msgs/msg/KeyValue")
-        levels = (status.OK, status.WARN, status.ERROR, status.STALE)
         states = [
             status(
-                level=levels[row.level],
+                level=getattr(status, row.level),
                 name=f"cpid: {row.name}",
                 message=row.text,
                 hardware_id="cpid",

@@ -13,14 +13,13 @@ from cpid_drake.live.identifier import OnlineIdentifier
 from cpid_drake.live.messages import OK, STALE, WARN, Status
 from cpid_drake.logs.log import THRUST
 from cpid_drake.logs.ros_messages import (
-    LARGEST_STEP_BACK,
     SOURCES,
     TOPIC_TYPES,
     joint_values,
     message_values,
     stamp_of,
-    velocity_in_W,
 )
+from cpid_drake.logs.screening import LONGEST_DELAY
 from cpid_drake.sensors.suite import SensorSuite
 
 LIVE_TYPES = TOPIC_TYPES | {"thrust": (*TOPIC_TYPES["thrust"], "std_msgs/msg/Float64MultiArray")}
@@ -91,7 +90,7 @@ class RosSamples:
     Messages are read as those of bags; see `rosbag.read_rosbag`. Stamps are those of the headers; a
     message without a header has that of its arrival. A message of joints has all joints
     of the spacecraft; others in it are ignored. When the stamps of a topic jump back by more than
-    `LARGEST_STEP_BACK`, as at the start of a bag that is played again, the
+    `LONGEST_DELAY`, as at the start of a bag that is played again, the
     identifier begins again from the state that it had at first: the samples may be the
     same as before, and must not count twice.
 
@@ -225,7 +224,7 @@ class RosSamples:
         """Give samples of one stamp to the identifier."""
         if stamp <= 0:
             raise InputError("the header has no stamp")
-        if topic.newest - stamp > LARGEST_STEP_BACK * 1e9:
+        if topic.newest - stamp > LONGEST_DELAY * 1e9:
             self._begin_again(topic, stamp)
         topic.newest = max(topic.newest, stamp)
         if self._zero is None:
@@ -256,12 +255,6 @@ class RosSamples:
             values: dict[str, Any] = {THRUST: self._map @ data}
         else:
             values = dict(message_values(message, kind))
-        attitude = values.get("attitude")
-        if attitude is not None and "velocity" in values:
-            values["velocity"] = velocity_in_W(np.array(values["velocity"]), np.array(attitude))
-        if attitude is not None and not any(attitude):  # a message that nobody filled
-            values.pop("attitude")
-            values.pop("velocity", None)
         for name, value in values.items():
             if self._sources.get(name) == kind:
                 yield name, value

@@ -26,7 +26,7 @@ from cpid_drake.identification.online import identification_of_state, question_o
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import Identification
 from cpid_drake.logs.log import THRUST, Log, Samples
-from cpid_drake.logs.screening import last_time, screen
+from cpid_drake.logs.screening import screen
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite, check_sensors, require_encoders
 from cpid_drake.spacecraft.spacecraft import Spacecraft
@@ -219,5 +219,5 @@ class Stream:
     def _complete_until(self, recent: Log) -> float:
         """Return the time until which the samples of all sensors have arrived in order [s]."""
         newest, present = recent.interval[1], self.suite.present()
-        complete = min(last_time(recent[n]) + _SHARE_OF_INTERVAL / present[n].rate for n in present)
+        complete = min(recent[n].last_time + _SHARE_OF_INTERVAL / present[n].rate for n in present)
         return min(newest, max(complete, newest - self._lateness))

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from cpid_drake.dynamics.rotations import rotate
+from cpid_drake.dynamics.rotations import conjugate, rotate
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.logs.column_map import QUATERNION_ORDERS, UNITS, ColumnMap, scale_of
 from cpid_drake.logs.score import Instants, explain_by_momentum
@@ -26,6 +26,7 @@ UNEXPLAINED_DISTANCE = 0.05
 _LENGTHS, _SPEEDS = ("m", "mm", "cm", "in", "ft"), ("m/s", "mm/s", "cm/s", "in/s", "ft/s")
 _ANGLES, _TURNS = ("rad", "deg"), ("rad/s", "deg/s", "rpm")
 _ALL_JOINTS, _ALL_WHEELS = "all turning joints", "all wheels"
+_JOINTS = ("encoders", "joint_rates")
 
 Array = NDArray[np.float64]
 
@@ -99,8 +100,7 @@ def _units(
     """Yield quantities in other units than now."""
     for unit in units:
         if unit != now:
-            scaled = partial(np.multiply, scale_of(unit) / scale_of(now))
-            log = given.changed(**dict.fromkeys(quantities, scaled))
+            log = given.scaled(scale_of(unit) / scale_of(now), *quantities)
             yield f"{text} in {_word(unit)}", log, {key: unit}
 
 
@@ -140,31 +140,26 @@ def _joints(
         now = at.units.get(first, "m" if slides else at.unit)
         rate_now = rate_at.units.get(first, "m/s" if slides else rate_at.unit)
         for unit in _LENGTHS if slides else _ANGLES:
-            scaled = partial(np.multiply, np.where(chosen, scale_of(unit) / scale_of(now), 1.0))
+            if unit == now or label == _ALL_WHEELS:  # the angle of a wheel has no effect
+                continue
+            size = np.where(chosen, scale_of(unit) / scale_of(now), 1.0)
             entries = {f"joint_positions.{key}": unit for key in keys}
-            if unit != now and label != _ALL_WHEELS:  # the angle of a wheel has no effect
-                yield f"{q} is in {_word(unit)}", given.changed(encoders=scaled), entries
+            yield f"{q} is in {_word(unit)}", given.scaled(size, "encoders"), entries
+            if has_rates:
                 entries = {**entries, **{f"joint_rates.{key}": f"{unit}/s" for key in keys}}
-                both = given.changed(encoders=scaled, joint_rates=scaled)
-                if has_rates:
-                    yield f"{q} and {qd} are in {_word(unit)}", both, entries
+                yield f"{q} and {qd} are in {_word(unit)}", given.scaled(size, *_JOINTS), entries
         for unit in (_SPEEDS if slides else _TURNS) if has_rates else ():
-            size = np.where(chosen, scale_of(unit) / scale_of(rate_now), 1.0)
-            entries = {f"joint_rates.{key}": unit for key in keys}
-            log = given.changed(joint_rates=partial(np.multiply, size))
             if unit != rate_now:
-                yield f"{qd} is in {_word(unit)}", log, entries
-        signs = partial(np.multiply, np.where(chosen, -1.0, 1.0))
+                size = np.where(chosen, scale_of(unit) / scale_of(rate_now), 1.0)
+                entries = {f"joint_rates.{key}": unit for key in keys}
+                yield f"{qd} is in {_word(unit)}", given.scaled(size, "joint_rates"), entries
+        signs = np.where(chosen, -1.0, 1.0)
         if has_rates:
             text = f"{qd} is the rate of {q} with the opposite sign"
-            yield text, given.changed(joint_rates=signs), {}
+            yield text, given.scaled(signs, "joint_rates"), {}
         if label in names and not rotors[which[0]]:
             text = f"{q} has the opposite sign of the model's joint"
-            yield (
-                text,
-                given.changed(encoders=signs, joint_rates=signs),
-                {"reversed_joints": [label]},
-            )
+            yield text, given.scaled(signs, *_JOINTS), {"reversed_joints": [label]}
     moving, orders = np.flatnonzero(~rotors).tolist(), {}
     for a, b in combinations(moving, 2):
         order = list(range(count))
@@ -244,11 +239,9 @@ def _axes(given: Instants, column_map: ColumnMap) -> Iterator[Reading]:
             yield f"{text}: its {names}", given.changed(position=in_axes, velocity=in_axes), {}
     for k, name in enumerate("xyz" if has_place else ""):
         mirror = np.where(np.arange(3) == k, -1.0, 1.0)
-        changes = dict.fromkeys(("position", "velocity"), partial(np.multiply, mirror))
-        changes["attitude"] = partial(np.multiply, np.append(1.0, -mirror))
-        changes["gyro"] = partial(np.multiply, -mirror)
-        text = f"the axes are left-handed: the log is mirrored along {name}"
-        yield text, given.changed(**changes), {}
+        log = given.scaled(mirror, "position", "velocity").scaled(-mirror, "gyro")
+        log = log.scaled(np.append(1.0, -mirror), "attitude")
+        yield f"the axes are left-handed: the log is mirrored along {name}", log, {}
 
 
 def _places(
@@ -312,7 +305,7 @@ def _reordered(quaternion: Array, now: str, order: str, turns: bool) -> Array:
     """Return quaternions or their rates as read in another order and direction."""
     if order != now:  # the entries of the file: scalar first or last
         quaternion = quaternion[:, [3, 0, 1, 2] if order == "xyzw" else [1, 2, 3, 0]]
-    return quaternion * [1.0, -1.0, -1.0, -1.0] if turns else quaternion
+    return conjugate(quaternion) if turns else quaternion
 
 
 def _product(a: Array, b: Array) -> Array:

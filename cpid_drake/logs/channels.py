@@ -8,26 +8,21 @@ takes it for motion.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
-from scipy.spatial.transform import Rotation
 
 from cpid_drake.files.errors import InputError, listed
-from cpid_drake.logs.log import Log, Samples, without_flips
+from cpid_drake.logs.log import Log, Samples, turns
 from cpid_drake.logs.noise_estimation import FEWEST, RESOLUTION, noise_level, rounding
 from cpid_drake.logs.screening import as_arrays
 from cpid_drake.logs.unwrapping import unwrapped
-from cpid_drake.sensors.sensors import SENSORS
+from cpid_drake.sensors.sensors import POSITIONS, SENSORS
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
-PAIRS = {"joint_rates": "encoders", "gyro": "attitude", "velocity": "position"}
-"""By rate, the channel that changes at this rate."""
-
 _SHOWS = 0.02  # smallest change that contradicts a constant [rad, m]
-_REGULAR = 0.9  # share of equal runs from which values are held, not equal by chance
 _AT_END = 4  # equal samples in a row at the end of a scale
 _FASTEST = 2.0  # usual step of a wheel from which turns between samples may be missed [rad]
 
@@ -56,11 +51,6 @@ class Channel:
     is_used: bool
 
     @property
-    def text(self) -> str:
-        """What was found, with the channel's name."""
-        return f"{SENSORS[self.name].quantity}: {'; '.join(self.found)}"
-
-    @property
     def cells(self) -> tuple[str, ...]:
         """Channel, rows, rate, gap, use and findings, in words."""
         gap = f"{self.gap[0]:.4g} s at {self.gap[1]:.6g} s" if self.gap else "-"
@@ -70,39 +60,7 @@ class Channel:
         return SENSORS[self.name].quantity, str(self.rows), rate, gap, use, found
 
 
-@dataclass(frozen=True, eq=False)
-class Seen:
-    """A log after its channels were looked at.
-
-    Attributes:
-        log: what is used.
-        table: all channels.
-        errors: what makes the log unusable, with the remedies.
-
-    """
-
-    log: Log
-    table: tuple[Channel, ...] = ()
-    errors: tuple[str, ...] = ()
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What was found, by channel."""
-        return tuple(channel.text for channel in self.table if channel.found)
-
-    @property
-    def not_compared(self) -> tuple[str, ...]:
-        """The comparisons of which a side is left out."""
-        out = [channel.name for channel in self.table if channel.rows and not channel.is_used]
-        return tuple(
-            f"{SENSORS[position].quantity} with {SENSORS[rate].quantity} "
-            f"({SENSORS[rate if rate in out else position].quantity} left out)"
-            for rate, position in PAIRS.items()
-            if rate in out or position in out
-        )
-
-
-def look_at(log: Log, spacecraft: Spacecraft | None = None) -> Seen:
+def look_at(log: Log, spacecraft: Spacecraft | None = None) -> "Seen":
     """Look at every channel of a log, and return what of it is used.
 
     Args:
@@ -119,36 +77,59 @@ def look_at(log: Log, spacecraft: Spacecraft | None = None) -> Seen:
         names, tree = spacecraft.joint_names, spacecraft.tree
         rotors = {name for k, name in enumerate(names) if tree.is_rotor(k)}
         sliding = {names[b.joint] for b in tree.bodies if b.joint >= 0 and b.prismatic}
-    look = _Look(log, rotors, sliding)
+    seen = Seen(log, rotors, sliding)
     for name in ("attitude", "gyro", "position", "velocity"):
-        look.leave_out_copies(name)
-    look.unwrap()
-    look.leave_out_constants()
-    for name in PAIRS:
-        look.leave_out_ends(name)
-    table = tuple(
-        _channel(name, look.log[name], found, name in look.out)
-        for name, found in look.found.items()
+        seen.leave_out_copies(name)
+    seen.unwrap()
+    seen.leave_out_constants()
+    for name in POSITIONS:
+        seen.leave_out_ends(name)
+    seen.table = tuple(
+        _channel(name, seen.log[name], found, name in seen.out)
+        for name, found in seen.found.items()
     )
-    kept = {name: s for name, s in look.log.samples.items() if name not in look.out}
-    notes = {name: tuple(found) for name, found in look.found.items() if found}
-    used = replace(look.log, samples=kept, motion={}, notes=notes)
-    return Seen(used, table, tuple(look.errors))
+    kept = {name: s for name, s in seen.log.samples.items() if name not in seen.out}
+    notes = {name: tuple(found) for name, found in seen.found.items() if found}
+    seen.log = replace(seen.log, samples=kept, motion={}, notes=notes)
+    return seen
 
 
-@dataclass(eq=False)
-class _Look:
-    """The channels of a log while they are looked at."""
+class Seen:
+    """A log after, or while, its channels are looked at.
 
-    log: Log
-    rotors: set[str]
-    sliding: set[str]
-    found: dict[str, list[str]] = field(init=False)
-    out: set[str] = field(default_factory=set)
-    errors: list[str] = field(default_factory=list)
+    Attributes:
+        log: what is used.
+        found: what was found, by channel, in words.
+        out: channels that are left out.
+        errors: what makes the log unusable, with the remedies.
+        table: all channels.
 
-    def __post_init__(self) -> None:
-        self.found = {name: [*self.log.notes.get(name, ())] for name in SENSORS}
+    """
+
+    def __init__(self, log: Log, rotors: set[str], sliding: set[str]) -> None:
+        self.log, self._rotors, self._sliding = log, rotors, sliding
+        self.found = {name: [*log.notes.get(name, ())] for name in SENSORS}
+        self.out, self.errors = set[str](), list[str]()
+        self.table: tuple[Channel, ...] = ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What was found, by channel."""
+        return tuple(
+            f"{SENSORS[name].quantity}: {'; '.join(found)}"
+            for name, found in self.found.items()
+            if found
+        )
+
+    @property
+    def not_compared(self) -> tuple[str, ...]:
+        """The comparisons of which a side is left out."""
+        return tuple(
+            f"{SENSORS[position].quantity} with {SENSORS[rate].quantity} "
+            f"({SENSORS[rate if rate in self.out else position].quantity} left out)"
+            for rate, position in POSITIONS.items()
+            if self.out & {rate, position}
+        )
 
     def given(self, name: str) -> Samples | None:
         """Return the finite samples of a channel in the order of time; None for too few."""
@@ -188,7 +169,7 @@ class _Look:
             rows = np.flatnonzero(new)
             runs = np.diff(rows)
             usual = int(np.median(runs)) if runs.size >= FEWEST else 1
-            if usual < 2 or np.mean(np.abs(runs - usual) <= 1) < _REGULAR:
+            if usual < 2 or np.median(np.abs(runs - usual)) > 1:  # equal by chance, not held
                 continue
             if _noise(given.where(rows)) > 2 * step:
                 text = f"{word} each value over {usual} rows: {len(new) - len(rows)} rows left out"
@@ -209,7 +190,7 @@ class _Look:
             if rates is not None and np.isfinite(rates.value[:, k]).all():
                 integral = cumulative_trapezoid(rates.value[:, k], rates.time, initial=0.0)
                 turned = np.interp(given.time, rates.time, integral)
-            if joint in self.sliding:
+            if joint in self._sliding:
                 continue
             new, count = unwrapped(value[:, k], turned)
             if count:
@@ -229,7 +210,7 @@ class _Look:
 
     def leave_out_constants(self) -> None:
         """Leave out channels that are exactly constant while others show that they change."""
-        for rate, position in PAIRS.items():
+        for rate, position in POSITIONS.items():
             self._check_rate(rate, position)
             self._check_position(rate, position)
         attitude, moving = self.given("attitude"), self._moving_joints()
@@ -250,7 +231,7 @@ class _Look:
             return []
         moved = np.ptp(given.value, axis=0) > _SHOWS
         names = zip(self.log.joint_names, moved, strict=True)
-        return [joint for joint, moves in names if moves and joint not in self.rotors]
+        return [joint for joint, moves in names if moves and joint not in self._rotors]
 
     def _check_rate(self, rate: str, position: str) -> None:
         """Leave out a rate of which an entry is constant while the position changes otherwise."""
@@ -299,7 +280,7 @@ class _Look:
         for k in np.flatnonzero(wrong).tolist():
             joint = self.log.joint_names[k]
             text = f"q:{joint} is constant while qd:{joint} shows motion: it is not filled"
-            if joint in self.rotors:
+            if joint in self._rotors:
                 value[:, k] = np.nan
                 self.found["encoders"].append(f"{text}; the integral of qd:{joint} is used")
             else:
@@ -353,12 +334,8 @@ def _path(name: str, samples: Samples) -> Array:
     """Return what the rate of a channel sums up to: for the attitude, the turn in B."""
     if name != "attitude":
         return samples.value
-    norm = np.linalg.norm(samples.value, axis=1, keepdims=True)
-    R = Rotation.from_quat(
-        without_flips(samples.value / np.where(norm > 0, norm, 1.0)), scalar_first=True
-    )
-    turns = (R[:-1].inv() * R[1:]).as_rotvec()
-    return np.concatenate([np.zeros((1, 3)), np.cumsum(turns, axis=0)])
+    still = np.where(samples.value.any(axis=1, keepdims=True), samples.value, [1.0, 0, 0, 0])
+    return np.concatenate([np.zeros((1, 3)), np.cumsum(turns(still), axis=0)])
 
 
 def _channel(name: str, samples: Samples, found: Sequence[str], is_out: bool) -> Channel:

@@ -12,22 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
-from scipy.spatial.transform import Rotation
 
 from cpid_drake.files.errors import InputError
-from cpid_drake.logs.log import Samples
+from cpid_drake.logs.log import Samples, turns
 from cpid_drake.logs.score import MOMENTUM, Comparison
+from cpid_drake.logs.screening import LONGEST_DELAY
+from cpid_drake.sensors.sensors import POSITIONS
 
-LEAST_CLOCK_ERROR = 0.005
-"""Smallest relative error of a clock that is named: crystals are a hundred times better."""
-
-LEAST_RESIDUAL = 0.01
-"""Smallest residual that a delay may explain: errors of smoothing leave less."""
-
-LONGEST_SOUGHT_DELAY = 1.0
-"""Longest delay between two sensors that is looked for [s]."""
-
-_PAIRS = (("encoders", "joint_rates"), ("attitude", "gyro"), ("position", "velocity"))
+LEAST_ERROR = 0.005
+"""Smallest relative error of a clock, or residual of a delay, that is named: crystals are a hundred
+times better, and errors of smoothing leave less."""
 
 
 def clock_factor(comparisons: Sequence[Comparison]) -> float | None:
@@ -49,21 +43,15 @@ def clock_factor(comparisons: Sequence[Comparison]) -> float | None:
         return None
     factor = float(np.mean(factors))
     is_same = np.ptp(factors) < abs(factor - 1) / 5
-    return factor if abs(factor - 1) > LEAST_CLOCK_ERROR and is_same and factor > 0 else None
+    return factor if abs(factor - 1) > LEAST_ERROR and is_same and factor > 0 else None
 
 
 def with_delay(comparison: Comparison, time: NDArray[np.float64]) -> Comparison:
-    """Return a comparison of a position and its rate with the delay that explains it, if one does.
-
-    Args:
-        comparison: not of the momentum.
-        time: (N,) of its values [s].
-
-    """
+    """Return a comparison with the delay that explains it, if one does; (N,) are its times [s]."""
     moved, measured = comparison.values
-    if comparison.name == MOMENTUM or comparison.residual < LEAST_RESIDUAL or len(time) < 20:
+    if comparison.name == MOMENTUM or comparison.residual < LEAST_ERROR or len(time) < 20:
         return comparison
-    most = min(LONGEST_SOUGHT_DELAY, (time[-1] - time[0]) / 5)
+    most = min(LONGEST_DELAY, (time[-1] - time[0]) / 5)
     inner = (time >= time[0] + most) & (time <= time[-1] - most)
     spline, there = CubicSpline(time, moved), measured[inner]
 
@@ -92,7 +80,7 @@ def time_from_rates(samples: Mapping[str, Samples]) -> dict[str, Samples]:
 
     """
     time, changes, rates = None, [], []
-    for position, rate in _PAIRS:
+    for rate, position in POSITIONS.items():
         both = [samples.get(position), samples.get(rate)]
         if both[0] is None or both[1] is None or len(both[0]) < 3:
             continue
@@ -100,11 +88,7 @@ def time_from_rates(samples: Mapping[str, Samples]) -> dict[str, Samples]:
         if len(common) < 3 or (time is not None and not np.array_equal(common, time)):
             continue
         time, value, speed = common, both[0].value[first], both[1].value[second]
-        if position == "attitude":
-            R = Rotation.from_quat(value, scalar_first=True)
-            change = (R[:-1].inv() * R[1:]).as_rotvec()
-        else:
-            change = np.diff(value, axis=0)
+        change = turns(value) if position == "attitude" else np.diff(value, axis=0)
         mean = (speed[1:] + speed[:-1]) / 2
         unit = np.sqrt(np.mean(mean**2, axis=0))
         moves = unit > 0

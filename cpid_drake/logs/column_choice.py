@@ -46,9 +46,7 @@ def with_own_columns(
     """Return a map that names all columns of a file that are read.
 
     Those of what the given map does not name are the package's own, if they are in the file. Joints
-    that the spacecraft lacks are ignored.
-
-    Args: see `read_columns`.
+    that the spacecraft lacks are ignored. The arguments are those of `read_columns`.
 
     Raises:
         InputError: no time, a column that the map names is missing, groups that are not complete,
@@ -127,12 +125,6 @@ def with_own_columns(
                 "(`cpid log map` writes one), or ignore it (ignore_columns)"
             )
     _find_joints(used, free, joints)
-    lacking = [joint for joint in used.ignore_joints if joint not in given.ignore_joints]
-    if lacking and not joints:
-        raise InputError(
-            f"{where}: the spacecraft has no joints, but the log has {listed(lacking)}: this is "
-            "another spacecraft, or a map of columns must say that they are not used: ignore_joints"
-        )
     positions, constant = used.joint_positions.columns, used.joint_positions.constant
     for joint in constant:
         if joint in positions or joint in used.joint_rates.columns:
@@ -188,7 +180,7 @@ def _find_joints(used: ColumnMap, free: Sequence[str], joints: Collection[str] |
                 joint = name[len(prefix) : len(name) - len(suffix)]
                 section.columns.setdefault(joint, name)
     everything = {**used.joint_positions.columns, **used.joint_rates.columns}
-    if joints is not None and all(joint in everything for joint in joints):
+    if joints and all(joint in everything for joint in joints):
         lacking = [joint for joint in everything if joint not in joints]
         used.ignore_joints += [joint for joint in lacking if joint not in used.ignore_joints]
     for section in sections:

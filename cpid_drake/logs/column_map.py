@@ -49,6 +49,10 @@ UNITS = {
 """By unit, its size in SI units and radians, and its names in words, the usual one first."""
 
 
+UNIT_OF = {word: unit for unit, (_, words) in UNITS.items() for word in (unit, *words.split())}
+"""The unit of each of its names."""
+
+
 def scale_of(unit: str) -> float:
     """Return the size of a unit in SI units and radians."""
     return UNITS[unit.removesuffix("/s")][0]
@@ -279,11 +283,7 @@ def load_column_map(path: str | Path) -> ColumnMap:
 
 
 def check_column_map(column_map: ColumnMap, where: str) -> None:
-    """Refuse a map that contradicts itself.
-
-    Args:
-        column_map: the map.
-        where: its file's name in error messages.
+    """Refuse a map that contradicts itself; messages begin with `where`.
 
     Raises:
         InputError: a wrong number of columns, a column that is named twice, frames without a rate,

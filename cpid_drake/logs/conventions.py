@@ -14,7 +14,6 @@ import numpy as np
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.files.errors import listed
 from cpid_drake.logs.alternatives import Alternative, alternatives
-from cpid_drake.logs.channels import PAIRS
 from cpid_drake.logs.clock import clock_factor, with_delay
 from cpid_drake.logs.column_map import ColumnMap
 from cpid_drake.logs.log import Log
@@ -26,7 +25,7 @@ from cpid_drake.logs.score import (
     compare_rates,
     instants_of,
 )
-from cpid_drake.sensors.sensors import SENSORS
+from cpid_drake.sensors.sensors import POSITIONS, SENSORS
 
 EXPLAINS = 0.05
 """Largest residual of the momentum that a right convention leaves; smoothing leaves less."""
@@ -166,7 +165,7 @@ def _not_compared(log: Log, compared: Collection[str]) -> tuple[str, ...]:
 
 def _alone(log: Log) -> Iterator[str]:
     """Yield the conventions that stay open because a log has no other side to compare with."""
-    for rate, position in PAIRS.items():
+    for rate, position in POSITIONS.items():
         open_of = "order and direction" if position == "attitude" else "unit"
         for name, other, what in ((rate, position, "unit"), (position, rate, open_of)):
             # The unit of a position is open in any case without the momentum.
@@ -180,16 +179,8 @@ def better_conventions(
 ) -> list[Alternative]:
     """Return the alternatives that explain a log clearly better than the conventions it is read in.
 
-    Args:
-        given: what the log says as read.
-        names: the joints.
-        tree: the spacecraft model.
-        column_map: the map it is read with.
-
-    Returns:
-        The best first, and others that explain the log equally well; empty if no alternative
-        explains it clearly better, or too many do.
-
+    The best is first, and others explain the log equally well; empty if too many do. The arguments
+    are those of `alternatives`.
     """
     tree = None if tree is None else tree.lumped
     before = compare_rates(given, names) + compare_momentum(given, tree)

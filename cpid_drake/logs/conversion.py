@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from cpid_drake.dynamics.rotations import rotate_by_quaternion
+from cpid_drake.dynamics.rotations import conjugate, rotate_by_quaternion
 from cpid_drake.files.errors import InputError, listed, prefix_errors
 from cpid_drake.logs.clock import refuse_single_precision, time_from_rates
 from cpid_drake.logs.column_choice import with_own_columns
@@ -24,6 +24,7 @@ from cpid_drake.logs.column_map import (
     scale_of,
 )
 from cpid_drake.logs.log import THRUST, Log, Samples, with_fixed_joints
+from cpid_drake.logs.noise_estimation import FEWEST
 from cpid_drake.logs.screening import LARGEST, QUATERNION_NORM
 from cpid_drake.logs.table import LogTable
 from cpid_drake.logs.unwrapping import unwrapped
@@ -31,12 +32,6 @@ from cpid_drake.sensors.thrusters import VALVE
 
 LARGEST_TIME = 1e11
 """Largest plausible time in a file [s]."""
-
-RESTART = 12
-"""Number of rows after a time that goes back from which another log begins."""
-
-_INVERSE = np.array([1.0, -1.0, -1.0, -1.0])
-"""Signs of the entries of the inverse of a quaternion."""
 
 Array = NDArray[np.float64]
 
@@ -195,7 +190,7 @@ class _Conversion:
         R_WB = q / np.linalg.norm(q, axis=1, keepdims=True)
         w = _spatial(gyro, last=True) @ used.angular_velocity.R_BS.T
         if used.angular_velocity.frame == "world":
-            w = rotate_by_quaternion(R_WB * _INVERSE, w)
+            w = rotate_by_quaternion(conjugate(R_WB), w)
         p, v = _spatial(position), _spatial(velocity)
         if used.position.point_B.any():
             p = p - rotate_by_quaternion(R_WB, used.position.point_B)
@@ -278,7 +273,7 @@ class _Conversion:
         else:
             q[there] = _rotation(block[there], given.order).as_quat(scalar_first=True)
         if given.direction == "R_BW":
-            q = q * _INVERSE
+            q = conjugate(q)
         if not np.array_equal(given.R_BS, np.eye(3)) and there.any():
             R_BS = Rotation.from_matrix(given.R_BS)
             turned = Rotation.from_quat(q[there], scalar_first=True) * R_BS.inv()
@@ -350,7 +345,7 @@ class _Conversion:
             now, before = (
                 np.format_float_positional(t, trim="-") for t in (time[start], latest[start])
             )
-            if end - start >= RESTART and (np.diff(time[start:end]) > 0).all():
+            if end - start >= FEWEST and (np.diff(time[start:end]) > 0).all():
                 self._refuse(
                     start,
                     column,

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.files.errors import InputError
-from cpid_drake.logs.column_map import UNITS
+from cpid_drake.logs.column_map import UNIT_OF, scale_of
 from cpid_drake.logs.table import LogTable, repeated_names, seconds_of_stamps
 
 _LONGEST_LINE = 1_000_000
@@ -31,8 +31,6 @@ _VICON = ("Segments", "Objects", "Trajectories", "Joints", "Model Outputs")
 _MOTIVE = {"Type", "ID", "Parent"}
 """Lines of the header of Motive's files that are not used."""
 
-_SI = {"s", "m", "rad", "N", "N*m"}
-_UNITS = {word: unit for unit, (_, words) in UNITS.items() for word in (unit, *words.split())}
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
 _NO_UNIT = ("", "-", "1", "none", "n/a", "quaternion", "unitless")
 
@@ -84,7 +82,6 @@ def read_csv(file: Path, where: str) -> LogTable:
     return LogTable(
         columns,
         np.concatenate(numbers),
-        "line",
         texts,
         repeated_names(header, where),
         problems,
@@ -203,7 +200,7 @@ def _motive_names(first: str, lines: Lines, where: str) -> tuple[str, list[str]]
             f"{where}: line 1: Motive's rotations are exported as {settings['Rotation Type']}: "
             "export them with the rotation type Quaternion"
         )
-    unit = _UNITS.get(settings.get("Length Units", "meters").lower(), "")
+    unit = UNIT_OF.get(settings.get("Length Units", "meters").lower(), "")
     rows = dict[str | int, list[str]]()
     for number, line in islice(lines, 8):
         cells = _split(line, ",")
@@ -240,8 +237,8 @@ def _units(row: list[str], header: list[str], where: str) -> list[str]:
         if _DECIMAL_COMMA.fullmatch(word):
             return []
         base, _, per = word.partition("/")
-        unit = _UNITS.get(base) or _UNITS.get(base.lower())
-        if word.lower() in _NO_UNIT or (unit in _SI and per in ("", "s", "sec")):
+        unit = UNIT_OF.get(base) or UNIT_OF.get(base.lower())
+        if word.lower() in _NO_UNIT or (unit and scale_of(unit) == 1 and per in ("", "s", "sec")):
             found.append(name)
         elif unit is not None and per in ("", "s", "sec"):
             found.append(f"{name} [{unit}{'/s' * bool(per)}]")

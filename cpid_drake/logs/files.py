@@ -103,14 +103,11 @@ def read_log(
     """Return the samples in a log file of any format in `FORMATS`, or in a ROS 2 bag.
 
     Args:
-        path: the file, or a bag's folder.
+        path, topics, columns: see `inspect_log`.
         leave_out_bad: leave out rows that have a problem, instead of refusing the file.
-        topics: topics of a bag; see `rosbag.read_rosbag`.
-        columns: a map of the file's columns, or the map's YAML file.
 
     Raises:
-        InputError: for the same reasons as `inspect_log`; also for the first bad row, unless
-            bad rows are left out.
+        InputError: as `inspect_log`; also for the first bad row, unless bad rows are left out.
 
     """
     found = inspect_log(path, topics=topics, columns=columns)

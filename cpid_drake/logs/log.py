@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.files.errors import listed
@@ -32,6 +33,11 @@ class Samples:
 
     def __len__(self) -> int:
         return len(self.time)
+
+    @property
+    def last_time(self) -> float:
+        """Time of the last sample [s]; −inf without samples."""
+        return float(self.time[-1]) if len(self) else -np.inf
 
     def where(self, keep: NDArray[np.bool_] | NDArray[np.intp] | slice) -> "Samples":
         """Return the samples that a mask, indices or a slice select."""
@@ -130,14 +136,13 @@ class Log:
     @property
     def last_time(self) -> float:
         """Time of the latest sample, also of thrust [s]; −inf without samples."""
-        return max((float(s.time[-1]) for s in self.samples.values() if len(s)), default=-np.inf)
+        return max((samples.last_time for samples in self.samples.values()), default=-np.inf)
 
     @property
     def interval(self) -> tuple[float, float]:
         """Times of the first and of the last sample of all sensors [s]; (∞, −∞) without samples."""
-        times = [samples.time for _, samples in self.items() if len(samples)]
-        first = min((float(time[0]) for time in times), default=np.inf)
-        return first, max((float(time[-1]) for time in times), default=-np.inf)
+        first = min((float(s.time[0]) for _, s in self.items() if len(s)), default=np.inf)
+        return first, max(samples.last_time for _, samples in self.items())
 
     def updated(self, samples: Mapping[str, Samples]) -> "Log":
         """Return a log in which `samples` replace those of the same sensors."""
@@ -236,6 +241,12 @@ def without_flips(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
     flips = np.sum(quaternion[1:] * quaternion[:-1], axis=1) < 0
     signs = np.cumprod(np.append(1.0, 1 - 2.0 * flips))[: len(quaternion)]
     return np.asarray(quaternion * signs[:, None])
+
+
+def turns(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the rotation vectors (N - 1, 3), in B, from attitude to attitude (N, 4)."""
+    R = Rotation.from_quat(quaternion, scalar_first=True)
+    return np.asarray((R[:-1].inv() * R[1:]).as_rotvec())
 
 
 def first_sample(errors: SensorErrors) -> int:

@@ -24,7 +24,8 @@ spline of degree 5 has at least seven numbers."""
 RESOLUTION = 1e-6
 """Least noise of a sensor, as a share of the spread of its samples: 20 bits.
 
-Samples of a simulation have no noise, but errors of integration and of interpolation.
+Samples of a simulation have no noise, but errors of integration and of interpolation: a smaller
+share of the motion is none.
 """
 
 _SMOOTH = 0.05
@@ -122,12 +123,11 @@ def sample_sigmas(samples: Log | Motion) -> NDArray[np.float64]:
     Of states, which may belong to unconnected instants, rounding is the only noise that can be
     seen. σ is zero for a sensor without samples.
     """
-    names = ("attitude", "gyro", "position", "velocity", "encoders", "joint_rates")
     if isinstance(samples, Motion):
         states = ("quaternion_WB", "w_WB", "p_WB", "v_WB", "q", "qdot")
-        values = {name: getattr(samples, state) for name, state in zip(names, states)}
+        values = {name: getattr(samples, state) for name, state in zip(SENSORS, states)}
     else:
-        values = {name: samples[name].value for name in names}
+        values = {name: each.value for name, each in samples.items()}
     parts, joints = [], len(samples.joint_names)
     is_motion = isinstance(samples, Log) and _is_one_motion(samples.encoders)
     for name, value in values.items():

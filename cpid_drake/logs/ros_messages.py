@@ -41,10 +41,6 @@ SOURCES = {
 """For each quantity, the kinds of topic that can hold its samples; the first that does is used."""
 
 
-LARGEST_STEP_BACK = 1.0
-"""Largest decrease of the stamps from message to message [s]."""
-
-
 def stamp_of(message: Any) -> int:
     """Return the stamp of a message's header [ns]."""
     stamp = message.header.stamp
@@ -66,48 +62,46 @@ def joint_values(message: Any, where: str, k: int) -> dict[str, Sequence[float]]
 
 
 def message_values(message: Any, kind: str) -> dict[str, Sequence[float]]:
-    """Return the quantities in a message about the base; the odometry's velocity is in B."""
+    """Return the quantities in a message about the base.
+
+    A quaternion of zeros, of a message that nobody filled, is no attitude; the odometry's velocity,
+    which is rotated by it from the child frame to W, is then absent, too.
+    """
     if kind == "thrust":
         wrench = message.wrench
         return {THRUST: [*_vector(wrench.torque), *_vector(wrench.force)]}
     if kind == "imu":
         values = {}
         if message.orientation_covariance[0] != -1:
-            values["attitude"] = _quaternion(message.orientation)
+            values = _attitude(message.orientation)
         if message.angular_velocity_covariance[0] != -1:
             values["gyro"] = _vector(message.angular_velocity)
         return values
     if hasattr(message, "transform"):
         pose = message.transform
-        return {"attitude": _quaternion(pose.rotation), "position": _vector(pose.translation)}
+        return {**_attitude(pose.rotation), "position": _vector(pose.translation)}
     pose = message.pose.pose if hasattr(message.pose, "pose") else message.pose
-    values = {"attitude": _quaternion(pose.orientation), "position": _vector(pose.position)}
+    values = {**_attitude(pose.orientation), "position": _vector(pose.position)}
     if kind == "odometry":
         twist = message.twist.twist
-        values |= {"velocity": _vector(twist.linear), "gyro": _vector(twist.angular)}
+        values["gyro"] = _vector(twist.angular)
+        if "attitude" in values:
+            values["velocity"] = _velocity_in_W(twist.linear, np.array(values["attitude"]))
     return values
 
 
-def velocity_in_W(
-    velocity_B: NDArray[np.float64], quaternion: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return velocities (..., 3) in W [m/s]; NaN where the attitude is none.
-
-    Args:
-        velocity_B: (..., 3) in the odometry's child frame [m/s].
-        quaternion: (..., 4) w, x, y, z of the same messages.
-
-    """
-    norm = np.linalg.norm(quaternion, axis=-1, keepdims=True)
-    is_unit = np.abs(norm - 1) < QUATERNION_NORM
-    q = quaternion / np.where(is_unit, norm, np.nan)
-    return rotate_by_quaternion(q, velocity_B)
+def _velocity_in_W(linear: Any, quaternion: NDArray[np.float64]) -> Sequence[float]:
+    """Return a velocity in the axes of an attitude in W; NaN if the attitude is none."""
+    is_unit = abs(np.linalg.norm(quaternion) - 1) < QUATERNION_NORM
+    v_W = rotate_by_quaternion(quaternion, np.array(_vector(linear)))
+    return v_W.tolist() if is_unit else [np.nan] * 3
 
 
 def _vector(xyz: Any) -> Sequence[float]:
     return xyz.x, xyz.y, xyz.z
 
 
-def _quaternion(orientation: Any) -> Sequence[float]:
-    """Return (w, x, y, z); ROS has w last."""
-    return orientation.w, orientation.x, orientation.y, orientation.z
+def _attitude(orientation: Any) -> dict[str, Sequence[float]]:
+    """Return the attitude w, x, y, z; nothing for zeros. ROS has w last."""
+    quaternion = orientation.w, orientation.x, orientation.y, orientation.z
+    return {"attitude": quaternion} if any(quaternion) else {}

@@ -15,15 +15,14 @@ from numpy.typing import NDArray
 from cpid_drake.files.errors import InputError
 from cpid_drake.logs.log import THRUST, THRUST_COLUMNS
 from cpid_drake.logs.ros_messages import (
-    LARGEST_STEP_BACK,
     SOURCES,
     TOPIC_TYPES,
     TRANSFORMS,
     joint_values,
     message_values,
     stamp_of,
-    velocity_in_W,
 )
+from cpid_drake.logs.screening import LONGEST_DELAY
 from cpid_drake.logs.table import LogTable
 from cpid_drake.sensors.sensors import SENSORS
 
@@ -136,19 +135,12 @@ def _table(
         if not there:
             continue
         used.add(there[0])
-        series = topics[there[0]].series(quantity)
-        names: tuple[str, ...] = THRUST_COLUMNS
-        if quantity != THRUST:
-            names = SENSORS[quantity].columns
-        attitude = None
-        if quantity in ("attitude", "velocity"):  # the velocity needs the attitude of its message
-            attitude = topics[there[0]].series("attitude")[1]
-        if quantity == "velocity" and attitude is not None:
-            series = series[0], velocity_in_W(series[1], attitude)
-        _put(table, rows, quantity, names, series, attitude)
-    for name in topics["joints"].samples:
+        topic = topics[there[0]]
+        names = THRUST_COLUMNS if quantity == THRUST else SENSORS[quantity].columns
+        _put(table, rows, quantity, names, topic.series(quantity), len(topic.stamps))
+    for name, (given, _) in topics["joints"].samples.items():
         quantity = "joint_rates" if name.startswith("qd:") else "encoders"
-        _put(table, rows, quantity, (name,), topics["joints"].series(name), None)
+        _put(table, rows, quantity, (name,), topics["joints"].series(name), len(given))
     if topics["joints"].empty:
         text = f"{topics['joints'].empty} empty messages left out"
         table.notes["encoders"] = (*table.notes.get("encoders", ()), text)
@@ -167,15 +159,12 @@ def _put(
     quantity: str,
     names: Sequence[str],
     series: Series,
-    attitude: NDArray[np.float64] | None,
+    count: int,
 ) -> None:
-    """Add columns of a quantity, without samples of no attitude or of a stamp that repeats."""
+    """Add columns of a quantity of `count` messages, without samples of a stamp that repeats."""
     stamps, value = series
     kept = np.unique(stamps, return_index=True)[1]
-    if attitude is not None:
-        kept = kept[attitude[kept].any(axis=1)]
-    rejected = len(value) - len(kept)
-    table.rejected[quantity] = max(table.rejected[quantity], rejected)
+    table.rejected[quantity] = max(table.rejected[quantity], count - len(kept))
     absent = np.isnan(value[kept]).any(axis=1)
     if absent.any() and quantity not in ("encoders", "joint_rates"):
         text = f"{absent.sum()} samples of {', '.join(names)} are NaN, left out"
@@ -285,7 +274,7 @@ def _read_topic(
     if times.size > 1 and (times == times[0]).all():
         raise InputError(f"{where}: all headers have the stamp {times[0] / 1e9:g} s; set the time")
     back = np.maximum.accumulate(times) - times
-    far = back > LARGEST_STEP_BACK * 1e9
+    far = back > LONGEST_DELAY * 1e9
     if far.any():
         raise InputError(
             f"{where}: stamps jump back by {back[far][0] / 1e9:g} s at message {far.argmax()}; a "

@@ -21,9 +21,10 @@ Source: Ning et al. 2016, Eqs. 5 and 9.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.momentum import MomentumSamples, momentum_samples
@@ -32,8 +33,9 @@ from cpid_drake.dynamics.rotations import angular_velocity, rotate, skew
 from cpid_drake.dynamics.rows import RELATIVE_ROWS
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.logs.log import Log, Samples, without_flips
-from cpid_drake.logs.noise_estimation import FEWEST
+from cpid_drake.logs.noise_estimation import FEWEST, RESOLUTION
 from cpid_drake.logs.splines import in_gap, regression_spline
+from cpid_drake.sensors.sensors import POSITIONS
 
 MOMENTUM = "momentum"
 """Name of the comparison with the conservation of momentum."""
@@ -41,11 +43,8 @@ MOMENTUM = "momentum"
 COMPARED_LENGTH = 60.0
 """Length of the part of a log that is compared [s]: the one in which the joints move most."""
 
-_ROUNDING = 1e-6  # residuals below this share of the motion are errors of the splines
 _MODEL_ERROR = 0.02  # share of the total mass by which errors of the model make a mass impossible
 _LEAST = 1e-9  # smallest motion [rad, m, rad/s, m/s]
-_RATES = ("gyro", "velocity", "joint_rates")
-_MOVED = ("attitude", "position", "encoders")
 
 Array = NDArray[np.float64]
 
@@ -77,6 +76,10 @@ class Instants:
             return {**parts, **found}
 
         return replace(self, values=new(self.values), rates=new(self.rates))
+
+    def scaled(self, size: ArrayLike, *sensors: str) -> "Instants":
+        """Return what a log says with the values of some sensors times a size."""
+        return self.changed(**dict.fromkeys(sensors, partial(np.multiply, size)))
 
     @property
     def quaternion(self) -> Array:
@@ -136,10 +139,6 @@ def instants_of(log: Log) -> Instants | None:
 
     Every sensor's samples are smoothed by a regression spline. The instants are in the part of the
     log in which the joints move most, before thrusters fire, and outside of gaps.
-
-    Args:
-        log: screened samples; joint positions of all joints.
-
     """
     coasting = log.between(-np.inf, log.first_burn)
     is_free = len(coasting.encoders) >= FEWEST
@@ -154,7 +153,7 @@ def instants_of(log: Log) -> Instants | None:
         splines[name] = regression_spline(samples)
         fitted = splines[name](samples.time)
         noise = np.sqrt(np.mean((samples.value - fitted) ** 2, axis=0))
-        if name not in _RATES:  # a constant rate is a motion, a constant position is none
+        if name not in POSITIONS:  # a constant rate is a motion, a constant position is none
             fitted = fitted - fitted.mean(axis=0)
         size = np.sqrt(np.mean(fitted**2, axis=0))
         if name in ("encoders", "joint_rates"):
@@ -172,18 +171,12 @@ def instants_of(log: Log) -> Instants | None:
         return None
 
     values = {name: spline(time) for name, spline in splines.items()}
-    rates = {name: splines[name](time, 1) for name in _MOVED if name in splines}
+    rates = {name: splines[name](time, 1) for name in POSITIONS.values() if name in splines}
     return Instants(time - time[0], values, rates, frozenset(moving), is_free)
 
 
 def compare_rates(given: Instants, names: tuple[str, ...]) -> list[Comparison]:
-    """Return the comparisons of positions that move with measured rates.
-
-    Args:
-        given: what the log says.
-        names: the joints.
-
-    """
+    """Return the comparisons of positions that move with measured rates."""
     found, values = [], given.values
     for k, joint in enumerate(names if "joint_rates" in values else ()):
         if {f"encoders {joint}", f"joint_rates {joint}"} <= given.moving:
@@ -227,10 +220,7 @@ def explain_by_momentum(
 ) -> tuple[Comparison, Array, float] | None:
     """Return what the conservation of momentum with the best target leaves of a log.
 
-    Args:
-        given: what a log says.
-        tree: the spacecraft model, welded bodies in one.
-        has_free_point: whether the positions may be those of another point than B's origin.
+    With a free point, the positions may be those of another point than B's origin.
 
     Returns:
         The comparison, whose residual is the geometric mean of those of the base's motion and of
@@ -261,12 +251,12 @@ def explain_by_momentum(
         return None
     # What each part leaves alone is its noise, by which both together are weighed.
     alone = [_least_squares(A, b) for A, b, _ in parts]
-    noise = [max(_rms(a[1]), _ROUNDING * p[2], 1e-300) for a, p in zip(alone, parts)]
+    noise = [max(_rms(a[1]), RESOLUTION * p[2], 1e-300) for a, p in zip(alone, parts)]
     A, b = (np.concatenate([p[k] / sigma for p, sigma in zip(parts, noise)]) for k in (0, 1))
     together = _least_squares(A, b)
     errors = np.split(together[1], [len(parts[0][1])])
     left = [
-        max(_rms(e) * sigma / max(size, 1e-300), _ROUNDING)
+        max(_rms(e) * sigma / max(size, 1e-300), RESOLUTION)
         for e, sigma, (*_, size) in zip(errors, noise, parts)
     ]
     is_possible, point_B = True, np.zeros(3)
@@ -327,7 +317,7 @@ def _least_squares(A: Array, b: Array) -> tuple[Array, Array, float]:
 
 def _compared(name: str, rate: str, moved: Array, measured: Array) -> Comparison:
     size = max(np.sum(moved**2), np.sum(measured**2), 1e-300)
-    residual = max(float(np.sqrt(np.sum((moved - measured) ** 2) / size)), _ROUNDING)
+    residual = max(float(np.sqrt(np.sum((moved - measured) ** 2) / size)), RESOLUTION)
     return Comparison(name, (f"changes of {name}", rate), (moved, measured), residual)
 
 

@@ -27,11 +27,12 @@ LARGEST = 1e9
 and larger values are damaged messages whose squares may overflow."""
 
 LONGEST_GAP = 3600.0
-"""Longest time between two samples of a sensor [s]; with a longer one, a clock was wrong."""
+"""Longest time between two stamps of a log [s]; with a longer one, a clock was wrong."""
 
-LONGEST_SILENCE = 1.0
-"""A stamp later than all others by more than this time [s], or than five steps of the slowest
-sensor, must be confirmed by other stamps; it is longer than the delay between sensors."""
+LONGEST_DELAY = 1.0
+"""Longest delay of a sensor, or of the log of thrust [s]. A stamp later than all others by more, or
+by more than five steps of the slowest sensor, must be confirmed by other stamps; and stamps of one
+topic do not go back so far."""
 
 CONFIRMING = 3
 """Number of different stamps that confirm each other: a damaged one, or two, cannot end a log."""
@@ -83,8 +84,8 @@ def screen(log: Log, suite: SensorSuite | None = None, memory: Log | None = None
     - samples with an entry that is not finite, or that no sensor of the suite can have;
     - attitudes whose quaternion has a norm that differs from 1;
     - samples after a silence of all sensors, unless at least `CONFIRMING` different stamps follow
-      it; samples with stamps more than `LONGEST_GAP` from most others of the sensor; and samples
-      that are not later than all before;
+      it; samples with stamps more than `LONGEST_GAP` from most others; and samples that are not
+      later than all before;
     - samples that repeat the one before more often than noise does;
     - spikes: single samples far from every line through samples on one side or on both sides.
 
@@ -115,9 +116,11 @@ def screen(log: Log, suite: SensorSuite | None = None, memory: Log | None = None
     kept, recent = dict[str, Samples](), dict[str, Samples]()
     for name, samples in readable.items():
         before = memory[name]
-        ordered = np.isin(samples.time, confirmed)
-        ordered[ordered] = _in_order(samples.time[ordered], last_time(before))
-        samples = samples if ordered.all() else samples.where(ordered)
+        good = np.isin(samples.time, confirmed)
+        samples = samples if good.all() else samples.where(good)
+        latest = np.maximum.accumulate(np.append(before.last_time, samples.time))[:-1]
+        later = samples.time > latest
+        samples = samples if later.all() else samples.where(later)
         everything = concatenated_samples([before, samples]) if len(before) else samples
         if len(samples) and suite is not None and name in present:
             keep = ~_unusable(name, everything, suite)
@@ -128,11 +131,6 @@ def screen(log: Log, suite: SensorSuite | None = None, memory: Log | None = None
         kept[name] = samples
     rejected = {name: len(samples) - len(kept[name]) for name, samples in given.items()}
     return Screened(given.updated(kept), rejected, Log(log.joint_names, recent))
-
-
-def last_time(samples: Samples) -> float:
-    """Return the time of the last sample [s]; −inf without samples."""
-    return float(samples.time[-1]) if len(samples) else -np.inf
 
 
 def as_arrays(log: Log) -> Log:
@@ -228,28 +226,20 @@ def _confirmed(stamps: Sequence[Array], newest: float) -> Array:
     pool = np.unique(np.concatenate([*stamps, known]))
     with np.errstate(over="ignore"):  # between absurd stamps, a step is infinite
         steps = [np.median(np.abs(np.diff(time))) for time in stamps if time.size > 1]
-        silence = max(LONGEST_SILENCE, 5 * float(max(steps, default=0.0)))
+        silence = max(LONGEST_DELAY, 5 * float(max(steps, default=0.0)))
         group = np.append(0, np.cumsum(np.diff(pool) > silence))[: pool.size]
+    if not pool.size:
+        return pool
     count = np.bincount(group)
     is_good = count >= CONFIRMING
     if known:
         is_good[: group[np.searchsorted(pool, newest)] + 1] = True
-    elif count.size:
+    else:
         is_good[count.argmax()] = True
-    return np.asarray(pool[is_good[group]])
-
-
-def _in_order(time: Array, last: float) -> NDArray[np.bool_]:
-    """Return which stamps (N,) have no too long gap between them, and increase from `last` on."""
-    together, later = np.zeros(time.size, dtype=bool), np.flatnonzero(time > last)
-    if later.size:
-        order = later[np.argsort(time[later])]
-        start = last if np.isfinite(last) else time[order[0]]
-        with np.errstate(over="ignore"):  # between absurd stamps, a step is infinite
-            group = np.cumsum(np.diff(time[order], prepend=start) > LONGEST_GAP)
-        together[order] = group == (0 if np.isfinite(last) else np.bincount(group).argmax())
-    latest = np.maximum.accumulate(np.append(last, np.where(together, time, -np.inf)))[:-1]
-    return np.asarray(together & (time > latest))
+    pool = pool[is_good[group]]
+    part = np.append(0, np.cumsum(np.diff(pool) > LONGEST_GAP))  # the clock is wrong in others
+    of_newest = part[np.searchsorted(pool, newest)] if known else np.bincount(part).argmax()
+    return np.asarray(pool[part == of_newest])
 
 
 # -- values ---------------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import BSpline
-from scipy.sparse import block_array, csr_array, vstack
+from scipy.sparse import block_array, bsr_array, csr_array, kron, vstack
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.motion import Motion
@@ -29,7 +29,6 @@ from cpid_drake.logs.splines import (
     in_gap,
     knots_of,
     regression_spline,
-    rows,
     solve,
 )
 from cpid_drake.sensors.suite import SensorSuite
@@ -96,24 +95,20 @@ def smooth(
     times = np.asarray(times, dtype=float)
     if not (len(times) and times[0] >= start - 1e-9 and times[-1] <= end + 1e-9):
         raise InputError(f"all sensors have samples from {start:g} to {end:g} s only")
-    joints = log.between(log.encoders.time[0], log.encoders.time[-1])
-    q, qdot, joint_errors = _smooth_vectors(
-        [
-            (joints[name], derivative, float(suite.sigmas(name)[0]))
-            for derivative, name in enumerate(("encoders", "joint_rates"))
-            if len(joints[name])
-        ],
-        times,
-        finer=True,
-    )
+
+    def parts(*names: str) -> list[tuple[Samples, int, float]]:
+        """Return samples, order of the derivative, and σ, from the first of values to the last."""
+        inside = log.between(log[names[0]].time[0], log[names[0]].time[-1])
+        given = [(inside[name], nu, name) for nu, name in enumerate(names)]
+        return [(s, nu, float(suite.sigmas(name)[0])) for s, nu, name in given if len(s)]
+
+    q, qdot, joint_errors = _smooth_vectors(parts("encoders", "joint_rates"), times, finer=True)
     attitude, w_B, attitude_errors = _smooth_attitude(log, suite, times, normal_B)
     N, J = q.shape
     p_WB, v_WB, place_errors = np.zeros((N, 3)), np.zeros((N, 3)), np.zeros((N, 2, 2))
     if with_position:
-        inside = log.between(log.position.time[0], log.position.time[-1])
-        sensors = [n for n in ("position", "velocity") if len(inside[n])]
-        parts = [(inside[n], int(n == "velocity"), suite.sigmas(n)[0]) for n in sensors]
-        p_WB, v_WB, place_errors = _smooth_vectors(parts, times, finer=normal_B is not None)
+        place = parts("position", "velocity")
+        p_WB, v_WB, place_errors = _smooth_vectors(place, times, finer=normal_B is not None)
     whole = np.zeros((N, 12 + 2 * J, 12 + 2 * J))
     whole[:, :6, :6] = attitude_errors
     for first, width, errors in ((6, 3, place_errors), (12, J, joint_errors)):
@@ -145,12 +140,6 @@ def smooth_windows(
     A window has a margin of samples on both sides, because splines are less accurate near their
     ends. The gyro bias is estimated in each window. Windows with too few samples of a required
     sensor are left out.
-
-    Args:
-        given: samples of the sensors.
-        suite: the sensors' errors.
-        with_position: whether to compute the base's position and velocity, else they are zero.
-        normal_B: see `smooth`.
 
     Raises:
         InputError: all windows have too few samples of a required sensor.
@@ -212,11 +201,9 @@ def _smooth_vectors(
     width = int(np.count_nonzero(b.any(axis=0)))  # what a table holds must not decide
 
     def design(pieces: int) -> tuple[Array, csr_array]:
-        knots, blocks = knots_of(given.time, pieces), []
-        for samples, derivative, sigma in parts:
-            k, values = basis(knots, samples.time, derivative)
-            blocks.append(rows(k, values[:, None] / sigma, len(knots) - DEGREE - 1))
-        return knots, vstack(blocks).tocsr()
+        knots = knots_of(given.time, pieces)
+        blocks = [basis(knots, samples.time, nu) / sigma for samples, nu, sigma in parts]
+        return knots, vstack(blocks, format="csr")
 
     def fit(pieces: int) -> tuple[float, Array]:
         x, chi = solve(design(pieces)[1], b)
@@ -226,11 +213,14 @@ def _smooth_vectors(
     knots, A = design(pieces)
     chi = float(np.sum((A @ x - b) ** 2))
     C = covariance(A, chi, (count - A.shape[1]) * width)
-    k = basis(knots, times)[0]
-    both = np.stack([basis(knots, times, nu)[1] for nu in (0, 1)], axis=1)
-    errors = both @ C[k[:, :, None], k[:, None]] @ np.swapaxes(both, 1, 2)
-    spline = BSpline(knots, x, DEGREE)
-    return spline(times), spline(times, 1), errors
+    spline, both = BSpline(knots, x, DEGREE), [basis(knots, times, nu) for nu in (0, 1)]
+    return spline(times), spline(times, 1), _errors(both, C, len(times))
+
+
+def _errors(rows: Sequence[csr_array], C: Array, count: int) -> Array:
+    """Return the covariance (N, k, k) at N times of what rows (N · k', n) say, in their order."""
+    J = np.concatenate([each.toarray().reshape(count, -1, len(C)) for each in rows], axis=1)
+    return np.asarray(J @ C @ np.swapaxes(J, 1, 2))
 
 
 def _smooth_attitude(
@@ -276,29 +266,19 @@ def _smooth_attitude(
     still = BSpline(path.t, np.zeros((len(path.c), 3)), DEGREE)
     b, w_ref = residuals(still, np.zeros(3)), moved(still, middle)[1]
 
-    def turned(knots: Array, at: Array, w: Array) -> tuple[NDArray[np.intp], Array, Array]:
-        """Return numbers (N, 3 m) and derivatives (N, 3, 3 m) of r and of w by its coefficients."""
-        k, values = basis(knots, at)
-        rates = basis(knots, at, 1)[1]
-        of_r = values[:, None, :, None] * np.eye(3)[:, None]
-        of_w = rates[:, None, :, None] * np.eye(3)[:, None]
-        of_w = of_w + values[:, None, :, None] * skew(w)[:, :, None]
-        flat = (3 * k[:, :, None] + np.arange(3)).reshape(len(at), 3 * (DEGREE + 1))
-        of_r, of_w = (each.reshape(len(at), 3, 3 * (DEGREE + 1)) for each in (of_r, of_w))
-        return flat, of_r, of_w
+    def of_w(knots: Array, at: Array, w: Array) -> csr_array:
+        """Return the derivatives (3 N, 3 n) of w_B (N, 3) by the coefficients of r."""
+        numbers = np.arange(len(w) + 1)
+        wx = bsr_array((skew(w), numbers[:-1], numbers), shape=(w.size, w.size))
+        return kron(basis(knots, at, 1), np.eye(3)) + wx @ kron(basis(knots, at), np.eye(3))
 
     def design(pieces: int) -> tuple[Array, csr_array]:
         knots = knots_of(knot_times, pieces)
-        size = 3 * (len(knots) - DEGREE - 1)
-        k, of_r, _ = turned(knots, attitude.time, np.zeros((len(attitude), 3)))
-        of_attitude = rows(k, whiten @ of_r, size)
-        k, _, of_w = turned(knots, middle, w_ref)
-        of_gyro = rows(k, of_w / sigma, size)
-        biases = csr_array(np.tile(np.eye(3), (len(gyro), 1)) / sigma)
+        biases = np.tile(np.eye(3), (len(gyro), 1)) / sigma
         blocks = [
-            [of_attitude, None],
-            [of_gyro, biases],
-            [None, csr_array(bias_row * np.eye(3))],
+            [kron(basis(knots, attitude.time), whiten), None],
+            [of_w(knots, middle, w_ref) / sigma, biases],
+            [None, bias_row * np.eye(3)],
         ]
         return knots, block_array(blocks, format="csr")
 
@@ -320,7 +300,5 @@ def _smooth_attitude(
     numbers = (len(attitude) + len(gyro)) * width - (A.shape[1] - 3) * width / 3
     C = covariance(A, chi, numbers)
     R, w_B = moved(spline, times)
-    k, of_r, of_w = turned(knots, times, w_B)
-    both = np.concatenate([of_r, of_w], axis=1)
-    errors = both @ C[k[:, :, None], k[:, None]] @ np.swapaxes(both, 1, 2)
-    return R, w_B, errors
+    both = kron(basis(knots, times), np.eye(3)), of_w(knots, times, w_B)
+    return R, w_B, _errors(both, C[:-3, :-3], len(times))

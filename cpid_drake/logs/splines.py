@@ -56,22 +56,10 @@ def knots_of(times: Array, pieces: int) -> Array:
     return np.concatenate([DEGREE * [breaks[0]], breaks, DEGREE * [breaks[-1]]])
 
 
-def basis(knots: Array, times: Array, derivative: int = 0) -> tuple[NDArray[np.intp], Array]:
-    """Return the numbers (N, m) of the functions that are not zero at times, and their values."""
-    size = len(knots) - DEGREE - 1
-    piece = np.searchsorted(knots, times, side="right") - 1
-    first = np.clip(piece, DEGREE, size - 1) - DEGREE
-    k = first[:, None] + np.arange(DEGREE + 1)
-    values = BSpline(knots, np.eye(size), DEGREE)(times, nu=derivative)
-    return k, np.take_along_axis(values, k, axis=1)
-
-
-def rows(k: NDArray[np.intp], values: Array, size: int) -> csr_array:
-    """Return values (N, rows, m) at columns k (N, m) as sparse rows (N · rows, size)."""
-    columns = np.broadcast_to(k[:, None], values.shape)
-    ends = np.arange(0, values.size + 1, values.shape[2])
-    shape = (values.shape[0] * values.shape[1], size)
-    return csr_array((values.ravel(), columns.ravel(), ends), shape=shape)
+def basis(knots: Array, times: Array, derivative: int = 0) -> csr_array:
+    """Return the values (N, n) of all basis functions, or of their derivatives, at times (N,)."""
+    functions = BSpline(knots, np.eye(len(knots) - DEGREE - 1), DEGREE)
+    return csr_array(functions(times, nu=derivative))
 
 
 def best(

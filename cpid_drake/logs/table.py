@@ -1,9 +1,9 @@
 """The columns of a log file as they are in the file."""
 
-import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import datetime
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,7 @@ class LogTable:
 
     Attributes:
         columns: by name, the numbers (N,), NaN where a cell is absent.
-        lines: (N,) numbers of the rows in the file; None for 0, 1, ….
-        row_word: word for a row in messages, "line" or "row".
+        lines: (N,) numbers of the lines in a text file; None for rows 0, 1, ….
         texts: by column, its cells that are not finite numbers, by row; they are NaN in `columns`.
         unreadable: by column that cannot be used, why, such as "must hold numbers"; it is not in
             `columns`.
@@ -31,7 +30,6 @@ class LogTable:
 
     columns: dict[str, NDArray[np.float64]]
     lines: NDArray[np.intp] | None = None
-    row_word: str = "row"
     texts: dict[str, dict[int, str]] = field(default_factory=dict)
     unreadable: Mapping[str, str] = field(default_factory=dict)
     problems: list[tuple[int, str]] = field(default_factory=list)
@@ -62,34 +60,25 @@ class LogTable:
 
     def place(self, row: int | np.intp, column: str = "") -> tuple[int, str]:
         """Return the number of a row in the file, and the place of a cell for messages."""
-        number = int(row if self.lines is None else self.lines[row])
-        return number, f"{self.row_word} {number}" + (f", column '{column}'" if column else "")
-
-
-_STAMP = re.compile(
-    r"(?P<day>\d{4}-\d\d-\d\d)?[T ]?(?P<time>\d\d:\d\d:\d\d([.,]\d{1,9})?)"
-    r"(?P<zone> ?(Z|UTC|[+-]\d\d:?\d\d))?"
-)
-_DAY = 86_400 * 10**9  # ns
+        word, number = ("row", row) if self.lines is None else ("line", self.lines[row])
+        return int(number), f"{word} {number}" + (f", column '{column}'" if column else "")
 
 
 def seconds_of_stamps(texts: Sequence[str]) -> NDArray[np.float64] | None:
     """Return seconds since the first of stamps of ISO 8601, or of hh:mm:ss; None for other texts.
 
-    All must have a date and the same time zone, or none; a time of day may pass midnight.
+    All must have a date, or none, and all a time zone, or none; a time of day may pass midnight.
     """
-    found = [_STAMP.fullmatch(text) for text in texts]
-    kinds = {(bool(m["day"]), m["zone"]) if m else None for m in found}
-    if len(kinds) != 1 or None in kinds:
-        return None
-    days = ((m["day"] or "1970-01-01", m["time"].replace(",", ".")) for m in found if m)
-    try:
-        stamps = np.array(["T".join(pair) for pair in days], dtype="datetime64[ns]").astype(int)
-    except ValueError:  # no such day or hour
-        return None
-    if not found[0] or not found[0]["day"]:
-        stamps = stamps + _DAY * np.append(0, np.cumsum(np.diff(stamps) < -_DAY // 2))
-    return np.asarray((stamps - stamps[0]) / 1e9)
+    iso = [text.replace("UTC", "Z").replace(" Z", "Z").replace(" +", "+") for text in texts]
+    for day in ("", "1970-01-01T"):
+        try:
+            stamps = [datetime.fromisoformat(day + text) for text in iso]
+            seconds = np.array([(stamp - stamps[0]).total_seconds() for stamp in stamps])
+        except (ValueError, TypeError):  # TypeError: a time zone in some
+            continue
+        midnights = bool(day) * (np.diff(seconds) < -43_200)
+        return np.asarray(seconds + 86_400 * np.append(0, np.cumsum(midnights)))
+    return None
 
 
 def repeated_names(names: Sequence[str], where: str) -> dict[str, str]:

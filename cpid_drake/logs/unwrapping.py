@@ -3,8 +3,6 @@
 import numpy as np
 from numpy.typing import NDArray
 
-TURN = 2 * np.pi
-
 _SLACK = 0.1  # by which a wrapped angle may leave one turn: noise [rad]
 
 Array = NDArray[np.float64]
@@ -23,23 +21,16 @@ def unwrapped(value: Array, turned: Array) -> tuple[Array, int]:
     jumps = np.abs(steps) > np.pi
     if not jumps.any():
         return value, 0
-    is_within = bool(np.ptp(value) <= TURN + _SLACK)
-    if not is_within:
-        rest = np.abs(np.abs(steps) - TURN)
+    if np.ptp(value) > 2 * np.pi + _SLACK:
+        rest = np.abs(np.abs(steps) - 2 * np.pi)
         usual = float(np.median(np.abs(steps)))
         is_turn = jumps & (rest < max(0.5, 5 * usual)) & (usual < 0.5)
         if not (is_turn == jumps).all():
             return value, 0
-    expected = np.diff(turned)
-    rest = _rest(steps - expected)
-    if np.sqrt(np.mean(rest**2)) > 0.6:  # other rates leave 1.8
-        expected, rest = np.zeros(len(steps)), _rest(steps)
-        if not np.sqrt(np.mean(np.diff(rest) ** 2)) < 0.6:  # no motion from sample to sample
+    error = np.unwrap(value - turned)
+    new = error + turned
+    if np.sqrt(np.mean(np.diff(error) ** 2)) > 0.6:  # other rates leave 1.8
+        new = np.unwrap(value)
+        if not np.sqrt(np.mean(np.diff(new, n=2) ** 2)) < 0.6:  # no motion from sample to sample
             return value, 0
-    new = np.append(value[0], value[0] + np.cumsum(expected + rest))
-    return new, int((np.abs(new[1:] - new[:-1] - steps) > np.pi).sum())
-
-
-def _rest(steps: Array) -> Array:
-    """Return steps without whole turns."""
-    return np.asarray(steps - TURN * np.round(steps / TURN))
+    return new, int((np.abs(np.diff(new) - steps) > np.pi).sum())

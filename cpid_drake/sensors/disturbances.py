@@ -1,14 +1,10 @@
 """External forces and torques on the spacecraft: their σ."""
 
 from dataclasses import dataclass
-from typing import Annotated
-
-from annotated_types import Ge
 
 from cpid_drake.dynamics.orbit import Orbit
 from cpid_drake.files.errors import InputError
-
-Size = Annotated[float | None, Ge(0)]
+from cpid_drake.sensors.sensors import Stated
 
 
 @dataclass
@@ -50,21 +46,21 @@ class Disturbances:
 
     """
 
-    acceleration: Size = None
-    torque: Size = None
-    acceleration_noise: Size = None
-    torque_noise: Size = None
-    acceleration_walk: Size = None
-    torque_walk: Size = None
-    acceleration_B: Size = None
-    torque_B: Size = None
-    acceleration_B_walk: Size = None
-    torque_B_walk: Size = None
-    thrust_scale: Size = None
-    joint_compliance_urad: Size = None
-    compliance_urad: Size = None
-    translational_compliance_um: Size = None
-    wheel: Size = None
+    acceleration: Stated = None
+    torque: Stated = None
+    acceleration_noise: Stated = None
+    torque_noise: Stated = None
+    acceleration_walk: Stated = None
+    torque_walk: Stated = None
+    acceleration_B: Stated = None
+    torque_B: Stated = None
+    acceleration_B_walk: Stated = None
+    torque_B_walk: Stated = None
+    thrust_scale: Stated = None
+    joint_compliance_urad: Stated = None
+    compliance_urad: Stated = None
+    translational_compliance_um: Stated = None
+    wheel: Stated = None
     orbit: Orbit | None = None
 
     def __post_init__(self) -> None:

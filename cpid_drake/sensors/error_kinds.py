@@ -5,12 +5,13 @@ not stated has a plausible one, because no real error is exactly zero. An error 
 in the samples may still be in the estimate, so none is left out because the samples do not show it.
 """
 
-from dataclasses import dataclass, fields, replace
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 
-from cpid_drake.dynamics.tree import KinematicTree
+from cpid_drake.dynamics.tree import KinematicTree, TreeBody
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.sensors import ARCSECOND, DEGREE_PER_HOUR, Gyro
@@ -25,11 +26,6 @@ WALKS = 0.03
 
 BIAS_WALKS = 1 / 3
 """The same of a gyro's bias in the root of an hour."""
-
-CLOCKS = 50.0
-"""σ of a clock that nobody disciplines [ppm]: quartz is sold with tolerances of 20 to 100 ppm, and
-temperature and age add as much. Two clocks then differ by 71 ppm; a survey of 20,000 computers
-found a median error of 78 ppm (Mills 2006)."""
 
 PLAUSIBLE_BODIES = BodyUncertainty(mass=0.01, com=0.005, inertia=0.01)
 """Uncertainty of bodies of which nobody says how well they are known."""
@@ -77,9 +73,13 @@ class ErrorKind:
     def plausible(self, tree: KinematicTree) -> float:
         """Return the plausible σ for a craft with these bodies, in the unit of the field."""
         known = tree.at_rest
-        radius = float(np.sqrt(np.trace(known.I_BBcm) / 2 / known.mass))
-        size = (known.mass / MASS) ** self.by_mass * (radius / RADIUS) ** self.by_length
+        size = (known.mass / MASS) ** self.by_mass * (_radius(known) / RADIUS) ** self.by_length
         return float(self.sigma * size)
+
+
+def _radius(body: TreeBody) -> float:
+    """Return the radius of gyration [m]."""
+    return float(np.sqrt(np.trace(body.I_BBcm) / 2 / body.mass))
 
 
 _AREA = 2 / 3
@@ -162,8 +162,11 @@ _KINDS = (
         *("delay", "sensor", "delay_ms", 1, "ms", 1e-3, 30.0),
         "the stamps of the {sensor} are {} late",
     ),
+    # Nobody disciplines the clock: quartz is sold with tolerances of 20 to 100 ppm, and temperature
+    # and age add as much. Two clocks then differ by 71 ppm; a survey of 20,000 computers found a
+    # median error of 78 ppm (Mills 2006).
     ErrorKind(
-        *("clock_drift", "sensor", "clock_drift_ppm", 1, "ppm", 1e-6, CLOCKS),
+        *("clock_drift", "sensor", "clock_drift_ppm", 1, "ppm", 1e-6, 50.0),
         "the clock of the {sensor} is fast by {}",
     ),
     ErrorKind(
@@ -218,49 +221,43 @@ def with_plausible(
         has_thrust: whether thrusters fired.
 
     """
-    is_exact = suite.unstated == "exact"
 
-    def filled(errors: Any, owner: Owner, without: frozenset[str] = frozenset()) -> Any:
+    def stated(errors: Any, sizes: Mapping[str, float]) -> Any:
+        """Return errors with these σ where none is stated."""
+        own = {key: size for key, size in sizes.items() if getattr(errors, key) is None}
+        return replace(errors, **(dict.fromkeys(own, 0.0) if suite.unstated == "exact" else own))
+
+    def with_kinds(errors: Any, owner: Owner, without: Collection[str] = ()) -> Any:
         """Return errors with a σ of each kind that the owner has."""
-        names = {each.name for each in fields(errors)}
-        own = {}
-        for kind in _KINDS:
-            if kind.owner == owner and kind.field in names and getattr(errors, kind.field) is None:
-                left_out = is_exact or kind.name in without
-                own[kind.field] = 0.0 if left_out else kind.plausible(tree)
-        return replace(errors, **own)
+        own = (kind for kind in _KINDS if kind.owner == owner and hasattr(errors, kind.field))
+        sizes = {k.field: 0.0 if k.name in without else k.plausible(tree) for k in own}
+        return stated(errors, sizes)
 
-    valves = suite.thrusters
-    without = set() if has_thrust and valves is None else {"thrust_scale"}  # valves have their own
+    thrusters = suite.thrusters
+    without = {"thrust_scale"} if thrusters or not has_thrust else set()  # valves have their own
     if has_thrust:  # the first order needs loads that change slowly against the grasp's modes
         without |= {"joint_compliance", "compliance", "translational_compliance"}
-    forces = filled(suite.disturbances or Disturbances(), "disturbances", frozenset(without))
-    forces = _with_changes(forces, is_exact)
-    if valves is not None:
-        thrusters: Thrusters = filled(valves, "thrusters")
-        own = {
-            name: valve
-            if valve.force_sigma is not None
-            else replace(
-                valve, force_sigma=(not is_exact) * KINDS["force"].plausible(tree) * valve.force
-            )
-            for name, valve in thrusters.valves.items()
-        }
-        valves = replace(thrusters, valves=own)
-    forces = _with_noise(forces, valves, tree, is_exact)
-    made = replace(suite, disturbances=forces, thrusters=valves)
+    forces = with_kinds(suite.disturbances or Disturbances(), "disturbances", without)
+    walking = ("acceleration", "torque", "acceleration_B", "torque_B")
+    forces = stated(forces, {f"{name}_walk": WALKS * getattr(forces, name) for name in walking})
+    forces = stated(forces, _white_forces(thrusters, tree))
+    if thrusters is not None:
+        share = KINDS["force"].plausible(tree)
+        valves = thrusters.valves.items()
+        valves_by_name = {n: stated(v, {"force_sigma": share * v.force}) for n, v in valves}
+        thrusters = replace(with_kinds(thrusters, "thrusters"), valves=valves_by_name)
+    made = replace(suite, disturbances=forces, thrusters=thrusters)
     for name, errors in suite.present().items():
         left_out = set[str]()
         if name == "joint_rates":  # their clock and their zeros are those of the encoders
             left_out = {"delay", "clock_drift", "zero", "drift"}
-        elif name == "attitude" and valves is not None and valves.delay_ms:
+        elif name == "attitude" and thrusters is not None and thrusters.delay_ms:
             left_out = {"delay", "clock_drift"}  # all late is the thrust early: it is the clock
         elif isinstance(errors, Gyro) and forces.torque_noise:
             left_out = {"delay", "clock_drift"}  # a torque in every sample takes what a delay does
-        found = filled(errors, "sensor", frozenset(left_out))
-        if isinstance(found, Gyro) and found.bias_random_walk is None:
-            walk = 0.0 if is_exact else BIAS_WALKS * (found.bias or 0.0)
-            found = replace(found, bias_random_walk=walk)
+        found = with_kinds(errors, "sensor", left_out)
+        if isinstance(found, Gyro):
+            found = stated(found, {"bias_random_walk": BIAS_WALKS * (found.bias or 0.0)})
         setattr(made, name, found)
     return made
 
@@ -279,24 +276,10 @@ def bodies_of(bodies: BodyUncertainty | None, *suites: SensorSuite) -> BodyUncer
     return None if bodies.is_zero else bodies
 
 
-def _with_changes(forces: Disturbances, is_exact: bool) -> Disturbances:
-    """Return forces that walk, if nobody says that they do not."""
-    own = dict[str, Any]()
-    for name in ("acceleration", "torque", "acceleration_B", "torque_B"):
-        if getattr(forces, f"{name}_walk") is None:
-            own[f"{name}_walk"] = 0.0 if is_exact else WALKS * getattr(forces, name)
-    return replace(forces, **own)
-
-
-def _with_noise(
-    forces: Disturbances, thrusters: Thrusters | None, tree: KinematicTree, is_exact: bool
-) -> Disturbances:
-    """Return forces with white noise: of a table's floor, and of valves.
-
-    No force of a valve is exact: its noise in a second is as large as its constant error.
-    """
-    known = tree.at_rest
-    radius, a = float(np.sqrt(np.trace(known.I_BBcm) / 2 / known.mass)), 0.0
+def _white_forces(thrusters: Thrusters | None, tree: KinematicTree) -> dict[str, float]:
+    """Return σ of white forces: of a table's floor, and of valves, in a second as their errors."""
+    known, a = tree.at_rest, 0.0
+    radius = _radius(known)
     if tree.normal_B is not None:
         a = FLOOR * (known.mass / MASS) ** (_AREA - 1)
     torque = a * known.mass * radius
@@ -305,8 +288,4 @@ def _with_noise(
         force = share * float(np.mean([valve.force for valve in thrusters.valves.values()]))
         a = float(np.hypot(a, force / known.mass / 2))
         torque = float(np.hypot(torque, force * radius))
-    own = dict[str, Any]()
-    for name, size in (("acceleration_noise", a), ("torque_noise", torque)):
-        if getattr(forces, name) is None:
-            own[name] = 0.0 if is_exact else size
-    return replace(forces, **own)
+    return {"acceleration_noise": a, "torque_noise": torque}

@@ -20,7 +20,7 @@ from cpid_drake.files.checked_yaml import Numbers
 from cpid_drake.files.errors import InputError
 
 ARCSECOND = np.pi / (180 * 3600)
-DEGREE_PER_HOUR = np.pi / (180 * 3600)
+DEGREE_PER_HOUR = ARCSECOND  # in a second
 DEGREE_PER_ROOT_HOUR = np.pi / (180 * 60)
 
 CALIBRATED_GYRO_BIAS = 10.0
@@ -79,7 +79,6 @@ class AttitudeSensor(SensorErrors):
     """A star tracker, or any other sensor that measures all three axes of the base's attitude.
 
     Attributes:
-        rate: samples per second [Hz].
         cross_boresight_arcsec: σ about each of the two axes perpendicular to the boresight.
         boresight_arcsec: σ about the boresight.
         boresight_B: (3,) direction of the boresight in B, of any length.
@@ -136,7 +135,6 @@ class Gyro(SensorErrors):
     """Three rate gyros along B's axes.
 
     Attributes:
-        rate: samples per second [Hz].
         angle_random_walk: white noise of the rate, as it accumulates in the angle [°/√h].
         bias: σ of the constant part of the bias [°/h].
         bias_random_walk: growth of the bias [°/h/√h].
@@ -203,7 +201,6 @@ class VectorSensor(_UniformSensor):
     """A sensor of the position or the velocity of B's origin in W.
 
     Attributes:
-        rate: samples per second [Hz].
         sigma: white noise [m or m/s].
         lever_arm_mm: σ of each coordinate, in B, of the point that is measured, from B's origin.
 
@@ -217,7 +214,6 @@ class JointSensor(_UniformSensor):
     """Encoders or tachometers of all joints.
 
     Attributes:
-        rate: samples per second [Hz].
         sigma: white noise [rad or m; for joint rates per second].
         bits: resolution in bits per turn: the step is 2π/2^bits rad (for prismatic joints in
             m); 0 for no quantization. The seed determines the position of the zero between steps.
@@ -331,3 +327,6 @@ SENSORS: dict[str, Sensor] = {
     )
 }
 """All sensors by name. Estimators process samples of equal time in this order."""
+
+POSITIONS = {"joint_rates": "encoders", "gyro": "attitude", "velocity": "position"}
+"""By the name of a rate, that of the position that changes at it."""

@@ -124,31 +124,18 @@ def check_sensors(suite: SensorSuite, where: str) -> None:
             f"{where}: give a SensorSuite, not {suite!r:.80}; load_sensors reads a preset or a file"
         )
     check_values(suite, where, "a sensor suite")
-    for name, errors in suite.present().items():
-        for key in ("zero_mrad", "drift_mrad_per_s") if name == "joint_rates" else ():
-            if value := getattr(errors, key):
-                raise InputError(
-                    f"{where}: {name}.{key} must be 0, not {value}; only joint positions have a "
-                    "zero"
-                )
-    for key in ("delay_ms", "clock_drift_ppm"):
-        if suite.joint_rates is not None and getattr(suite.joint_rates, key):
-            raise InputError(
-                f"{where}: joint_rates.{key} must be 0: their stamps belong to the clock of the "
-                f"encoders; give encoders.{key}"
-            )
+    for key, why in (
+        ("zero_mrad", "only joint positions have a zero"),
+        ("drift_mrad_per_s", "only joint positions have a zero"),
+        ("delay_ms", "their stamps belong to the clock of the encoders; give encoders.delay_ms"),
+        ("clock_drift_ppm", "it is the clock of the encoders; give encoders.clock_drift_ppm"),
+    ):
+        if value := getattr(suite.joint_rates, key, None):
+            raise InputError(f"{where}: joint_rates.{key} must be 0, not {value}: {why}")
 
 
 def require_encoders(suite: SensorSuite, where: str) -> None:
-    """Refuse a suite without encoders.
-
-    Args:
-        suite, where: see `check_sensors`.
-
-    Raises:
-        InputError: there are no encoders.
-
-    """
+    """Refuse a suite without encoders: raises InputError; see `check_sensors`."""
     if suite.encoders is None:
         raise InputError(
             f"{where}: encoders are missing; no estimator works without joint positions"

@@ -14,11 +14,12 @@ from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge, Gt
+from annotated_types import Gt
 from numpy.typing import NDArray
 
 from cpid_drake.files.checked_yaml import Numbers
 from cpid_drake.files.errors import InputError
+from cpid_drake.sensors.sensors import Stated
 
 VALVE = "valve:"
 """Prefix of the columns of valves."""
@@ -46,7 +47,7 @@ class Valve:
     position: Vector = field(default_factory=lambda: np.zeros(3))
     direction: Vector = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
     force: Annotated[float, Gt(0)] = 1.0
-    force_sigma: Annotated[float | None, Ge(0)] = None
+    force_sigma: Stated = None
     on: Literal["body", "target"] = "body"
     axes: Literal["body", "world"] = "body"
 
@@ -71,9 +72,9 @@ class Thrusters:
     """
 
     valves: dict[str, Valve] = field(default_factory=dict)
-    delay_ms: Annotated[float | None, Ge(0)] = None
-    loss: Annotated[float | None, Ge(0)] = None
-    common_force: Annotated[float | None, Ge(0)] = None
+    delay_ms: Stated = None
+    loss: Stated = None
+    common_force: Stated = None
 
     def __post_init__(self) -> None:
         if not self.valves:

@@ -52,7 +52,7 @@ def add_target_appearance(
         M_TCo_C: the target's spatial inertia about C's origin, in C.
         visual_model: a model file; its root body's frame is placed on C. Without one, the visual
             geometry is the solid ellipsoid of the same inertia, and there is no collision geometry.
-        folders: folders of the packages that its URIs may refer to, by name.
+        folders: see `ModelFile`.
 
     Raises:
         InputError: the model file cannot be read, or its bodies can move relative to each other.

@@ -131,11 +131,8 @@ class Clearance:
         above 1 elsewhere.
 
         Args:
-            positions: (N, J) positions of the joints [rad or m], in the spacecraft's order.
+            positions: see `approaches`, which also says what is raised.
             least: smallest distance [m].
-
-        Raises:
-            InputError: the distance between two of the shapes cannot be computed.
 
         """
         context = self._plant.GetMyMutableContextFromRoot(self._context)

@@ -7,7 +7,7 @@ import re
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain, count
 from pathlib import Path
 from typing import Any
@@ -208,26 +208,20 @@ def _links(spacecraft: Spacecraft, target: Link) -> list[Link]:
             inertia = (body.I_BBcm + body.I_BBcm.T) / 2
             parameters = InertialParameters(body.mass, body.p_BBcm, inertia)
             parameters = _clear_of_the_limits(parameters)
-        if body.parent < 0:
-            links.append(Link(body.name, parameters))
-            continue
-        X_PF = RigidTransform(RotationMatrix(body.R_PF), body.p_PF)
-        k, parent = body.joint, links[body.parent].name
-        if k < 0:
-            links.append(Link(body.name, parameters, parent, _weld_name(body.name), "fixed", X_PF))
-            continue
-        links.append(
-            Link(
-                body.name,
-                parameters,
-                parent,
-                spacecraft.joint_names[k],
-                "prismatic" if body.prismatic else "revolute",
-                X_PF,
-                body.axis_F,
-                (float(limits.lowest[k]), float(limits.highest[k]), float(limits.rates[k])),
+        link, k = Link(body.name, parameters), body.joint
+        if body.parent >= 0:
+            parent, X_PF = (
+                links[body.parent].name,
+                RigidTransform(RotationMatrix(body.R_PF), body.p_PF),
             )
-        )
+            link = replace(
+                link, parent=parent, joint=_weld_name(body.name), kind="fixed", X_PL=X_PF
+            )
+        if k >= 0:
+            kind, name = "prismatic" if body.prismatic else "revolute", spacecraft.joint_names[k]
+            ends = float(limits.lowest[k]), float(limits.highest[k]), float(limits.rates[k])
+            link = replace(link, joint=name, kind=kind, axis_L=body.axis_F, limits=ends)
+        links.append(link)
     X_BC = RigidTransform(RotationMatrix(tree.R_BC), tree.p_BC)
     parent, X_PL = links[tree.capture_body].name, X_BC
     capture = spacecraft.capture_frame.name()

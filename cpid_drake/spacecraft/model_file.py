@@ -77,12 +77,11 @@ class ModelFile:
 
     Args:
         model: a path or a `package://NAME/...` URI.
-        folders: the packages' folders by name.
+        folders: folders, by name, of the packages that its URIs refer to.
 
     Attributes:
         model: the file as the user named it; error messages begin with it.
         path: the absolute path of the file.
-        folders: the packages' folders as the user named them.
         efforts, hollow: what Drake does not report of the file, see `check_model`.
 
     Raises:
@@ -142,11 +141,6 @@ def check_model(
 ) -> tuple[dict[str, float], set[str]]:
     """Check a model that Drake might never finish reading, or might read as another one.
 
-    Args:
-        path: the model's file.
-        where: its name in error messages.
-        folders: folders of the packages that its URIs refer to, by name.
-
     Returns:
         What Drake does not report: the effort limits in URDF files [N·m or N] by joint, of which
         Drake reads only those with a transmission; and the links of URDF and SDF files that have a
@@ -184,8 +178,6 @@ def check_model(
             # MJCF paths start at the folder of the first MJCF file.
             main = next((each for each in around if each.suffix.lower() == ".xml"), file)
             elements = _read_xml(file, place)
-            for element, line in elements.items():
-                _refuse_templates(element, f"{place}: line {line}: ")
             for element, line in elements.items():
                 _check_numbers(element, ending, f"{place}: line {line}: ")
             for element, line in elements.items():
@@ -231,6 +223,9 @@ def _read_xml(file: Path, place: str) -> dict[ElementTree.Element, int]:
     )
     if not data.strip():
         raise InputError(f"{place}: the file is empty")
+    if template := re.search(rb"<xacro:|\$\{", data):
+        number = data.count(b"\n", 0, template.start()) + 1
+        raise InputError(f"{place}: line {number}: this file is a xacro template: run xacro first")
     if entity := re.search(rb"<!ENTITY\s+(\S+)", data):
         name = entity[1].decode(errors="replace")
         raise InputError(f"{place}: the entity &{name}; would not be read; write its text")
@@ -248,12 +243,6 @@ def _read_xml(file: Path, place: str) -> dict[ElementTree.Element, int]:
             f"{place}: line {line_number}, column {column + 1}: not XML: {text}"
         ) from error
     return lines
-
-
-def _refuse_templates(element: ElementTree.Element, where: str) -> None:
-    """Refuse an element that xacro would replace."""
-    if "xacro}" in element.tag or any("${" in text for text in element.attrib.values()):
-        raise InputError(f"{where}this file is a xacro template: run xacro first")
 
 
 def _check_numbers(element: ElementTree.Element, ending: str, where: str) -> None:
@@ -301,16 +290,14 @@ def _check_meaning(element: ElementTree.Element, ending: str, where: str) -> Non
                     f"{where}<{inner.tag}> in <robot> is not read, and looks like a link or a "
                     "joint: correct its name"
                 )
-    if tag == "link" and ending != ".xml":
-        for inertial in element.iter("inertial"):
-            _check_inertia(inertial, ending, f"{where}link '{element.get('name', '')}': ")
-    elif tag == "body" and ending == ".xml":
+    if tag in ("link", "body"):
+        named = f"{where}{tag} '{element.get('name', '')}'"
         for inertial in element.findall("inertial"):
-            _check_inertia(inertial, ending, f"{where}body '{element.get('name', '')}': ")
-        if parts["joint"] > 1 and _POSES & set(element.attrib):
+            _check_inertia(inertial, ending, f"{named}: ")
+        if tag == "body" and parts["joint"] > 1 and _POSES & set(element.attrib):
             raise InputError(
-                f"{where}body '{element.get('name', '')}' has {parts['joint']} joints and a pose, "
-                "which Drake applies at the wrong one: put each joint in a body of its own"
+                f"{named} has {parts['joint']} joints and a pose, which Drake applies at the wrong "
+                "one: put each joint in a body of its own"
             )
     elif tag == "mimic" and ending == ".sdf":
         raise InputError(f"{where}a mimic joint couples joints; Drake would ignore it")

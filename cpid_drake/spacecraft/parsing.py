@@ -72,13 +72,7 @@ def make_parser(plant: MultibodyPlant, folders: Mapping[str, Path]) -> Parser:
 def parse(
     plant: MultibodyPlant, path: Path, where: str, folders: Mapping[str, Path]
 ) -> Counter[str]:
-    """Add the models of a file to a plant.
-
-    Args:
-        plant: not finalized.
-        path: the file.
-        where: its name in messages.
-        folders: folders of the packages that its URIs refer to, by name.
+    """Add the models of a file to a plant that is not finalized; messages begin with `where`.
 
     Returns:
         How often Drake ignored an element that has no mass, joint or frame, by its name.

@@ -1,7 +1,7 @@
 """What a parsed plant says of a spacecraft: its names, its tree of joints, and their limits."""
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,7 +21,7 @@ from pydrake.multibody.tree import (
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.tree import KinematicTree, TreeBody
-from cpid_drake.files.errors import InputError
+from cpid_drake.files.errors import InputError, listed
 from cpid_drake.spacecraft.model_file import ModelFile
 
 
@@ -67,10 +67,6 @@ def movable_joints(
             or a body that joints move has a geometry and no inertia.
 
     """
-
-    def listed(bodies: Iterable[RigidBody]) -> str:
-        return ", ".join(sorted(body.name() for body in bodies)) or "none"
-
     joints = [plant.get_joint(k) for k in plant.GetJointIndices()]
     floating = [plant.get_body(k) for k in plant.GetFloatingBaseBodies()]
     loose = [body for body in floating if body.index() != base.index()]
@@ -82,11 +78,11 @@ def movable_joints(
             "with parent BASE::LINK and child ARM::FIRST_LINK"
         )
     if len(loose) == len(floating):
-        raise model.error(
-            f"'{base.name()}' is not the floating base; free bodies are: {listed(floating)}"
-        )
+        names = listed(sorted(body.name() for body in floating)) or "none"
+        raise model.error(f"'{base.name()}' is not the floating base; free bodies are: {names}")
     if loose:
-        raise model.error(f"bodies not connected to the base '{base.name()}': {listed(loose)}")
+        names = listed(sorted(body.name() for body in loose))
+        raise model.error(f"bodies not connected to the base '{base.name()}': {names}")
     if plant.IsAnchored(capture_frame.body()):
         raise model.error(f"capture frame '{capture_frame.name()}' is fixed in the world")
 

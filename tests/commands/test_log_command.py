@@ -201,6 +201,13 @@ class TestCheck:
         assert "angular_velocity.unit: deg/s" in stdout
         assert "not checked: units of position, its point, signs of joints (needs --sp" in stdout
 
+    @pytest.mark.parametrize(("start", "end"), [(2.0, 2.6), (4.0, 4.6), (0.0, 1.0)])
+    def test_a_right_log_of_a_second_has_no_errors(self, cpid, start, end):
+        """Other conventions explain it better, but noise explains it as it is."""
+        write_log("short.csv", read_log(SAMPLE).between(start, end))
+        code, stdout, _ = cpid("log", "check", "short.csv", *CRAFT)
+        assert (code, "error:" in stdout) == (0, False)
+
     def test_positions_in_millimetres_are_named(self, cpid):
         """Relative rows do not use positions: their answer is right, with a warning."""
         log = read_log(SAMPLE)

@@ -11,7 +11,7 @@ from cpid_drake import InertialParameters, Spacecraft, identify, read_log
 from cpid_drake.dynamics.propagation import Wrench, propagate
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.checked_log import check_log
-from cpid_drake.logs.files import write_log
+from cpid_drake.logs.files import inspect_log, write_log
 from cpid_drake.logs.log import THRUST, ideal_log
 from cpid_drake.sensors.presets import load_sensors
 from cpid_drake.sensors.sensors import AttitudeSensor, Gyro, VectorSensor
@@ -108,6 +108,18 @@ def test_a_log_of_a_platform_is_written_and_read(tmp_path, log):
     (tmp_path / "arm.csv").write_text(f"{header},elbow\n{rows}")
     with pytest.raises(InputError, match=r"no joint positions.*ignored columns: 'elbow'"):
         read_log(tmp_path / "arm.csv")
+
+
+def test_a_file_with_joints_is_of_another_spacecraft(tmp_path, craft, log):
+    write_log(tmp_path / "log.csv", log)
+    header, *rows = (tmp_path / "log.csv").read_text().splitlines()
+    text = "\n".join([f"{header},q:elbow", *(f"{row},0.5" for row in rows)])
+    (tmp_path / "arm.csv").write_text(text)
+    with pytest.raises(InputError, match=r"no joints, but the log has elbow.*ignore_joints"):
+        identify(craft, tmp_path / "arm.csv")
+    (tmp_path / "map.yaml").write_text("ignore_joints: [elbow]")
+    found = inspect_log(tmp_path / "arm.csv", columns=tmp_path / "map.yaml", joints=())
+    assert found.log.joint_names == ()
 
 
 def test_a_file_of_sensors_may_have_no_encoders(tmp_path):

@@ -377,6 +377,12 @@ def test_stamps_that_do_not_increase_or_are_of_another_clock_are_left_out(time, 
     assert rejected == len(time) - len(kept)
 
 
+def test_a_sensor_on_another_clock_than_all_others_is_left_out(perfect):
+    late = Samples(perfect.position.time + 1e9, perfect.position.value)
+    rejected = screen(perfect.updated({"position": late})).rejected
+    assert rejected == dict.fromkeys(SENSORS, 0) | {"position": len(late)}
+
+
 @pytest.mark.parametrize("scale", [0.0, 0.998, 1.002, 1e200], ids=lambda scale: f"{scale:g}")
 def test_attitudes_that_are_none_are_left_out(scale):
     quaternion = np.tile([0.5, -0.5, 0.5, 0.5], (4, 1))

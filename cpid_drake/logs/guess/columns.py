@@ -35,10 +35,6 @@ _NO_VECTOR = WORDS["other vector"] | WORDS["command"] | WORDS["thrust"]
 def find_columns(guess: GuessedMap, frame_rate: float | None) -> None:
     """Choose the columns of all quantities, and the units that names and values state.
 
-    Args:
-        guess: the map, which is changed.
-        frame_rate: frames per second, if the log counts frames and does not say it [Hz].
-
     Raises:
         InputError: no column can be the time, or it counts frames of an unknown rate; or none can
             be the position of a joint that is not a rotor.
@@ -178,7 +174,7 @@ def _angles(guess: GuessedMap, names: Iterable[str]) -> list[Group]:
 
 def _without_attitude(guess: GuessedMap) -> None:
     """Leave the attitude open, also if angles that have the names of joints may be it."""
-    if guess.open_angles:
+    if guess.open_joints:
         return
     at = guess.column_map.joint_positions.columns
     joints = {column: joint for joint, column in at.items()}

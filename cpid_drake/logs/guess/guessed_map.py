@@ -32,8 +32,8 @@ class GuessedMap:
         missing: what the map lacks or nothing in the log confirms, in words.
         free: keys of conventions about which names and values say nothing.
         time_units: the units of time that the steps allow, if there are several.
-        open_angles: by joint, columns that may be its positions, or an angle of the base; they are
-            not in the map.
+        open_joints: joints whose positions may be an angle of the base instead; neither is in the
+            map.
 
     """
 
@@ -46,16 +46,11 @@ class GuessedMap:
     missing: list[str] = field(default_factory=list)
     free: set[str] = field(default_factory=set)
     time_units: tuple[TimeUnit, ...] = ()
-    open_angles: dict[str, list[str]] = field(default_factory=dict)
+    open_joints: set[str] = field(default_factory=set)
 
     def say(self, key: str, text: str) -> None:
         """Add a reason for an entry."""
         self.reasons.setdefault(key, []).append(text)
-
-    @property
-    def open_columns(self) -> list[str]:
-        """The columns of the open angles."""
-        return [column for columns in self.open_angles.values() for column in columns]
 
     def leave_open(self, text: str, keys: str = "attitude.columns") -> None:
         """Leave a choice of columns, of the attitude and of other keys, to the user."""
@@ -64,8 +59,9 @@ class GuessedMap:
 
     def leave_open_angles(self, angles: Mapping[str, list[str]]) -> None:
         """Leave open whether columns are the positions of joints, or angles of the base."""
-        self.open_angles |= angles
-        text = f"{', '.join(self.open_columns)} may be the attitude, or the joints of these names"
+        self.open_joints |= {*angles}
+        columns = ", ".join(column for each in angles.values() for column in each)
+        text = f"{columns} may be the attitude, or the joints of these names"
         self.leave_open(text, "attitude.columns, joint_positions.columns")
 
     def largest(self, columns: Iterable[str]) -> float:
@@ -92,13 +88,8 @@ class GuessedMap:
         return replace(log.updated(joints), joint_names=names)
 
     def read(self, table: LogTable) -> LogFile:
-        """Return a table as read with the map; joints that are open rest at 0."""
-        given, is_open = self.column_map, {*self.open_columns}
-        is_open |= {f"{word}:{joint}" for word in ("q", "qd") for joint in self.open_angles}
-        table = replace(table, columns={n: c for n, c in table.columns.items() if n not in is_open})
-        constant = dict.fromkeys(self.open_angles, 0.0)
-        resting = replace(given.joint_positions, constant=constant)
-        return read_columns(replace(given, joint_positions=resting), table, "the log")
+        """Return a table as read with the map."""
+        return read_columns(self.column_map, table, "the log")
 
     def text(self, heading: str = "") -> str:
         """Return the map as YAML text for `load_column_map`, its reasons as comments."""

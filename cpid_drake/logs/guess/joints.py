@@ -36,20 +36,20 @@ def find_joints(guess: GuessedMap) -> set[str]:
                 break
     angles = [g for g in groups_by_angle(free) if not g.words & (_OTHERS | WORDS["joint rate"])]
     positions, rates = _chosen(guess, named, angles), _chosen(guess, rated, [])
-    taken = {*positions.values(), *guess.open_columns}
-    of_base = [g for g in angles if not taken & {*g.members.values()}]
+    taken = {*positions.values()}
+    of_base = [g for g in angles if not (guess.open_joints or taken & {*g.members.values()})]
     used -= {column for group in of_base for column in group.members.values()}
     if any(joint in positions for joint in needed):
         guess.say("joint_positions", "the columns have the names of the spacecraft's joints")
         for stem in (group.stem for group in of_base if group.stem in named):
             text = f"not {', '.join(named[stem].values())}: less likely joints by their names"
             guess.say("joint_positions", text)
-    elif not guess.open_angles:
+    elif not guess.open_joints:
         for found, is_rate in ((rates, True), (positions, False)):
             found.update(found or _numbered(guess, free, needed, is_rate))
         used |= {*positions.values(), *rates.values()}
     for joint in needed:
-        if joint not in positions and joint not in guess.open_angles:
+        if joint not in positions and joint not in guess.open_joints:
             raise InputError(
                 f"no column can be the position of joint '{joint}': none has its name, and there "
                 f"are no {len(needed)} numbered columns; the columns of numbers are "
@@ -74,13 +74,8 @@ def _chosen(
 ) -> dict[str, str]:
     """Return columns by joint: those of names alike in most joints, else the first.
 
-    Those that may as well be angles of the base are left open.
-
-    Args:
-        guess: the map.
-        named: by what is around the joint's name, columns by joint.
-        angles: roll, pitch and yaw of something.
-
+    Those that may as well be angles of the base are left open; `named` are columns by what is
+    around the joint's name, and by joint.
     """
 
     def rank(stem: str) -> tuple[int, bool, bool, bool]:

@@ -4,10 +4,9 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from cpid_drake.logs.column_map import UNITS
+from cpid_drake.logs.column_map import UNIT_OF
 
-_UNITS = {name: u for u, (_, names) in UNITS.items() for name in (u, *names.split())}
-_SUFFIXES = _UNITS.keys() - {"m", "s", "in", "ft", "N"}  # units that end a name without brackets
+_SUFFIXES = UNIT_OF.keys() - {"m", "s", "in", "ft", "N"}  # units that end a name without brackets
 WORDS = {
     meaning: frozenset(words.split())
     for meaning, words in {
@@ -83,10 +82,10 @@ def unit_of(*names: str) -> str | None:
     for name in names:
         found = _BRACKET.search(name)
         last = re.split(r"[^a-zA-Z°µ]+", name.strip())[-1].lower()
-        if found and found.group(1).lower() in _UNITS:
-            units.add(_UNITS[found.group(1).lower()])
+        if found and found.group(1).lower() in UNIT_OF:
+            units.add(UNIT_OF[found.group(1).lower()])
         elif last in _SUFFIXES:
-            units.add(_UNITS[last])
+            units.add(UNIT_OF[last])
     return units.pop() if len(units) == 1 else None
 
 

@@ -347,10 +347,3 @@ def test_what_is_not_measured_is_told_and_does_no_harm(tmp_path, name):
     q = np.interp(kept.encoders.time, true["time"], true[JOINT])
     turns = (kept.encoders.value[:, 0] - q) / (2 * np.pi)
     np.testing.assert_allclose(turns, np.round(turns[0]), atol=1e-3)
-
-
-def test_joints_that_are_all_others_are_refused(tmp_path):
-    path = write(tmp_path, csv_of(columns()))
-    says = r"has no joints, but the log has arm_joint1.*ignore_joints"
-    with pytest.raises(InputError, match=says):
-        inspect_log(path, joints=())

@@ -1,0 +1,52 @@
+"""The conventions of a log that positions and rates, or the momentum, contradict."""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+
+from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.files.errors import InputError
+from cpid_drake.identification import by_rows
+from cpid_drake.identification.arguments import Arguments
+from cpid_drake.identification.by_rows import LEAST_SQUARES, MISFIT
+from cpid_drake.identification.checked_log import CheckedLog
+from cpid_drake.identification.estimators import with_method
+from cpid_drake.logs.conventions import check_conventions
+
+
+def with_conventions(
+    log: CheckedLog, arguments: Arguments, rows: Sequence[str | None] = (None,)
+) -> CheckedLog:
+    """Return a log with the convention that the momentum shows, unless noise explains the log.
+
+    In a short log many conventions explain a smooth motion; the misfit of rows is relative to the
+    noise. On a table, the plane's few equations do not distinguish conventions.
+
+    Args:
+        log: the log, and what positions and rates alone contradict.
+        arguments: the spacecraft, the sensors and its bodies.
+        rows: the row families of which one contradicts the log as read; None for the best.
+
+    """
+    found, tree = log.conventions, arguments.spacecraft.tree
+    if found.failures or found.has_momentum or tree.normal_B is not None:
+        return log
+    better = check_conventions(log.measurements, tree)
+    if not better.better or not any(_contradicts(log, arguments, each) for each in rows):
+        return log
+    return replace(log, conventions=replace(better, not_compared=found.not_compared))
+
+
+def _contradicts(log: CheckedLog, arguments: Arguments, rows: str | None) -> bool:
+    """Return whether rows of a log as read differ by more than noise, or show a negative mass."""
+    coasting = log.measurements.between(-np.inf, log.measurements.first_burn)
+    logs, unknown = {"": replace(log, measurements=coasting)}, TotalMomentum.unknown()
+    rows_of = replace(arguments, estimator=LEAST_SQUARES, rows=rows, prior=None, momentum=unknown)
+    with suppress(np.linalg.LinAlgError, InputError):  # too few samples
+        found = by_rows.estimate(with_method(rows_of, logs), logs)
+        misfit, mass = found.check(MISFIT), found.parameters[0]
+        is_impossible = mass < -3 * np.sqrt(found.covariance[0, 0])
+        return bool(is_impossible or (misfit is not None and not misfit.passed))
+    return False
