@@ -25,7 +25,7 @@ class Planned:
         suite.encoders = replace(suite.encoders, bits=28, sigma=0.0)
         self.planner = Planner(self.scenario, suite, PlanOptions(**options))
         self.suite, self.spacecraft = suite, self.planner.spacecraft
-        self.setting, self.motion = self.planner.setting, self.planner.own_motion
+        self.motion = self.planner.own_motion
         self.truth = self.scenario.target_truth()
         self.parameters = self.truth.to_vector()
         self.form = relative_parameterization(self.spacecraft.mass)
@@ -36,7 +36,7 @@ class Planned:
         motion = motion or self.motion
         times = np.linspace(0.0, motion.duration, int(NODE_RATE * motion.duration) + 1)
         samples = motion.evaluate(times)[:, None, :2]
-        momentum = self.setting.momentum(self.truth, samples[0, 0, 0])
+        momentum = self.planner.case(motion, self.parameters).total_momentum(self.spacecraft.tree)
         known = known_instants(self.spacecraft.tree, samples)
         return PlannedBaseMotion.of(times, known, momentum, self.psi if psi is None else psi)
 

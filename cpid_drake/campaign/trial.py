@@ -311,10 +311,7 @@ def _declared(job: _Job) -> dict[str, Any]:
     bodies = declared.known_bodies or case.known_bodies
     momentum = case.momentum
     if declared.momentum == "known":
-        q = case.motion.evaluate(0.0)[0]
-        momentum = TotalMomentum.with_base_at_origin(
-            job.spacecraft.tree, case.truth, q, case.momentum_W
-        )
+        momentum = replace(case.total_momentum(job.spacecraft.tree), is_unknown=False)
     elif declared.momentum is not None:
         momentum = TotalMomentum(is_unknown=declared.momentum == "unknown")
     return {

@@ -4,11 +4,13 @@ Idea: motions without reaction of the base (Nguyen-Huynh and Sharf 2013, "Adapti
 motion and parameter identification in postcapture of space debris").
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 
 from cpid_drake.estimation.one_thread import one_thread
+from cpid_drake.files.drafts import draft_folder, write_text
 from cpid_drake.planning.base_motion import BASE_LIMITS
 from cpid_drake.planning.planner import Plan, Planner
 
@@ -39,3 +41,19 @@ def front(
         if not kept or plan.score < kept[-1].score:
             kept.append(plan)
     return kept[::-1]
+
+
+def write_front(folder: Path, planner: Planner, plans: Sequence[Plan], scenario: str) -> None:
+    """Write the motions of a front for this scenario's name into a folder, with a table.
+
+    Raises:
+        InputError: a file cannot be written.
+
+    """
+    rows = ["rotation of the base [deg],worst σ [% of scale],motion"]
+    with draft_folder(folder) as draft:
+        for k, plan in enumerate(plans):
+            name = f"motion_{k:02d}.yaml"
+            write_text(draft / name, planner.describe(plan, scenario))
+            rows.append(f"{np.degrees(plan.base_rotation):.6g},{100 * plan.score:.6g},{name}")
+        write_text(draft / "front.csv", "\n".join(rows) + "\n")

@@ -19,7 +19,7 @@ from cpid_drake.planning.information import InformationModel
 from cpid_drake.planning.motion_family import QUANTITIES, MotionFamily
 from cpid_drake.planning.objective import Objective
 from cpid_drake.planning.plan_options import PlanOptions
-from cpid_drake.planning.prediction import MotionSetting
+from cpid_drake.planning.prediction import Prediction, loads_of
 from cpid_drake.planning.search import Distances, candidates, improved
 from cpid_drake.planning.targets import plausible_targets, prior_information
 from cpid_drake.sensors.presets import load_sensors
@@ -27,6 +27,7 @@ from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.simulation.files import load_scenario
 from cpid_drake.simulation.joint_motions import MotionFile, dump_motion
 from cpid_drake.simulation.schema import Scenario
+from cpid_drake.simulation.trials import Case, make_case
 from cpid_drake.spacecraft.clearance import Clearance
 
 NODES_PER_PERIOD = 8.0
@@ -101,7 +102,6 @@ class Planner:
     def __post_init__(self) -> None:
         self.spacecraft = self.scenario.spacecraft.make()
         self.own_motion: JointMotion = self.scenario.make_joint_motion(self.spacecraft)
-        self.setting = MotionSetting.of(self.scenario, self.spacecraft, self.suite)
         if self.prior is None:
             self.notes.append(
                 "the mass properties of the scenario's target are not used, but those of plausible "
@@ -136,6 +136,20 @@ class Planner:
 
         """
         return MotionFile(str(file)).make(self.spacecraft, self.scenario.spacecraft.configuration)
+
+    def case(self, motion: JointMotion, parameters: NDArray[np.float64]) -> Case:
+        """Return a motion with a target of parameters π (10,), as the inputs of a trial."""
+        target = InertialParameters.from_vector(parameters)
+        return replace(self._own_case, truth=target, motion=motion, duration=motion.duration)
+
+    @cached_property
+    def _own_case(self) -> Case:
+        first = InertialParameters.from_vector(self.targets[0])
+        return make_case(self.scenario, self.spacecraft, first, self.suite, self.options.seed)
+
+    def predict(self, motion: JointMotion, parameters: NDArray[np.float64]) -> Prediction:
+        """Return what is expected of a motion with a target of parameters π (10,)."""
+        return Prediction.of(self.case(motion, parameters), self.spacecraft)
 
     def describe(self, plan: "Plan", scenario: str) -> str:
         """Return a plan for this scenario's name as the YAML text of a motion."""
@@ -181,14 +195,13 @@ class Planner:
     def objective(self) -> Objective:
         """The criterion, with weights of one and the limits for all checked targets."""
         craft, family, options = self.spacecraft, self.family, self.options
-        first = InertialParameters.from_vector(self.targets[0])
         nodes = max(int(np.ceil(NODES_PER_PERIOD * options.frequency * family.duration)), 4)
         rotation, rate = np.radians([options.base_attitude, options.base_rate]).tolist()
         limits = (rotation, rate, options.base_displacement)
         return Objective(
             craft.tree.lumped,
             InformationModel(craft.tree, self.suite),
-            self.setting.momentum(first, family.start),
+            self._own_case.total_momentum(craft.tree),
             family,
             np.linspace(0.0, family.duration, nodes + 1),
             self.targets,
@@ -321,8 +334,8 @@ class Planner:
             found |= {f"{what} of {name}": x for name, x in zip(names, row.tolist(), strict=True)}
         shares = self.objective.shares(motion.evaluate(self.objective.times)[:, None, :2])
         most = np.argsort(shares[0].max(axis=1, initial=0.0), kind="stable")[-CHECKED_IN_DRAKE:]
-        needed = self.setting.needs(motion, self.checked_targets[most])
-        efforts, lengths = (each.max(axis=0) for each in needed)
+        cases = [self.case(motion, target) for target in self.checked_targets[most]]
+        efforts, lengths = (each.max(axis=0) for each in loads_of(cases, self.spacecraft))
         torque = efforts / self.spacecraft.limits.efforts
         found |= {f"torque of {name}": x for name, x in zip(names, torque.tolist(), strict=True)}
         for name, length in zip(BASE_LIMITS, lengths.tolist(), strict=True):

@@ -1,5 +1,5 @@
 from .files import files_of
-from .joint_motions import MOTION_TAGS, HalfCosineMotion
+from .joint_motions import MOTION_TAGS, HalfCosineMotion, MotionFile, write_joint_table
 from .limits import check_limits
 from .noise import add_noise
 from .schema import SpacecraftConfig
@@ -9,6 +9,7 @@ __all__ = [
     "MOTION_TAGS",
     "Case",
     "HalfCosineMotion",
+    "MotionFile",
     "SpacecraftConfig",
     "add_noise",
     "base_trajectory",
@@ -19,4 +20,5 @@ __all__ = [
     "ideal_samples",
     "make_case",
     "seeds_of",
+    "write_joint_table",
 ]

@@ -1,6 +1,7 @@
 """The joint motions of scenarios, and joint motions in files of their own."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -17,6 +18,7 @@ from cpid_drake.files.checked_yaml import (
     load_yaml,
     tag_of,
 )
+from cpid_drake.files.drafts import draft_of
 from cpid_drake.files.errors import InputError, choose_from, prefix_errors
 from cpid_drake.files.resources import resolve_model
 from cpid_drake.spacecraft.spacecraft import Spacecraft
@@ -181,3 +183,19 @@ def load_motion(path: str | Path) -> MotionSchema:
 def dump_motion(motion: MotionSchema) -> str:
     """Return a joint motion as YAML; `load_motion` reads it without loss."""
     return dump_yaml(MotionDocument(motion), MOTION_TAGS)
+
+
+def write_joint_table(
+    path: str | Path, motion: AnyMotion, joint_names: Sequence[str], rate: float
+) -> None:
+    """Write time, positions, rates and accelerations of all joints as CSV, at a rate [Hz].
+
+    Raises:
+        InputError: the file cannot be written.
+
+    """
+    times = np.linspace(0.0, motion.duration, math.ceil(motion.duration * rate - 1e-9) + 1)
+    names = [f"{quantity}:{joint}" for quantity in ("q", "qd", "qdd") for joint in joint_names]
+    table = np.column_stack([times, motion.evaluate(times).reshape(len(times), -1)])
+    with draft_of(path) as draft:
+        np.savetxt(draft, table, "%.12g", ",", header=",".join(["time", *names]), comments="")

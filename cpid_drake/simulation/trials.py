@@ -77,6 +77,12 @@ class Case:
             acceleration_W=self.acceleration_W,
         )
 
+    def total_momentum(self, tree: KinematicTree) -> TotalMomentum:
+        """Return the true momentum about the system's centre of mass, unknown if `momentum` is."""
+        q = self.motion.evaluate(0.0)[0]
+        true = TotalMomentum.with_base_at_origin(tree, self.truth, q, self.momentum_W)
+        return TotalMomentum.unknown(true) if self.momentum.is_unknown else true
+
 
 def make_case(
     scenario: Scenario,
@@ -193,8 +199,6 @@ def base_trajectories(
 
 def bound_of(case: Case, spacecraft: Spacecraft, ideal: Log) -> NDArray[np.float64]:
     """Return the Cramér-Rao bound (10,) on the σ of the parameters, without unlogged burns."""
-    q = case.motion.evaluate(0.0)[0]
-    true = TotalMomentum.with_base_at_origin(spacecraft.tree, case.truth, q, case.momentum_W)
     if case.burns and not case.logs_thrust:
         ideal = ideal_samples(replace(case, burns=()), spacecraft.tree, spacecraft.joint_names)
     psi = relative_parameterization(spacecraft.mass).from_parameters(case.truth.to_vector())
@@ -203,7 +207,7 @@ def bound_of(case: Case, spacecraft: Spacecraft, ideal: Log) -> NDArray[np.float
         psi,
         ideal,
         case.suite,
-        momentum=TotalMomentum.unknown(true) if case.momentum.is_unknown else true,
+        momentum=case.total_momentum(spacecraft.tree),
         known_bodies=case.known_bodies,
     )
     return np.sqrt(np.diag(covariance))
