@@ -18,32 +18,23 @@ from rich.console import Console
 import cpid_drake as cpid
 from cpid_drake.files.drafts import refuse_unfinished
 from cpid_drake.files.errors import InputError
-from cpid_drake.files.resources import find_scenario, package_folders, resolve_model
-from cpid_drake.identification.arguments import EXACT_MODEL
+from cpid_drake.files.resources import find_scenario
 from cpid_drake.identification.description import describe
 from cpid_drake.identification.request import log_names
-from cpid_drake.simulation.spacecraft_file import EXPLICIT, SpacecraftFile, load_spacecraft
+from cpid_drake.simulation.files import from_folder
+from cpid_drake.simulation.spacecraft_file import EXPLICIT
 
 if TYPE_CHECKING:
-    from pydrake.geometry import Meshcat
-
     FileName = str
 else:
     FileName = str | Path  # the values are str, which is tried first; shells complete paths
 
-NOT_ALL_KNOWN = 3
-"""Exit code if not all parameters that can act on the motion are identifiable."""
-
 CHECK_FAILED = 4
 """Exit code if something contradicts the assumptions behind the answer."""
-
-_AS_THEY_ARE = ("estimator", "rows", "start", "end", "leave_out_bad", "columns")
-"""Options that are fields of a request of the same name and value."""
 
 File = Annotated[Path, Parameter(metavar="FILE")]
 Folder = Annotated[Path, Parameter(metavar="FOLDER")]
 Name = Annotated[str, Parameter(metavar="NAME")]
-Yaml = Annotated[FileName, Parameter(metavar="YAML")]
 Sensors = Annotated[FileName, Parameter(metavar="PRESET|YAML")]
 Seconds = Annotated[float, Parameter(metavar="SECONDS")]
 Number = Annotated[float, Parameter(metavar="NUMBER")]
@@ -60,6 +51,14 @@ OutFolder = Annotated[
 ]
 Force = Annotated[bool, Parameter(help="Replace files that exist. Inputs are never replaced.")]
 Quiet = Annotated[bool, Parameter(help="Print only warnings and errors.")]
+Columns = Annotated[
+    FileName,
+    Parameter(
+        metavar="YAML",
+        help="Map of the log's columns: names, units and conventions; `cpid log map` writes one. "
+        "Default: the columns of models/telemetry/README.md.",
+    ),
+]
 LeaveOutBad = Annotated[bool, Parameter(help="Leave out and count rows that have a problem.")]
 Topics = Annotated[
     list[str],
@@ -86,10 +85,10 @@ Momentum = Annotated[
 class SpacecraftOptions:
     """The spacecraft model."""
 
-    scenario: Annotated[FileName | None, Parameter(metavar="SCENARIO|YAML")] = None
-    """Scenario, or file of a spacecraft, with model, base, capture frame, packages, sensors,
+    spacecraft: Annotated[FileName | None, Parameter(metavar="YAML|SCENARIO")] = None
+    """File of a spacecraft, or a scenario, with model, base, capture frame, packages, sensors,
     momentum, table and uncertainty of the spacecraft model; other options override it."""
-    spacecraft: Annotated[FileName | None, Parameter(metavar="MODEL")] = None
+    model: Annotated[FileName | None, Parameter(metavar="MODEL")] = None
     """The spacecraft's model file: URDF, SDF, MJCF or Drake directives."""
     base: Name | None = None
     """Base body of the spacecraft."""
@@ -98,36 +97,31 @@ class SpacecraftOptions:
     package: Annotated[list[str] | None, Parameter(metavar="NAME=FOLDER")] = None
     """Folder of a package that the model's URIs name; may be repeated."""
 
-    def known(self) -> SpacecraftFile:
+    def known(self) -> "cpid.SpacecraftFile":
         """Return what is known of the spacecraft from the file and the single options.
 
         Raises:
             InputError: the model, its base or its capture frame is missing, or the file is wrong.
 
         """
-        names = {"model": self.spacecraft, "base": self.base, "capture_frame": self.capture_frame}
+        here, folders = Path.cwd(), _pairs("--package", self.package, "NAME=FOLDER")
+        packages = {name: from_folder(here, folder) for name, folder in folders.items()}
+        names = {"base": self.base, "capture_frame": self.capture_frame}
+        names["model"] = self.model and from_folder(here, self.model)
         given: dict[str, Any] = {key: name for key, name in names.items() if name}
-        packages = _pairs("--package", self.package, "NAME=FOLDER")
-        if self.scenario is not None:
-            found = load_spacecraft(self.scenario)
-            found = replace(found, **given, packages={**found.packages, **packages})
-        elif len(given) == len(names):
-            found = SpacecraftFile(**given, packages=packages)
-        else:
+        if self.spacecraft is not None:
+            found = cpid.load_spacecraft(self.spacecraft)
+            return replace(found, **given, packages={**found.packages, **packages})
+        if len(given) < len(names):
             raise InputError(
-                "a log needs a spacecraft: give --scenario, or all of --spacecraft, --base and "
+                "a log needs a spacecraft: give --spacecraft, or all of --model, --base and "
                 "--capture-frame"
             )
-        folders = {name: _absolute(folder) for name, folder in found.packages.items()}
-        return replace(found, model=_absolute(found.model), packages=folders)
+        return cpid.SpacecraftFile(**given, packages=packages)
 
     def files(self) -> list[str | Path]:
-        """Return the files that the options name."""
-        if (self.scenario, self.spacecraft) == (None, None):
-            return []
-        found = self.known()
-        scenario = [] if self.scenario is None else [find_scenario(self.scenario)]
-        return [*scenario, resolve_model(found.model, package_folders(found.packages))]
+        """Return the file of the spacecraft, if there is one."""
+        return [] if self.spacecraft is None else [find_scenario(self.spacecraft)]
 
 
 @dataclass(frozen=True)
@@ -157,8 +151,8 @@ class KnownOptions(SpacecraftOptions):
         sensors = sensors or known.sensors
         if sensors == EXPLICIT:
             raise InputError(
-                f"{self.scenario}: lists its sensors itself; write them into a file of their own, "
-                "and give it as --sensors"
+                f"{self.spacecraft}: lists its sensors itself; write them into a file of their "
+                "own, and give it as --sensors"
             )
         bodies = ",".join(f"{key}={value}" for key, value in vars(known.known_bodies).items())
         return cpid.Request(
@@ -173,43 +167,23 @@ class KnownOptions(SpacecraftOptions):
         )
 
 
-@dataclass(frozen=True)
-class LiveOptions(KnownOptions):
-    """What is known before samples arrive, and their topics."""
-
-    sensors: Sensors | None = None
-    """Sensor noise: a preset or a YAML file. Default: that of the scenario."""
-    topic: Topics | None = None
-
-    def topics(self) -> dict[str, str]:
-        """Return the topics by kind; see `ReadingOptions.topics`. Joints have a default."""
-        return {"joints": "/joint_states"} | _pairs("--topic", self.topic, "KIND=/NAME")
-
-
 @Parameter("*")
 @dataclass(frozen=True)
-class ReadingOptions:
-    """How to read a log."""
-
-    columns: Yaml | None = None
-    """Map of the log's columns: names, units and conventions; `cpid log map` writes one. Default:
-    the columns of models/telemetry/README.md."""
-    topic: Topics | None = None
-
-    def topics(self) -> dict[str, str]:
-        """Return the topics by kind; InputError without the form KIND=/NAME."""
-        return _pairs("--topic", self.topic, "KIND=/NAME, such as imu=/imu/data")
-
-
-@dataclass(frozen=True)
-class PartOptions(ReadingOptions):
+class PartOptions:
     """How to read a log, and which part of it to use."""
 
+    columns: Columns | None = None
+    topic: Topics | None = None
     leave_out_bad: LeaveOutBad = False
     start: Annotated[Seconds | None, Parameter("--from")] = None
     """First time to use."""
     end: Annotated[Seconds | None, Parameter("--to")] = None
     """Last time to use."""
+
+    def reading(self) -> dict[str, Any]:
+        """Return the fields of a request of the same meaning."""
+        names = ("columns", "leave_out_bad", "start", "end")
+        return {name: getattr(self, name) for name in names} | {"topics": topics_of(self.topic)}
 
 
 @dataclass(frozen=True)
@@ -229,14 +203,6 @@ class LogOptions(PartOptions, KnownOptions):
     this log alone, and may be repeated; logs with the same file have the same hardware. Default:
     estimated from the log if needed."""
 
-    def files(self) -> list[str | Path]:
-        """Return the files that the options name."""
-        bodies = self.known_bodies or EXACT_MODEL
-        of_bodies = None if "=" in bodies or bodies == EXACT_MODEL else bodies
-        sensors = [file for each in self.sensors or [] for file in (each, each.rpartition("=")[2])]
-        given = (*sensors, self.columns, self.prior, of_bodies)
-        return [*super().files(), *(file for file in given if file)]
-
     def request(self, log: str, logs: Sequence[str] = ()) -> "cpid.Request":
         """Return the request to identify a log, of `logs` if several are identified together.
 
@@ -248,14 +214,19 @@ class LogOptions(PartOptions, KnownOptions):
         logs = logs or [log]
         own = _sensors_of(self.sensors or [], names := log_names(logs))
         sensors = own.get(names[logs.index(log)]) or own.get("")
-        others = {name: getattr(self, name) for name in _AS_THEY_ARE}
-        return self.make_request(log, sensors, topics=self.topics(), **others)
+        method = {"estimator": self.estimator, "rows": self.rows}
+        return self.make_request(log, sensors, **method, **self.reading())
 
     def of_run(self, folder: Path) -> "LogOptions":
         """Return the options with those of a run of `cpid simulate` where none are given."""
         suite = folder / "sensors.yaml"
         sensors = self.sensors or ([str(suite)] if suite.is_file() else None)
-        return replace(self, scenario=str(folder / "scenario.yaml"), sensors=sensors)
+        return replace(self, spacecraft=str(folder / "scenario.yaml"), sensors=sensors)
+
+
+def topics_of(entries: list[str] | None) -> dict[str, str]:
+    """Return the topics by kind; InputError without the form KIND=/NAME."""
+    return _pairs("--topic", entries, "KIND=/NAME, such as imu=/imu/data")
 
 
 @contextmanager
@@ -267,23 +238,6 @@ def extra(name: str) -> Iterator[None]:
         raise InputError(
             f"this command needs {error.name}: `pip install 'cpid-drake[{name}]'`"
         ) from error
-
-
-def open_meshcat(remark: str = "") -> "Meshcat":
-    """Return a new Meshcat, and print the address of its page.
-
-    Raises:
-        InputError: no port is free.
-
-    """
-    from pydrake.geometry import Meshcat, MeshcatParams
-
-    try:
-        meshcat = Meshcat(MeshcatParams(host="*"))
-    except RuntimeError as error:
-        raise InputError(f"Meshcat cannot be opened: {error}") from error
-    print(f"Open {meshcat.web_url()}{remark}", file=sys.stderr, flush=True)
-    return meshcat
 
 
 def log_console(quiet: bool = False, *, stderr: bool = True) -> Console:
@@ -300,7 +254,7 @@ def finish(found: "cpid.Identification", quiet: bool) -> int:
         print("\n".join(describe(found)))
     if found.failures:
         return CHECK_FAILED
-    return 0 if found.is_complete else NOT_ALL_KNOWN
+    return 0 if found.is_complete else 3
 
 
 def print_warnings(texts: Iterable[str]) -> None:
@@ -314,7 +268,7 @@ def _sensors_of(entries: Sequence[str], logs: Sequence[str]) -> dict[str, str]:
     own: dict[str, str] = {}
     for entry in entries:
         name = next((each for each in logs if entry.startswith(f"{each}=")), "")
-        file = entry[len(name) + 1 :] if name else entry
+        file = entry.removeprefix(f"{name}=") if name else entry
         if "=" in file and not name and not Path(file).exists():
             wanted = entry.partition("=")[0]
             raise InputError(
@@ -327,11 +281,6 @@ def _sensors_of(entries: Sequence[str], logs: Sequence[str]) -> dict[str, str]:
             )
         own[name] = file
     return own
-
-
-def _absolute(path: str) -> str:
-    """Return the absolute path of a file or folder, or its URI unchanged."""
-    return path if "://" in path else str(Path(path).expanduser().absolute())
 
 
 def _pairs(option: str, entries: list[str] | None, form: str) -> dict[str, str]:

@@ -60,7 +60,7 @@ def simulate(
         files = write_run(simulation, context, out, time.perf_counter() - start, limits)
     log.print(f"{len(files)} files in {out}, {time.perf_counter() - start:.1f} s")
     if not quiet:
-        words = ["cpid", "identify", out / "telemetry.csv", "--scenario", out / "scenario.yaml"]
+        words = ["cpid", "identify", out / "telemetry.csv", "--spacecraft", out / "scenario.yaml"]
         words += ["--sensors", out / "sensors.yaml"] if simulation.sensors else []
         print(shlex.join(map(str, words)))
     return 0

@@ -11,7 +11,6 @@ from cpid_drake.files.resources import package_folders, resolve_model
 from cpid_drake.spacecraft.reference import SpacecraftReference
 
 _OPTIONS = {
-    "model": "spacecraft",
     "packages": "package",
     "start": "from",
     "end": "to",
@@ -71,7 +70,8 @@ class Request:
 
     def found(self) -> list[Path]:
         """Return the files that the request names, as far as they exist."""
-        names, paths = (self.spacecraft.model, self.sensors, *self.files().values()), []
+        names = (self.spacecraft.model, self.sensors, self.known_bodies, *self.files().values())
+        paths = list[Path]()
         packages = package_folders(self.spacecraft.packages)
         for name in filter(None, names):
             with suppress(InputError):  # a preset, or a file that was moved

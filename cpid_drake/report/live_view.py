@@ -1,16 +1,46 @@
-"""The live view of a scenario in the browser, with Meshcat's own controls."""
+"""Live views in the browser: of a simulation, and of a log that is replayed to an identifier."""
 
+import sys
 import time
+from collections.abc import Sequence
 
-from pydrake.geometry import Meshcat
+import numpy as np
+from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.systems.framework import Context, EventStatus
+from rich.console import Console
 
+from cpid_drake.files.errors import InputError
+from cpid_drake.identification.description import describe
+from cpid_drake.identification.result import Identification
+from cpid_drake.live.identifier import OnlineIdentifier
+from cpid_drake.report.scene import LatestState, Scene
+from cpid_drake.report.terminal import shown_live
 from cpid_drake.simulation.simulation import Simulation
+from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.scene_visualizer import FRAME_PERIOD
+
+PAGE = " (legend and numbers are in Open Controls)"
+"""Remark beside the address of the page: Meshcat begins with its controls closed."""
 
 STOP = "Stop"
 
+_REFRESH = 0.25  # [s] between two updates of the numbers
 _POLL_PERIOD = 0.05  # [s] between two looks at the page
+
+
+def open_meshcat(remark: str = PAGE) -> Meshcat:
+    """Return a new Meshcat, and print the address of its page, and a remark.
+
+    Raises:
+        InputError: no port is free.
+
+    """
+    try:
+        meshcat = Meshcat(MeshcatParams(host="*"))
+    except RuntimeError as error:
+        raise InputError(f"Meshcat cannot be opened: {error}") from error
+    print(f"Open {meshcat.web_url()}{remark}", file=sys.stderr, flush=True)
+    return meshcat
 
 
 def serve(simulation: Simulation, meshcat: Meshcat, rate: float) -> None:
@@ -42,3 +72,60 @@ def serve(simulation: Simulation, meshcat: Meshcat, rate: float) -> None:
     meshcat.PublishRecording()
     while not meshcat.GetButtonClicks(STOP):
         time.sleep(_POLL_PERIOD)
+
+
+def show_replay(
+    identifier: OnlineIdentifier,
+    samples: Sequence[tuple[str, float, np.ndarray]],
+    rate: float,
+    console: Console,
+    spacecraft: Spacecraft | None = None,
+) -> Identification:
+    """Feed samples to an identifier in real time, show its estimates, and return the last one.
+
+    Args:
+        identifier: the identifier.
+        samples: (sensor, time [s], value) in the order of their times, as of `Log.messages`.
+        rate: ratio of replayed to real time.
+        console: where the estimates are printed.
+        spacecraft: drawn in Meshcat with the estimates; None draws nothing.
+
+    Raises:
+        InputError: no port is free; shapes of the model cannot be read.
+
+    """
+    first, last = samples[0][1], samples[-1][1]
+    scene, latest = None, None
+    if spacecraft is not None:
+        names = {name for name, *_ in samples}
+        has_rates = {"gyro", "velocity", "joint_rates"} <= names
+        latest = LatestState(spacecraft)
+        scene = Scene(spacecraft, open_meshcat(), has_rates=has_rates)
+    begin, shown, drawn = time.monotonic(), -np.inf, -np.inf
+    found = identifier.estimate()
+    with shown_live(console) as screen:
+        for count, (name, stamp, value) in enumerate(samples, start=1):
+            lag = time.monotonic() - begin - (stamp - first) / rate
+            if lag < 0:
+                time.sleep(-lag)
+            identifier.add(name, stamp, value)
+            now = time.monotonic()
+            if now - shown > _REFRESH:
+                found, shown = identifier.estimate(), now
+                state = _state(found, stamp, count, max(lag, 0.0))
+                screen.update("\n".join([state, *describe(found)]))
+            if scene and latest:
+                latest.add(name, value)
+                if now - drawn > FRAME_PERIOD and latest.state is not None:
+                    drawn = now
+                    scene.draw(stamp - first, latest.state, found)
+        found = identifier.finish()
+        screen.update(_state(found, last, len(samples), 0.0))
+    if scene and latest and latest.state is not None:
+        scene.draw(last - first, latest.state, found)
+    return found
+
+
+def _state(found: Identification, time: float, count: int, lag: float) -> str:
+    rejected = sum(found.rejected.values())
+    return f"{time:.1f} s: {count} samples, {rejected} rejected; {lag:.1f} s late"

@@ -1,11 +1,12 @@
 """A motion with the estimates over time: one HTML file with a recording, that plays offline."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from pydrake.geometry import StartMeshcat
+from pydrake.systems.framework import Context
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.motion import Motion
@@ -20,6 +21,7 @@ from cpid_drake.logs.screening import screen
 from cpid_drake.logs.smoothing import smooth
 from cpid_drake.report.scene import Scene
 from cpid_drake.sensors.suite import SensorSuite
+from cpid_drake.simulation.simulation import Simulation
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.scene_page import estimate_lines, scene_html
 from cpid_drake.systems.scene_visualizer import FRAME_PERIOD
@@ -68,6 +70,37 @@ def replay_html(
     meshcat.PublishRecording()
     steps = [(time - zero, estimate_text(found, truth)) for time, found in estimates]
     return scene_html(meshcat, steps, title=title, zero=zero)
+
+
+def simulation_replay(
+    simulation: Simulation, title: str, progress: Callable[[str], None] = lambda step: None
+) -> tuple[str, Identification]:
+    """Run a simulation; return its replay as a page, and the estimate at its end.
+
+    Raises:
+        InputError: the simulation fails.
+
+    """
+    scenario, estimates = simulation.scenario, list[tuple[float, Identification]]()
+    end = scenario.simulation.duration
+
+    def record(root_context: Context) -> None:
+        now = root_context.get_time()
+        progress(f"simulated {now:.1f} of {end:g} s")
+        if now + 1e-9 >= max(0.25, end / 60) * (len(estimates) + 1):
+            estimates.append((now, simulation.identification(root_context)))
+
+    context = simulation.run(record)
+    estimates.append((context.get_time(), simulation.identification(context)))
+    page = replay_html(
+        simulation.spacecraft,
+        simulation.motion(context),
+        estimates,
+        truth=simulation.truth,
+        visual_model=scenario.target.visual_model,
+        title=title,
+    )
+    return page, estimates[-1][1]
 
 
 def estimate_text(found: Identification, truth: InertialParameters | None = None) -> str:

@@ -5,6 +5,7 @@ from typing import Literal
 
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.files.checked_yaml import from_tree, parse_yaml
+from cpid_drake.files.errors import InputError
 from cpid_drake.files.resources import find_scenario, resolve_model
 from cpid_drake.simulation.files import load_scenario
 from cpid_drake.simulation.joint_motions import MOTION_TAGS
@@ -41,6 +42,11 @@ def load_spacecraft(name: str) -> SpacecraftFile:
         InputError: no such file, or for the same reasons as `cpid_drake.load_scenario`.
 
     """
+    if name.endswith((".urdf", ".sdf", ".xml", ".dmd.yaml")):
+        raise InputError(
+            f"{name}: is a model, and does not say which body is the base; give it as --model, "
+            "with --base and --capture-frame"
+        )
     place = find_scenario(name)
     file = resolve_model(place)
     tree = parse_yaml(file.read_bytes(), name, MOTION_TAGS)

@@ -8,7 +8,7 @@ from cpid_drake.files.resources import models_directory
 
 FOLDER = models_directory() / "telemetry"
 COMMAND = (
-    *("live", "replay", FOLDER / "free_flyer.csv", "--scenario", "free_flyer_payload"),
+    *("live", "replay", FOLDER / "free_flyer.csv", "--spacecraft", "free_flyer_payload"),
     *("--sensors", FOLDER / "free_flyer_sensors.yaml", "--rate", 0.5),
 )
 ESTIMATE = "!!viewer.scene_tree.find(['cpid', 'estimate', 'three_sigma']).object.visible"

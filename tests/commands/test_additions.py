@@ -16,7 +16,7 @@ from cpid_drake.logs.files import FORMATS
 from cpid_drake.logs.table import LogTable
 
 SAMPLE = models_directory() / "telemetry/free_flyer.csv"
-CRAFT = ("--scenario", "free_flyer_payload")
+CRAFT = ("--spacecraft", "free_flyer_payload")
 
 
 def estimate_every_second(known, logs, progress):

@@ -10,7 +10,7 @@ from cpid_drake.files.resources import models_directory
 FOLDER = models_directory() / "telemetry"
 SAMPLE = FOLDER / "free_flyer.csv"
 SENSORS = ("--sensors", FOLDER / "free_flyer_sensors.yaml")
-CRAFT = ("--scenario", "free_flyer_payload")
+CRAFT = ("--spacecraft", "free_flyer_payload")
 
 
 def test_it_ends_with_the_answer_of_identify(cpid):
@@ -38,7 +38,7 @@ def test_it_keeps_the_time_of_the_log(cpid):
 
 
 OWN = (
-    *("--spacecraft", models_directory() / "free_flyer/free_flyer.urdf"),
+    *("--model", models_directory() / "free_flyer/free_flyer.urdf"),
     *("--base", "body", "--capture-frame", "capture_point"),
 )
 
@@ -61,7 +61,7 @@ def test_logged_thrust_is_replayed_too(cpid, tmp_path):
     out = tmp_path / "run"
     assert cpid("simulate", "logged_burn", "--out", out)[0] == 0
     code, shown, _ = cpid(
-        *("live", "replay", out / "telemetry.csv", "--scenario", out / "scenario.yaml"),
+        *("live", "replay", out / "telemetry.csv", "--spacecraft", out / "scenario.yaml"),
         *("--sensors", "flight", "--rate", 1000, "--no-show"),
     )
     assert code == 0, shown

@@ -14,7 +14,7 @@ from cpid_drake.identification.result_files import read_result, write_result
 
 SAMPLE = models_directory() / "telemetry/free_flyer.csv"
 FREE_FLYER = (
-    *("--spacecraft", models_directory() / "free_flyer/free_flyer.urdf"),
+    *("--model", models_directory() / "free_flyer/free_flyer.urdf"),
     *("--base", "body", "--capture-frame", "capture_point", "--sensors", "testbed"),
 )
 

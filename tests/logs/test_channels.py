@@ -16,7 +16,7 @@ from cpid_drake.logs.channels import look_at
 from cpid_drake.logs.log import Samples
 from cpid_drake.sensors.sensors import JointSensor
 
-CRAFT = ("--scenario", "free_flyer_payload")
+CRAFT = ("--spacecraft", "free_flyer_payload")
 
 
 def wrapped(angle):

@@ -182,7 +182,7 @@ def test_the_command_identifies_from_mujocos_log(
 ):
     log, result = tmp_path / "log.csv", tmp_path / "result.json"
     dual_arm_log.write(log)
-    arguments = ["identify", log, "--spacecraft", dual_arm_file, "--json", result]
+    arguments = ["identify", log, "--model", dual_arm_file, "--json", result]
     names = ["--base", "bus", "--capture-frame", "left_grip"]
     assert run_cpid(*arguments, *names)[0] == 0
     found = json.loads(result.read_text())

@@ -361,7 +361,7 @@ def identified(draw: Draw, *words: str) -> dict:
     out = draw.urdf.with_name("found.json")
     out.unlink(missing_ok=True)
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    craft = "--spacecraft", draw.urdf, "--base", "base", "--capture-frame", "capture_point"
+    craft = "--model", draw.urdf, "--base", "base", "--capture-frame", "capture_point"
     done = cli("identify", *draw.logs, *craft, "--sensors", draw.sensors, "--json", out, *words)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime

@@ -205,7 +205,7 @@ def cli_trial(world: World, folder: Path, log: Path, *words: str | Path) -> Tria
     out, craft = folder / "found.json", world.scenario.spacecraft
     out.unlink(missing_ok=True)
     known = [
-        "--spacecraft",
+        "--model",
         craft.model,
         "--base",
         craft.base,
