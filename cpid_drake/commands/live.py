@@ -83,7 +83,7 @@ def ros2(
             for each entry of a Float64MultiArray of thrust. Default: its entries are these six.
 
     """
-    request = chosen.make_request("", sensors)
+    request = chosen.request_of("", sensors)
     topics = {"joints": "/joint_states"} | options.topics_of(topic)
     inputs, suite = _opened(request)
     used = sources_of(topics, suite)

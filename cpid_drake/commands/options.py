@@ -20,9 +20,8 @@ from cpid_drake.files.drafts import refuse_unfinished
 from cpid_drake.files.errors import InputError
 from cpid_drake.files.resources import find_scenario
 from cpid_drake.identification.description import describe
-from cpid_drake.identification.request import log_names
+from cpid_drake.identification.request import sensors_by_log
 from cpid_drake.simulation.files import from_folder
-from cpid_drake.simulation.spacecraft_file import EXPLICIT
 
 if TYPE_CHECKING:
     FileName = str
@@ -140,31 +139,16 @@ class KnownOptions(SpacecraftOptions):
     """What is known about the target besides: a result of `cpid identify` (JSON) or YAML with mass,
     p_CTcm_C, I_TTcm_C and their σ."""
 
-    def make_request(self, telemetry: str, sensors: str | None, **others: Any) -> "cpid.Request":
+    def request_of(self, telemetry: str, sensors: str | None, **others: Any) -> "cpid.Request":
         """Return a request: what the options say, else what the file of the spacecraft says.
 
         Raises:
             InputError: an option is missing, or a file or a name is wrong.
 
         """
-        known = self.known()
-        sensors = sensors or known.sensors
-        if sensors == EXPLICIT:
-            raise InputError(
-                f"{self.spacecraft}: lists its sensors itself; write them into a file of their "
-                "own, and give it as --sensors"
-            )
-        bodies = ",".join(f"{key}={value}" for key, value in vars(known.known_bodies).items())
-        return cpid.Request(
-            telemetry,
-            known.reference(),
-            sensors=sensors,
-            momentum=self.momentum or known.momentum,
-            planar=known.planar if self.planar is None else self.planar,
-            known_bodies=self.known_bodies or (None if known.known_bodies.is_zero else bodies),
-            prior=self.prior,
-            **others,
-        )
+        names = ("momentum", "known_bodies", "planar", "prior")
+        given = {name: getattr(self, name) for name in names}
+        return self.known().request(telemetry, sensors, **given, **others)
 
 
 @Parameter("*")
@@ -207,15 +191,14 @@ class LogOptions(PartOptions, KnownOptions):
         """Return the request to identify a log, of `logs` if several are identified together.
 
         Raises:
-            InputError: as for `make_request`; the log is unfinished.
+            InputError: as for `request_of`; the log is unfinished.
 
         """
         refuse_unfinished(Path(log).parent)
         logs = logs or [log]
-        own = _sensors_of(self.sensors or [], names := log_names(logs))
-        sensors = own.get(names[logs.index(log)]) or own.get("")
+        sensors = sensors_by_log(self.sensors or [], logs)[logs.index(log)]
         method = {"estimator": self.estimator, "rows": self.rows}
-        return self.make_request(log, sensors, **method, **self.reading())
+        return self.request_of(log, sensors, **method, **self.reading())
 
     def of_run(self, folder: Path) -> "LogOptions":
         """Return the options with those of a run of `cpid simulate` where none are given."""
@@ -261,26 +244,6 @@ def print_warnings(texts: Iterable[str]) -> None:
     """Print warnings on stderr, one line each."""
     for text in texts:
         print(f"warning: {text}", file=sys.stderr)
-
-
-def _sensors_of(entries: Sequence[str], logs: Sequence[str]) -> dict[str, str]:
-    """Return the given sensors by the names of logs, and under "" those of all others."""
-    own: dict[str, str] = {}
-    for entry in entries:
-        name = next((each for each in logs if entry.startswith(f"{each}=")), "")
-        file = entry.removeprefix(f"{name}=") if name else entry
-        if "=" in file and not name and not Path(file).exists():
-            wanted = entry.partition("=")[0]
-            raise InputError(
-                f"--sensors {entry}: there is no log {wanted}; the logs are {', '.join(logs)}"
-            )
-        if name in own or not file:
-            raise InputError(
-                f"--sensors {entry}: give one PRESET or YAML for all logs, and one NAME=PRESET or "
-                "NAME=YAML for a log with others"
-            )
-        own[name] = file
-    return own
 
 
 def _pairs(option: str, entries: list[str] | None, form: str) -> dict[str, str]:

@@ -14,7 +14,6 @@ from cpid_drake import planning, report, simulation
 from cpid_drake.commands import options
 from cpid_drake.commands.groups import group
 from cpid_drake.files.digits import significant
-from cpid_drake.files.drafts import write_text
 from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.files.overwriting import check_folder, check_outputs
 from cpid_drake.files.resources import find_scenario
@@ -95,17 +94,9 @@ def motion(
             status.update(f"{what}{known}")
 
         planner = chosen.planner(path)
-        try:
-            best = planner.run(progress)
-        except KeyboardInterrupt:
-            if planner.best is not None:
-                write_text(out, planner.describe(planner.best, scenario))
-            raise
+        best, count = planning.write_plan(out, planner, scenario, folder=front, progress=progress)
         if front is not None:
-            best, *_ = plans = planning.front(planner, best, progress)
-            planning.write_front(front, planner, plans, scenario)
-            log.print(f"{len(plans)} motions in {front}")
-        write_text(out, planner.describe(best, scenario))
+            log.print(f"{count} motions in {front}")
         log.print(f"{out}: {time.perf_counter() - start:.0f} s")
         motions = {"scenario's motion": planner.own_motion, "plan": best.motion}
         found = planning.predictions(planner, motions)

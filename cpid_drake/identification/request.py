@@ -25,6 +25,32 @@ def log_names(paths: Sequence[str]) -> list[str]:
     return short if len(set(short)) == len(short) else list(paths)
 
 
+def sensors_by_log(entries: Sequence[str], logs: Sequence[str]) -> list[str | None]:
+    """Return the sensors of each log from entries FILE, for all logs, and NAME=FILE, for one.
+
+    Raises:
+        InputError: there is no log of a name, or two entries are for the same logs.
+
+    """
+    own: dict[str, str] = {}
+    names = log_names(logs)
+    for entry in entries:
+        name = next((each for each in names if entry.startswith(f"{each}=")), "")
+        file = entry.removeprefix(f"{name}=") if name else entry
+        if "=" in file and not name and not Path(file).exists():
+            wanted = entry.partition("=")[0]
+            raise InputError(
+                f"--sensors {entry}: there is no log {wanted}; the logs are {', '.join(names)}"
+            )
+        if name in own or not file:
+            raise InputError(
+                f"--sensors {entry}: give one PRESET or YAML for all logs, and one NAME=PRESET or "
+                "NAME=YAML for a log with others"
+            )
+        own[name] = file
+    return [own.get(name) or own.get("") for name in names]
+
+
 @dataclass(frozen=True)
 class Request:
     """The request of `cpid identify`: data, spacecraft, estimator and options of one log.

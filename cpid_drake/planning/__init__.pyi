@@ -1,5 +1,5 @@
 from .comparison import predictions, reference_motions
-from .pareto import front, write_front
+from .pareto import front, write_plan
 from .plan_options import PlanOptions
 from .planner import Plan, Planner, load_planner
 
@@ -11,5 +11,5 @@ __all__ = [
     "load_planner",
     "predictions",
     "reference_motions",
-    "write_front",
+    "write_plan",
 ]

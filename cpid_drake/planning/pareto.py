@@ -1,4 +1,4 @@
-"""Motions that rotate the base less and less: the front of precision against disturbance.
+"""A plan as files; motions that rotate the base less and less, the front of precision against it.
 
 Idea: motions without reaction of the base (Nguyen-Huynh and Sharf 2013, "Adaptive reactionless
 motion and parameter identification in postcapture of space debris").
@@ -43,13 +43,46 @@ def front(
     return kept[::-1]
 
 
-def write_front(folder: Path, planner: Planner, plans: Sequence[Plan], scenario: str) -> None:
-    """Write the motions of a front for this scenario's name into a folder, with a table.
+def write_plan(
+    path: Path,
+    planner: Planner,
+    scenario: str,
+    *,
+    folder: Path | None = None,
+    progress: Callable[..., None] = lambda what, best=np.nan: None,
+) -> tuple[Plan, int]:
+    """Plan, and write the motion; an interrupt leaves the best one so far in the file.
+
+    Args:
+        path: YAML file of the motion.
+        planner: the planner.
+        scenario: the scenario's name.
+        folder: where the motions of the front are written, whose most precise one is the plan;
+            default: no front.
+        progress: see `Planner.run`.
+
+    Returns:
+        The plan, and the number of motions of the front.
 
     Raises:
-        InputError: a file cannot be written.
+        InputError: no motion keeps the limits; a file cannot be written.
 
     """
+    try:
+        best = planner.run(progress)
+    except KeyboardInterrupt:
+        if planner.best is not None:
+            write_text(path, planner.describe(planner.best, scenario))
+        raise
+    plans = []
+    if folder is not None:
+        best, *_ = plans = front(planner, best, progress)
+        _write_front(folder, planner, plans, scenario)
+    write_text(path, planner.describe(best, scenario))
+    return best, len(plans)
+
+
+def _write_front(folder: Path, planner: Planner, plans: Sequence[Plan], scenario: str) -> None:
     rows = ["rotation of the base [deg],worst σ [% of scale],motion"]
     with draft_folder(folder) as draft:
         for k, plan in enumerate(plans):

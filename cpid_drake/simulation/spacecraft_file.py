@@ -1,12 +1,13 @@
 """What a file says about a spacecraft: its own, or a scenario."""
 
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Any, Literal
 
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.files.checked_yaml import from_tree, parse_yaml
 from cpid_drake.files.errors import InputError
 from cpid_drake.files.resources import find_scenario, resolve_model
+from cpid_drake.identification.request import Request
 from cpid_drake.simulation.files import load_scenario
 from cpid_drake.simulation.joint_motions import MOTION_TAGS
 from cpid_drake.spacecraft.reference import SpacecraftReference
@@ -31,6 +32,30 @@ class SpacecraftFile(SpacecraftReference):
     momentum: Literal["zero", "unknown"] | None = None
     planar: bool | None = None
     known_bodies: BodyUncertainty = field(default_factory=BodyUncertainty)
+
+    def request(self, telemetry: str, sensors: str | None = None, **given: Any) -> Request:
+        """Return the request to identify a log: what is given, else what the file says.
+
+        Args:
+            telemetry: the log's file.
+            sensors: a preset or a file.
+            **given: other fields of `Request`; None for what the file says.
+
+        Raises:
+            InputError: the file lists its sensors itself, and no others are given.
+
+        """
+        sensors = sensors or self.sensors
+        if sensors == EXPLICIT:
+            raise InputError(
+                "the scenario lists its sensors itself; write them into a file of their own, and "
+                "give it as --sensors"
+            )
+        bodies = ",".join(f"{key}={value}" for key, value in vars(self.known_bodies).items())
+        own: dict[str, Any] = {"momentum": self.momentum, "planar": self.planar}
+        own["known_bodies"] = None if self.known_bodies.is_zero else bodies
+        own |= {key: value for key, value in given.items() if value is not None}
+        return Request(telemetry, self.reference(), sensors=sensors, **own)
 
 
 def load_spacecraft(name: str) -> SpacecraftFile:
