@@ -44,8 +44,7 @@ def view(
             simulation = make_simulation(loaded)  # finds errors before a page is opened
             options.print_warnings(check_limits(simulation).exceeded)
         if out is None:
-            meshcat = open_meshcat("; Stop is in Open Controls")
-            serve(make_simulation(loaded, meshcat=meshcat), meshcat, rate)
+            serve(simulation, open_meshcat("; Stop is in Open Controls"), rate)
             return
         page, found = simulation_replay(simulation, Path(scenario).stem, status.update)
     write_text(out, page)

@@ -14,7 +14,17 @@ from functools import cache
 from operator import itemgetter
 from pathlib import Path
 from types import UnionType
-from typing import TYPE_CHECKING, Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    TypeVar,
+    Union,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 import numpy as np
 import yaml
@@ -69,6 +79,10 @@ class Numbers:
         if np.isinf(array).any() or (np.isnan(array).any() and not self._unknown):
             raise ValueError("must be finite numbers")
         return array.astype(float)
+
+
+Vector = Annotated[NDArray[np.float64], Numbers(3)]
+"""Three finite numbers."""
 
 
 @dataclass(frozen=True)

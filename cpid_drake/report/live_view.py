@@ -49,17 +49,27 @@ def serve(simulation: Simulation, meshcat: Meshcat, rate: float) -> None:
     Call this in the thread that opened Meshcat.
 
     Args:
-        simulation: a simulation that was made with this Meshcat.
-        meshcat: the scene.
+        simulation: the simulation.
+        meshcat: where to draw.
         rate: ratio of simulated to real time.
 
     Raises:
-        InputError: the simulation fails.
+        InputError: the simulation fails; shapes of the model cannot be read.
 
     """
+    look = simulation.scenario.target.visual_model
+    scene = Scene(simulation.spacecraft, meshcat, truth=simulation.truth, visual_model=look)
     meshcat.AddButton(STOP)
+    drawn = -np.inf
 
     def show(root_context: Context) -> EventStatus:
+        nonlocal drawn
+        now = root_context.get_time()
+        if now - drawn > FRAME_PERIOD - 1e-9:
+            drawn = now
+            context = simulation.identifier.GetMyContextFromRoot(root_context)
+            state = simulation.state(root_context)
+            scene.draw(now, state, simulation.identifier.identification(context))
         if meshcat.GetButtonClicks(STOP):
             return EventStatus.ReachedTermination(simulation.diagram, "stopped")
         return EventStatus.DidNothing()

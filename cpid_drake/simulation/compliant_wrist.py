@@ -1,10 +1,8 @@
 """A grasp that is not rigid: a spring and a damper between the capture frame and the target."""
 
 from dataclasses import dataclass, field
-from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
     BallRpyJoint,
@@ -13,10 +11,8 @@ from pydrake.multibody.tree import (
     RpyFloatingJoint,
 )
 
-from cpid_drake.files.checked_yaml import Numbers
+from cpid_drake.files.checked_yaml import Vector
 from cpid_drake.files.errors import InputError
-
-Vector = Annotated[NDArray[np.float64], Numbers(3)]
 
 
 @dataclass

@@ -20,7 +20,7 @@ from pydrake.systems.analysis import SimulatorConfig
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import inertia_of_second_moment
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.files.checked_yaml import FirstUnlessTagged, Numbers
+from cpid_drake.files.checked_yaml import FirstUnlessTagged, Numbers, Vector
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.prior import PriorConfig
 from cpid_drake.sensors.presets import load_sensors
@@ -50,7 +50,6 @@ more would fill the memory."""
 
 Positive = Annotated[float, Gt(0)]
 NotNegative = Annotated[float, Ge(0)]
-Vector = Annotated[NDArray[np.float64], Numbers(3)]
 Momentum = Annotated[NDArray[np.float64], Numbers(6)]
 Gain = Annotated[float, Interval(gt=0, le=1e4)]  # [rad/s]; stiffer ones are too slow to simulate
 
@@ -74,33 +73,11 @@ class SpacecraftConfig(SpacecraftReference):
 
 
 @dataclass
-class BodyConfig:
-    """Mass, centre of mass and inertia about it of the target, in C [kg, m, kg·m²]."""
-
-    mass: Annotated[float, Le(1e9)]
-    p_CTcm_C: Vector
-    I_TTcm_C: Annotated[NDArray[np.float64], Numbers(3, 3)]
-
-    def __post_init__(self) -> None:
-        radius = np.sqrt(np.abs(self.I_TTcm_C).max() / abs(self.mass)) if self.mass else 0.0
-        length = max(np.abs(self.p_CTcm_C).max(), radius)
-        if length > 100:
-            raise InputError(
-                f"a centre of mass or a radius of gyration of {length:.3g} m; are these "
-                "millimetres? lengths are in metres, masses in kg, inertias in kg·m²"
-            )
-
-    def parameters(self) -> InertialParameters:
-        """Return the body; it need not be physically consistent."""
-        return InertialParameters(self.mass, self.p_CTcm_C, self.I_TTcm_C)
-
-
-@dataclass
 class SolidConfig:
     """A homogeneous solid, with its extent along the axes of C [m]; a cylinder's axis is C's z."""
 
     shape: Literal["box", "cylinder", "ellipsoid"]
-    size: Annotated[NDArray[np.float64], Numbers(3)]
+    size: Vector
 
     def inertia(self, mass: float) -> NDArray[np.float64]:
         """Return the inertia (3, 3) about the centre of mass [kg·m²]."""
@@ -109,32 +86,38 @@ class SolidConfig:
 
 
 @dataclass
-class TargetConfig(BodyConfig):
-    """The true target of the simulated plant, and a model of its appearance.
+class TargetConfig:
+    """The true target of the simulated plant, in C [kg, m, kg·m²], and a model of its appearance.
 
-    The inertia is given, or is that of a `solid`.
+    The inertia about the centre of mass is given, or is that of a `solid`.
     """
 
-    I_TTcm_C: Annotated[NDArray[np.float64], Numbers(3, 3)] | None = None  # type: ignore[assignment]
+    mass: Annotated[float, Le(1e9)]
+    p_CTcm_C: Vector
+    I_TTcm_C: Annotated[NDArray[np.float64], Numbers(3, 3)] | None = None
     visual_model: str | None = None
     solid: SolidConfig | None = None
 
     def __post_init__(self) -> None:
-        if (self.I_TTcm_C is None) == (self.solid is None):
-            raise InputError("I_TTcm_C and solid: give one of the two")
-        self.body()  # refuses millimetres
-
-    def body(self) -> BodyConfig:
-        """Return the target with its inertia, without its appearance."""
-        inertia = self.I_TTcm_C
-        if inertia is None:
-            assert self.solid is not None
-            inertia = self.solid.inertia(self.mass)
-        return BodyConfig(self.mass, self.p_CTcm_C, inertia)
+        inertia = self._inertia()
+        radius = np.sqrt(np.abs(inertia).max() / abs(self.mass)) if self.mass else 0.0
+        length = max(np.abs(self.p_CTcm_C).max(), radius)
+        if length > 100:
+            raise InputError(
+                f"a centre of mass or a radius of gyration of {length:.3g} m; are these "
+                "millimetres? lengths are in metres, masses in kg, inertias in kg·m²"
+            )
 
     def parameters(self) -> InertialParameters:
         """Return the target; it need not be physically consistent."""
-        return self.body().parameters()
+        return InertialParameters(self.mass, self.p_CTcm_C, self._inertia())
+
+    def _inertia(self) -> NDArray[np.float64]:
+        if self.I_TTcm_C is not None and self.solid is None:
+            return self.I_TTcm_C
+        if self.I_TTcm_C is None and self.solid is not None:
+            return self.solid.inertia(self.mass)
+        raise InputError("I_TTcm_C and solid: give one of the two")
 
 
 @dataclass
@@ -339,11 +322,6 @@ class Scenario:
                 "sensors.explicit"
             )
         return name
-
-    @property
-    def online_rows(self) -> str:
-        """Name of the row family of least squares."""
-        return self.identification.rows or "standard"
 
     def target_truth(self) -> InertialParameters:
         """Return the true target; raises InputError if it is not a rigid body."""

@@ -7,8 +7,6 @@ from pydrake.trajectories import Trajectory
 
 from cpid_drake.dynamics.joint_motion import JointMotion
 
-_ORDERS = 3  # positions, rates, accelerations
-
 
 class JointTrajectory(Trajectory):  # type: ignore[misc]  # the base has no usable stub
     """A prescribed joint motion: (J, 1) positions [rad or m], with rates and accelerations.
@@ -33,7 +31,7 @@ class JointTrajectory(Trajectory):  # type: ignore[misc]  # the base has no usab
     def source(self) -> TrajectorySource:
         """Return Drake's source of positions, rates and accelerations (3 J), one after another."""
         return TrajectorySource(
-            self, output_derivative_order=_ORDERS - 1, zero_derivatives_beyond_limits=False
+            self, output_derivative_order=2, zero_derivatives_beyond_limits=False
         )
 
     def do_rows(self) -> int:

@@ -134,7 +134,7 @@ def live():
 
     def show() -> None:
         meshcat = Meshcat()
-        simulation = make_simulation(free_flyer(3.0), meshcat=meshcat)
+        simulation = make_simulation(free_flyer(3.0))
         urls.put(meshcat.web_url())
         serve(simulation, meshcat, 1.0)
         del simulation, meshcat
