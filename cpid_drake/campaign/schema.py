@@ -33,7 +33,6 @@ from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.simulation.files import (
     check_files,
     files_of,
-    load_scenario,
     resolve_files,
     suite_from_folder,
 )
@@ -338,14 +337,10 @@ def load_campaign(path: str | Path) -> CampaignPlan:
     with prefix_errors(str(path)):
         name = campaign.scenario
         beside = file.parent / name
-        source = str(beside) if beside.is_file() else find_scenario(name)
-    scenario = load_scenario(source)
+        source = resolve_model(beside if beside.is_file() else find_scenario(name))
+        scenario = load_yaml(TrialScenario, source, name, "a scenario", MOTION_TAGS)
+        resolve_files(scenario, source.parent)
     tree = parse_yaml(dump_yaml(scenario, MOTION_TAGS).encode(), name, MOTION_TAGS)
-    extra = {each.name for each in fields(TrialScenario)} - {each.name for each in fields(Scenario)}
-    more = parse_yaml(dump_yaml(TrialScenario(scenario.spacecraft, scenario.target)).encode(), name)
-    assert isinstance(tree, dict)
-    assert isinstance(more, dict)
-    tree |= {each: more[each] for each in sorted(extra)}
     named = sorted((p.name, sha256(p.read_bytes()).hexdigest()) for p in files_of(scenario))
     text = {
         "version": VERSION,

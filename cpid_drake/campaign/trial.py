@@ -32,7 +32,6 @@ from cpid_drake.simulation.trials import (
     base_trajectory,
     bound_of,
     draws,
-    ideal_samples,
     make_case,
     seeds_of,
     true_motions,
@@ -327,9 +326,7 @@ def _bound(text: str, values: str) -> NDArray[np.float64]:
     Without an axis that is drawn, it is the same in all trials of a point.
     """
     job = _job(plan_of(text), 0, json.loads(values))
-    spacecraft = job.spacecraft
-    ideal = ideal_samples(job.case, spacecraft.tree, spacecraft.joint_names)
-    return bound_of(job.case, spacecraft, ideal)
+    return bound_of(job.case, job.spacecraft)
 
 
 def _estimate(found: Identification, truth: NDArray[np.float64]) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.parameterizations import SCALE_LENGTH, parameter_scale
-from cpid_drake.simulation.trials import Case, base_trajectories, bound_of, ideal_samples
+from cpid_drake.simulation.trials import Case, base_trajectories, bound_of
 from cpid_drake.spacecraft.free_floating import FreeFloatingDynamics
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
@@ -43,10 +43,8 @@ class Prediction:
     @classmethod
     def of(cls, case: Case, spacecraft: Spacecraft) -> "Prediction":
         """Return what is expected of the motion and the target of a case."""
-        ideal = ideal_samples(case, spacecraft.tree, spacecraft.joint_names)
-        stated = bound_of(replace(case, suite=case.suite.exact()), spacecraft, ideal)
-        is_exact = case.suite.unstated == "exact"
-        plausible = stated if is_exact else bound_of(case, spacecraft, ideal)
+        stated = bound_of(replace(case, suite=case.suite.exact()), spacecraft)
+        plausible = stated if case.suite.unstated == "exact" else bound_of(case, spacecraft)
         scale = parameter_scale(case.truth.to_vector(), SCALE_LENGTH)
         [base] = motions_of([case], spacecraft, case.motion.instants())
         return cls(stated, plausible, scale, *_base_lengths(base))

@@ -121,7 +121,7 @@ class SpacecraftSensors(SpacecraftSystem):
         """Add the sensors to a diagram and connect their input; for the options see the class.
 
         Raises:
-            InputError: `state` is not that of this spacecraft; also the errors of the constructor.
+            InputError: `state` is not that of this spacecraft.
 
         """
         sensors = cls(spacecraft, suite, seed, joint_compliance)

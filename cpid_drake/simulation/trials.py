@@ -197,10 +197,10 @@ def base_trajectories(
     )
 
 
-def bound_of(case: Case, spacecraft: Spacecraft, ideal: Log) -> NDArray[np.float64]:
+def bound_of(case: Case, spacecraft: Spacecraft) -> NDArray[np.float64]:
     """Return the Cramér-Rao bound (10,) on the σ of the parameters, without unlogged burns."""
-    if case.burns and not case.logs_thrust:
-        ideal = ideal_samples(replace(case, burns=()), spacecraft.tree, spacecraft.joint_names)
+    seen = case if case.logs_thrust else replace(case, burns=())
+    ideal = ideal_samples(seen, spacecraft.tree, spacecraft.joint_names)
     psi = relative_parameterization(spacecraft.mass).from_parameters(case.truth.to_vector())
     covariance = cramer_rao_bound(
         spacecraft.tree,

@@ -49,8 +49,7 @@ class Identifier(SpacecraftSystem):
     def identification(self, context: Context) -> Identification:
         """Return the identification of this system's context, with its checks.
 
-        Its intervals are those of the estimator; `consistency.checked` finds the part of them that
-        a rigid body can have.
+        `consistency.checked` finds the part of its intervals that a rigid body can have.
         """
         found: Identification = self._solution.Eval(context)
         return found
@@ -64,11 +63,7 @@ class Identifier(SpacecraftSystem):
         """Use what is still to be used at the end of a run, and return the identification.
 
         `MomentumIdentifier` takes the sample that is due now, `SensorIdentifier` solves the block
-        that is not complete.
-
-        Args:
-            root_context: Context of the diagram after the run.
-
+        that is not complete. The Context is that of the diagram after the run.
         """
         context = self.GetMyMutableContextFromRoot(root_context)
         self.ExecuteForcedEvents(context)
@@ -152,9 +147,6 @@ class MomentumIdentifier(Identifier):
       same target as all of them, if the residuals are more than rounding. What failed is in
       `identification(context)`.
 
-    `identification(context)` returns all these quantities; the method `explain()` of its result
-    describes in words which parameters are not identifiable.
-
     Args:
         spacecraft: the spacecraft model.
         rows: "standard", "eq18" (the paper's) or "relative"; see
@@ -226,7 +218,7 @@ class MomentumIdentifier(Identifier):
         """Add an identifier to a diagram and connect its input; for the options see the class.
 
         Raises:
-            InputError: `state` is not that of this spacecraft; also the errors of the constructor.
+            InputError: `state` is not that of this spacecraft.
 
         """
         identifier = cls(spacecraft, rows=rows, momentum=momentum, period=period, offset=offset)

@@ -178,8 +178,7 @@ class JointController(SpacecraftSystem):
         The estimate is read if its three ports are given, and forces from outside if theirs is.
 
         Raises:
-            InputError: some but not all ports of an estimate are given, or a port has another size;
-                also the errors of the constructor.
+            InputError: some but not all ports of an estimate are given, or a port has another size.
 
         """
         estimate = (covariance, spatial_inertia, checks_passed)
