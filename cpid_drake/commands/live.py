@@ -17,6 +17,7 @@ from cpid_drake.live.ros2 import run
 from cpid_drake.live.ros_samples import RosSamples, sources_of
 from cpid_drake.logs.log import THRUST
 from cpid_drake.report.live_view import show_replay
+from cpid_drake.report.replay import motion_of
 
 live = group("live")
 
@@ -55,8 +56,14 @@ def replay(
     # As in `identify`, a sensor without stated errors is not used.
     used = {*suite.present(), THRUST}
     stream = [each for each in seen.log.messages() if each[0] in used]
-    drawn_on = inputs.spacecraft if show else None
-    found = show_replay(identifier, stream, rate, options.log_console(quiet), drawn_on)
+    drawn = None
+    if show:
+        try:
+            motion = motion_of(seen.log, inputs.spacecraft, suite, np.inf)
+            drawn = inputs.spacecraft, motion
+        except InputError as error:
+            options.print_warnings([f"nothing is drawn: {error}"])
+    found = show_replay(identifier, stream, rate, options.log_console(quiet), drawn)
     return options.finish(found, quiet)
 
 

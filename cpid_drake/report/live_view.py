@@ -9,11 +9,12 @@ from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.systems.framework import Context, EventStatus
 from rich.console import Console
 
+from cpid_drake.dynamics.motion import Motion
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.description import describe
 from cpid_drake.identification.result import Identification
 from cpid_drake.live.identifier import OnlineIdentifier
-from cpid_drake.report.scene import LatestState, Scene
+from cpid_drake.report.scene import Scene
 from cpid_drake.report.terminal import shown_live
 from cpid_drake.simulation.simulation import Simulation
 from cpid_drake.spacecraft.spacecraft import Spacecraft
@@ -89,7 +90,7 @@ def show_replay(
     samples: Sequence[tuple[str, float, np.ndarray]],
     rate: float,
     console: Console,
-    spacecraft: Spacecraft | None = None,
+    drawn: tuple[Spacecraft, Motion] | None = None,
 ) -> Identification:
     """Feed samples to an identifier in real time, show its estimates, and return the last one.
 
@@ -98,20 +99,19 @@ def show_replay(
         samples: (sensor, time [s], value) in the order of their times, as of `Log.messages`.
         rate: ratio of replayed to real time.
         console: where the estimates are printed.
-        spacecraft: drawn in Meshcat with the estimates; None draws nothing.
+        drawn: what Meshcat shows with the estimates; None for nothing.
 
     Raises:
         InputError: no port is free; shapes of the model cannot be read.
 
     """
     first, last = samples[0][1], samples[-1][1]
-    scene, latest = None, None
-    if spacecraft is not None:
-        names = {name for name, *_ in samples}
-        has_rates = {"gyro", "velocity", "joint_rates"} <= names
-        latest = LatestState(spacecraft)
-        scene = Scene(spacecraft, open_meshcat(), has_rates=has_rates)
-    begin, shown, drawn = time.monotonic(), -np.inf, -np.inf
+    scene, frames, states = None, np.zeros(1), np.zeros((1, 0))
+    if drawn is not None:
+        spacecraft, motion = drawn
+        frames, states = motion.time, spacecraft.to_states(motion)
+        scene = Scene(spacecraft, open_meshcat())
+    begin, shown, shown_frame = time.monotonic(), -np.inf, -np.inf
     found = identifier.estimate()
     with shown_live(console) as screen:
         for count, (name, stamp, value) in enumerate(samples, start=1):
@@ -124,15 +124,14 @@ def show_replay(
                 found, shown = identifier.estimate(), now
                 state = _state(found, stamp, count, max(lag, 0.0))
                 screen.update("\n".join([state, *describe(found)]))
-            if scene and latest:
-                latest.add(name, value)
-                if now - drawn > FRAME_PERIOD and latest.state is not None:
-                    drawn = now
-                    scene.draw(stamp - first, latest.state, found)
+            if scene and now - shown_frame > FRAME_PERIOD:
+                shown_frame = now
+                k = max(int(np.searchsorted(frames, stamp, side="right")) - 1, 0)
+                scene.draw(stamp - first, states[k], found)
         found = identifier.finish()
         screen.update(_state(found, last, len(samples), 0.0))
-    if scene and latest and latest.state is not None:
-        scene.draw(last - first, latest.state, found)
+    if scene:
+        scene.draw(last - first, states[-1], found)
     return found
 
 

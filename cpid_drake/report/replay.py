@@ -116,19 +116,25 @@ def estimate_text(found: Identification, truth: InertialParameters | None = None
     return "\n".join(lines)
 
 
-def motion_of(log: Log, spacecraft: Spacecraft, sensors: SensorSuite | None) -> Motion:
+def motion_of(
+    log: Log,
+    spacecraft: Spacecraft,
+    sensors: SensorSuite | None,
+    longest: float = LONGEST_REPLAY,
+) -> Motion:
     """Return the motion at the beginning of a log: its complete samples, else smoothed ones.
 
     Args:
         log: the samples.
         spacecraft: with the joints of the log.
         sensors: their errors; None estimates them.
+        longest: length of the beginning [s].
 
     Raises:
         InputError: the log has too few samples, or a sensor that smoothing needs is missing.
 
     """
-    beginning = log.between(0.0, LONGEST_REPLAY)
+    beginning = log.between(0.0, longest)
     screened = screen(in_joint_order(beginning, spacecraft).log).log
     with_position = bool(len(screened.position))
     if len(screened.attitude):
