@@ -6,8 +6,9 @@ import numpy as np
 
 from cpid_drake import load_scenario, load_sensors, shipped_scenario
 from cpid_drake.dynamics.parameterizations import relative_parameterization
+from cpid_drake.estimation.unknowns import Model
 from cpid_drake.planning.base_motion import PlannedBaseMotion, known_instants
-from cpid_drake.planning.information import InformationModel
+from cpid_drake.planning.information import covariance
 from cpid_drake.planning.plan_options import PlanOptions
 from cpid_drake.planning.planner import Planner
 
@@ -42,7 +43,7 @@ class Planned:
 
     def sigma(self, suite=None, base=None) -> np.ndarray:
         """Return σ (10,) of π in closed form."""
-        model = InformationModel(self.spacecraft.tree, suite or self.suite)
+        model = Model(self.spacecraft.tree, suite or self.suite)
         jacobian = self.form.jacobian(self.psi)
-        [covariance] = model.covariance(base or self.base())
-        return np.sqrt(np.diag(jacobian @ covariance @ jacobian.T))
+        [found] = covariance(model, base or self.base())
+        return np.sqrt(np.diag(jacobian @ found @ jacobian.T))

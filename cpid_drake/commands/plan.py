@@ -142,7 +142,10 @@ def rank(
     path, log = find_scenario(scenario), options.log_console(quiet)
     with prefix_errors(scenario), log.status("ranking") as status:
         planner = chosen.planner(path)
-        given = {file.name: planner.load_motion(file) for file in motions or []}
+        craft, still = planner.spacecraft, planner.scenario.spacecraft.configuration
+        given = {
+            file.name: simulation.MotionFile(str(file)).make(craft, still) for file in motions or []
+        }
         compared = {**dict(planning.reference_motions(planner)), **given}
         found = planning.predictions(planner, compared, trials, status.update)
     for note in planner.notes:

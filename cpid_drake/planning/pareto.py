@@ -13,6 +13,7 @@ from cpid_drake.estimation.one_thread import one_thread
 from cpid_drake.files.drafts import draft_folder, write_text
 from cpid_drake.planning.base_motion import BASE_LIMITS
 from cpid_drake.planning.planner import Plan, Planner
+from cpid_drake.simulation.joint_motions import dump_motion
 
 POINTS = 10
 """Number of limits of the base's rotation, in equal ratios: enough to draw the front."""
@@ -72,13 +73,13 @@ def write_plan(
         best = planner.run(progress)
     except KeyboardInterrupt:
         if planner.best is not None:
-            write_text(path, planner.describe(planner.best, scenario))
+            write_text(path, _text(planner, planner.best, scenario))
         raise
     plans = []
     if folder is not None:
         best, *_ = plans = front(planner, best, progress)
         _write_front(folder, planner, plans, scenario)
-    write_text(path, planner.describe(best, scenario))
+    write_text(path, _text(planner, best, scenario))
     return best, len(plans)
 
 
@@ -87,6 +88,15 @@ def _write_front(folder: Path, planner: Planner, plans: Sequence[Plan], scenario
     with draft_folder(folder) as draft:
         for k, plan in enumerate(plans):
             name = f"motion_{k:02d}.yaml"
-            write_text(draft / name, planner.describe(plan, scenario))
+            write_text(draft / name, _text(planner, plan, scenario))
             rows.append(f"{np.degrees(plan.base_rotation):.6g},{100 * plan.score:.6g},{name}")
         write_text(draft / "front.csv", "\n".join(rows) + "\n")
+
+
+def _text(planner: Planner, plan: Plan, scenario: str) -> str:
+    return (
+        f"# `cpid plan motion {scenario}` for {len(planner.targets)} plausible targets.\n"
+        f"# The largest σ, weighted over these targets, is {plan.score:.4g} in units of "
+        "the scale. Units of this file: rad, m, s, Hz.\n\n"
+        f"{dump_motion(planner.family.declare(plan.parameters))}"
+    )

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -12,20 +12,19 @@ from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import JointMotion, Spline
 from cpid_drake.estimation.one_thread import one_thread
+from cpid_drake.estimation.unknowns import Model
 from cpid_drake.files.errors import InputError, choose_from
 from cpid_drake.identification.prior import TargetPrior, load_prior
 from cpid_drake.planning.base_motion import BASE_LIMITS
-from cpid_drake.planning.information import InformationModel
 from cpid_drake.planning.motion_family import QUANTITIES, MotionFamily
 from cpid_drake.planning.objective import Objective
 from cpid_drake.planning.plan_options import PlanOptions
 from cpid_drake.planning.prediction import Prediction, loads_of
-from cpid_drake.planning.search import Distances, candidates, improved
+from cpid_drake.planning.search import Excess, candidates, distance_excess, improved
 from cpid_drake.planning.targets import plausible_targets, prior_information
 from cpid_drake.sensors.presets import load_sensors
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.simulation.files import load_scenario
-from cpid_drake.simulation.joint_motions import MotionFile, dump_motion
 from cpid_drake.simulation.schema import Scenario
 from cpid_drake.simulation.trials import Case, make_case
 from cpid_drake.spacecraft.clearance import Clearance
@@ -128,15 +127,6 @@ class Planner:
             names, start, end, np.array(moving), duration, bounds, options.frequency
         )
 
-    def load_motion(self, file: str | Path) -> JointMotion:
-        """Return the motion in a YAML file, such as another plan's.
-
-        Raises:
-            InputError: no such file, or no motion of this spacecraft.
-
-        """
-        return MotionFile(str(file)).make(self.spacecraft, self.scenario.spacecraft.configuration)
-
     def case(self, motion: JointMotion, parameters: NDArray[np.float64]) -> Case:
         """Return a motion with a target of parameters π (10,), as the inputs of a trial."""
         target = InertialParameters.from_vector(parameters)
@@ -150,15 +140,6 @@ class Planner:
     def predict(self, motion: JointMotion, parameters: NDArray[np.float64]) -> Prediction:
         """Return what is expected of a motion with a target of parameters π (10,)."""
         return Prediction.of(self.case(motion, parameters), self.spacecraft)
-
-    def describe(self, plan: "Plan", scenario: str) -> str:
-        """Return a plan for this scenario's name as the YAML text of a motion."""
-        return (
-            f"# `cpid plan motion {scenario}` for {len(self.targets)} plausible targets.\n"
-            f"# The largest σ, weighted over these targets, is {plan.score:.4g} in units of "
-            "the scale. Units of this file: rad, m, s, Hz.\n\n"
-            f"{dump_motion(self.family.declare(plan.parameters))}"
-        )
 
     def plausible(self, count: int, seed: int, *, heaviest: bool = False) -> NDArray[np.float64]:
         """Return π (T, 10) of plausible targets of this spacecraft; see `plausible_targets`."""
@@ -179,17 +160,22 @@ class Planner:
         return np.concatenate([self.targets, heavy])
 
     @cached_property
-    def distances(self) -> Distances | None:
-        """The distances, unless the model has no geometry for them."""
+    def clearance(self) -> Clearance | None:
+        """The distances between bodies, unless the model has no geometry for them."""
         first = InertialParameters.from_vector(self.targets[0])
-        look = self.scenario.target.visual_model
         try:
-            clearance = Clearance(self.spacecraft, first, look)
-            clearance.penalties(self.family.start[None], self.options.clearance)
+            found = Clearance(self.spacecraft, first, self.scenario.target.visual_model)
+            found.penalties(self.family.start[None], self.options.clearance)
         except InputError as error:
             self.notes.append(f"distances are not checked: {error}")
             return None
-        return Distances(clearance, self.family, self.options.clearance)
+        return found
+
+    def _distances(self) -> Excess | None:
+        if self.clearance is None:
+            return None
+        clearance, family, least = self.clearance, self.family, self.options.clearance
+        return partial(distance_excess, clearance=clearance, family=family, least=least)
 
     @cached_property
     def objective(self) -> Objective:
@@ -199,8 +185,7 @@ class Planner:
         rotation, rate = np.radians([options.base_attitude, options.base_rate]).tolist()
         limits = (rotation, rate, options.base_displacement)
         return Objective(
-            craft.tree.lumped,
-            InformationModel(craft.tree, self.suite),
+            Model(craft.tree, self.suite),
             self._own_case.total_momentum(craft.tree),
             family,
             np.linspace(0.0, family.duration, nodes + 1),
@@ -225,8 +210,8 @@ class Planner:
 
         """
         order = self.ranked(self.options.candidates, progress)
-        near, kept = self.distances, order[:200]
-        start = next((x for x in kept if near is None or near.excess(x)[0].max() <= 0), order[0])
+        near, kept = self._distances(), order[:200]
+        start = next((x for x in kept if near is None or near(x)[0].max() <= 0), order[0])
         seen = [start]
 
         def see(parameters: NDArray[np.float64], score: float) -> None:
@@ -293,7 +278,7 @@ class Planner:
             demanding |= set(chosen.tolist())
             imposed = replace(objective, demanding=self.checked_targets[sorted(demanding)])
             count = max(iterations // EXCHANGES, 1)
-            start = improved(imposed, self.distances, start, count, seen)
+            start = improved(imposed, self._distances(), start, count, seen)
         return start
 
     def consider(self, parameters: NDArray[np.float64]) -> Plan | None:
@@ -340,9 +325,8 @@ class Planner:
         found |= {f"torque of {name}": x for name, x in zip(names, torque.tolist(), strict=True)}
         for name, length in zip(BASE_LIMITS, lengths.tolist(), strict=True):
             found[name] = length / self.objective.limits.get(name, np.inf)
-        if self.distances is not None:
-            positions = motion.evaluate(motion.instants())[:, 0]
-            near = self.distances.clearance.approaches(positions)
+        if self.clearance is not None:
+            near = self.clearance.approaches(motion.evaluate(motion.instants())[:, 0])
             least = near[0].distance if near else np.inf
             found["distance"] = self.options.clearance / least if least > 0 else np.inf
         return found, float(lengths[0])

@@ -11,7 +11,7 @@ from cpid_drake import InertialParameters
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.planning.base_motion import BASE_LIMITS, PlannedBaseMotion, known_instants
-from cpid_drake.planning.information import InformationModel
+from cpid_drake.planning.information import covariance
 from cpid_drake.planning.prediction import Prediction, loads_of, motions_of
 
 
@@ -107,7 +107,7 @@ def test_joints_at_rest_leave_what_is_known_before(exciting):
     at_rest = PlannedBaseMotion.of(
         times, known_instants(tree, samples), TotalMomentum.zero(), exciting.psi
     )
-    [found] = InformationModel(tree, exciting.suite).covariance(at_rest)
+    [found] = covariance(Model(tree, exciting.suite), at_rest)
     prior = Model(tree, exciting.suite).cone.prior(PSI, exciting.psi)
     unit = np.sqrt(np.diag(prior.covariance()))
     np.testing.assert_allclose(
