@@ -48,6 +48,7 @@ class Choices(planning.PlanOptions):
         return planning.load_planner(scenario, self.sensors, self, self.prior)
 
 
+# The planner knows no command line: the groups and placeholders of its options are added here.
 for _title, _names in _GROUPS.items():
     _group = Group.create_ordered(_title)
     for _name in _names:

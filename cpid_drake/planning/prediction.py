@@ -9,7 +9,7 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.parameterizations import SCALE_LENGTH, parameter_scale
-from cpid_drake.simulation.trials import Case, base_trajectories, bound_of
+from cpid_drake.simulation.trials import Case, bound_of, motions_of
 from cpid_drake.spacecraft.free_floating import FreeFloatingDynamics
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
@@ -46,7 +46,8 @@ class Prediction:
         stated = bound_of(replace(case, suite=case.suite.exact()), spacecraft)
         plausible = stated if case.suite.unstated == "exact" else bound_of(case, spacecraft)
         scale = parameter_scale(case.truth.to_vector(), SCALE_LENGTH)
-        [base] = motions_of([case], spacecraft, case.motion.instants())
+        tree, names = spacecraft.tree, spacecraft.joint_names
+        [base] = motions_of([case], tree, names, case.motion.instants())
         return cls(stated, plausible, scale, *_base_lengths(base))
 
     @property
@@ -61,18 +62,12 @@ class Prediction:
         return float(np.sqrt(np.mean(succeeded**2, axis=0)).max()) if len(succeeded) else np.nan
 
 
-def motions_of(
-    cases: Sequence[Case], spacecraft: Spacecraft, times: NDArray[np.float64]
-) -> list[Motion]:
-    """Return the motion at times (N,) [s] of cases that differ as `base_trajectories` allows."""
-    base = base_trajectories(cases, spacecraft.tree, times, [each.disturbance() for each in cases])
-    return base.to_motions(spacecraft.joint_names, times, cases[0].motion)
-
-
 def loads_of(
     cases: Sequence[Case], spacecraft: Spacecraft
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return what the motion of T such cases needs, the efforts in Drake's plant.
+    """Return what the motion of T cases needs that differ as `base_trajectories` allows.
+
+    The efforts are those of Drake's plant.
 
     Returns:
         The largest efforts (T, J) of the joints [N·m or N], and the largest rotation [rad],
@@ -85,7 +80,8 @@ def loads_of(
     body = spacecraft.add_to(plant, cases[0].truth)
     dynamics = FreeFloatingDynamics(spacecraft, plant)
     context, efforts, lengths = plant.CreateDefaultContext(), [], []
-    for case, base in zip(cases, motions_of(cases, spacecraft, times), strict=True):
+    bases = motions_of(cases, spacecraft.tree, spacecraft.joint_names, times)
+    for case, base in zip(cases, bases, strict=True):
         body.SetSpatialInertiaInBodyFrame(context, case.truth.to_spatial_inertia())
         found = dynamics.joint_efforts(context, spacecraft.to_states(base), accelerations)
         efforts.append(np.abs(found).max(axis=0))

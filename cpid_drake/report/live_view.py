@@ -25,8 +25,7 @@ PAGE = " (legend and numbers are in Open Controls)"
 
 STOP = "Stop"
 
-_REFRESH = 0.25  # [s] between two updates of the numbers
-_POLL_PERIOD = 0.05  # [s] between two looks at the page
+_PERIOD = 0.2  # [s] between two looks at the page, and between two updates of the numbers
 
 
 def open_meshcat(remark: str = PAGE) -> Meshcat:
@@ -76,13 +75,13 @@ def serve(simulation: Simulation, meshcat: Meshcat, rate: float) -> None:
         return EventStatus.DidNothing()
 
     while not meshcat.GetNumActiveConnections():
-        time.sleep(_POLL_PERIOD)
+        time.sleep(_PERIOD)
     meshcat.StartRecording(1 / FRAME_PERIOD)
     simulation.run(show, realtime_rate=rate)
     meshcat.StopRecording()
     meshcat.PublishRecording()
     while not meshcat.GetButtonClicks(STOP):
-        time.sleep(_POLL_PERIOD)
+        time.sleep(_PERIOD)
 
 
 def show_replay(
@@ -120,7 +119,7 @@ def show_replay(
                 time.sleep(-lag)
             identifier.add(name, stamp, value)
             now = time.monotonic()
-            if now - shown > _REFRESH:
+            if now - shown > _PERIOD:
                 found, shown = identifier.estimate(), now
                 state = _state(found, stamp, count, max(lag, 0.0))
                 screen.update("\n".join([state, *describe(found)]))

@@ -14,8 +14,9 @@ from cpid_drake.files.digits import significant
 from cpid_drake.files.drafts import draft_of
 from cpid_drake.files.pictures import Picture, curves, label_axes, legend_below, save_pictures
 from cpid_drake.planning.planner import Planner
-from cpid_drake.planning.prediction import Prediction, motions_of
+from cpid_drake.planning.prediction import Prediction
 from cpid_drake.report.page import Table
+from cpid_drake.simulation.trials import motions_of
 
 LEGEND = (
     "σ: Cramér-Rao bound with all errors that the sensors' file and the spacecraft's uncertainty "
@@ -77,7 +78,7 @@ def save_plan(
     joints, rotations = plan.evaluate(times), []
     for motion in motions.values():
         case = planner.case(motion, planner.targets[0])
-        [moved] = motions_of([case], planner.spacecraft, times)
+        [moved] = motions_of([case], planner.spacecraft.tree, planner.spacecraft.joint_names, times)
         cosine = np.clip(np.abs(moved.quaternion_WB @ moved.quaternion_WB[0]), 0, 1)
         rotations.append(np.degrees(2 * np.arccos(cosine)))
     rotation, names = np.transpose(rotations), planner.spacecraft.joint_names

@@ -22,11 +22,7 @@ from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.fitted import cramer_rao_bound
 from cpid_drake.identification.identify import identify
-from cpid_drake.logs.log import (
-    THRUST,
-    Log,
-    ideal_log,
-)
+from cpid_drake.logs.log import THRUST, Log, ideal_log
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.simulation.burns import Burn, log_of_burns
 from cpid_drake.simulation.disturbance import SimulatedDisturbance
@@ -136,8 +132,7 @@ def ideal_logs(
 
         def motion(times: NDArray[np.float64], number: int = number) -> Motion:
             if not found:  # the times are those of all cases
-                base = base_trajectories(cases, tree, times, disturbances)
-                found.extend(base.to_motions(joint_names, times, cases[0].motion))
+                found.extend(motions_of(cases, tree, joint_names, times, disturbances))
             return found[number]
 
         ideal = ideal_log(case.suite, joint_names, motion, case.duration)
@@ -197,6 +192,19 @@ def base_trajectories(
     )
 
 
+def motions_of(
+    cases: Sequence[Case],
+    tree: KinematicTree,
+    joint_names: tuple[str, ...],
+    times: NDArray[np.float64],
+    disturbances: Sequence[SimulatedDisturbance] | None = None,
+) -> list[Motion]:
+    """Return the motion of such cases; default: with their constant disturbances alone."""
+    constant = [each.disturbance() for each in cases]
+    base = base_trajectories(cases, tree, times, disturbances or constant)
+    return base.to_motions(joint_names, times, cases[0].motion)
+
+
 def bound_of(case: Case, spacecraft: Spacecraft) -> NDArray[np.float64]:
     """Return the Cramér-Rao bound (10,) on the σ of the parameters, without unlogged burns."""
     seen = case if case.logs_thrust else replace(case, burns=())
@@ -251,8 +259,7 @@ def true_motions(
     """Return the exact motion of trials at times (N,) [s]; the other arguments are `draws`'s."""
     found = list[Motion]()
     for together, own, disturbances in _together(cases, tree, numbers):
-        base = base_trajectories(together, own, times, disturbances)
-        found += base.to_motions(joint_names, times, together[0].motion)
+        found += motions_of(together, own, joint_names, times, disturbances)
     return found
 
 

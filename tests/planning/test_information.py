@@ -12,7 +12,8 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.planning.base_motion import BASE_LIMITS, PlannedBaseMotion, known_instants
 from cpid_drake.planning.information import covariance
-from cpid_drake.planning.prediction import Prediction, loads_of, motions_of
+from cpid_drake.planning.prediction import Prediction, loads_of
+from cpid_drake.simulation.trials import motions_of
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +68,7 @@ def test_the_base_moves_as_in_the_propagated_motion(name):
     case = Planned(name, "flight")
     base = case.base()
     planned = case.planner.case(case.motion, case.parameters)
-    [moved] = motions_of([planned], case.spacecraft, base.times)
+    [moved] = motions_of([planned], case.spacecraft.tree, case.spacecraft.joint_names, base.times)
     np.testing.assert_allclose(base.R, moved.R_WB, atol=3e-3)
     w_B = np.einsum("nji,nj->ni", moved.R_WB, moved.w_WB)
     np.testing.assert_allclose(base.w, w_B, atol=3e-3 * np.abs(w_B).max())
