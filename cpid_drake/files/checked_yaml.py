@@ -302,10 +302,7 @@ def _plain(value: object) -> object:
 
 
 def dump_yaml(value: Any, tags: tuple[str, ...] = ()) -> str:
-    """Return a dataclass as YAML text that `load_yaml` reads with the same tags.
-
-    Structures of Drake's with `__fields__`, such as `SimulatorConfig`, are written as mappings.
-    """
+    """Return a dataclass as YAML text that `load_yaml` reads with the same tags."""
 
     class Dumper(yaml.SafeDumper):
         def ignore_aliases(self, data: object) -> bool:
@@ -317,7 +314,7 @@ def dump_yaml(value: Any, tags: tuple[str, ...] = ()) -> str:
                 return self.represent_sequence(sequence, data.tolist(), flow_style=True)
             if isinstance(data, np.generic):
                 return self.represent_data(data.item())
-            names = [each.name for each in getattr(data, "__fields__", None) or fields(data)]
+            names = [each.name for each in fields(data)]
             tag = tag_of(type(data))
             tag = tag if tag in tags else "tag:yaml.org,2002:map"
             return self.represent_mapping(tag, {name: getattr(data, name) for name in names})

@@ -4,18 +4,12 @@ A dataclass states the limits of single values where it declares them, and those
 in `__post_init__`. `simulation` turns a scenario into a Drake Diagram.
 """
 
-import json
-from copy import deepcopy
 from dataclasses import dataclass, field
-from functools import lru_cache
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Interval, Le
 from numpy.typing import NDArray
-from pydantic import PlainValidator
-from pydrake.common.yaml import yaml_load_typed
-from pydrake.systems.analysis import SimulatorConfig
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import inertia_of_second_moment
@@ -37,12 +31,6 @@ from cpid_drake.simulation.joint_motions import (
 from cpid_drake.simulation.sprung_mass import SprungMass
 from cpid_drake.spacecraft.reference import SpacecraftReference
 from cpid_drake.spacecraft.spacecraft import Spacecraft
-
-ONLINE_ESTIMATORS = ("least_squares", "recursive_fit")
-"""Estimators that can run in a Diagram."""
-
-INTEGRATION_SCHEMES = ("runge_kutta3", "runge_kutta5", "bogacki_shampine3", "radau3")
-"""Drake's error-controlled schemes that conserve momentum well enough for identification."""
 
 MOST_STEPS = 1_000_000
 """Largest number of logged samples, of identified samples and of longest steps of a simulation;
@@ -169,14 +157,14 @@ class SensorsConfig:
 class IdentificationConfig:
     """The identifier: estimator, rows, whether the momentum is unknown, period, first sample [s].
 
-    `estimator` is one of `ONLINE_ESTIMATORS`; null for the recursive fit if the scenario has
+    `estimator` is one that can run in a Diagram; null for the recursive fit if the scenario has
     sensors and names no rows, else least squares. Rows, period and offset apply to least squares,
     which uses the exact state; null for standard rows. The recursive fit processes all samples of
     the sensors. `prior` is what is known of the target before, for the recursive fit; null for
     nothing.
     """
 
-    estimator: str | None = None
+    estimator: Literal["least_squares", "recursive_fit"] | None = None
     rows: str | None = None
     momentum: Literal["zero", "unknown"] = "zero"
     period: Positive = 1.0
@@ -184,32 +172,16 @@ class IdentificationConfig:
     prior: PriorConfig | None = None
 
 
-def default_simulator() -> SimulatorConfig:
-    """Return Drake's settings of a simulation that conserves momentum to about 1e-8 N·s."""
-    return SimulatorConfig(
-        integration_scheme="runge_kutta3", max_step_size=0.05, accuracy=1e-9, use_error_control=True
+@dataclass
+class SimulatorSettings:
+    """Drake's `SimulatorConfig`; the default conserves momentum to about 1e-8 N·s."""
+
+    integration_scheme: Literal["runge_kutta3", "runge_kutta5", "bogacki_shampine3", "radau3"] = (
+        "runge_kutta3"
     )
-
-
-def _read_simulator(value: object) -> SimulatorConfig:
-    """Return Drake's settings from a mapping."""
-    return deepcopy(_simulator(json.dumps(value)))
-
-
-@lru_cache(maxsize=8)  # of all trials of a campaign, as a rule
-def _simulator(text: str) -> SimulatorConfig:
-    """Return Drake's settings from JSON, whose keys and types Drake checks."""
-    try:
-        config: SimulatorConfig = yaml_load_typed(
-            schema=SimulatorConfig, data=text, defaults=default_simulator()
-        )
-    except (RuntimeError, ValueError, TypeError, AttributeError) as error:
-        raise InputError(f"not Drake's SimulatorConfig: {error}") from error
-    if config.integration_scheme not in INTEGRATION_SCHEMES:
-        raise InputError(f"integration_scheme must be one of {', '.join(INTEGRATION_SCHEMES)}")
-    if not (config.max_step_size > 0 and config.accuracy >= 1e-13 and config.start_time == 0):
-        raise InputError("max_step_size must be > 0, accuracy >= 1e-13, start_time 0")
-    return config
+    max_step_size: Positive = 0.05
+    accuracy: Annotated[float, Ge(1e-13)] = 1e-9
+    use_error_control: bool = True
 
 
 @dataclass
@@ -245,19 +217,7 @@ class SimulationConfig:
     burns: list[Burn] = field(default_factory=list)
     burns_logged: bool = True
     log_period: Positive = 0.0625
-    simulator: Annotated[SimulatorConfig, PlainValidator(_read_simulator)] = field(
-        default_factory=default_simulator
-    )
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Return the members, with Drake's settings as a mapping, which can be pickled."""
-        names = [each.name for each in SimulatorConfig.__fields__]
-        simulator = {name: getattr(self.simulator, name) for name in names}
-        return {**vars(self), "simulator": simulator}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Take the members of `__getstate__`."""
-        vars(self).update(state | {"simulator": SimulatorConfig(**state["simulator"])})
+    simulator: SimulatorSettings = field(default_factory=SimulatorSettings)
 
 
 @dataclass
@@ -312,10 +272,6 @@ class Scenario:
         config = self.identification
         by_sensors = self.sensors.present and config.rows is None
         name = config.estimator or ("recursive_fit" if by_sensors else "least_squares")
-        if name not in ONLINE_ESTIMATORS:
-            raise InputError(
-                f"identification.estimator must be one of {', '.join(ONLINE_ESTIMATORS)}"
-            )
         if name == "recursive_fit" and not self.sensors.present:
             raise InputError(
                 "identification.estimator: recursive_fit needs sensors; give sensors.suite or "

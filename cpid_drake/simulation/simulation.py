@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
-from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, OutputPort
 from pydrake.systems.primitives import LogVectorOutput, MatrixGain, VectorLogSink
 
@@ -91,7 +91,8 @@ class Simulation:
     def make_simulator(self) -> Simulator:
         """Return an initialized Simulator at t = 0, with the scenario's motion and momentum."""
         simulator = Simulator(self.diagram)
-        ApplySimulatorConfig(self.scenario.simulation.simulator, simulator)
+        settings = vars(self.scenario.simulation.simulator)
+        ApplySimulatorConfig(SimulatorConfig(**settings), simulator)
         context = self.plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
         momentum_W = self.scenario.simulation.momentum_W
         state = self.plant.GetPositionsAndVelocities(context).copy()  # with relaxed springs
