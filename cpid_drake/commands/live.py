@@ -27,7 +27,9 @@ def replay(
     log: options.LogFile,
     /,
     *,
-    chosen: options.LogOptions = options.LogOptions(),
+    chosen: options.KnownOptions = options.KnownOptions(),
+    part: options.PartOptions = options.PartOptions(),
+    sensors: options.LiveSensors | None = None,
     rate: Annotated[options.Number, Parameter(validator=Within(gte=0.1, lte=1e4))] = 1.0,
     show: Annotated[bool, Parameter(negative="--no-show")] = True,
     quiet: options.Quiet = False,
@@ -41,11 +43,7 @@ def replay(
         show: Draw the spacecraft and the estimate in Meshcat.
 
     """
-    request = chosen.request(log)
-    if request.estimator not in (None, "recursive_fit") or request.rows is not None:
-        raise InputError(
-            "cpid live identifies with recursive_fit: leave out --estimator and --rows"
-        )
+    request = chosen.request_of(log, sensors, **part.reading())
     inputs, suite = _opened(request)
     _, file = open_log(request, inputs.spacecraft.joint_names)
     seen = in_joint_order(file.log, inputs.spacecraft)
@@ -73,7 +71,7 @@ def ros2(
     /,
     *,
     chosen: options.KnownOptions = options.KnownOptions(),
-    sensors: options.Sensors | None = None,
+    sensors: options.LiveSensors | None = None,
     topic: options.Topics | None = None,
     thrust_map: options.File | None = None,
     quiet: options.Quiet = False,
@@ -85,7 +83,6 @@ def ros2(
 
     Args:
         ros: After --: arguments of ROS, from --ros-args on.
-        sensors: Sensor noise: a preset or a YAML file. Default: that of the spacecraft's file.
         thrust_map: Text file of 6 rows, torque and force about the base's origin, with one number
             for each entry of a Float64MultiArray of thrust. Default: its entries are these six.
 

@@ -16,7 +16,6 @@ from cyclopts.validators import Number as Within
 from rich.console import Console
 
 import cpid_drake as cpid
-from cpid_drake.files.drafts import refuse_unfinished
 from cpid_drake.files.errors import InputError
 from cpid_drake.files.resources import find_scenario
 from cpid_drake.identification.description import describe
@@ -35,6 +34,12 @@ File = Annotated[Path, Parameter(metavar="FILE")]
 Folder = Annotated[Path, Parameter(metavar="FOLDER")]
 Name = Annotated[str, Parameter(metavar="NAME")]
 Sensors = Annotated[FileName, Parameter(metavar="PRESET|YAML")]
+LiveSensors = Annotated[
+    Sensors,
+    Parameter(
+        help="Sensor noise: a preset or a YAML file. Default: that of the spacecraft's file."
+    ),
+]
 Seconds = Annotated[float, Parameter(metavar="SECONDS")]
 Number = Annotated[float, Parameter(metavar="NUMBER")]
 Count = Annotated[int, Parameter(metavar="COUNT")]
@@ -191,10 +196,9 @@ class LogOptions(PartOptions, KnownOptions):
         """Return the request to identify a log, of `logs` if several are identified together.
 
         Raises:
-            InputError: as for `request_of`; the log is unfinished.
+            InputError: as for `request_of`.
 
         """
-        refuse_unfinished(Path(log).parent)
         logs = logs or [log]
         sensors = sensors_by_log(self.sensors or [], logs)[logs.index(log)]
         method = {"estimator": self.estimator, "rows": self.rows}

@@ -47,8 +47,8 @@ OWN = (
     ("given", "says"),
     [
         (OWN, "give --sensors"),
-        ((*CRAFT, *SENSORS, "--rows", "eq18"), "leave out --estimator and --rows"),
-        ((*CRAFT, *SENSORS, "--estimator", "trajectory_fit"), "leave out --estimator"),
+        ((*CRAFT, *SENSORS, "--rows", "eq18"), "--rows"),
+        ((*CRAFT, *SENSORS, "--estimator", "trajectory_fit"), "--estimator"),
         ((*CRAFT, *SENSORS, "--from", "100"), "free_flyer.csv"),
     ],
 )
