@@ -9,7 +9,7 @@ of the target's unknowns ψ, of the start and of an unknown momentum (L, v) are
 with Y the relative rows. Attitude sensor, gyro (with a constant bias), position and velocity
 sensors measure ξ, δω, δp and its rate; their information is that per second of their samples. What
 follows about ψ when all other unknowns are eliminated is the information about the target. Errors
-of encoders, mountings, delays and the spacecraft's bodies are left out: `MotionSetting.predict`
+of encoders, mountings, delays and the spacecraft's bodies are left out: `Planner.predict`
 contains them in the exact bound, which takes a hundred times as long.
 """
 

@@ -200,10 +200,8 @@ class Planner:
     def run(self, progress: Callable[[str, float], None] = lambda what, best: None) -> Plan:
         """Search; return the best motion that keeps all limits.
 
-        An interrupt leaves the best motion so far in `best`.
-
-        Args:
-            progress: called with the present step in words and the best criterion so far.
+        An interrupt leaves the best motion so far in `best`. `progress` is called with the present
+        step in words and the best criterion so far.
 
         Raises:
             InputError: no motion that is found keeps the limits.
@@ -237,11 +235,6 @@ class Planner:
         """Return random motions (count, F, K) within the limits of joints, the best first.
 
         They determine the weights of the targets.
-
-        Args:
-            count: number of motions.
-            progress: see `run`.
-
         """
         drawn, sigmas = candidates(self.family, count, self.options.seed), []
         for batch in np.array_split(drawn, count // 64 + 1):
@@ -262,13 +255,7 @@ class Planner:
 
         Limits must hold for all checked targets. They are imposed for those that need the most and
         at least nine tenths of a limit, and further ones are added several times (exchange method,
-        Blankenship and Falk 1976).
-
-        Args:
-            start: the parameters to begin with.
-            iterations: largest number.
-            seen: see `search.improved`.
-
+        Blankenship and Falk 1976). The arguments are those of `search.improved`.
         """
         objective, demanding = self.objective, set[int]()
         for _ in range(EXCHANGES):
@@ -338,9 +325,7 @@ def load_planner(
     """Return the planner of a scenario's file.
 
     Args:
-        path: the file.
         sensors: a preset or a file; None for the scenario's, else "flight".
-        options: the choices of the user.
         prior: file about the target, see `identification.prior.load_prior`; default: none.
 
     Raises:

@@ -44,16 +44,8 @@ def distance_excess(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return how much a motion (F, K) exceeds limits of distance, and the derivatives.
 
-    Args:
-        parameters: of the motion.
-        clearance: of the spacecraft with a target of known shape.
-        family: the motions.
-        least: smallest distance of bodies that are not neighbours [m].
-
-    Returns:
-        Values (Q,), at most zero where the distances are kept with a margin, and their derivatives
-        (Q, F K).
-
+    The values (Q,) are at most zero where bodies that are not neighbours keep the smallest distance
+    [m] with a margin; their derivatives are (Q, F K).
     """
     times = family.times[2:-1:2]  # arms move centimetres between them
     positions = family.make(parameters).evaluate(times)[:, 0]
@@ -76,9 +68,9 @@ def improved(
 
     Args:
         objective: the criterion, with limits of efforts and of the base's motion.
-        distances: of the distances to keep, see `distance_excess`; None for any.
-        start: the motion to improve.
-        iterations: largest number.
+        distances: see `distance_excess`; None for any.
+        start: (F, K) the motion to improve.
+        iterations: their largest number.
         seen: called with the parameters and the criterion after each iteration.
 
     """

@@ -46,12 +46,7 @@ def open_meshcat(remark: str = PAGE) -> Meshcat:
 def serve(simulation: Simulation, meshcat: Meshcat, rate: float) -> None:
     """Run a simulation as soon as a page is open; play its recording until Stop is clicked.
 
-    Call this in the thread that opened Meshcat.
-
-    Args:
-        simulation: the simulation.
-        meshcat: where to draw.
-        rate: ratio of simulated to real time.
+    Call this in the thread that opened Meshcat. The rate is that of simulated to real time.
 
     Raises:
         InputError: the simulation fails; shapes of the model cannot be read.

@@ -63,11 +63,8 @@ def save_plan(
 ) -> None:
     """Draw a plan, PNG or SVG: σ of each parameter, the rotation of the base, and the joints.
 
-    Args:
-        path: the picture's file.
-        planner: the planner, whose first plausible target is assumed.
-        motions: the motions by name, the plan's last.
-        found: the predictions for them.
+    The motions are by name, the plan's last; `predictions` makes what is found. The first plausible
+    target is assumed.
 
     Raises:
         InputError: the file cannot be written.

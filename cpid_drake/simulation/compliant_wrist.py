@@ -52,14 +52,7 @@ class CompliantWrist:
                 )
 
     def connect(self, plant: MultibodyPlant, frame_C: Frame, frame_T: Frame) -> None:
-        """Add the joint, the springs and the dampers to a plant that is not finalized.
-
-        Args:
-            plant: the plant.
-            frame_C: the capture frame.
-            frame_T: the frame of the target's body.
-
-        """
+        """Add joint, springs and dampers between C and the target to a plant in the making."""
         moves = self.translational_stiffness is not None
         joint = RpyFloatingJoint if moves else BallRpyJoint
         plant.AddJoint(joint("wrist", frame_C, frame_T))

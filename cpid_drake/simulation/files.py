@@ -8,6 +8,7 @@ from cpid_drake.files.resources import package_folders, resolve_model
 from cpid_drake.sensors.presets import load_sensors, sensor_presets
 from cpid_drake.simulation.joint_motions import MOTION_TAGS, MotionFile, load_motion
 from cpid_drake.simulation.schema import Scenario
+from cpid_drake.spacecraft.reference import SpacecraftReference
 
 
 def load_scenario(path: str | Path) -> Scenario:
@@ -40,17 +41,21 @@ def resolve_files(scenario: Scenario, folder: Path) -> None:
         InputError: a path names a user that does not exist.
 
     """
-    spacecraft, target, sensors = scenario.spacecraft, scenario.target, scenario.sensors
-    spacecraft.model = from_folder(folder, spacecraft.model)
-    spacecraft.packages = {
-        name: from_folder(folder, place) for name, place in spacecraft.packages.items()
-    }
+    target, sensors = scenario.target, scenario.sensors
+    resolve_paths(scenario.spacecraft, folder)
     if target.visual_model is not None:
         target.visual_model = from_folder(folder, target.visual_model)
     if isinstance(scenario.joint_motion, MotionFile):
         scenario.joint_motion.file = from_folder(folder, scenario.joint_motion.file)
     if sensors.suite:
         sensors.suite = suite_from_folder(folder, sensors.suite)
+
+
+def resolve_paths(spacecraft: SpacecraftReference, folder: Path) -> None:
+    """Make the paths of a spacecraft's model absolute; see `resolve_files`."""
+    spacecraft.model = from_folder(folder, spacecraft.model)
+    places = spacecraft.packages.items()
+    spacecraft.packages = {name: from_folder(folder, place) for name, place in places}
 
 
 def check_files(scenario: Scenario) -> None:

@@ -57,11 +57,8 @@ def check_limits(simulation: Simulation) -> LimitCheck:
 
     The simulation has no limits: it moves the joints as prescribed. The check computes the efforts
     along the prescribed motion by inverse dynamics with the true target, see
-    `FreeFloatingDynamics`; the base moves so that the total momentum is constant.
-
-    Args:
-        simulation: the scenario's simulation; it need not have been run.
-
+    `FreeFloatingDynamics`; the base moves so that the total momentum is constant. The simulation
+    need not have been run.
     """
     motion, spacecraft = simulation.joint_motion, simulation.spacecraft
     config = simulation.scenario.simulation

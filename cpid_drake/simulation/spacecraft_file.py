@@ -1,6 +1,6 @@
 """What a file says about a spacecraft: its own, or a scenario."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
@@ -8,7 +8,7 @@ from cpid_drake.files.checked_yaml import from_tree, parse_yaml
 from cpid_drake.files.errors import InputError
 from cpid_drake.files.resources import find_scenario, resolve_model
 from cpid_drake.identification.request import Request
-from cpid_drake.simulation.files import load_scenario
+from cpid_drake.simulation.files import load_scenario, resolve_paths, suite_from_folder
 from cpid_drake.simulation.joint_motions import MOTION_TAGS
 from cpid_drake.spacecraft.reference import SpacecraftReference
 
@@ -77,14 +77,9 @@ def load_spacecraft(name: str) -> SpacecraftFile:
     tree = parse_yaml(file.read_bytes(), name, MOTION_TAGS)
     if not (isinstance(tree, dict) and "spacecraft" in tree):
         found = from_tree(SpacecraftFile, tree, name, "the file of a spacecraft")
-        folder = file.parent
-        local = found.sensors is not None and (folder / found.sensors).is_file()
-        return replace(
-            found,
-            model=found.model if "://" in found.model else str(folder / found.model),
-            packages={key: str(folder / each) for key, each in found.packages.items()},
-            sensors=str(folder / found.sensors) if local and found.sensors else found.sensors,
-        )
+        resolve_paths(found, file.parent)
+        found.sensors = found.sensors and suite_from_folder(file.parent, found.sensors)
+        return found
     scenario = load_scenario(place)
     craft = scenario.spacecraft
     return SpacecraftFile(
