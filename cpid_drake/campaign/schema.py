@@ -36,7 +36,6 @@ from cpid_drake.simulation.files import (
     resolve_files,
     suite_from_folder,
 )
-from cpid_drake.simulation.joint_motions import MOTION_TAGS
 from cpid_drake.simulation.schema import Scenario
 from cpid_drake.spacecraft.reference import Name
 
@@ -333,18 +332,18 @@ def load_campaign(path: str | Path) -> CampaignPlan:
 
     """
     file = resolve_model(path)
-    campaign = load_yaml(Campaign, file, str(path), "a campaign", MOTION_TAGS)
+    campaign = load_yaml(Campaign, file, str(path), "a campaign")
     with prefix_errors(str(path)):
         name = campaign.scenario
         beside = file.parent / name
         source = resolve_model(beside if beside.is_file() else find_scenario(name))
-        scenario = load_yaml(TrialScenario, source, name, "a scenario", MOTION_TAGS)
+        scenario = load_yaml(TrialScenario, source, name, "a scenario")
         resolve_files(scenario, source.parent)
-    tree = parse_yaml(dump_yaml(scenario, MOTION_TAGS).encode(), name, MOTION_TAGS)
+    tree = parse_yaml(dump_yaml(scenario).encode(), name)
     named = sorted((p.name, sha256(p.read_bytes()).hexdigest()) for p in files_of(scenario))
     text = {
         "version": VERSION,
-        "campaign": parse_yaml(dump_yaml(campaign).encode(), name, MOTION_TAGS),
+        "campaign": parse_yaml(dump_yaml(campaign).encode(), name),
         "scenario": tree,
         "folder": str(file.parent),
         "files": named,

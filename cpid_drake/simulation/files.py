@@ -6,7 +6,7 @@ from cpid_drake.files.checked_yaml import dump_yaml, load_yaml
 from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.files.resources import package_folders, resolve_model
 from cpid_drake.sensors.presets import load_sensors, sensor_presets
-from cpid_drake.simulation.joint_motions import MOTION_TAGS, MotionFile, load_motion
+from cpid_drake.simulation.joint_motions import MotionFile, load_motion
 from cpid_drake.simulation.schema import Scenario
 from cpid_drake.spacecraft.reference import SpacecraftReference
 
@@ -19,7 +19,7 @@ def load_scenario(path: str | Path) -> Scenario:
 
     """
     file = resolve_model(path)
-    scenario = load_yaml(Scenario, file, str(path), "a scenario", MOTION_TAGS)
+    scenario = load_yaml(Scenario, file, str(path), "a scenario")
     with prefix_errors(str(path)):
         resolve_files(scenario, file.parent)
         check_files(scenario)
@@ -31,7 +31,7 @@ def dump_scenario(scenario: Scenario) -> str:
 
     Files that a scenario names are written as absolute paths, as `load_scenario` returns them.
     """
-    return dump_yaml(scenario, MOTION_TAGS)
+    return dump_yaml(scenario)
 
 
 def resolve_files(scenario: Scenario, folder: Path) -> None:

@@ -16,7 +16,7 @@ from cpid_drake.files.checked_yaml import (
     Numbers,
     dump_yaml,
     load_yaml,
-    tag_of,
+    tagged,
 )
 from cpid_drake.files.drafts import draft_of
 from cpid_drake.files.errors import InputError, choose_from, prefix_errors
@@ -54,6 +54,7 @@ class HalfCosineMotion:
         )
 
 
+@tagged
 @dataclass
 class MultiSineMotion:
     """Sums of sines about a configuration, tagged `!MultiSineMotion` in YAML.
@@ -91,6 +92,7 @@ class MultiSineMotion:
         )
 
 
+@tagged
 @dataclass
 class SplineMotion:
     """Splines of degree 5, tagged `!SplineMotion` in YAML; see `dynamics.joint_motion.Spline`.
@@ -132,6 +134,7 @@ def _table(
     return table
 
 
+@tagged
 @dataclass
 class MotionFile:
     """The joint motion in a file, tagged `!MotionFile` in YAML; see `load_motion`.
@@ -158,9 +161,6 @@ AnyMotion = HalfCosine | MultiSine | Spline
 MotionSchema = HalfCosineMotion | MultiSineMotion | SplineMotion
 """The declaration of a joint motion in a file."""
 
-MOTION_TAGS = tuple(map(tag_of, (MultiSineMotion, SplineMotion, MotionFile)))
-"""The YAML tags of joint motions."""
-
 
 @dataclass
 class MotionDocument:
@@ -177,12 +177,12 @@ def load_motion(path: str | Path) -> MotionSchema:
 
     """
     file = resolve_model(path)
-    return load_yaml(MotionDocument, file, str(path), "a joint motion", MOTION_TAGS).joint_motion
+    return load_yaml(MotionDocument, file, str(path), "a joint motion").joint_motion
 
 
 def dump_motion(motion: MotionSchema) -> str:
     """Return a joint motion as YAML; `load_motion` reads it without loss."""
-    return dump_yaml(MotionDocument(motion), MOTION_TAGS)
+    return dump_yaml(MotionDocument(motion))
 
 
 def write_joint_table(

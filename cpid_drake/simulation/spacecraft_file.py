@@ -9,7 +9,6 @@ from cpid_drake.files.errors import InputError
 from cpid_drake.files.resources import find_scenario, resolve_model
 from cpid_drake.identification.request import Request
 from cpid_drake.simulation.files import load_scenario, resolve_paths, suite_from_folder
-from cpid_drake.simulation.joint_motions import MOTION_TAGS
 from cpid_drake.spacecraft.reference import SpacecraftReference
 
 EXPLICIT = "sensors.explicit"
@@ -74,7 +73,7 @@ def load_spacecraft(name: str) -> SpacecraftFile:
         )
     place = find_scenario(name)
     file = resolve_model(place)
-    tree = parse_yaml(file.read_bytes(), name, MOTION_TAGS)
+    tree = parse_yaml(file.read_bytes(), name)
     if not (isinstance(tree, dict) and "spacecraft" in tree):
         found = from_tree(SpacecraftFile, tree, name, "the file of a spacecraft")
         resolve_paths(found, file.parent)
