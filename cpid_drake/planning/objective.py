@@ -7,7 +7,6 @@ Parameters are compared in units of their scale: the mass, a length for the cent
 trace of the inertia; see `parameterizations.parameter_scale`.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -101,10 +100,6 @@ class Objective:
             found.append([smooth_peak(share) for share in shares])
         count = len(self.limits) + np.count_nonzero(np.isfinite(self.efforts))
         return np.moveaxis(np.reshape(found, (len(found), count, samples.shape[1])), -1, 0)
-
-    def with_limits(self, limits: Mapping[str, float]) -> "Objective":
-        """Return the objective with further limits of the base's motion, by name."""
-        return replace(self, limits={**self.limits, **limits})
 
     def weighted(self, largest: NDArray[np.float64]) -> "Objective":
         """Return the objective in which all targets count alike.

@@ -5,6 +5,7 @@ motion and parameter identification in postcapture of space debris").
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +33,8 @@ def front(
     found, free = [best], planner.objective
     for limit in best.base_rotation * np.geomspace(1.0, 0.05, POINTS + 1)[1:]:
         progress(f"rotation of the base below {np.degrees(limit):.3g} deg")
-        planner.objective = free.with_limits({BASE_LIMITS[0]: float(limit)})
+        limits = {**free.limits, BASE_LIMITS[0]: float(limit)}
+        planner.objective = replace(free, limits=limits)
         start = found[-1].parameters
         plan = planner.consider(planner.improved(start, planner.options.iterations // 3))
         found += [] if plan is None else [plan]

@@ -55,8 +55,8 @@ def test_it_says_that_the_scenario_s_target_is_not_used(scenario):
 
 
 def test_gradients_are_those_of_central_differences(planner):
-    objective = replace(planner.objective, demanding=planner.checked_targets[:2])
-    objective = objective.with_limits({"base attitude": 0.5, "base displacement": 0.1})
+    limits = {"base attitude": 0.5, "base displacement": 0.1}
+    objective = replace(planner.objective, demanding=planner.checked_targets[:2], limits=limits)
     [x], h = parameters(planner, 1), 1e-4
     values, gradient = objective.evaluate(x)
     np.testing.assert_allclose(values, objective.values(x[None])[0])
