@@ -86,6 +86,11 @@ class Case:
     def psi(self):
         return true_psi(self.craft, self.target)
 
+    def nees(self, psi, covariance) -> float:
+        """Return the squared error of ψ in units of its covariance."""
+        error = psi - self.psi
+        return float(error @ np.linalg.solve(covariance, error))
+
     def block(self, start: float, end: float, samples=None) -> Block:
         samples = self.samples if samples is None else samples
         return Block(start, end, after(samples, start, end))
@@ -138,10 +143,7 @@ def make_case(folder, target, suite, momentum_W=None, duration=DURATION) -> Case
 
 
 def fired(case: Case, time, momentum_W, duration=1e-6) -> Log:
-    """Return what a case's sensors measure without noise if thrusters fire, which nobody logs.
-
-    They add a momentum (6,) about W's origin, in W [N·m·s, N·s].
-    """
+    """Return what a case's sensors measure without noise if thrusters fire, which nobody logs."""
     trial, tree, names = trial_of(case), case.craft.tree, case.craft.joint_names
     base = trials.base_trajectory(trial, tree, np.array([0.0, time]))
     R_WB = Rotation.from_quat(base.quaternion_WB[1], scalar_first=True)

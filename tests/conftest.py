@@ -36,10 +36,7 @@ def craft(tmp_path_factory) -> Spacecraft:
 
 @pytest.fixture
 def run_cpid(monkeypatch, capfd):
-    """Return a function that runs `cpid`: (code, stdout, stderr).
-
-    It runs in the tests' own process: a start of Python for each would take far longer.
-    """
+    """Return a function that runs `cpid`: (code, stdout, stderr)."""
 
     def run(*arguments):
         monkeypatch.setattr(sys, "argv", ["cpid", *map(str, arguments)])

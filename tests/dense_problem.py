@@ -1,7 +1,4 @@
-"""One dense least-squares problem of a whole log, by differences of what `propagate` predicts.
-
-It knows no blocks and shares no equation with the estimators. The joint motion is taken as known.
-"""
+"""One dense least-squares problem of a whole log, by differences of what `propagate` predicts."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation

@@ -7,11 +7,21 @@ from pathlib import Path
 import numpy as np
 from sensing_cases import Sines
 
-from cpid_drake import load_scenario, shipped_scenario
+from cpid_drake import Scenario, load_scenario, shipped_scenario
 from cpid_drake.dynamics.propagation import propagate
+from cpid_drake.files.resources import models_directory
 from cpid_drake.logs.files import table_of
 from cpid_drake.logs.log import Log, Samples
 from cpid_drake.sensors.sensors import SENSORS
+
+MODEL = models_directory() / "free_flyer/free_flyer.urdf"
+FREE_FLYER = ("--model", MODEL, "--base", "body", "--capture-frame", "capture_point")
+"""The spacecraft, as options of commands."""
+
+SAMPLE = models_directory() / "telemetry/free_flyer.csv"
+SENSORS_OF_SAMPLE = SAMPLE.with_name("free_flyer_sensors.yaml")
+MOVING = np.array([0.02, -0.03, 0.04, 0.1, -0.2, 0.3])
+"""A momentum [L; P] about W's origin of a drifting free-flyer [N·m·s, N·s]."""
 
 MASS = 8.5
 SIGMAS = {"attitude": 2e-4, "gyro": 3e-4, "position": 4e-4, "velocity": 1e-3}
@@ -22,6 +32,16 @@ JOINT, RATE = "q:arm_joint1", "qd:arm_joint1"
 @cache
 def flyer():
     return load_scenario(shipped_scenario("free_flyer_payload")).spacecraft.make()
+
+
+def payload(duration: float, accuracy: float, **simulation) -> Scenario:
+    """Return the scenario of the payload; further arguments are entries of its simulation."""
+    scenario = load_scenario(shipped_scenario("free_flyer_payload"))
+    scenario.simulation.duration = duration
+    scenario.simulation.simulator.accuracy = accuracy
+    for name, value in simulation.items():
+        setattr(scenario.simulation, name, value)
+    return scenario
 
 
 @cache

@@ -294,10 +294,7 @@ class Ordinary:
 
 
 def make(design: Design) -> Ordinary:
-    """Return the log of a design, by the simulation of campaigns.
-
-    Every second craft was at rest before the motion; the others drift at 3 mm/s and 1 mrad/s.
-    """
+    """Return the log of a design, by the simulation of campaigns."""
     craft, rng = CRAFTS[design.craft], np.random.default_rng([2016, design.number])
     spacecraft, suite = craft.spacecraft, load_sensors(design.sensors, unstated="exact")
     motion = MOTIONS[design.motion](Arms.of(craft), rng, design.length)

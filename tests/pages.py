@@ -37,10 +37,7 @@ ELLIPSIS = re.compile(r"^\.\.\.$", re.M)
 
 @dataclass(frozen=True)
 class Run:
-    """A block that was run, what the page shows of its output, and where; and what it printed.
-
-    Messages come where a terminal shows them: between the lines of the output.
-    """
+    """A block that was run, what the page shows of its output, and where; and what it printed."""
 
     text: str
     shown: str | None
@@ -101,10 +98,7 @@ def missing(shown: str, printed: str) -> str:
 
 
 def renewed(shown: str, printed: str) -> str:
-    """Return what a page is to show: the lines of each part as printed.
-
-    A part is found by its words; of several places, the one with the most equal numbers counts.
-    """
+    """Return what a page is to show: the lines of each part as printed."""
 
     def words(line: str) -> str:
         return " ".join(re.findall(r"[^\W\d]{2,}", line))

@@ -1,8 +1,4 @@
-"""The paper's equations for one instant, in W.
-
-No product uses them: c and I in W change as the target turns, so these rows cannot be stacked over
-time. They are an independent way to Eq. 18.
-"""
+"""The paper's equations for one instant, in W."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,31 +12,19 @@ Rows = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 def linear_rows(samples: MomentumSamples) -> Rows:
-    """Return rows (N, 3, 4) and right-hand sides (N, 3) of [P  ω̃] (1/m, c') = −v_C, in W.
-
-    c' = `p_CTcm_W` changes as the target turns. The rows are Eq. 6 times 1/m, where v_ni + ω_ni ×
-    b_ni is the velocity of the capture point. Source: Ning et al. 2016, Eqs. 6 and 7.
-    """
+    """Return rows (N, 3, 4) and right-hand sides (N, 3) of [P  ω̃] (1/m, c') = −v_C, in W."""
     A = np.concatenate([samples.P[:, :, None], skew(samples.motion.w_WC)], axis=2)
     return A, -samples.motion.v_WC
 
 
 def angular_rows(samples: MomentumSamples) -> Rows:
-    """Return rows (N, 3, 9) and right-hand sides (N, 3) of [P̃  [#ω]] (c', [I'#]) = −L, in W.
-
-    L is the known bodies' angular momentum about the capture point. The target's term m c' × v_n
-    equals P̃ c' because m v_n = −P. Source: Ning et al. 2016, Eq. 10 (sums from i = 0).
-    """
+    """Return rows (N, 3, 9) and right-hand sides (N, 3) of [P̃  [#ω]] (c', [I'#]) = −L, in W."""
     A = np.concatenate([skew(samples.P), inertia_operator(samples.motion.w_WC)], axis=2)
     return A, -samples.L
 
 
 def instantaneous_rows(samples: MomentumSamples) -> Rows:
-    """Return the rows (N, 6, 10) in (1/m, c', [I'#]), c' and I' in W, separately for each instant.
-
-    Source: Ning et al. 2016, Eq. 14, with two corrections: the sums start at i = 0, and v on
-    the right-hand side is that of the capture point.
-    """
+    """Return the rows (N, 6, 10) in (1/m, c', [I'#]), in W, of each instant."""
     top, b_top = linear_rows(samples)
     bottom, b_bottom = angular_rows(samples)
     A = np.zeros((len(samples), 6, 10))
@@ -50,11 +34,7 @@ def instantaneous_rows(samples: MomentumSamples) -> Rows:
 
 
 def eq18_to_world(R_WC: ArrayLike) -> NDArray[np.float64]:
-    """Return T (N, 10, 10) with (1/m, c', [I'#]) in W = T (1/m, c, [I#]) in C.
-
-    c' = A c and I' = A I Aᵀ with A = R_WC, whose inverse is its transpose. Source: Ning et al.
-    2016, Eqs. 15, 16 and 17.
-    """
+    """Return T (N, 10, 10) with (1/m, c', [I'#]) in W = T (1/m, c, [I#]) in C."""
     R_WC = np.asarray(R_WC, dtype=float)
     T = np.zeros((len(R_WC), 10, 10))
     T[:, 0, 0] = 1.0

@@ -16,10 +16,7 @@ NODE_RATE = 6.0  # [Hz]
 
 
 class Planned:
-    """The motion of a scenario with its true target, as a planner sees it.
-
-    The encoders have no errors that matter: the closed form leaves them out.
-    """
+    """The motion of a scenario with its true target, as a planner sees it."""
 
     def __init__(self, name: str, preset: str, **options) -> None:
         suite, self.scenario = load_sensors(preset), load_scenario(shipped_scenario(name))

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from model_parts import joint, link, moments, urdf
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
 
 from cpid_drake import Identification, InertialParameters, Motion, Spacecraft
 from cpid_drake.dynamics.parameterizations import relative_parameterization
@@ -180,3 +181,21 @@ def nees(found: Identification, target: InertialParameters) -> float:
     return float(
         error[known] @ np.linalg.solve(found.covariance[np.ix_(known, known)], error[known])
     )
+
+
+def with_drawn_errors(suite: SensorSuite, ideal: Log, draw) -> Log:
+    """Return samples with errors `draw(times, shape)` in units of σ; of attitudes in S."""
+    samples = {}
+    for name in suite.present():
+        each = ideal[name]
+        is_attitude = hasattr(suite[name], "R_BS")
+        shape = len(each), 3 if is_attitude else each.value.shape[1]
+        error = draw(each.time, shape) * suite.sigmas(name)
+        if is_attitude:
+            turn = Rotation.from_rotvec(error @ suite[name].R_BS.T)
+            R_WB = Rotation.from_quat(each.value, scalar_first=True) * turn
+            value = R_WB.as_quat(scalar_first=True)
+        else:
+            value = each.value + error
+        samples[name] = Samples(each.time, value)
+    return ideal.updated(samples)

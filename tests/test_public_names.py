@@ -115,21 +115,6 @@ def private_names(text: str) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize(
-    ("text", "private"),
-    [
-        ("import cpid_drake as c; c.identify; c.dynamics; c.rows", ["cpid_drake.rows"]),
-        ("import cpid_drake.dynamics.rows", ["cpid_drake.dynamics.rows"]),
-        ("from cpid_drake.dynamics.rows import skew", ["cpid_drake.dynamics.rows.skew"]),
-        ("from cpid_drake.dynamics import skew, rows", ["cpid_drake.dynamics.rows"]),
-        ("from cpid_drake import dynamics; dynamics.skew; dynamics.rows", ["dynamics.rows"]),
-        ("from cpid_drake import identify, digits", ["cpid_drake.digits"]),
-    ],
-)
-def test_a_private_name_is_found(text, private):
-    assert private_names(text) == private
-
-
 SCRIPTS = sorted((ROOT / "diagrams").rglob("*.py"))
 
 

@@ -11,7 +11,8 @@ import cpid_drake as cpid
 from cpid_drake.commands import options
 from cpid_drake.commands.groups import group
 from cpid_drake.files.errors import InputError
-from cpid_drake.identification.checked_log import Arguments, in_joint_order
+from cpid_drake.identification.arguments import Arguments
+from cpid_drake.identification.checked_log import in_joint_order
 from cpid_drake.identification.identify_files import open_log, opened_inputs
 from cpid_drake.live.ros2 import run
 from cpid_drake.live.ros_samples import RosSamples, sources_of

@@ -70,7 +70,7 @@ def map_columns(
 
     """
     known = craft.known()
-    named = cpid.Request(log, known.reference()).found()
+    named = cpid.Request(log, known.reference()).existing_files()
     check_outputs([("--out", out)], [log, *craft.files(), *named], force=force)
     spacecraft, topics = known.make(), options.topics_of(topic)
     with prefix_errors(log):

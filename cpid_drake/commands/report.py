@@ -53,7 +53,7 @@ def report(
     simulated = None if run is None else read_run(run)
     asked = chosen if run is None else chosen.of_run(run)
     requests = [] if result else [asked.request(log or f"{run}/telemetry.csv")]
-    named = [file for each in requests for file in each.found()]
+    named = [file for each in requests for file in each.existing_files()]
     check([log, result, run, *asked.files(), *named])
     console = options.log_console(quiet)
     with console.status("reading") as status:

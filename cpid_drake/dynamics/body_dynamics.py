@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cpid_drake.dynamics.kinematics import forward_kinematics
-from cpid_drake.dynamics.momentum import angular_momentum, linear_momentum
+from cpid_drake.dynamics.momentum import momenta
 from cpid_drake.dynamics.parameterizations import moved_moments, vector_to_tensor
 from cpid_drake.dynamics.rotations import cross, inverses, rotate, skew
 from cpid_drake.dynamics.rows import relative_regressor
@@ -76,14 +76,15 @@ class BodyDynamics:
         """Return them at joint positions and rates, (N, J) each."""
         bodies, capture = forward_kinematics(tree, q, qdot)
         p_BK = np.sum(tree.masses[..., None] * bodies.r, axis=0) / tree.mass
-        v_BK = linear_momentum(tree, bodies) / tree.mass
+        P, L = momenta(tree, bodies, p_BK)
+        v_BK = P.sum(axis=0) / tree.mass
         _, inertias = moved_moments(tree.masses, tree.inertias, bodies.R, bodies.r - p_BK)
         R_CB = np.swapaxes(capture.R_WC, -1, -2)
         return cls(
             mass=tree.mass,
             normal_B=tree.normal_B,
             I_K=inertias.sum(axis=0),
-            h_K=angular_momentum(tree, bodies, p_BK),
+            h_K=L.sum(axis=0),
             p_BK=p_BK,
             v_BK=v_BK,
             R_BC=capture.R_WC,

@@ -76,8 +76,6 @@ class InertialParameters:
         object.__setattr__(self, "p_CTcm_C", com)
         object.__setattr__(self, "I_TTcm_C", inertia)
 
-    # -- representations ---------------------------------------------------------------------
-
     @classmethod
     def from_vector(cls, parameters: ArrayLike) -> "InertialParameters":
         """Return the parameters of a vector π (10,) = (m, c, Ixx, Iyy, Izz, Ixy, Ixz, Iyz)."""
@@ -131,8 +129,6 @@ class InertialParameters:
             if M_TCo_C.IsPhysicallyValid():
                 break
         return M_TCo_C
-
-    # -- physical consistency ------------------------------------------------------------------
 
     def principal_moments(self) -> NDArray[np.float64]:
         """Return the (3,) principal moments about the centre of mass, ascending [kg·m²]."""
@@ -203,9 +199,6 @@ def _ten(vector: ArrayLike, what: str) -> NDArray[np.float64]:
     if vector.shape != (10,):
         raise InputError(f"{what} has ten entries, not shape {vector.shape}")
     return vector
-
-
-# -- the nearest rigid body ----------------------------------------------------------------------
 
 
 def inside_the_limits(

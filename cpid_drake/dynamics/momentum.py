@@ -54,32 +54,13 @@ def momenta(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return each body's m_i v_i and I_i ω_i + m_i (r_i − p_WQ) × v_i, (K, N, 3) each, in W.
 
-    Args:
-        tree: the bodies.
-        motion: the motion of these bodies.
-        p_WQ: (N, 3) the point Q of the angular momentum [m]; default: W's origin.
-
+    Their sums over i = 0 … n−1 are P and L. With W's origin as Q (N, 3), L is that of Ning et al.
+    2016, Eq. 9, and with the capture point (d_no), that of Eqs. 10, 14 and 18.
     """
     P = tree.masses[..., None] * motion.v
     w_B = rotate(np.swapaxes(motion.R, -1, -2), motion.w)
     spin = rotate(motion.R, rotate(tree.inertias, w_B))
     return P, spin + cross(motion.r - np.asarray(p_WQ), P)
-
-
-def linear_momentum(tree: KinematicTree, motion: BodyMotion) -> NDArray[np.float64]:
-    """Return P = Σ m_i v_i, i = 0 … n−1, as (N, 3) in W [N·s] (Ning et al. 2016, Eq. 4)."""
-    return np.asarray(np.sum(tree.masses[..., None] * motion.v, axis=0))
-
-
-def angular_momentum(
-    tree: KinematicTree, motion: BodyMotion, p_WQ: ArrayLike
-) -> NDArray[np.float64]:
-    """Return L = Σ (I_i ω_i + m_i (r_i − p_WQ) × v_i), i = 0 … n−1, as (N, 3) in W [N·m·s].
-
-    The origin of W as Q gives the sum in Ning et al. 2016, Eq. 9, and the capture point (d_no) the
-    sums in Eqs. 10, 14 and 18. Arguments as for `momenta`.
-    """
-    return np.asarray(momenta(tree, motion, p_WQ)[1].sum(axis=0))
 
 
 def target_momentum(
@@ -119,10 +100,7 @@ def momentum_samples(tree: KinematicTree, motion: Motion) -> MomentumSamples:
 def _on_a_base_at_rest(
     tree: KinematicTree, joints: bytes, shape: tuple[int, ...]
 ) -> tuple[CaptureMotion, list[NDArray[np.float64]]]:
-    """Return C's motion, momentum P and L, and first moment and inertia, about C, seen from B.
-
-    The joints are the bytes of positions and rates (2, N, J).
-    """
+    """Return C's motion, P, L, first moment and inertia about C, from the bytes of (2, N, J)."""
     bodies, capture = forward_kinematics(tree, *np.frombuffer(joints).reshape(shape))
     P, L = momenta(tree, bodies, capture.p_WC)
     p = bodies.r - capture.p_WC

@@ -66,10 +66,10 @@ class Outboard:
     @property
     def inboard_of_target(self) -> list[int]:
         """Indices of the bodies from the target, the last body of the tree, to the base."""
-        found = [len(self.tree.bodies) - 1]
-        while found[-1] > 0:
-            found.append(self.tree.bodies[found[-1]].parent)
-        return found
+        chain = [len(self.tree.bodies) - 1]
+        while chain[-1] > 0:
+            chain.append(self.tree.bodies[chain[-1]].parent)
+        return chain
 
     def momentum_by(self, which: Sequence[int], V: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the momentum I V (n, N, 6) of bodies `which` (n,) and all outboard of them.

@@ -52,6 +52,10 @@ def vector_to_tensor(vector: ArrayLike) -> NDArray[np.float64]:
     return tensor
 
 
+UNIT_TENSORS = vector_to_tensor(np.eye(6))[REPORT_ORDER]
+"""(6, 3, 3) the symmetric tensors with one entry: xx, yy, zz, xy, xz, yz."""
+
+
 def point_mass_moments(mass: ArrayLike, p: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return [#] of m (|p|² 1 − p pᵀ) (..., 6): inertias about the origin of masses at p (..., 3).
 
@@ -101,9 +105,6 @@ def moved_moments(
     """
     turned = R @ I_cm @ np.swapaxes(R, -1, -2)
     return np.asarray(mass)[..., None] * p, turned + point_mass_inertia(mass, p)
-
-
-# -- the vectors ---------------------------------------------------------------------------------
 
 
 def parameter_scale(

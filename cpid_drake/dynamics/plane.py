@@ -38,8 +38,7 @@ HELD = {
 }
 """Entries in W of what a table holds: tilt, height, and what would change them. In the plane a
 spinning wheel in the base cannot be distinguished from a momentum, nor a torque that rotates with
-the base
-from one that does not."""
+the base from one that does not."""
 
 ALONG = 1e-3
 """Largest entry across an axis of a unit vector that counts as parallel to the axis."""
@@ -70,12 +69,7 @@ def mean_normal(quaternion_WB: ArrayLike) -> NDArray[np.float64]:
 def in_plane(motion: Motion, normal_B: NDArray[np.float64]) -> Motion:
     """Return motion without its components out of the plane, which are noise.
 
-    The attitude is rotated by the smallest angle so that the base's normal is W's z axis.
-
-    Args:
-        motion: the motion.
-        normal_B: (3,) the table's normal in B.
-
+    The attitude is rotated by the smallest angle so that the base's normal (3,) is W's z axis.
     """
     w_B = rotate(np.swapaxes(motion.R_WB, -1, -2), motion.w_WB)
     return replace(

@@ -26,13 +26,18 @@ from cpid_drake.files.errors import InputError
 
 _DEGREE = 7  # of a step's polynomials: with steps of 0.2 s, they follow motions of 1 Hz to 1e-11
 _MOST_TURN = 1e6  # [rad] in all samples; beyond, the attitude is lost in rounding
-_ITERATIONS = _DEGREE  # of Picard: each adds a power of the rotation in a step, as a degree does
-_INNER = roots_jacobi(_DEGREE - 1, 1, 1)[0]  # of the Legendre polynomial's derivative
-_X = np.concatenate([[-1.0], _INNER, [1.0]])  # Lobatto points of −1 to 1
-_POINTS = (_X + 1) / 2  # as shares of a step
-_BY_VALUES = np.linalg.inv(legendre.legvander(_X, _DEGREE))
-_PRIMITIVES = legendre.legint(np.eye(_DEGREE + 1), lbnd=-1)
-_INTEGRALS = legendre.legval(_X, _PRIMITIVES).T @ _BY_VALUES / 2  # to each point, by all values
+
+
+def _lobatto(degree: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return points as shares of a step, and by their values: coefficients, integrals to each."""
+    inner = roots_jacobi(degree - 1, 1, 1)[0]  # of the Legendre polynomial's derivative
+    x = np.concatenate([[-1.0], inner, [1.0]])
+    by_values = np.linalg.inv(legendre.legvander(x, degree))
+    primitives = legendre.legint(np.eye(degree + 1), lbnd=-1)
+    return (x + 1) / 2, by_values, legendre.legval(x, primitives).T @ by_values / 2
+
+
+_POINTS, _BY_VALUES, _INTEGRALS = _lobatto(_DEGREE)
 
 
 @dataclass(frozen=True)
@@ -96,10 +101,7 @@ class Wrench:
         mass: NDArray[np.float64],
         J_B: NDArray[np.float64],
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return torque about Scm and force (..., n, 3), in W, at times (n,).
-
-        Of systems with a mass (...) and with inertia J (..., n, 3, 3) about Scm.
-        """
+        """Return torque about Scm and force (..., n, 3), in W, for J (..., n, 3, 3) about Scm."""
         (torque, acceleration), (torque_B, force_B) = (
             np.split(np.asarray(values, dtype=float)[..., None, :], 2, axis=-1)
             for values in (self.disturbance_W, self.constant_B)
@@ -109,8 +111,7 @@ class Wrench:
             nadir_W = self.orbit.nadir(times)
             nadir_B = rotate_by_quaternion(_inverse(quaternion_WB), nadir_W)
             torque_B = torque_B + 3 * self.orbit.n**2 * cross(nadir_B, rotate(J_B, nadir_B))
-            along = np.sum(p_WScm * nadir_W, axis=-1, keepdims=True) * nadir_W
-            acceleration = acceleration + self.orbit.n**2 * (3 * along - p_WScm)
+            acceleration = acceleration + rotate(self.orbit.tide(times), p_WScm)
         return (
             torque + rotate_by_quaternion(quaternion_WB, torque_B),
             mass[..., None, None] * acceleration + rotate_by_quaternion(quaternion_WB, force_B),
@@ -212,12 +213,13 @@ def propagate(
         curve = np.repeat(state[..., None, :], len(_POINTS), axis=-2)
         travel = state[..., 10:] / mass[..., None] * length
         curve[..., 4:7] += _POINTS[:, None] * travel[..., None, :]  # exact without forces
-        for _ in range(_ITERATIONS):
+        for _ in range(_DEGREE):  # each adds a power of the rotation in a step, as a degree does
             rates = length * rate(k, acting, curve)
             change = np.einsum("ij,...jk->...ik", _INTEGRALS, rates)
             curve[..., : rates.shape[-1]] = state[..., None, : rates.shape[-1]] + change
         inside = (times[step_of == k] - begin) / (length or 1.0)
-        states.append(np.einsum("sj,...jk->...sk", _interpolation(inside), curve))
+        weights = legendre.legvander(2 * inside - 1, _DEGREE) @ _BY_VALUES
+        states.append(np.einsum("sj,...jk->...sk", weights, curve))
         state = curve[..., -1, :]
         state[..., :4] /= np.linalg.norm(state[..., :4], axis=-1, keepdims=True)
 
@@ -237,11 +239,6 @@ def propagate(
 def _parts(state: NDArray[np.float64]) -> list[NDArray[np.float64]]:
     """Return attitude, centre of mass, L about it, and P of states (..., 13)."""
     return np.split(state, [4, 7, 10], axis=-1)
-
-
-def _interpolation(x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the values (N, n) at x of the polynomials that are 1 at one Lobatto point, else 0."""
-    return legendre.legvander(2 * x - 1, _DEGREE) @ _BY_VALUES
 
 
 def _inverse(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:

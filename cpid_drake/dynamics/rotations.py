@@ -18,9 +18,9 @@ def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]
     a0, a1, a2 = a[..., 0], a[..., 1], a[..., 2]
     b0, b1, b2 = b[..., 0], b[..., 1], b[..., 2]
     first = a1 * b2 - a2 * b1
-    found = np.empty((*first.shape, 3), first.dtype)
-    found[..., 0], found[..., 1], found[..., 2] = first, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
-    return found
+    result = np.empty((*first.shape, 3), first.dtype)
+    result[..., 0], result[..., 1], result[..., 2] = first, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
+    return result
 
 
 def inverses(tensors: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -89,9 +89,6 @@ def right_jacobian(r: ArrayLike) -> NDArray[np.float64]:
     b = np.where(small, 1 / 6 - angle**2 / 120, (safe - np.sin(safe)) / safe**3)
     K = skew(r)
     return np.asarray(np.eye(3) - a * K + b * K @ K)
-
-
-# -- quaternions ---------------------------------------------------------------------------------
 
 
 def rotate_by_quaternion(

@@ -19,17 +19,13 @@ from numpy.typing import NDArray
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.outboard import Outboard
 from cpid_drake.dynamics.parameterizations import (
-    REPORT_ORDER,
+    UNIT_TENSORS,
     inertia_of_second_moment,
     second_moment,
-    vector_to_tensor,
 )
 from cpid_drake.dynamics.rotations import exponentials, right_jacobian, rotate, skew
 from cpid_drake.dynamics.tree import KinematicTree, TreeBody
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-
-# The six symmetric unit stretches (6, 3, 3): xx, yy, zz, xy, xz, yz.
-_STRETCHES = vector_to_tensor(np.eye(6))[REPORT_ORDER]
 
 
 @dataclass(frozen=True)
@@ -50,21 +46,6 @@ class MotionSensitivity:
     screw: NDArray[np.float64]
 
 
-def joint_sensitivity(
-    outboard: Outboard, psi: NDArray[np.float64], dynamics: BodyDynamics
-) -> tuple[MotionSensitivity, MotionSensitivity]:
-    """Return the derivatives with respect to the J joint positions and joint rates.
-
-    Args:
-        outboard: the spacecraft's bodies *and* the target, as from `KinematicTree.with_target`.
-        psi: (10,) the target's relative vector ψ = (μ, μc, I_*).
-        dynamics: dynamics of the spacecraft's bodies alone, at the same instants.
-
-    """
-    which, S = outboard.joint_screws
-    return screw_sensitivity(outboard, psi, dynamics, which, S)
-
-
 def screw_sensitivity(
     outboard: Outboard,
     psi: NDArray[np.float64],
@@ -72,9 +53,16 @@ def screw_sensitivity(
     which: Sequence[int],
     S: NDArray[np.float64],
 ) -> tuple[MotionSensitivity, MotionSensitivity]:
-    """Return the derivatives by displacements along screws S (N, 6, n), and by their rates.
+    """Return the derivatives by displacements along screws, and by their rates.
 
-    The screws are those of `Outboard.displaced`, other arguments as for `joint_sensitivity`.
+    Those of `Outboard.joint_screws` are joint positions and joint rates.
+
+    Args:
+        outboard: the spacecraft's bodies *and* the target, as from `KinematicTree.with_target`.
+        psi: (10,) the target's relative vector ψ = (μ, μc, I_*).
+        dynamics: dynamics of the spacecraft's bodies alone, at the same instants.
+        which, S: bodies (n,) and screws (N, 6, n); see `Outboard.displaced`.
+
     """
     change, by_rates = outboard.displaced(which, S)
     moved = by_rates[:, 3:] / outboard.tree.mass
@@ -96,12 +84,12 @@ def uncertain_sensitivity(
 
     They are the quantities of `BodyUncertainty.all_sigmas` whose σ is not zero, at their present
     errors (c,), which the bodies already have; see `with_errors`. The target remains unchanged in
-    C. Other arguments as for `joint_sensitivity`.
+    C. Other arguments as for `screw_sensitivity`.
     """
     tree = outboard.tree
-    known = replace(tree, bodies=tree.bodies[:-1])
-    bodies, joints, grasp = _errors_of(known, uncertainty, errors)
-    sigmas = uncertainty.all_sigmas(known.wheels, len(joints))
+    craft = replace(tree, bodies=tree.bodies[:-1])
+    bodies, joints, grasp = _errors_of(craft, uncertainty, errors)
+    sigmas = uncertainty.all_sigmas(craft.wheels, len(joints))
     of_bodies, of_geometry = np.split(sigmas > 0, [bodies.size])
     parts = [
         _by_bodies(outboard, dynamics.com(psi), bodies, of_bodies),
@@ -119,12 +107,7 @@ def _by_geometry(
     grasp: NDArray[np.float64],
     wanted: NDArray[np.bool_],
 ) -> tuple[NDArray[np.float64], ...]:
-    """Return the derivatives of momentum and centre of mass by errors of the geometry, and screws.
-
-    They are a joint's place on its inboard body, in this body's frame, and small rotations about
-    the two `axis_normals`, in the joint's inboard frame; last C's place and a small rotation, both
-    in C.
-    """
+    """Return derivatives of momentum and centre of mass by errors of the geometry, and screws."""
     tree = outboard.tree
     if not wanted.any():
         screws = np.zeros((*outboard.bodies.r.shape[1:2], 6, 0))
@@ -149,11 +132,7 @@ def _by_bodies(
     errors: NDArray[np.float64],
     wanted: NDArray[np.bool_],
 ) -> tuple[NDArray[np.float64], ...]:
-    """Return the same by errors (K, 10) of the first K bodies, in the order of their `sigmas`.
-
-    They are the relative mass, the centre of mass along three axes, and the stretch E along six
-    directions (see `error_directions`) that changes the second moment Σ to (1 + E) Σ (1 + E)ᵀ.
-    """
+    """Return the same by errors (K, 10) of the first K bodies; Σ becomes (1 + E) Σ (1 + E)ᵀ."""
     tree, bodies = outboard.tree, outboard.bodies
     total, K, N, dtype = tree.mass, len(errors), len(rho), bodies.v.dtype
     momentum, com = np.zeros((N, 6, K, 10), dtype), np.zeros((N, 3, K, 10), dtype)
@@ -175,8 +154,8 @@ def _by_bodies(
             dL[..., 4 + i] = rotate(R, w_B @ change)
         shift[..., 0], shift[..., 1:4] = nominal / total * (r - rho), mass / total * axes
         momentum[:, :, k], com[:, :, k] = np.concatenate([dL, dP], axis=1), shift
-    found = momentum.reshape(N, 6, -1)[..., wanted]
-    return found, com.reshape(N, 3, -1)[..., wanted], np.zeros_like(found)
+    changes = momentum.reshape(N, 6, -1)[..., wanted]
+    return changes, com.reshape(N, 3, -1)[..., wanted], np.zeros_like(changes)
 
 
 def error_directions(
@@ -190,7 +169,7 @@ def error_directions(
     """
     body = tree.bodies[k]
     if not tree.wheels[k]:
-        return np.eye(3), _STRETCHES
+        return np.eye(3), UNIT_TENSORS
     axis = body.axis_F
     axes, stretches = np.zeros((3, 3)), np.zeros((6, 3, 3))
     axes[0], stretches[0] = axis, np.outer(axis, axis)
@@ -264,10 +243,7 @@ def _motion_sensitivity(
     psi: NDArray[np.float64],
     dynamics: BodyDynamics,
 ) -> MotionSensitivity:
-    """Return the derivatives of the motion from those of [L; P] about B's origin, and of ρ.
-
-    The former (N, 6, n) are at constant base twist; the screws are those of the target.
-    """
+    """Return those of the motion from those of [L; P] (N, 6, n), at constant base twist, and ρ."""
     rho = skew(dynamics.com(psi))
     dL, dP = momentum[:, :3], momentum[:, 3:]
     w = -dynamics.mobility(psi) @ (dL - rho @ dP)

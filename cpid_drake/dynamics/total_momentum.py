@@ -57,12 +57,7 @@ class TotalMomentum:
     ) -> Self:
         """Return a known momentum of a system whose base frame B coincides with W.
 
-        Args:
-            tree: the spacecraft.
-            target: the target.
-            q: (J,) joint positions [rad or m].
-            momentum_W: (6,) total momentum [L; P] about W's origin, in W [N·m·s, N·s].
-
+        It is [L; P] (6,) about W's origin, in W [N·m·s, N·s], at joint positions q (J,) [rad or m].
         """
         q = np.asarray(q, dtype=float)[None]
         psi = standard_to_relative(target.to_standard_vector(), tree.mass)

@@ -53,12 +53,8 @@ class BodyUncertainty:
 
         Of a body, they are those of its relative mass (1), centre of mass (3) [m] and stretch (6),
         see `sensitivity.error_directions`; of a joint, those of its place (3) [m] and of its axis'
-        direction (2) [rad]; of C, those of its place (3) [m] and attitude (3) [rad].
-
-        Args:
-            wheels: for each body, whether it is a wheel.
-            joints: number of joints.
-
+        direction (2) [rad]; of C, those of its place (3) [m] and attitude (3) [rad]. `wheels` says
+        of each body whether it is a wheel; `joints` is their number.
         """
         stretch = self.inertia / 2  # the second moment grows by twice the stretch
         body = [self.mass, *3 * [self.com], *6 * [stretch]]

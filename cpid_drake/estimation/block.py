@@ -167,18 +167,13 @@ class BlockQueue:
         needed = SAMPLES_PER_BLOCK * float(np.median(np.diff(times[:SAMPLES_PER_BLOCK])))
         return needed if needed > self.length + SAMPLES_PER_BLOCK * _STAMP else self.length
 
-    def _first_edge(self, waiting: Log) -> float:
-        if not np.isnan(self.edge):
-            return self.edge
-        return float(waiting.encoders.time[0]) - _STAMP
-
     def finished(self) -> list[Block]:
         """Return the last, incomplete blocks, if there are any encoder samples."""
         if self.waiting is None or not len(self.waiting.encoders):
             return []
-        start = self._first_edge(self.waiting)
-        end = float(self.waiting.encoders.time[-1]) + _STAMP
-        is_short = np.isnan(self.edge) and len(self.waiting.encoders) < FEWEST_SAMPLES
+        times, is_first = self.waiting.encoders.time, np.isnan(self.edge)
+        start, end = float(times[0]) - _STAMP if is_first else self.edge, float(times[-1]) + _STAMP
+        is_short = is_first and len(times) < FEWEST_SAMPLES
         if is_short or end - start < 1e-3 * self.length:
             return []
         return [Block(start, end, after(self.waiting, start, end))]

@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from cpid_drake.estimation.block_rows import BlockRows
-from cpid_drake.estimation.least_squares import loss_weight, triangle
+from cpid_drake.estimation.least_squares import triangle
 from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Rolled, Values
-from cpid_drake.estimation.spectrum import Spectra, added, size_of, spectrum_of
+from cpid_drake.estimation.spectrum import added, spectrum_of
 from cpid_drake.estimation.sweep import OPEN, linearized
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.sensors.sensors import SENSORS
@@ -31,21 +31,10 @@ def with_spectra(model: Model, log: LogState, rolled: Rolled, values: Values) ->
     if log.shown:
         return log
     rows = linearized(model.of_log(log.name), log, rolled, values, forward_only=False)
-    shown = _without_outliers(list(map(_shown, rolled.models, rows, rolled.residuals)))
+    shown = tuple(map(_shown, rolled.models, rows, rolled.residuals))
     sums = added(log.past.shown if log.past else {}, *shown)
     spectra = {name: spectrum_of(each) for name, each in sums.items()}
     return replace(log, shown=shown, spectra=spectra)
-
-
-def _without_outliers(blocks: list[dict[str, NDArray[np.float64]]]) -> tuple[Spectra, ...]:
-    """Return what blocks show; those far off, as by a change of the momentum, weigh less."""
-    for name in {name for each in blocks for name in each}:
-        own = [each for each in blocks if name in each]
-        size = np.array([size_of(each[name]) for each in own])
-        weights = loss_weight(size / max(float(np.median(size)), 1e-12))
-        for each, weight in zip(own, weights, strict=True):
-            each[name] = weight**2 * each[name]
-    return tuple(blocks)
 
 
 def _shown(

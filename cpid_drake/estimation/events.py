@@ -24,7 +24,6 @@ from cpid_drake.estimation.log_state import LogState, farthest
 from cpid_drake.estimation.roll import Rolled, Values
 from cpid_drake.estimation.sweep import known_at_start, sweep
 from cpid_drake.estimation.unknowns import Model
-from cpid_drake.estimation.whiteness import LagSums, Whiteness
 
 LATER = 8
 """So many blocks after these ends are used to judge them."""
@@ -34,11 +33,8 @@ def fit_with_events(
     found: Fit,
     question: Question,
     progress: Callable[[str], object] = lambda step: None,
-) -> tuple[Fit, dict[str, Whiteness]]:
+) -> Fit:
     """Return a fit with the changes of momentum that its samples show; see `LogState.changes`.
-
-    The second result is the whiteness of each sensor's residuals where nothing changed, with the
-    ends of all blocks open: what imitates changes, such as correlated noise, is seen there.
 
     Args:
         found: a fit, which is returned if the samples show no changes but its own.
@@ -53,24 +49,23 @@ def fit_with_events(
     quiet = [replace(log, noise={}, weights=tuple({} for _ in log.blocks)) for log in found.logs]
     changes = _changes(replace(found, logs=quiet), question)
     if all(log.open.issuperset(own) for log, own in zip(quiet, changes, strict=True)):
-        return found, {}
-    wide, tests = found, dict[str, Whiteness]()
+        return found
+    wide = found
     # What a change has bent is no start.
     now = [log.of_others(model, log.blocks) for log in found.logs]
     for last in (False, True):  # whole blocks, then parts of those beside changes
         logs = [log.opened(range(len(log.blocks) - 1)) for log in now]
         wide = fit(model, logs, values=wide.values, progress=progress)
         if not is_explained(wide):
-            return found, {}  # changes do not explain the samples
+            return found  # changes do not explain the samples
         changes = _changes(wide, question)
         logs = [log.opened(each) for log, each in zip(wide.logs, changes, strict=True)]
         count = sum(len(log.changes) for log in logs)
         if last or not 0 < count <= most_changes(len(logs)):
             break
-        tests = _tests(wide, changes)
         parts = zip(wide.logs, wide.rolled, changes, strict=True)
         now = [_cut(model, *each) for each in parts]
-    return fit(model, logs, values=wide.values, progress=progress), tests
+    return fit(model, logs, values=wide.values, progress=progress)
 
 
 def is_explained(found: Fit) -> bool:
@@ -81,18 +76,6 @@ def is_explained(found: Fit) -> bool:
 def most_changes(logs: int) -> int:
     """Return the most changes that are probable in so many logs: one in a log is expected."""
     return int(np.ceil(pdtrik(1 - IMPROBABLE, logs)))
-
-
-def _tests(found: Fit, changes: Sequence[Sequence[int]]) -> dict[str, Whiteness]:
-    """Return the whiteness of residuals by sensor, in blocks beside which nothing changed."""
-    sums = dict[str, LagSums]()
-    for log, rolled, own in zip(found.logs, found.rolled, changes, strict=True):
-        for k, block in enumerate(rolled.residuals):
-            if k not in own and k - 1 not in own:
-                for name, rest in block.items():
-                    white = log.whitened(k, name, rest)
-                    sums[name] = sums.get(name, LagSums(channels=rest.shape[1])).added(white)
-    return {name: each.whiteness for name, each in sums.items()}
 
 
 def _changes(found: Fit, question: Question) -> list[list[int]]:

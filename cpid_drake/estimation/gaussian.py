@@ -174,11 +174,6 @@ class Gaussian:
         inverse = np.linalg.inv(self.R / scale) / scale[:, None]
         return np.asarray(inverse @ inverse.T)
 
-    @property
-    def log_evidence(self) -> float:
-        """Log of the integral over all unknowns, up to a constant that priors and rows share."""
-        return -0.5 * self.rho2 - float(np.sum(np.log(np.abs(np.diag(self.R)))))
-
 
 @dataclass(frozen=True, eq=False)
 class LeastSquaresSolution:

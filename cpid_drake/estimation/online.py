@@ -109,7 +109,7 @@ def step(model: Model, state: OnlineState, block: Block) -> OnlineState:
     try:
         found = _fitted(model, state, blocks)
         asked = state.question.without_contradicted(found.gaussian, found.values, model)
-        found, _ = fit_with_events(found, asked)
+        found = fit_with_events(found, asked)
     except (InputError, np.linalg.LinAlgError):
         found = None
     if found is None or not (found.converged or is_explained(found)):

@@ -181,11 +181,6 @@ def spectrum_of(sums: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(found + max(0.0, 1 - found.sum()) * WHITE)
 
 
-def size_of(sums: NDArray[np.float64]) -> float:
-    """Return the root mean square of the residuals in sums, in units of the assumed noise."""
-    return float(np.sqrt(sums[:, _POWER].sum() / max(sums[:, _FREE].sum(), 1.0)))
-
-
 def slow_part(spectrum: NDArray[np.float64]) -> tuple[float, float]:
     """Return the share of slow noise in its variance, or the declared one, and its time [s]."""
     slow = float(np.sum(spectrum[1:]))

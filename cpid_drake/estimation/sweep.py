@@ -39,7 +39,7 @@ BOUNDARY = "boundary"
 
 @dataclass(frozen=True, eq=False)
 class _Change:
-    """A change of some entries at the end of a block, eliminated: z − X (all entries after it)."""
+    """A change of some entries at the end of a block, eliminated; see `changed`."""
 
     columns: NDArray[np.intp]
     rows: NDArray[np.float64]  # [X | z]
@@ -279,27 +279,37 @@ def _eliminated(
 ) -> tuple[Gaussian, NDArray[np.float64]]:
     """Return what is known at the end of a block, and the triangle [R | z] without its start.
 
-    Attitude, centre of mass and momentum at the start are replaced by those at the end, and
-    eliminated together with what ends with the block from the rows that contain them: other rows
-    remain a triangle.
+    With the start x₀ (attitude, p, L, v) and all other columns y, the end is x₁ = E₀ x₀ + E y. So a
+    row A₀ x₀ + A y = b is
+
+        A₀E₀⁻¹ x₁ + (A − A₀E₀⁻¹E) y = b,
+
+    and QR eliminates what ends with the block. Only the first rows of both triangles contain x₀ or
+    what ends: the others remain a triangle.
     """
-    g, size, count = len(own.gone), len(own.gone) + before.size, len(own.order)
-    places = np.r_[:g, g + 12 : count, size]  # of the block's columns but the start
-    begin = np.argsort(own.order)[part.at_start[12:]] - 12  # its joints
-    of_before = np.r_[:12, 12 + places[begin], 12 + g + len(part.at_end) : size + 13]
-    c, e, known = count - g, g + 12, before.rows  # the first rows of both triangles
-    rows = np.zeros((c + e, size + 13))
-    rows[:c, of_before] = known[:c]
-    rows[c:, :12], rows[c:, 12 + places] = own.T[:e, :12], own.T[:e, 12:]
+    n, gone = len(own.order), len(own.gone)
+    size = gone + before.size
+    # The result's columns are: what ends, x₁, the joints at the end, and the table; then b.
+    of_block = np.r_[:gone, gone + 12 : n, size]  # places of the block's y and b
+    joints = of_block[np.argsort(own.order)[part.at_start[12:]] - 12]  # those at its start end
+    of_before = np.r_[:12, 12 + joints, 12 + gone + len(part.at_end) : size + 13]  # after x₀
+    # [A₀ | A | b]: the first rows of what is known before, and of the block's own.
+    known, last, first = before.rows, n - gone, gone + 12
+    rows = np.zeros((last + first, 12 + size + 1))
+    rows[:last, of_before] = known[:last]
+    rows[last:, :12], rows[last:, 12 + of_block] = own.T[:first, :12], own.T[:first, 12:]
+    # A₀E₀⁻¹ x₁ + (A − A₀E₀⁻¹E) y = b
     by_end = rows[:, :12] @ np.linalg.inv(own.end[:, :12])
-    rows[:, 12 + places[:-1]] -= by_end @ own.end[:, own.order[12:]]
-    rows[:, 12 + g : 12 + e] = by_end
-    T, others = triangle(rows[:, 12:]), np.zeros((size + 1, size + 1), order="F")
-    others[np.ix_(places[g:], places[g:])] = own.T[e:, e:]
-    others[count:size, count:] = known[c:, c:]
-    T[e:, e:] = updated_information(others[e:, e:], T[e:, e:])
+    rows[:, 12 + of_block[:-1]] -= by_end @ own.end[:, own.order[12:]]
+    rows[:, 12 + gone : 12 + first] = by_end
+    T = triangle(rows[:, 12:])
+    # The other rows contain neither.
+    others = np.zeros((size + 1, size + 1), order="F")
+    others[np.ix_(of_block[gone:], of_block[gone:])] = own.T[first:, first:]
+    others[n:size, n:] = known[last:, last:]
+    T[first:, first:] = updated_information(others[first:, first:], T[first:, first:])
     rho2 = before.rho2 + float(T[-1, -1]) ** 2
-    return replace(before, R=T[g:-1, g:-1], z=T[g:-1, -1], rho2=rho2), T
+    return replace(before, R=T[gone:-1, gone:-1], z=T[gone:-1, -1], rho2=rho2), T
 
 
 def changed(
@@ -308,9 +318,10 @@ def changed(
     sigma: NDArray[np.float64],
     now: NDArray[np.float64],
 ) -> tuple[Gaussian, NDArray[np.float64]]:
-    """Return what is known after a change u ~ N(0, σ²) of some entries.
+    """Return what is known after a change u ~ N(0, σ²) of some entries, which is eliminated.
 
-    u has the present value `now`. The second result is [X | z], with u = z − X (entries).
+    u has the present value `now`. The entries before are those after it less u: rows R x = z become
+    R x − R_u u = z, and (now + u)/σ = 0 is one more. The second result is [X | z] of u = z − X x.
     """
     m, n = len(columns), known.size
     if not m:
@@ -328,9 +339,9 @@ def changed(
 def linked(
     known: Gaussian, name: str, sigma: NDArray[np.float64], now: NDArray[np.float64]
 ) -> Gaussian:
-    """Return what is known after a change (12,) of attitude, p, L and v, a further unknown.
+    """Return what is known after a change u (12,) of attitude, p, L and v, a further unknown.
 
-    Those are the first columns, which only the first rows contain: the rows remain a triangle.
+    See `changed`. These are the first columns, and u is last: the rows remain a triangle.
     """
     n = known.size
     T = np.zeros((n + 12, n + 13))

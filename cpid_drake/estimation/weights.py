@@ -19,7 +19,7 @@ from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Rolled, Values
 from cpid_drake.estimation.spectrum import DECLARED, WHITE, are_near
 from cpid_drake.estimation.unknowns import Model
-from cpid_drake.estimation.whiteness import MOST_CORRELATED
+from cpid_drake.estimation.whiteness import correlation_time
 from cpid_drake.sensors.sensors import SENSORS
 
 SAME = 1e-2
@@ -103,19 +103,22 @@ def _white(
 
 
 def _correlation_time(rest: NDArray[np.float64], lost: float) -> float:
-    """Return (1 + ρ)/(1 − ρ), how much stronger first-order Gauss-Markov errors are if slow.
+    """Return 1 + 2 Σ ρ, how much stronger errors are at low frequencies than white ones.
 
     The spectrum leaves those that are slower than a block. Of white noise, the motion takes the
-    lowest frequencies, the share that is `lost`, and leaves residuals whose neighbours have the
-    correlation −sin(π lost)/π/(1 − lost). The covariance beyond that is ρ times the variance, of
-    which 1 − lost is in residuals.
+    lowest frequencies, the share that is `lost`, and leaves residuals with the autocorrelation
+    −sin(π lost k)/(π k)/(1 − lost). The covariance beyond that is ρ times the variance, of which
+    1 − lost is in residuals. The sum ends where ρ does (Geyer 1992; see `whiteness`).
     """
-    if len(rest) < 2 or not rest.any():
+    N = len(rest)
+    if N < 4 or not rest.any():
         return 1.0
-    seen = np.mean(rest[1:] * rest[:-1]) / np.mean(rest**2)
-    of_white = -np.sin(np.pi * lost) / np.pi / (1 - lost)
-    rho = np.clip((1 - lost) * (seen - of_white), 0.0, MOST_CORRELATED)  # more is no noise
-    return float((1 + rho) / (1 - rho))
+    power = np.sum(np.abs(np.fft.rfft(rest, 2 * N, axis=0)) ** 2, axis=1)
+    products = np.fft.irfft(power)[: N // 2] / (N - np.arange(N // 2))
+    of_white = -lost * np.sinc(lost * np.arange(N // 2)) / (1 - lost)
+    rho = (1 - lost) * (products / products[0] - of_white)
+    rho[0] = 1.0
+    return correlation_time(rho, rest.size)
 
 
 def _weighted(log: LogState, rolled: Rolled) -> LogState:

@@ -99,21 +99,25 @@ class LagSums:
 
     @property
     def whiteness(self) -> Whiteness:
-        """The whiteness of all residuals so far.
-
-        The correlation time is 1 + 2 Σ ρ_k up to where pairs of ρ turn negative (Geyer 1992,
-        "Practical Markov Chain Monte Carlo", initial positive sequence).
-        """
+        """The whiteness of all residuals so far."""
         rho, count = self.correlation, round(self.pairs[0] / self.channels)
         if count < 4 or len(rho) < 2:
             return Whiteness(0.0, 1.0, 1.0, count, 0.0)
-        pairs = rho[: len(rho) // 2 * 2].reshape(-1, 2).sum(axis=1)
-        end = int(np.argmax(pairs <= 0)) if (pairs <= 0).any() else len(pairs)
-        time = 2 * float(pairs[:end].sum()) - 1
+        time = correlation_time(rho, self.pairs[0])
         rms = float(np.sqrt(self.products[0] / self.pairs[0]))
-        return Whiteness(
-            float(rho[1]), float(BAND / np.sqrt(self.pairs[1])), max(time, 1.0), count, rms
-        )
+        return Whiteness(float(rho[1]), float(BAND / np.sqrt(self.pairs[1])), time, count, rms)
+
+
+def correlation_time(rho: NDArray[np.float64], count: float) -> float:
+    """Return 1 + 2 Σ ρ_k from the autocorrelation at 0, 1, 2, … samples of so many entries.
+
+    The sum is up to where pairs of ρ turn negative (Geyer 1992, "Practical Markov Chain Monte
+    Carlo", initial positive sequence), less two of its σ if residuals are white.
+    """
+    pairs = rho[: len(rho) // 2 * 2].reshape(-1, 2).sum(axis=1)
+    end = int(np.argmax(pairs <= 0)) if (pairs <= 0).any() else len(pairs)
+    beyond = 2 * float(pairs[:end].sum()) - 2
+    return 1 + max(beyond - 4 * float(np.sqrt(2 * end / count)), 0.0)
 
 
 def whiteness(residuals: NDArray[np.float64]) -> Whiteness:

@@ -1,11 +1,11 @@
 """What a fit says, in a result's terms: the same of all samples and online."""
 
-from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.total_momentum import TotalMomentum
@@ -17,133 +17,92 @@ from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.posterior import known_target
 from cpid_drake.estimation.roll import Values
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
-from cpid_drake.estimation.whiteness import Whiteness
 from cpid_drake.identification.budget import error_budget, size_checks
-from cpid_drake.identification.checks import Check, fit_checks, momentum_words, noise_warnings
+from cpid_drake.identification.checks import (
+    Check,
+    Observed,
+    fit_checks,
+    momentum_words,
+    noise_warnings,
+)
+from cpid_drake.identification.chosen_fit import ChosenFit
 from cpid_drake.identification.effects import EffectEstimate
 from cpid_drake.identification.result import Identification
 
 
-@dataclass(frozen=True, eq=False)
-class Observed:
-    """What the residuals of all samples show.
-
-    Attributes:
-        tests: whiteness of the residuals of each sensor (of log).
-        counts: numbers of outliers, and of all samples, by log and sensor.
-        changes: times at which the momentum changed [s].
-        beside: see `checks.fit_checks`.
-
-    """
-
-    tests: Mapping[str, Whiteness]
-    counts: Mapping[tuple[str, str], tuple[int, int]]
-    changes: tuple[float, ...] = ()
-    beside: Mapping[str, Whiteness] = field(default_factory=dict)
-
-    @property
-    def used(self) -> Counter[str]:
-        """Number of samples that are no outliers, by log."""
-        used = Counter[str]()
-        for (log, _), (far, count) in self.counts.items():
-            used[log] += count - far
-        return used
-
-    @property
-    def rejected(self) -> dict[str, int]:
-        """Number of outliers by sensor."""
-        rejected = Counter[str]()
-        for (_, sensor), (far, _) in self.counts.items():
-            rejected[sensor] += far
-        return {name: count for name, count in rejected.items() if count}
-
-    @property
-    def outlier_share(self) -> float:
-        """Largest share of outliers in a sensor's samples."""
-        return max(far / max(count, 1) for far, count in self.counts.values())
-
-
 def answer_of(
-    found: Fit,
+    fit: Fit,
     question: Question,
     momentum: TotalMomentum | None,
     observed: Observed,
     *,
     joints: Sequence[str] | None,
     estimator: str,
-) -> tuple[Identification, Values]:
-    """Return what a fit says, and what is held in it.
+) -> tuple[Identification, ChosenFit]:
+    """Return what a fit says, and the fit with what is held in it.
 
     Args:
-        found: the fit.
-        question: what is asked about the momentum.
-        momentum: the total momentum of all logs; None for zero or unknown.
+        fit: the fit.
+        question: what is asked about the momentum of its logs, which is `momentum` if it is given.
+        momentum: see `identify.identify`.
         observed: of all samples.
         joints: names of the joints, for the error budget; None for no budget.
         estimator: name of the estimator.
 
     """
-    model, names = found.model, [log.name for log in found.logs]
-    where = {name: f"{name}: " if len(names) > 1 else "" for name in names}
-    given = question.given
-    question = question.without_contradicted(found.gaussian, found.values, model)
-    compared = question.answer(found.gaussian, found.values)
+    model, names, values = fit.model, [log.name for log in fit.logs], fit.values
+    # Posterior: the average over the sets of momenta that are not zero, by their probability.
+    given, question = question.given, question.without_contradicted(fit.gaussian, values, model)
+    compared = question.answer(fit.gaussian, values)
     average = compared.gaussian
-    gaussian = average.moved(np.concatenate([found.values[name] for name in average.places]))
-    checks, is_free = list[Check](), momentum is not None and momentum.is_unknown
-    noise = {
-        name if len(names) == 1 else f"{name} of {log.name}": factor
-        for log in found.logs
-        for name, factor in log.noise_factors.items()
-    }
-    spectra = {
-        name if len(names) == 1 else f"{name} of {log.name}": spectrum
-        for log in found.logs
-        for name, spectrum in {**log.spectra, **log.smoothness.spectra}.items()
-    }
-    changes, gaps = (
-        observed.changes,
-        [text for log in found.logs for text in gap_warnings(log, where[log.name])],
-    )
-    warnings = (*gaps, *noise_warnings(noise, spectra), *change_warnings(changes))
+    gaussian = average.moved(np.concatenate([values[name] for name in average.places]))
+    chosen = ChosenFit(fit, question.held(values, compared.best))
+    target = known_target(model, values[PSI], gaussian, count=observed.used.total())
+    effects = effects_of(model, values, gaussian, *names)
+    # Checks and warnings: what each assumption means for the samples.
+    noise, spectra = dict[str, float](), dict[str, NDArray[np.float64]]()
+    warnings, checks = list[str](), list[Check]()
+    is_free = momentum is not None and momentum.is_unknown
+    for log in fit.logs:
+        of_log = f" of {log.name}" if len(names) > 1 else ""
+        where = f"{log.name}: " if len(names) > 1 else ""
+        noise |= {name + of_log: factor for name, factor in log.noise_factors.items()}
+        own = {**log.spectra, **log.smoothness.spectra}
+        spectra |= {name + of_log: spectrum for name, spectrum in own.items()}
+        warnings += gap_warnings(log, where)
+    warnings += [*noise_warnings(noise, spectra), *change_warnings(observed.changes)]
     for name in names:
         key = model.unknown(MOMENTUM).key(name)
         is_wrong = key in given and key not in question.given
         likely = 1.0 if is_wrong else compared.probability.get(key, 0.0)
         is_free = is_free or likely >= NAMED
-        is_given = momentum is not None
-        said, failed = momentum_words(likely, is_given=is_given, where=where[name])
-        warnings, checks = (*warnings, *said), [*checks, *failed]
-    effects = effects_of(model, found.values, gaussian, *names)
-    said = tuple(f"{e.describe()}: it failed" for e in effects if e.failed_valve)
-    sizes = size_checks(model, found.values, gaussian, effects, joints)
-    tests, outliers = observed.tests, observed.outlier_share
-    fails = fit_checks(
-        found.converged, outliers, noise, tests, len(changes), len(names), observed.beside
-    )
+        where = f"{name}: " if len(names) > 1 else ""
+        said, failed = momentum_words(likely, is_given=momentum is not None, where=where)
+        warnings, checks = [*warnings, *said], [*checks, *failed]
+    warnings += [f"{e.describe()}: it failed" for e in effects if e.failed_valve]
+    fails = tuple(fit_checks(fit.converged, noise, observed, len(names)))
+    sizes = size_checks(model, values, gaussian, effects, joints)
     [first, *others] = names
-    own = {} if others else momentum_of(model, found.values, gaussian, first, compared)
-    count = observed.used.total()
     result = Identification.of_solution(
         relative_parameterization(model.mass),
-        known_target(model, found.values[PSI], gaussian, count=count),
+        target,
         sensors=model.suite,
-        sample_count=count,
+        sample_count=observed.used.total(),
         estimator=estimator,
         rejected=observed.rejected,
-        momentum_changes=changes,
-        warnings=(*warnings, *said),
+        momentum_changes=observed.changes,
+        warnings=tuple(warnings),
         checks=(*checks, *sizes, *fails),
         momentum="unknown" if is_free else (momentum or TotalMomentum.zero()).name,
         noise=noise,
         effects=effects,
-        **own,
+        **({} if others else momentum_of(model, values, gaussian, first, compared)),
     )
-    held = question.held(found.values, compared.best)
+    # Budget: what the variance of each identifiable parameter comes from.
     is_known = np.isfinite(np.diag(result.covariance))
-    if joints is not None and found.converged and is_known.any():
-        result = replace(result, budget=error_budget(found, held, is_known, joints))
-    return result, held
+    if joints is not None and fit.converged and is_known.any():
+        result = replace(result, budget=error_budget(chosen, is_known, joints))
+    return result, chosen
 
 
 def change_warnings(times: Sequence[float]) -> tuple[str, ...]:
@@ -182,7 +141,7 @@ def effects_of(
     model: Model, values: Values, gaussian: Gaussian, *logs: str
 ) -> tuple[EffectEstimate, ...]:
     """Return the estimates of constant errors but biases; of those that walk, the last value."""
-    found = []
+    effects = []
     for key, (log, unknown) in model.unknowns_of(logs).items():
         error = model.of_log(log).constants.errors.get(unknown.name)
         if error is not None and error.kind != BIAS and key in gaussian.places:
@@ -190,8 +149,8 @@ def effects_of(
             value, sigma = values[key] + own.solve(), np.sqrt(np.diag(own.covariance()))
             where = log if unknown.scope == "log" and len(logs) > 1 else ""
             owner = {"log": where, "hardware": unknown.hardware}
-            found.append(EffectEstimate.of(error, value, sigma, **owner))
-    return tuple(found)
+            effects.append(EffectEstimate.of(error, value, sigma, **owner))
+    return tuple(effects)
 
 
 def momentum_of(
@@ -199,18 +158,18 @@ def momentum_of(
     values: Values,
     gaussian: Gaussian,
     log: str,
-    compared: ModelComparison | None = None,
+    compared: ModelComparison,
 ) -> dict[str, Any]:
     """Return a result's fields of L at the start of a log, and v_WScm if positions are measured.
 
     There are none if the momentum is known. One that acts has the values of its comparison.
     """
     key = f"{MOMENTUM}|{log}"
-    if compared is not None and key in compared.values:
+    if key in compared.values:
         value, covariance = compared.values[key], compared.covariance[key]
     elif key in gaussian.places:
-        found = gaussian.marginal([key])
-        value, covariance = values[key] + found.solve(), found.covariance()
+        own = gaussian.marginal([key])
+        value, covariance = values[key] + own.solve(), own.covariance()
     else:
         return {}
     count = 6 if "position" in model.suite.present() else 3

@@ -1,10 +1,12 @@
 """Arguments of `identify` and `validate`: objects, or the names and paths of the command line."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
 from cpid_drake.dynamics.motion import Motion
+from cpid_drake.dynamics.rows import RowFamily, row_family
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.files.checked_yaml import from_tree, load_yaml, parse_yaml
@@ -29,21 +31,43 @@ LogLike = Motion | Log | PathLike
 """Exact states, a log, or its file."""
 
 
-def require_spacecraft(given: object) -> None:
-    """Refuse what is no spacecraft.
+@dataclass(frozen=True, eq=False)
+class Arguments:
+    """The arguments of `identify.identify` besides the logs, by their names.
 
-    Raises:
-        InputError: it is a path, or anything else.
-
+    Sensors are those of the first log; see `checked_log.CheckedLog.sensors`.
     """
+
+    spacecraft: Spacecraft
+    estimator: str | None = None
+    rows: str | None = None
+    sensors: SensorSuite | None = None
+    momentum: TotalMomentum | None = None
+    known_bodies: BodyUncertainty | None = None
+    prior: TargetPrior | None = None
+    planar: bool | None = None
+
+    @property
+    def has_exact_bodies(self) -> bool:
+        """Whether no error of the spacecraft's model is included, but by the trajectory fit."""
+        return self.known_bodies is None or self.known_bodies.is_zero
+
+    @property
+    def family(self) -> RowFamily | None:
+        """The row family; None for an estimator that uses none."""
+        is_unknown = self.momentum is not None and self.momentum.is_unknown
+        return None if self.rows is None else row_family(self.rows, is_unknown)
+
+
+def require_spacecraft(given: object) -> None:
+    """Raise an InputError for what is no spacecraft, such as a path."""
     if isinstance(given, Spacecraft):
         return
-    remedy = f"Spacecraft({str(given)!r}, base=..., capture_frame=...)"
-    if not isinstance(given, PathLike):
-        remedy = "Spacecraft(model, base=..., capture_frame=...)"
+    model = repr(str(given)) if isinstance(given, PathLike) else "model"
     raise InputError(
         f"the spacecraft must be a Spacecraft, not {given!r:.80}: a model alone does not say which "
-        f"body is the base and which frame holds the target; give {remedy}"
+        "body is the base and which frame holds the target; give "
+        f"Spacecraft({model}, base=..., capture_frame=...)"
     )
 
 
@@ -58,10 +82,8 @@ def resolve_logs(
     """
     if isinstance(data, Sequence) and not isinstance(data, str):
         data = {str(each): each for each in data}
-    elif isinstance(data, PathLike):
-        data = {str(data): data}
     elif not isinstance(data, Mapping):
-        data = {"log": data}
+        data = {str(data) if isinstance(data, PathLike) else "log": data}
     if not data:
         raise InputError("there is no log to identify from")
     return {name: _log_of(name, each, spacecraft) for name, each in data.items()}
@@ -81,15 +103,8 @@ def _log_of(name: str, given: LogLike, spacecraft: Spacecraft) -> Motion | Log:
 
 
 def resolve_sensors(given: SensorSuite | PathLike | None) -> SensorSuite | None:
-    """Return sensors; a preset or a file is read.
-
-    Raises:
-        InputError: they are no sensors; see also `load_sensors`.
-
-    """
-    if isinstance(given, PathLike):
-        return load_sensors(given)
-    return _checked("sensors", given, SensorSuite, "a preset, or a file")
+    """Return sensors; a preset or a file is read, or an InputError raised."""
+    return _resolved("sensors", given, SensorSuite, "a preset, or a file", load_sensors)
 
 
 def resolve_sensors_by_log(
@@ -107,7 +122,7 @@ def resolve_sensors_by_log(
     for name in given:
         if name not in logs:
             raise InputError(f"sensors: there is no log '{name}'; {choose_from(name, logs)}")
-    read, found = dict[object, SensorSuite | None](), dict[str, SensorSuite | None]()
+    read, suites = dict[object, SensorSuite | None](), dict[str, SensorSuite | None]()
     for name in logs:
         own = given.get(name)
         if own is None:
@@ -117,62 +132,52 @@ def resolve_sensors_by_log(
         key: object = id(own)
         if isinstance(own, PathLike):
             key = str(own) if str(own) in sensor_presets() else Path(own).resolve()
-        found[name] = read[key] = read.get(key) or resolve_sensors(own)
-    return found
+        suites[name] = read[key] = read.get(key) or resolve_sensors(own)
+    return suites
 
 
 def resolve_bodies(given: BodyUncertainty | PathLike | None) -> BodyUncertainty | None:
-    """Return the uncertainty of a spacecraft; a text or a file is read.
-
-    Raises:
-        InputError: it is none; see also `read_uncertainty`.
-
-    """
-    if isinstance(given, PathLike):
-        return read_uncertainty(str(given))
-    return _checked("known_bodies", given, BodyUncertainty, "a text, or a file")
+    """Return the uncertainty of a spacecraft, also from what `read_uncertainty` reads."""
+    return _resolved("known_bodies", given, BodyUncertainty, "a text, or a file", read_uncertainty)
 
 
 def resolve_prior(
     given: TargetPrior | Identification | PathLike | None, spacecraft: Spacecraft
 ) -> TargetPrior | None:
-    """Return what is known of a target, also from a result; a file is read.
-
-    Raises:
-        InputError: it is none; see also `load_prior`.
-
-    """
-    if isinstance(given, PathLike):
-        return load_prior(str(given), spacecraft, spacecraft.capture_frame.name())
+    """Return what is known of a target, also from a result, or from what `load_prior` reads."""
+    frame = spacecraft.capture_frame.name()
     if isinstance(given, Identification):
-        frame = spacecraft.capture_frame.name() if given.spacecraft else None
-        return prior_of_result(given, "result", spacecraft, frame)
-    return _checked("prior", given, TargetPrior, "a result, or a file")
+        return prior_of_result(given, "result", spacecraft, frame if given.spacecraft else None)
+    return _resolved(
+        "prior",
+        given,
+        TargetPrior,
+        "a result, or a file",
+        lambda path: load_prior(path, spacecraft, frame),
+    )
 
 
 def resolve_momentum(given: TotalMomentum | str | None) -> TotalMomentum | None:
-    """Return a total momentum, also by its name.
-
-    Raises:
-        InputError: there is none of this name.
-
-    """
-    if isinstance(given, str):
-        return TotalMomentum.named(given)
-    return _checked("momentum", given, TotalMomentum, "zero, or unknown")
+    """Return a total momentum, also by its name; see `TotalMomentum.named`."""
+    named = TotalMomentum.named
+    return _resolved("momentum", given, TotalMomentum, "zero, or unknown", named)
 
 
 def resolve_planar(given: bool | None) -> bool | None:
-    """Return whether a table carries a spacecraft.
-
-    Raises:
-        InputError: it is neither true, false nor None.
-
-    """
-    return _checked("planar", given, bool, "or None")
+    """Return whether a table carries a spacecraft; raise an InputError for what is no bool."""
+    return _resolved("planar", given, bool, "or None")
 
 
-def _checked(name: str, given: object, kind: type[Kind], others: str) -> Kind | None:
+def _resolved(
+    name: str,
+    given: object,
+    kind: type[Kind],
+    others: str,
+    read: Callable[[str], Kind] | None = None,
+) -> Kind | None:
+    """Return an argument of a kind; its name or its file is read."""
+    if read is not None and isinstance(given, PathLike):
+        return read(str(given))
     if given is None or isinstance(given, kind):
         return given
     raise InputError(f"{name} must be a {kind.__name__}, {others}, not {given!r:.80}")

@@ -16,23 +16,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.parameterizations import relative_parameterization
-from cpid_drake.estimation.fit import Fit, prior_of
 from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.least_squares import quantile_95
+from cpid_drake.estimation.least_squares import FAR, quantile_95
 from cpid_drake.estimation.likelihood.constants import BIAS
 from cpid_drake.estimation.roll import Values
-from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import BODIES, MOMENTUM, PSI, Model, Unknown
 from cpid_drake.files.checked_yaml import Numbers
 from cpid_drake.files.digits import significant, with_half_width
 from cpid_drake.identification.checks import Check
+from cpid_drake.identification.chosen_fit import ChosenFit
 from cpid_drake.identification.effects import EffectEstimate, with_sensors_of
 from cpid_drake.sensors.error_kinds import KINDS
 from cpid_drake.sensors.sensors import Gyro
 from cpid_drake.sensors.suite import SensorSuite
-
-LARGEST_ERROR = 4.0
-"""No error is larger than so many of its σ: one entry in 16,000 is."""
 
 LEAST_SHARE = 0.01
 """Least share of a row of the budget, of any parameter."""
@@ -74,19 +70,14 @@ class BudgetRow:
 
 
 def error_budget(
-    found: Fit, held: Values, known: NDArray[np.bool_], joints: Sequence[str]
+    chosen: ChosenFit, is_known: NDArray[np.bool_], joints: Sequence[str]
 ) -> tuple[BudgetRow, ...]:
-    """Return the budget, the largest shares first; that of all errors together is the first row.
+    """Return the budget for joints of these names, and the parameters (10,) that are known.
 
-    Args:
-        found: a fit.
-        held: unknowns that are held, with their values less those of the fit.
-        known: (10,) whether each parameter is known.
-        joints: names of the joints.
-
+    The first row is that of all errors together; then, the largest shares come first.
     """
-    model, psi = found.model, found.values[PSI]
-    whole = found.gaussian.condition({n: v for n, v in held.items() if n in found.values})
+    fit = chosen.fit
+    model, psi, whole = fit.model, fit.values[PSI], chosen.given(fit.gaussian)
     errors = [name for name in whole.places if name != PSI]
     if not errors:
         return ()
@@ -98,10 +89,10 @@ def error_budget(
     def share(left: Gaussian) -> NDArray[np.float64]:
         """Return the shares that go if this is left."""
         own = left.marginal([PSI]).covariance()
-        return np.where(known, 1 - np.diag(jacobian @ own @ jacobian.T) / total, np.nan)
+        return np.where(is_known, 1 - np.diag(jacobian @ own @ jacobian.T) / total, np.nan)
 
     rows, k = list[BudgetRow](), 10
-    names = [log.name for log in found.logs]
+    names = [log.name for log in fit.logs]
     unknowns = model.unknowns_of(names)
     for key in errors:
         log, unknown = unknowns[key]
@@ -112,54 +103,50 @@ def error_budget(
             where = f" of {log}"
         for name, unit, scale in _entries(model.of_log(log), unknown, joints):
             of_target, variance = jacobian @ P[:10, k], P[k, k]
-            value, sigma, prior = found.values[key], np.sqrt(variance), unknown.sigma
+            value, sigma, prior = fit.values[key], np.sqrt(variance), unknown.sigma
             entry = k - both.places[key].start
             if not walks:
-                shares = np.where(known, of_target**2 / (variance * total), np.nan)
+                shares = np.where(is_known, of_target**2 / (variance * total), np.nan)
                 needed = 1 / np.hypot(1 / prior[entry], 1 / sigma)
                 numbers = (value[entry] + solution[k], sigma, needed)
                 rows.append(
                     BudgetRow(name + where, shares, unit, *(float(scale * x) for x in numbers))
                 )
             k += 1
-    rows += [BudgetRow(name, share(left)) for name, left in _without_walks(found, held)]
+    rows += [BudgetRow(name, share(left)) for name, left in _without_walks(chosen)]
     largest = {id(row): float(np.nanmax(row.shares, initial=0.0)) for row in rows}
     rows = [row for row in rows if largest[id(row)] >= LEAST_SHARE]
     return tuple(sorted(rows, key=lambda row: (row.name != ALL, -largest[id(row)])))
 
 
-def _without_walks(found: Fit, held: Values) -> Iterator[tuple[str, Gaussian]]:
+def _without_walks(chosen: ChosenFit) -> Iterator[tuple[str, Gaussian]]:
     """Yield the name of each group of errors that walk, and what is known if they were exact."""
-    table = found.model.unknowns_of(log.name for log in found.logs).values()
-    walking = {u.name for _, u in table if u.walk}
-    names = {
-        group: {name for name in walking if name.rpartition(".")[2] in kinds}
-        for group, kinds in _GROUPS.items()
-    }
-    if any(log.past for log in found.logs):  # what is behind a window cannot be swept again
-        names = {}
-    names = {group: each for group, each in names.items() if each}
-    everything = set().union(*names.values())
-    swept = {group: _exact(found, held, each) for group, each in names.items()}
-    yield from swept.items()
-    if len(names) == 1:
-        [left] = swept.values()
-    else:
-        left = _exact(found, held, everything) if names else found.gaussian.condition(held)
+    fit, names = chosen.fit, dict[str, set[str]]()
+    if not any(log.past for log in fit.logs):  # what is behind a window cannot be swept again
+        table = fit.model.unknowns_of(log.name for log in fit.logs).values()
+        walking = {unknown.name for _, unknown in table if unknown.walk}
+        for group, kinds in _GROUPS.items():
+            if own := {name for name in walking if name.rpartition(".")[2] in kinds}:
+                names[group] = own
+    left = chosen.given(fit.gaussian)
+    for group, own in names.items():
+        left = _exact(chosen, own)
+        yield group, left
+    if len(names) > 1:
+        left = _exact(chosen, set().union(*names.values()))
     yield ALL, left.condition({name: 0.0 for name in left.places if name != PSI})
 
 
-def _exact(found: Fit, held: Values, names: set[str]) -> Gaussian:
+def _exact(chosen: ChosenFit, names: set[str]) -> Gaussian:
     """Return what is known if some errors that walk were exact."""
-    model = found.model.with_suites(partial(_steady, names=names))
-    total = prior_of(model, found.logs, found.values)
-    for log, rolled in zip(found.logs, found.rolled, strict=True):
-        walking = found.model.of_log(log.name).walking
+    fit, parts = chosen.fit, []
+    for log, rolled in zip(fit.logs, fit.rolled, strict=True):
+        walking = fit.model.of_log(log.name).walking
         keep = np.concatenate([np.full(u.size, u.name not in names) for u in walking])
         less = replace(log, walks=tuple(walk[keep] for walk in log.walks))
-        total = total.add(sweep(model, less, rolled, found.values, forward_only=True).gaussian)
-    exact = {name: 0.0 for name in total.places if name.partition("|")[0] in names}
-    return total.condition(exact | {n: v for n, v in held.items() if n in total.places})
+        parts.append((less, rolled, fit.values))
+    left = chosen.swept(fit.model.with_suites(partial(_steady, names=names)), fit.values, parts)
+    return left.condition({name: 0.0 for name in left.places if name.partition("|")[0] in names})
 
 
 def _steady(suite: SensorSuite, names: set[str]) -> SensorSuite:
@@ -203,18 +190,18 @@ def _of_bodies(model: Model, joints: Sequence[str]) -> Iterator[tuple[str, str, 
     """Yield the same of the errors of bodies, geometry and grasp; see `BodyUncertainty`."""
     uncertainty = model.known_bodies
     assert uncertainty is not None
-    found = list[tuple[str, str, float]]()
+    errors = list[tuple[str, str, float]]()
     for body in model.tree.bodies:
-        found.append((f"mass of {body.name}", "%", 100.0))
-        found += [(f"centre of mass of {body.name}, {axis}", "mm", 1e3) for axis in _XYZ]
-        found += [(f"inertia of {body.name}, {entry}", "%", 200.0) for entry in _STRETCHES]
+        errors.append((f"mass of {body.name}", "%", 100.0))
+        errors += [(f"centre of mass of {body.name}, {axis}", "mm", 1e3) for axis in _XYZ]
+        errors += [(f"inertia of {body.name}, {entry}", "%", 200.0) for entry in _STRETCHES]
     for joint in joints:
-        found += [(f"place of {joint}, {axis}", "mm", 1e3) for axis in _XYZ]
-        found += [(f"axis of {joint}, {k}", "mrad", 1e3) for k in (1, 2)]
-    found += [(f"place of the grasp, {axis}", "mm", 1e3) for axis in _XYZ]
-    found += [(f"attitude of the grasp, {axis}", "mrad", 1e3) for axis in _XYZ]
+        errors += [(f"place of {joint}, {axis}", "mm", 1e3) for axis in _XYZ]
+        errors += [(f"axis of {joint}, {k}", "mrad", 1e3) for k in (1, 2)]
+    errors += [(f"place of the grasp, {axis}", "mm", 1e3) for axis in _XYZ]
+    errors += [(f"attitude of the grasp, {axis}", "mrad", 1e3) for axis in _XYZ]
     sigmas = uncertainty.all_sigmas(model.tree.wheels, len(joints))
-    for (name, unit, scale), sigma in zip(found, sigmas, strict=True):
+    for (name, unit, scale), sigma in zip(errors, sigmas, strict=True):
         if sigma > 0:
             yield name, unit, scale * float(sigma)
 
@@ -226,7 +213,7 @@ def size_checks(
     effects: Sequence[EffectEstimate],
     joints: Sequence[str] | None,
 ) -> tuple[Check, ...]:
-    """Return the check of errors that are too large for their σ; what may fail is left out.
+    """Return the check of errors that are beyond `FAR` of their σ; what may fail is left out.
 
     Args:
         model, values, gaussian: all unknowns, their values, and what is known about these values.
@@ -254,4 +241,4 @@ def size_checks(
         f"an error is {significant(sizes[name])} times as large as its sigma: {name}; declare "
         "what the hardware can have, or look for another cause"
     )
-    return (Check.of("declared sizes", sentence, sizes[name], LARGEST_ERROR),)
+    return (Check.of("declared sizes", sentence, sizes[name], FAR),)

@@ -4,8 +4,8 @@ Every log is a Gaussian of the target and of its own momentum (`estimation.rows_
 show whether the momentum is zero. Several logs, and a prior, are the sum of their Gaussians.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from functools import reduce
 from typing import Any
 
@@ -24,8 +24,10 @@ from cpid_drake.estimation.least_squares import KNOWN
 from cpid_drake.estimation.rows_fit import TARGET, LogRows
 from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.files.digits import significant
-from cpid_drake.identification.checked_log import Arguments, CheckedLog, suite_of
-from cpid_drake.identification.checks import IMPROBABLE, Check, halves_check, momentum_words
+from cpid_drake.identification.arguments import Arguments
+from cpid_drake.identification.checked_log import CheckedLog, suites_of
+from cpid_drake.identification.checks import IMPROBABLE, Check, momentum_words
+from cpid_drake.identification.chosen_fit import halves_check
 from cpid_drake.identification.model_sensitivity import with_larger_base
 from cpid_drake.identification.result import Identification
 from cpid_drake.identification.together import with_sources
@@ -36,13 +38,10 @@ from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
-FEWEST_FREEDOM = 20
-"""Degrees of freedom from which on residuals are shown."""
-
 INTEGRATION = 1e-5
 """Residuals below this share of the momentum contradict nothing: integration leaves as much."""
 
-NAME = "least_squares"
+LEAST_SQUARES = "least_squares"
 """The estimator's name."""
 
 MISFIT = "misfit"
@@ -59,6 +58,22 @@ _NOISE = (
     "be too narrow; identify with --estimator trajectory_fit"
 )
 _MOMENTA = ("zero", "known", "unknown")
+
+
+@dataclass(frozen=True, eq=False)
+class _LogPart:
+    """What the rows of one log say; `own` has fields of an identification from this log alone."""
+
+    target: Gaussian
+    by_tree: Mapping[str, Gaussian]
+    row_count: int
+    has_noise: bool
+    sample_count: int
+    momentum: str
+    sensors: SensorSuite | None
+    warnings: tuple[str, ...]
+    checks: tuple[Check, ...]
+    own: Mapping[str, Any]
 
 
 def estimate(
@@ -78,44 +93,36 @@ def estimate(
     trees = dict[str, KinematicTree]()
     if arguments.has_exact_bodies:
         trees = {"": craft.tree} | with_larger_base(craft.tree)
-    summaries = {name: _summarize(arguments, log, trees) for name, log in logs.items()}
-    fields = {name: own for name, (own, _, _) in summaries.items()}
-    sources = {name: target for name, (_, target, _) in summaries.items()}
+    parts = {name: _summarize(arguments, log, trees) for name, log in logs.items()}
+    # Least squares: the sum of |A x − b|² over all logs, each with its own momentum eliminated.
+    sources = {name: part.target for name, part in parts.items()}
     form = family.parameterization(craft.mass)
-    rows = sum(own.pop("row_count") for own in fields.values())
-    solution, prior = _solved(arguments, form, reduce(Gaussian.add, sources.values()), rows)
-    if not all(own.pop("has_noise") for own in fields.values()):
+    row_count = sum(part.row_count for part in parts.values())
+    solution, prior = _solved(arguments, form, reduce(Gaussian.add, sources.values()), row_count)
+    if not all(part.has_noise for part in parts.values()):
         solution = replace(solution, covariance=np.full((10, 10), np.nan))
-    where = {name: f"{name}: " if len(logs) > 1 else "" for name in logs}
-    counts = {name: own.pop("sample_count") for name, own in fields.items()}
-    common = {
-        "sensors": next(iter(fields.values()))["sensors"],
-        "momentum": max((own.pop("momentum") for own in fields.values()), key=_MOMENTA.index),
-        "warnings": tuple(where[n] + text for n in logs for text in fields[n].pop("warnings")),
-        "checks": tuple(
-            replace(check, sentence=where[n] + check.sentence if check.sentence else "")
-            for n in logs
-            for check in fields[n].pop("checks")
-        ),
-    }
-    if len(logs) == 1:  # of several logs, each has its own momentum and residuals
-        common |= next(iter(fields.values()))
-    at = {}
+    # Sensitivity: the same for a spacecraft of which one body is 1 % larger.
+    is_known, at = np.isfinite(form.to_parameters(solution.estimate)), {}
     for name, tree in trees.items():
-        total = reduce(Gaussian.add, (held[name] for _, _, held in summaries.values()))
+        total = reduce(Gaussian.add, (part.by_tree[name] for part in parts.values()))
         changed = family.parameterization(tree.mass)
         at[name] = changed.to_parameters(_solved(arguments, changed, total)[0].values)
-    is_known = np.isfinite(form.to_parameters(solution.estimate))
+    counts = {name: part.sample_count for name, part in parts.items()}
+    [first, *others] = parts.values()
     result = Identification.of_solution(
         form,
         solution,
+        sensors=first.sensors,
         sample_count=sum(counts.values()),
-        estimator=NAME,
+        estimator=LEAST_SQUARES,
         rows=family.name,
+        momentum=max((part.momentum for part in parts.values()), key=_MOMENTA.index),
         sensitivity={n: np.where(is_known, x - at[""], np.nan) for n, x in at.items() if n},
-        **common,
+        warnings=tuple(text for part in parts.values() for text in part.warnings),
+        checks=tuple(check for part in parts.values() for check in part.checks),
+        **({} if others else first.own),
     )
-    if len(logs) == 1 and prior is None:
+    if not others and prior is None:
         return result
     if arguments.prior is not None and prior is not None:
         sources[arguments.prior.name] = prior
@@ -143,9 +150,9 @@ def _solved(
         prior = arguments.prior.gaussian(TARGET, form, x, scale)
         # What only the prior determines is determined, however vague the prior is.
         largest = max(KNOWN, 1.5 / float(prior.singular_parts(scale)[1].min()))
-        found = solution_of(logs.add(prior), x, scale, largest=largest, row_count=row_count)
-        x = found.values
-    return found, prior
+        solution = solution_of(logs.add(prior), x, scale, largest=largest, row_count=row_count)
+        x = solution.values
+    return solution, prior
 
 
 def plausible(
@@ -178,15 +185,6 @@ def needs_of_rows(family: RowFamily, momentum: TotalMomentum) -> tuple[tuple[str
     # on it.
     place = ("position",) if momentum.is_unknown else ("velocity", "position")
     return (("encoders",), ("attitude",), place)
-
-
-def best_rows(counts: Sequence[Mapping[str, int]], sensors: SensorSuite | None) -> str:
-    """Return "standard", or "relative" if samples must be smoothed or have no velocity.
-
-    An error of the base's velocity enters all standard rows of a sample, and no relative one.
-    """
-    is_complete = all(count.get("joint_rates") and count.get("velocity") for count in counts)
-    return "standard" if is_complete and sensors is None else "relative"
 
 
 def is_measured(log: CheckedLog, tree: KinematicTree, family: RowFamily) -> bool:
@@ -232,41 +230,33 @@ def _needed(measurements: Log, family: RowFamily) -> list[str]:
 def complete_samples(measurements: Log, family: RowFamily) -> Motion | None:
     """Return the motion at the common times of a log; None if they are too few.
 
-    Position, velocity and attitude that were not logged are set to zero if `needs_of_rows` does not
-    require them.
+    What was not logged, and `needs_of_rows` does not require, is zero.
     """
     common = common_times(measurements, family)
     if common is None:
         return None
-    samples = {name: measurements[name] for name in _needed(measurements, family)}
-
-    def values(name: str) -> NDArray[np.float64]:
-        if name not in samples:
-            nothing = [1.0, 0.0, 0.0, 0.0] if name == "attitude" else [0.0, 0.0, 0.0]
-            return np.tile(nothing, (len(common), 1))
-        return np.asarray(samples[name].value[np.searchsorted(samples[name].time, common)])
-
-    quaternion = values("attitude")
-    R_WB = Rotation.from_quat(quaternion, scalar_first=True)
+    none = np.zeros((len(common), 3))
+    values = {"attitude": none[:, :1] + [1.0, 0.0, 0.0, 0.0], "position": none, "velocity": none}
+    for name in _needed(measurements, family):
+        samples = measurements[name]
+        values[name] = samples.value[np.searchsorted(samples.time, common)]
+    R_WB = Rotation.from_quat(values["attitude"], scalar_first=True)
     return Motion(
         measurements.joint_names,
         common,
-        quaternion_WB=quaternion,
-        p_WB=values("position"),
-        w_WB=R_WB.apply(values("gyro")),
-        v_WB=values("velocity"),
-        q=values("encoders"),
-        qdot=values("joint_rates"),
+        quaternion_WB=values["attitude"],
+        p_WB=values["position"],
+        w_WB=R_WB.apply(values["gyro"]),
+        v_WB=values["velocity"],
+        q=values["encoders"],
+        qdot=values["joint_rates"],
     )
 
 
 def _motion(
     log: CheckedLog, tree: KinematicTree, family: RowFamily, suite: SensorSuite | None
 ) -> Iterator[tuple[Motion, NDArray[np.float64]]]:
-    """Yield parts of the motion of a log and their errors; smoothed if a suite is given.
-
-    See `LogRows.add`.
-    """
+    """Yield parts of a log's motion, smoothed if a suite is given, and their errors."""
     if log.states is not None:
         yield log.states, np.diag(sample_sigmas(log.states) ** 2)[None]
     elif suite is None:
@@ -284,20 +274,19 @@ def _motion(
 
 def _summarize(
     arguments: Arguments, log: CheckedLog, trees: Mapping[str, KinematicTree]
-) -> tuple[dict[str, Any], Gaussian, dict[str, Gaussian]]:
-    """Return a log's fields of an identification, its Gaussian of the target, and that by tree.
-
-    The last are those with the bodies of each tree.
-    """
+) -> _LogPart:
+    """Return what the rows of one log say, also with the bodies of each tree."""
     spacecraft, momentum, family = arguments.spacecraft, arguments.momentum, arguments.family
     assert family is not None
     tree, suite, warnings = spacecraft.tree, log.sensors, tuple[str, ...]()
     if log.states is not None:
         suite = None
     elif suite is None and common_times(log.measurements, family) is None:
-        suite, warnings = suite_of(None, log)
+        suites, warnings = suites_of({"": log})
+        suite = suites[""]
+    # Rows of the log; the samples may contradict a momentum of zero, which a tester then shows.
     has_place = bool(len(log.measurements.position)) or not family.uses_base_position
-    is_open = momentum is None or momentum.is_zero  # the samples may contradict zero
+    is_open = momentum is None or momentum.is_zero
     is_tested = is_open and bool(len(log.measurements.attitude)) and has_place
     unknown, zero = TotalMomentum.unknown(), TotalMomentum.zero()
     assumed = unknown if is_tested and family.momentum_size else momentum or zero
@@ -317,39 +306,43 @@ def _summarize(
     said, checks = momentum_words(
         float(contradicts), is_given=momentum is not None, cannot="" if rows.extra else family.name
     )
+    # Gaussian of momentum and target, and what its residuals and halves show.
+    whole, freedom = rows.gaussian(is_zero=is_zero)
+    x, target = rows.best(is_zero=is_zero), whole.marginal([TARGET])
+    to_errors, to_rows = rows.misfit(x)
+    solution = solution_of(target, *plausible(spacecraft, rows.form, target))
+    is_whole = solution.rank == len(tree.unknowns)
     if suite is not None and (suite.disturbances or Disturbances()) != Disturbances():
         checks = (*checks, Check("forces", _FORCES))
-    whole, freedom = rows.gaussian(is_zero=is_zero)
-    x = rows.best(is_zero=is_zero)
-    to_errors, to_rows = rows.misfit(x)
+    checks = (*checks, _misfit(min(to_errors, to_rows / INTEGRATION), tree))
+    own: dict[str, Any] = {}
+    if is_whole and freedom > 0:  # residuals show the errors
+        residuals = zip(("linear", "angular"), rows.residuals(x), strict=True)
+        own["residuals"] = {kind: each for kind, each in residuals if each.value.size}
+        first, all_rows = (rows.triangle(is_zero=is_zero, is_half=h) for h in (True, False))
+        checks += part_checks(first[-11:, -11:], all_rows[-11:, -11:], freedom)
     if log.states is None and to_rows > INTEGRATION:
         warnings = (*warnings, _NOISE)
-    fields: dict[str, Any] = {}
     if rows.extra and not is_zero:
-        fields = {"momentum_estimate": x[: rows.extra]}
+        own["momentum_estimate"] = x[: rows.extra]
         if whole.rank == rows.extra + len(tree.unknowns):
             inverse = np.linalg.pinv(whole.R)[: rows.extra]
-            fields["momentum_covariance"] = inverse @ inverse.T
-    target = whole.marginal([TARGET])
-    solution = solution_of(target, *plausible(spacecraft, rows.form, target))
-    is_shown = solution.rank == len(tree.unknowns) and freedom > FEWEST_FREEDOM
-    residuals = zip(("linear", "angular"), rows.residuals(x), strict=True) if is_shown else ()
-    halves = tuple[Check, ...]()
-    if solution.rank == len(tree.unknowns) and freedom > 0:
-        first, all_rows = (rows.triangle(is_zero=is_zero, is_half=h) for h in (True, False))
-        halves = part_checks(first[-11:, -11:], all_rows[-11:, -11:], freedom)
-    fields |= {
-        "sensors": suite,
-        "sample_count": rows.sample_count,
-        "row_count": freedom + whole.rank - (0 if is_zero else rows.extra),
-        "has_noise": freedom > 0,
-        "momentum": "zero" if is_zero else assumed.name,
-        "residuals": {kind: r for kind, r in residuals if r.value.size},
-        "warnings": (*warnings, *said),
-        "checks": (*checks, _misfit(min(to_errors, to_rows / INTEGRATION), tree), *halves),
-    }
-    held = {n: r.gaussian(is_zero=is_zero)[0].marginal([TARGET]) for n, r in by_tree.items()}
-    return fields, target, held
+            own["momentum_covariance"] = inverse @ inverse.T
+    return _LogPart(
+        target,
+        {n: r.gaussian(is_zero=is_zero)[0].marginal([TARGET]) for n, r in by_tree.items()},
+        row_count=freedom + whole.rank - (0 if is_zero else rows.extra),
+        has_noise=freedom > 0,
+        sample_count=rows.sample_count,
+        momentum="zero" if is_zero else assumed.name,
+        sensors=suite,
+        warnings=tuple(log.where + text for text in (*warnings, *said)),
+        checks=tuple(
+            replace(check, sentence=check.sentence and log.where + check.sentence)
+            for check in checks
+        ),
+        own=own,
+    )
 
 
 def _is_moving(rows: LogRows) -> bool:

@@ -1,6 +1,6 @@
-"""What an estimator is given: logs, screened and checked once, and what is known besides."""
+"""The logs that an estimator is given, screened and checked once."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -8,12 +8,11 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
 from cpid_drake.dynamics.motion import Motion
-from cpid_drake.dynamics.rows import RowFamily, row_family
-from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.files.errors import InputError, listed
-from cpid_drake.identification.planar import normal_in_base, placed
-from cpid_drake.identification.prior import TargetPrior
+from cpid_drake.estimation.unknowns import Model
+from cpid_drake.files.errors import InputError, listed, prefix_errors
+from cpid_drake.identification.planar import common_normal, normal_in_base, placed
 from cpid_drake.logs.channels import Channel, Seen, look_at
 from cpid_drake.logs.conventions import Findings, check_conventions
 from cpid_drake.logs.log import Log, Samples, with_fixed_joints
@@ -38,34 +37,6 @@ OLD_ZEROS = (
 
 
 @dataclass(frozen=True, eq=False)
-class Arguments:
-    """The arguments of `identify.identify` besides the logs, by their names.
-
-    Sensors are those of the first log; see `CheckedLog.sensors`.
-    """
-
-    spacecraft: Spacecraft
-    estimator: str | None = None
-    rows: str | None = None
-    sensors: SensorSuite | None = None
-    momentum: TotalMomentum | None = None
-    known_bodies: BodyUncertainty | None = None
-    prior: TargetPrior | None = None
-    planar: bool | None = None
-
-    @property
-    def has_exact_bodies(self) -> bool:
-        """Whether no error of the spacecraft's model is included, but by the trajectory fit."""
-        return self.known_bodies is None or self.known_bodies.is_zero
-
-    @property
-    def family(self) -> RowFamily | None:
-        """The row family; None for an estimator that uses none."""
-        is_unknown = self.momentum is not None and self.momentum.is_unknown
-        return None if self.rows is None else row_family(self.rows, is_unknown)
-
-
-@dataclass(frozen=True, eq=False)
 class CheckedLog:
     """Screened samples, joints in the spacecraft's order.
 
@@ -81,6 +52,7 @@ class CheckedLog:
         states: the caller's exact states, which were not sampled by sensors; else None.
         channels: what was found in every channel.
         sensors: the sensors' errors; None if they are not given.
+        label: its name in messages; empty if it is the only log.
 
     """
 
@@ -93,6 +65,12 @@ class CheckedLog:
     states: Motion | None = None
     channels: tuple[Channel, ...] = ()
     sensors: SensorSuite | None = None
+    label: str = ""
+
+    @property
+    def where(self) -> str:
+        """The beginning of sentences about it."""
+        return f"{self.label}: " if self.label else ""
 
     @property
     def counts(self) -> dict[str, int]:
@@ -100,39 +78,64 @@ class CheckedLog:
         return {name: len(samples) for name, samples in self.measurements.items()}
 
 
-def suite_of(sensors: SensorSuite | None, *logs: CheckedLog) -> tuple[SensorSuite, tuple[str, ...]]:
-    """Return the sensors' errors, by default as the logs show them, and a warning if they are.
+def suites_of(
+    logs: Mapping[str, CheckedLog],
+) -> tuple[dict[str, SensorSuite], tuple[str, ...]]:
+    """Return the sensors' errors of each log, by default as the logs show them, and warnings.
 
-    Several logs have the sensors of all. Of a sensor in many it is the least noise: a log with more
-    has a noise factor of its own.
+    Without given ones, several logs have the sensors of all. Of a sensor in many it is the least
+    noise: a log with more has a noise factor of its own.
     """
-    if sensors is not None:
-        return sensors, (OLD_ZEROS,) * (sensors.version == 1)
-    text = "the sensors' noise was estimated from the log; give the sensors if you know them"
-    [suite, *others] = (estimate_suite(log.measurements) for log in logs)
+    given = {name: log.sensors for name, log in logs.items() if log.sensors is not None}
+    if len(given) == len(logs):
+        is_old = any(suite.version == 1 for suite in given.values())
+        return given, (OLD_ZEROS,) * is_old
+    [suite, *others] = (estimate_suite(log.measurements) for log in logs.values())
     for other in others:
         for name, errors in other.present().items():
             if name not in suite.present() or other.sigmas(name)[0] < suite.sigmas(name)[0]:
                 setattr(suite, name, errors)
-    return suite, (text,)
+    text = "the sensors' noise was estimated from the log; give the sensors if you know them"
+    return dict.fromkeys(logs, suite), (text,)
 
 
-def suites_of(
-    logs: Mapping[str, CheckedLog],
-) -> tuple[dict[str, SensorSuite], tuple[str, ...]]:
-    """Return the sensors' errors of each log, and warnings; see `suite_of`."""
-    if any(log.sensors is None for log in logs.values()):
-        suite, said = suite_of(None, *logs.values())
-        return dict.fromkeys(logs, suite), said
-    found = {name: suite_of(log.sensors) for name, log in logs.items()}
-    warnings = dict.fromkeys(text for _, said in found.values() for text in said)
-    return {name: suite for name, (suite, _) in found.items()}, tuple(warnings)
+def model_of(
+    tree: KinematicTree, logs: Mapping[str, CheckedLog], known_bodies: BodyUncertainty | None
+) -> tuple[Model, tuple[str, ...]]:
+    """Return the unknowns of a fit of some logs, and the warnings of `suites_of`."""
+    suites, warnings = suites_of(logs)
+    has_thrust = any(log.measurements.has_thrust for log in logs.values())
+    return Model.of(tree, suites, known_bodies, has_thrust=has_thrust), warnings
 
 
 def log_of_states(telemetry: Motion) -> CheckedLog:
     """Return exact states as the samples of ideal sensors, all at the same times."""
     samples = {n: Samples(telemetry.time, SENSORS[n].ideal(telemetry)) for n in SENSORS}
     return CheckedLog(Log(telemetry.joint_names, samples), states=telemetry)
+
+
+def check_logs(
+    spacecraft: Spacecraft,
+    data: Mapping[str, Motion | Log],
+    suites: Mapping[str, SensorSuite | None],
+    planar: bool | None,
+    progress: Callable[[str], object],
+) -> tuple[Spacecraft, dict[str, CheckedLog]]:
+    """Return the checked logs of `identify`, and the spacecraft: on a table if they are of one.
+
+    Raises:
+        InputError: see `check_log`; some logs are of a table and others not, or of another one.
+
+    """
+    logs = {}
+    for name, each in data.items():
+        progress(f"checking {name}")
+        label = name if len(data) > 1 else ""
+        with prefix_errors(label):
+            log = check_log(spacecraft, each, suites[name], planar, by_momentum=False)
+        logs[name] = replace(log, sensors=suites[name], label=label)
+    normal_B = common_normal({name: log.normal_B for name, log in logs.items()})
+    return (spacecraft if normal_B is None else spacecraft.on_table(normal_B)), logs
 
 
 def check_log(
@@ -176,16 +179,16 @@ def check_log(
         others = [name for name in data.joint_names if name not in spacecraft.joint_names]
         beyond = (*_beyond_limits(spacecraft, measurements.encoders.value),)
         tree = spacecraft.tree
-    found = check_conventions(measurements, tree, by_momentum=by_momentum)
-    found = replace(found, not_compared=(*found.not_compared, *seen.not_compared))
-    warnings = [*left_out_warnings(others), *seen.warnings, *notes, *found.warnings]
+    conventions = check_conventions(measurements, tree, by_momentum=by_momentum)
+    conventions = replace(conventions, not_compared=(*conventions.not_compared, *seen.not_compared))
+    warnings = [*left_out_warnings(others), *seen.warnings, *notes, *conventions.warnings]
     return CheckedLog(
         measurements,
         screened.rejected,
         (*warnings, *beyond),
         None if tree is None else tree.normal_B,
-        (*found.failures, *failures),
-        found,
+        (*conventions.failures, *failures),
+        conventions,
         channels=seen.table,
     )
 

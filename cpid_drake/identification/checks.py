@@ -5,16 +5,15 @@ here tests one consequence of this assumption with the data, and becomes one of
 `Identification.checks`.
 """
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri, fdtri
 
 from cpid_drake.estimation.events import most_changes
 from cpid_drake.estimation.evidence import NAMED
-from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import IMPROBABLE as IMPROBABLE
 from cpid_drake.estimation.spectrum import slow_part
 from cpid_drake.estimation.whiteness import MOST_CORRELATED, Whiteness
@@ -35,9 +34,6 @@ SLOW = 0.1
 
 MOST_OUTLIERS = 0.1
 """Share of outliers above which a check fails."""
-
-ROUGH = 2.0
-"""Factor to which residuals of rows in different units show the σ of an estimate."""
 
 NOISE = "noise"
 """Name of the check of larger noise, which makes other causes seem likely."""
@@ -78,28 +74,55 @@ class Check:
         return cls(name, "" if passed else sentence, shown, limit, passed)
 
 
-def fit_checks(
-    converged: bool,
-    outliers: float,
-    noise: Mapping[str, float],
-    tests: Mapping[str, Whiteness],
-    changes: int = 0,
-    logs: int = 1,
-    beside: Mapping[str, Whiteness] | None = None,
-) -> Iterator[Check]:
-    """Yield the checks of a fit.
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """What the residuals of all samples show.
 
-    Args:
-        converged: whether it reached its minimum.
-        outliers: largest share of outliers, which are not used, in the samples of a sensor.
-        noise: factors of the declared σ, by sensor or by "sensor of log".
-        tests: whiteness of the residuals of each sensor.
-        changes: number of changes of the momentum that the fit found. They must explain what looked
-            like noise, and be rare, as the fit assumes: enough changes imitate any other cause.
-        logs: number of logs.
-        beside: whiteness of the residuals by sensor where nothing changed, with all ends open.
+    Attributes:
+        tests: whiteness of the residuals of each sensor (of log).
+        counts: numbers of outliers, which are not used, and of all samples, by log and sensor.
+        changes: times at which the momentum changed [s].
 
     """
+
+    tests: Mapping[str, Whiteness]
+    counts: Mapping[tuple[str, str], tuple[int, int]]
+    changes: tuple[float, ...] = ()
+
+    @property
+    def used(self) -> Counter[str]:
+        """Number of samples that are no outliers, by log."""
+        used = Counter[str]()
+        for (log, _), (far, count) in self.counts.items():
+            used[log] += count - far
+        return used
+
+    @property
+    def rejected(self) -> dict[str, int]:
+        """Number of outliers by sensor."""
+        rejected = Counter[str]()
+        for (_, sensor), (far, _) in self.counts.items():
+            rejected[sensor] += far
+        return {name: count for name, count in rejected.items() if count}
+
+
+def fit_checks(
+    converged: bool, noise: Mapping[str, float], observed: Observed, logs: int = 1
+) -> Iterator[Check]:
+    """Yield the checks of a fit that reached its minimum or not.
+
+    Changes of the momentum must explain what looked like noise, and be rare, as the fit assumes:
+    enough changes imitate any other cause.
+
+    Args:
+        converged: whether it did.
+        noise: factors of the declared σ, by sensor or by "sensor of log".
+        observed: the residuals.
+        logs: number of logs.
+
+    """
+    tests, changes = observed.tests, len(observed.changes)
+    outliers = max((far / max(n, 1) for far, n in observed.counts.values()), default=0.0)
     sentence = "the estimator did not converge: its result is not the best fit"
     yield Check.of(CONVERGENCE, sentence, passed=converged)
     sentence = f"{100 * outliers:.0f} % of a sensor's samples are outliers"
@@ -114,8 +137,7 @@ def fit_checks(
         )
         # The size of a few residuals is as uncertain as their correlation.
         larger = any(noise.get(n, 1.0) > max(SEEN, 1 + test.band) for n, test in tests.items())
-        coloured = any(t.lag_one > 0 and not t.is_white for t in (beside or {}).values())
-        fails = changes > most or larger or coloured
+        fails = changes > most or larger
         yield Check.of("changes of the momentum", sentence, changes, most, not fails)
     loud = {name: factor for name, factor in noise.items() if factor > MOST_NOISE}
     for name, test in tests.items():
@@ -133,57 +155,6 @@ def fit_checks(
     sentence = "the noise is larger than the sensors' file declares: "
     sentence += f"{', '.join(parts)} the given one"
     yield Check.of(NOISE, sentence, largest, MOST_NOISE, not loud)
-
-
-def halves_check(
-    first: Gaussian,
-    whole: Gaussian,
-    cause: str,
-    *,
-    rests: float | None = None,
-    freedom: int = 0,
-) -> Check:
-    """Return the check that the first half of the samples has the target of all of them.
-
-    Of nested samples, the difference of two estimates has the difference of their covariances as
-    covariance (Hausman 1978, Econometrica 46). What the rest hardly improves is left out.
-
-    Args:
-        first, whole: what is known of the target from the first half, and from all samples.
-        cause: what another target means.
-        rests: sum of squares of the residuals of all samples, if only they show the noise; the
-            Gaussians then have errors of any size. The residuals without the difference show the
-            noise, to `ROUGH` (Chow 1960, Econometrica 28).
-        freedom: degrees of freedom of these residuals.
-
-    """
-    scale = np.linalg.norm(whole.R, axis=0)
-    scale[scale == 0] = 1.0
-    by_whole = first.R @ (np.linalg.pinv(whole.R / scale) / scale[:, None])
-    U, ratio, _ = np.linalg.svd(by_whole)  # of σ after and before
-    seen = ratio**2 < 0.99  # less is rounding and bends of the equations
-    change = (U.T @ (first.z - first.R @ whole.solve()))[seen]
-    statistic, count = float(np.sum(change**2 / (1 - ratio[seen] ** 2))), int(seen.sum())
-    limit = float(chdtri(max(count, 1), IMPROBABLE))
-    if rests is not None:
-        left = freedom - count
-        if count < 1 or left < 1:
-            return Check.of("halves", "", passed=True)
-        statistic *= left / max(rests - statistic, 1e-12 * rests, 1e-300)
-        limit = ROUGH**2 * count * float(fdtri(count, left, 1 - IMPROBABLE))
-    text = f"the first half of the samples has another target than all of them: {cause}"
-    return Check.of("halves", text, statistic, limit)
-
-
-def rejection_checks(
-    rejected: Mapping[str, int], used: Mapping[str, int], where: str = ""
-) -> Iterator[Check]:
-    """Yield the checks that most samples of a sensor could be used, from their numbers."""
-    for name, count in rejected.items():
-        if count:
-            total = count + used.get(name, 0)
-            text = f"{where}{count} of {total} samples of {name} could not be used"
-            yield Check.of(f"rejected share of {name}", text, count / total, 0.5)
 
 
 def momentum_words(
@@ -219,10 +190,7 @@ def noise_warnings(
 ) -> tuple[str, ...]:
     """Return the warnings about noise that is larger than declared, and that is not white.
 
-    Args:
-        factors: see `fit_checks`.
-        spectra: of the noise, by sensor or by "sensor of log".
-
+    Factors of the noise and its spectra are by sensor or by "sensor of log".
     """
     said = list[str]()
     seen = {name: factor for name, factor in factors.items() if factor > SEEN}

@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.inertia import InertialParameters
-from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
+from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, UNIT_TENSORS
 from cpid_drake.dynamics.plane import parallel_axis
 from cpid_drake.estimation.least_squares import quantile_95
 from cpid_drake.files.digits import decimals, significant, with_half_width
 from cpid_drake.identification.budget import ALL, BudgetRow
 from cpid_drake.identification.checks import AGREEMENT
-from cpid_drake.identification.model_sensitivity import ALL as ALL_MASSES
-from cpid_drake.identification.model_sensitivity import LINK
+from cpid_drake.identification.model_sensitivity import ALL_MASSES, LINK
 
 if TYPE_CHECKING:
     from cpid_drake.identification.result import Identification
@@ -25,9 +24,6 @@ SHOWN = 5
 """Number of rows of the budget that are shown."""
 
 _Row = tuple[str, str, str, str, str, str]
-
-_TENSORS = np.array([InertialParameters.from_vector(row).I_TTcm_C for row in np.eye(10)[4:]])
-"""(6, 3, 3) the tensors of the last six parameters."""
 
 
 def principal_axes(target: InertialParameters) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -116,9 +112,9 @@ def _aligned(cells: list[_Row]) -> list[str]:
     """Return the lines of a table, as narrow as its columns are."""
     sizes = [max(map(len, column)) for column in zip(*cells)]
     return [
-        f"  {name:4}{known:>{sizes[1]}}  {spread:>{sizes[2]}}  {unit:{sizes[3]}}"
+        f"  {name:4}{estimate:>{sizes[1]}}  {spread:>{sizes[2]}}  {unit:{sizes[3]}}"
         f"  {last:>{sizes[4]}}  {by_bodies:>{sizes[5]}}".rstrip()
-        for name, known, spread, unit, last, by_bodies in cells
+        for name, estimate, spread, unit, last, by_bodies in cells
     ]
 
 
@@ -150,7 +146,7 @@ def _of_axes(result: "Identification") -> Iterator[str]:
         return
     moments, axes = principal_axes(result.consistent)
     # The change of the tensor by each of its six numbers, in the principal axes.
-    turned = np.einsum("jk,pjl,lm->pkm", axes, _TENSORS, axes)
+    turned = np.einsum("jk,pjl,lm->pkm", axes, UNIT_TENSORS, axes)
     P = result.covariance[4:, 4:]
     yield "  principal moments [kg·m²] and axes in C"
     for k, (moment, axis) in enumerate(zip(moments, axes.T)):
@@ -199,12 +195,12 @@ def _sensitivity(result: "Identification") -> Iterator[str]:
     """Yield the sensitivity of the estimate to errors of the spacecraft model, at most in σ."""
     sigma = np.sqrt(np.diag(result.covariance))
     for name, change in result.sensitivity.items():
-        known = np.isfinite(change) & (sigma > 0)
-        if known.any():
-            k = int(np.argmax(np.where(known, np.abs(change) / sigma, -1.0)))
+        is_known = np.isfinite(change) & (sigma > 0)
+        if is_known.any():
+            k = int(np.argmax(np.where(is_known, np.abs(change) / sigma, -1.0)))
             largest = f"{significant(change[k] / sigma[k], sign='+')} σ"
             text = f"{PARAMETER_NAMES[k]} by {largest}"
-            if known[0]:
+            if is_known[0]:
                 share = significant(100 * change[0] / result.parameters[0], sign="+")
                 text = f"m by {share} %, {text}" if k else f"m by {share} %, which is {largest}"
             what = name if name in (LINK, ALL_MASSES) else f"the base's {name}"

@@ -48,14 +48,7 @@ class EffectEstimate:
         sigma: NDArray[np.float64],
         **others: str,
     ) -> "EffectEstimate":
-        """Return the estimate of an error from its value and σ (k,) in units of its own σ.
-
-        Args:
-            error: with its σ and its unit.
-            value, sigma: (k,) as shares of this σ.
-            others: `log` and `hardware`.
-
-        """
+        """Return the estimate from value and σ (k,) in units of the error's own σ."""
         unit = error.sigma / error.scale
         return cls(error.name, error.unit, unit * value, unit * sigma, unit, **others)
 

@@ -9,14 +9,15 @@ from dataclasses import dataclass, replace
 
 from cpid_drake.dynamics.rows import ROW_FAMILIES
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.files.errors import InputError
+from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.identification import by_rows, fitted, online
-from cpid_drake.identification.checked_log import Arguments, CheckedLog
+from cpid_drake.identification.arguments import Arguments
+from cpid_drake.identification.by_rows import LEAST_SQUARES
+from cpid_drake.identification.checked_log import CheckedLog
+from cpid_drake.identification.fitted import TRAJECTORY_FIT
+from cpid_drake.identification.online import RECURSIVE_FIT
 from cpid_drake.identification.result import Identification
 from cpid_drake.sensors.sensors import SENSORS
-
-LEAST_SQUARES, TRAJECTORY_FIT = by_rows.NAME, fitted.NAME
-"""The default estimators of exact and of noisy data."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ ESTIMATORS: dict[str, Estimator] = {
             uses_rows=True,
         ),
         Estimator(
-            online.NAME,
+            RECURSIVE_FIT,
             "recursive fit (maximum likelihood, online)",
             "an estimate online from noisy sensors; finds firings of thrusters",
             online.estimate,
@@ -82,6 +83,20 @@ def methods() -> tuple[str, ...]:
     return (*ROW_FAMILIES, *others)
 
 
+def choose(arguments: Arguments, logs: Mapping[str, CheckedLog]) -> tuple[Estimator, Arguments]:
+    """Return the estimator, and the arguments with its name and that of its rows.
+
+    Raises:
+        InputError: see `with_method`; a log lacks what the estimator needs.
+
+    """
+    arguments = with_method(arguments, logs)
+    for log in logs.values():
+        with prefix_errors(log.label):
+            _require_sensors(log, arguments)
+    return ESTIMATORS[arguments.estimator or ""], arguments
+
+
 def with_method(arguments: Arguments, logs: Mapping[str, CheckedLog]) -> Arguments:
     """Return the arguments, with names of the estimator and of its rows, if it uses any.
 
@@ -92,7 +107,10 @@ def with_method(arguments: Arguments, logs: Mapping[str, CheckedLog]) -> Argumen
 
     """
     estimator, rows = arguments.estimator, arguments.rows
-    best = by_rows.best_rows([log.counts for log in logs.values()], arguments.sensors)
+    # An error of the base's velocity enters all standard rows of a sample, and no relative one.
+    measured = [log.counts for log in logs.values()]
+    is_complete = all(count.get("joint_rates") and count.get("velocity") for count in measured)
+    best = "standard" if is_complete and arguments.sensors is None else "relative"
     if estimator is None:
         tree, family = arguments.spacecraft.tree, ROW_FAMILIES[best]
         has_files = any(log.states is None for log in logs.values())
@@ -119,14 +137,8 @@ def with_method(arguments: Arguments, logs: Mapping[str, CheckedLog]) -> Argumen
     return replace(arguments, estimator=estimator, rows=rows)
 
 
-def require_sensors(log: CheckedLog, arguments: Arguments) -> None:
-    """Refuse a log that lacks what an estimator needs.
-
-    Raises:
-        InputError: a sensor that the estimator needs has no samples, or is not one of the given
-            sensors; its rows do not exist, or cannot handle this momentum.
-
-    """
+def _require_sensors(log: CheckedLog, arguments: Arguments) -> None:
+    """Refuse a log without samples, or errors, of a sensor that the estimator needs."""
     needs: tuple[tuple[str, ...], ...] = (("encoders",), ("attitude",))
     family = arguments.family
     if family is not None:

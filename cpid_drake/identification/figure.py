@@ -20,8 +20,6 @@ from cpid_drake.identification.parameter import ParameterEstimate
 if TYPE_CHECKING:
     from cpid_drake.identification.result import Identification
 
-_SIZE = (2.3, 1.3)
-
 
 def estimate_figure(result: "Identification", truth: InertialParameters | None) -> Figure:
     """Return the figure of an estimate, with the true target if it is known."""
@@ -29,7 +27,7 @@ def estimate_figure(result: "Identification", truth: InertialParameters | None) 
     true = nothing if truth is None else truth.to_vector()
     nearest = nothing if result.consistent is None else result.consistent.to_vector()
     pictures = [
-        Picture(name, partial(_draw_parameter, result[name], nearest[k], true[k]), _SIZE)
+        Picture(name, partial(_draw_parameter, result[name], nearest[k], true[k]), size=(2.3, 1.3))
         for k, name in enumerate(PARAMETER_NAMES)
     ]
     failed = [fill(f"Failed check: {failure}", 150) for failure in result.failures]

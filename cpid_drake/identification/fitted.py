@@ -13,28 +13,32 @@ from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.events import fit_with_events
 from cpid_drake.estimation.evidence import Question
-from cpid_drake.estimation.fit import Fit, about, fit, prior_of
+from cpid_drake.estimation.fit import Fit, about, prior_of
+from cpid_drake.estimation.fit import fit as fit_logs
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.posterior import known_target
-from cpid_drake.estimation.roll import Values
-from cpid_drake.estimation.sweep import EXACT, sweep
+from cpid_drake.estimation.sweep import BOUNDARY, EXACT, sweep
 from cpid_drake.estimation.unknowns import PSI, Model
-from cpid_drake.estimation.whiteness import Whiteness, whiteness
+from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.files.errors import prefix_errors
-from cpid_drake.identification.answer import Observed, answer_of, at_momentum
-from cpid_drake.identification.checked_log import Arguments, CheckedLog, suites_of
-from cpid_drake.identification.halves import part_checks
+from cpid_drake.identification.answer import answer_of, at_momentum
+from cpid_drake.identification.arguments import Arguments
+from cpid_drake.identification.checked_log import CheckedLog, model_of
+from cpid_drake.identification.checks import Observed
+from cpid_drake.identification.chosen_fit import ChosenFit
 from cpid_drake.identification.model_sensitivity import base_sensitivity
-from cpid_drake.identification.over_time import over_time
 from cpid_drake.identification.prior import TargetPrior
-from cpid_drake.identification.result import Identification
+from cpid_drake.identification.result import History, Identification
 from cpid_drake.identification.together import with_sources
 from cpid_drake.logs.log import Log, Samples
 from cpid_drake.sensors.suite import SensorSuite
 
-NAME = "trajectory_fit"
+TRAJECTORY_FIT = "trajectory_fit"
 """The estimator's name."""
+
+MOST_ESTIMATES = 50
+"""Number of estimates over time of a log, at most."""
 
 
 def estimate(
@@ -46,42 +50,52 @@ def estimate(
 
     See `estimators.Estimator`.
     """
-    suites, warnings = suites_of(logs)
-    has_thrust = any(log.measurements.has_thrust for log in logs.values())
-    tree, bodies = arguments.spacecraft.tree, arguments.known_bodies
-    model = Model.of(tree, suites, bodies, has_thrust=has_thrust)
-    where = {name: f"{name}: " if len(logs) > 1 else "" for name in logs}
+    # Model: the unknowns x = (target ψ, bodies, sensors, …, each log's motion) and their priors.
+    model, warnings = model_of(arguments.spacecraft.tree, logs, arguments.known_bodies)
     states = []
     for name, log in logs.items():
-        with prefix_errors(where[name].removesuffix(": ")):
+        with prefix_errors(log.label):
             states.append(LogState.of(model, log.measurements, name))
+
+    # Fit: the x of the least χ² = Σ |y − h(x)|² / σ² over samples and priors.
     progress("fitting")
+    fit = _fit(model, states, arguments.prior, progress)
+
+    # Changes of momentum: a link between two blocks opens where p(change | y) says so.
     question = Question.of(model, logs, arguments.momentum)
-    found = _fit(model, states, arguments.prior, progress)
-    asked = question.without_contradicted(found.gaussian, found.values, model)
-    found, beside = fit_with_events(found, asked, progress)
+    asked = question.without_contradicted(fit.gaussian, fit.values, model)
+    fit = fit_with_events(fit, asked, progress)
+
+    # Comparison: of all sets of momenta L ≠ 0, the most probable; then h is linear about its x.
     progress("comparing")
-    asked = question.without_contradicted(found.gaussian, found.values, model)
-    best = asked.answer(found.gaussian, found.values).best
-    found = about(found, asked.held(found.values, best))
-    series, observed = _observed(found, beside)
-    names = arguments.spacecraft.joint_names
-    result, held = answer_of(
-        found, question, arguments.momentum, observed, joints=names, estimator=NAME
+    asked = question.without_contradicted(fit.gaussian, fit.values, model)
+    best = asked.answer(fit.gaussian, fit.values).best
+    fit = about(fit, asked.held(fit.values, best))
+
+    # Answer: p(ψ | y) averaged over these sets, its checks, and the budget of its variance.
+    series, observed = _observed(fit)
+    result, chosen = answer_of(
+        fit,
+        question,
+        arguments.momentum,
+        observed,
+        joints=arguments.spacecraft.joint_names,
+        estimator=TRAJECTORY_FIT,
     )
     result = replace(
         result,
-        checks=(*result.checks, *part_checks(found, held)),
-        residuals=series if len(logs) == 1 else {},
+        checks=(*result.checks, *chosen.part_checks()),
         warnings=(*warnings, *result.warnings),
     )
-    if model.known_bodies is None and found.converged and result.solution is not None:
-        result = replace(result, sensitivity=base_sensitivity(found, result.solution, held))
+    if model.known_bodies is None and fit.converged and result.solution is not None:
+        result = replace(result, sensitivity=base_sensitivity(chosen, result.solution))
     if len(logs) == 1:
-        result = replace(result, history=partial(over_time, found, held, NAME))
+        result = replace(result, residuals=series, history=partial(_over_time, chosen))
     if len(logs) == 1 and arguments.prior is None:
         return result
-    return _separated(result, found, held, arguments.prior, observed.used)
+
+    # Sources: whether each log, and the prior, has the target ψ of all.
+    return _separated(result, chosen, arguments.prior, observed.used)
 
 
 def _fit(
@@ -92,54 +106,67 @@ def _fit(
 ) -> Fit:
     """Return the fit; the prior's rows are linear about the target that logs and prior give."""
     if prior is None:
-        return fit(model, logs, progress=progress)
-    found = fit(replace(model, rows=(prior.of_psi(model),)), logs, progress=progress)
-    rows = (prior.of_psi(model, found.values[PSI]),)
-    return fit(replace(model, rows=rows), found.logs, values=found.values, progress=progress)
+        return fit_logs(model, logs, progress=progress)
+    first = fit_logs(replace(model, rows=(prior.of_psi(model),)), logs, progress=progress)
+    rows = (prior.of_psi(model, first.values[PSI]),)
+    model = replace(model, rows=rows)
+    return fit_logs(model, first.logs, values=first.values, progress=progress)
 
 
 def _separated(
-    result: Identification,
-    found: Fit,
-    held: Values,
-    prior: TargetPrior | None,
-    counts: Mapping[str, int],
+    result: Identification, chosen: ChosenFit, prior: TargetPrior | None, counts: Mapping[str, int]
 ) -> Identification:
     """Return an identification with the test whether logs and prior have the same target."""
-    model = replace(found.model, rows=())
-
-    def conditioned(gaussian: Gaussian) -> Gaussian:
-        return gaussian.condition({n: v for n, v in held.items() if n in gaussian.places})
-
-    sources = {}
-    for log, rolled in zip(found.logs, found.rolled, strict=True):
+    fit, sources = chosen.fit, {}
+    model, values = replace(fit.model, rows=()), fit.values
+    for log, rolled in zip(fit.logs, fit.rolled, strict=True):
         alone = log
-        if len(found.logs) > 1:  # a difference between logs must not look like noise
-            by_itself = fit(model, [log], values=found.values).logs[0]
-            alone = replace(
-                log, spectra=by_itself.spectra, noise=by_itself.noise, weights=by_itself.weights
-            )
-        swept = sweep(model, alone, rolled, found.values, forward_only=True)
-        sources[log.name] = conditioned(swept.gaussian)
+        if len(fit.logs) > 1:  # a difference between logs must not look like noise
+            [own] = fit_logs(model, [log], values=values).logs
+            alone = replace(log, spectra=own.spectra, noise=own.noise, weights=own.weights)
+        swept = sweep(model, alone, rolled, values, forward_only=True)
+        sources[log.name] = chosen.given(swept.gaussian)
     if prior is not None:
-        sources[prior.name] = found.model.rows[0].moved(found.values[PSI])
+        sources[prior.name] = fit.model.rows[0].moved(values[PSI])
     return with_sources(
         result,
-        conditioned(prior_of(model, found.logs, found.values)),
+        chosen.given(prior_of(model, fit.logs, values)),
         sources,
         PSI,
-        lambda gaussian: known_target(model, found.values[PSI], gaussian),
+        lambda gaussian: known_target(model, values[PSI], gaussian),
         counts,
         prior,
     )
 
 
-def _observed(found: Fit, beside: Mapping[str, Whiteness]) -> tuple[dict[str, Samples], Observed]:
+def _over_time(chosen: ChosenFit) -> History:
+    """Return times and estimates of one log, without checks: what earlier samples say."""
+    [log], [rolled], values = chosen.fit.logs, chosen.fit.rolled, chosen.fit.values
+    model, estimates = chosen.fit.model, []
+    ends = range(len(log.blocks) - 1)[:: -(-len(log.blocks) // MOST_ESTIMATES)]
+    stops = sweep(model, log, rolled, values, forward_only=True, stops=ends).stops
+    prior, form = prior_of(model, [log], values), relative_parameterization(model.mass)
+    counts = np.cumsum([sum(map(len, block.samples.samples.values())) for block in log.blocks])
+    for k in ends:
+        target = stops[k].marginal(name for name in stops[k].places if name != BOUNDARY)
+        target, count = chosen.given(target.add(prior)), int(counts[k])
+        estimate = Identification.of_solution(
+            form,
+            known_target(model, values[PSI], target, count=count),
+            sensors=model.suite,
+            sample_count=count,
+            estimator=TRAJECTORY_FIT,
+        )
+        estimates.append((log.blocks[k].end, estimate))
+    return estimates
+
+
+def _observed(fit: Fit) -> tuple[dict[str, Samples], Observed]:
     """Return residuals by sensor (of log), and what they tell."""
     series, white, counts = dict[str, Samples](), dict[str, NDArray[np.float64]](), {}
-    for log, rolled in zip(found.logs, found.rolled, strict=True):
-        for name in found.model.of_log(log.name).suite.present():
-            key = name if len(found.logs) == 1 else f"{name} of {log.name}"
+    for log, rolled in zip(fit.logs, fit.rolled, strict=True):
+        for name in fit.model.of_log(log.name).suite.present():
+            key = name if len(fit.logs) == 1 else f"{name} of {log.name}"
             times, values, whites, far, count = [np.empty(0)], [], [], 0, 0
             parts = zip(log.blocks, rolled.residuals, log.weights, strict=True)
             for k, (block, rest, weights) in enumerate(parts):
@@ -155,8 +182,8 @@ def _observed(found: Fit, beside: Mapping[str, Whiteness]) -> tuple[dict[str, Sa
                 series[key] = Samples(np.concatenate(times), np.concatenate(values))
                 white[key] = np.concatenate(whites)
     tests = {name: whiteness(each) for name, each in white.items()}
-    changes = tuple(sorted(time for log in found.logs for time in log.changes))
-    return series, Observed(tests, counts, changes, beside)
+    changes = tuple(sorted(time for log in fit.logs for time in log.changes))
+    return series, Observed(tests, counts, changes)
 
 
 def cramer_rao_bound(
@@ -192,13 +219,13 @@ def cramer_rao_bound(
     log = LogState.of(model, logs)
     R = np.diag(1 / (EXACT * model.plausible))
     held = Gaussian.of_rows({PSI: 10}, np.column_stack([R, R @ psi]))
-    fitted = fit(replace(model, rows=(held,)), [log])
-    [log], [rolled], values = fitted.logs, fitted.rolled, fitted.values
+    fit = fit_logs(replace(model, rows=(held,)), [log])
+    [log], [rolled], values = fit.logs, fit.rolled, fit.values
     log = replace(log, noise={}, spectra={}, weights=tuple({} for _ in log.blocks))  # as declared
     total = prior_of(model, [log], values).add(sweep(model, log, rolled, values).gaussian)
-    known = at_momentum(total, values, momentum or TotalMomentum.zero(), log.name)
-    known = known.moved(known.solve())  # the vague prior prefers another target than the true one
-    form, solution = relative_parameterization(model.mass), known_target(model, values[PSI], known)
-    found = Identification.of_solution(form, solution, sample_count=0, estimator=NAME)
+    there = at_momentum(total, values, momentum or TotalMomentum.zero(), log.name)
+    there = there.moved(there.solve())  # the vague prior prefers another target than the true one
+    form, solution = relative_parameterization(model.mass), known_target(model, values[PSI], there)
+    bound = Identification.of_solution(form, solution, sample_count=0, estimator=TRAJECTORY_FIT)
     J, P = (np.nan_to_num(x) for x in (form.jacobian(solution.estimate), solution.covariance))
-    return np.where(np.isfinite(found.covariance), J @ P @ J.T, np.nan)
+    return np.where(np.isfinite(bound.covariance), J @ P @ J.T, np.nan)

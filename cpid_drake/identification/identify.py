@@ -1,7 +1,7 @@
 """`identify`: a target from any data with any estimator."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import chain
@@ -12,7 +12,9 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.one_thread import one_thread
 from cpid_drake.files.errors import InputError, prefix_errors
+from cpid_drake.identification import by_rows
 from cpid_drake.identification.arguments import (
+    Arguments,
     LogLike,
     PathLike,
     require_spacecraft,
@@ -23,19 +25,17 @@ from cpid_drake.identification.arguments import (
     resolve_prior,
     resolve_sensors_by_log,
 )
-from cpid_drake.identification.by_rows import MISFIT
-from cpid_drake.identification.checked_log import Arguments, CheckedLog, check_log
-from cpid_drake.identification.checks import Check, label_of, rejection_checks
+from cpid_drake.identification.by_rows import LEAST_SQUARES, MISFIT
+from cpid_drake.identification.checked_log import CheckedLog, check_logs
+from cpid_drake.identification.checks import Check, label_of
 from cpid_drake.identification.consistency import checked
 from cpid_drake.identification.estimators import (
-    ESTIMATORS,
-    LEAST_SQUARES,
     Estimator,
-    require_sensors,
+    choose,
     with_method,
 )
 from cpid_drake.identification.model_sensitivity import hidden_sensitivity
-from cpid_drake.identification.planar import PROPOSED, could_be_planar, one_normal
+from cpid_drake.identification.planar import PROPOSED, could_be_planar
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import SPACECRAFT, Identification
 from cpid_drake.logs.conventions import check_conventions
@@ -124,41 +124,29 @@ def identify(
             than the estimator's.
 
     """
+    # Arguments: objects, of names and paths too.
     require_spacecraft(spacecraft)
-    named = resolve_logs(data, spacecraft)
-    suites, momentum = resolve_sensors_by_log(sensors, named), resolve_momentum(momentum)
+    data = resolve_logs(data, spacecraft)
+    suites, momentum = resolve_sensors_by_log(sensors, data), resolve_momentum(momentum)
     [suite, *_] = suites.values()
     known_bodies, prior = resolve_bodies(known_bodies), resolve_prior(prior, spacecraft)
     planar = resolve_planar(planar)
-    where, logs = {name: name if len(named) > 1 else "" for name in named}, dict[str, CheckedLog]()
-    for name, each in named.items():
-        progress(f"checking {name}")
-        with prefix_errors(where[name]):
-            own = check_log(spacecraft, each, suites[name], planar, by_momentum=False)
-        logs[name] = replace(own, sensors=suites[name])
-    normals = {name: log.normal_B for name, log in logs.items() if log.normal_B is not None}
-    if normals and len(normals) < len(logs):
-        free = next(name for name in logs if name not in normals)
-        raise InputError(
-            f"{next(iter(normals))} has x, y and yaw only, as on a table, and {free} has not: say "
-            "--planar or --no-planar"
-        )
-    if normals:
-        spacecraft = spacecraft.on_table(one_normal(normals))
-    arguments = Arguments(
-        spacecraft, estimator, rows, suite, momentum, known_bodies, prior, bool(normals)
+    # Logs: screened samples, and whether a table carries the spacecraft.
+    spacecraft, logs = check_logs(spacecraft, data, suites, planar, progress)
+    is_planar = spacecraft.tree.normal_B is not None
+    # Estimator: the named one, or the best for these logs.
+    method, arguments = choose(
+        Arguments(spacecraft, estimator, rows, suite, momentum, known_bodies, prior, is_planar),
+        logs,
     )
-    arguments = with_method(arguments, logs)
-    assert arguments.estimator is not None
-    method = ESTIMATORS[arguments.estimator]
-    for name, log in logs.items():
-        with prefix_errors(where[name]):
-            require_sensors(log, arguments)
+    for log in logs.values():
+        with prefix_errors(log.label):
             if wrong := log.conventions.failures or _by_momentum(arguments, log):
                 raise InputError("; ".join(wrong))
+    # Fit and answer.
     progress("identifying")
     try:
-        found = method.estimate(arguments, logs, progress)
+        result = method.estimate(arguments, logs, progress)
     except (np.linalg.LinAlgError, InputError) as error:
         text = str(error)
         if isinstance(error, np.linalg.LinAlgError):
@@ -166,54 +154,35 @@ def identify(
                 f"{method.name} cannot calculate with these samples ({error}): plot them, and "
                 "compare units with the sensors' file and the model"
             )
-        found_causes = (log.failures or [_convention(log, spacecraft)] for log in logs.values())
-        causes = "; ".join(dict.fromkeys(filter(None, chain.from_iterable(found_causes))))
+        said = (log.failures or [_convention(log, spacecraft)] for log in logs.values())
+        causes = "; ".join(dict.fromkeys(filter(None, chain.from_iterable(said))))
         raise InputError(f"most likely, {causes}: {text}" if causes else text) from error
+    # Result: the answer with what its logs, its body and its assumptions say.
     tree = spacecraft.tree
-    found = replace(found, is_planar=tree.normal_B is not None, normal_C=tree.normal_C)
-    found = checked(_with_logs(found, logs, method, not arguments.has_exact_bodies), tree)
+    result = replace(result, is_planar=is_planar, normal_C=tree.normal_C)
+    result = checked(_with_logs(result, logs, method, arguments), tree)
     given = (each or SensorSuite() for each in suites.values())
-    is_exact = method.uses_rows or errors_of_bodies(known_bodies, *given) is None
-    if is_exact:
-        found = replace(found, given=(SPACECRAFT,))
-    if is_exact and arguments.has_exact_bodies:
-        has_thrust = any(log.measurements.has_thrust for log in logs.values())
-        has_scale = has_thrust or found.momentum == "known"
-        beyond = hidden_sensitivity(found.parameters, tree, has_scale=has_scale)
-        found = replace(found, sensitivity={**found.sensitivity, **beyond})
-    [log, *others] = logs.values()
-    could_be = planar is None and could_be_planar(tree, log.measurements.attitude.value)
-    if could_be and not (found.passed and found.is_complete):
-        found = replace(found, warnings=(*found.warnings, PROPOSED))
-    if tree.jointed and tree.lumped.capture_body == 0:
-        found = replace(found, warnings=(*found.warnings, HELD_BY_BASE))
-    if others or not found.failures or log.failures:
-        return found
-    convention = _convention(log, spacecraft)
-    if not convention:
-        return found
-    return replace(found, checks=(Check("log", f"most likely, {convention}"), *found.checks))
+    if method.uses_rows or errors_of_bodies(known_bodies, *given) is None:
+        result = _of_exact_model(result, arguments, logs)
+    return _with_hints(result, spacecraft, list(logs.values()), planar)
 
 
 def _by_momentum(arguments: Arguments, log: CheckedLog) -> tuple[str, ...]:
-    """Return the convention that the momentum shows, if noise does not explain the log as read.
-
-    In a short log many conventions explain a smooth motion; the misfit of rows is relative to the
-    noise.
-    """
+    """Return the convention that the momentum shows, if noise does not explain the log as read."""
     if log.conventions.has_momentum or arguments.spacecraft.tree.normal_B is not None:
         return ()
     wrong = check_conventions(log.measurements, arguments.spacecraft.tree).failures
     if not wrong:
         return ()
+    # In a short log many conventions explain a smooth motion; the misfit of rows is relative to
+    # the noise.
     coasting = log.measurements.between(-np.inf, log.measurements.first_burn)
     logs = {"": replace(log, measurements=coasting)}
     unknown = TotalMomentum.unknown()
-    by_rows = replace(arguments, estimator=LEAST_SQUARES, rows=None, prior=None, momentum=unknown)
+    rows = replace(arguments, estimator=LEAST_SQUARES, rows=None, prior=None, momentum=unknown)
     with suppress(np.linalg.LinAlgError, InputError):  # too few samples
-        by_rows = with_method(by_rows, logs)
-        found = ESTIMATORS[LEAST_SQUARES].estimate(by_rows, logs, lambda step: None)
-        misfit = found.check(MISFIT)
+        result = by_rows.estimate(with_method(rows, logs), logs)
+        misfit = result.check(MISFIT)
         return () if misfit is None or misfit.passed else wrong
     return ()
 
@@ -225,42 +194,71 @@ def _convention(log: CheckedLog, spacecraft: Spacecraft) -> str:
     return check_conventions(log.measurements, spacecraft.tree).sentence
 
 
-def _without_errors(log: CheckedLog) -> Iterator[str]:
-    """Yield the sensors of a log that are not used, because the sensors' file has no errors."""
-    if log.sensors is None:
-        return
-    for name in SENSORS:
-        if len(log.measurements[name]) and name not in log.sensors.present():
-            yield (
-                f"the {label_of(name)} of the log is not used: the sensors' file has no "
-                f"'{name}:' with its rate and noise"
-            )
-
-
 def _with_logs(
-    found: Identification, logs: Mapping[str, CheckedLog], method: Estimator, is_uncertain: bool
+    result: Identification,
+    logs: Mapping[str, CheckedLog],
+    method: Estimator,
+    arguments: Arguments,
 ) -> Identification:
     """Return an identification with what the checks of its logs say."""
-    warnings, checks, rejected = list[str](), list[Check](), Counter(found.rejected)
-    for name, log in logs.items():
-        where = f"{name}: " if len(logs) > 1 else ""
-        failed = list(log.failures)
-        if log.measurements.has_thrust and method.uses_rows:
-            failed.append(THRUST_NOT_USED.format(f"{log.measurements.first_burn:.4g}", method.name))
+    warnings, checks, rejected = list[str](), list[Check](), Counter(result.rejected)
+    for log in logs.values():
         said = [*log.warnings, *(f"not checked: {text}" for text in log.conventions.unchecked)]
-        said += [] if method.uses_rows else _without_errors(log)
-        warnings += [where + text for text in said]
-        checks += [Check("log", where + text) for text in failed]
-        checks += rejection_checks(log.rejected, log.counts, where)
+        failed = list(log.failures)
+        if not method.uses_rows:
+            said += [
+                f"the {label_of(name)} of the log is not used: the sensors' file has no '{name}:' "
+                "with its rate and noise"
+                for name in SENSORS
+                if log.sensors and len(log.measurements[name]) and name not in log.sensors.present()
+            ]
+        elif log.measurements.has_thrust:
+            failed.append(THRUST_NOT_USED.format(f"{log.measurements.first_burn:.4g}", method.name))
+        warnings += [log.where + text for text in said]
+        checks += [Check("log", log.where + text) for text in failed]
+        for name, count in (+Counter(log.rejected)).items():
+            total = count + log.counts.get(name, 0)
+            text = f"{log.where}{count} of {total} samples of {name} could not be used"
+            checks.append(Check.of(f"rejected share of {name}", text, count / total, 0.5))
         rejected.update(log.rejected)
-    if is_uncertain and method.uses_rows:
+    if method.uses_rows and not arguments.has_exact_bodies:
         warnings.append(
             f"{method.name} does not use the uncertainty of the spacecraft: its intervals are "
             "those of an exact model"
         )
     return replace(
-        found,
-        warnings=(*dict.fromkeys(warnings), *found.warnings),
-        checks=(*checks, *found.checks),
+        result,
+        warnings=(*dict.fromkeys(warnings), *result.warnings),
+        checks=(*checks, *result.checks),
         rejected={name: count for name, count in rejected.items() if count},
     )
+
+
+def _of_exact_model(
+    result: Identification, arguments: Arguments, logs: Mapping[str, CheckedLog]
+) -> Identification:
+    """Return an identification that says what errors of the spacecraft's bodies would change."""
+    result = replace(result, given=(SPACECRAFT,))
+    if not arguments.has_exact_bodies:
+        return result
+    has_thrust = any(log.measurements.has_thrust for log in logs.values())
+    has_scale = has_thrust or result.momentum == "known"
+    tree = arguments.spacecraft.tree
+    hidden = hidden_sensitivity(result.parameters, tree, has_scale=has_scale)
+    return replace(result, sensitivity={**result.sensitivity, **hidden})
+
+
+def _with_hints(
+    result: Identification, spacecraft: Spacecraft, logs: Sequence[CheckedLog], planar: bool | None
+) -> Identification:
+    """Return an identification with what may explain that it failed, or is not whole."""
+    tree, [log, *others] = spacecraft.tree, logs
+    could_be = planar is None and could_be_planar(tree, log.measurements.attitude.value)
+    if could_be and not (result.passed and result.is_complete):
+        result = replace(result, warnings=(*result.warnings, PROPOSED))
+    if tree.jointed and tree.lumped.capture_body == 0:
+        result = replace(result, warnings=(*result.warnings, HELD_BY_BASE))
+    has_cause = others or log.failures
+    if result.passed or has_cause or not (convention := _convention(log, spacecraft)):
+        return result
+    return replace(result, checks=(Check("log", f"most likely, {convention}"), *result.checks))

@@ -13,8 +13,13 @@ import numpy as np
 from cpid_drake.files.drafts import refuse_unfinished
 from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.files.resources import __version__, resolve_model
-from cpid_drake.identification.arguments import resolve_bodies, resolve_momentum, resolve_sensors
-from cpid_drake.identification.checked_log import Arguments, left_out_warnings
+from cpid_drake.identification.arguments import (
+    Arguments,
+    resolve_bodies,
+    resolve_momentum,
+    resolve_sensors,
+)
+from cpid_drake.identification.checked_log import left_out_warnings
 from cpid_drake.identification.identify import identify
 from cpid_drake.identification.prior import load_prior
 from cpid_drake.identification.request import Request, Source, log_names
@@ -52,8 +57,7 @@ def identify_files(
         progress: see `identify`.
 
     Raises:
-        InputError: a model, sensors, telemetry or a prior that cannot be read or used; see the
-            functions that read them. Two of the files are the same.
+        InputError: what is named cannot be read or used, or two of the files are the same.
 
     """
     request, paths = requests[0], [each.telemetry for each in requests]
@@ -72,20 +76,20 @@ def identify_files(
         options = options | {"sensors": {n: e.sensors for n, e in own if e.sensors is not None}}
     with prefix_errors(paths[0] if len(paths) == 1 else ""):
         data = {name: file.log for name, (_, file) in zip(names, opened, strict=True)}
-        found = identify(data=data, **options, progress=progress)
-    rejected, warnings = Counter(found.rejected), list[str]()
+        result = identify(data=data, **options, progress=progress)
+    rejected, warnings = Counter(result.rejected), list[str]()
     for name, (_, file) in zip(names, opened, strict=True):
         rejected += Counter(file.partial) + Counter(rows=len(file.problems))
         where = f"{name}: " if len(opened) > 1 else ""
         warnings += [where + text for text in _sensors_beside(requests[names.index(name)])]
         warnings += [where + text for text in left_out_warnings(file.left_out_joints)]
-    found = replace(
-        found,
+    result = replace(
+        result,
         rejected=dict(rejected),
-        warnings=(*warnings, *found.warnings),
+        warnings=(*warnings, *result.warnings),
         sources=tuple(source for source, _ in opened),
     )
-    return Evidence(inputs, tuple(file for _, file in opened), found)
+    return Evidence(inputs, tuple(file for _, file in opened), result)
 
 
 def _sensors_beside(request: Request) -> Iterator[str]:
@@ -100,11 +104,6 @@ def converge(evidence: Evidence, progress: Callable[[str], None] = lambda step: 
     """Return the estimates from growing parts of the only log.
 
     A fit has them from one pass; another estimator identifies the parts in the same way as all.
-
-    Args:
-        evidence: the samples and how they were identified.
-        progress: called before every part with a short description of the part.
-
     """
     result, inputs, data = evidence.found, evidence.inputs, evidence.log
     _, end = data.interval
@@ -115,22 +114,13 @@ def converge(evidence: Evidence, progress: Callable[[str], None] = lambda step: 
     for time in (end * np.arange(1, PARTS_OVER_TIME) / PARTS_OVER_TIME).tolist():
         progress(f"identifying from the first {time:.4g} of {end:.4g} s")
         with suppress(InputError):  # too few samples, or nothing moves yet
-            found = identify(data=data.between(0.0, time), **vars(same))
-            estimates.append((time, found))
+            estimate = identify(data=data.between(0.0, time), **vars(same))
+            estimates.append((time, estimate))
     return [*estimates, (end, result)]
 
 
 def opened_inputs(request: Request, progress: Callable[[str], object]) -> Arguments:
-    """Return the inputs of a request besides its telemetry.
-
-    Args:
-        request: the request.
-        progress: called before every step with a short description of the step.
-
-    Raises:
-        InputError: one of them cannot be read or used.
-
-    """
+    """Return the inputs of a request besides its telemetry, or raise an InputError of one."""
     craft = request.spacecraft
     progress("reading the model")
     spacecraft = craft.make()
@@ -179,13 +169,9 @@ def open_log(request: Request, joints: tuple[str, ...]) -> tuple[Source, LogFile
 
 
 def request_of_result(result: Identification, where: str) -> Request:
-    """Return the request that a result file records.
+    """Return the request of a result that was read from the file `where`.
 
     The telemetry is expected at its recorded place, or beside the result file.
-
-    Args:
-        result: the result as read from its file.
-        where: the result file.
 
     Raises:
         InputError: the file names no telemetry, or the telemetry is missing or has changed.

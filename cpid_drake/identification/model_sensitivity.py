@@ -15,16 +15,15 @@ from cpid_drake.dynamics.parameterizations import (
 )
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.estimation.fit import Fit, prior_of
 from cpid_drake.estimation.gaussian import LeastSquaresSolution
-from cpid_drake.estimation.roll import Values, roll
-from cpid_drake.estimation.sweep import sweep
+from cpid_drake.estimation.roll import roll
 from cpid_drake.estimation.unknowns import BODIES, PSI
+from cpid_drake.identification.chosen_fit import ChosenFit
 
-MASS, INERTIA = "mass", "inertia"
+BASE_MASS, BASE_INERTIA = "mass", "inertia"
 """Of the base, with everything that is fixed to it; the inertia is about its centre of mass."""
 
-LINK, ALL = "the link that holds the target", "all masses and inertias"
+LINK, ALL_MASSES = "the link that holds the target", "all masses and inertias"
 """Not identifiable from any samples: this link moves as the target does, and momentum is linear in
 all masses."""
 
@@ -42,35 +41,29 @@ def with_larger_base(tree: KinematicTree) -> dict[str, KinematicTree]:
     """Return the spacecraft with 1 % more mass, and with 1 % more inertia, of its base."""
     base, *others = tree.lumped.bodies
     larger = {
-        MASS: replace(base, mass=1.01 * base.mass),
-        INERTIA: replace(base, I_BBcm=1.01 * base.I_BBcm),
+        BASE_MASS: replace(base, mass=1.01 * base.mass),
+        BASE_INERTIA: replace(base, I_BBcm=1.01 * base.I_BBcm),
     }
     return {n: replace(tree.lumped, bodies=(each, *others)) for n, each in larger.items()}
 
 
 def base_sensitivity(
-    found: Fit, solution: LeastSquaresSolution, held: Values
+    chosen: ChosenFit, solution: LeastSquaresSolution
 ) -> dict[str, NDArray[np.float64]]:
     """Return the change (10,) of the parameters if mass or inertia of the base were 1 % larger.
 
-    Args:
-        found: a fit with an exact spacecraft.
-        solution: its target.
-        held: unknowns that are held, with their values less those of the fit.
-
+    The fit has an exact spacecraft, and the solution is its target.
     """
-    model = replace(found.model, known_bodies=_OfBase(mass=0.01, inertia=0.01))
-    values = found.values | {BODIES: model.unknown(BODIES).mean}
-    total = prior_of(model, found.logs, values)
-    for log in found.logs:
-        rolled = roll(model, log, values)
-        total = total.add(sweep(model, log, rolled, values, forward_only=True).gaussian)
-    total = total.condition({name: value for name, value in held.items() if name in total.places})
+    fit = chosen.fit
+    model = replace(fit.model, known_bodies=_OfBase(mass=0.01, inertia=0.01))
+    values = fit.values | {BODIES: model.unknown(BODIES).mean}
+    parts = ((log, roll(model, log, values), values) for log in fit.logs)
+    total = chosen.swept(model, values, parts)
     R = total.marginal([PSI, BODIES]).R
     mass, *stretches = -solve_triangular(R[:10, :10], R[:10, 10:14]).T  # of the base, in σ
     form, open_axes = relative_parameterization(model.mass), solution.unidentifiable
     changes = {}
-    for name, change in ((MASS, mass), (INERTIA, np.sum(stretches, axis=0))):
+    for name, change in ((BASE_MASS, mass), (BASE_INERTIA, np.sum(stretches, axis=0))):
         scaled = change / solution.unit  # combinations that are not identifiable stay as they are
         scaled = scaled - open_axes.T @ (open_axes @ scaled)
         change = form.jacobian(solution.values) @ (solution.unit * scaled)
@@ -81,13 +74,9 @@ def base_sensitivity(
 def hidden_sensitivity(
     parameters: NDArray[np.float64], tree: KinematicTree, *, has_scale: bool
 ) -> dict[str, NDArray[np.float64]]:
-    """Return the change (10,) of the parameters by errors that no samples identify.
+    """Return the change (10,) of the target's parameters (10,) by errors that no samples identify.
 
-    Args:
-        parameters: (10,) of the target.
-        tree: the spacecraft.
-        has_scale: whether a known momentum or force determines the scale of all masses.
-
+    A known momentum or force has a scale, which is that of all masses.
     """
     tree = tree.lumped
     body, R_CB = tree.bodies[tree.capture_body], tree.R_BC.T
@@ -95,8 +84,8 @@ def hidden_sensitivity(
     link = InertialParameters(body.mass, R_CB @ (body.p_BBcm - tree.p_BC), I_C).to_vector()
     parameters = np.where(np.isfinite(parameters), parameters, np.nan)  # c, if there is no mass
     moved = parameters_to_standard(parameters) - 0.01 * parameters_to_standard(link)
-    found = {LINK: standard_to_parameters(moved) - parameters}
+    changes = {LINK: standard_to_parameters(moved) - parameters}
     if not has_scale:
-        found[ALL] = 0.01 * parameters
-        found[ALL][1:4] = 0.0  # the centre of mass stays
-    return found
+        changes[ALL_MASSES] = 0.01 * parameters
+        changes[ALL_MASSES][1:4] = 0.0  # the centre of mass stays
+    return changes

@@ -12,12 +12,13 @@ from cpid_drake.estimation.online import OnlineState, change_beyond_linear, run
 from cpid_drake.estimation.posterior import known_target
 from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.files.errors import InputError
-from cpid_drake.identification.answer import Observed, answer_of
-from cpid_drake.identification.checked_log import Arguments, CheckedLog, suite_of
-from cpid_drake.identification.checks import Check
+from cpid_drake.identification.answer import answer_of
+from cpid_drake.identification.arguments import Arguments
+from cpid_drake.identification.checked_log import CheckedLog, model_of
+from cpid_drake.identification.checks import Check, Observed
 from cpid_drake.identification.result import Identification
 
-NAME = "recursive_fit"
+RECURSIVE_FIT = "recursive_fit"
 """The estimator's name."""
 
 NOT_LINEAR = (
@@ -43,8 +44,7 @@ def identification_of_state(
     Args:
         model: the unknowns.
         state: after the last block.
-        momentum: the total momentum at the start; None for zero if the samples agree with this,
-            else unknown.
+        momentum: see `identify.identify`.
         joints: names of the joints, for the error budget; default: no budget.
 
     """
@@ -57,7 +57,7 @@ def identification_of_state(
             nothing,
             sensors=model.suite,
             sample_count=0,
-            estimator=NAME,
+            estimator=RECURSIVE_FIT,
             momentum=assumed.name,
             momentum_changes=(),
         )
@@ -69,7 +69,7 @@ def identification_of_state(
     }
     observed = Observed(tests, counts, tuple(sorted(state.events)))
     result, _ = answer_of(
-        state.found, state.question, momentum, observed, joints=joints, estimator=NAME
+        state.found, state.question, momentum, observed, joints=joints, estimator=RECURSIVE_FIT
     )
     change = change_beyond_linear(state.found)
     if not change:
@@ -88,15 +88,13 @@ def estimate(
     See `estimators.Estimator`.
     """
     if len(logs) > 1:
-        raise InputError(f"{NAME} identifies from one log; use the trajectory fit")
+        raise InputError(f"{RECURSIVE_FIT} identifies from one log; use the trajectory fit")
     [log], craft = logs.values(), arguments.spacecraft
-    suite, warnings = suite_of(arguments.sensors, log)
-    has_thrust = log.measurements.has_thrust
-    model = Model.of(craft.tree, suite, arguments.known_bodies, has_thrust=has_thrust)
+    model, warnings = model_of(craft.tree, logs, arguments.known_bodies)
     if arguments.prior is not None:
         model = replace(model, rows=(arguments.prior.of_psi(model),))
     progress("fitting")
     state = OnlineState(question=question_of(model, arguments.momentum))
     state = run(model, log.measurements.blocks(), state)
-    found = identification_of_state(model, state, arguments.momentum, craft.joint_names)
-    return replace(found, warnings=(*warnings, *found.warnings))
+    result = identification_of_state(model, state, arguments.momentum, craft.joint_names)
+    return replace(result, warnings=(*warnings, *result.warnings))

@@ -73,14 +73,25 @@ def normal_in_base(attitude: NDArray[np.float64]) -> NDArray[np.float64]:
     return nearest if normal @ nearest > np.cos(LEVEL) else normal
 
 
-def one_normal(normals: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Return the table's normal (3,) in B of several logs, by their names.
+def common_normal(
+    normals: Mapping[str, NDArray[np.float64] | None],
+) -> NDArray[np.float64] | None:
+    """Return the table's normal (3,) in B of several logs, by their names; None without a table.
 
     Raises:
-        InputError: it is not the same in all of them.
+        InputError: only some have one, or it is not the same in all of them.
 
     """
-    [(first, normal), *others] = normals.items()
+    on_table = {name: normal for name, normal in normals.items() if normal is not None}
+    if not on_table:
+        return None
+    [(first, normal), *others] = on_table.items()
+    for name in normals:
+        if name not in on_table:
+            raise InputError(
+                f"{first} has x, y and yaw only, as on a table, and {name} has not: say --planar "
+                "or --no-planar"
+            )
     for name, other in others:
         if other @ normal < np.cos(LEVEL):
             angle = np.degrees(np.arccos(np.clip(other @ normal, -1.0, 1.0)))
@@ -88,7 +99,7 @@ def one_normal(normals: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64
                 f"{name} and {first} have other axes of the base along the table's normal "
                 f"({angle:.0f}° apart): identify them one by one, and combine the results"
             )
-    total = np.sum(list(normals.values()), axis=0)
+    total = np.sum(list(on_table.values()), axis=0)
     return np.asarray(total / np.linalg.norm(total))
 
 
@@ -101,19 +112,19 @@ def could_be_planar(tree: KinematicTree, attitude: NDArray[np.float64]) -> bool:
 
 def _contradictions(normal_B: NDArray[np.float64], measurements: Log) -> tuple[str, ...]:
     """Return the reasons why no table can have carried the base of a log."""
-    attitude, position, found = measurements.attitude.value, measurements.position.value, []
+    attitude, position, reasons = measurements.attitude.value, measurements.position.value, []
     if len(attitude):
         angles = tilt(attitude, normal_B)
         if np.linalg.norm(_spread(angles)) > WOBBLE:
             largest = np.degrees(np.linalg.norm(angles - angles.mean(axis=0), axis=1).max())
-            found.append(f"the base tilts by up to {largest:.2g} deg")
+            reasons.append(f"the base tilts by up to {largest:.2g} deg")
     if len(position):
         spread = _spread(position)
         if spread[2] > HEIGHT + np.sin(LEVEL) * np.hypot(*spread[:2]):
-            found.append(f"the base's height changes by {np.ptp(position[:, 2]):.2g} m")
-    if not found:
+            reasons.append(f"the base's height changes by {np.ptp(position[:, 2]):.2g} m")
+    if not reasons:
         return ()
-    return (f"no table carries this spacecraft: {', and '.join(found)}; leave out --planar",)
+    return (f"no table carries this spacecraft: {', and '.join(reasons)}; leave out --planar",)
 
 
 def _spread(values: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -50,8 +50,8 @@ class TargetPrior:
         """Return the unknowns `at` (10,) with the prior's values where the prior has any."""
         if self.combinations is not None and self.combinations.unknowns == form.name:
             return self.combinations.values
-        known = np.isfinite(self.parameters)
-        return form.from_parameters(np.where(known, self.parameters, form.to_parameters(at)))
+        is_known = np.isfinite(self.parameters)
+        return form.from_parameters(np.where(is_known, self.parameters, form.to_parameters(at)))
 
     def of_psi(self, model: Model, psi: NDArray[np.float64] | None = None) -> Gaussian:
         """Return the prior of a model's target, linear about ψ (10,); by default about itself."""
@@ -66,30 +66,23 @@ class TargetPrior:
         at: NDArray[np.float64],
         unit: NDArray[np.float64],
     ) -> Gaussian:
-        """Return the prior about the unknowns of a parameterization.
+        """Return the prior of the unknowns of a parameterization, linear about `at` (10,).
 
-        Args:
-            name: name of the unknowns.
-            form: the parameterization.
-            at: (10,) unknowns about which the parameters are linearized.
-            unit: (10,) plausible sizes of the unknowns.
-
-        Raises:
-            InputError: the prior determines combinations of other unknowns.
-
+        Raises an InputError if it determines combinations of other unknowns. Combinations of sizes
+        far below `unit` (10,), the plausible ones, are rounding.
         """
-        known = self.combinations
+        own = self.combinations
         given = np.isfinite(self.parameters)
-        if known is not None and known.unknowns != form.name and not given.all():
+        if own is not None and own.unknowns != form.name and not given.all():
             raise InputError(
-                f"{self.name} determines combinations of {known.unknowns} unknowns, and the "
+                f"{self.name} determines combinations of {own.unknowns} unknowns, and the "
                 f"estimator has {form.name} unknowns: use the estimator of the prior"
             )
-        if known is not None and known.unknowns == form.name:
-            sizes, axes = np.linalg.eigh(known.information * unit * unit[:, None])
+        if own is not None and own.unknowns == form.name:
+            sizes, axes = np.linalg.eigh(own.information * unit * unit[:, None])
             seen = sizes > len(sizes) ** 2 * np.finfo(float).eps * max(float(sizes[-1]), 0.0)
             A = np.sqrt(sizes[seen])[:, None] * axes[:, seen].T / unit
-            return Gaussian.of_rows({name: 10}, np.column_stack([A, A @ known.values]))
+            return Gaussian.of_rows({name: 10}, np.column_stack([A, A @ own.values]))
         covariance = self.covariance[np.ix_(given, given)]
         sigma = np.sqrt(np.diag(covariance))
         root = np.linalg.cholesky(covariance / sigma / sigma[:, None])
@@ -124,17 +117,12 @@ class PriorConfig:
         """Return the prior, with its name in messages.
 
         Raises:
-            InputError: it contains nothing, or contradicts itself; no rigid body has the values; a
-                σ is missing.
+            InputError: it contains nothing, no rigid body has the values, or a σ is missing.
 
         """
-        parts = {
-            "mass": (self.mass, self.sigma_mass, slice(0, 1)),
-            "p_CTcm_C": (self.p_CTcm_C, self.sigma_p_CTcm_C, slice(1, 4)),
-            "I_TTcm_C": (self.I_TTcm_C, self.sigma_I_TTcm_C, slice(4, 10)),
-        }
-        given = [key for key, (value, _, _) in parts.items() if value is not None]
-        if not given:
+        parts = {"mass": slice(0, 1), "p_CTcm_C": slice(1, 4), "I_TTcm_C": slice(4, 10)}
+        parts = {key: part for key, part in parts.items() if getattr(self, key) is not None}
+        if not parts:
             raise InputError("give mass, p_CTcm_C or I_TTcm_C")
         mass = 1.0 if self.mass is None else self.mass
         place = np.zeros(3) if self.p_CTcm_C is None else self.p_CTcm_C
@@ -146,8 +134,8 @@ class PriorConfig:
         values = body.to_vector()
         scale = parameter_scale(values) if np.trace(inertia) > 0 else np.zeros(10)
         parameters, sigma = np.full(10, np.nan), np.full(10, np.nan)
-        for key in given:
-            _, own, part = parts[key]
+        for key, part in parts.items():
+            own = getattr(self, f"sigma_{key}")
             if own is None and self.sigma is None:
                 raise InputError(f"give sigma_{key}, or sigma for all")
             needs_size = own is None and key != "mass"
@@ -157,10 +145,8 @@ class PriorConfig:
             sigma[part] = scale[part] * (self.sigma or 0.0) if own is None else own
             if not np.all(sigma[part] > 0):
                 raise InputError(f"give sigma_{key}: the body has no size")
-        covariance = np.full((10, 10), np.nan)
-        known = np.flatnonzero(np.isfinite(parameters))
-        covariance[np.ix_(known, known)] = np.diag(sigma[known] ** 2)
-        return TargetPrior(name, parameters, covariance)
+        # NaN in rows and columns of what is not stated.
+        return TargetPrior(name, parameters, np.diag(sigma**2) + 0 * np.add.outer(sigma, sigma))
 
 
 def load_prior(path: str | Path, spacecraft: Spacecraft, capture_frame: str) -> TargetPrior:
@@ -200,19 +186,19 @@ def prior_of_result(
             f"{where}: the prior is in the capture frame {frame}, the log's capture frame is "
             f"{capture_frame}: identify with the same frame"
         )
-    found = result.combinations
+    own = result.combinations
     given = np.isfinite(np.diag(result.covariance))
-    if found is not None and not np.isclose(found.known_mass, spacecraft.mass, rtol=1e-6):
+    if own is not None and not np.isclose(own.known_mass, spacecraft.mass, rtol=1e-6):
         if not given.all():
             raise InputError(
                 f"{where}: the prior determines combinations of parameters for a spacecraft of "
-                f"{found.known_mass:.6g} kg; this one has {spacecraft.mass:.6g} kg"
+                f"{own.known_mass:.6g} kg; this one has {spacecraft.mass:.6g} kg"
             )
-        found = None
-    if found is None and not given.any():
+        own = None
+    if own is None and not given.any():
         raise InputError(f"{where}: the prior determines no parameter")
-    if found is not None and found.unknowns == "relative":
-        stated = relative_parameterization(found.known_mass).to_parameters(found.values)
+    if own is not None and own.unknowns == "relative":
+        stated = relative_parameterization(own.known_mass).to_parameters(own.values)
         sigma = np.sqrt(np.diag(result.covariance)) + 1e-9 * np.abs(stated)
         if (np.abs(stated - result.parameters) > 0.01 * sigma)[given].any():
             raise InputError(
@@ -221,4 +207,4 @@ def prior_of_result(
             )
     parameters = np.where(given, result.parameters, np.nan)
     name = f"the prior {Path(where).name}"
-    return TargetPrior(name, parameters, result.covariance, found, result.failures)
+    return TargetPrior(name, parameters, result.covariance, own, result.failures)

@@ -94,7 +94,7 @@ class Request:
         files = {"telemetry": self.telemetry, "columns": self.columns, "prior": self.prior}
         return {option: name for option, name in files.items() if name is not None}
 
-    def found(self) -> list[Path]:
+    def existing_files(self) -> list[Path]:
         """Return the files that the request names, as far as they exist."""
         names = (self.spacecraft.model, self.sensors, self.known_bodies, *self.files().values())
         paths = list[Path]()

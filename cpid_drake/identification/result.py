@@ -199,8 +199,8 @@ class Identification:
         """
         parameters = form.to_parameters(solution.estimate)
         # A known parameter depends only on unknowns that are determined.
-        known = np.isfinite(solution.estimate)
-        own = np.where(np.outer(known, known), solution.covariance, 0.0)
+        is_known = np.isfinite(solution.estimate)
+        own = np.where(np.outer(is_known, is_known), solution.covariance, 0.0)
         covariance, is_open = form.covariance(solution.estimate, own), ~np.isfinite(parameters)
         covariance[is_open, :] = covariance[:, is_open] = np.nan
         freedom = solution.row_count - solution.rank if sensors is None else None
@@ -319,10 +319,10 @@ class Identification:
 
     def explain(self) -> str:
         """Return a sentence on what the samples determine."""
-        known = f"{self.sample_count} samples determine {self.rank} of 10"
+        text = f"{self.sample_count} samples determine {self.rank} of 10"
         if self.is_identifiable:
-            return f"{known} parameters (condition {self.condition or np.inf:.3g})"
-        return f"{known}: {' '.join(gap(self))}"
+            return f"{text} parameters (condition {self.condition or np.inf:.3g})"
+        return f"{text}: {' '.join(gap(self))}"
 
     def __getitem__(self, name: str) -> ParameterEstimate:
         """Return the estimate of a parameter.
@@ -360,8 +360,8 @@ class Identification:
 
     def files(self) -> list[Path]:
         """Return the files that the result was computed from, as far as they exist."""
-        found = (path for source in self.sources for path in source.request.found())
-        return list(dict.fromkeys(found))
+        paths = (path for source in self.sources for path in source.request.existing_files())
+        return list(dict.fromkeys(paths))
 
 
 History = Sequence[tuple[float, Identification]]

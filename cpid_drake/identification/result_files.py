@@ -2,9 +2,8 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import Field, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -58,9 +57,8 @@ def result_text(result: Identification, where: str) -> str:
 def _plain(value: object) -> object:
     """Return a part of the tree as mappings, lists and values."""
     if is_dataclass(value):
-        return {
-            key.name: _plain(getattr(value, key.name)) for key in fields(value) if _is_kept(key)
-        }
+        kept = (key.name for key in fields(value) if not _in_memory(key.type))
+        return {name: _plain(getattr(value, name)) for name in kept}
     if isinstance(value, Mapping):
         return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, (tuple, list)):
@@ -70,9 +68,8 @@ def _plain(value: object) -> object:
     return nulls(value) if isinstance(value, (float, np.ndarray)) else value
 
 
-def _is_kept(key: "Field[Any]") -> bool:
-    """Return whether a field is in files."""
-    return not any(isinstance(note, InMemory) for note in getattr(key.type, "__metadata__", ()))
+def _in_memory(kind: object) -> bool:
+    return any(isinstance(note, InMemory) for note in getattr(kind, "__metadata__", ()))
 
 
 def _parse(data: bytes, where: str) -> Identification:

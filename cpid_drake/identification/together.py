@@ -54,10 +54,10 @@ def with_sources(
     def combined(*groups: Sequence[str]) -> Gaussian:
         return _with(vague, sources, target, groups)
 
-    def part(found: LeastSquaresSolution, count: int = 0, *checks: Check) -> Identification:
+    def part(own: LeastSquaresSolution, count: int = 0, *checks: Check) -> Identification:
         return Identification.of_solution(
             form,
-            found,
+            own,
             sensors=result.sensors,
             sample_count=count,
             estimator=result.estimator,
@@ -73,10 +73,6 @@ def with_sources(
 
     others = {name: [other for other in names if other != name] for name in names}
     alone = {name: solution(combined([name])) for name in names}
-    rests, joint = (
-        {name: solution(combined(others[name])) for name in names},
-        solution(combined(names)),
-    )
     warnings = [
         f"{name} identifies nothing of the target, and was not used"
         for name in counts
@@ -84,7 +80,8 @@ def with_sources(
     ]
     tests = []
     if prior is not None:  # what it contains is known, however vague it is
-        without, variance = (np.diag(part(each).covariance) for each in (rests[prior.name], joint))
+        rest = part(solution(combined(others[prior.name])))
+        without, variance = np.diag(rest.covariance), np.diag(result.covariance)
         is_half = ~np.isfinite(without) | (variance < without / 2)
         dominated = np.array(PARAMETER_NAMES)[is_half & np.isfinite(variance)]
         shown = ", ".join(dominated) or "no parameter"
@@ -98,7 +95,7 @@ def with_sources(
     worst = max(names, key=lambda name: sizes[name])
     sentence = "the logs" + (" and the prior" if prior is not None else "")
     sentence += f" do not have the same target: {worst} differs from the rest"
-    sentence += _difference(parts[worst], part(rests[worst]))
+    sentence += _difference(parts[worst], part(solution(combined(others[worst]))))
     checks = (agreement(sentence, *([name] for name in names)), *tests)
     return replace(
         result,
@@ -123,10 +120,7 @@ def _with(
     groups: Sequence[Sequence[str]],
     share: float = 1.0,
 ) -> Gaussian:
-    """Return what some sources say together if each group of them has a target of its own.
-
-    The prior of each target has the share `share` of its inverse σ.
-    """
+    """Return what groups of sources say, each with its own target and a share of its prior."""
     total, own = vague.marginal(n for n in vague.places if n != target), vague.marginal([target])
     own = replace(own, R=share * own.R, z=share * own.z)
     for k, group in enumerate(groups):

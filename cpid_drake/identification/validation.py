@@ -34,11 +34,12 @@ from cpid_drake.identification.arguments import (
     resolve_prior,
     resolve_sensors,
 )
-from cpid_drake.identification.checked_log import check_log, suite_of
-from cpid_drake.identification.fitted import NAME
+from cpid_drake.identification.checked_log import check_logs, model_of
+from cpid_drake.identification.fitted import TRAJECTORY_FIT
 from cpid_drake.identification.identify import identify
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import Identification
+from cpid_drake.logs.column_map import scale_of
 from cpid_drake.logs.log import Log
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite
@@ -50,12 +51,7 @@ FALSE_ALARM = 0.01
 POWER = 0.9
 """Probability with which a target that is said to be noticed is noticed."""
 
-_UNITS = {
-    "rad": (180 / np.pi, "deg"),
-    "m": (1e3, "mm"),
-    "m/s": (1e3, "mm/s"),
-    "rad/s": (180 / np.pi, "deg/s"),
-}
+_SHOWN = {"rad": "deg", "m": "mm", "m/s": "mm/s", "rad/s": "deg/s"}
 
 
 @dataclass(frozen=True)
@@ -140,14 +136,13 @@ def validate(
     """Test an identified target with a log that was not used to identify it, and predict this log.
 
     Args:
-        spacecraft: the spacecraft model.
+        spacecraft, planar: see `identify`.
         target: the identified target with its uncertainty, such as the result of `identify`.
         data: the log.
         sensors: the sensors' errors; default: estimated from the log.
         momentum: the total momentum; default: that of the largest evidence, and the average over
             zero and unknown in the test of the target.
         known_bodies: uncertainty of the spacecraft; default: none.
-        planar: whether the spacecraft floats on a table; see `identify`.
         beginning: share of the log, or of its longest part without a gap, to which start, momentum
             and biases are fitted for the prediction.
 
@@ -160,20 +155,24 @@ def validate(
     if not 0 < beginning < 1:
         raise InputError(f"the beginning must be a share between 0 and 1, not {beginning:g}")
     require_spacecraft(spacecraft)
-    [given] = resolve_logs(data, spacecraft).values()
+    given = resolve_logs(data, spacecraft)
     sensors, momentum = resolve_sensors(sensors), resolve_momentum(momentum)
     known_bodies, known_target = resolve_bodies(known_bodies), resolve_prior(target, spacecraft)
     if known_target is None:
         raise InputError("there is no target to validate")
-    log = check_log(spacecraft, given, sensors, planar)
-    if log.normal_B is not None:
-        spacecraft = spacecraft.on_table(log.normal_B)
-    for name in ("attitude", "encoders"):
-        if not log.counts.get(name):
-            raise InputError(f"the log has no samples of {SENSORS[name].quantity}")
-    sensors, said = suite_of(sensors, log)
-    thrust = log.measurements.has_thrust
-    model = Model.of(spacecraft.tree, sensors, known_bodies, has_thrust=thrust)
+    suites = dict.fromkeys(given, sensors)
+    spacecraft, logs = check_logs(spacecraft, given, suites, planar, lambda step: None)
+    model, said = model_of(spacecraft.tree, logs, known_bodies)
+    own = identify(
+        spacecraft,
+        given,
+        estimator=TRAJECTORY_FIT,
+        sensors=model.suite,
+        momentum=momentum,
+        known_bodies=known_bodies,
+        planar=planar,
+    )
+    [log] = logs.values()
     whole = LogState.of(model, log.measurements)
     samples = _longest_part(model, whole)
     start, end = samples.blocks[0].start, samples.blocks[-1].end
@@ -183,15 +182,6 @@ def validate(
             "the log is too short to predict a part of it from its beginning; give a log of at "
             "least a few seconds"
         )
-    own = identify(
-        spacecraft,
-        given,
-        estimator=NAME,
-        sensors=sensors,
-        momentum=momentum,
-        known_bodies=known_bodies,
-        planar=planar,
-    )
     if own.momentum != "unknown" and samples.blocks[0] is whole.blocks[0]:
         used = momentum or TotalMomentum.zero()
         value = np.concatenate([used.L_WScm_W, used.v_WScm_W])
@@ -201,15 +191,16 @@ def validate(
     for name, rest in own.residuals.items():
         parts = zip(predicted.models[first:], predicted.residuals[first:], strict=True)
         sizes = [
-            np.linalg.norm(found[name] * part.scale_of(name), axis=1)
-            for part, found in parts
-            if name in found
+            np.linalg.norm(residuals[name] * part.scale_of(name), axis=1)
+            for part, residuals in parts
+            if name in residuals
         ]
         if not sizes:
             continue
         size = np.concatenate(sizes)
         sigmas = next(m.scale_of(name) for m in predicted.models if name in m.sensors)
-        factor, unit = _UNITS[SENSORS[name].unit]
+        unit = _SHOWN[SENSORS[name].unit]
+        factor = 1 / scale_of(unit)
         rms, largest = factor * _rms(size), factor * float(size.max())
         noise = factor * float(np.linalg.norm(sigmas))
         errors.append(SensorError(name, unit, len(size), rms, largest, noise, _rms(rest.value)))
@@ -234,9 +225,9 @@ def _test(model: Model, own: Identification, target: TargetPrior) -> tuple[float
     """Return χ², freedom and `heavier` of the test of a target by a log's own estimate."""
     if not own.converged:
         return np.inf, 10, np.inf
-    form, known = relative_parameterization(model.mass), own.solution
-    assert known is not None
-    both = [target.of_psi(model), known.known]
+    form, solution = relative_parameterization(model.mass), own.solution
+    assert solution is not None
+    both = [target.of_psi(model), solution.known]
     total = both[0].add(both[1])
     freedom = both[0].rank + both[1].rank - total.rank
     if not freedom:
@@ -265,8 +256,8 @@ def _predicted(
     ]
     cut = replace(log, blocks=tuple(blocks))
     model = replace(model, rows=(target,))
-    found = fit(model, [cut])
-    return roll(model, replace(found.logs[0], blocks=log.blocks), found.values)
+    beginning = fit(model, [cut])
+    return roll(model, replace(beginning.logs[0], blocks=log.blocks), beginning.values)
 
 
 def _rms(sizes: NDArray[np.float64]) -> float:

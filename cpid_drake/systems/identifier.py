@@ -26,7 +26,7 @@ from cpid_drake.estimation.least_squares import updated_information
 from cpid_drake.estimation.momentum_rows import momentum_columns, momentum_rows
 from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.identification.arguments import require_spacecraft, resolve_momentum
-from cpid_drake.identification.by_rows import NAME, part_checks
+from cpid_drake.identification.by_rows import LEAST_SQUARES, part_checks
 from cpid_drake.identification.consistency import with_nearest_body
 from cpid_drake.identification.result import Identification
 from cpid_drake.spacecraft.spacecraft import Spacecraft
@@ -275,7 +275,7 @@ class MomentumIdentifier(Identifier):
             self._parameterization,
             solution,
             sample_count=int(samples),
-            estimator=NAME,
+            estimator=LEAST_SQUARES,
             rows=self._family.name,
             momentum=self._momentum.name,
             checks=part_checks(earlier, rows, freedom) if solution.rank == 10 else (),

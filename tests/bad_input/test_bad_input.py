@@ -2,7 +2,6 @@
 
 import json
 
-import numpy as np
 import pytest
 from corpus import Case, cases, link, urdf, write_good
 from processes import finish, start
@@ -18,7 +17,6 @@ from cpid_drake import (
 )
 from cpid_drake.files.errors import prefix_errors
 from cpid_drake.identification.result_files import read_result
-from cpid_drake.sensors.sensors import SENSORS
 
 CASES = cases()
 SLOW = ("million_rows", "npz_bomb", "directives_that_double")
@@ -110,29 +108,6 @@ def test_a_command_ends_in_one_line_and_writes_nothing(case: Case, folder, run_c
 
 
 # -- what only looks odd --------------------------------------------------------------------------
-
-
-ODD = {
-    "windows_line_ends": lambda text: text.replace("\n", "\r\n"),
-    "byte_order_mark": lambda text: "\ufeff" + text,
-    "blanks_around_cells": lambda text: text.replace(",", " ,  "),
-    "columns_in_another_order": lambda text: "".join(
-        ",".join(reversed(line.split(","))) + "\n" for line in text.splitlines()
-    ),
-    "no_last_line_end": lambda text: text.rstrip("\n"),
-}
-
-
-@pytest.mark.parametrize("name", ODD)
-def test_a_log_that_only_looks_odd_says_the_same(name, folder):
-    text = (folder / "log.csv").read_text()
-    (folder / "odd.csv").write_bytes(ODD[name](text).encode())
-    plain, odd = read_log("log.csv"), read_log("odd.csv")
-    order = [odd.joint_names.index(joint) for joint in plain.joint_names]
-    for sensor in SENSORS:
-        columns = order if sensor in ("encoders", "joint_rates") else slice(None)
-        np.testing.assert_array_equal(odd[sensor].time, plain[sensor].time)
-        np.testing.assert_array_equal(odd[sensor].value[:, columns], plain[sensor].value)
 
 
 def test_empty_cells_and_one_sample_leave_something_open(folder, run_cpid):

@@ -41,10 +41,7 @@ def new_page(browser):
 
 @pytest.fixture
 def open_page(new_page):
-    """Return a context manager (url, width, height) -> page.
-
-    At its end: nothing complained, and nothing but the file and this machine was asked for.
-    """
+    """Return a context manager (url, width, height) -> page."""
 
     @contextmanager
     def open_(url: str, width: int = 600, height: int = 450):

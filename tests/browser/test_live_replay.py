@@ -2,14 +2,12 @@
 
 import re
 
+from flyer_cases import SAMPLE, SENSORS_OF_SAMPLE
 from processes import start
 
-from cpid_drake.files.resources import models_directory
-
-FOLDER = models_directory() / "telemetry"
 COMMAND = (
-    *("live", "replay", FOLDER / "free_flyer.csv", "--spacecraft", "free_flyer_payload"),
-    *("--sensors", FOLDER / "free_flyer_sensors.yaml", "--rate", 0.5),
+    *("live", "replay", SAMPLE, "--spacecraft", "free_flyer_payload"),
+    *("--sensors", SENSORS_OF_SAMPLE, "--rate", 0.5),
 )
 ESTIMATE = "!!viewer.scene_tree.find(['cpid', 'estimate', 'three_sigma']).object.visible"
 IS_ON_TOP = """row => {

@@ -8,10 +8,11 @@ import threading
 import matplotlib.image
 import numpy as np
 import pytest
+from flyer_cases import payload
 from processes import HUNG
 from pydrake.geometry import Meshcat
 
-from cpid_drake import load_scenario, make_simulation, shipped_scenario
+from cpid_drake import make_simulation
 from cpid_drake.commands.main import app
 from cpid_drake.report.live_view import STOP, serve
 from cpid_drake.simulation.files import dump_scenario
@@ -19,17 +20,10 @@ from cpid_drake.simulation.files import dump_scenario
 pytestmark = pytest.mark.slow
 
 
-def free_flyer(duration: float):
-    scenario = load_scenario(shipped_scenario("free_flyer_payload"))
-    scenario.simulation.duration = duration
-    scenario.simulation.simulator.accuracy = 1e-7
-    return scenario
-
-
 @pytest.fixture(scope="module")
 def replay(tmp_path_factory):
     folder = tmp_path_factory.mktemp("replay")
-    (folder / "scenario.yaml").write_text(dump_scenario(free_flyer(4.0)))
+    (folder / "scenario.yaml").write_text(dump_scenario(payload(4.0, 1e-7)))
     arguments = ["view", str(folder / "scenario.yaml"), "--quiet"]
     app([*arguments, "--out", str(folder / "replay.html")], result_action="return_value")
     return (folder / "replay.html").as_uri()
@@ -123,18 +117,12 @@ def press(page, name: str) -> None:
 
 @pytest.fixture
 def live():
-    """A live view, served in a thread of its own, as Meshcat wants.
-
-    Drake ends the process if a Meshcat is destroyed in another thread than its own, so garbage that
-    contains one is collected in its thread.
-
-    Returns the address of the scene, and the thread.
-    """
+    """A live view, served in a thread of its own, as Meshcat wants."""
     urls = queue.Queue()
 
     def show() -> None:
         meshcat = Meshcat()
-        simulation = make_simulation(free_flyer(3.0))
+        simulation = make_simulation(payload(3.0, 1e-7))
         urls.put(meshcat.web_url())
         serve(simulation, meshcat, 1.0)
         del simulation, meshcat

@@ -6,16 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from flyer_cases import SAMPLE
 
 from cpid_drake import read_log, write_log
 from cpid_drake.dynamics.rows import RELATIVE_ROWS, ROW_FAMILIES, STANDARD_ROWS
-from cpid_drake.files.resources import models_directory
 from cpid_drake.identification import by_rows
 from cpid_drake.identification.estimators import ESTIMATORS, Estimator
 from cpid_drake.logs.files import FORMATS
 from cpid_drake.logs.table import LogTable
 
-SAMPLE = models_directory() / "telemetry/free_flyer.csv"
 CRAFT = ("--spacecraft", "free_flyer_payload")
 
 

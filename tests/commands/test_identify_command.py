@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from flyer_cases import FREE_FLYER, SAMPLE
 
 from cpid_drake import InertialParameters, load_sensors, read_log, write_log
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
@@ -14,11 +15,6 @@ from cpid_drake.files.resources import models_directory
 from cpid_drake.identification.description import principal_axes
 from cpid_drake.identification.result_files import read_result
 
-SAMPLE = models_directory() / "telemetry/free_flyer.csv"
-FREE_FLYER = (
-    *("--model", models_directory() / "free_flyer/free_flyer.urdf"),
-    *("--base", "body", "--capture-frame", "capture_point"),
-)
 NOISY = (*FREE_FLYER, "--sensors", "testbed")
 SERVICER = ("--spacecraft", "paper")
 BAG = InertialParameters(
@@ -163,16 +159,6 @@ def test_the_result_says_whether_the_spacecraft_is_taken_as_exact(cpid):
 
 
 class TestOneLog:
-    def test_an_exact_log_gives_the_target(self, cpid, exact, skewed_target):
-        code, stdout, stderr = cpid("identify", exact, *SERVICER, "--json", "r.json", "--quiet")
-        assert (code, stdout) == (0, "")
-        # Its states belong to instants that are not connected.
-        [line] = stderr.splitlines()
-        assert line.startswith("warning: not checked: ")
-        found = read_result("r.json")
-        np.testing.assert_allclose(found.parameters, skewed_target.to_vector(), atol=1e-9)
-        assert found.sources[0].request.telemetry == str(exact)
-
     def test_too_little_motion_is_exit_code_3_and_what_is_known_is_written(self, cpid, exact):
         """Only the times asked for are used: two samples."""
         code, stdout, _ = cpid("identify", exact, *SERVICER, "--to", "1.5", "--json", "r.json")
@@ -198,8 +184,6 @@ class TestOneLog:
     @pytest.mark.parametrize(
         ("arguments", "phrase"),
         [
-            (["--estimator", "magic"], "no estimator 'magic'; choose from least_squares"),
-            (["--rows", "magic"], "no row family 'magic'; choose from eq18"),
             (["--momentum", "some"], 'for --momentum. Choose from: "zero", "unknown"'),
             (["--from", "5", "--to", "2"], "the interval is empty"),
             (["--json", "nowhere/r.json"], "there is no folder nowhere"),
@@ -256,19 +240,10 @@ class TestSeveralLogs:
         message = refusal("validate", "both.json", "third.csv")
         assert "both.json: its logs have different sensors; give --sensors" in message
 
-    def test_the_same_file_is_the_same_hardware(self, cpid, halves):
-        """By whatever path; a preset is one, too."""
-        Path("own.yaml").write_text(dump_yaml(load_sensors("testbed", unstated="exact")))
-        options = ("--sensors", "own.yaml", "--sensors", "first.csv=./own.yaml", "--json", "x.json")
-        assert cpid("identify", *halves, *FREE_FLYER, *options)[0] == 0
-        effects = read_result("x.json").effects
-        assert not any(each.hardware for each in effects)
-
     @pytest.mark.parametrize(
         ("options", "phrase"),
         [
             (["thrid.csv=flight"], "there is no log thrid.csv; the logs are first.csv, second.csv"),
-            (["first.csv=flight"], "log 'second.csv' has none; give those of every log"),
             (["flight", "testbed"], "give one PRESET or YAML for all logs"),
             (["first.csv=flight", "first.csv=testbed"], "one NAME=PRESET or NAME=YAML for a log"),
             (["flight", "first.csv="], "one NAME=PRESET or NAME=YAML for a log"),
@@ -290,16 +265,6 @@ class TestSeveralLogs:
         assert code == 4
         assert "failed check: the estimator did not converge" in stdout
         assert np.isfinite(read_result("x.json").parameters).any()
-
-    def test_logs_of_two_targets_fail_a_check(self, cpid, zero_momentum_motion, skewed_target):
-        other = InertialParameters(61.0, skewed_target.p_CTcm_C, skewed_target.I_TTcm_C)
-        write_log("a.csv", zero_momentum_motion(skewed_target, 40, 1))
-        write_log("b.csv", zero_momentum_motion(other, 40, 2))
-        code, stdout, _ = cpid("identify", "a.csv", "b.csv", *SERVICER, "--json", "x.json")
-        assert code == 4
-        stdout = " ".join(stdout.split())  # lines may be as long as the terminal is wide
-        assert stdout.startswith("failed check: the logs do not have the same target")
-        assert "differs from the rest, most in m" in stdout
 
     def test_one_log_twice_is_refused(self, halves, refusal):
         Path("copy.csv").write_bytes(Path("first.csv").read_bytes())

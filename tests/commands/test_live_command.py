@@ -4,12 +4,9 @@ import re
 import time
 
 import pytest
+from flyer_cases import FREE_FLYER, SAMPLE, SENSORS_OF_SAMPLE
 
-from cpid_drake.files.resources import models_directory
-
-FOLDER = models_directory() / "telemetry"
-SAMPLE = FOLDER / "free_flyer.csv"
-SENSORS = ("--sensors", FOLDER / "free_flyer_sensors.yaml")
+SENSORS = ("--sensors", SENSORS_OF_SAMPLE)
 CRAFT = ("--spacecraft", "free_flyer_payload")
 
 
@@ -37,16 +34,10 @@ def test_it_keeps_the_time_of_the_log(cpid):
     assert time.monotonic() - begin > 10.0 / 5
 
 
-OWN = (
-    *("--model", models_directory() / "free_flyer/free_flyer.urdf"),
-    *("--base", "body", "--capture-frame", "capture_point"),
-)
-
-
 @pytest.mark.parametrize(
     ("given", "says"),
     [
-        (OWN, "give --sensors"),
+        (FREE_FLYER, "give --sensors"),
         ((*CRAFT, *SENSORS, "--rows", "eq18"), "--rows"),
         ((*CRAFT, *SENSORS, "--estimator", "trajectory_fit"), "--estimator"),
         ((*CRAFT, *SENSORS, "--from", "100"), "free_flyer.csv"),
@@ -56,6 +47,7 @@ def test_what_cannot_be_replayed_is_refused(refusal, given, says):
     assert says in refusal("live", "replay", SAMPLE, *given)
 
 
+@pytest.mark.slow
 def test_logged_thrust_is_replayed_too(cpid, tmp_path):
     """Without it the burn would be a change of the momentum that nothing explains."""
     out = tmp_path / "run"

@@ -1,8 +1,6 @@
 """A killed or interrupted process and a full disk leave the old output or the new one, whole."""
 
-import json
 import os
-import random
 import resource
 import shutil
 import signal
@@ -13,9 +11,7 @@ from functools import partial
 import pytest
 from processes import HUNG, finish, start
 
-from cpid_drake.files.drafts import UNFINISHED
 from cpid_drake.files.resources import models_directory
-from cpid_drake.report.run_folder import read_run
 
 MODELS = models_directory()
 IDENTIFY = (
@@ -60,25 +56,6 @@ COMMANDS = {
 
 def contents(folder) -> dict[str, bytes]:
     return {file.name: file.read_bytes() for file in (folder / "r.json", *folder.glob("run/[!.]*"))}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("command", COMMANDS)
-def test_a_killed_command_leaves_the_old_output_or_the_new_one(folder, command):
-    """Soon after its first draft appears."""
-    before, process = (
-        contents(folder),
-        start("-m", "cpid_drake", *COMMANDS[command], cwd=folder, start_new_session=True),
-    )
-    while process.poll() is None and not list(folder.glob("**/.cpid-draft*")):
-        time.sleep(1e-4)
-    time.sleep(random.Random(command).uniform(0, 0.02))
-    if process.poll() is None:
-        os.killpg(process.pid, signal.SIGKILL)
-    process.communicate(timeout=HUNG)
-    if contents(folder) != before and not (folder / "run" / UNFINISHED).exists():
-        assert json.loads((folder / "r.json").read_text())["parameters"]
-        assert read_run(folder / "run").scenario.simulation.duration in (0.5, 1.0)
 
 
 @pytest.mark.slow

@@ -4,16 +4,11 @@ import json
 import re
 
 import pytest
+from flyer_cases import FREE_FLYER, SAMPLE
 
 from cpid_drake.files.pictures import Picture
 from cpid_drake.files.resources import models_directory
 from cpid_drake.report.pages import identification
-
-SAMPLE = models_directory() / "telemetry/free_flyer.csv"
-FREE_FLYER = (
-    *("--model", models_directory() / "free_flyer/free_flyer.urdf"),
-    *("--base", "body", "--capture-frame", "capture_point", "--to", "2"),
-)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -42,7 +37,7 @@ def result(cpid, folder):
     """A result file and the page that was written with it."""
     if not (folder / "result.json").exists():
         files = ("--json", "result.json", "--report", "identified.html")
-        options = ("--sensors", "testbed", "--estimator", "least_squares", *files)
+        options = ("--to", "2", "--sensors", "testbed", "--estimator", "least_squares", *files)
         # Two seconds are enough for a page; whether they are for a target is not the question.
         assert cpid("identify", SAMPLE, *FREE_FLYER, *options)[0] in (0, 3, 4)
     return folder / "result.json"

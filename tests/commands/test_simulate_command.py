@@ -183,17 +183,3 @@ class TestCheck:
         for line in dump_scenario(load_scenario("mine.yaml")).splitlines():
             key = line.strip(" -").partition(":")[0]
             assert key.startswith("[") or key in self.TEMPLATE, line
-
-    @pytest.mark.parametrize(
-        ("old", "new", "cause"),
-        [
-            ("mass: 60.0", "mas: 60.0", "unknown key 'target.mas'; did you mean 'mass'?"),
-            ("base: bus", "base: hull", "no RigidBody named 'hull'"),
-        ],
-    )
-    def test_what_is_wrong_is_said_with_file_and_key(self, refusal, old, new, cause):
-        assert old in self.TEMPLATE
-        Path("mine.yaml").write_text(self.TEMPLATE.replace(old, new, 1))
-        message = refusal("simulate", "mine.yaml", "--check")
-        assert "mine.yaml: " in message
-        assert cause in message

@@ -7,17 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from flyer_cases import FREE_FLYER, SAMPLE
 
 from cpid_drake import read_log, write_log
-from cpid_drake.files.resources import models_directory
 from cpid_drake.identification.result_files import read_result, write_result
-
-SAMPLE = models_directory() / "telemetry/free_flyer.csv"
-FREE_FLYER = (
-    *("--model", models_directory() / "free_flyer/free_flyer.urdf"),
-    *("--base", "body", "--capture-frame", "capture_point", "--sensors", "testbed"),
-)
-
 
 LOGS = ("result.json", "second.csv")
 
@@ -35,7 +28,16 @@ def cpid(run_cpid, monkeypatch, folder):
         log = read_log(SAMPLE)
         write_log("first.csv", log.between(0.0, 4.999))
         write_log("second.csv", log.between(4.999, 20.0))
-        run_cpid("identify", "first.csv", *FREE_FLYER, "--json", "result.json", "--quiet")
+        run_cpid(
+            "identify",
+            "first.csv",
+            *FREE_FLYER,
+            "--sensors",
+            "testbed",
+            "--json",
+            "result.json",
+            "--quiet",
+        )
     return run_cpid
 
 

@@ -26,11 +26,7 @@ def errors_of(servicer, telemetry, target) -> tuple[int, float]:
 
 
 def test_the_papers_samples_give_its_target(servicer, paper_target):
-    """Eq. 18 with the ten samples of Table 1, exact and rounded: what does not need the study.
-
-    One sample has rank 6, two have rank 9, three determine all; the error is at most 1e-8, with
-    six decimals less than the paper's 5.2 %, with nine a hundredth of that.
-    """
+    """Eq. 18 with the ten samples of Table 1, exact and rounded: what does not need the study."""
     scenario = load_scenario(shipped_scenario("paper"))
     motion, time = scenario.make_joint_motion(servicer), np.arange(0.0, 11.0)
     base = propagate(servicer.tree, motion, paper_target.to_standard_vector(), time)
@@ -71,10 +67,7 @@ def test_the_command_writes_a_page_and_its_figures(study, folder):
 
 @pytest.mark.slow
 def test_the_tables_are_better_than_the_papers(summary):
-    """Table 1: 5.2e-2; Table 2, errata 7: no plateau, ten times better with each decimal.
-
-    Fig. 7: 0.25 % in attitude, 0.04 % in position. Two samples leave one combination open.
-    """
+    """Table 1: 5.2e-2; Table 2, errata 7: no plateau, ten times better with each decimal."""
     assert summary["table1"]["exact"]["max_relative_error"] < 1e-8
     assert summary["table1"]["rounded6"]["max_relative_error"] < 5.2e-2
     errors = {row["decimals"]: row["max_relative_error"] for row in summary["table2"]}
@@ -104,10 +97,7 @@ def test_the_exciting_motion_is_as_good_as_the_paper_at_every_number_of_decimals
 
 @pytest.mark.slow
 def test_the_velocity_of_the_base_causes_the_error(servicer, study):
-    """What the page says of the cause: errors add to first order, a faster base has a smaller one.
-
-    With four decimals, rounding the velocity of the base alone gives nearly the whole error.
-    """
+    """Errors add to first order, and a faster base has a smaller one."""
     exact, rounded = study.samples, study.samples.rounded(4)
     only = replace(exact, v_WB=rounded.v_WB)
     others = replace(rounded, v_WB=exact.v_WB)

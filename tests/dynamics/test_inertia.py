@@ -13,7 +13,6 @@ from cpid_drake.dynamics.parameterizations import (
     relative_parameterization,
     second_moment,
     standard_to_pseudo_inertia,
-    vector_to_tensor,
 )
 
 
@@ -89,15 +88,6 @@ def test_what_does_not_depend_on_an_unknown_coordinate_is_known(parameterization
     np.testing.assert_array_equal(vector[[0, 1, 2, 9]], expected[[0, 1, 2, 9]])
     jacobian, full = (parameterization.jacobian(each) for each in (vector, expected))
     np.testing.assert_array_equal(jacobian[[0, 1, 2, 6], :3], full[[0, 1, 2, 6], :3])
-
-
-def test_standard_vector_agrees_with_drakes_spatial_inertia():
-    body = random_body(np.random.default_rng(4))
-    M_TCo_C = body.to_spatial_inertia()
-    phi = body.to_standard_vector()
-    np.testing.assert_allclose(phi[1:4], M_TCo_C.CalcComMoment(), rtol=1e-12)
-    J = M_TCo_C.CalcRotationalInertia().CopyToFullMatrix3()
-    np.testing.assert_allclose(vector_to_tensor(phi[4:]), J, rtol=1e-12)
 
 
 def test_pseudo_inertia_is_the_second_moment_of_the_mass():

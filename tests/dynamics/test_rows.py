@@ -8,34 +8,22 @@ from paper_equations import (
 )
 from sensing_cases import true_telemetry
 
-from cpid_drake import HalfCosine, InputError, identify
+from cpid_drake import HalfCosine
 from cpid_drake.dynamics.momentum import momentum_samples
-from cpid_drake.dynamics.parameterizations import EQ18, tensor_to_vector
+from cpid_drake.dynamics.parameterizations import EQ18
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.dynamics.rows import (
     EQ18_ROWS,
     RELATIVE_ROWS,
     ROW_FAMILIES,
     STANDARD_ROWS,
-    inertia_operator,
-    row_family,
 )
-from cpid_drake.dynamics.total_momentum import TotalMomentum
 
 KNOWN_MASS = 1031.0  # of the servicer, and what free_samples() pretends
 FAMILIES = pytest.mark.parametrize("family", ROW_FAMILIES.values(), ids=ROW_FAMILIES)
 
 
 # -- operators ---------------------------------------------------------------------------------
-
-
-def test_inertia_operator_multiplies_a_vector_by_a_tensor():
-    """Eqs. 11-13."""
-    rng = np.random.default_rng(2)
-    tensor, v = rng.normal(size=(3, 3)), rng.normal(size=(7, 3))
-    tensor = tensor + tensor.T
-    product = rotate(inertia_operator(v), tensor_to_vector(tensor))
-    np.testing.assert_allclose(product, v @ tensor, atol=1e-14)
 
 
 # -- the rows hold at the truth ----------------------------------------------------------------
@@ -125,22 +113,3 @@ def test_relative_rows_hold_with_the_angular_momentum_about_the_centre_of_mass(
     rows = RELATIVE_ROWS.full_rows(samples, True)
     psi = RELATIVE_ROWS.parameterization(samples.mass).from_parameters(skewed_target.to_vector())
     np.testing.assert_allclose(rows @ np.concatenate([about_com[0], psi, [-1.0]]), 0, atol=1e-9)
-
-
-@pytest.mark.parametrize("rows", ["standard", "relative"])
-def test_a_tumbling_target_is_identified_along_with_its_momentum(
-    servicer, tumbling, skewed_target, rows
-):
-    telemetry, _, _ = tumbling
-    found = identify(servicer, telemetry, rows=rows, momentum=TotalMomentum.unknown())
-    assert found.is_identifiable
-    np.testing.assert_allclose(found.parameters, skewed_target.to_vector(), atol=1e-7)
-    ignored = identify(servicer, telemetry, rows=rows, momentum=TotalMomentum.zero())
-    assert "contradict a total momentum of zero" in ignored.failures[0]
-    np.testing.assert_allclose(ignored.parameters, skewed_target.to_vector(), atol=1e-7)
-
-
-def test_eq18_rows_refuse_an_unknown_momentum():
-    """Its momentum multiplies 1/m: the product of two unknowns."""
-    with pytest.raises(InputError, match="'eq18' cannot estimate an unknown momentum; use"):
-        row_family("eq18", unknown_momentum=True)

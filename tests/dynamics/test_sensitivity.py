@@ -14,8 +14,8 @@ from cpid_drake.dynamics.outboard import Outboard
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.sensitivity import (
     axis_normals,
-    joint_sensitivity,
     perturbed,
+    screw_sensitivity,
     uncertain_sensitivity,
     with_errors,
 )
@@ -85,7 +85,9 @@ def assert_is_derivative(sensitivity, column, ahead, behind, step) -> None:
 
 
 def test_by_joints(case):
-    by_position, by_rate = joint_sensitivity(case.outboard, case.psi, case.dynamics)
+    by_position, by_rate = screw_sensitivity(
+        case.outboard, case.psi, case.dynamics, *case.outboard.joint_screws
+    )
     step = 1e-5
     for j, unit in enumerate(np.eye(len(case.joint_names))):
         moved = [case.solved(case.tree, case.q + s * unit, case.qdot) for s in (step, -step)]

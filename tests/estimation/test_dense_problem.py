@@ -1,8 +1,4 @@
-"""The fit and the Cramér-Rao bound, against one dense least-squares problem of the whole log.
-
-The dense problem knows no blocks and no derivatives: readings are predicted by `propagate`
-with the true joint motion, and differentiated by differences. Encoders are as good as perfect.
-"""
+"""The fit and the Cramér-Rao bound, against one dense least-squares problem of the whole log."""
 
 from dataclasses import replace
 

@@ -30,11 +30,7 @@ def gaussian_of(A, d):
 
 @pytest.mark.parametrize("alike", [0.0, 2.0])
 def test_probabilities_and_average_are_those_of_the_data(alike):
-    """All eight sets, each by the probability density of the data, at the sizes that are best.
-
-    In the average, each size is the root of its mean square over all sizes, by their densities.
-    The samples may hardly tell two candidates apart.
-    """
+    """All eight sets, each by the probability density of the data, at the sizes that are best."""
     A, d, _ = problem(1, zero=1.5)
     A[:, 5] += alike * A[:, 4]  # a delay of zero
     found = compare(gaussian_of(A, d), SIGMA, ["x"])
@@ -96,10 +92,7 @@ def test_the_set_that_acts_is_found_and_its_values_too():
 
 @pytest.mark.slow
 def test_an_error_of_any_size_widens_the_interval_by_what_it_may_do():
-    """Drawn as often as expected, and of all sizes: the average is as good as it says.
-
-    The error looks like the first unknown, which would be off by up to 40 σ without it.
-    """
+    """Drawn as often as expected, and of all sizes: the average is as good as it says."""
     squares, without = [], []
     for seed in range(300):
         rng = np.random.default_rng(seed + 1000)

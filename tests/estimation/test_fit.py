@@ -4,12 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from block_cases import fired, make_case
+from block_cases import make_case
 from scipy.signal import lfilter
 from scipy.stats import chi2
 from sensing_cases import Sines, coarse_suite, measured, small_craft, true_psi
 
-from cpid_drake.estimation.events import fit_with_events
 from cpid_drake.estimation.evidence import Question
 from cpid_drake.estimation.fit import fit
 from cpid_drake.estimation.gaussian import Gaussian
@@ -48,11 +47,6 @@ def target(gaussian, values, at_rest=False):
         gaussian = gaussian.condition({name: -values[name]})
     found = gaussian.marginal([PSI])
     return values[PSI] + found.solve(), found.covariance()
-
-
-def nees(case, psi, covariance):
-    error = psi - true_psi(case.craft, case.target)
-    return error @ np.linalg.solve(covariance, error)
 
 
 @pytest.fixture(scope="module")
@@ -156,7 +150,7 @@ def test_a_slow_log_with_gaps_and_larger_noise_is_fitted(tmp_path, skewed_target
     assert found.converged
     assert found.sweeps <= 25
     np.testing.assert_allclose(found.logs[0].smoothness.noise, 3.0, rtol=0.3)
-    assert nees(case, *target(found.gaussian, found.values)) < 30
+    assert case.nees(*target(found.gaussian, found.values)) < 30
 
 
 def test_what_the_motion_leaves_open_stays_where_it_was(tmp_path, skewed_target):
@@ -174,16 +168,3 @@ def test_what_the_motion_leaves_open_stays_where_it_was(tmp_path, skewed_target)
     assert (np.abs(rows @ (known.values - model.unknown(PSI).mean)) < 1).all()  # σ of the prior
     error = known.known.moved(true_psi(craft, skewed_target))
     assert error.z @ error.z < chi2.ppf(0.999, known.rank)
-
-
-def test_a_firing_inside_of_a_block_is_found(tmp_path, skewed_target):
-    time, case = 1.37, make_case(tmp_path, skewed_target, SUITE, None, 2.0)
-    momentum_W = np.array([3.0, -2.0, 4.0, 1.0, 0.5, -1.0])
-    closed = fitted(case, samples=fired(case, time, momentum_W))
-    found, _ = fit_with_events(closed, AT_REST)
-    assert found.converged
-    [log] = found.logs
-    assert 1 <= len(log.changes) <= 2
-    assert min(abs(each - time) for each in log.changes) < 0.3
-    assert nees(case, *target(found.gaussian, found.values)) < 30
-    assert nees(case, *target(closed.gaussian, closed.values)) > 2 * 30 or not closed.converged

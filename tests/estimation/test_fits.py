@@ -1,6 +1,5 @@
 """Both fits: their optimum, that their covariance holds, and what they do not need."""
 
-import pickle
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,12 +16,11 @@ from sensing_cases import (
 )
 
 from cpid_drake import InertialParameters, TotalMomentum, identify
-from cpid_drake.estimation.block import BlockQueue, blocks_of
-from cpid_drake.estimation.online import OnlineState, run, step
+from cpid_drake.estimation.online import run
 from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.identification.fitted import cramer_rao_bound
 from cpid_drake.identification.online import identification_of_state
-from cpid_drake.logs.log import Log, Samples
+from cpid_drake.logs.log import Samples
 from cpid_drake.sensors.sensors import JointSensor, VectorSensor
 from cpid_drake.simulation.noise import add_noise
 
@@ -66,10 +64,7 @@ def fits(case):
 
 @pytest.mark.parametrize("name", FITS)
 def test_errors_are_as_the_covariance_and_the_bound_say(case, fits, name):
-    """Noise is no change of momentum and no misfit.
-
-    An error that the sensors do not declare, and that a log cannot exclude, may widen its interval.
-    """
+    """Noise is no change of momentum and no misfit."""
     low, high = chi2.ppf([1e-3, 1 - 1e-3], 30)
     assert low < sum(nees(case, found) for found in fits[name]) < high
     bound = cramer_rao_bound(case.craft.tree, case.psi, case.samples, SUITE)
@@ -237,21 +232,3 @@ def test_rest_before_the_motion_is_forgotten(case, skewed_target):
     found = fitted(case, log, estimator="recursive_fit")
     assert len(found.momentum_changes) == 0
     assert nees(case, found) < chi2.isf(1e-4, 10)
-
-
-def test_the_memory_of_the_recursive_fit_does_not_grow(case):
-    """The pickled state is no larger after two and three times as long."""
-    model, state, sizes = Model(case.craft.tree, SUITE), OnlineState(), []
-    every = [case.samples]
-    for k in range(6):
-        times = np.arange(0, END, 0.04)
-        q = case.motion.evaluate(times)[:, 0]
-        later = Samples(times + (k + 1) * END + 0.04, q)
-        every.append(Log(case.samples.joint_names, {"encoders": later}))
-    for block in blocks_of(BlockQueue.of(SUITE), every):
-        state = step(model, state, block)
-        if block.end > 2 * END:
-            sizes.append(len(pickle.dumps(state)))
-    assert len(sizes) > END
-    half = len(sizes) // 2
-    assert max(sizes[half:]) <= 1.01 * max(sizes[:half])

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from block_cases import fired, make_case
-from sensing_cases import coarse_suite, true_psi
+from sensing_cases import coarse_suite
 
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
@@ -41,11 +41,6 @@ def target(gaussian, values, log="online", momentum=None):
     return values[PSI] + found.solve(), found.covariance()
 
 
-def nees(case, psi, covariance):
-    error = psi - true_psi(case.craft, case.target)
-    return error @ np.linalg.solve(covariance, error)
-
-
 @pytest.mark.parametrize("bias_walk", [0.1, 50.0])
 def test_it_is_the_fit_of_all_samples(case, bias_walk):
     suite = replace(SUITE, gyro=replace(SUITE.gyro, bias_random_walk=bias_walk))
@@ -68,34 +63,14 @@ def test_a_change_of_any_size_leaves_the_target_right(case, model, size, time):
     samples = add_noise(SUITE, fired(case, time, size * MOMENTUM), 3)
     state = run(model, [samples])
     assert not state.waiting
-    assert nees(case, *target(state.found.gaussian, state.found.values)) < 30
+    assert case.nees(*target(state.found.gaussian, state.found.values)) < 30
     if size < 0.01:
         return
     assert len(state.events) == 1
     assert abs(state.events[0] - time) < 0.5
     if size == 0.01:
         deaf = fit(model, [LogState.of(model, samples)])
-        assert nees(case, *target(deaf.gaussian, deaf.values, "log")) > 60
-
-
-def test_a_window_as_long_as_the_log_is_the_fit_of_all_samples(case, model):
-    samples = add_noise(SUITE, case.samples, 2)
-    state = run(model, [samples], OnlineState(np.inf))
-    found = fit(model, [LogState.of(model, samples)])
-    psi, covariance = target(found.gaussian, found.values, "log")
-    again, same = target(state.found.gaussian, state.found.values)
-    assert np.abs((again - psi) / np.sqrt(np.diag(covariance))).max() < 0.01
-    np.testing.assert_allclose(np.diag(same), np.diag(covariance), rtol=0.01)
-
-
-def test_after_a_change_at_the_beginning_the_first_momentum_is_what_was_given(case, model):
-    """And the target is right: the momentum after the change is another unknown."""
-    state = run(model, [add_noise(SUITE, fired(case, 0.6, MOMENTUM), 2)])
-    found = identification_of_state(model, state, TotalMomentum.zero())
-    assert found.momentum == "zero"
-    assert not found.failures
-    assert len(found.momentum_changes) == 1
-    assert nees(case, *target(state.found.gaussian, state.found.values)) < 30
+        assert case.nees(*target(deaf.gaussian, deaf.values, "log")) > 60
 
 
 def test_blocks_that_are_linear_about_another_target_fail_a_check(case, model):
@@ -150,7 +125,7 @@ def test_a_sensor_that_fails_is_not_used_any_more(case, model):
     size = 100 * float(np.std(gyro.value - case.samples["gyro"].value))
     value = gyro.value + size * (gyro.time > 4.0)[:, None] * rng.normal(size=gyro.value.shape)
     state = run(model, [samples.updated({"gyro": Samples(gyro.time, value)})])
-    assert nees(case, *target(state.found.gaussian, state.found.values)) < 30
+    assert case.nees(*target(state.found.gaussian, state.found.values)) < 30
     found = identification_of_state(model, state, TotalMomentum.zero())
     assert found.check("share of outliers").statistic > 0.2
 
@@ -164,7 +139,7 @@ def test_samples_that_no_motion_has_are_a_gap(case, model):
     state = run(model, [samples.updated({"encoders": Samples(encoders.time, value)})])
     assert state.events == ()
     assert state.rejected["encoders"] >= wrong.sum()
-    assert nees(case, *target(state.found.gaussian, state.found.values)) < 30
+    assert case.nees(*target(state.found.gaussian, state.found.values)) < 30
     found = identification_of_state(model, state, TotalMomentum.zero())
     assert found.check("share of outliers").statistic > 0.1
 

@@ -1,11 +1,12 @@
 """Spectra of noise: what is white, what is slow, and what a target's error is beside its σ."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from block_cases import fired, make_case
-from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
-from sensing_cases import coarse_suite, true_psi
+from sensing_cases import coarse_suite, with_drawn_errors
 
 from cpid_drake.estimation.events import fit_with_events
 from cpid_drake.estimation.evidence import Question
@@ -13,7 +14,6 @@ from cpid_drake.estimation.fit import fit
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.spectrum import TAUS, WHITE, Whitening
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
-from cpid_drake.logs.log import Samples
 from cpid_drake.sensors.sensors import Gyro, JointSensor, VectorSensor
 
 SUITE = coarse_suite(
@@ -46,20 +46,10 @@ def white(rng, times, shape):
 def spoiled(ideal, errors, seed, kept=None):
     """Return samples with errors of their usual size, of which a share is kept."""
     rng, samples = np.random.default_rng(seed), {}
-    for name, each in ideal.items():
-        if not len(each):
-            continue
-        shape = len(each), 3 if name == "attitude" else each.value.shape[1]
-        error = errors(rng, each.time, shape) * SUITE.sigmas(name)
-        if name == "attitude":
-            turn = Rotation.from_rotvec(error @ SUITE.attitude.R_BS.T)
-            R_WB = Rotation.from_quat(each.value, scalar_first=True) * turn
-            value = R_WB.as_quat(scalar_first=True)
-        else:
-            value = each.value + error
-        seen = np.ones(len(value), bool) if kept is None else rng.random(len(value)) < kept
+    for name, each in with_drawn_errors(SUITE, ideal, partial(errors, rng)).items():
+        seen = np.ones(len(each), bool) if kept is None else rng.random(len(each)) < kept
         seen[:2] = True
-        samples[name] = Samples(each.time[seen], value[seen])
+        samples[name] = each.where(seen)
     return ideal.updated(samples)
 
 
@@ -76,8 +66,7 @@ def fitted(case, samples):
 def nees(case, found):
     at_rest = {f"{MOMENTUM}|log": -found.values[f"{MOMENTUM}|log"]}
     known = found.gaussian.condition(at_rest).marginal([PSI])
-    error = found.values[PSI] + known.solve() - true_psi(case.craft, case.target)
-    return error @ np.linalg.solve(known.covariance(), error)
+    return case.nees(found.values[PSI] + known.solve(), known.covariance())
 
 
 @pytest.mark.parametrize("jitter", [0.0, 0.2])

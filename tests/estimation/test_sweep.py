@@ -197,10 +197,7 @@ SUITES = {
     ],
 )
 def problem(request, tmp_path_factory, skewed_target):
-    """A turned base: two blocks of 0.8 s and 1.2 s, at values that are not the best ones.
-
-    Behind a gap of 0.3 s, attitude, centre of mass, momentum and joints are others.
-    """
+    """A turned base: two blocks of 0.8 s and 1.2 s, at values that are not the best ones."""
     suite = SUITES.get(request.param, SUITES["plain"])
     case = make_case(tmp_path_factory.mktemp("craft"), skewed_target, suite, MOMENTUM, 3.0)
     bodies = BodyUncertainty(mass=0.01, com=0.002) if request.param == "bodies" else None

@@ -28,6 +28,14 @@ def test_correlation_and_its_time_are_those_of_noise_with_memory(memory):
         assert found.is_white == (memory == 0.0)
 
 
+def test_the_time_of_white_and_slow_noise_is_that_of_their_sum():
+    """Of equal parts white and Gauss-Markov noise with T samples: 1 + T/2, however small ρ is."""
+    rng, memory = np.random.default_rng(8), np.exp(-2 / 40)
+    slow = lfilter([np.sqrt(1 - memory**2)], [1.0, -memory], rng.normal(size=(100_000, 3)), axis=0)
+    noise = slow + rng.normal(size=slow.shape)
+    assert whiteness(noise).correlation_time == pytest.approx(1 + 40 / 2, rel=0.15)
+
+
 def test_a_spike_does_not_hide_correlation():
     rng = np.random.default_rng(9)
     noise = lfilter([1.0], [1.0, -0.8], rng.normal(size=(3000, 3)), axis=0)

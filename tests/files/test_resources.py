@@ -13,12 +13,6 @@ from cpid_drake.files.resources import (
 SERVICER = "dual_arm_servicer/dual_arm_servicer.urdf"
 
 
-def test_the_models_folder_holds_the_ros_package():
-    folder = models_directory()
-    assert f"<name>{MODELS_PACKAGE}</name>" in (folder / "package.xml").read_text()
-    assert (folder / SERVICER).is_file()
-
-
 def test_a_package_uri_and_a_path_lead_to_the_same_file():
     by_uri = resolve_model(f"package://{MODELS_PACKAGE}/{SERVICER}")
     assert by_uri == resolve_model(models_directory() / SERVICER)

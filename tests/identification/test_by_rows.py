@@ -82,15 +82,6 @@ def test_errors_of_rounded_states_have_no_bias_and_the_size_of_the_covariance(cr
     assert np.all(np.abs(np.mean(errors, axis=0)) < 5 * scatter)
 
 
-@pytest.mark.parametrize(("samples", "rank"), [(1, 6), (2, 9), (3, 10)])
-@pytest.mark.parametrize("rows", ["eq18", "standard"])
-def test_three_exact_samples_determine_what_two_do_not(
-    servicer, zero_momentum_motion, skewed_target, rows, samples, rank
-):
-    motion = zero_momentum_motion(skewed_target, samples, 1)
-    assert identify(servicer, motion, rows=rows).rank == rank
-
-
 def test_rows_cannot_explain_declared_forces(craft, suite, noisy):
     pushed = replace(suite, disturbances=Disturbances(acceleration_noise=1e-4))
     found = identify(craft, noisy(0), rows="standard", sensors=pushed)

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.identification.checks import halves_check
+from cpid_drake.identification.chosen_fit import halves_check
 
 
 def of_halves(rng, change):

@@ -49,11 +49,7 @@ def scale(skewed_target):
 def test_every_estimator_is_near_and_gives_a_rigid_body(
     craft, at_rest, skewed_target, scale, estimator
 ):
-    """Within 0.2 % of m, 0.5 m and tr I on flight-like sensors, and as the covariance says.
-
-    All standard rows contain the errors of the base's velocity, which is the slope of a few
-    positions: their estimate is only as near as its covariance says.
-    """
+    """Within 0.2 % of m, 0.5 m and tr I on flight-like sensors, and as the covariance says."""
     suite, true = coarse_suite(**FAST), skewed_target.to_vector()
     result = identify(craft, add_noise(suite, at_rest, 1), sensors=suite, estimator=estimator)
     assert result.rank == 10

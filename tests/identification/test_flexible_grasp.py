@@ -33,14 +33,7 @@ FIELDS = {
 
 
 def simulated(kind="", *, duration=10.0, sensors=""):
-    """Return a simulation, its Context at the end, and the compliances of its grasp.
-
-    Args:
-        kind: of the joints, about the axes of C, or along them; empty if nothing is flexible.
-        duration: [s].
-        sensors: a preset.
-
-    """
+    """Return a simulation, its Context at the end, and the compliances of its grasp."""
     scenario = load_scenario(shipped_scenario("free_flyer_payload"))
     scenario.simulation.duration = duration
     scenario.simulation.log_period = 0.01

@@ -23,28 +23,34 @@ from cpid_drake import Spacecraft, TotalMomentum, identify
 from cpid_drake.dynamics.parameterizations import parameter_scale
 from cpid_drake.dynamics.sensitivity import perturbed
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.identification.model_sensitivity import ALL, INERTIA, LINK, MASS
+from cpid_drake.identification.model_sensitivity import ALL_MASSES, BASE_INERTIA, BASE_MASS, LINK
 from cpid_drake.simulation.noise import add_noise
 
 UNCERTAINTY = BodyUncertainty(mass=0.02, com=0.005, inertia=0.04)
 
 
-def test_an_error_is_as_large_as_its_sigma(craft, suite, skewed_target):
-    """Of a spacecraft that is not its model, with sensors whose own errors are far smaller."""
-    motion = Sines.drawn(4, seed=101, duration=4.0, size=0.6)
+@pytest.fixture(scope="module")
+def uncertain(craft, suite, skewed_target):
+    """Return a function (duration) -> samples of a spacecraft that errs as `UNCERTAINTY` says."""
     tree = perturbed(craft.tree, UNCERTAINTY, np.random.default_rng(7))
-    samples = measured(craft, motion, skewed_target, suite, tree=tree)
-    found = identify(craft, samples, sensors=suite, known_bodies=UNCERTAINTY)
+
+    def make(duration):
+        motion = Sines.drawn(4, seed=101, duration=duration, size=0.6)
+        return measured(craft, motion, skewed_target, suite, tree=tree)
+
+    return make
+
+
+def test_an_error_is_as_large_as_its_sigma(craft, suite, skewed_target, uncertain):
+    """Of a spacecraft that is not its model, with sensors whose own errors are far smaller."""
+    found = identify(craft, uncertain(4.0), sensors=suite, known_bodies=UNCERTAINTY)
     assert found.failures == ()
     assert nees(found, skewed_target) < chi2.isf(1e-3, 10)
 
 
-def test_bodies_with_errors_far_above_their_sigma_fail_a_check(craft, suite, skewed_target):
-    motion = Sines.drawn(4, seed=101, duration=4.0, size=0.6)
-    tree = perturbed(craft.tree, UNCERTAINTY, np.random.default_rng(7))
-    samples = measured(craft, motion, skewed_target, suite, tree=tree)
+def test_bodies_with_errors_far_above_their_sigma_fail_a_check(craft, suite, uncertain):
     small = BodyUncertainty(mass=0.001, com=0.00025, inertia=0.002)  # a twentieth
-    found = identify(craft, samples, sensors=suite, known_bodies=small)
+    found = identify(craft, uncertain(4.0), sensors=suite, known_bodies=small)
     assert "declared sizes" in [each.name for each in found.checks if not each.passed]
 
 
@@ -63,12 +69,9 @@ def test_a_body_that_is_much_heavier_or_lighter_than_its_model_is_named(
 
 
 @pytest.mark.slow
-def test_a_model_that_is_taken_for_exact_fails_a_check(craft, suite, skewed_target):
+def test_a_model_that_is_taken_for_exact_fails_a_check(craft, suite, skewed_target, uncertain):
     """The sensors' own errors are far smaller than those of the model: the answer is far off."""
-    motion = Sines.drawn(4, seed=101, duration=6.0, size=0.6)
-    tree = perturbed(craft.tree, UNCERTAINTY, np.random.default_rng(7))
-    samples = measured(craft, motion, skewed_target, suite, tree=tree)
-    exact = identify(craft, samples, sensors=suite)
+    exact = identify(craft, uncertain(6.0), sensors=suite)
     error = (exact.parameters - skewed_target.to_vector()) / sigmas(exact)
     assert np.sqrt(np.mean(error**2)) > 5
     assert exact.failures
@@ -153,20 +156,24 @@ def test_the_sensitivity_to_the_base_is_that_of_a_changed_model(
     ("held", "rows"),
     [
         (LINK, "relative"),
-        (ALL, "relative"),
-        *((held, rows) for held in (MASS, INERTIA) for rows in ("eq18", "standard", "relative")),
+        (ALL_MASSES, "relative"),
+        *(
+            (held, rows)
+            for held in (BASE_MASS, BASE_INERTIA)
+            for rows in ("eq18", "standard", "relative")
+        ),
     ],
 )
 def test_the_sensitivity_of_rows_to_a_body_is_that_of_exact_states_of_a_changed_one(
     craft, skewed_target, held, rows
 ):
     """What is larger by a share of 1e-5 moves the estimate by 1e-3 of what is said of 1 %."""
-    changed = {LINK: craft.tree.capture_body, MASS: 0, INERTIA: 0}
+    changed = {LINK: craft.tree.capture_body, BASE_MASS: 0, BASE_INERTIA: 0}
     bodies = tuple(
         replace(
             b,
-            mass=b.mass if held == INERTIA else (1 + 1e-5) * b.mass,
-            I_BBcm=b.I_BBcm if held == MASS else (1 + 1e-5) * b.I_BBcm,
+            mass=b.mass if held == BASE_INERTIA else (1 + 1e-5) * b.mass,
+            I_BBcm=b.I_BBcm if held == BASE_MASS else (1 + 1e-5) * b.I_BBcm,
         )
         if changed.get(held, k) == k
         else b

@@ -1,16 +1,15 @@
 """Noise that is larger than declared, coloured, full of outliers, or that of a broken sensor."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
-from sensing_cases import Sines, coarse_suite, measured, nees
+from sensing_cases import Sines, coarse_suite, measured, nees, with_drawn_errors
 
 from cpid_drake import TotalMomentum, identify
-from cpid_drake.logs.log import Samples
 from cpid_drake.sensors.sensors import Gyro, JointSensor, VectorSensor
 from cpid_drake.simulation.noise import add_noise
 
@@ -101,44 +100,56 @@ class TestLargerThanDeclared:
         assert not any(word in said for word in ("most likely", "body", "lever arm", "includes it"))
 
 
-def coloured(rng, shape, rho=0.5):
+def coloured(rng, times, shape, rho=0.5):
     white = rng.standard_normal((shape[0] + 300, shape[1])) * np.sqrt(1 - rho**2)
     return lfilter([1.0], [1.0, -rho], white, axis=0)[300:]
-
-
-def spoiled(ideal, suite, errors, seed):
-    """Return samples with errors of their usual size, drawn as `errors(rng, shape)`."""
-    rng, samples = np.random.default_rng(seed), {}
-    for name, each in ideal.items():
-        if not len(each):
-            continue
-        width = 3 if name == "attitude" else each.value.shape[1]
-        error = errors(rng, (len(each), width)) * suite.sigmas(name)
-        value = each.value + error if name != "attitude" else None
-        if value is None:
-            turn = Rotation.from_rotvec(error @ suite.attitude.R_BS.T)
-            R_WB = Rotation.from_quat(each.value, scalar_first=True) * turn
-            value = R_WB.as_quat(scalar_first=True)
-        samples[name] = Samples(each.time, value)
-    return ideal.updated(samples)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("errors", "least"),
-    [(coloured, 4), (lambda rng, shape: rng.standard_t(4, shape), 3)],
+    [(coloured, 4), (lambda rng, times, shape: rng.standard_t(4, shape), 3)],
     ids=["correlated", "outliers"],
 )
 def test_intervals_hold(craft, ideal, skewed_target, errors, least):
     """Of each log that passes."""
     suite = coarse_suite(gyro=Gyro(50.0, 0.005, 1.0), encoders=JointSensor(50.0, 1e-5))
-    exact, trials = ideal(suite, 6.0), 4
-    found = [
-        identify(craft, spoiled(exact, suite, errors, seed), sensors=suite)
-        for seed in range(trials)
-    ]
+    exact, found = ideal(suite, 6.0), []
+    for seed in range(4):
+        draw = partial(errors, np.random.default_rng(seed))
+        found.append(identify(craft, with_drawn_errors(suite, exact, draw), sensors=suite))
     squares = [nees(each, skewed_target) for each in found if each.passed]
     assert len(squares) >= least
     assert max(squares) < chi2.isf(1e-3, 10)
     assert np.sum(squares) < chi2.isf(1e-3, 10 * len(squares))
     assert np.sum(squares) > chi2.ppf(1e-6, 10 * len(squares))
+
+
+def test_noise_slower_than_a_block_widens_the_intervals(craft, ideal, skewed_target):
+    """Half of a gyro's noise is correlated over 3 s: no block shows it, its size is as declared."""
+
+    def white(rng, times, shape):
+        return rng.standard_normal(shape)
+
+    def half_slow(rng, times, shape):
+        slow = coloured(rng, times, shape, np.exp(-20.0 / shape[0] / 3.0))
+        return (white(rng, times, shape) + slow) / np.sqrt(2)
+
+    suite = coarse_suite(gyro=Gyro(50.0, 0.005, 1.0), encoders=JointSensor(50.0, 1e-5))
+    exact, squares = ideal(suite, 20.0), []
+    for seed in range(4):
+        log, slow = (
+            with_drawn_errors(suite, exact, partial(draw, np.random.default_rng(seed)))
+            for draw in (white, half_slow)
+        )
+        found = identify(craft, log.updated({"gyro": slow.gyro}), sensors=suite)
+        squares += [nees(found, skewed_target)] if found.passed else []
+    assert squares
+    assert max(squares) < chi2.isf(1e-4, 10)
+
+
+def test_a_gyro_bias_that_walks_is_no_other_target_in_the_first_half(craft, ideal):
+    """The bias at half time is that at the end less what it has walked since."""
+    suite = coarse_suite(gyro=Gyro(50.0, 0.005, 1.0, bias_random_walk=300.0))
+    found = identify(craft, add_noise(suite, ideal(suite, 8.0), 2), sensors=suite)
+    assert found.check("halves").passed

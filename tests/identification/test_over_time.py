@@ -31,10 +31,3 @@ def test_they_are_those_of_the_first_samples(craft, log):
     widths = np.array([sigmas(each) for _, each in history[3:]])
     assert (np.diff(widths, axis=0) < 0).all()
     assert np.all(widths[-1] > sigmas(found))
-
-
-def test_early_samples_leave_parameters_open(craft, log):
-    found = identify(craft, log, sensors=SUITE)
-    _, first = found.history()[0]
-    assert first.rank <= 10
-    assert (sigmas(first) > 3 * sigmas(found))[np.isfinite(first.parameters)].all()

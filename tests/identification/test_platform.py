@@ -69,10 +69,7 @@ def samples_of(craft, suite):
     [("trajectory_fit", True), ("trajectory_fit", False), ("recursive_fit", True)],
 )
 def test_a_platform_is_identified_without_encoders(craft, log, estimator, is_declared):
-    """Whether or not the sensors are declared; none of them measures joints.
-
-    The mass is known as well as the scale of the thrust: to a tenth of all, if nobody states it.
-    """
+    """Whether or not the sensors are declared; none of them measures joints."""
     suite = SUITE if is_declared else None
     found = identify(craft, log, estimator=estimator, sensors=suite)
     assert found.failures == ()

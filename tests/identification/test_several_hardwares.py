@@ -122,11 +122,7 @@ class TestTwoHardwares:
 
 class TestOneHardware:
     def test_its_errors_are_shared(self, craft, logs):
-        """Two logs know better what the motion shows of them, and so the mass.
-
-        The zero of the last joint turns the target about its axis: no log shows it. Two hardwares
-        show the difference of theirs, and half of the variance of each is left.
-        """
+        """Two logs know better what the motion shows of them, and so the mass."""
         pair = {name: logs(0)[name] for name in ("a", "b")}
         shared = identify(craft, pair, sensors=declared(), momentum="zero")
         separate = {name: declared() for name in pair}
@@ -141,24 +137,17 @@ class TestOneHardware:
         for each in own:
             assert each.sigma[3] == pytest.approx(1e3 * ZERO / np.sqrt(2), rel=1e-2)
 
-    def test_the_same_for_each_log_are_those_for_all(self, craft, logs):
-        some, suite = logs(1), declared()
-        one, each = (
-            identify(craft, some, sensors=sensors, momentum="zero")
-            for sensors in (suite, dict.fromkeys(some, suite))
-        )
-        np.testing.assert_array_equal(each.covariance, one.covariance)
-        np.testing.assert_array_equal(each.parameters, one.parameters)
-        assert str(each) == str(one)
-
-    def test_one_file_is_one_hardware(self, craft, logs, tmp_path):
+    def test_one_may_be_said_in_several_ways(self, craft, logs, tmp_path):
+        """By one suite for all logs, the same for each, or one file by any path."""
         pair, path = {name: logs(0)[name] for name in ("a", "b")}, tmp_path / "sensors.yaml"
-        path.write_text(dump_yaml(declared()))
-        one, each = (
-            identify(craft, pair, sensors=sensors, momentum="zero")
-            for sensors in (path, {"a": path, "b": f"{tmp_path}/./sensors.yaml"})
-        )
-        np.testing.assert_array_equal(each.covariance, one.covariance)
+        suite = declared()
+        path.write_text(dump_yaml(suite))
+        one = identify(craft, pair, sensors=suite, momentum="zero")
+        each_path = {"a": path, "b": f"{tmp_path}/./sensors.yaml"}
+        for sensors in (dict.fromkeys(pair, suite), path, each_path):
+            found = identify(craft, pair, sensors=sensors, momentum="zero")
+            np.testing.assert_array_equal(found.covariance, one.covariance)
+            np.testing.assert_array_equal(found.parameters, one.parameters)
 
     def test_a_single_log_may_be_named(self, craft, logs):
         log, suite = logs(0)["a"], declared()

@@ -5,23 +5,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from flyer_cases import SAMPLE, flyer
 
 from cpid_drake import (
     PARAMETER_NAMES,
     InertialParameters,
     InputError,
-    Spacecraft,
     identify,
     load_sensors,
     read_log,
 )
 from cpid_drake.dynamics.parameterizations import relative_parameterization
-from cpid_drake.files.resources import models_directory
 from cpid_drake.identification.checks import Check
 from cpid_drake.identification.result import extremes
 
-MODELS = models_directory()
-MODEL = MODELS / "free_flyer/free_flyer.urdf"
 FAILED = Check("halves", "the first half has another target")
 TENSOR = [[0.16, 0.012, -0.008], [0.012, 0.19, 0.01], [-0.008, 0.01, 0.25]]
 BAG = InertialParameters(8.5, [0.26, 0.02, -0.015], TENSOR)
@@ -29,12 +26,12 @@ BAG = InertialParameters(8.5, [0.26, 0.02, -0.015], TENSOR)
 
 @pytest.fixture(scope="module")
 def craft():
-    return Spacecraft(MODEL, base="body", capture_frame="capture_point")
+    return flyer()
 
 
 @pytest.fixture(scope="module")
 def log():
-    return read_log(MODELS / "telemetry/free_flyer.csv")
+    return read_log(SAMPLE)
 
 
 @pytest.fixture(scope="module")
@@ -111,21 +108,9 @@ def test_a_repr_is_one_line(result, unknown, craft, log):
         assert len(repr(each)) < 200
 
 
-def test_a_printed_result_is_short(result):
-    assert len(str(result).splitlines()) < 40
-    assert "array" not in str(result)
-
-
 def test_warnings_are_printed_first(result):
     said = replace(result, warnings=("the momentum may not be zero",))
     assert str(said) == f"warning: the momentum may not be zero\n{result}"
-
-
-def test_numbers_of_sigma_are_written_out(result):
-    sigma = np.sqrt(np.diag(result.covariance))
-    text = str(replace(result, sensitivity={"mass": 114.3 * sigma}))
-    assert "by +110 σ" in text or "is +110 σ" in text
-    assert not re.search(r"e[+-]\d+ σ", text)
 
 
 def test_principal_moments_and_axes_have_the_digits_that_the_covariance_allows(result):

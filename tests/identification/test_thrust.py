@@ -155,10 +155,7 @@ def test_many_pulses_are_no_noise():
 
 @pytest.mark.slow
 def test_a_log_with_thrust_is_predicted(flight):
-    """The rest of a log follows from its beginning, the target and the thrust.
-
-    The push of the first burn moves all by decimetres until the end of the log.
-    """
+    """The rest of a log follows from its beginning, the target and the thrust."""
     target = TargetPrior("the target", flight.target, np.diag((1e-3 * np.ones(10)) ** 2))
     options = {"sensors": flight.suite, "momentum": TotalMomentum.zero()}
     found = validate(flight.craft, target, flight.log, **options)

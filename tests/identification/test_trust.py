@@ -26,7 +26,7 @@ from cpid_drake import (
 )
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.estimation.gaussian import Gaussian, solution_of
-from cpid_drake.identification.checks import fit_checks
+from cpid_drake.identification.checks import Observed, fit_checks
 from cpid_drake.identification.consistency import checked
 from cpid_drake.identification.result import Identification
 from cpid_drake.logs.log import Samples
@@ -144,7 +144,7 @@ class TestBodies:
     @pytest.mark.parametrize("factor", [3.0, 44.0])
     def test_a_floor_that_is_far_noisier_than_declared_fails(self, factor):
         """A push from outside looks like white forces, which leave no residuals to test."""
-        failed = [c for c in fit_checks(True, 0.0, {"acceleration_noise": factor}, {})]
+        failed = [c for c in fit_checks(True, {"acceleration_noise": factor}, Observed({}, {}))]
         assert any(not c.passed and "acceleration noise 44" in c.sentence for c in failed) == (
             factor > 4
         )
@@ -208,10 +208,7 @@ def test_what_only_noise_moves_is_not_known(paper_target, suite, seed):
 
 
 def test_a_momentum_too_small_to_be_noticed_is_in_the_intervals(craft, suite, skewed_target):
-    """1.3 mN·m·s are 2.6 σ of the momentum, and 8 σ of a target that is fitted with zero.
-
-    Of all directions of L, this one shows least for its effect on the target.
-    """
+    """1.3 mN·m·s are 2.6 σ of the momentum, and 8 σ of a target that is fitted with zero."""
     motion = Sines.drawn(4, seed=101, duration=5.0, size=0.6)
     momentum_W = np.array([-0.35e-3, -0.64e-3, -1.08e-3, 0.0, 0.0, 0.0])
     samples = measured(craft, motion, skewed_target, suite, momentum_W)

@@ -57,14 +57,6 @@ def test_the_last_estimate_is_that_of_the_identification(read, evidence):
     assert stamp == pytest.approx(10.0, abs=0.02)
 
 
-def test_the_estimates_become_better(read):
-    """Of nine estimates over time, the first know nothing or less."""
-    sigma = np.array([vector(message.inertia)[0] for _, message in read[SIGMA]])
-    assert len(sigma) > 8
-    known = sigma[np.isfinite(sigma)]
-    assert (np.diff(known) < 0).all()
-
-
 def test_the_residuals_are_white_noise_of_one_sigma(read, evidence):
     for name, samples in evidence.found.residuals.items():
         rows = read[RESIDUALS + name]

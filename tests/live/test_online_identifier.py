@@ -123,21 +123,6 @@ def test_messages_beyond_the_lateness_are_counted_and_not_used(servicer, log, in
     np.testing.assert_allclose(found.parameters, without.parameters, rtol=1e-9)
 
 
-def test_a_sensor_that_was_silent_for_too_long_is_not_used_afterwards(servicer, log, in_order):
-    """Its samples are of blocks that have been solved."""
-    rows = messages(log)
-    late = [row for row in rows if row[1] == "attitude" and row[0] > 2.0]
-    identifier = fed(
-        OnlineIdentifier(servicer, SENSORS),
-        (row for row in rows if not (row[1] == "attitude" and row[0] > 2.0)),
-    )
-    known = identifier.estimate()
-    found = fed(identifier, late).finish()
-    solved = sum(row[0] < 4.0 for row in late)
-    assert found.rejected["attitude"] >= solved + in_order.rejected.get("attitude", 0)
-    assert known.sample_count <= found.sample_count
-
-
 @pytest.mark.parametrize("how", ["pickled", "state"])
 def test_it_continues_from_what_was_saved(servicer, log, in_order, how):
     rows = messages(log)

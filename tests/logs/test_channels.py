@@ -54,14 +54,6 @@ class TestWrappedJoints:
         given[JOINT] = 3.1 + 0.3 * np.sin(given["time"])
         assert any("beyond the model's limits" in warning for warning in checked(given).warnings)
 
-    def test_the_target_is_found(self):
-        given = columns()
-        given[JOINT] = wrapped(given[JOINT])
-        found = identify(flyer(), from_columns(given), rows="relative")
-        plain = identify(flyer(), from_columns(columns()), rows="relative")
-        np.testing.assert_allclose(found.parameters, plain.parameters, rtol=1e-9)
-        assert abs(found["m"].value - MASS) < 4 * found["m"].sigma
-
     def test_a_sliding_joint_is_not_wrapped(self, craft, skewed_target):
         """One that moves by 6.28 m within a sample is damaged, not turned."""
         motion = Sines.drawn(len(craft.joint_names), 3, 6.0, 0.5)
@@ -202,18 +194,6 @@ class TestCopies:
             given[name] = np.round(0.005 * given["time"], 3)
         assert np.diff(np.flatnonzero(np.diff(given["x"]))).min() >= 4
         assert channel(checked(given), "position").found == ()
-
-
-def test_samples_at_the_end_of_the_scale_are_left_out():
-    given = columns()
-    given["bwz"] = np.clip(given["bwz"], -0.3, 0.3)
-    clipped = np.abs(given["bwz"]) == 0.3
-    assert 10 < clipped.sum() < 200
-    log = checked(given)
-    assert channel(log, "gyro").found == (
-        f"{clipped.sum()} rows at the end of the scale (0.3, -0.3), left out",
-    )
-    assert len(log.measurements.gyro) == 251 - clipped.sum()
 
 
 class TestClocks:

@@ -344,17 +344,6 @@ def test_the_sign_of_a_joint_that_hardly_matters_is_named_in_an_exact_log_only(k
         assert (words in text) if is_named else (text == "")
 
 
-def test_a_wrong_unit_is_refused_before_anything_is_estimated(craft, skewed_target):
-    motion = Sines.drawn(len(craft.joint_names), 11, TIMES[-1], 0.6)
-    log = log_of(true_telemetry(craft.tree, craft.joint_names, motion, skewed_target, TIMES))
-    bad = changed("position", lambda m: m.position.value * 1e3)(log)
-    steps = []
-    with pytest.raises(InputError, match=r"^the position is in millimetres"):
-        identify(craft, bad, rows="standard", progress=steps.append)
-    assert steps == ["checking log"]
-    assert not identify(craft, log, rows="standard").failures
-
-
 SAMPLE = read_log(models_directory() / "telemetry/free_flyer.csv")
 WRONG = {
     "joint_positions.unit: deg": changed("encoders", lambda m: m.encoders.value * DEGREES),

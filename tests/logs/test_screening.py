@@ -118,11 +118,7 @@ def recorded(suite, motion, duration=10.0, seed=1) -> Log:
 
 
 def in_chunks(measurements, suite, cuts) -> tuple[dict, dict]:
-    """Return kept samples and counts if a log is screened in chunks between the times `cuts`.
-
-    A sample belongs to the chunk of the undamaged log's time, which is its place among the
-    samples: sensors send at even times.
-    """
+    """Return kept samples and counts if a log is screened in chunks between the times `cuts`."""
     memory, rejected, kept = None, dict(NONE_REJECTED), {name: [] for name in SENSORS}
     for start, end in zip([-np.inf, *cuts], [*cuts, np.inf]):
         chunk = {}

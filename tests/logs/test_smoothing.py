@@ -5,7 +5,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 from sensing_cases import Sines, coarse_suite, measured, true_telemetry
 
-from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.logs.log import Samples
 from cpid_drake.logs.smoothing import smooth
 from cpid_drake.sensors.sensors import AttitudeSensor, Gyro
@@ -74,12 +73,7 @@ def normalized(suite, perfect, truth, seeds=SEEDS, change=lambda measurements: m
 
 
 def assert_consistent(z, **highest) -> None:
-    """Errors over σ have a mean square of one, or somewhat more where it is said.
-
-    Attitude has the fewest independent errors: some 25 in eight runs, so that their root mean
-    square is only known to 14 %. The base's rates are smoothed as much as Akaike's criterion says,
-    and have misfit that is not in the covariance.
-    """
+    """Errors over σ have a mean square of one, or somewhat more where it is said."""
     for name, columns in GROUPS.items():
         high = highest.get(name.replace(" ", "_"), 1.3)
         rms = np.sqrt(np.mean(z[..., columns] ** 2))
@@ -135,10 +129,7 @@ def test_the_gyros_bias_is_no_angular_velocity(scene):
     ("rate", "integrates"), [(10.0, False), (10.0, True), (2.0, False)], ids=str
 )
 def test_noise_free_motion_comes_back_through_whole_turns(scene, rate, integrates):
-    """A base that tumbles through more than a turn: attitude and rate are right throughout.
-
-    Between few attitudes, the path of the attitude is wrong by what the gyro must mend.
-    """
+    """A base that tumbles through more than a turn: attitude and rate are right throughout."""
     suite = coarse_suite(gyro=Gyro(50.0, integrates=integrates), attitude=AttitudeSensor(rate))
     perfect, truth = scene(suite, TUMBLE)
     smoothed, _ = smooth(perfect, suite)
@@ -195,11 +186,3 @@ def test_no_times_are_in_a_gap_and_beside_it_the_errors_are_known(scene, name):
     z, times = normalized(suite, *scene(suite), range(4), without(name, 3.5, 4.5))
     assert not ((times > 3.6) & (times < 4.4)).any()
     assert np.sqrt(np.mean(z**2)) < 1.3
-
-
-def test_angular_velocity_is_given_in_the_world(scene):
-    suite = coarse_suite(gyro=Gyro(20.0))
-    perfect, _ = scene(suite, TUMBLE)
-    t, _ = smooth(perfect, suite, perfect.gyro.time[20:60])
-    in_base = rotate(np.swapaxes(t.R_WB, -1, -2), t.w_WB)
-    np.testing.assert_allclose(in_base, perfect.gyro.value[20:60], rtol=0, atol=1e-5)

@@ -11,8 +11,6 @@ from cpid_drake import (
     HalfCosine,
     JointController,
     JointTrajectory,
-    TotalMomentum,
-    identify,
 )
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.momentum import system_momentum
@@ -77,23 +75,6 @@ def test_the_motion_that_follows_from_the_momentum_is_drakes(
     for name in ("p_WB", "v_WB", "w_WB"):
         ours, drakes = getattr(base, name), getattr(telemetry, name)
         np.testing.assert_allclose(ours, drakes, rtol=0, atol=1e-6, err_msg=name)
-
-
-@pytest.mark.parametrize("rows", ["standard", "relative"])
-def test_the_target_in_drake_is_identified(servicer, skewed_target, drake, rows):
-    _, _, telemetry = drake
-    found = identify(servicer, telemetry, rows=rows, momentum=TotalMomentum.unknown())
-    np.testing.assert_allclose(found.parameters, skewed_target.to_vector(), rtol=0, atol=1e-4)
-
-
-@pytest.mark.parametrize("momentum", [np.zeros(6), TUMBLE], ids=["at rest", "tumbling"])
-def test_momentum_is_what_it_should_be_throughout(servicer, skewed_target, motion, momentum):
-    times = np.linspace(0.0, 10.0, 21)
-    phi = skewed_target.to_standard_vector()
-    base = propagate(servicer.tree, motion, phi, times, momentum_W=momentum)
-    telemetry = base.to_motion(servicer.joint_names, times, motion)
-    P, L = system_momentum(servicer.tree, skewed_target, telemetry)
-    np.testing.assert_allclose(np.hstack([L, P]), np.tile(momentum, (21, 1)), atol=1e-10)
 
 
 def test_angular_momentum_is_constant_and_the_centre_of_mass_goes_straight(servicer, skewed_target):

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from sensing_cases import MOMENTUM, Sines, coarse_suite, measured, small_craft, true_telemetry
 
 from cpid_drake import InertialParameters, Spacecraft, TotalMomentum, identify
-from cpid_drake.dynamics.momentum import momentum_samples, system_momentum
+from cpid_drake.dynamics.momentum import momentum_samples
 from cpid_drake.dynamics.rows import RELATIVE_ROWS, ROW_FAMILIES
 from cpid_drake.logs.log import Samples
 from cpid_drake.simulation.noise import add_noise
@@ -50,26 +50,6 @@ def test_relative_rows_do_not_see_the_bases_position_and_velocity(servicer, rand
         strict=True,
     ):
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-9)
-
-
-def test_momentum_turns_with_the_world(servicer, skewed_target, random_motion):
-    """Turning the world turns both momenta and changes nothing else."""
-    telemetry = random_motion(6, seed=27)
-    Q = Rotation.from_rotvec([0.4, -1.1, 0.7])
-    attitude = Rotation.from_quat(telemetry.quaternion_WB, scalar_first=True)
-    turned = replace(
-        telemetry,
-        quaternion_WB=(Q * attitude).as_quat(scalar_first=True),
-        p_WB=Q.apply(telemetry.p_WB),
-        w_WB=Q.apply(telemetry.w_WB),
-        v_WB=Q.apply(telemetry.v_WB),
-    )
-    for before, after in zip(
-        system_momentum(servicer.tree, skewed_target, telemetry),
-        system_momentum(servicer.tree, skewed_target, turned),
-        strict=True,
-    ):
-        np.testing.assert_allclose(after, Q.apply(before), rtol=0, atol=1e-10)
 
 
 # -- the fits --------------------------------------------------------------------------------------

@@ -219,17 +219,7 @@ class Repeated(World):
 
 def log_of(world: World, suite: SensorSuite, seed: int, path: Path, *, hardware: int | None = None,
            noise: float = 1.0) -> Path:  # fmt: skip
-    """Write the samples of the sensors as columns to an NPZ file, and return its path.
-
-    Args:
-        world: the true spacecraft; its disturbances are drawn if the suite has any.
-        suite: the true sensors.
-        seed: determines the noise and the disturbance.
-        path: the file.
-        hardware: determines the constant errors of the sensors; None for `seed`.
-        noise: factor of the white noise.
-
-    """
+    """Write the samples of the sensors as columns to an NPZ file, and return its path."""
     rng = np.random.default_rng([1, seed])
     fixed = np.random.default_rng([2, seed if hardware is None else hardware])
     scale = _draw_forces(world, suite, rng)

@@ -14,16 +14,7 @@ OWN, COMMON, DELAY = 0.1, 0.05, 0.1
 
 
 def platform(seed: int, folder: Path, *, common: bool = True) -> tuple[Draw, float]:
-    """Return a draw, and the true error that all forces have in common; one valve is dead.
-
-    Nothing measures joints, and there are none.
-
-    Args:
-        seed: of the draw.
-        folder: for its files.
-        common: whether the sensors' file declares that the forces have an error in common.
-
-    """
+    """Return a draw, and the true error that all forces have in common; one valve is dead."""
     rng = np.random.default_rng([12, 4, seed])
     base = Body.drawn(rng, 0.55 * MASS, 0.35, 0.02 * rng.standard_normal(3))
     target = Body.drawn(rng, 0.45 * MASS, 0.3, [0.12, *0.04 * rng.standard_normal(2)])
@@ -65,6 +56,4 @@ def platform(seed: int, folder: Path, *, common: bool = True) -> tuple[Draw, flo
     a, t = map(float, floor)
     sensors = pose_sensors(RATE, 1e-3, 2e-3) | {"thrusters": thrusters}
     sensors["disturbances"] = {"acceleration_noise": a, "torque_noise": t}
-    far = np.abs(found["p"]).max()
-    what = f"common {100 * shared:+.1f} %, within {far:.1f} m"
-    return write(folder, craft, sensors, [columns], what, names[dead]), shared
+    return write(folder, craft, sensors, [columns], names[dead]), shared

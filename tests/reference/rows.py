@@ -52,19 +52,7 @@ def nothing() -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """One answer compared with the truth; entries that are not known are NaN.
-
-    Attributes:
-        code: exit code that the command line has, or would have.
-        text: messages.
-        seconds: processor time.
-        error, sigma: (10,) estimate minus truth, and σ of the 95 % interval.
-        covariance: (10, 10).
-        floor: (10,) errors that are rounding.
-        nees: squared error in units of the covariance; see `nees_of`.
-        online: largest difference of the online estimate, in σ; NaN without one.
-
-    """
+    """One answer compared with the truth; entries that are not known are NaN."""
 
     code: int
     text: str = ""
@@ -101,11 +89,7 @@ class Trial:
 
 
 def relative_to(mass: float, pi: Array) -> Array:
-    """Return unknowns (10,) in which the relative motion is linear, from m, c and I about the mass.
-
-    With the mass m_k of the spacecraft and f = m_k / (m_k + m): m f, m f c, and the inertia about
-    C's origin less that of m (1 - f) at c.
-    """
+    """Return unknowns (10,) in which the relative motion is linear, from m, c and I."""
     m, c, (xx, yy, zz, xy, xz, yz) = pi[0], pi[1:4], pi[4:]
     f = mass / (mass + m)
     inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
@@ -116,10 +100,7 @@ def relative_to(mass: float, pi: Array) -> Array:
 def nees_of(
     world: World, estimate: Array, covariance: Array, information: Array | None, floor: Array
 ) -> float:
-    """Return the squared error in units of the covariance, in unknowns that are nearly linear.
-
-    The information is that of the unknowns of relative rows, of estimates that have these.
-    """
+    """Return the squared error in units of the covariance, in unknowns that are nearly linear."""
     error = estimate - world.target.to_vector()
     k = np.isfinite(error) & np.isfinite(np.diag(covariance))
     P = (covariance + np.diag(floor**2))[np.ix_(k, k)]
@@ -147,18 +128,7 @@ def _trial(code, text, seconds, world, estimate, intervals, covariance, told) ->
     error, nees = estimate - world.target.to_vector(), np.nan
     if np.isfinite(error).any():
         is_relative = told is not None and told["unknowns"] == "relative"
-        order = [
-            0,
-            1,
-            2,
-            3,
-            4,
-            7,
-            9,
-            5,
-            6,
-            8,
-        ]  # of a file's xx, xy, xz, yy, yz, zz: see `relative_to`
+        order = [0, 1, 2, 3, 4, 7, 9, 5, 6, 8]  # of a file's xx, xy, xz, yy, yz, zz
         information = np.array(told["information"])[np.ix_(order, order)] if is_relative else None
         nees = nees_of(world, estimate, covariance, information, floor)
     return Trial(code, text, seconds, error, sigma, covariance, floor, nees)
@@ -230,18 +200,7 @@ def row_of(what: str, trials: Sequence[Trial], *, bound: Array | None = None,
            figures: dict | None = None, why: str = "", is_spoiled: bool = False,
            words: str = "") -> dict:
     # fmt: on
-    """Return a row of the table.
-
-    Args:
-        what: one line on the case, with its number of seeds.
-        trials: the answers.
-        bound: (10,) Cramér-Rao bound.
-        figures: further numbers by name, each {"value", and "at_most" or "within" (relative)}.
-        why: the tolerances and their reason; default: those of the same draws.
-        is_spoiled: whether a refusal or a failed check is as good as a right answer.
-        words: expression that the messages of every run contain if they name the cause.
-
-    """
+    """Return a row of the table."""
     good = [t for t in trials if t.known.any()]
     freedom = int(sum(t.known.sum() for t in good))
     errors = np.concatenate([t.in_sigma for t in good]) if good else np.full(1, np.nan)
@@ -302,22 +261,7 @@ def monte_carlo(what: str, name: str, folder: Path, sensors: str | SensorSuite =
                 change: Callable[[World], World] = lambda world: world,
                 true: SensorSuite | None = None, is_spoiled: bool = False, why: str = "",
                 words: str = "", **options) -> dict:  # fmt: skip
-    """Return the row of a scenario with the noise of several seeds.
-
-    Args:
-        what, is_spoiled, why, words: see `row_of`; the number of seeds is added to `what`.
-        name: of the shipped scenario.
-        folder: for logs.
-        sensors: those that the estimator knows: a preset or a suite.
-        seeds: number of runs, the first `online` of which are also identified online.
-        online: see `seeds`.
-        bound: whether to compute the Cramér-Rao bound.
-        uncertain: whether the bodies of the spacecraft are drawn at random.
-        change: returns another world in place of the scenario's.
-        true: the true sensors; None for `sensors`.
-        options: of `identify`.
-
-    """
+    """Return the row of a scenario with the noise of several seeds."""
     suite = suite_of(sensors) if isinstance(sensors, str) else sensors
     scenario = load_scenario(shipped_scenario(name))
     world, trials = change(World(scenario)), []

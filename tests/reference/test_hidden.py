@@ -5,7 +5,7 @@ from scipy.special import chdtrc
 
 pytest.importorskip("mujoco", reason="needs the package mujoco")
 
-from hidden import answer
+from hidden import identified
 from hidden_world import CRAFTS, KINDS, simulate
 
 SEED = 7
@@ -16,7 +16,7 @@ SEED = 7
 def test_a_clean_log_is_identified_to_its_noise(craft):
     """With nothing hidden and nothing unstated, the errors are as large as their covariance."""
     log, truth = simulate(craft, KINDS["none"], SEED)
-    found = answer(craft, log, truth, craft.suite().exact())
+    found = identified(craft, log, truth, craft.suite().exact())
     assert found.code == 0, found.said
     assert found.rank == 10
     assert chdtrc(10, found.nees) > 1e-3
@@ -27,6 +27,6 @@ def test_a_clean_log_is_identified_to_its_noise(craft):
 @pytest.mark.parametrize("craft", CRAFTS.values(), ids=CRAFTS)
 def test_a_hidden_error_of_a_plausible_size_is_in_the_interval(craft, kind):
     log, truth = simulate(craft, KINDS[kind], SEED)
-    found = answer(craft, log, truth, craft.suite())
+    found = identified(craft, log, truth, craft.suite())
     assert found.code == 0, found.said
     assert found.worst < 4

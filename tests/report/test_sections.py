@@ -1,6 +1,5 @@
 """The numbers of sections and tables, from results whose numbers are known."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +12,6 @@ from cpid_drake.estimation.gaussian import Gaussian, LeastSquaresSolution
 from cpid_drake.identification.checks import Check
 from cpid_drake.identification.request import Request, Source
 from cpid_drake.identification.result import Identification
-from cpid_drake.identification.result_files import write_result
 from cpid_drake.planning.prediction import Prediction
 from cpid_drake.report.contents import ReportContents
 from cpid_drake.report.page import Table
@@ -75,12 +73,6 @@ class TestIntervals:
             known = Identification.of_solution(STANDARD, solution, sensors=suite, **options)
             return known, norm.ppf(0.975)
         return found, t.ppf(0.975, 16 - 10)
-
-    def test_in_the_json(self, case, tmp_path):
-        found, factor = case
-        write_result(tmp_path / "r.json", found)
-        pairs = np.array(json.loads((tmp_path / "r.json").read_text())["intervals"])
-        np.testing.assert_allclose(np.diff(pairs)[:, 0], 2 * factor * SIGMA, rtol=0.01)
 
     def test_in_the_report(self, case):
         found, factor = case

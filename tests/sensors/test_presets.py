@@ -7,8 +7,8 @@ import pytest
 import yaml
 
 from cpid_drake import InputError
-from cpid_drake.sensors.presets import load_sensors, sensor_presets
-from cpid_drake.sensors.sensors import SENSORS, AttitudeSensor
+from cpid_drake.sensors.presets import load_sensors
+from cpid_drake.sensors.sensors import AttitudeSensor
 
 PRESETS = (
     *("air_bearing", "coarse", "digits6", "flight", "flight_thrust"),
@@ -37,28 +37,6 @@ def refusal(path) -> str:
 
 
 # -- presets -------------------------------------------------------------------------------------
-
-
-def test_the_presets_are_these():
-    assert sensor_presets() == PRESETS
-
-
-def test_presets_get_worse_in_this_order():
-    order = ("ideal", "flight", "servicer", "coarse")
-    for name in ("attitude", "gyro", "position", "encoders"):
-        sigmas = np.array([load_sensors(preset).sigmas(name).max() for preset in order])
-        assert (np.diff(sigmas) > 0).all()
-
-
-@pytest.mark.parametrize(("name", "digits"), [("ideal", None), ("digits6", 6)])
-def test_presets_without_noise_have_all_sensors_at_one_rate(name, digits):
-    suite = load_sensors(name)
-    assert tuple(suite.present()) == tuple(SENSORS)
-    assert {sensor.rate for sensor in suite.present().values()} == {100.0}
-    assert suite.decimals == digits
-    floor = 1e-8 if digits is None else 1e-6 / np.sqrt(12)
-    for sensor in SENSORS:
-        np.testing.assert_allclose(suite.sigmas(sensor), floor, rtol=1e-2)
 
 
 # -- files ---------------------------------------------------------------------------------------

@@ -204,14 +204,3 @@ def test_a_seed_reproduces_and_another_differs(perfect):
         stop = start + getattr(perfect, name).value.size
         assert not (one[start:stop] == other[start:stop]).any()
         start = stop
-
-
-@pytest.mark.parametrize("block", [7, 65])
-def test_samples_do_not_depend_on_how_many_are_drawn_at_a_time(perfect, block):
-    suite = every_sensor(decimals=7)
-    at_once = add_noise(suite, perfect, seed=11)
-    noise = SensorNoise(suite, seed=11)
-    for name in SENSORS:
-        true = getattr(perfect, name).value
-        blocks = [noise.apply(name, true[k : k + block], k) for k in range(0, len(true), block)]
-        np.testing.assert_array_equal(np.concatenate(blocks), getattr(at_once, name).value)

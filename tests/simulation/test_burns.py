@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from flyer_cases import MOVING, payload
 
-from cpid_drake import identify, load_scenario, make_simulation, shipped_scenario
+from cpid_drake import identify, make_simulation
 from cpid_drake.dynamics.momentum import system_momentum
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.sensors.disturbances import Disturbances
@@ -24,11 +25,8 @@ SCALE = 0.3
 
 
 def with_burn(duration=3.0):
-    scenario = load_scenario(shipped_scenario("free_flyer_payload"))
-    scenario.simulation.duration = duration
-    scenario.simulation.simulator.accuracy = 1e-9
-    scenario.simulation.momentum_W = np.array([0.02, -0.03, 0.04, 0.1, -0.2, 0.3])
-    scenario.simulation.burns = [Burn(0.73, 1.1, FORCE, POINT, TORQUE)]
+    burns = [Burn(0.73, 1.1, FORCE, POINT, TORQUE)]
+    scenario = payload(duration, 1e-9, momentum_W=MOVING, burns=burns)
     suite = load_sensors("testbed")
     suite.disturbances = Disturbances(thrust_scale=SCALE)
     scenario.sensors.suite, scenario.sensors.explicit = "", suite

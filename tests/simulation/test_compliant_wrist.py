@@ -4,13 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from flyer_cases import MOVING, payload
 from scipy.linalg import eigvalsh
 
 from cpid_drake import (
     InputError,
-    load_scenario,
     make_simulation,
-    shipped_scenario,
 )
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.momentum import system_momentum
@@ -23,17 +22,13 @@ SPRINGS = np.array([400.0, 500.0, 600.0])
 
 def with_wrist(factor: float = 1.0, *, moves: bool = False):
     """Return a scenario with a wrist whose springs and dampers are so many times as stiff."""
-    scenario = load_scenario(shipped_scenario("free_flyer_payload"))
-    scenario.simulation.duration = 2.0
-    scenario.simulation.simulator.accuracy = 1e-10
-    scenario.simulation.momentum_W = np.array([0.02, -0.03, 0.04, 0.1, -0.2, 0.3])
-    scenario.simulation.wrist = CompliantWrist(
+    wrist = CompliantWrist(
         factor * STIFFNESS,
         np.sqrt(factor) * np.array([0.5, 0.6, 0.7]),
         factor * SPRINGS if moves else None,
         np.sqrt(factor) * np.array([20.0, 30.0, 40.0]),
     )
-    return scenario
+    return payload(2.0, 1e-10, momentum_W=MOVING, wrist=wrist)
 
 
 @pytest.fixture(scope="module")

@@ -57,16 +57,6 @@ def edited(paper_yaml):
 # -- reading -------------------------------------------------------------------------------------
 
 
-def test_keys_left_out_keep_their_defaults(paper_yaml, write):
-    """Spacecraft and target are enough."""
-    short = {key: paper_yaml[key] for key in ("spacecraft", "target")}
-    scenario = load_scenario(write(short))
-    assert scenario.identification.period == 1.0
-    assert scenario.simulation.duration == 10.0
-    assert scenario.simulation.simulator.integration_scheme == "runge_kutta3"
-    make_simulation(scenario)
-
-
 # -- kinds of joint motion -----------------------------------------------------------------------
 
 SINES = {

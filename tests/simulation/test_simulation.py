@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from flyer_cases import MOVING, payload
 from pydrake.multibody.tree import BodyIndex, JointIndex
 
 from cpid_drake import (
     InertialParameters,
     InputError,
     JointController,
-    identify,
     load_scenario,
     make_simulation,
     shipped_scenario,
@@ -25,6 +25,8 @@ from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.simulation.schema import ControllerConfig, DisturbanceConfig
 from cpid_drake.simulation.sprung_mass import SprungMass
 from cpid_drake.simulation.trials import base_trajectory, make_case
+
+DISTURBANCE = DisturbanceConfig(np.array([4e-3, -3e-3, 2e-3]), np.array([0.01, 0.02, -0.03]))
 
 
 class Swinging:
@@ -62,27 +64,6 @@ def test_a_motion_that_starts_moving_needs_the_right_base_twist(servicer, skewed
     plant.SetPositionsAndVelocities(context, state)
     momentum = plant.CalcSpatialMomentumInWorldAboutPoint(context, np.zeros(3)).get_coeffs()
     assert np.abs(momentum).max() > 1.0
-
-
-@pytest.mark.slow
-def test_a_tumbling_capture_is_identified_with_its_momentum():
-    """Online, in the full simulation; the momentum stays what the scenario says."""
-    scenario = load_scenario(shipped_scenario("tumbling_capture"))
-    scenario.simulation.simulator.accuracy = 3e-12
-    scenario.simulation.duration = 5.0
-    simulation = make_simulation(scenario)
-    root_context = simulation.run()
-    telemetry = simulation.motion(root_context)
-    P, L = system_momentum(simulation.spacecraft.tree, simulation.truth, telemetry)
-    momentum = np.tile(scenario.simulation.momentum_W, (len(telemetry), 1))
-    np.testing.assert_allclose(np.hstack([L, P]), momentum, rtol=0, atol=1e-7)
-    context = simulation.identifier.GetMyContextFromRoot(root_context)
-    estimate = simulation.identifier.GetOutputPort("parameters").Eval(context)
-    np.testing.assert_allclose(estimate, simulation.truth.to_vector(), rtol=0, atol=1e-5)
-    # The paper's form, on the same data, assumes zero momentum: it has no answer, and says why.
-    wrong = identify(simulation.spacecraft, telemetry, rows="eq18")
-    assert np.isnan(wrong.parameters[0])
-    assert "contradict a total momentum of zero" in wrong.failures[0]
 
 
 # -- sensors -------------------------------------------------------------------------------------
@@ -134,13 +115,7 @@ def test_a_controller_has_the_gains_and_the_sphere_of_its_scenario(servicer):
 @pytest.mark.parametrize("walk", [0.0, pytest.param(1e-5, marks=pytest.mark.slow)])
 def test_a_disturbance_changes_the_momentum_as_newtons_laws_say(walk):
     """The plant gets the force and the torque; the momentum that they give has a closed form."""
-    scenario = load_scenario(shipped_scenario("free_flyer_payload"))
-    scenario.simulation.duration = 2.0
-    scenario.simulation.simulator.accuracy = 1e-9
-    scenario.simulation.momentum_W = np.array([0.02, -0.03, 0.04, 0.1, -0.2, 0.3])
-    scenario.simulation.disturbance = DisturbanceConfig(
-        np.array([4e-3, -3e-3, 2e-3]), np.array([0.01, 0.02, -0.03])
-    )
+    scenario = payload(2.0, 1e-9, momentum_W=MOVING, disturbance=DISTURBANCE)
     scenario.sensors.explicit = SensorSuite(
         encoders=JointSensor(),
         disturbances=Disturbances(1e-3, 1e-2, acceleration_walk=walk, torque_walk=100 * walk),
@@ -161,13 +136,7 @@ def test_a_disturbance_changes_the_momentum_as_newtons_laws_say(walk):
 
 def test_an_orbit_turns_and_moves_the_plant_as_it_does_the_base():
     """Forces on every body of the plant; the base's motion is integrated by its momentum."""
-    scenario = load_scenario(shipped_scenario("free_flyer_payload"))
-    scenario.simulation.duration = 2.0
-    scenario.simulation.simulator.accuracy = 1e-8
-    scenario.simulation.momentum_W = np.array([0.02, -0.03, 0.04, 0.1, -0.2, 0.3])
-    scenario.simulation.disturbance = DisturbanceConfig(
-        np.array([4e-3, -3e-3, 2e-3]), np.array([0.01, 0.02, -0.03])
-    )
+    scenario = payload(2.0, 1e-8, momentum_W=MOVING, disturbance=DISTURBANCE)
     orbit = Orbit(rate=0.1, nadir_W=np.array([0.6, 0, -0.8]), normal_W=np.array([0.8, 0, 0.6]))
     scenario.sensors.explicit = SensorSuite(
         encoders=JointSensor(), disturbances=Disturbances(orbit=orbit)
@@ -196,18 +165,14 @@ def test_an_orbit_turns_and_moves_the_plant_as_it_does_the_base():
 
 
 def with_slosh(frequency: float, damping_ratio: float = 0.05, accuracy: float = 1e-9):
-    scenario = load_scenario(shipped_scenario("free_flyer_payload"))
-    scenario.simulation.duration = 1.5
-    scenario.simulation.simulator.accuracy = accuracy
-    scenario.simulation.momentum_W = np.array([0.02, -0.03, 0.04, 0.1, -0.2, 0.3])
-    scenario.simulation.disturbance = DisturbanceConfig(np.array([4e-3, -3e-3, 2e-3]))
-    scenario.simulation.sprung_masses = [
+    masses = [
         SprungMass("body", np.array([0.05, 0.1, -0.08]), 1.0, frequency, damping_ratio),
         SprungMass(
             "captured_target", np.array([0.3, 0.05, 0.05]), 0.5, 2 * frequency, damping_ratio
         ),
     ]
-    return scenario
+    push = DisturbanceConfig(DISTURBANCE.acceleration_W)
+    return payload(1.5, accuracy, momentum_W=MOVING, disturbance=push, sprung_masses=masses)
 
 
 @pytest.fixture(scope="module")
@@ -229,9 +194,8 @@ def test_sprung_masses_conserve_momentum(sloshing):
 
 def test_a_mass_on_a_spring_swings_with_its_frequency_and_damping():
     """Held by a heavy body, as exp(−ζωt); at rest, mass and inertia are those of the model."""
-    scenario = load_scenario(shipped_scenario("free_flyer_payload"))
     light = SprungMass("body", np.array([0.05, 0.1, -0.08]), 1e-3, 0.5, 0.05)
-    scenario.simulation.sprung_masses = [light]
+    scenario = payload(10.0, 1e-9, sprung_masses=[light])
     plant = make_simulation(scenario).plant
     context = plant.CreateDefaultContext()
     scenario.simulation.sprung_masses = []

@@ -152,11 +152,6 @@ REFUSED = {
     ),
     "total mass": (mjcf(head='<compiler settotalmass="9"/>'), "'settotalmass'", "<compiler>"),
     "bound of masses": (mjcf(head='<compiler boundmass="9"/>'), "'boundmass'", "<compiler>"),
-    "coupled joints": (
-        mjcf(rest='<equality><joint joint1="j" polycoef="0 1 0 0 0"/></equality>'),
-        "an equality constraint",
-        "line 1",
-    ),
     "ball": (mjcf(joints='<joint name="j" type="ball"/>'), "joint 'j'", "only revolute"),
 }
 
@@ -229,11 +224,6 @@ OTHERS = {
         ".urdf",
         "<inertial> has 2 <mass>",
     ),
-    "an inertia of no body": (
-        changed('izz="4.0"', 'izz="40.0"'),
-        ".urdf",
-        "link 'bus': no rigid body",
-    ),
     "added mass": (
         sdf("<fluid_added_mass><xx>1</xx></fluid_added_mass>"),
         ".sdf",
@@ -268,3 +258,16 @@ def test_what_does_not_matter_is_said_once(load, caplog):
     assert said.endswith(
         "without effect on masses, joints and frames: frictionloss (1), stiffness (1)"
     )
+
+
+@pytest.mark.parametrize("mesh", ["missing.obj", "there.stl"])
+def test_a_mesh_of_mjcf_that_cannot_be_read_is_named(tmp_path, mesh):
+    """There a body may take its mass from the mesh: Drake does not go on without it."""
+    (tmp_path / "there.stl").touch()
+    file = tmp_path / "model.xml"
+    file.write_text(
+        f'<mujoco model="r"><asset><mesh name="m" file="{mesh}"/></asset><worldbody>'
+        '<body name="hull"><freejoint/><geom type="mesh" mesh="m"/></body></worldbody></mujoco>'
+    )
+    with pytest.raises(InputError, match=f"mesh.*{mesh}"):
+        Spacecraft(file, base="hull", capture_frame="hull")

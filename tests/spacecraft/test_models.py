@@ -94,13 +94,3 @@ def test_the_exciting_motion_says_far_more_than_the_papers(exciting_scenario, pa
     """Some 90 times, as its file says."""
     gain = uncertainty(paper_scenario) / uncertainty(exciting_scenario)
     assert 85 < gain < 100
-
-
-def test_the_exciting_motion_leaves_a_margin_and_uses_the_capture_arm_most(exciting_scenario):
-    """A tenth of the velocity limits is left, and every joint moves."""
-    spacecraft = exciting_scenario.spacecraft.make()
-    motion = exciting_scenario.make_joint_motion(spacecraft)
-    rates = np.abs(motion.evaluate(motion.instants())[:, 1]).max(axis=0)
-    share = rates / spacecraft.limits.rates
-    assert share.max() < 0.9
-    assert share[:6].min() > share[6:].max() > share.min() > 0.4

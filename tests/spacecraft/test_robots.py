@@ -1,7 +1,4 @@
-"""Robots that nobody here wrote: each is read as Pinocchio reads it, or refused for a reason.
-
-All URDF files of the PyPI package example-robot-data.
-"""
+"""Robots that nobody here wrote: each is read as Pinocchio reads it, or refused for a reason."""
 
 import importlib.metadata
 from pathlib import Path

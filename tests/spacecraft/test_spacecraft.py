@@ -240,14 +240,6 @@ def test_a_configuration_is_in_radians_and_finite(load):
 # -- what is refused -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("attribute", ['settotalmass="5"', 'boundinertia="9"'])
-def test_mjcf_that_changes_masses_or_inertias_is_refused(refusal, attribute):
-    """Drake ignores these attributes, and MuJoCo does not: they would be two spacecraft."""
-    text = mjcf().replace("<worldbody>", f"<compiler {attribute}/><worldbody>", 1)
-    name = attribute.partition("=")[0]
-    assert f"line 1: '{name}' of <compiler> is not read" in refusal(text, ".xml")
-
-
 def test_a_moving_link_with_a_geometry_needs_an_inertia(refusal, load):
     box = '<visual><geometry><box size="1 1 1"/></geometry></visual>'
     hollow = f'<link name="tube">{box}</link>'

@@ -84,10 +84,7 @@ def test_online_equals_batch(servicer, motion, rows):
 def test_errors_are_as_large_as_their_deviations(
     servicer, skewed_target, zero_momentum_motion, rows, least
 ):
-    """Root mean square of error over σ, for each parameter, over logs with white noise.
-
-    The σ of what only the linear rows of Eq. 18 tell is too large: their errors are smaller.
-    """
+    """Root mean square of error over σ, for each parameter, over logs with white noise."""
     truth, ratios = skewed_target.to_vector(), []
     identifier = MomentumIdentifier(servicer, rows=rows)
     for seed in range(30):
@@ -151,19 +148,6 @@ def test_samples_are_taken_at_the_given_times(servicer, motion, period, offset, 
         assert identifier.Finish(root_context).sample_count == count
     simulator.AdvanceTo(4.0 + 0.1 * period)
     assert identifier.Finish(root_context).sample_count == count
-
-
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        ({"perod": 1.0}, "'perod'"),
-        ({"stat": None}, "'stat'"),
-        ({}, "'state'"),
-    ],
-)
-def test_a_misspelt_option_or_port_is_named(servicer, given, message):
-    with pytest.raises(TypeError, match=message):
-        MomentumIdentifier.AddToBuilder(DiagramBuilder(), servicer, **given)
 
 
 @pytest.mark.parametrize(

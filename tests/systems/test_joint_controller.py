@@ -26,10 +26,7 @@ from cpid_drake.dynamics.parameterizations import parameter_scale
 
 @pytest.fixture(scope="module", params=[True, False], ids=["informed", "blind"])
 def run(request):
-    """Return whether the controller knows the target, three seconds of simulation, telemetry.
-
-    A blind controller takes the paper's plate of 100 kg for a sphere of 60 kg.
-    """
+    """Return whether the controller knows the target, three seconds of simulation, telemetry."""
     scenario = load_scenario(shipped_scenario("paper"))
     scenario.simulation.duration, scenario.simulation.simulator.accuracy = 3.0, 1e-9
     scenario.controller.has_target_model = request.param

@@ -18,7 +18,6 @@ from cpid_drake.dynamics.parameterizations import parameters_to_standard, relati
 from cpid_drake.dynamics.rotations import cross, skew
 from cpid_drake.dynamics.sensitivity import (
     MotionSensitivity,
-    joint_sensitivity,
     screw_sensitivity,
     uncertain_sensitivity,
 )
@@ -217,7 +216,7 @@ def inertia_changes(
     outboard = Outboard.at(_with_target(tree, psi, grid), q, 0 * q, *turning)
     J = -grid.inertia(psi)
     if errors_of_q:
-        by_q = J @ joint_sensitivity(outboard, psi, grid)[0].w
+        by_q = J @ screw_sensitivity(outboard, psi, grid, *outboard.joint_screws)[0].w
         elapsed = (motion.nodes[nodes] - motion.origin)[:, None, None]
         for e in errors_of_q:
             found[e.name] = -e.sigma * (by_q if e.kind == ZERO else elapsed * by_q)

@@ -17,7 +17,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
@@ -387,7 +386,7 @@ class BaseMotion:
         change = carried(first, last, turned, start, h)
         return change, w + coupling @ change
 
-    def interpolation(self, times: NDArray[np.float64]) -> NDArray[np.float64] | csr_array:
+    def interpolation(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (M, N) weights of the nodes at times (M,): those of the spline of w.
 
         The same weights for w and for its derivatives let the errors of the joints' splines, which

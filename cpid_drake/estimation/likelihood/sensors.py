@@ -9,6 +9,7 @@ log contains, and say nothing about the target.
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
@@ -65,7 +66,6 @@ class SensorModel(ABC):
         self.name, self.samples, self.sigmas = name, samples, suite.sigmas(name)
         self._errors, self._at = suite[name], instants
         self._motion, self._times = motion, samples.time - late
-        self._weights = motion.interpolation(self._times)
         normal = motion.tree.normal_B
         self._is_planar = normal is not None
         self._axes = np.eye(3) if normal is None else self._measured(normal)
@@ -147,6 +147,11 @@ class SensorModel(ABC):
         constants = trajectory.state.constants
         return self._motion.constants.value(constants, f"{self.name}.{kind}")
 
+    @cached_property
+    def _weights(self) -> NDArray[np.float64]:
+        """Weights (M, N) of the nodes in the values at the samples."""
+        return self._motion.interpolation(self._times)
+
     def _at_samples(self, at_nodes: NDArray[np.float64]) -> NDArray[np.float64]:
         """Interpolate values (N, 3, ...) at the nodes to the samples' states, (M, 3, ...)."""
         flat = self._weights @ at_nodes.reshape(len(at_nodes), -1)
@@ -161,30 +166,31 @@ class AttitudeModel(SensorModel):
         return np.asarray((normal_B @ self._errors.R_BS)[None])
 
     def _error(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        predicted = trajectory.rotations(self._times)
-        mounting = self._constant(trajectory, "mounting")
-        if mounting is not None:
-            predicted = predicted @ exponentials(mounting)
-        turned = np.swapaxes(predicted, -1, -2) @ self._R_WB
+        turned = np.swapaxes(self._predicted(trajectory), -1, -2) @ self._R_WB
         return np.asarray(Rotation.from_matrix(turned).as_rotvec() @ self._R_BS)
 
     def _derivative(
         self, trajectory: Trajectory, change: MotionChange, xi: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        R = trajectory.rotations(self._times) @ self._turn(trajectory)
+        R = self._predicted(trajectory)
         return self._R_BS.T @ np.swapaxes(R, -1, -2) @ self._at_samples(xi)
 
     def _rate(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        return trajectory.spline(self._times) @ self._turn(trajectory) @ self._R_BS
+        return (
+            trajectory.spline(self._times) @ exponentials(self._mounting(trajectory)) @ self._R_BS
+        )
 
     def _kinds(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:
-        mounting = self._constant(trajectory, "mounting")
-        by = np.eye(3) if mounting is None else right_jacobian(mounting)
-        return {"mounting": np.broadcast_to(self._R_BS.T @ by, (len(self.samples), 3, 3))}
+        by = self._R_BS.T @ right_jacobian(self._mounting(trajectory))
+        return {"mounting": np.broadcast_to(by, (len(self.samples), 3, 3))}
 
-    def _turn(self, trajectory: Trajectory) -> NDArray[np.float64]:
+    def _mounting(self, trajectory: Trajectory) -> NDArray[np.float64]:
         mounting = self._constant(trajectory, "mounting")
-        return np.eye(3) if mounting is None else exponentials(mounting)
+        return np.zeros(3) if mounting is None else mounting
+
+    def _predicted(self, trajectory: Trajectory) -> NDArray[np.float64]:
+        """Return the attitudes (M, 3, 3) that an exact sensor would measure."""
+        return trajectory.rotations(self._times) @ exponentials(self._mounting(trajectory))
 
     @cached_property
     def _R_WB(self) -> NDArray[np.float64]:
@@ -204,33 +210,26 @@ class GyroModel(SensorModel):
         return normal_B[None]
 
     def _error(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        bias, w = self._constant(trajectory, BIAS), self._mean_w(trajectory)
+        bias, w = self._constant(trajectory, BIAS), self._mean(trajectory.spline)
         assert bias is not None
         return np.asarray(self.samples.value - w @ self._matrix(trajectory).T - bias)
 
     def _derivative(
         self, trajectory: Trajectory, change: MotionChange, xi: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        at_nodes, times = change.w[: len(xi)], self._times
-        if len(self._points) > 1:
-            weights = sum(w * self._motion.interpolation(times + t) for t, w in self._points)
-            flat = np.asarray(weights @ at_nodes.reshape(len(at_nodes), -1))
-            by_motion = flat.reshape(-1, *at_nodes.shape[1:])
-        else:
-            by_motion = self._at_samples(at_nodes)
-        late = sum(w * trajectory.spline.by_delay(times + t) for t, w in self._points)
-        by_motion = by_motion + np.asarray(late)[..., None] * change.delay
-        matrix = self._matrix(trajectory)
-        return by_motion if (matrix == np.eye(3)).all() else matrix @ by_motion
+        late = self._mean(trajectory.spline.by_delay)
+        by_motion = self._at_samples(change.w[: len(xi)]) + late[..., None] * change.delay
+        return self._matrix(trajectory) @ by_motion
 
     def _rate(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        return (self._mean_w(trajectory, _STEP) - self._mean_w(trajectory, -_STEP)) / (2 * _STEP)
+        earlier, later = (self._mean(trajectory.spline, step) for step in (-_STEP, _STEP))
+        return (later - earlier) / (2 * _STEP)
 
     def _per_second(self, trajectory: Trajectory) -> NDArray[np.float64]:
-        return self._mean_w(trajectory)
+        return self._mean(trajectory.spline)
 
     def _kinds(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:
-        w = self._mean_w(trajectory)
+        w = self._mean(trajectory.spline)
         scale = w[:, :, None] * np.eye(3)
         measured, true = np.nonzero(~np.eye(3, dtype=bool))  # axes of the six misalignments
         misalignment = np.zeros((len(w), 3, 6), w.dtype)
@@ -257,10 +256,16 @@ class GyroModel(SensorModel):
         times = (points - 1) / (2 * self._errors.rate)
         return tuple(zip(times.tolist(), (weights / 2).tolist(), strict=True))
 
-    def _mean_w(self, trajectory: Trajectory, later: float = 0.0) -> NDArray[np.float64]:
-        """Return w (M, 3) in B, averaged over the sample period if the gyro integrates."""
+    @cached_property
+    def _weights(self) -> NDArray[np.float64]:
+        return self._mean(self._motion.interpolation)
+
+    def _mean(
+        self, of: Callable[[NDArray[np.float64]], NDArray[np.float64]], later: float = 0.0
+    ) -> NDArray[np.float64]:
+        """Return values at the samples, averaged over the sample period if the gyro integrates."""
         times = self._times + later
-        return np.asarray(sum(w * trajectory.spline(times + t) for t, w in self._points))
+        return np.asarray(sum(w * of(times + t) for t, w in self._points))
 
 
 class TranslationModel(SensorModel):

@@ -58,21 +58,6 @@ def case(tmp_path_factory, skewed_target):
     return make_case(folder, skewed_target, suite_with_all(), MOMENTUM)
 
 
-@pytest.fixture(scope="module")
-def model(case):
-    samples = case.block(START, END).samples
-    joints = joints_of(Block(START, END, samples), case.suite)
-    return BlockModel(case.craft.tree, joints, samples, case.suite, None, STEP)
-
-
-@pytest.fixture(scope="module")
-def state(case, model):
-    """The true state with constants that differ from zero."""
-    k = model.motion.constants.size
-    constants = np.random.default_rng(5).uniform(-1.0, 1.0, k)
-    return replace(case.state(START), constants=constants)
-
-
 def with_values(solver_or_model, **values):
     """Return constants, in units of their σ, with values in SI units and all others zero."""
     constants = Constants.of(solver_or_model, 4)
@@ -96,11 +81,15 @@ def exact_block(case, telemetry_at, suite):
     return samples, joints
 
 
-def largest_residual(case, samples, joints, constants):
+def model_at(case, samples, joints, constants):
+    """Return the model of a block about some constant errors, and the true state with them."""
     tree, suite = case.craft.tree, case.suite
     model = BlockModel(tree, joints, samples, suite, None, STEP, nominal=constants)
-    state = replace(case.state(START), constants=constants)
-    return np.abs(residuals_of(model, state)).max()
+    return model, replace(case.state(START), constants=constants)
+
+
+def largest_residual(case, samples, joints, constants):
+    return np.abs(residuals_of(*model_at(case, samples, joints, constants))).max()
 
 
 def truth(case, times):
@@ -117,12 +106,7 @@ def test_late_sensors_show_an_earlier_motion(case, late):
 
     suite = case.suite
     samples, joints = exact_block(case, telemetry, suite)
-    samples = samples.updated(
-        {
-            name: Samples(np.empty(0), np.empty((0, w)))
-            for name, w in (("tracker_2", 4), ("gyro_2", 3))
-        }
-    )
+    samples = without(samples, "tracker_2", "gyro_2")
     delays = {f"{name}__delay": late for name in ("attitude", "gyro", "position", "velocity")}
     assert largest_residual(case, samples, joints, with_values(suite, **delays)) < 0.02
     early = with_values(suite, encoders__delay=-late)
@@ -164,22 +148,16 @@ def without(samples, *names):
 
 
 @pytest.mark.parametrize("name", CLOCKS)
-def test_readings_change_with_a_clock_as_differences_say(case, state, name):
+def test_readings_change_with_a_clock_as_differences_say(case, name):
     samples, joints = exact_block(case, lambda times, name: truth(case, times), case.suite)
-
-    def model_at(constants):
-        tree, suite = case.craft.tree, case.suite
-        model = BlockModel(tree, joints, samples, suite, None, STEP, nominal=constants)
-        return model, replace(state, constants=constants)
-
     constants = with_values(case.suite, **{f"{n}__clock_drift": 5e-4 for n in CLOCKS[:3]})
-    model, there = model_at(constants)
+    model, there = model_at(case, samples, joints, constants)
     exact, _ = model.jacobian(model.motion.trajectory(there))
     both = []
     for step in (1e-3, -1e-3):
         moved = constants.copy()
         moved[model.motion.constants.place(f"{name}.clock_drift")] += step
-        both.append(residuals_of(*model_at(moved)))
+        both.append(residuals_of(*model_at(case, samples, joints, moved)))
     column = -(both[0] - both[1]) / 2e-3
     found = exact[:, model.columns[f"{name}.clock_drift"].start]
     assert np.abs(found - column).max() < 1e-3 * np.abs(column).max()
@@ -202,7 +180,6 @@ def test_mountings_scales_and_lever_arms_are_those_of_the_readings(case):
         R = Rotation.from_quat(value, scalar_first=True) * Rotation.from_rotvec(eps)
         return R.as_quat(scalar_first=True)
 
-    nothing = {"gyro_2": Samples(np.empty(0), np.empty((0, 3)))}
     samples = samples.updated(
         {
             "attitude": changed("attitude", turned),
@@ -211,9 +188,9 @@ def test_mountings_scales_and_lever_arms_are_those_of_the_readings(case):
             "velocity": changed(
                 "velocity", lambda motion, v: v + np.cross(motion.w_WB, motion.R_WB @ arm)
             ),
-            **nothing,
         }
     )
+    samples = without(samples, "gyro_2")
     values = {
         "attitude__mounting": eps,
         "gyro__scale": scale,
@@ -272,7 +249,7 @@ def test_a_torque_turns_and_an_acceleration_moves(case):
 
     suite = case.suite
     samples, joints = exact_block(case, telemetry, suite)
-    samples = samples.updated({"gyro_2": Samples(np.empty(0), np.empty((0, 3)))})
+    samples = without(samples, "gyro_2")
     values = with_values(suite, torque=torque, acceleration=a)
     assert largest_residual(case, samples, joints, values) < 0.02
     assert largest_residual(case, samples, joints, with_values(suite, torque=torque)) > 1.0
@@ -300,8 +277,7 @@ def test_late_readings_of_a_point_beside_the_origin_change_with_the_state(case, 
     late = {f"{sensor}__delay": LATE for sensor in ("attitude", "gyro", "position", "velocity")}
     arm = np.array([0.02, -0.03, 0.01])
     constants = with_values(case.suite, position__lever_arm=arm, velocity__lever_arm=arm, **late)
-    model = BlockModel(case.craft.tree, joints, samples, case.suite, None, STEP, nominal=constants)
-    state = replace(case.state(START), constants=constants)
+    model, state = model_at(case, samples, joints, constants)
     exact, _ = model.jacobian(model.motion.trajectory(state))
     first = {"attitude": 0, "p_Wcm": 3, "L": 6, "v_Wcm": 9}[name]
     for k, step in enumerate(1e-5 * np.eye(3)):
@@ -322,16 +298,11 @@ def test_derivatives_hold_at_a_large_mounting_and_a_hidden_wheel(case, name):
     samples, joints = exact_block(case, lambda times, name: truth(case, times), case.suite)
     turn, wheel = np.array([0.03, -0.02, 0.04]), np.array([1.0, -2.0, 1.5])
     constants = with_values(case.suite, attitude__mounting=turn, wheel=wheel)
-    state = replace(case.state(START), constants=constants)
-
-    def model_of(samples):
-        tree, suite = case.craft.tree, case.suite
-        return BlockModel(tree, joints, samples, suite, None, STEP, nominal=constants)
-
-    rotations = model_of(samples).motion.trajectory(state).rotations(samples.attitude.time)
+    model, state = model_at(case, samples, joints, constants)
+    rotations = model.motion.trajectory(state).rotations(samples.attitude.time)
     shown = Rotation.from_matrix(rotations) * Rotation.from_rotvec(turn)
     attitude = Samples(samples.attitude.time, shown.as_quat(scalar_first=True))
-    model = model_of(samples.updated({"attitude": attitude}))
+    model, _ = model_at(case, samples.updated({"attitude": attitude}), joints, constants)
     trajectory = model.motion.trajectory(state)
     exact, end = model.jacobian(trajectory)
     columns = model.columns[name]

@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from block_cases import added_sensors, joints_of, make_case, residuals_of, rich_suite, trial_of
-from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
-from sensing_cases import MOMENTUM, nees
+from sensing_cases import MOMENTUM, nees, with_drawn_errors
 
 from cpid_drake import identify
 from cpid_drake.dynamics.orbit import Orbit
@@ -142,27 +141,11 @@ def test_derivatives_by_the_known_bodies(case):
             assert np.abs(found - expected).max() < share * np.abs(expected).max()
 
 
-def with_noise(suite, ideal, seed):
-    """Return samples with white noise of their σ, of the added sensors, too."""
-    rng, samples = np.random.default_rng(seed), {}
-    for name in suite.present():
-        each = ideal[name]
-        is_attitude = each.value.shape[1] == 4 and hasattr(suite[name], "R_BS")
-        width = 3 if is_attitude else each.value.shape[1]
-        error = rng.standard_normal((len(each), width)) * suite.sigmas(name)
-        if is_attitude:
-            turn = Rotation.from_rotvec(error @ suite[name].R_BS.T)
-            R_WB = Rotation.from_quat(each.value, scalar_first=True) * turn
-            samples[name] = Samples(each.time, R_WB.as_quat(scalar_first=True))
-        else:
-            samples[name] = Samples(each.time, each.value + error)
-    return ideal.updated(samples)
-
-
 def test_a_fit_finds_the_target(case):
     """The logged thrust is no change of momentum that has to be found."""
     suite = replace(case.suite, encoders=JointSensor(50.0, 1e-5))
-    samples = with_noise(suite, case.samples, 5)
+    rng = np.random.default_rng(5)
+    samples = with_drawn_errors(suite, case.samples, lambda _, shape: rng.standard_normal(shape))
     found = identify(case.craft, samples, sensors=suite, momentum=TotalMomentum.unknown())
     assert nees(found, case.target) < chi2.isf(1e-3, 10)
     assert found.failures == ()

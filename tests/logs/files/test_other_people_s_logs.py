@@ -1,19 +1,15 @@
-"""Logs as other tools write them: each is read right, or refused with place and remedy.
-
-Every case changes the columns of one log of 251 rows, or their text.
-"""
+"""Logs as other tools write them: each is read right, or refused with place and remedy."""
 
 import io
 from datetime import datetime, timedelta
 
 import numpy as np
 import pytest
-from flyer_cases import JOINT, RATE, columns, csv_of, flyer, rows_of, write
+from flyer_cases import JOINT, columns, csv_of, flyer, rows_of, write
 
 from cpid_drake import InputError, read_log
 from cpid_drake.identification.checked_log import check_log
 from cpid_drake.logs.files import inspect_log, read_table
-from cpid_drake.logs.log import Log
 
 ALL = ("attitude", "gyro", "position", "velocity", "encoders", "joint_rates")
 
@@ -64,6 +60,9 @@ READ = {
     "trailing commas everywhere": head(end=",,\n") + body(extra=",,"),
     "carriage returns only": head(end="\r") + body(end="\r"),
     "Windows and a byte order mark": "\ufeff" + head(end="\r\n") + body(end="\r\n"),
+    "columns in another order": "".join(
+        ",".join(reversed(line.split(","))) + "\n" for line in (head() + body()).splitlines()
+    ),
     "lines of blanks between": head() + "  \n" + body(end="\n \n"),
     "an index without a name": ","
     + head()
@@ -88,8 +87,9 @@ def test_what_is_plain_is_read(tmp_path, name):
     for sensor, names in (("position", ("x", "y", "z")), ("gyro", ("bwx", "bwy", "bwz"))):
         np.testing.assert_allclose(log[sensor].time, expected["time"], atol=1e-9)
         np.testing.assert_array_equal(log[sensor].value.T, [expected[each] for each in names])
-    assert log.joint_names == flyer().joint_names
-    np.testing.assert_array_equal(log.encoders.value[:, 0], expected[JOINT])
+    assert sorted(log.joint_names) == sorted(flyer().joint_names)
+    joint = log.joint_names.index(JOINT.removeprefix("q:"))
+    np.testing.assert_array_equal(log.encoders.value[:, joint], expected[JOINT])
 
 
 def numpy_file(time):
@@ -197,10 +197,6 @@ REFUSED = {
     "stamps of a day that is none": (stamped(ISO).replace("-01-01", "-02-30"), "ISO 8601"),
     "stamps with the month first": (stamped("%m/%d/%Y %H:%M:%S.%f"), "line 2, .*ISO 8601"),
     "no stamp in a row": (with_cell(9, "time", ""), "line 9, column 'time': the time is absent"),
-    "stamps that jump back once": (
-        with_cell(9, "time", "0.1"),
-        "line 9, .* 0.1 s comes after 0.24 s",
-    ),
     "commas of decimals or of thousands": (
         head(";") + body(";", cell=lambda k, text: f"{float(text):.3f}".replace(".", ",")),
         "line 2, .*with a decimal point",
@@ -210,13 +206,8 @@ REFUSED = {
         "line 2, .*with a decimal point",
     ),
     "NaN as text": (with_cell(7, "x", "NaN"), "line 7, .*leave the cell of an absent sample empty"),
-    "a word in a cell": (with_cell(7, "x", "lost"), "line 7, column 'x': 'lost'"),
     "a quaternion that nobody filled": (with_cell(7, "qw", "0"), "line 7: the quaternion's norm"),
     "a damaged message": (with_cell(7, "x", "1e20"), "line 7, column 'x': 1e.20 is implausible"),
-    "a column twice": (
-        head(name=lambda n: "x" if n == "y" else n) + body(),
-        "'x' is there 2 times",
-    ),
     "no header": (body(), "the first line must hold the columns' names"),
     "UTF-16": ((head() + body()).encode("utf-16"), "not text in UTF-8.*save it in that encoding"),
     "Motive's Euler angles": (motive("Meters").replace("Quaternion", "XYZ"), "type Quaternion"),
@@ -360,28 +351,6 @@ def test_what_is_not_measured_is_told_and_does_no_harm(tmp_path, name):
 
 def test_joints_that_are_all_others_are_refused(tmp_path):
     path = write(tmp_path, csv_of(columns()))
-    with pytest.raises(
-        InputError, match=r"has no joints, but the log has arm_joint1.*ignore_joints"
-    ):
+    says = r"has no joints, but the log has arm_joint1.*ignore_joints"
+    with pytest.raises(InputError, match=says):
         inspect_log(path, joints=())
-    log = inspect_log(path).log
-    others = Log(tuple("abcd"), log.samples)
-    with pytest.raises(InputError, match=r"no column 'q:arm_joint1'; .*the log's are 'a', 'b'"):
-        check_log(flyer(), others)
-
-
-def test_time_in_milliseconds_is_named(tmp_path):
-    given = columns(*ALL)
-    given["time"] *= 1000
-    found = check_log(flyer(), inspect_log(write(tmp_path, csv_of(given))).log)
-    assert "time.unit: ms" in found.failures[0]
-
-
-def test_rates_in_degrees_are_still_named(tmp_path):
-    """They are filled, only in another unit: no constant."""
-    given = columns(*ALL)
-    for name in [each for each in given if each.startswith("qd:")]:
-        given[name] *= 180 / np.pi
-    assert RATE in given
-    found = check_log(flyer(), inspect_log(write(tmp_path, csv_of(given))).log)
-    assert "joint_rates.unit: deg/s" in found.failures[0]
