@@ -8,7 +8,7 @@ The public names, in order of their dependencies:
 - `identify`: from `Motion` or `Log` to an `Identification`, by any estimator; it prints as a
   table, and each of its parameters is a `ParameterEstimate`;
 - `identify_files`: the same from files, each with its `Request` and its `SpacecraftReference`;
-- `load_spacecraft`: a spacecraft with its sensors from the file that `--scenario` reads;
+- `load_spacecraft`: a spacecraft with its sensors from the file that `--spacecraft` reads;
 - `write_report`, `read_result`, `write_result`: a result as a page, as JSON;
 - `TargetPrior`: what is known about a target before its log;
 - `BodyUncertainty`: how well the spacecraft's bodies, geometry and grasp are known;

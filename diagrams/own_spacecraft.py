@@ -22,14 +22,14 @@ def main() -> None:
     models = models_directory()
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("telemetry", nargs="?", default=models / "telemetry/free_flyer.csv")
-    parser.add_argument("--spacecraft", default=models / "free_flyer/free_flyer.urdf")
+    parser.add_argument("--model", default=models / "free_flyer/free_flyer.urdf")
     parser.add_argument("--base", default="body")
     parser.add_argument("--capture-frame", default="capture_point")
     parser.add_argument("--sensors", default="testbed", help="preset or YAML file")
     args = parser.parse_args()
     try:
         # The inputs: the spacecraft model, the log and the sensors.
-        spacecraft = Spacecraft(args.spacecraft, base=args.base, capture_frame=args.capture_frame)
+        spacecraft = Spacecraft(args.model, base=args.base, capture_frame=args.capture_frame)
         log, sensors = read_log(args.telemetry), load_sensors(args.sensors)
         found = identify(spacecraft, log, sensors=sensors)
         print(found.explain())

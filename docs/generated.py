@@ -81,7 +81,7 @@ def _default(field: dataclasses.Field) -> str:
     if field.default is missing and field.default_factory is missing:
         return "required"
     value = field.default if field.default is not missing else field.default_factory()
-    if dataclasses.is_dataclass(value) or type(value).__module__.startswith("pydrake"):
+    if dataclasses.is_dataclass(value):
         return "that of each key"
     value = value.tolist() if hasattr(value, "tolist") else value
     return f"``{json.dumps(value)}``"

@@ -15,7 +15,7 @@ from cpid_drake.logs.log import Log, Samples
 from cpid_drake.sensors.sensors import SENSORS
 
 MODEL = models_directory() / "free_flyer/free_flyer.urdf"
-FREE_FLYER = ("--spacecraft", MODEL, "--base", "body", "--capture-frame", "capture_point")
+FREE_FLYER = ("--model", MODEL, "--base", "body", "--capture-frame", "capture_point")
 """The spacecraft, as options of commands."""
 
 SAMPLE = models_directory() / "telemetry/free_flyer.csv"

@@ -6,8 +6,9 @@ import numpy as np
 
 from cpid_drake import load_scenario, load_sensors, shipped_scenario
 from cpid_drake.dynamics.parameterizations import relative_parameterization
+from cpid_drake.estimation.unknowns import Model
 from cpid_drake.planning.base_motion import PlannedBaseMotion, known_instants
-from cpid_drake.planning.information import InformationModel
+from cpid_drake.planning.information import covariance
 from cpid_drake.planning.plan_options import PlanOptions
 from cpid_drake.planning.planner import Planner
 
@@ -22,7 +23,7 @@ class Planned:
         suite.encoders = replace(suite.encoders, bits=28, sigma=0.0)
         self.planner = Planner(self.scenario, suite, PlanOptions(**options))
         self.suite, self.spacecraft = suite, self.planner.spacecraft
-        self.setting, self.motion = self.planner.setting, self.planner.own_motion
+        self.motion = self.planner.own_motion
         self.truth = self.scenario.target_truth()
         self.parameters = self.truth.to_vector()
         self.form = relative_parameterization(self.spacecraft.mass)
@@ -33,13 +34,13 @@ class Planned:
         motion = motion or self.motion
         times = np.linspace(0.0, motion.duration, int(NODE_RATE * motion.duration) + 1)
         samples = motion.evaluate(times)[:, None, :2]
-        momentum = self.setting.momentum(self.truth, samples[0, 0, 0])
+        momentum = self.planner.case(motion, self.parameters).total_momentum(self.spacecraft.tree)
         known = known_instants(self.spacecraft.tree, samples)
         return PlannedBaseMotion.of(times, known, momentum, self.psi if psi is None else psi)
 
     def sigma(self, suite=None, base=None) -> np.ndarray:
         """Return σ (10,) of π in closed form."""
-        model = InformationModel(self.spacecraft.tree, suite or self.suite)
+        model = Model(self.spacecraft.tree, suite or self.suite)
         jacobian = self.form.jacobian(self.psi)
-        [covariance] = model.covariance(base or self.base())
-        return np.sqrt(np.diag(jacobian @ covariance @ jacobian.T))
+        [found] = covariance(model, base or self.base())
+        return np.sqrt(np.diag(jacobian @ found @ jacobian.T))

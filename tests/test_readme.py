@@ -178,6 +178,6 @@ def mass_of(result):
 
 def test_the_table_says_what_uncalibrated_hardware_gives(tmp_path):
     command = ["identify", str(ROOT / "models/telemetry/free_flyer.csv"), "--sensors", "testbed"]
-    command += ["--scenario", "free_flyer_payload", "--json", str(tmp_path / "bag.json")]
+    command += ["--spacecraft", "free_flyer_payload", "--json", str(tmp_path / "bag.json")]
     subprocess.run([sys.executable, "-m", "cpid_drake", *command], check=True)
     assert f"| {mass_of(tmp_path / 'bag.json')} kg | 8.5 kg |" in README

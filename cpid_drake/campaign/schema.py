@@ -6,7 +6,6 @@ of scenarios are those of campaigns.
 
 import json
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
 from functools import cached_property, lru_cache
 from hashlib import sha256
@@ -19,7 +18,14 @@ from annotated_types import Ge, Interval, MinLen
 from numpy.typing import NDArray
 
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.files.checked_yaml import Numbers, dump_yaml, from_tree, load_yaml, parse_yaml
+from cpid_drake.files.checked_yaml import (
+    Numbers,
+    Vector,
+    dump_yaml,
+    from_tree,
+    load_yaml,
+    parse_yaml,
+)
 from cpid_drake.files.errors import InputError, choose_from, prefix_errors
 from cpid_drake.files.resources import find_scenario, resolve_model
 from cpid_drake.identification.estimators import methods
@@ -27,12 +33,10 @@ from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.simulation.files import (
     check_files,
     files_of,
-    load_scenario,
     resolve_files,
     suite_from_folder,
 )
-from cpid_drake.simulation.joint_motions import MOTION_TAGS
-from cpid_drake.simulation.schema import Scenario, Vector
+from cpid_drake.simulation.schema import Scenario
 from cpid_drake.spacecraft.reference import Name
 
 VERSION = 1
@@ -292,11 +296,12 @@ class CampaignPlan:
             InputError: see `trial`; or the engine cannot simulate it.
 
         """
-        first = {name: axis.values()[0] for name, axis in self.campaign.axes.items()}
-        for key, value in _changes(self.campaign.axes):
-            values = first if key is None else {**first, key: value}
-            with prefix_errors("" if key is None else f"axes: {key}"):
-                trial = self.trial(values)
+        axes = self.campaign.axes.items()
+        first = {name: axis.values()[0] for name, axis in axes}
+        changes = [(f"axes: {key}", {key: value}) for key, axis in axes for value in axis.values()]
+        for where, change in [("", {}), *changes]:
+            with prefix_errors(where):
+                trial = self.trial({**first, **change})
                 check_files(trial)
                 world = trial.simulation
                 rigid = not (world.wrist or world.sprung_masses or world.joint_compliance_urad)
@@ -327,22 +332,18 @@ def load_campaign(path: str | Path) -> CampaignPlan:
 
     """
     file = resolve_model(path)
-    campaign = load_yaml(Campaign, file, str(path), "a campaign", MOTION_TAGS)
+    campaign = load_yaml(Campaign, file, str(path), "a campaign")
     with prefix_errors(str(path)):
         name = campaign.scenario
         beside = file.parent / name
-        source = str(beside) if beside.is_file() else find_scenario(name)
-    scenario = load_scenario(source)
-    tree = parse_yaml(dump_yaml(scenario, MOTION_TAGS).encode(), name, MOTION_TAGS)
-    extra = {each.name for each in fields(TrialScenario)} - {each.name for each in fields(Scenario)}
-    more = parse_yaml(dump_yaml(TrialScenario(scenario.spacecraft, scenario.target)).encode(), name)
-    assert isinstance(tree, dict)
-    assert isinstance(more, dict)
-    tree |= {each: more[each] for each in sorted(extra)}
+        source = resolve_model(beside if beside.is_file() else find_scenario(name))
+        scenario = load_yaml(TrialScenario, source, name, "a scenario")
+        resolve_files(scenario, source.parent)
+    tree = parse_yaml(dump_yaml(scenario).encode(), name)
     named = sorted((p.name, sha256(p.read_bytes()).hexdigest()) for p in files_of(scenario))
     text = {
         "version": VERSION,
-        "campaign": parse_yaml(dump_yaml(campaign).encode(), name, MOTION_TAGS),
+        "campaign": parse_yaml(dump_yaml(campaign).encode(), name),
         "scenario": tree,
         "folder": str(file.parent),
         "files": named,
@@ -351,14 +352,6 @@ def load_campaign(path: str | Path) -> CampaignPlan:
     with prefix_errors(str(path)):
         plan.check()
     return plan
-
-
-def _changes(axes: dict[str, Axis]) -> Iterator[tuple[str | None, Any]]:
-    """Yield no change, then each key with each of its values."""
-    yield None, None
-    for key, axis in axes.items():
-        for value in axis.values():
-            yield key, value
 
 
 def _set(tree: Any, key: str, value: Any) -> None:

@@ -262,17 +262,15 @@ def verdict(met: int, trials: int, probability: float) -> tuple[str, float]:
 
     Both are right with the probability `CONFIDENCE`: one-sided bounds of Clopper and Pearson.
     """
-    low = float(betaincinv(met, trials - met + 1, 1 - CONFIDENCE)) if met else 0.0
-    high = float(betaincinv(met + 1, trials - met, CONFIDENCE)) if met < trials else 1.0
+    low, high = clopper_pearson(met, trials, 1 - CONFIDENCE)
     text = "met" if low >= probability else "not met" if high < probability else "not enough trials"
     return text, low
 
 
-def interval(count: float, total: float) -> tuple[float, float]:
-    """Return the two-sided 95 % interval of a share by Clopper and Pearson."""
-    half = (1 - CONFIDENCE) / 2
-    low = float(betaincinv(count, total - count + 1, half)) if count else 0.0
-    high = float(betaincinv(count + 1, total - count, 1 - half)) if count < total else 1.0
+def clopper_pearson(count: float, total: float, tail: float) -> tuple[float, float]:
+    """Return the bounds of a share, each of which is wrong with the probability `tail`."""
+    low = float(betaincinv(count, total - count + 1, tail)) if count else 0.0
+    high = float(betaincinv(count + 1, total - count, 1 - tail)) if count < total else 1.0
     return low, high
 
 

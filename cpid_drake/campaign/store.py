@@ -1,6 +1,5 @@
 """The folder of a campaign: one Parquet file for each chunk of trials. The folder is the truth."""
 
-import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,7 +8,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from cpid_drake.campaign.schema import VERSION, CampaignPlan
-from cpid_drake.files.drafts import write_errors, write_text
+from cpid_drake.files.drafts import DRAFT, draft_of, write_errors, write_text
 from cpid_drake.files.errors import InputError
 from cpid_drake.files.resources import __version__
 
@@ -17,7 +16,6 @@ PLAN = "campaign.json"
 """The file of the campaign's text in its folder."""
 
 _NAME = re.compile(r"trials-(\d+)-(\d+)\.parquet")
-_DRAFT = ".trials-"
 
 
 def open_folder(folder: Path, plan: CampaignPlan, *, resume: bool) -> None:
@@ -43,7 +41,7 @@ def open_folder(folder: Path, plan: CampaignPlan, *, resume: bool) -> None:
             raise InputError(f"{folder}: has files that belong to no campaign; give another folder")
         else:
             write_text(folder / PLAN, plan.text)
-        for draft in folder.glob(f"{_DRAFT}*"):  # of a process that was killed
+        for draft in folder.glob(f"{DRAFT}*"):  # of a process that was killed
             draft.unlink()
 
 
@@ -72,18 +70,8 @@ def write_chunk(folder: Path, plan: CampaignPlan, first: int, table: pa.Table, l
     about = {"version": VERSION, "campaign": plan.hash, "cpid_drake": __version__}
     table = table.replace_schema_metadata({key: str(value) for key, value in about.items()})
     name = f"trials-{first:09d}-{last - 1:09d}.parquet"
-    draft = folder / f"{_DRAFT}{name}.{os.getpid()}"
-    with write_errors(folder / name):
-        try:
-            pq.write_table(table, draft, compression="zstd")
-            with draft.open("rb") as file:
-                os.fsync(file.fileno())
-            draft.replace(folder / name)
-        finally:
-            draft.unlink(missing_ok=True)
-        place = os.open(folder, os.O_RDONLY)
-        os.fsync(place)
-        os.close(place)
+    with draft_of(folder / name) as draft:
+        pq.write_table(table, draft, compression="zstd")
 
 
 def chunks(folder: Path, plan: CampaignPlan) -> dict[tuple[int, int], Path]:

@@ -32,7 +32,6 @@ from cpid_drake.simulation.trials import (
     base_trajectory,
     bound_of,
     draws,
-    ideal_samples,
     make_case,
     seeds_of,
     true_motions,
@@ -40,7 +39,6 @@ from cpid_drake.simulation.trials import (
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 _BATCHED = ("target.", "target", "tumble_C", "simulation.momentum_W")
-_REPEATED, _BOUND = 2, 3  # purposes of random numbers; `CampaignPlan.values` has 1
 
 _ten = pa.list_(pa.float64())
 _COLUMNS = {
@@ -280,12 +278,11 @@ def _rows(
     case, campaign = job.case, plan.campaign
     common = {**_common(plan, job.number), "truth": nulls(case.truth.to_vector())}
     common["truth_seconds"] = seconds
-    if isinstance(data, Log) and _is_drawn(plan, job.number, _BOUND, campaign.bounds):
+    if isinstance(data, Log) and _is_drawn(plan, job.number, 3, campaign.bounds):
         values = json.dumps(plan.values(job.number))
         common["bound"] = nulls(_bound(plan.text, values))
-    if campaign.engine == "propagator" and _is_drawn(
-        plan, job.number, _REPEATED, campaign.repeated
-    ):
+    repeats = campaign.engine == "propagator"
+    if repeats and _is_drawn(plan, job.number, 2, campaign.repeated):
         common |= _compared(plan, job)
     declared, rows = _declared(job), []
     for name in campaign.estimators:
@@ -300,6 +297,7 @@ def _rows(
 
 
 def _is_drawn(plan: CampaignPlan, number: int, purpose: int, share: float) -> bool:
+    """Draw with a purpose of its own; `CampaignPlan.values` has 1."""
     return bool(np.random.default_rng(plan.random(number, purpose)).random() < share)
 
 
@@ -311,10 +309,7 @@ def _declared(job: _Job) -> dict[str, Any]:
     bodies = declared.known_bodies or case.known_bodies
     momentum = case.momentum
     if declared.momentum == "known":
-        q = case.motion.evaluate(0.0)[0]
-        momentum = TotalMomentum.with_base_at_origin(
-            job.spacecraft.tree, case.truth, q, case.momentum_W
-        )
+        momentum = replace(case.total_momentum(job.spacecraft.tree), is_unknown=False)
     elif declared.momentum is not None:
         momentum = TotalMomentum(is_unknown=declared.momentum == "unknown")
     return {
@@ -331,9 +326,7 @@ def _bound(text: str, values: str) -> NDArray[np.float64]:
     Without an axis that is drawn, it is the same in all trials of a point.
     """
     job = _job(plan_of(text), 0, json.loads(values))
-    spacecraft = job.spacecraft
-    ideal = ideal_samples(job.case, spacecraft.tree, spacecraft.joint_names)
-    return bound_of(job.case, spacecraft, ideal)
+    return bound_of(job.case, job.spacecraft)
 
 
 def _estimate(found: Identification, truth: NDArray[np.float64]) -> dict[str, Any]:

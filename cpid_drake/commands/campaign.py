@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from cpid_drake import report
 from cpid_drake.commands import options
@@ -39,16 +38,15 @@ def run(
     with options.extra("campaign"):
         from cpid_drake.campaign.run import CHUNK, State, run_campaign
     log = options.log_console(quiet)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    with Progress(*columns, TimeRemainingColumn(), console=log, disable=not log.is_terminal) as bar:
-        task = bar.add_task("trials")
+    with log.status("starting workers") as status:
 
         def progress(state: State) -> None:
             if not state.new and state.dashboard:
                 log.print(f"dashboard: {state.dashboard}")
-            rate = f"{state.new / state.seconds:.3g} trials/s" if state.new else "trials"
-            text = f"{rate}, {state.failed} without estimate"
-            bar.update(task, completed=state.done, total=state.total, description=text)
+            rate = f"{state.new / state.seconds:.3g} trials/s, " if state.new else ""
+            status.update(
+                f"{state.done} of {state.total} trials, {rate}{state.failed} without estimate"
+            )
 
         ended = run_campaign(
             campaign,

@@ -37,8 +37,9 @@ def identify(
 
     """
     outputs = (("--json", json), ("--report", report), ("--mcap", mcap))
-    check_outputs(outputs, [*logs, *chosen.files()], force=force)
     requests = [chosen.request(each, logs) for each in logs]
+    named = [file for each in requests for file in each.existing_files()]
+    check_outputs(outputs, [*logs, *chosen.files(), *named], force=force)
     console = options.log_console()
     with options.log_console(quiet).status("identifying") as status:
         end = time.monotonic() + seconds

@@ -1,29 +1,21 @@
 """`cpid log`: checks logs, finds out what their columns mean, and converts them."""
 
 import sys
-from collections import Counter
 from pathlib import Path
 
+import cpid_drake as cpid
 from cpid_drake.commands import options
 from cpid_drake.commands.groups import group
 from cpid_drake.commands.options import CHECK_FAILED
-from cpid_drake.dynamics.rows import RELATIVE_ROWS, STANDARD_ROWS
 from cpid_drake.files.drafts import write_text
 from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.files.overwriting import check_outputs
-from cpid_drake.identification.arguments import Arguments
-from cpid_drake.identification.checked_log import check_log, left_out_warnings
-from cpid_drake.identification.checks import label_of
-from cpid_drake.identification.log_conventions import with_conventions
-from cpid_drake.logs.channels import look_at
-from cpid_drake.logs.conventions import Findings
+from cpid_drake.identification.log_conventions import check_as_read
 from cpid_drake.logs.files import inspect_log, read_log, read_table, write_log
 from cpid_drake.logs.guess.guess import guess_map
-from cpid_drake.report.log_contents import contents
+from cpid_drake.report.log_contents import checked_contents
 
 log = group("log")
-_SHOWN = 100  # problems of a file that are listed; more of them say nothing new
-_ROWS = (RELATIVE_ROWS.name, STANDARD_ROWS.name)  # without the position, and with it
 
 
 @log.command
@@ -32,7 +24,8 @@ def check(
     /,
     *,
     craft: options.SpacecraftOptions = options.SpacecraftOptions(),
-    reading: options.ReadingOptions = options.ReadingOptions(),
+    columns: options.Columns | None = None,
+    topic: options.Topics | None = None,
 ) -> int:
     """List the contents and all problems of a log, and what was not checked.
 
@@ -43,37 +36,11 @@ def check(
     """
     spacecraft = craft.known().make() if craft != options.SpacecraftOptions() else None
     joints = None if spacecraft is None else spacecraft.joint_names
-    found = inspect_log(log, topics=reading.topics(), columns=reading.columns, joints=joints)
-    rejected, failures, said = Counter(found.partial), list[str](), Findings()
-    warnings = left_out_warnings(found.left_out_joints)
-    try:
-        checked = check_log(spacecraft, found.log)
-        if spacecraft is not None:
-            checked = with_conventions(checked, Arguments(spacecraft), _ROWS)
-    except InputError as error:
-        failures, seen = [str(error)], look_at(found.log)
-        warnings, channels = [*warnings, *seen.warnings], seen.table
-    else:
-        failures, said, channels = [*checked.failures], checked.conventions, checked.channels
-        warnings += checked.warnings
-        rejected += Counter(checked.rejected)
-    warnings += [f"unusable samples of {label_of(name)}: {n}" for name, n in rejected.items()]
-    problems, unchecked = [*found.problems, *failures], [*said.unchecked, *said.not_compared]
-    if failures and not said.comparisons:
-        unchecked.append("units, signs and frames: nothing was compared, because of the errors")
-    lines = [*contents(found, log, channels, said.comparisons)]
-    lines += [f"warning: {warning}" for warning in warnings]
-    lines += [f"error: {problem}" for problem in [*found.problems[:_SHOWN], *failures]]
-    if len(found.problems) > _SHOWN:
-        lines.append(f"... and {len(found.problems) - _SHOWN} more")
-    lines += [f"not checked: {text}" for text in unchecked]
-    if not problems:
-        counts = f"no errors; warnings: {len(warnings)}, not checked: {len(unchecked)}"
-        lines.append(counts if warnings or unchecked else "no problems found")
+    found = inspect_log(log, topics=options.topics_of(topic), columns=columns, joints=joints)
+    lines, count = checked_contents(found, log, spacecraft)
     options.log_console(stderr=False).print("\n".join(lines))
-    if problems:
-        plural = "s" * (len(problems) > 1)
-        raise InputError(f"{log}: {len(problems)} problem{plural} found, listed above")
+    if count:
+        raise InputError(f"{log}: {count} problem{'s' * (count > 1)} found, listed above")
     return 0
 
 
@@ -102,15 +69,15 @@ def map_columns(
         frame_rate: Frames per second, if the log counts frames.
 
     """
-    check_outputs([("--out", out)], [log, *craft.files()], force=force)
-    known, spacecraft = craft.known(), craft.known().make()
-    topics = options.ReadingOptions(topic=topic).topics()
+    known = craft.known()
+    named = cpid.Request(log, known.reference()).existing_files()
+    check_outputs([("--out", out)], [log, *craft.files(), *named], force=force)
+    spacecraft, topics = known.make(), options.topics_of(topic)
     with prefix_errors(log):
         guess = guess_map(read_table(log, topics), spacecraft, known.base, frame_rate)
     warnings, failures = tuple[str, ...](), tuple[str, ...]()
     try:
-        checked = check_log(spacecraft, guess.log)
-        checked = with_conventions(checked, Arguments(spacecraft), _ROWS)
+        checked = check_as_read(guess.log, spacecraft)
         warnings, failures = checked.warnings, checked.failures
     except InputError as error:
         failures = (str(error),)
@@ -140,7 +107,8 @@ def convert(
     log: options.LogFile,
     /,
     *,
-    reading: options.ReadingOptions = options.ReadingOptions(),
+    columns: options.Columns | None = None,
+    topic: options.Topics | None = None,
     out: options.File,
     leave_out_bad: options.LeaveOutBad = False,
     force: options.Force = False,
@@ -153,9 +121,8 @@ def convert(
         out: File to write: .csv, .npz or .parquet.
 
     """
-    check_outputs([("--out", out)], [log, reading.columns], force=force)
-    found = read_log(
-        log, leave_out_bad=leave_out_bad, topics=reading.topics(), columns=reading.columns
-    )
+    check_outputs([("--out", out)], [log, columns], force=force)
+    topics = options.topics_of(topic)
+    found = read_log(log, leave_out_bad=leave_out_bad, topics=topics, columns=columns)
     write_log(out, found)
     options.log_console().print(f"{out}: written, {len(found.joint_names)} joints")

@@ -6,16 +6,10 @@ import logging
 import os
 import platform
 import sys
-import unicodedata
 from io import TextIOWrapper
 from typing import Literal, get_args
 
-from cyclopts import (
-    App,
-    ArgumentCollection,
-    CycloptsError,
-    UnusedCliTokensError,
-)
+from cyclopts import App, ArgumentCollection, CycloptsError, UnusedCliTokensError
 
 from cpid_drake.commands.groups import group
 from cpid_drake.files.errors import InputError
@@ -100,24 +94,6 @@ for _key, (_name, _help) in enumerate(COMMANDS.items()):
     # Imported when it is used: Drake, SciPy and Matplotlib take a second.
     app.command(f"cpid_drake.commands.{_name}:{_name}", help=_help, sort_key=_key)
 
-# fmt: off
-_PLAIN = {
-    "²": "^2", "³": "^3", "·": "*", "±": "+-", "°": " deg", "σ": "sigma", "χ": "chi", "µ": "u",
-    "→": "->", "…": "...", "√": "sqrt", "−": "-", "×": "x", "≤": "<=", "≥": ">=", "Δ": "delta",
-    "–": "-", "—": "-", "─": "-", "∞": "inf", "ψ": "psi", "ω": "omega", "≈": "~",
-}
-# fmt: on
-
-
-def _plain(error: UnicodeError) -> tuple[str, int]:
-    """Replace what a terminal cannot show by what it can."""
-    if not isinstance(error, UnicodeEncodeError):
-        raise error
-    text = error.object[error.start : error.end]
-    found = "".join(_PLAIN.get(c, unicodedata.normalize("NFKD", c)) for c in text)
-    kept = "".join(c for c in found if not unicodedata.combining(c))
-    return kept.encode("ascii", "replace").decode(), error.end
-
 
 def _run(arguments: list[str]) -> int:
     """Run a command, and return its exit code."""
@@ -133,10 +109,9 @@ def _run(arguments: list[str]) -> int:
 
 def main() -> None:
     """Run `cpid` and exit with a code of `EXIT_CODES`; an error is one line on stderr."""
-    codecs.register_error("plain", _plain)
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, TextIOWrapper):
-            stream.reconfigure(errors="plain")
+        if isinstance(stream, TextIOWrapper):  # perhaps of a terminal that shows no σ
+            stream.reconfigure(errors="backslashreplace")
     try:
         if codecs.lookup(locale.getpreferredencoding(False)).name == "ascii":
             raise InputError("Drake cannot read its files in an ASCII locale; set PYTHONUTF8=1")

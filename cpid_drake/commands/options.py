@@ -16,35 +16,30 @@ from cyclopts.validators import Number as Within
 from rich.console import Console
 
 import cpid_drake as cpid
-from cpid_drake.files.drafts import refuse_unfinished
 from cpid_drake.files.errors import InputError
-from cpid_drake.files.resources import find_scenario, package_folders, resolve_model
-from cpid_drake.identification.arguments import EXACT_MODEL
+from cpid_drake.files.resources import find_scenario
 from cpid_drake.identification.description import describe
-from cpid_drake.identification.request import log_names
-from cpid_drake.simulation.spacecraft_file import EXPLICIT, SpacecraftFile, load_spacecraft
+from cpid_drake.identification.request import sensors_by_log
+from cpid_drake.simulation.files import from_folder
 
 if TYPE_CHECKING:
-    from pydrake.geometry import Meshcat
-
     FileName = str
 else:
     FileName = str | Path  # the values are str, which is tried first; shells complete paths
 
-NOT_ALL_KNOWN = 3
-"""Exit code if not all parameters that can act on the motion are identifiable."""
-
 CHECK_FAILED = 4
 """Exit code if something contradicts the assumptions behind the answer."""
-
-_AS_THEY_ARE = ("estimator", "rows", "start", "end", "leave_out_bad", "columns")
-"""Options that are fields of a request of the same name and value."""
 
 File = Annotated[Path, Parameter(metavar="FILE")]
 Folder = Annotated[Path, Parameter(metavar="FOLDER")]
 Name = Annotated[str, Parameter(metavar="NAME")]
-Yaml = Annotated[FileName, Parameter(metavar="YAML")]
 Sensors = Annotated[FileName, Parameter(metavar="PRESET|YAML")]
+LiveSensors = Annotated[
+    Sensors,
+    Parameter(
+        help="Sensor noise: a preset or a YAML file. Default: that of the spacecraft's file."
+    ),
+]
 Seconds = Annotated[float, Parameter(metavar="SECONDS")]
 Number = Annotated[float, Parameter(metavar="NUMBER")]
 Count = Annotated[int, Parameter(metavar="COUNT")]
@@ -60,6 +55,14 @@ OutFolder = Annotated[
 ]
 Force = Annotated[bool, Parameter(help="Replace files that exist. Inputs are never replaced.")]
 Quiet = Annotated[bool, Parameter(help="Print only warnings and errors.")]
+Columns = Annotated[
+    FileName,
+    Parameter(
+        metavar="YAML",
+        help="Map of the log's columns: names, units and conventions; `cpid log map` writes one. "
+        "Default: the columns of models/telemetry/README.md.",
+    ),
+]
 LeaveOutBad = Annotated[bool, Parameter(help="Leave out and count rows that have a problem.")]
 Topics = Annotated[
     list[str],
@@ -86,10 +89,10 @@ Momentum = Annotated[
 class SpacecraftOptions:
     """The spacecraft model."""
 
-    scenario: Annotated[FileName | None, Parameter(metavar="SCENARIO|YAML")] = None
-    """Scenario, or file of a spacecraft, with model, base, capture frame, packages, sensors,
+    spacecraft: Annotated[FileName | None, Parameter(metavar="YAML|SCENARIO")] = None
+    """File of a spacecraft, or a scenario, with model, base, capture frame, packages, sensors,
     momentum, table and uncertainty of the spacecraft model; other options override it."""
-    spacecraft: Annotated[FileName | None, Parameter(metavar="MODEL")] = None
+    model: Annotated[FileName | None, Parameter(metavar="MODEL")] = None
     """The spacecraft's model file: URDF, SDF, MJCF or Drake directives."""
     base: Name | None = None
     """Base body of the spacecraft."""
@@ -98,36 +101,31 @@ class SpacecraftOptions:
     package: Annotated[list[str] | None, Parameter(metavar="NAME=FOLDER")] = None
     """Folder of a package that the model's URIs name; may be repeated."""
 
-    def known(self) -> SpacecraftFile:
+    def known(self) -> "cpid.SpacecraftFile":
         """Return what is known of the spacecraft from the file and the single options.
 
         Raises:
             InputError: the model, its base or its capture frame is missing, or the file is wrong.
 
         """
-        names = {"model": self.spacecraft, "base": self.base, "capture_frame": self.capture_frame}
+        here, folders = Path.cwd(), _pairs("--package", self.package, "NAME=FOLDER")
+        packages = {name: from_folder(here, folder) for name, folder in folders.items()}
+        names = {"base": self.base, "capture_frame": self.capture_frame}
+        names["model"] = self.model and from_folder(here, self.model)
         given: dict[str, Any] = {key: name for key, name in names.items() if name}
-        packages = _pairs("--package", self.package, "NAME=FOLDER")
-        if self.scenario is not None:
-            found = load_spacecraft(self.scenario)
-            found = replace(found, **given, packages={**found.packages, **packages})
-        elif len(given) == len(names):
-            found = SpacecraftFile(**given, packages=packages)
-        else:
+        if self.spacecraft is not None:
+            found = cpid.load_spacecraft(self.spacecraft)
+            return replace(found, **given, packages={**found.packages, **packages})
+        if len(given) < len(names):
             raise InputError(
-                "a log needs a spacecraft: give --scenario, or all of --spacecraft, --base and "
+                "a log needs a spacecraft: give --spacecraft, or all of --model, --base and "
                 "--capture-frame"
             )
-        folders = {name: _absolute(folder) for name, folder in found.packages.items()}
-        return replace(found, model=_absolute(found.model), packages=folders)
+        return cpid.SpacecraftFile(**given, packages=packages)
 
     def files(self) -> list[str | Path]:
-        """Return the files that the options name."""
-        if (self.scenario, self.spacecraft) == (None, None):
-            return []
-        found = self.known()
-        scenario = [] if self.scenario is None else [find_scenario(self.scenario)]
-        return [*scenario, resolve_model(found.model, package_folders(found.packages))]
+        """Return the file of the spacecraft, if there is one."""
+        return [] if self.spacecraft is None else [find_scenario(self.spacecraft)]
 
 
 @dataclass(frozen=True)
@@ -146,70 +144,35 @@ class KnownOptions(SpacecraftOptions):
     """What is known about the target besides: a result of `cpid identify` (JSON) or YAML with mass,
     p_CTcm_C, I_TTcm_C and their σ."""
 
-    def make_request(self, telemetry: str, sensors: str | None, **others: Any) -> "cpid.Request":
+    def request_of(self, telemetry: str, sensors: str | None, **others: Any) -> "cpid.Request":
         """Return a request: what the options say, else what the file of the spacecraft says.
 
         Raises:
             InputError: an option is missing, or a file or a name is wrong.
 
         """
-        known = self.known()
-        sensors = sensors or known.sensors
-        if sensors == EXPLICIT:
-            raise InputError(
-                f"{self.scenario}: lists its sensors itself; write them into a file of their own, "
-                "and give it as --sensors"
-            )
-        bodies = ",".join(f"{key}={value}" for key, value in vars(known.known_bodies).items())
-        return cpid.Request(
-            telemetry,
-            known.reference(),
-            sensors=sensors,
-            momentum=self.momentum or known.momentum,
-            planar=known.planar if self.planar is None else self.planar,
-            known_bodies=self.known_bodies or (None if known.known_bodies.is_zero else bodies),
-            prior=self.prior,
-            **others,
-        )
-
-
-@dataclass(frozen=True)
-class LiveOptions(KnownOptions):
-    """What is known before samples arrive, and their topics."""
-
-    sensors: Sensors | None = None
-    """Sensor noise: a preset or a YAML file. Default: that of the scenario."""
-    topic: Topics | None = None
-
-    def topics(self) -> dict[str, str]:
-        """Return the topics by kind; see `ReadingOptions.topics`. Joints have a default."""
-        return {"joints": "/joint_states"} | _pairs("--topic", self.topic, "KIND=/NAME")
+        names = ("momentum", "known_bodies", "planar", "prior")
+        given = {name: getattr(self, name) for name in names}
+        return self.known().request(telemetry, sensors, **given, **others)
 
 
 @Parameter("*")
 @dataclass(frozen=True)
-class ReadingOptions:
-    """How to read a log."""
-
-    columns: Yaml | None = None
-    """Map of the log's columns: names, units and conventions; `cpid log map` writes one. Default:
-    the columns of models/telemetry/README.md."""
-    topic: Topics | None = None
-
-    def topics(self) -> dict[str, str]:
-        """Return the topics by kind; InputError without the form KIND=/NAME."""
-        return _pairs("--topic", self.topic, "KIND=/NAME, such as imu=/imu/data")
-
-
-@dataclass(frozen=True)
-class PartOptions(ReadingOptions):
+class PartOptions:
     """How to read a log, and which part of it to use."""
 
+    columns: Columns | None = None
+    topic: Topics | None = None
     leave_out_bad: LeaveOutBad = False
     start: Annotated[Seconds | None, Parameter("--from")] = None
     """First time to use."""
     end: Annotated[Seconds | None, Parameter("--to")] = None
     """Last time to use."""
+
+    def reading(self) -> dict[str, Any]:
+        """Return the fields of a request of the same meaning."""
+        names = ("columns", "leave_out_bad", "start", "end")
+        return {name: getattr(self, name) for name in names} | {"topics": topics_of(self.topic)}
 
 
 @dataclass(frozen=True)
@@ -229,33 +192,28 @@ class LogOptions(PartOptions, KnownOptions):
     this log alone, and may be repeated; logs with the same file have the same hardware. Default:
     estimated from the log if needed."""
 
-    def files(self) -> list[str | Path]:
-        """Return the files that the options name."""
-        bodies = self.known_bodies or EXACT_MODEL
-        of_bodies = None if "=" in bodies or bodies == EXACT_MODEL else bodies
-        sensors = [file for each in self.sensors or [] for file in (each, each.rpartition("=")[2])]
-        given = (*sensors, self.columns, self.prior, of_bodies)
-        return [*super().files(), *(file for file in given if file)]
-
     def request(self, log: str, logs: Sequence[str] = ()) -> "cpid.Request":
         """Return the request to identify a log, of `logs` if several are identified together.
 
         Raises:
-            InputError: as for `make_request`; the log is unfinished.
+            InputError: as for `request_of`.
 
         """
-        refuse_unfinished(Path(log).parent)
         logs = logs or [log]
-        own = _sensors_of(self.sensors or [], names := log_names(logs))
-        sensors = own.get(names[logs.index(log)]) or own.get("")
-        others = {name: getattr(self, name) for name in _AS_THEY_ARE}
-        return self.make_request(log, sensors, topics=self.topics(), **others)
+        sensors = sensors_by_log(self.sensors or [], logs)[logs.index(log)]
+        method = {"estimator": self.estimator, "rows": self.rows}
+        return self.request_of(log, sensors, **method, **self.reading())
 
     def of_run(self, folder: Path) -> "LogOptions":
         """Return the options with those of a run of `cpid simulate` where none are given."""
         suite = folder / "sensors.yaml"
         sensors = self.sensors or ([str(suite)] if suite.is_file() else None)
-        return replace(self, scenario=str(folder / "scenario.yaml"), sensors=sensors)
+        return replace(self, spacecraft=str(folder / "scenario.yaml"), sensors=sensors)
+
+
+def topics_of(entries: list[str] | None) -> dict[str, str]:
+    """Return the topics by kind; InputError without the form KIND=/NAME."""
+    return _pairs("--topic", entries, "KIND=/NAME, such as imu=/imu/data")
 
 
 @contextmanager
@@ -267,23 +225,6 @@ def extra(name: str) -> Iterator[None]:
         raise InputError(
             f"this command needs {error.name}: `pip install 'cpid-drake[{name}]'`"
         ) from error
-
-
-def open_meshcat(remark: str = "") -> "Meshcat":
-    """Return a new Meshcat, and print the address of its page.
-
-    Raises:
-        InputError: no port is free.
-
-    """
-    from pydrake.geometry import Meshcat, MeshcatParams
-
-    try:
-        meshcat = Meshcat(MeshcatParams(host="*"))
-    except RuntimeError as error:
-        raise InputError(f"Meshcat cannot be opened: {error}") from error
-    print(f"Open {meshcat.web_url()}{remark}", file=sys.stderr, flush=True)
-    return meshcat
 
 
 def log_console(quiet: bool = False, *, stderr: bool = True) -> Console:
@@ -300,38 +241,13 @@ def finish(found: "cpid.Identification", quiet: bool) -> int:
         print("\n".join(describe(found)))
     if found.failures:
         return CHECK_FAILED
-    return 0 if found.is_complete else NOT_ALL_KNOWN
+    return 0 if found.is_complete else 3
 
 
 def print_warnings(texts: Iterable[str]) -> None:
     """Print warnings on stderr, one line each."""
     for text in texts:
         print(f"warning: {text}", file=sys.stderr)
-
-
-def _sensors_of(entries: Sequence[str], logs: Sequence[str]) -> dict[str, str]:
-    """Return the given sensors by the names of logs, and under "" those of all others."""
-    own: dict[str, str] = {}
-    for entry in entries:
-        name = next((each for each in logs if entry.startswith(f"{each}=")), "")
-        file = entry[len(name) + 1 :] if name else entry
-        if "=" in file and not name and not Path(file).exists():
-            wanted = entry.partition("=")[0]
-            raise InputError(
-                f"--sensors {entry}: there is no log {wanted}; the logs are {', '.join(logs)}"
-            )
-        if name in own or not file:
-            raise InputError(
-                f"--sensors {entry}: give one PRESET or YAML for all logs, and one NAME=PRESET or "
-                "NAME=YAML for a log with others"
-            )
-        own[name] = file
-    return own
-
-
-def _absolute(path: str) -> str:
-    """Return the absolute path of a file or folder, or its URI unchanged."""
-    return path if "://" in path else str(Path(path).expanduser().absolute())
 
 
 def _pairs(option: str, entries: list[str] | None, form: str) -> dict[str, str]:

@@ -2,11 +2,10 @@
 
 import math
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, get_type_hints
 
-import numpy as np
 from cyclopts import Group, Parameter
 from cyclopts.validators import Number as Within
 
@@ -15,7 +14,6 @@ from cpid_drake import planning, report, simulation
 from cpid_drake.commands import options
 from cpid_drake.commands.groups import group
 from cpid_drake.files.digits import significant
-from cpid_drake.files.drafts import draft_folder, draft_of, write_text
 from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.files.overwriting import check_folder, check_outputs
 from cpid_drake.files.resources import find_scenario
@@ -23,6 +21,15 @@ from cpid_drake.files.resources import find_scenario
 plan = group("plan")
 
 _KNOWN = Parameter(group=Group.create_ordered("What is known"))
+_GROUPS = {
+    "The motion": ("duration", "opportunistic", "frequency", "joint"),
+    "Limits": (
+        *("rate_share", "acceleration", "clearance"),
+        *("base_attitude", "base_rate", "base_displacement"),
+    ),
+    "The search": ("targets", "candidates", "iterations", "seed"),
+}
+"""The groups of the planner's options in the help."""
 
 
 @Parameter("*")
@@ -35,6 +42,19 @@ class Choices(planning.PlanOptions):
     prior: Annotated[options.File | None, _KNOWN] = None
     """What is known about the target: a result of `cpid identify` (JSON), or YAML with mass,
     p_CTcm_C, I_TTcm_C and sigma. Default: nothing but the spacecraft's size."""
+
+    def planner(self, scenario: Path | str) -> planning.Planner:
+        """Return the planner of a scenario's file."""
+        return planning.load_planner(scenario, self.sensors, self, self.prior)
+
+
+# The planner knows no command line: the groups and placeholders of its options are added here.
+for _title, _names in _GROUPS.items():
+    _group = Group.create_ordered(_title)
+    for _name in _names:
+        _kind = get_type_hints(planning.PlanOptions)[_name]
+        _metavar = "NAME" if _name == "joint" else "COUNT" if _kind is int else "NUMBER"
+        Choices.__annotations__[_name] = Annotated[_kind, Parameter(group=_group, metavar=_metavar)]
 
 
 @plan.command
@@ -74,34 +94,14 @@ def motion(
             known = "" if math.isnan(best) else f": worst σ {significant(100 * best, 3)} % of scale"
             status.update(f"{what}{known}")
 
-        planner = planning.load_planner(path, chosen.sensors, chosen, chosen.prior)
-        try:
-            best = planner.run(progress)
-        except KeyboardInterrupt:
-            if planner.best is not None:
-                write_text(out, planner.describe(planner.best, scenario))
-            raise
+        planner = chosen.planner(path)
+        best, count = planning.write_plan(out, planner, scenario, folder=front, progress=progress)
         if front is not None:
-            best, *_ = plans = planning.front(planner, best, progress)
-            rows = ["rotation of the base [deg],worst σ [% of scale],motion"]
-            with draft_folder(front) as draft:
-                for k, each in enumerate(plans):
-                    name = f"motion_{k:02d}.yaml"
-                    write_text(draft / name, planner.describe(each, scenario))
-                    rows.append(
-                        f"{math.degrees(each.base_rotation):.6g},{100 * each.score:.6g},{name}"
-                    )
-                write_text(draft / "front.csv", "\n".join(rows) + "\n")
-            log.print(f"{len(plans)} motions in {front}")
-        write_text(out, planner.describe(best, scenario))
+            log.print(f"{count} motions in {front}")
         log.print(f"{out}: {time.perf_counter() - start:.0f} s")
-        target = planner.targets[0]
-        made = {"scenario's motion": planner.own_motion, "plan": best.motion}
-        usage, _ = planner.usage(planner.own_motion)
-        found = {
-            name: replace(planner.setting.predict(each, target), usage=max(used.values()))
-            for (name, each), used in zip(made.items(), (usage, best.usage), strict=True)
-        }
+        motions = {"scenario's motion": planner.own_motion, "plan": best.motion}
+        found = planning.predictions(planner, motions)
+    usage = found["scenario's motion"].usage
     limit = max(usage, key=lambda name: usage[name])
     if usage[limit] > 1:
         planner.notes.append(
@@ -111,14 +111,10 @@ def motion(
     for note in planner.notes:
         log.print(f"note: {note}")
     if picture is not None:
-        from cpid_drake.files.pictures import save_pictures  # loads Matplotlib
-
-        with draft_of(picture) as draft:
-            drawn = report.plan_pictures(planner.setting, made, found, target)
-            save_pictures(draft, picture.suffix[1:], drawn, 2)
+        report.save_plan(picture, planner, motions, found)
     if quiet:
         return
-    title = f"Predicted σ, a target of {target[0]:.3g} kg"
+    title = f"Predicted σ, a target of {planner.targets[0][0]:.3g} kg"
     report.print_table(report.motion_table(found, title))
     print(f"active limits: {'; '.join(best.active) or 'none'}")
     print(f"cpid simulate SCENARIO --out DIR, with joint_motion: !MotionFile {{file: {out}}}")
@@ -146,27 +142,17 @@ def rank(
     """
     path, log = find_scenario(scenario), options.log_console(quiet)
     with prefix_errors(scenario), log.status("ranking") as status:
-        planner = planning.load_planner(path, chosen.sensors, chosen, chosen.prior)
-        given = {file.name: planner.load_motion(file) for file in motions or []}
-        target, craft, found = planner.targets[0], planner.spacecraft, {}
-        body = cpid.InertialParameters.from_vector(target)
-        suite = planner.suite.exact()
-        case = simulation.make_case(planner.scenario, craft, body, suite, chosen.seed)
-        for name, each in {**dict(planning.reference_motions(planner)), **given}.items():
-            errors = []
-            moving = replace(case, motion=each, duration=each.duration)
-            for error in simulation.fit_errors(moving, craft, trials):
-                errors.append(error)
-                status.update(f"{name}: {len(errors)} of {trials} trials")
-            found[name] = replace(
-                planner.setting.predict(each, target),
-                usage=max(planner.usage(each)[0].values()),
-                errors=np.reshape(errors, (-1, 10)),
-            )
+        planner = chosen.planner(path)
+        craft, still = planner.spacecraft, planner.scenario.spacecraft.configuration
+        given = {
+            file.name: simulation.MotionFile(str(file)).make(craft, still) for file in motions or []
+        }
+        compared = {**dict(planning.reference_motions(planner)), **given}
+        found = planning.predictions(planner, compared, trials, status.update)
     for note in planner.notes:
         log.print(f"note: {note}")
     ordered = dict(sorted(found.items(), key=lambda item: item[1].worst))
-    title = f"Motions for a target of {target[0]:.3g} kg, the best first"
+    title = f"Motions for a target of {planner.targets[0][0]:.3g} kg, the best first"
     report.print_table(report.motion_table(ordered, title))
     if trials:
         correlation = report.rank_correlation(found)
@@ -175,10 +161,10 @@ def rank(
 
 @plan.command
 def export(
+    scenario: options.Scenario,
     motion: Path,
     /,
     *,
-    scenario: Annotated[options.FileName, Parameter(metavar="SCENARIO")],
     out: options.File,
     rate: Annotated[options.Rate, Parameter(validator=Within(gte=0.1, lte=1e4))] = 100.0,
     force: options.Force = False,
@@ -186,18 +172,14 @@ def export(
     """Write a joint motion as CSV: time, positions, rates and accelerations of all joints.
 
     Args:
-        motion: YAML file of a joint motion.
-        scenario: Scenario with the spacecraft of the motion.
+        motion: YAML file of a motion of the scenario's spacecraft.
         out: CSV file to write.
         rate: Rows per second.
 
     """
     path = find_scenario(scenario)
     check_outputs([("--out", out)], [path, motion], force=force)
-    planner = planning.load_planner(path, None, planning.PlanOptions())
-    made = planner.load_motion(motion)
-    times = np.linspace(0.0, made.duration, math.ceil(made.duration * rate - 1e-9) + 1)
-    names = [f"{q}:{joint}" for q in ("q", "qd", "qdd") for joint in planner.spacecraft.joint_names]
-    table = np.column_stack([times, made.evaluate(times).reshape(len(times), -1)])
-    with draft_of(out) as draft:
-        np.savetxt(draft, table, "%.12g", ",", header=",".join(["time", *names]), comments="")
+    config = cpid.load_scenario(path).spacecraft
+    craft = config.make()
+    made = simulation.MotionFile(str(motion)).make(craft, config.configuration)
+    simulation.write_joint_table(out, made, craft.joint_names, rate)

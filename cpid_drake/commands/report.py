@@ -50,16 +50,17 @@ def report(
         check_outputs([("--out", out)], inputs, force=force)
         check_folder("--figures", figures, inputs, force=force)
 
-    check([log, result, run, *chosen.files()])
+    simulated = None if run is None else read_run(run)
+    asked = chosen if run is None else chosen.of_run(run)
+    requests = [] if result else [asked.request(log or f"{run}/telemetry.csv")]
+    named = [file for each in requests for file in each.existing_files()]
+    check([log, result, run, *asked.files(), *named])
     console = options.log_console(quiet)
     with console.status("reading") as status:
         if result is not None:
             contents = collect_contents_of_file(result, status.update)
         else:
-            simulated = None if run is None else read_run(run)
-            asked = chosen if run is None else chosen.of_run(run)
-            request = asked.request(log or f"{run}/telemetry.csv")
-            evidence = identify_files([request], status.update)
+            evidence = identify_files(requests, status.update)
             contents = collect_contents(evidence, status.update, simulated)
         page = identification_report(contents, status.update)
         check([log, result, run, *contents.files()])

@@ -5,16 +5,14 @@ from typing import Annotated
 
 from cyclopts import Parameter
 from cyclopts.validators import Number as Within
-from pydrake.systems.framework import Context
 
 from cpid_drake.commands import options
 from cpid_drake.files.drafts import write_text
 from cpid_drake.files.errors import prefix_errors
 from cpid_drake.files.overwriting import check_outputs
 from cpid_drake.files.resources import find_scenario
-from cpid_drake.identification.result import Identification
-from cpid_drake.report.live_view import serve
-from cpid_drake.report.replay import estimate_text, replay_html
+from cpid_drake.report.live_view import open_meshcat, serve
+from cpid_drake.report.replay import estimate_text, simulation_replay
 from cpid_drake.simulation.files import files_of, load_scenario
 from cpid_drake.simulation.limits import check_limits
 from cpid_drake.simulation.simulation import make_simulation
@@ -38,37 +36,18 @@ def view(
         rate: Ratio of simulated to real time in the live view.
 
     """
-    outputs, path = [("--out", out)], find_scenario(scenario)
-    check_outputs(outputs, [path], force=force)
+    path = find_scenario(scenario)
     loaded, console = load_scenario(path), options.log_console(quiet)
-    check_outputs(outputs, files_of(loaded), force=force)
-    duration, estimates = loaded.simulation.duration, list[tuple[float, Identification]]()
+    check_outputs([("--out", out)], [path, *files_of(loaded)], force=force)
     with console.status("reading the model") as status:
         with prefix_errors(scenario):
             simulation = make_simulation(loaded)  # finds errors before a page is opened
             options.print_warnings(check_limits(simulation).exceeded)
         if out is None:
-            meshcat = options.open_meshcat("; Stop is in Open Controls")
-            serve(make_simulation(loaded, meshcat=meshcat), meshcat, rate)
+            serve(simulation, open_meshcat("; Stop is in Open Controls"), rate)
             return
-
-        def record(root_context: Context) -> None:
-            now = root_context.get_time()
-            status.update(f"simulated {now:.1f} of {duration:g} s")
-            if now + 1e-9 >= max(0.25, duration / 60) * (len(estimates) + 1):
-                estimates.append((now, simulation.identification(root_context)))
-
-        context = simulation.run(record)
-        estimates.append((context.get_time(), simulation.identification(context)))
-        page = replay_html(
-            simulation.spacecraft,
-            simulation.motion(context),
-            estimates,
-            truth=simulation.truth,
-            visual_model=loaded.target.visual_model,
-            title=Path(scenario).stem,
-        )
+        page, found = simulation_replay(simulation, Path(scenario).stem, status.update)
     write_text(out, page)
     console.print(f"{out}, {len(page.encode()) / 1e6:.1f} MB")
     if not quiet:
-        print(estimate_text(estimates[-1][1], simulation.truth))
+        print(estimate_text(found, simulation.truth))

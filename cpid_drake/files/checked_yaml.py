@@ -14,7 +14,17 @@ from functools import cache
 from operator import itemgetter
 from pathlib import Path
 from types import UnionType
-from typing import TYPE_CHECKING, Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    TypeVar,
+    Union,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 import numpy as np
 import yaml
@@ -71,6 +81,10 @@ class Numbers:
         return array.astype(float)
 
 
+Vector = Annotated[NDArray[np.float64], Numbers(3)]
+"""Three finite numbers."""
+
+
 @dataclass(frozen=True)
 class InMemory:
     """Annotation of a member that files do not have. It must have a default."""
@@ -116,12 +130,19 @@ def tag_of(kind: type) -> str:
     return f"!{kind.__name__}"
 
 
+_TAGS = set[str]()
+
+
+def tagged(kind: type[Schema]) -> type[Schema]:
+    """Declare that a dataclass has a tag in YAML; see `FirstUnlessTagged`."""
+    _TAGS.add(tag_of(kind))
+    return kind
+
+
 # -- reading -------------------------------------------------------------------------------------
 
 
-def load_yaml(
-    schema: type[Schema], file: Path, where: str, whole: str, tags: tuple[str, ...] = ()
-) -> Schema:
+def load_yaml(schema: type[Schema], file: Path, where: str, whole: str) -> Schema:
     """Read a dataclass from a YAML file; absent keys have their default values.
 
     Args:
@@ -129,26 +150,25 @@ def load_yaml(
         file: the file to read.
         where: the file's name in error messages.
         whole: the file's contents in error messages, such as "a scenario".
-        tags: the YAML tags of the schema; see `FirstUnlessTagged`.
 
     Raises:
         InputError: not YAML, larger than `LARGEST_FILE`, an alias, unknown or repeated keys,
             unknown tags, or values of another type or out of their limits.
 
     """
-    return from_tree(schema, read_yaml(file, where, whole, tags), where, whole)
+    return from_tree(schema, read_yaml(file, where, whole), where, whole)
 
 
-def read_yaml(file: Path, where: str, whole: str, tags: tuple[str, ...] = ()) -> object:
+def read_yaml(file: Path, where: str, whole: str) -> object:
     """Return the tree of a YAML file; the arguments and errors are those of `load_yaml`."""
     with file.open("rb") as stream:
         data = stream.read(LARGEST_FILE + 1)
     if len(data) > LARGEST_FILE:
         raise InputError(f"{where}: larger than {LARGEST_FILE / 1e6:g} MB: not {whole}")
-    return parse_yaml(data, where, tags)
+    return parse_yaml(data, where)
 
 
-def parse_yaml(data: bytes, where: str, tags: tuple[str, ...] = ()) -> object:
+def parse_yaml(data: bytes, where: str) -> object:
     """Return the tree of a YAML text in UTF-8; a tagged mapping becomes `{tag: mapping}`.
 
     Raises:
@@ -156,7 +176,7 @@ def parse_yaml(data: bytes, where: str, tags: tuple[str, ...] = ()) -> object:
 
     """
     try:
-        return _StrictLoader(data.decode("utf-8-sig"), tags).get_single_data()
+        return _StrictLoader(data.decode("utf-8-sig")).get_single_data()
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         place = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
@@ -170,10 +190,6 @@ def parse_yaml(data: bytes, where: str, tags: tuple[str, ...] = ()) -> object:
 
 class _StrictLoader(yaml.SafeLoader):
     """Refuses unknown tags, aliases, and repeated keys, of which other readers use the last."""
-
-    def __init__(self, text: str, tags: tuple[str, ...]) -> None:
-        super().__init__(text)
-        self._tags = tags
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         if self.check_event(yaml.AliasEvent):
@@ -191,8 +207,8 @@ class _StrictLoader(yaml.SafeLoader):
         return {str(key): value for key, value in super().construct_mapping(node, deep).items()}
 
     def construct_tagged(self, tag: str, node: yaml.Node) -> dict[str, Any]:
-        if tag not in self._tags or not isinstance(node, yaml.MappingNode):
-            known = f"the tags of mappings are {', '.join(self._tags) or 'none'}"
+        if tag not in _TAGS or not isinstance(node, yaml.MappingNode):
+            known = f"the tags of mappings are {', '.join(sorted(_TAGS)) or 'none'}"
             raise _at(node, f"unknown tag {tag:.80}; {known}")
         return {tag: self.construct_mapping(node, deep=True)}
 
@@ -287,11 +303,8 @@ def _plain(value: object) -> object:
 # -- writing -------------------------------------------------------------------------------------
 
 
-def dump_yaml(value: Any, tags: tuple[str, ...] = ()) -> str:
-    """Return a dataclass as YAML text that `load_yaml` reads with the same tags.
-
-    Structures of Drake's with `__fields__`, such as `SimulatorConfig`, are written as mappings.
-    """
+def dump_yaml(value: Any) -> str:
+    """Return a dataclass as YAML text that `load_yaml` reads."""
 
     class Dumper(yaml.SafeDumper):
         def ignore_aliases(self, data: object) -> bool:
@@ -303,9 +316,9 @@ def dump_yaml(value: Any, tags: tuple[str, ...] = ()) -> str:
                 return self.represent_sequence(sequence, data.tolist(), flow_style=True)
             if isinstance(data, np.generic):
                 return self.represent_data(data.item())
-            names = [each.name for each in getattr(data, "__fields__", None) or fields(data)]
+            names = [each.name for each in fields(data)]
             tag = tag_of(type(data))
-            tag = tag if tag in tags else "tag:yaml.org,2002:map"
+            tag = tag if tag in _TAGS else "tag:yaml.org,2002:map"
             return self.represent_mapping(tag, {name: getattr(data, name) for name in names})
 
     Dumper.add_multi_representer(object, Dumper.represent_other)

@@ -13,6 +13,9 @@ from uuid import uuid4
 
 from cpid_drake.files.errors import InputError
 
+DRAFT = ".cpid-draft"
+"""Beginning of the names of drafts."""
+
 UNFINISHED = "UNFINISHED"
 """Name of the file in a folder whose files are not all from the same run."""
 
@@ -37,6 +40,8 @@ def draft_of(path: str | Path) -> Iterator[Path]:
             yield draft
             if place.exists():
                 shutil.copymode(place, draft)
+            with draft.open("rb") as file:  # on the disk before it has its name
+                os.fsync(file.fileno())
             draft.replace(place)
         finally:
             draft.unlink(missing_ok=True)
@@ -121,4 +126,4 @@ def write_errors(where: str | Path) -> Iterator[None]:
 
 
 def _draft_name(name: str) -> str:
-    return f".cpid-draft-{uuid4().hex[:12]}-{name[-40:]}"
+    return f"{DRAFT}-{uuid4().hex[:12]}-{name[-40:]}"

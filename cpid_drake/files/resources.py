@@ -8,9 +8,6 @@ from cpid_drake.files.errors import InputError, choose_from
 MODELS_PACKAGE = "cpid_drake_models"
 _DRAKE = "drake"
 
-NOT_A_FILE = "not a file but a pipe or a device; save its contents in a file first"
-"""The problem of an input that could be read without an end."""
-
 
 def models_directory() -> Path:
     """Return the folder of the shipped models: in the package if installed, else the checkout's."""
@@ -81,7 +78,9 @@ def resolve_model(uri: str | Path, folders: Mapping[str, Path] | None = None) ->
     except OSError as error:
         raise InputError(f"{text[:200]}: {error.strerror}") from error
     if not is_file:
-        found = "a folder" if is_folder else NOT_A_FILE if path.exists() else "no such file"
+        found = "a folder" if is_folder else "no such file"
+        if path.exists() and not is_folder:  # it could be read without an end
+            found = "not a file but a pipe or a device; save its contents in a file first"
         raise InputError(f"{text}: {found}" + ("" if path == Path(text) else f" ({path})"))
     return path.resolve()
 

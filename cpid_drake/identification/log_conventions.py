@@ -6,14 +6,35 @@ from dataclasses import replace
 
 import numpy as np
 
+from cpid_drake.dynamics.rows import RELATIVE_ROWS, STANDARD_ROWS
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification import by_rows
 from cpid_drake.identification.arguments import Arguments
 from cpid_drake.identification.by_rows import LEAST_SQUARES, MISFIT
-from cpid_drake.identification.checked_log import CheckedLog
+from cpid_drake.identification.checked_log import CheckedLog, check_log
 from cpid_drake.identification.estimators import with_method
 from cpid_drake.logs.conventions import check_conventions
+from cpid_drake.logs.log import Log
+from cpid_drake.spacecraft.spacecraft import Spacecraft
+
+
+def check_as_read(log: Log, spacecraft: Spacecraft | None) -> CheckedLog:
+    """Return a checked log, with the conventions that it contradicts as it is read.
+
+    Args:
+        log: the log.
+        spacecraft: with its joints; None to check what the log alone shows.
+
+    Raises:
+        InputError: see `check_log`.
+
+    """
+    checked = check_log(spacecraft, log)
+    if spacecraft is None:
+        return checked
+    rows = RELATIVE_ROWS.name, STANDARD_ROWS.name  # without the position, and with it
+    return with_conventions(checked, Arguments(spacecraft), rows)
 
 
 def with_conventions(

@@ -11,7 +11,6 @@ from cpid_drake.files.resources import package_folders, resolve_model
 from cpid_drake.spacecraft.reference import SpacecraftReference
 
 _OPTIONS = {
-    "model": "spacecraft",
     "packages": "package",
     "start": "from",
     "end": "to",
@@ -24,6 +23,32 @@ def log_names(paths: Sequence[str]) -> list[str]:
     """Return the names of logs in results: of their files, or their paths if names are equal."""
     short = [Path(path).name for path in paths]
     return short if len(set(short)) == len(short) else list(paths)
+
+
+def sensors_by_log(entries: Sequence[str], logs: Sequence[str]) -> list[str | None]:
+    """Return the sensors of each log from entries FILE, for all logs, and NAME=FILE, for one.
+
+    Raises:
+        InputError: there is no log of a name, or two entries are for the same logs.
+
+    """
+    own: dict[str, str] = {}
+    names = log_names(logs)
+    for entry in entries:
+        name = next((each for each in names if entry.startswith(f"{each}=")), "")
+        file = entry.removeprefix(f"{name}=") if name else entry
+        if "=" in file and not name and not Path(file).exists():
+            wanted = entry.partition("=")[0]
+            raise InputError(
+                f"--sensors {entry}: there is no log {wanted}; the logs are {', '.join(names)}"
+            )
+        if name in own or not file:
+            raise InputError(
+                f"--sensors {entry}: give one PRESET or YAML for all logs, and one NAME=PRESET or "
+                "NAME=YAML for a log with others"
+            )
+        own[name] = file
+    return [own.get(name) or own.get("") for name in names]
 
 
 @dataclass(frozen=True)
@@ -71,7 +96,8 @@ class Request:
 
     def existing_files(self) -> list[Path]:
         """Return the files that the request names, as far as they exist."""
-        names, paths = (self.spacecraft.model, self.sensors, *self.files().values()), []
+        names = (self.spacecraft.model, self.sensors, self.known_bodies, *self.files().values())
+        paths = list[Path]()
         packages = package_folders(self.spacecraft.packages)
         for name in filter(None, names):
             with suppress(InputError):  # a preset, or a file that was moved

@@ -1,5 +1,5 @@
-from .comparison import reference_motions
-from .pareto import front
+from .comparison import predictions, reference_motions
+from .pareto import front, write_plan
 from .plan_options import PlanOptions
 from .planner import Plan, Planner, load_planner
 
@@ -9,5 +9,7 @@ __all__ = [
     "Planner",
     "front",
     "load_planner",
+    "predictions",
     "reference_motions",
+    "write_plan",
 ]

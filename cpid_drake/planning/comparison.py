@@ -1,11 +1,14 @@
-"""Motions to compare a plan with."""
+"""Motions to compare a plan with, and what to expect of each."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from cpid_drake.dynamics.joint_motion import HalfCosine, JointMotion
 from cpid_drake.planning.planner import Planner
+from cpid_drake.planning.prediction import Prediction
+from cpid_drake.simulation.trials import fit_errors
 
 
 def reference_motions(planner: Planner) -> Iterator[tuple[str, JointMotion]]:
@@ -35,3 +38,33 @@ def reference_motions(planner: Planner) -> Iterator[tuple[str, JointMotion]]:
             yield f"{name}, beyond limits", family.make(full)
         else:
             yield name, plan.motion
+
+
+def predictions(
+    planner: Planner,
+    motions: Mapping[str, JointMotion],
+    trials: int = 0,
+    progress: Callable[[str], None] = lambda step: None,
+) -> dict[str, Prediction]:
+    """Return what is expected of motions with the first of the plausible targets.
+
+    Args:
+        planner: the planner of the scenario.
+        motions: the motions, by name.
+        trials: number of noisy logs that are simulated and identified for each motion.
+        progress: called after every trial with a short description.
+
+    """
+    found = {}
+    for name, motion in motions.items():
+        case, errors = planner.case(motion, planner.targets[0]), []
+        world = replace(case, suite=case.suite.exact())
+        for number, error in enumerate(fit_errors(world, planner.spacecraft, trials), start=1):
+            errors.append(error)
+            progress(f"{name}: {number} of {trials} trials")
+        found[name] = replace(
+            planner.predict(motion, planner.targets[0]),
+            usage=planner.usage(motion)[0],
+            errors=np.reshape(errors, (-1, 10)),
+        )
+    return found

@@ -61,7 +61,7 @@ class MotionFamily:
                 f"{1 / self.duration:.3g} and {MOST_FUNCTIONS / 2 / self.duration:.3g} Hz, not "
                 f"{self.frequency:g} Hz"
             )
-        least = self._room(self.times).min(axis=(0, 1))
+        least = self._room.min(axis=(0, 1))
         if least.min() <= 0:
             derivative, joint = np.argwhere(least <= 0)[0]
             raise InputError(
@@ -125,8 +125,7 @@ class MotionFamily:
         """For each joint that moves, A (Q, F) and b (Q,) of its finite limits A x ≤ b, b > 0."""
         phi, found = self.functions(self.times)[1:-1].reshape(-1, self.count), []
         for joint in self.moving:
-            room = self._room(self.times)[:, 1:-1, :, joint].reshape(2, -1)
-            A, b = np.concatenate([-phi, phi]), room.ravel()
+            A, b = np.concatenate([-phi, phi]), self._room[:, 1:-1, :, joint].ravel()
             kept = np.isfinite(b) & (np.abs(A).sum(axis=1) > 1e-9)
             found.append((A[kept], b[kept]))
         return found
@@ -164,7 +163,8 @@ class MotionFamily:
         """Return positions, rates and accelerations (M, 3, J) of the known part."""
         return self.make(np.zeros(self.shape)).evaluate(times)
 
-    def _room(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (2, M, 3, J) what the known part leaves of the lower and the upper limits."""
-        known = self._known(times)
+    @cached_property
+    def _room(self) -> NDArray[np.float64]:
+        """(2, M, 3, J) what the known part leaves of the lower and the upper limits."""
+        known = self._known(self.times)
         return np.stack([known - self.bounds[0], self.bounds[1] - known])

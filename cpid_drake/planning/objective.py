@@ -7,7 +7,6 @@ Parameters are compared in units of their scale: the mass, a length for the cent
 trace of the inertia; see `parameterizations.parameter_scale`.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -21,9 +20,9 @@ from cpid_drake.dynamics.parameterizations import (
     relative_parameterization,
 )
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.dynamics.tree import KinematicTree
+from cpid_drake.estimation.unknowns import Model
 from cpid_drake.planning.base_motion import PlannedBaseMotion, known_instants, smooth_peak
-from cpid_drake.planning.information import InformationModel
+from cpid_drake.planning.information import covariance
 from cpid_drake.planning.motion_family import MotionFamily
 
 DIFFERENCE_STEP = 1e-6
@@ -36,8 +35,7 @@ class Objective:
     """The criterion of a family's motions for plausible targets, and what they need.
 
     Attributes:
-        tree: the spacecraft model.
-        model: the information that its sensors give.
+        model: the spacecraft model with its sensors.
         momentum: the total momentum, marked as unknown if it is estimated.
         family: the motions.
         times: (N,) nodes that resolve them [s].
@@ -50,8 +48,7 @@ class Objective:
 
     """
 
-    tree: KinematicTree
-    model: InformationModel
+    model: Model
     momentum: TotalMomentum
     family: MotionFamily
     times: NDArray[np.float64]
@@ -67,15 +64,15 @@ class Objective:
 
         The d parameters are those on which the motion depends; σ are in units of the scale.
         """
-        known = known_instants(self.tree, self.family.samples(parameters, self.times))
-        form, found = relative_parameterization(self.tree.mass), []
+        known = known_instants(self.model.tree, self.family.samples(parameters, self.times))
+        form, found = relative_parameterization(self.model.tree.mass), []
         for target in self.targets:
             psi = form.from_parameters(target)
             jacobian = form.jacobian(psi)
             motion = PlannedBaseMotion.of(self.times, known, self.momentum, psi)
             prior = jacobian.T @ self.information @ jacobian
-            covariance = jacobian @ self.model.covariance(motion, prior) @ jacobian.T
-            sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+            of_target = jacobian @ covariance(self.model, motion, prior) @ jacobian.T
+            sigma = np.sqrt(np.diagonal(of_target, axis1=1, axis2=2))
             scale = parameter_scale(target, SCALE_LENGTH)
             found.append((sigma / scale)[:, self._determined])
         return np.stack(found, axis=1) * self.weights[:, None]
@@ -89,8 +86,8 @@ class Objective:
             samples: (N, B, 2, J) positions and rates of the joints at the nodes.
 
         """
-        known, found = known_instants(self.tree, samples), []
-        form = relative_parameterization(self.tree.mass)
+        known, found = known_instants(self.model.tree, samples), []
+        form = relative_parameterization(self.model.tree.mass)
         for target in self.demanding:
             psi = form.from_parameters(target)
             motion = PlannedBaseMotion.of(self.times, known, self.momentum, psi)
@@ -98,15 +95,11 @@ class Objective:
             shares = [lengths[name] / limit for name, limit in self.limits.items()]
             if np.isfinite(self.efforts).any():
                 phi = parameters_to_standard(target)
-                efforts = np.abs(motion.efforts(self.tree, samples, phi)) / self.efforts
+                efforts = np.abs(motion.efforts(self.model.tree, samples, phi)) / self.efforts
                 shares += [*np.moveaxis(efforts[..., np.isfinite(self.efforts)], -1, 0)]
             found.append([smooth_peak(share) for share in shares])
         count = len(self.limits) + np.count_nonzero(np.isfinite(self.efforts))
         return np.moveaxis(np.reshape(found, (len(found), count, samples.shape[1])), -1, 0)
-
-    def with_limits(self, limits: Mapping[str, float]) -> "Objective":
-        """Return the objective with further limits of the base's motion, by name."""
-        return replace(self, limits={**self.limits, **limits})
 
     def weighted(self, largest: NDArray[np.float64]) -> "Objective":
         """Return the objective in which all targets count alike.
@@ -139,4 +132,4 @@ class Objective:
     @property
     def _determined(self) -> NDArray[np.intp]:
         """Places in π of the parameters on which the motion depends."""
-        return np.concatenate([np.arange(4), 4 + TENSOR_ORDER])[self.tree.unknowns]
+        return np.concatenate([np.arange(4), 4 + TENSOR_ORDER])[self.model.tree.unknowns]

@@ -2,56 +2,49 @@
 
 from dataclasses import dataclass
 from math import inf
-from typing import Annotated
-
-from cyclopts import Group, Parameter
 
 from cpid_drake.files.errors import InputError
 
-_MOVES = Group.create_ordered("The motion")
-_MOTION = Parameter(group=_MOVES, metavar="NUMBER")
-_LIMITS = Parameter(group=Group.create_ordered("Limits"), metavar="NUMBER")
-_SEARCH = Parameter(group=Group.create_ordered("The search"), metavar="COUNT")
 _MAY_BE_ZERO = ("opportunistic", "seed", "clearance")
 
 
 @dataclass(frozen=True)
 class PlanOptions:
-    """The choices; their groups and texts are those of the options of `cpid plan`.
+    """The choices; their texts are those of the options of `cpid plan`.
 
     Raises:
         InputError: a number is not positive; both a duration and more time are given.
 
     """
 
-    duration: Annotated[float | None, _MOTION] = None
+    duration: float | None = None
     """Duration [s]. Default: that of the scenario's motion."""
-    opportunistic: Annotated[float, _MOTION] = 0.0
+    opportunistic: float = 0.0
     """Plan the transfer of the scenario to be as informative as possible, with at most this many
     more seconds than the scenario's motion takes [s]."""
-    frequency: Annotated[float, _MOTION] = 0.4
+    frequency: float = 0.4
     """Highest frequency; arms of spacecraft are slow [Hz]."""
-    joint: Annotated[list[str] | None, Parameter(group=_MOVES, metavar="NAME")] = None
+    joint: list[str] | None = None
     """Joint that moves; may be repeated. Default: all but wheels."""
-    rate_share: Annotated[float, _LIMITS] = 0.95
+    rate_share: float = 0.95
     """Share of the model's rate limits that may be used."""
-    acceleration: Annotated[float, _LIMITS] = inf
+    acceleration: float = inf
     """Largest acceleration of the joints [rad/s² or m/s²]. Default: any."""
-    clearance: Annotated[float, _LIMITS] = 0.05
+    clearance: float = 0.05
     """Smallest distance of bodies that are not neighbours [m]."""
-    base_attitude: Annotated[float, _LIMITS] = inf
+    base_attitude: float = inf
     """Largest rotation of the base [deg]. Default: any."""
-    base_rate: Annotated[float, _LIMITS] = inf
+    base_rate: float = inf
     """Largest angular rate of the base [deg/s]. Default: any."""
-    base_displacement: Annotated[float, _LIMITS] = inf
+    base_displacement: float = inf
     """Largest displacement of the base's origin [m]. Default: any."""
-    targets: Annotated[int, _SEARCH] = 8
+    targets: int = 8
     """Number of plausible targets; the least favourable one counts."""
-    candidates: Annotated[int, _SEARCH] = 2000
+    candidates: int = 2000
     """Motions of the global search."""
-    iterations: Annotated[int, _SEARCH] = 60
+    iterations: int = 60
     """Iterations of the gradient method."""
-    seed: Annotated[int, _SEARCH] = 1
+    seed: int = 1
     """Seed; the same seed, the same motions."""
 
     def __post_init__(self) -> None:

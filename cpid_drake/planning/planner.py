@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -12,21 +12,21 @@ from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import JointMotion, Spline
 from cpid_drake.estimation.one_thread import one_thread
+from cpid_drake.estimation.unknowns import Model
 from cpid_drake.files.errors import InputError, choose_from
 from cpid_drake.identification.prior import TargetPrior, load_prior
 from cpid_drake.planning.base_motion import BASE_LIMITS
-from cpid_drake.planning.information import InformationModel
 from cpid_drake.planning.motion_family import QUANTITIES, MotionFamily
 from cpid_drake.planning.objective import Objective
 from cpid_drake.planning.plan_options import PlanOptions
-from cpid_drake.planning.prediction import MotionSetting
-from cpid_drake.planning.search import Distances, candidates, improved
+from cpid_drake.planning.prediction import Prediction, loads_of
+from cpid_drake.planning.search import Excess, candidates, distance_excess, improved
 from cpid_drake.planning.targets import plausible_targets, prior_information
 from cpid_drake.sensors.presets import load_sensors
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.simulation.files import load_scenario
-from cpid_drake.simulation.joint_motions import MotionFile, dump_motion
 from cpid_drake.simulation.schema import Scenario
+from cpid_drake.simulation.trials import Case, make_case
 from cpid_drake.spacecraft.clearance import Clearance
 
 NODES_PER_PERIOD = 8.0
@@ -101,7 +101,6 @@ class Planner:
     def __post_init__(self) -> None:
         self.spacecraft = self.scenario.spacecraft.make()
         self.own_motion: JointMotion = self.scenario.make_joint_motion(self.spacecraft)
-        self.setting = MotionSetting.of(self.scenario, self.spacecraft, self.suite)
         if self.prior is None:
             self.notes.append(
                 "the mass properties of the scenario's target are not used, but those of plausible "
@@ -128,23 +127,19 @@ class Planner:
             names, start, end, np.array(moving), duration, bounds, options.frequency
         )
 
-    def load_motion(self, file: str | Path) -> JointMotion:
-        """Return the motion in a YAML file, such as another plan's.
+    def case(self, motion: JointMotion, parameters: NDArray[np.float64]) -> Case:
+        """Return a motion with a target of parameters π (10,), as the inputs of a trial."""
+        target = InertialParameters.from_vector(parameters)
+        return replace(self._own_case, truth=target, motion=motion, duration=motion.duration)
 
-        Raises:
-            InputError: no such file, or no motion of this spacecraft.
+    @cached_property
+    def _own_case(self) -> Case:
+        first = InertialParameters.from_vector(self.targets[0])
+        return make_case(self.scenario, self.spacecraft, first, self.suite, self.options.seed)
 
-        """
-        return MotionFile(str(file)).make(self.spacecraft, self.scenario.spacecraft.configuration)
-
-    def describe(self, plan: "Plan", scenario: str) -> str:
-        """Return a plan for this scenario's name as the YAML text of a motion."""
-        return (
-            f"# `cpid plan motion {scenario}` for {len(self.targets)} plausible targets.\n"
-            f"# The largest σ, weighted over these targets, is {plan.score:.4g} in units of "
-            "the scale. Units of this file: rad, m, s, Hz.\n\n"
-            f"{dump_motion(self.family.declare(plan.parameters))}"
-        )
+    def predict(self, motion: JointMotion, parameters: NDArray[np.float64]) -> Prediction:
+        """Return what is expected of a motion with a target of parameters π (10,)."""
+        return Prediction.of(self.case(motion, parameters), self.spacecraft)
 
     def plausible(self, count: int, seed: int, *, heaviest: bool = False) -> NDArray[np.float64]:
         """Return π (T, 10) of plausible targets of this spacecraft; see `plausible_targets`."""
@@ -165,30 +160,33 @@ class Planner:
         return np.concatenate([self.targets, heavy])
 
     @cached_property
-    def distances(self) -> Distances | None:
-        """The distances, unless the model has no geometry for them."""
+    def clearance(self) -> Clearance | None:
+        """The distances between bodies, unless the model has no geometry for them."""
         first = InertialParameters.from_vector(self.targets[0])
-        look = self.scenario.target.visual_model
         try:
-            clearance = Clearance(self.spacecraft, first, look)
-            clearance.penalties(self.family.start[None], self.options.clearance)
+            found = Clearance(self.spacecraft, first, self.scenario.target.visual_model)
+            found.penalties(self.family.start[None], self.options.clearance)
         except InputError as error:
             self.notes.append(f"distances are not checked: {error}")
             return None
-        return Distances(clearance, self.family, self.options.clearance)
+        return found
+
+    def _distances(self) -> Excess | None:
+        if self.clearance is None:
+            return None
+        clearance, family, least = self.clearance, self.family, self.options.clearance
+        return partial(distance_excess, clearance=clearance, family=family, least=least)
 
     @cached_property
     def objective(self) -> Objective:
         """The criterion, with weights of one and the limits for all checked targets."""
         craft, family, options = self.spacecraft, self.family, self.options
-        first = InertialParameters.from_vector(self.targets[0])
         nodes = max(int(np.ceil(NODES_PER_PERIOD * options.frequency * family.duration)), 4)
         rotation, rate = np.radians([options.base_attitude, options.base_rate]).tolist()
         limits = (rotation, rate, options.base_displacement)
         return Objective(
-            craft.tree.lumped,
-            InformationModel(craft.tree, self.suite),
-            self.setting.momentum(first, family.start),
+            Model(craft.tree, self.suite),
+            self._own_case.total_momentum(craft.tree),
             family,
             np.linspace(0.0, family.duration, nodes + 1),
             self.targets,
@@ -202,18 +200,16 @@ class Planner:
     def run(self, progress: Callable[[str, float], None] = lambda what, best: None) -> Plan:
         """Search; return the best motion that keeps all limits.
 
-        An interrupt leaves the best motion so far in `best`.
-
-        Args:
-            progress: called with the present step in words and the best criterion so far.
+        An interrupt leaves the best motion so far in `best`. `progress` is called with the present
+        step in words and the best criterion so far.
 
         Raises:
             InputError: no motion that is found keeps the limits.
 
         """
         order = self.ranked(self.options.candidates, progress)
-        near, kept = self.distances, order[:200]
-        start = next((x for x in kept if near is None or near.excess(x)[0].max() <= 0), order[0])
+        near, kept = self._distances(), order[:200]
+        start = next((x for x in kept if near is None or near(x)[0].max() <= 0), order[0])
         seen = [start]
 
         def see(parameters: NDArray[np.float64], score: float) -> None:
@@ -239,11 +235,6 @@ class Planner:
         """Return random motions (count, F, K) within the limits of joints, the best first.
 
         They determine the weights of the targets.
-
-        Args:
-            count: number of motions.
-            progress: see `run`.
-
         """
         drawn, sigmas = candidates(self.family, count, self.options.seed), []
         for batch in np.array_split(drawn, count // 64 + 1):
@@ -264,13 +255,7 @@ class Planner:
 
         Limits must hold for all checked targets. They are imposed for those that need the most and
         at least nine tenths of a limit, and further ones are added several times (exchange method,
-        Blankenship and Falk 1976).
-
-        Args:
-            start: the parameters to begin with.
-            iterations: largest number.
-            seen: see `search.improved`.
-
+        Blankenship and Falk 1976). The arguments are those of `search.improved`.
         """
         objective, demanding = self.objective, set[int]()
         for _ in range(EXCHANGES):
@@ -280,7 +265,7 @@ class Planner:
             demanding |= set(chosen.tolist())
             imposed = replace(objective, demanding=self.checked_targets[sorted(demanding)])
             count = max(iterations // EXCHANGES, 1)
-            start = improved(imposed, self.distances, start, count, seen)
+            start = improved(imposed, self._distances(), start, count, seen)
         return start
 
     def consider(self, parameters: NDArray[np.float64]) -> Plan | None:
@@ -321,15 +306,14 @@ class Planner:
             found |= {f"{what} of {name}": x for name, x in zip(names, row.tolist(), strict=True)}
         shares = self.objective.shares(motion.evaluate(self.objective.times)[:, None, :2])
         most = np.argsort(shares[0].max(axis=1, initial=0.0), kind="stable")[-CHECKED_IN_DRAKE:]
-        needed = self.setting.needs(motion, self.checked_targets[most])
-        efforts, lengths = (each.max(axis=0) for each in needed)
+        cases = [self.case(motion, target) for target in self.checked_targets[most]]
+        efforts, lengths = (each.max(axis=0) for each in loads_of(cases, self.spacecraft))
         torque = efforts / self.spacecraft.limits.efforts
         found |= {f"torque of {name}": x for name, x in zip(names, torque.tolist(), strict=True)}
         for name, length in zip(BASE_LIMITS, lengths.tolist(), strict=True):
             found[name] = length / self.objective.limits.get(name, np.inf)
-        if self.distances is not None:
-            positions = motion.evaluate(motion.instants())[:, 0]
-            near = self.distances.clearance.approaches(positions)
+        if self.clearance is not None:
+            near = self.clearance.approaches(motion.evaluate(motion.instants())[:, 0])
             least = near[0].distance if near else np.inf
             found["distance"] = self.options.clearance / least if least > 0 else np.inf
         return found, float(lengths[0])
@@ -341,9 +325,7 @@ def load_planner(
     """Return the planner of a scenario's file.
 
     Args:
-        path: the file.
         sensors: a preset or a file; None for the scenario's, else "flight".
-        options: the choices of the user.
         prior: file about the target, see `identification.prior.load_prior`; default: none.
 
     Raises:

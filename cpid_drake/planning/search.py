@@ -16,6 +16,9 @@ from cpid_drake.planning.motion_family import MotionFamily
 from cpid_drake.planning.objective import Objective
 from cpid_drake.spacecraft.clearance import Clearance
 
+Excess = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
+"""Values of a motion (F, K) that must not be positive, and their derivatives."""
+
 DISTANCE_MARGIN = 0.01
 """Distance that is imposed beyond the smallest one, for the motion between the poses [m]."""
 
@@ -36,37 +39,25 @@ def candidates(family: MotionFamily, count: int, seed: int) -> NDArray[np.float6
     return np.asarray(directions * (share / family.usage(directions))[:, None])
 
 
-class Distances:
-    """Distances of bodies that are not neighbours during a family's motions.
+def distance_excess(
+    parameters: NDArray[np.float64], clearance: Clearance, family: MotionFamily, least: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return how much a motion (F, K) exceeds limits of distance, and the derivatives.
 
-    Args:
-        clearance: of the spacecraft with a target of known shape.
-        family: the motions.
-        least: smallest distance [m].
-
+    The values (Q,) are at most zero where bodies that are not neighbours keep the smallest distance
+    [m] with a margin; their derivatives are (Q, F K).
     """
-
-    def __init__(self, clearance: Clearance, family: MotionFamily, least: float) -> None:
-        self.clearance, self.family, self.least = clearance, family, least
-        self._times = family.times[2:-1:2]  # arms move centimetres between them
-
-    def excess(
-        self, parameters: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return values (Q,) of a motion (F, K) and their derivatives (Q, F K).
-
-        They are at most zero where the distances are kept with a margin.
-        """
-        positions = self.family.make(parameters).evaluate(self._times)[:, 0]
-        values, by_position = self.clearance.penalties(positions, self.least + DISTANCE_MARGIN)
-        phi = self.family.functions(self._times)[:, 0]
-        slopes = phi[:, :, None] * by_position[:, None, self.family.moving]
-        return values - 1, slopes.reshape(len(values), -1)
+    times = family.times[2:-1:2]  # arms move centimetres between them
+    positions = family.make(parameters).evaluate(times)[:, 0]
+    values, by_position = clearance.penalties(positions, least + DISTANCE_MARGIN)
+    phi = family.functions(times)[:, 0]
+    slopes = phi[:, :, None] * by_position[:, None, family.moving]
+    return values - 1, slopes.reshape(len(values), -1)
 
 
 def improved(
     objective: Objective,
-    distances: Distances | None,
+    distances: Excess | None,
     start: NDArray[np.float64],
     iterations: int,
     seen: Callable[[NDArray[np.float64], float], None] = lambda parameters, score: None,
@@ -77,14 +68,14 @@ def improved(
 
     Args:
         objective: the criterion, with limits of efforts and of the base's motion.
-        distances: the distances to keep; None for any.
-        start: the motion to improve.
-        iterations: largest number.
+        distances: see `distance_excess`; None for any.
+        start: (F, K) the motion to improve.
+        iterations: their largest number.
         seen: called with the parameters and the criterion after each iteration.
 
     """
     A, b = objective.family.inequalities()
-    sigmas = len(objective.targets) * len(objective.tree.unknowns)
+    sigmas = len(objective.targets) * len(objective.model.tree.unknowns)
     known: dict[bytes, NDArray[np.float64]] = {}
 
     def parameters(z: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -96,13 +87,13 @@ def improved(
         key = x.tobytes()
         if key not in known:
             known.clear()
-            far = np.empty(0) if distances is None else distances.excess(x)[0]
+            far = np.empty(0) if distances is None else distances(x)[0]
             known[key] = np.concatenate([objective.values(x[None])[0], far])
         return known[key]
 
     def slopes(z: NDArray[np.float64]) -> NDArray[np.float64]:
         x = parameters(z)
-        far = np.empty((0, x.size)) if distances is None else distances.excess(x)[1]
+        far = np.empty((0, x.size)) if distances is None else distances(x)[1]
         rows = np.concatenate([objective.evaluate(x)[1], far])
         by_t = np.repeat([1.0, 0.0], [sigmas, len(rows) - sigmas])
         return np.column_stack([-rows, by_t])

@@ -1,6 +1,6 @@
 from .page import Report, Section, Table
 from .pages.study import study_report
-from .plan import motion_table, plan_pictures, rank_correlation
+from .plan import motion_table, rank_correlation, save_plan
 from .terminal import print_table, print_tables
 
 __all__ = [
@@ -8,9 +8,9 @@ __all__ = [
     "Section",
     "Table",
     "motion_table",
-    "plan_pictures",
     "print_table",
     "print_tables",
     "rank_correlation",
+    "save_plan",
     "study_report",
 ]

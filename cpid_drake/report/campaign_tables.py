@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 from matplotlib.axes import Axes
 
-from cpid_drake.campaign.statistics import Statistics, Tally, interval, verdict
+from cpid_drake.campaign.statistics import CONFIDENCE, Statistics, Tally, clopper_pearson, verdict
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.files.digits import significant
 from cpid_drake.files.pictures import COLORS, INK, WIDE, Picture, label_axes, legend_below
@@ -189,7 +189,8 @@ def _coverage(tally: Tally) -> str:
     if not known:
         return "–"
     # The parameters of a trial are not independent: as many as there are trials are counted.
-    low, high = interval(inside / known * tally.good, tally.good)
+    count = inside / known * tally.good
+    low, high = clopper_pearson(count, tally.good, (1 - CONFIDENCE) / 2)
     return f"{100 * inside / known:.0f} % ({100 * low:.0f}–{100 * high:.0f})"
 
 

@@ -1,39 +1,77 @@
-"""A description of a telemetry file in words."""
+"""A description of a telemetry file in words: its contents, its problems, what was not checked."""
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 
-from cpid_drake.logs.channels import Channel
+from cpid_drake.files.errors import InputError
+from cpid_drake.identification.checked_log import left_out_warnings
+from cpid_drake.identification.checks import label_of
+from cpid_drake.identification.log_conventions import check_as_read
+from cpid_drake.logs.channels import Channel, look_at
+from cpid_drake.logs.conventions import Findings
 from cpid_drake.logs.conversion import LogFile
-from cpid_drake.logs.score import Comparison
-from cpid_drake.sensors.sensors import SENSORS
+from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 HEADS = ("channel", "rows", "rate", "longest gap", "use", "found")
 
+_SHOWN = 100  # problems of a file that are listed; more of them say nothing new
 
-def contents(
-    found: LogFile, where: str, channels: Sequence[Channel], comparisons: Sequence[Comparison] = ()
-) -> list[str]:
-    """Return lines on the contents of a file: times, joints, and the table of channels.
 
-    Then follows how much of the motion each comparison of its quantities leaves unexplained.
+def checked_contents(
+    found: LogFile, where: str, spacecraft: Spacecraft | None
+) -> tuple[list[str], int]:
+    """Return lines on a log's file, and how many problems it has.
+
+    Args:
+        found: the file.
+        where: its name.
+        spacecraft: with the joints of the log; None to check what the log alone shows.
+
     """
+    rejected, failures, said = Counter(found.partial), list[str](), Findings()
+    warnings = left_out_warnings(found.left_out_joints)
+    try:
+        checked = check_as_read(found.log, spacecraft)
+    except InputError as error:
+        failures, seen = [str(error)], look_at(found.log)
+        warnings, channels = [*warnings, *seen.warnings], seen.table
+    else:
+        failures, said, channels = [*checked.failures], checked.conventions, checked.channels
+        warnings += checked.warnings
+        rejected += Counter(checked.rejected)
+    warnings += [f"unusable samples of {label_of(name)}: {n}" for name, n in rejected.items()]
+    unchecked = [*said.unchecked, *said.not_compared]
+    if failures and not said.comparisons:
+        unchecked.append("units, signs and frames: nothing was compared, because of the errors")
+    lines = [*_contents(found, where, channels), *(f"  {each.text}" for each in said.comparisons)]
+    lines += [f"warning: {warning}" for warning in warnings]
+    lines += [f"error: {problem}" for problem in [*found.problems[:_SHOWN], *failures]]
+    if len(found.problems) > _SHOWN:
+        lines.append(f"... and {len(found.problems) - _SHOWN} more")
+    lines += [f"not checked: {text}" for text in unchecked]
+    count = len(found.problems) + len(failures)
+    if not count:
+        counts = f"no errors; warnings: {len(warnings)}, not checked: {len(unchecked)}"
+        lines.append(counts if warnings or unchecked else "no problems found")
+    return lines, count
+
+
+def _contents(found: LogFile, where: str, channels: Sequence[Channel]) -> Iterator[str]:
+    """Yield lines on times, joints, channels, and columns that are not used."""
     log, (first, last) = found.log, found.log.interval
-    times = f", {first:.6g} to {last:.6g} s" if first <= last else ""
-    lines = [f"{where}: {found.row_count} rows{times}"]
+    yield f"{where}: {found.row_count} rows" + (
+        f", {first:.6g} to {last:.6g} s" if first <= last else ""
+    )
     joints = log.joint_names
-    lines.append(f"  {len(joints)} joints: {', '.join(joints)}" if joints else "  no joints")
+    yield f"  {len(joints)} joints: {', '.join(joints)}" if joints else "  no joints"
     rows = [HEADS, *(channel.cells for channel in channels)]
     widths = [max(len(row[k]) for row in rows) for k in range(len(HEADS) - 1)]
     for row in rows:
         padded = [cell.ljust(width) for cell, width in zip(row, widths)]
-        lines.append("  " + "  ".join([*padded, row[-1]]))
+        yield "  " + "  ".join([*padded, row[-1]])
     if len(log.thrust):
-        lines.append(f"  thrust: {len(log.thrust)} rows, each holds until the next")
+        yield f"  thrust: {len(log.thrust)} rows, each holds until the next"
     for name, count in found.partial.items():
-        label = SENSORS[name].quantity if name in SENSORS else name
-        lines.append(f"  {count} samples of {label} are there in part only, and not used")
+        yield f"  {count} samples of {label_of(name)} are there in part only, and not used"
     if found.ignored:
-        lines.append(f"  ignored columns: {', '.join(found.ignored[:20])}")
-    for each in comparisons:
-        lines.append(f"  {each.text}")
-    return lines
+        yield f"  ignored columns: {', '.join(found.ignored[:20])}"

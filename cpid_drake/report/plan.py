@@ -2,18 +2,21 @@
 
 from collections.abc import Mapping, Sequence
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
 from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from cpid_drake.files.digits import significant
-from cpid_drake.files.pictures import Picture, curves, label_axes, legend_below
-from cpid_drake.planning.prediction import MotionSetting, Prediction
+from cpid_drake.files.drafts import draft_of
+from cpid_drake.files.pictures import Picture, curves, label_axes, legend_below, save_pictures
+from cpid_drake.planning.planner import Planner
+from cpid_drake.planning.prediction import Prediction
 from cpid_drake.report.page import Table
+from cpid_drake.simulation.trials import motions_of
 
 LEGEND = (
     "σ: Cramér-Rao bound with all errors that the sensors' file and the spacecraft's uncertainty "
@@ -38,7 +41,7 @@ def motion_table(found: Mapping[str, Prediction], title: str) -> Table:
     rows["rotation of the base, deg"] = [np.degrees(each.base_rotation) for each in columns]
     rows["its rate, deg/s"] = [np.degrees(each.base_rate) for each in columns]
     rows["its displacement, m"] = [each.base_displacement for each in columns]
-    rows["largest share of a limit"] = [each.usage for each in columns]
+    rows["largest share of a limit"] = [max(each.usage.values()) for each in columns]
     if any(len(each.errors) for each in columns):
         rows["worst error of fits, %"] = [100 * each.realised for each in columns]
         rows["fits that failed"] = [np.isnan(each.errors).any(axis=1).sum() for each in columns]
@@ -52,35 +55,38 @@ def rank_correlation(found: Mapping[str, Prediction]) -> float:
     return float(spearmanr(pairs[np.isfinite(pairs).all(axis=1)]).statistic)
 
 
-def plan_pictures(
-    setting: MotionSetting,
+def save_plan(
+    path: Path,
+    planner: Planner,
     motions: Mapping[str, JointMotion],
-    predictions: Mapping[str, Prediction],
-    target: NDArray[np.float64],
-) -> list[Picture]:
-    """Return the pictures of a plan: σ of each parameter, the rotation of the base, and the joints.
+    found: Mapping[str, Prediction],
+) -> None:
+    """Draw a plan, PNG or SVG: σ of each parameter, the rotation of the base, and the joints.
 
-    Args:
-        setting: spacecraft and sensors.
-        motions: the motions by name, the plan's last.
-        predictions: the predictions for them.
-        target: (10,) π of the assumed target.
+    The motions are by name, the plan's last; `predictions` makes what is found. The first plausible
+    target is assumed.
+
+    Raises:
+        InputError: the file cannot be written.
 
     """
     *_, plan = motions.values()
     times = np.linspace(0.0, plan.duration, 301)
     joints, rotations = plan.evaluate(times), []
     for motion in motions.values():
-        [moved] = setting.telemetries(motion, target[None], times)
+        case = planner.case(motion, planner.targets[0])
+        [moved] = motions_of([case], planner.spacecraft.tree, planner.spacecraft.joint_names, times)
         cosine = np.clip(np.abs(moved.quaternion_WB @ moved.quaternion_WB[0]), 0, 1)
         rotations.append(np.degrees(2 * np.arccos(cosine)))
-    rotation, names = np.transpose(rotations), setting.spacecraft.joint_names
-    return [
-        Picture("predicted σ", partial(_draw_sigma, predictions), _SIZE),
+    rotation, names = np.transpose(rotations), planner.spacecraft.joint_names
+    pictures = [
+        Picture("predicted σ", partial(_draw_sigma, found), _SIZE),
         curves("Rotation of the base", times, rotation, "deg", [*motions], size=_SIZE),
         curves("Positions", times, joints[:, 0], "rad or m", names, size=_SIZE),
         curves("Rates", times, joints[:, 1], "rad/s or m/s", names, size=_SIZE),
     ]
+    with draft_of(path) as draft:
+        save_pictures(draft, path.suffix[1:], pictures, 2)
 
 
 def _draw_sigma(predictions: Mapping[str, Prediction], axes: Axes) -> None:

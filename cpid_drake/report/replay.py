@@ -1,11 +1,12 @@
 """A motion with the estimates over time: one HTML file with a recording, that plays offline."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from pydrake.geometry import StartMeshcat
+from pydrake.systems.framework import Context
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.motion import Motion
@@ -20,6 +21,7 @@ from cpid_drake.logs.screening import screen
 from cpid_drake.logs.smoothing import smooth
 from cpid_drake.report.scene import Scene
 from cpid_drake.sensors.suite import SensorSuite
+from cpid_drake.simulation.simulation import Simulation
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.scene_page import estimate_lines, scene_html
 from cpid_drake.systems.scene_visualizer import FRAME_PERIOD
@@ -70,6 +72,37 @@ def replay_html(
     return scene_html(meshcat, steps, title=title, zero=zero)
 
 
+def simulation_replay(
+    simulation: Simulation, title: str, progress: Callable[[str], None] = lambda step: None
+) -> tuple[str, Identification]:
+    """Run a simulation; return its replay as a page, and the estimate at its end.
+
+    Raises:
+        InputError: the simulation fails.
+
+    """
+    scenario, estimates = simulation.scenario, list[tuple[float, Identification]]()
+    end = scenario.simulation.duration
+
+    def record(root_context: Context) -> None:
+        now = root_context.get_time()
+        progress(f"simulated {now:.1f} of {end:g} s")
+        if now + 1e-9 >= max(0.25, end / 60) * (len(estimates) + 1):
+            estimates.append((now, simulation.identification(root_context)))
+
+    context = simulation.run(record)
+    estimates.append((context.get_time(), simulation.identification(context)))
+    page = replay_html(
+        simulation.spacecraft,
+        simulation.motion(context),
+        estimates,
+        truth=simulation.truth,
+        visual_model=scenario.target.visual_model,
+        title=title,
+    )
+    return page, estimates[-1][1]
+
+
 def estimate_text(found: Identification, truth: InertialParameters | None = None) -> str:
     """Return an estimate as short lines of text, with half-widths of 95 % intervals."""
     lines = [f"from {found.sample_count} samples"]
@@ -83,19 +116,25 @@ def estimate_text(found: Identification, truth: InertialParameters | None = None
     return "\n".join(lines)
 
 
-def motion_of(log: Log, spacecraft: Spacecraft, sensors: SensorSuite | None) -> Motion:
+def motion_of(
+    log: Log,
+    spacecraft: Spacecraft,
+    sensors: SensorSuite | None,
+    longest: float = LONGEST_REPLAY,
+) -> Motion:
     """Return the motion at the beginning of a log: its complete samples, else smoothed ones.
 
     Args:
         log: the samples.
         spacecraft: with the joints of the log.
         sensors: their errors; None estimates them.
+        longest: length of the beginning [s].
 
     Raises:
         InputError: the log has too few samples, or a sensor that smoothing needs is missing.
 
     """
-    beginning = log.between(0.0, LONGEST_REPLAY)
+    beginning = log.between(0.0, longest)
     screened = screen(in_joint_order(beginning, spacecraft).log).log
     with_position = bool(len(screened.position))
     if len(screened.attitude):

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from pydrake.common.value import Value
 from pydrake.geometry import Meshcat
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
@@ -11,7 +11,6 @@ from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.framework import DiagramBuilder
 
 from cpid_drake.dynamics.inertia import InertialParameters
-from cpid_drake.dynamics.rotations import rotate_by_quaternion
 from cpid_drake.identification.result import Identification
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.scene_visualizer import SceneVisualizer, add_bodies
@@ -25,7 +24,6 @@ class Scene:
         meshcat: where to draw.
         truth: the true target, if it is known from a simulation.
         visual_model: model file with the true target's shape; default: an ellipsoid of its inertia.
-        has_rates: whether the states have rates; momenta are not drawn without.
 
     Raises:
         InputError: shapes of the model cannot be read.
@@ -39,7 +37,6 @@ class Scene:
         *,
         truth: InertialParameters | None = None,
         visual_model: str | Path | None = None,
-        has_rates: bool = True,
     ) -> None:
         builder = DiagramBuilder()
         self._plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
@@ -50,9 +47,8 @@ class Scene:
                 self._plant, truth, scene_graph=scene_graph, target_visual_model=visual_model
             )
         add_bodies(builder, self._plant, scene_graph, meshcat)
-        self._scene = builder.AddSystem(
-            SceneVisualizer(spacecraft, meshcat=meshcat, truth=truth, has_rates=has_rates)
-        )
+        visualizer = SceneVisualizer(spacecraft, meshcat=meshcat, truth=truth)
+        self._scene = builder.AddSystem(visualizer)
         builder.Connect(self._plant.get_state_output_port(), self._scene.GetInputPort("state"))
         self._diagram = builder.Build()
         self._context = self._diagram.CreateDefaultContext()
@@ -79,41 +75,3 @@ class Scene:
         self._plant.SetPositionsAndVelocities(plant, state)
         self._context.SetTime(time)
         self._diagram.ForcedPublish(self._context)
-
-
-class LatestState:
-    """The state of a spacecraft from the latest sample of each sensor.
-
-    A position or rate that no sensor measures is zero.
-
-    Args:
-        spacecraft: the spacecraft model.
-
-    """
-
-    _PLACES = {"attitude": "quaternion_WB", "position": "p_WB", "velocity": "v_WB"} | {
-        "gyro": "w_WB",
-        "encoders": "q",
-        "joint_rates": "qdot",
-    }
-
-    def __init__(self, spacecraft: Spacecraft) -> None:
-        self._columns = spacecraft.state_columns
-        self._state = np.zeros(spacecraft.plant.num_multibody_states())
-        self._missing = {"attitude"} | ({"encoders"} if spacecraft.joint_names else set())
-
-    def add(self, sensor: str, value: ArrayLike) -> None:
-        """Take a sample, as `OnlineIdentifier.add` does; one that is not finite is ignored."""
-        sample = np.asarray(value, dtype=float)
-        if sensor not in self._PLACES or not np.isfinite(sample).all():
-            return
-        if sensor == "gyro":  # in B; the plant's is in W
-            attitude = self._state[self._columns["quaternion_WB"]]
-            sample = rotate_by_quaternion(attitude, sample)
-        self._state[self._columns[self._PLACES[sensor]]] = sample
-        self._missing.discard(sensor)
-
-    @property
-    def state(self) -> NDArray[np.float64] | None:
-        """The state x = [q; v] (nx,); None until attitude and joint positions were measured."""
-        return None if self._missing else self._state.copy()

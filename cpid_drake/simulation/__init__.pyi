@@ -1,14 +1,14 @@
 from .files import files_of
-from .joint_motions import MOTION_TAGS, HalfCosineMotion
+from .joint_motions import HalfCosineMotion, MotionFile, write_joint_table
 from .limits import check_limits
 from .noise import add_noise
 from .schema import SpacecraftConfig
 from .trials import Case, base_trajectory, bound_of, fit_errors, ideal_samples, make_case, seeds_of
 
 __all__ = [
-    "MOTION_TAGS",
     "Case",
     "HalfCosineMotion",
+    "MotionFile",
     "SpacecraftConfig",
     "add_noise",
     "base_trajectory",
@@ -19,4 +19,5 @@ __all__ = [
     "ideal_samples",
     "make_case",
     "seeds_of",
+    "write_joint_table",
 ]

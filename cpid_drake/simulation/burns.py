@@ -8,10 +8,8 @@ import numpy as np
 from annotated_types import Ge, Gt
 from numpy.typing import NDArray
 
-from cpid_drake.files.checked_yaml import Numbers
+from cpid_drake.files.checked_yaml import Vector
 from cpid_drake.logs.log import Samples
-
-Vector = Annotated[NDArray[np.float64], Numbers(3)]
 
 
 @dataclass(eq=False)

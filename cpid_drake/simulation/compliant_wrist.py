@@ -1,10 +1,8 @@
 """A grasp that is not rigid: a spring and a damper between the capture frame and the target."""
 
 from dataclasses import dataclass, field
-from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
     BallRpyJoint,
@@ -13,10 +11,8 @@ from pydrake.multibody.tree import (
     RpyFloatingJoint,
 )
 
-from cpid_drake.files.checked_yaml import Numbers
+from cpid_drake.files.checked_yaml import Vector
 from cpid_drake.files.errors import InputError
-
-Vector = Annotated[NDArray[np.float64], Numbers(3)]
 
 
 @dataclass
@@ -56,14 +52,7 @@ class CompliantWrist:
                 )
 
     def connect(self, plant: MultibodyPlant, frame_C: Frame, frame_T: Frame) -> None:
-        """Add the joint, the springs and the dampers to a plant that is not finalized.
-
-        Args:
-            plant: the plant.
-            frame_C: the capture frame.
-            frame_T: the frame of the target's body.
-
-        """
+        """Add joint, springs and dampers between C and the target to a plant in the making."""
         moves = self.translational_stiffness is not None
         joint = RpyFloatingJoint if moves else BallRpyJoint
         plant.AddJoint(joint("wrist", frame_C, frame_T))

@@ -1,7 +1,5 @@
 """What acts on a simulated spacecraft from outside: disturbance, gravity gradient, burns, table."""
 
-from typing import Self
-
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue, Value
@@ -11,11 +9,8 @@ from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import (
     Context,
     ContinuousState,
-    DiagramBuilder,
     DiscreteValues,
     EventStatus,
-    InputPort,
-    OutputPort,
     ValueProducer,
 )
 
@@ -130,36 +125,6 @@ class ExternalForces(SpacecraftSystem):
         )
         self.DeclareStateOutputPort("impulse", self.DeclareContinuousState(6))
         self.DeclareStateOutputPort("thrust", self._thrust_index)
-
-    @classmethod
-    def AddToBuilder(
-        cls,
-        builder: DiagramBuilder,
-        spacecraft: Spacecraft,
-        *,
-        state: OutputPort,
-        spatial_forces: InputPort | None = None,
-        plant: MultibodyPlant,
-        disturbance: SimulatedDisturbance | None = None,
-        orbit: Orbit | None = None,
-        thrust: Samples | None = None,
-        thrust_scale: float = 1.0,
-    ) -> Self:
-        """Add the forces to a diagram and connect them; for the options see the class.
-
-        Raises:
-            InputError: a port has another size.
-
-        """
-        forces = cls(
-            spacecraft,
-            plant,
-            disturbance=disturbance,
-            orbit=orbit,
-            thrust=thrust,
-            thrust_scale=thrust_scale,
-        )
-        return forces.connected(builder, state=state, spatial_forces=spatial_forces)
 
     def DoCalcTimeDerivatives(self, context: Context, derivatives: ContinuousState) -> None:
         """Set the derivative of the impulse: the wrench of all forces about W's origin."""

@@ -6,8 +6,9 @@ from cpid_drake.files.checked_yaml import dump_yaml, load_yaml
 from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.files.resources import package_folders, resolve_model
 from cpid_drake.sensors.presets import load_sensors, sensor_presets
-from cpid_drake.simulation.joint_motions import MOTION_TAGS, MotionFile, load_motion
+from cpid_drake.simulation.joint_motions import MotionFile, load_motion
 from cpid_drake.simulation.schema import Scenario
+from cpid_drake.spacecraft.reference import SpacecraftReference
 
 
 def load_scenario(path: str | Path) -> Scenario:
@@ -18,7 +19,7 @@ def load_scenario(path: str | Path) -> Scenario:
 
     """
     file = resolve_model(path)
-    scenario = load_yaml(Scenario, file, str(path), "a scenario", MOTION_TAGS)
+    scenario = load_yaml(Scenario, file, str(path), "a scenario")
     with prefix_errors(str(path)):
         resolve_files(scenario, file.parent)
         check_files(scenario)
@@ -30,7 +31,7 @@ def dump_scenario(scenario: Scenario) -> str:
 
     Files that a scenario names are written as absolute paths, as `load_scenario` returns them.
     """
-    return dump_yaml(scenario, MOTION_TAGS)
+    return dump_yaml(scenario)
 
 
 def resolve_files(scenario: Scenario, folder: Path) -> None:
@@ -40,17 +41,21 @@ def resolve_files(scenario: Scenario, folder: Path) -> None:
         InputError: a path names a user that does not exist.
 
     """
-    spacecraft, target, sensors = scenario.spacecraft, scenario.target, scenario.sensors
-    spacecraft.model = from_folder(folder, spacecraft.model)
-    spacecraft.packages = {
-        name: from_folder(folder, place) for name, place in spacecraft.packages.items()
-    }
+    target, sensors = scenario.target, scenario.sensors
+    resolve_paths(scenario.spacecraft, folder)
     if target.visual_model is not None:
         target.visual_model = from_folder(folder, target.visual_model)
     if isinstance(scenario.joint_motion, MotionFile):
         scenario.joint_motion.file = from_folder(folder, scenario.joint_motion.file)
     if sensors.suite:
         sensors.suite = suite_from_folder(folder, sensors.suite)
+
+
+def resolve_paths(spacecraft: SpacecraftReference, folder: Path) -> None:
+    """Make the paths of a spacecraft's model absolute; see `resolve_files`."""
+    spacecraft.model = from_folder(folder, spacecraft.model)
+    places = spacecraft.packages.items()
+    spacecraft.packages = {name: from_folder(folder, place) for name, place in places}
 
 
 def check_files(scenario: Scenario) -> None:

@@ -1,6 +1,7 @@
 """The joint motions of scenarios, and joint motions in files of their own."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -15,8 +16,9 @@ from cpid_drake.files.checked_yaml import (
     Numbers,
     dump_yaml,
     load_yaml,
-    tag_of,
+    tagged,
 )
+from cpid_drake.files.drafts import draft_of
 from cpid_drake.files.errors import InputError, choose_from, prefix_errors
 from cpid_drake.files.resources import resolve_model
 from cpid_drake.spacecraft.spacecraft import Spacecraft
@@ -52,6 +54,7 @@ class HalfCosineMotion:
         )
 
 
+@tagged
 @dataclass
 class MultiSineMotion:
     """Sums of sines about a configuration, tagged `!MultiSineMotion` in YAML.
@@ -89,6 +92,7 @@ class MultiSineMotion:
         )
 
 
+@tagged
 @dataclass
 class SplineMotion:
     """Splines of degree 5, tagged `!SplineMotion` in YAML; see `dynamics.joint_motion.Spline`.
@@ -130,6 +134,7 @@ def _table(
     return table
 
 
+@tagged
 @dataclass
 class MotionFile:
     """The joint motion in a file, tagged `!MotionFile` in YAML; see `load_motion`.
@@ -156,9 +161,6 @@ AnyMotion = HalfCosine | MultiSine | Spline
 MotionSchema = HalfCosineMotion | MultiSineMotion | SplineMotion
 """The declaration of a joint motion in a file."""
 
-MOTION_TAGS = tuple(map(tag_of, (MultiSineMotion, SplineMotion, MotionFile)))
-"""The YAML tags of joint motions."""
-
 
 @dataclass
 class MotionDocument:
@@ -175,9 +177,25 @@ def load_motion(path: str | Path) -> MotionSchema:
 
     """
     file = resolve_model(path)
-    return load_yaml(MotionDocument, file, str(path), "a joint motion", MOTION_TAGS).joint_motion
+    return load_yaml(MotionDocument, file, str(path), "a joint motion").joint_motion
 
 
 def dump_motion(motion: MotionSchema) -> str:
     """Return a joint motion as YAML; `load_motion` reads it without loss."""
-    return dump_yaml(MotionDocument(motion), MOTION_TAGS)
+    return dump_yaml(MotionDocument(motion))
+
+
+def write_joint_table(
+    path: str | Path, motion: AnyMotion, joint_names: Sequence[str], rate: float
+) -> None:
+    """Write time, positions, rates and accelerations of all joints as CSV, at a rate [Hz].
+
+    Raises:
+        InputError: the file cannot be written.
+
+    """
+    times = np.linspace(0.0, motion.duration, math.ceil(motion.duration * rate - 1e-9) + 1)
+    names = [f"{quantity}:{joint}" for quantity in ("q", "qd", "qdd") for joint in joint_names]
+    table = np.column_stack([times, motion.evaluate(times).reshape(len(times), -1)])
+    with draft_of(path) as draft:
+        np.savetxt(draft, table, "%.12g", ",", header=",".join(["time", *names]), comments="")

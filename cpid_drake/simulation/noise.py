@@ -97,11 +97,7 @@ class SensorNoise:
         """Return the values of a sensor's constant errors.
 
         Every error has its own stream, so that it does not change the values of the others. Joint
-        rates have the clock of the encoders.
-
-        Args:
-            name: name of the sensor.
-            joint_count: number of joints; only the zeros of joints depend on it.
+        rates have the clock of the encoders. Only the zeros of joints depend on their number.
 
         Raises:
             KeyError: the sensor is absent.

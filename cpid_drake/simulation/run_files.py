@@ -32,7 +32,7 @@ def write_run(
     wall_seconds: float,
     limits: LimitCheck,
 ) -> list[Path]:
-    """Write a run into a folder, and replace the files of an earlier run together.
+    """Write a run into a folder, and replace files of an earlier run together; return the files.
 
     - `telemetry.csv`: the samples of the sensors; without sensors the exact motion;
     - `sensors.yaml`: the sensors' errors, if there are sensors;
@@ -43,14 +43,8 @@ def write_run(
       sizes of the logs.
 
     Args:
-        simulation: the simulation that was run.
-        root_context: the Context that its `run` returned.
-        folder: the folder; created if it does not exist.
+        root_context: the Context that `run` of the simulation returned.
         wall_seconds: duration of the run [s].
-        limits: the comparison of the motion with the limits of the spacecraft.
-
-    Returns:
-        The files, telemetry first.
 
     Raises:
         InputError: a file cannot be written; the files of an earlier run are then unchanged.

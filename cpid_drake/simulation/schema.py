@@ -4,23 +4,17 @@ A dataclass states the limits of single values where it declares them, and those
 in `__post_init__`. `simulation` turns a scenario into a Drake Diagram.
 """
 
-import json
-from copy import deepcopy
 from dataclasses import dataclass, field
-from functools import lru_cache
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Interval, Le
 from numpy.typing import NDArray
-from pydantic import PlainValidator
-from pydrake.common.yaml import yaml_load_typed
-from pydrake.systems.analysis import SimulatorConfig
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import inertia_of_second_moment
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.files.checked_yaml import FirstUnlessTagged, Numbers
+from cpid_drake.files.checked_yaml import FirstUnlessTagged, Numbers, Vector
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.prior import PriorConfig
 from cpid_drake.sensors.presets import load_sensors
@@ -38,19 +32,12 @@ from cpid_drake.simulation.sprung_mass import SprungMass
 from cpid_drake.spacecraft.reference import SpacecraftReference
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
-ONLINE_ESTIMATORS = ("least_squares", "recursive_fit")
-"""Estimators that can run in a Diagram."""
-
-INTEGRATION_SCHEMES = ("runge_kutta3", "runge_kutta5", "bogacki_shampine3", "radau3")
-"""Drake's error-controlled schemes that conserve momentum well enough for identification."""
-
 MOST_STEPS = 1_000_000
 """Largest number of logged samples, of identified samples and of longest steps of a simulation;
 more would fill the memory."""
 
 Positive = Annotated[float, Gt(0)]
 NotNegative = Annotated[float, Ge(0)]
-Vector = Annotated[NDArray[np.float64], Numbers(3)]
 Momentum = Annotated[NDArray[np.float64], Numbers(6)]
 Gain = Annotated[float, Interval(gt=0, le=1e4)]  # [rad/s]; stiffer ones are too slow to simulate
 
@@ -74,33 +61,11 @@ class SpacecraftConfig(SpacecraftReference):
 
 
 @dataclass
-class BodyConfig:
-    """Mass, centre of mass and inertia about it of the target, in C [kg, m, kg·m²]."""
-
-    mass: Annotated[float, Le(1e9)]
-    p_CTcm_C: Vector
-    I_TTcm_C: Annotated[NDArray[np.float64], Numbers(3, 3)]
-
-    def __post_init__(self) -> None:
-        radius = np.sqrt(np.abs(self.I_TTcm_C).max() / abs(self.mass)) if self.mass else 0.0
-        length = max(np.abs(self.p_CTcm_C).max(), radius)
-        if length > 100:
-            raise InputError(
-                f"a centre of mass or a radius of gyration of {length:.3g} m; are these "
-                "millimetres? lengths are in metres, masses in kg, inertias in kg·m²"
-            )
-
-    def parameters(self) -> InertialParameters:
-        """Return the body; it need not be physically consistent."""
-        return InertialParameters(self.mass, self.p_CTcm_C, self.I_TTcm_C)
-
-
-@dataclass
 class SolidConfig:
     """A homogeneous solid, with its extent along the axes of C [m]; a cylinder's axis is C's z."""
 
     shape: Literal["box", "cylinder", "ellipsoid"]
-    size: Annotated[NDArray[np.float64], Numbers(3)]
+    size: Vector
 
     def inertia(self, mass: float) -> NDArray[np.float64]:
         """Return the inertia (3, 3) about the centre of mass [kg·m²]."""
@@ -109,32 +74,38 @@ class SolidConfig:
 
 
 @dataclass
-class TargetConfig(BodyConfig):
-    """The true target of the simulated plant, and a model of its appearance.
+class TargetConfig:
+    """The true target of the simulated plant, in C [kg, m, kg·m²], and a model of its appearance.
 
-    The inertia is given, or is that of a `solid`.
+    The inertia about the centre of mass is given, or is that of a `solid`.
     """
 
-    I_TTcm_C: Annotated[NDArray[np.float64], Numbers(3, 3)] | None = None  # type: ignore[assignment]
+    mass: Annotated[float, Le(1e9)]
+    p_CTcm_C: Vector
+    I_TTcm_C: Annotated[NDArray[np.float64], Numbers(3, 3)] | None = None
     visual_model: str | None = None
     solid: SolidConfig | None = None
 
     def __post_init__(self) -> None:
-        if (self.I_TTcm_C is None) == (self.solid is None):
-            raise InputError("I_TTcm_C and solid: give one of the two")
-        self.body()  # refuses millimetres
-
-    def body(self) -> BodyConfig:
-        """Return the target with its inertia, without its appearance."""
-        inertia = self.I_TTcm_C
-        if inertia is None:
-            assert self.solid is not None
-            inertia = self.solid.inertia(self.mass)
-        return BodyConfig(self.mass, self.p_CTcm_C, inertia)
+        inertia = self._inertia()
+        radius = np.sqrt(np.abs(inertia).max() / abs(self.mass)) if self.mass else 0.0
+        length = max(np.abs(self.p_CTcm_C).max(), radius)
+        if length > 100:
+            raise InputError(
+                f"a centre of mass or a radius of gyration of {length:.3g} m; are these "
+                "millimetres? lengths are in metres, masses in kg, inertias in kg·m²"
+            )
 
     def parameters(self) -> InertialParameters:
         """Return the target; it need not be physically consistent."""
-        return self.body().parameters()
+        return InertialParameters(self.mass, self.p_CTcm_C, self._inertia())
+
+    def _inertia(self) -> NDArray[np.float64]:
+        if self.I_TTcm_C is not None and self.solid is None:
+            return self.I_TTcm_C
+        if self.I_TTcm_C is None and self.solid is not None:
+            return self.solid.inertia(self.mass)
+        raise InputError("I_TTcm_C and solid: give one of the two")
 
 
 @dataclass
@@ -186,14 +157,14 @@ class SensorsConfig:
 class IdentificationConfig:
     """The identifier: estimator, rows, whether the momentum is unknown, period, first sample [s].
 
-    `estimator` is one of `ONLINE_ESTIMATORS`; null for the recursive fit if the scenario has
+    `estimator` is one that can run in a Diagram; null for the recursive fit if the scenario has
     sensors and names no rows, else least squares. Rows, period and offset apply to least squares,
     which uses the exact state; null for standard rows. The recursive fit processes all samples of
     the sensors. `prior` is what is known of the target before, for the recursive fit; null for
     nothing.
     """
 
-    estimator: str | None = None
+    estimator: Literal["least_squares", "recursive_fit"] | None = None
     rows: str | None = None
     momentum: Literal["zero", "unknown"] = "zero"
     period: Positive = 1.0
@@ -201,32 +172,16 @@ class IdentificationConfig:
     prior: PriorConfig | None = None
 
 
-def default_simulator() -> SimulatorConfig:
-    """Return Drake's settings of a simulation that conserves momentum to about 1e-8 N·s."""
-    return SimulatorConfig(
-        integration_scheme="runge_kutta3", max_step_size=0.05, accuracy=1e-9, use_error_control=True
+@dataclass
+class SimulatorSettings:
+    """Drake's `SimulatorConfig`; the default conserves momentum to about 1e-8 N·s."""
+
+    integration_scheme: Literal["runge_kutta3", "runge_kutta5", "bogacki_shampine3", "radau3"] = (
+        "runge_kutta3"
     )
-
-
-def _read_simulator(value: object) -> SimulatorConfig:
-    """Return Drake's settings from a mapping."""
-    return deepcopy(_simulator(json.dumps(value)))
-
-
-@lru_cache(maxsize=8)  # of all trials of a campaign, as a rule
-def _simulator(text: str) -> SimulatorConfig:
-    """Return Drake's settings from JSON, whose keys and types Drake checks."""
-    try:
-        config: SimulatorConfig = yaml_load_typed(
-            schema=SimulatorConfig, data=text, defaults=default_simulator()
-        )
-    except (RuntimeError, ValueError, TypeError, AttributeError) as error:
-        raise InputError(f"not Drake's SimulatorConfig: {error}") from error
-    if config.integration_scheme not in INTEGRATION_SCHEMES:
-        raise InputError(f"integration_scheme must be one of {', '.join(INTEGRATION_SCHEMES)}")
-    if not (config.max_step_size > 0 and config.accuracy >= 1e-13 and config.start_time == 0):
-        raise InputError("max_step_size must be > 0, accuracy >= 1e-13, start_time 0")
-    return config
+    max_step_size: Positive = 0.05
+    accuracy: Annotated[float, Ge(1e-13)] = 1e-9
+    use_error_control: bool = True
 
 
 @dataclass
@@ -262,19 +217,7 @@ class SimulationConfig:
     burns: list[Burn] = field(default_factory=list)
     burns_logged: bool = True
     log_period: Positive = 0.0625
-    simulator: Annotated[SimulatorConfig, PlainValidator(_read_simulator)] = field(
-        default_factory=default_simulator
-    )
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Return the members, with Drake's settings as a mapping, which can be pickled."""
-        names = [each.name for each in SimulatorConfig.__fields__]
-        simulator = {name: getattr(self.simulator, name) for name in names}
-        return {**vars(self), "simulator": simulator}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Take the members of `__getstate__`."""
-        vars(self).update(state | {"simulator": SimulatorConfig(**state["simulator"])})
+    simulator: SimulatorSettings = field(default_factory=SimulatorSettings)
 
 
 @dataclass
@@ -329,21 +272,12 @@ class Scenario:
         config = self.identification
         by_sensors = self.sensors.present and config.rows is None
         name = config.estimator or ("recursive_fit" if by_sensors else "least_squares")
-        if name not in ONLINE_ESTIMATORS:
-            raise InputError(
-                f"identification.estimator must be one of {', '.join(ONLINE_ESTIMATORS)}"
-            )
         if name == "recursive_fit" and not self.sensors.present:
             raise InputError(
                 "identification.estimator: recursive_fit needs sensors; give sensors.suite or "
                 "sensors.explicit"
             )
         return name
-
-    @property
-    def online_rows(self) -> str:
-        """Name of the row family of least squares."""
-        return self.identification.rows or "standard"
 
     def target_truth(self) -> InertialParameters:
         """Return the true target; raises InputError if it is not a rigid body."""

@@ -6,10 +6,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.geometry import Meshcat
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
-from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, OutputPort
 from pydrake.systems.primitives import LogVectorOutput, MatrixGain, VectorLogSink
 
@@ -37,7 +36,6 @@ from cpid_drake.systems.identifier import Identifier, MomentumIdentifier
 from cpid_drake.systems.joint_controller import JointController
 from cpid_drake.systems.joint_trajectory import JointTrajectory
 from cpid_drake.systems.ports import spacecraft_state
-from cpid_drake.systems.scene_visualizer import SceneVisualizer, add_bodies
 from cpid_drake.systems.sensor_identifier import SensorIdentifier
 
 
@@ -93,7 +91,8 @@ class Simulation:
     def make_simulator(self) -> Simulator:
         """Return an initialized Simulator at t = 0, with the scenario's motion and momentum."""
         simulator = Simulator(self.diagram)
-        ApplySimulatorConfig(self.scenario.simulation.simulator, simulator)
+        settings = vars(self.scenario.simulation.simulator)
+        ApplySimulatorConfig(SimulatorConfig(**settings), simulator)
         context = self.plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
         momentum_W = self.scenario.simulation.momentum_W
         state = self.plant.GetPositionsAndVelocities(context).copy()  # with relaxed springs
@@ -134,18 +133,23 @@ class Simulation:
         simulator.set_target_realtime_rate(realtime_rate)
         simulator.set_monitor(monitor)
         root_context, states = simulator.get_context(), []
-        context = self.plant.GetMyContextFromRoot(root_context)
         for time in [*times, self.scenario.simulation.duration]:
             try:
                 simulator.AdvanceTo(time)
             except RuntimeError as error:
                 now = root_context.get_time()
                 raise InputError(f"the simulation fails at t = {now:.6g} s: {error}") from error
-            states.append(self.plant.GetPositionsAndVelocities(context)[self.state_columns])
+            states.append(self.state(root_context))
         simulator.AdvancePendingEvents()  # the samples that are due at the end
         self.identifier.Finish(simulator.get_mutable_context())
         sampled = self.spacecraft.to_motion(times, np.array(states)[:-1])
         return root_context.Clone(), sampled
+
+    def state(self, root_context: Context) -> NDArray[np.float64]:
+        """Return the state x = [q; v] of the spacecraft at the present time of a run."""
+        context = self.plant.GetMyContextFromRoot(root_context)
+        state = self.plant.GetPositionsAndVelocities(context)[self.state_columns]
+        return np.asarray(state)
 
     def identification(self, root_context: Context) -> Identification:
         """Return the identification in a run's Context, with its checks; see `checks`."""
@@ -196,10 +200,8 @@ class Simulation:
         return found.updated({THRUST: self.thrust})
 
 
-def make_simulation(
-    scenario: Scenario, *, target: InertialParameters | None = None, meshcat: Meshcat | None = None
-) -> Simulation:
-    """Build a scenario's Diagram: motion, controller, plant, identifier, logs, visualization.
+def make_simulation(scenario: Scenario, *, target: InertialParameters | None = None) -> Simulation:
+    """Build a scenario's Diagram: motion, controller, plant, identifier, logs.
 
     If the scenario has sensors, the Diagram contains and logs them. The recursive fit reads
     them; least squares reads the plant's exact state.
@@ -207,26 +209,20 @@ def make_simulation(
     Args:
         scenario: the scenario.
         target: simulate this target instead of the scenario's true one.
-        meshcat: where to draw; default: nowhere, and no geometry is loaded.
 
     Raises:
         InputError: something in the scenario cannot be built; the message names it.
 
     """
     spacecraft = scenario.spacecraft.make()
-    if scenario.target.visual_model is not None:  # its path is checked even if nothing is drawn
+    if scenario.target.visual_model is not None:  # its path is checked, although nothing is drawn
         resolve_model(scenario.target.visual_model, package_folders(scenario.spacecraft.packages))
     truth = target or scenario.target_truth()
     motion = scenario.make_joint_motion(spacecraft)
 
     builder = DiagramBuilder()
-    plant = MultibodyPlant(time_step=0.0)
+    plant = builder.AddSystem(MultibodyPlant(time_step=0.0))
     plant.set_name("plant")
-    scene_graph = None
-    if meshcat is not None:
-        _, scene_graph = AddMultibodyPlantSceneGraph(builder, plant)
-    else:
-        builder.AddSystem(plant)
     wrist = scenario.simulation.wrist
     grasp = MultibodyPlant.WeldFrames if wrist is None else wrist.connect
 
@@ -235,13 +231,7 @@ def make_simulation(
         for mass in scenario.simulation.sprung_masses:
             mass.add_to(plant)
 
-    spacecraft.add_to(
-        plant,
-        truth,
-        scene_graph=scene_graph,
-        target_visual_model=scenario.target.visual_model,
-        connect=connect,
-    )
+    spacecraft.add_to(plant, truth, connect=connect)
     state = spacecraft_state(builder, spacecraft, plant)
 
     source, config = builder.AddSystem(JointTrajectory(motion).source()), scenario.controller
@@ -285,16 +275,6 @@ def make_simulation(
 
     state_log = log(plant.get_state_output_port())
     impulse_log = forces and log(forces.GetOutputPort("impulse"))
-    if meshcat is not None and scene_graph is not None:
-        add_bodies(builder, plant, scene_graph, meshcat)
-        SceneVisualizer.AddToBuilder(
-            builder,
-            spacecraft,
-            state=state,
-            **identifier.estimate_ports(),
-            meshcat=meshcat,
-            truth=truth,
-        )
     diagram = builder.Build()
     diagram.set_name("cpid")
     return Simulation(
@@ -348,7 +328,7 @@ def _add_identifier(
             builder,
             spacecraft,
             state=state,
-            rows=scenario.online_rows,
+            rows=config.rows or "standard",
             momentum=momentum,
             period=config.period,
             offset=config.offset,
@@ -377,18 +357,16 @@ def _add_forces(
     on_table = spacecraft.tree.normal_B is not None
     if disturbance.is_zero and orbit is None and not len(thrust) and not on_table:
         return None, thrust
-    forces = ExternalForces.AddToBuilder(
-        builder,
+    forces = ExternalForces(
         spacecraft,
-        state=plant.get_state_output_port(),
-        spatial_forces=plant.get_applied_spatial_force_input_port(),
-        plant=plant,
+        plant,
         disturbance=disturbance,
         orbit=orbit,
         thrust=thrust,
         thrust_scale=scale,
     )
-    return forces, thrust
+    ports = {"spatial_forces": plant.get_applied_spatial_force_input_port()}
+    return forces.connected(builder, state=plant.get_state_output_port(), **ports), thrust
 
 
 def _entries(

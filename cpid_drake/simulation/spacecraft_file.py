@@ -1,13 +1,14 @@
 """What a file says about a spacecraft: its own, or a scenario."""
 
-from dataclasses import dataclass, field, replace
-from typing import Literal
+from dataclasses import dataclass, field
+from typing import Any, Literal
 
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.files.checked_yaml import from_tree, parse_yaml
+from cpid_drake.files.errors import InputError
 from cpid_drake.files.resources import find_scenario, resolve_model
-from cpid_drake.simulation.files import load_scenario
-from cpid_drake.simulation.joint_motions import MOTION_TAGS
+from cpid_drake.identification.request import Request
+from cpid_drake.simulation.files import load_scenario, resolve_paths, suite_from_folder
 from cpid_drake.spacecraft.reference import SpacecraftReference
 
 EXPLICIT = "sensors.explicit"
@@ -31,6 +32,30 @@ class SpacecraftFile(SpacecraftReference):
     planar: bool | None = None
     known_bodies: BodyUncertainty = field(default_factory=BodyUncertainty)
 
+    def request(self, telemetry: str, sensors: str | None = None, **given: Any) -> Request:
+        """Return the request to identify a log: what is given, else what the file says.
+
+        Args:
+            telemetry: the log's file.
+            sensors: a preset or a file.
+            **given: other fields of `Request`; None for what the file says.
+
+        Raises:
+            InputError: the file lists its sensors itself, and no others are given.
+
+        """
+        sensors = sensors or self.sensors
+        if sensors == EXPLICIT:
+            raise InputError(
+                "the scenario lists its sensors itself; write them into a file of their own, and "
+                "give it as --sensors"
+            )
+        bodies = ",".join(f"{key}={value}" for key, value in vars(self.known_bodies).items())
+        own: dict[str, Any] = {"momentum": self.momentum, "planar": self.planar}
+        own["known_bodies"] = None if self.known_bodies.is_zero else bodies
+        own |= {key: value for key, value in given.items() if value is not None}
+        return Request(telemetry, self.reference(), sensors=sensors, **own)
+
 
 def load_spacecraft(name: str) -> SpacecraftFile:
     """Return what a scenario, or a spacecraft's own file, says about the spacecraft.
@@ -41,19 +66,19 @@ def load_spacecraft(name: str) -> SpacecraftFile:
         InputError: no such file, or for the same reasons as `cpid_drake.load_scenario`.
 
     """
+    if name.endswith((".urdf", ".sdf", ".xml", ".dmd.yaml")):
+        raise InputError(
+            f"{name}: is a model, and does not say which body is the base; give it as --model, "
+            "with --base and --capture-frame"
+        )
     place = find_scenario(name)
     file = resolve_model(place)
-    tree = parse_yaml(file.read_bytes(), name, MOTION_TAGS)
+    tree = parse_yaml(file.read_bytes(), name)
     if not (isinstance(tree, dict) and "spacecraft" in tree):
         found = from_tree(SpacecraftFile, tree, name, "the file of a spacecraft")
-        folder = file.parent
-        local = found.sensors is not None and (folder / found.sensors).is_file()
-        return replace(
-            found,
-            model=found.model if "://" in found.model else str(folder / found.model),
-            packages={key: str(folder / each) for key, each in found.packages.items()},
-            sensors=str(folder / found.sensors) if local and found.sensors else found.sensors,
-        )
+        resolve_paths(found, file.parent)
+        found.sensors = found.sensors and suite_from_folder(file.parent, found.sensors)
+        return found
     scenario = load_scenario(place)
     craft = scenario.spacecraft
     return SpacecraftFile(

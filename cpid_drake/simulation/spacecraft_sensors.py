@@ -121,7 +121,7 @@ class SpacecraftSensors(SpacecraftSystem):
         """Add the sensors to a diagram and connect their input; for the options see the class.
 
         Raises:
-            InputError: `state` is not that of this spacecraft; also the errors of the constructor.
+            InputError: `state` is not that of this spacecraft.
 
         """
         sensors = cls(spacecraft, suite, seed, joint_compliance)
@@ -179,12 +179,7 @@ class SpacecraftSensors(SpacecraftSystem):
 
 
 def log_samples(builder: DiagramBuilder, sensors: SpacecraftSensors) -> dict[str, VectorLogSink]:
-    """Log every sensor of a diagram that is being built, each at its own rate.
-
-    Returns:
-        The logs by the sensors' names, for `measurements_from_logs`.
-
-    """
+    """Log every sensor of a diagram that is being built, by its name, each at its own rate."""
     logs = {}
     for name, sensor in sensors.suite.present().items():
         logs[name] = LogVectorOutput(sensors.GetOutputPort(name), builder, 1 / sensor.rate)
@@ -197,13 +192,8 @@ def measurements_from_logs(
 ) -> Log:
     """Return every sample of a run, each once.
 
-    Args:
-        sensors: the sensors of the run.
-        logs: logs of the sensors' outputs, by name, with at least one entry per sample, as from
-            `log_samples`. Sensors without a log have no samples.
-        root_context: the diagram's Context after the run. It contains the latest samples, which are
-            not in the logs yet.
-
+    The logs are those of `log_samples`. The diagram's Context after the run has the latest samples,
+    which are not in the logs yet.
     """
     context = sensors.GetMyContextFromRoot(root_context)
     samples = {}

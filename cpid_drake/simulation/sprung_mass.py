@@ -5,7 +5,6 @@ from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge, Gt, MinLen
-from numpy.typing import NDArray
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
@@ -17,7 +16,7 @@ from pydrake.multibody.tree import (
 )
 
 from cpid_drake.dynamics.inertia import InertialParameters
-from cpid_drake.files.checked_yaml import Numbers
+from cpid_drake.files.checked_yaml import Vector
 from cpid_drake.files.errors import InputError
 from cpid_drake.spacecraft.reading import find_element
 
@@ -40,7 +39,7 @@ class SprungMass:
     """
 
     body: Annotated[str, MinLen(1)]
-    p_BS: Annotated[NDArray[np.float64], Numbers(3)]
+    p_BS: Vector
     mass: Annotated[float, Gt(0)]
     frequency: Annotated[float, Gt(0)]
     damping_ratio: Annotated[float, Ge(0)] = 0.01

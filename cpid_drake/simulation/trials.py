@@ -22,11 +22,7 @@ from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.fitted import cramer_rao_bound
 from cpid_drake.identification.identify import identify
-from cpid_drake.logs.log import (
-    THRUST,
-    Log,
-    ideal_log,
-)
+from cpid_drake.logs.log import THRUST, Log, ideal_log
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.simulation.burns import Burn, log_of_burns
 from cpid_drake.simulation.disturbance import SimulatedDisturbance
@@ -76,6 +72,12 @@ class Case:
             torque_W=self.torque_W,
             acceleration_W=self.acceleration_W,
         )
+
+    def total_momentum(self, tree: KinematicTree) -> TotalMomentum:
+        """Return the true momentum about the system's centre of mass, unknown if `momentum` is."""
+        q = self.motion.evaluate(0.0)[0]
+        true = TotalMomentum.with_base_at_origin(tree, self.truth, q, self.momentum_W)
+        return TotalMomentum.unknown(true) if self.momentum.is_unknown else true
 
 
 def make_case(
@@ -130,8 +132,7 @@ def ideal_logs(
 
         def motion(times: NDArray[np.float64], number: int = number) -> Motion:
             if not found:  # the times are those of all cases
-                base = base_trajectories(cases, tree, times, disturbances)
-                found.extend(base.to_motions(joint_names, times, cases[0].motion))
+                found.extend(motions_of(cases, tree, joint_names, times, disturbances))
             return found[number]
 
         ideal = ideal_log(case.suite, joint_names, motion, case.duration)
@@ -191,19 +192,30 @@ def base_trajectories(
     )
 
 
-def bound_of(case: Case, spacecraft: Spacecraft, ideal: Log) -> NDArray[np.float64]:
+def motions_of(
+    cases: Sequence[Case],
+    tree: KinematicTree,
+    joint_names: tuple[str, ...],
+    times: NDArray[np.float64],
+    disturbances: Sequence[SimulatedDisturbance] | None = None,
+) -> list[Motion]:
+    """Return the motion of such cases; default: with their constant disturbances alone."""
+    constant = [each.disturbance() for each in cases]
+    base = base_trajectories(cases, tree, times, disturbances or constant)
+    return base.to_motions(joint_names, times, cases[0].motion)
+
+
+def bound_of(case: Case, spacecraft: Spacecraft) -> NDArray[np.float64]:
     """Return the Cramér-Rao bound (10,) on the σ of the parameters, without unlogged burns."""
-    q = case.motion.evaluate(0.0)[0]
-    true = TotalMomentum.with_base_at_origin(spacecraft.tree, case.truth, q, case.momentum_W)
-    if case.burns and not case.logs_thrust:
-        ideal = ideal_samples(replace(case, burns=()), spacecraft.tree, spacecraft.joint_names)
+    seen = case if case.logs_thrust else replace(case, burns=())
+    ideal = ideal_samples(seen, spacecraft.tree, spacecraft.joint_names)
     psi = relative_parameterization(spacecraft.mass).from_parameters(case.truth.to_vector())
     covariance = cramer_rao_bound(
         spacecraft.tree,
         psi,
         ideal,
         case.suite,
-        momentum=TotalMomentum.unknown(true) if case.momentum.is_unknown else true,
+        momentum=case.total_momentum(spacecraft.tree),
         known_bodies=case.known_bodies,
     )
     return np.sqrt(np.diag(covariance))
@@ -247,8 +259,7 @@ def true_motions(
     """Return the exact motion of trials at times (N,) [s]; the other arguments are `draws`'s."""
     found = list[Motion]()
     for together, own, disturbances in _together(cases, tree, numbers):
-        base = base_trajectories(together, own, times, disturbances)
-        found += base.to_motions(joint_names, times, together[0].motion)
+        found += motions_of(together, own, joint_names, times, disturbances)
     return found
 
 

@@ -24,7 +24,7 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.estimation.gaussian import solution_of_rows
 from cpid_drake.estimation.least_squares import updated_information
 from cpid_drake.estimation.momentum_rows import momentum_columns, momentum_rows
-from cpid_drake.files.errors import InputError
+from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.identification.arguments import require_spacecraft, resolve_momentum
 from cpid_drake.identification.by_rows import LEAST_SQUARES, part_checks
 from cpid_drake.identification.consistency import with_nearest_body
@@ -49,8 +49,7 @@ class Identifier(SpacecraftSystem):
     def identification(self, context: Context) -> Identification:
         """Return the identification of this system's context, with its checks.
 
-        Its intervals are those of the estimator; `consistency.checked` finds the part of them that
-        a rigid body can have.
+        `consistency.checked` finds the part of its intervals that a rigid body can have.
         """
         found: Identification = self._solution.Eval(context)
         return found
@@ -64,11 +63,7 @@ class Identifier(SpacecraftSystem):
         """Use what is still to be used at the end of a run, and return the identification.
 
         `MomentumIdentifier` takes the sample that is due now, `SensorIdentifier` solves the block
-        that is not complete.
-
-        Args:
-            root_context: Context of the diagram after the run.
-
+        that is not complete. The Context is that of the diagram after the run.
         """
         context = self.GetMyMutableContextFromRoot(root_context)
         self.ExecuteForcedEvents(context)
@@ -152,9 +147,6 @@ class MomentumIdentifier(Identifier):
       same target as all of them, if the residuals are more than rounding. What failed is in
       `identification(context)`.
 
-    `identification(context)` returns all these quantities; the method `explain()` of its result
-    describes in words which parameters are not identifiable.
-
     Args:
         spacecraft: the spacecraft model.
         rows: "standard", "eq18" (the paper's) or "relative"; see
@@ -166,8 +158,7 @@ class MomentumIdentifier(Identifier):
 
     Raises:
         InputError: no such rows, a period that is not positive, or a negative offset; and, when a
-            sample is taken, a state that is not finite or whose quaternion is not of unit norm (to
-            1e-3).
+            sample is taken, a state that is no motion; see `Motion`.
 
     """
 
@@ -195,8 +186,6 @@ class MomentumIdentifier(Identifier):
         self._parameterization = self._family.parameterization(spacecraft.mass)
         self._extra = momentum_columns(spacecraft.tree, self._family, self._momentum)
         self._size = self._extra + 11
-        self._quaternion = spacecraft.state_columns["quaternion_WB"]
-        self._plant_context = self._declare_plant_context(spacecraft.plant)
         self._tree = spacecraft.tree
 
         self._state_port = self.DeclareVectorInputPort(
@@ -229,28 +218,27 @@ class MomentumIdentifier(Identifier):
         """Add an identifier to a diagram and connect its input; for the options see the class.
 
         Raises:
-            InputError: `state` is not that of this spacecraft; also the errors of the constructor.
+            InputError: `state` is not that of this spacecraft.
 
         """
         identifier = cls(spacecraft, rows=rows, momentum=momentum, period=period, offset=offset)
         return identifier.connected(builder, state=state)
 
-    def _rows(self, context: Context, state: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the rows [A | b] of one sample x = [q; v]; columns of an unknown momentum lead."""
-        if self._spacecraft.tree.normal_B is not None:
-            telemetry = self._spacecraft.to_motion(0.0, state)
-            return momentum_rows(self._spacecraft.tree, telemetry, self._family, self._momentum)
-        known = self._plant_context(context)
-        self._spacecraft.plant.SetPositionsAndVelocities(known, state)
-        sample = self._spacecraft.momentum_sample(known)
-        return self._family.full_rows(sample, self._momentum.is_unknown)
+    def _rows(self, context: Context) -> NDArray[np.float64]:
+        """Return the rows [A | b] of this instant; columns of an unknown momentum lead."""
+        time, state = context.get_time(), self._state_port.Eval(context)
+        with prefix_errors(f"{self.GetSystemPathname()}: the state at t = {time:g} s"):
+            motion = self._spacecraft.to_motion(time, state)
+            rows = momentum_rows(self._tree, motion, self._family, self._momentum)
+            if not np.isfinite(rows).all():
+                raise InputError("its momentum is not finite")
+        return rows
 
     def _take_sample(self, context: Context, discrete_state: DiscreteValues) -> EventStatus:
         samples, row_count, latest = context.get_discrete_state(self._count_index).value()
         if context.get_time() == latest:  # `Finish` took this sample, and the run goes on
             return EventStatus.DidNothing()
-        state = self._state_port.Eval(context)
-        rows = self._checked_rows(context, state)
+        rows = self._rows(context)
         root = updated_information(self._root(context), rows).ravel()
         discrete_state.set_value(self._root_index, root)
         if np.log2(samples + 1) % 1 == 0:
@@ -267,22 +255,6 @@ class MomentumIdentifier(Identifier):
         if periods < -1e-9 or abs(periods - round(periods)) > 1e-9:
             return EventStatus.DidNothing()
         return self._take_sample(context, discrete_state)
-
-    def _checked_rows(self, context: Context, state: NDArray[np.float64]) -> NDArray[np.float64]:
-        finite = np.isfinite(state)
-        quaternion = state[self._quaternion]
-        if not finite.all():
-            problem = f"not finite (entry {int((~finite).argmax())})"
-        elif not 0.998 < quaternion @ quaternion < 1.002:
-            norm = np.linalg.norm(quaternion)
-            problem = f"no attitude: its quaternion has norm {norm:.3g}"
-        else:
-            rows = self._rows(context, state)
-            if np.isfinite(rows).all():
-                return rows
-            problem = "too large: its momentum is not finite"
-        where = f"{self.GetSystemPathname()}: the state at t = {context.get_time():g} s"
-        raise InputError(f"{where} is {problem}")
 
     def _root(self, context: Context) -> NDArray[np.float64]:
         root = context.get_discrete_state(self._root_index).value()

@@ -5,7 +5,7 @@ from typing import Self
 import numpy as np
 from pydrake.common.value import Value
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
-from pydrake.multibody.tree import SpatialInertia, UnitInertia
+from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.framework import (
     BasicVector,
     Context,
@@ -23,7 +23,6 @@ from cpid_drake.spacecraft.free_floating import FreeFloatingDynamics
 from cpid_drake.spacecraft.spacecraft import Connect, Spacecraft
 from cpid_drake.systems.ports import SpacecraftSystem
 
-_NO_TARGET = SpatialInertia(0.0, np.zeros(3), UnitInertia(0.0, 0.0, 0.0), skip_validity_check=True)
 _PLACEHOLDER = InertialParameters(1.0, np.zeros(3), np.eye(3))
 
 
@@ -35,11 +34,12 @@ class JointController(SpacecraftSystem):
     act between the links, so they conserve momentum whatever the model is.
 
     With the true target in the model the joints follow the desired motion exactly, also against
-    forces from outside if it reads them. Without any
-    target the torques at the wrist are far too small for the load. A guess of half or twice the
-    true mass suffices, because feedback corrects the rest. A controller that reads an identifier's
+    forces from outside if it reads them. Without any target the torques at the wrist are far too
+    small for the load. A guess of half or twice the true mass suffices, because feedback corrects
+    the rest. A controller that reads an identifier's
     estimate replaces the target of its model as soon as all ten parameters are known with the
-    required tolerance, and whenever the identifier's checks pass; else it keeps its model.
+    required tolerance, and whenever the identifier's checks pass; else it keeps its model. It looks
+    at the estimate every 0.1 s.
 
     .. pydrake_system::
 
@@ -82,11 +82,9 @@ class JointController(SpacecraftSystem):
             their motion.
         tolerance: the largest σ of an estimate that is used, relative to the scale of each
             parameter (see `parameterizations.parameter_scale`).
-        period: time between two readings of the estimate [s].
 
     Raises:
-        InputError: a gain, the tolerance or the period is not positive, or the target is not a
-            rigid body.
+        InputError: a gain or the tolerance is not positive, or the target is not a rigid body.
 
     """
 
@@ -102,7 +100,6 @@ class JointController(SpacecraftSystem):
         reads_estimate: bool = False,
         knows_forces: bool = False,
         tolerance: float = 0.05,
-        period: float = 0.1,
     ) -> None:
         super().__init__()
         self.set_name("joint_controller")
@@ -110,7 +107,6 @@ class JointController(SpacecraftSystem):
             ("natural_frequency", natural_frequency),
             ("damping_ratio", damping_ratio),
             ("tolerance", tolerance),
-            ("period", period),
         ):
             if not (np.isfinite(value) and value > 0):
                 raise InputError(f"joint controller: {name} must be > 0, not {value:g}")
@@ -132,14 +128,14 @@ class JointController(SpacecraftSystem):
 
         self.DeclareVectorInputPort("state", plant.num_multibody_states())
         self.DeclareVectorInputPort("desired_motion", 3 * len(self._v_columns))
-        start = target.to_spatial_inertia() if target else _NO_TARGET
+        start = target.to_spatial_inertia() if target else SpatialInertia.Zero()
         self._target_index = self.DeclareAbstractState(Value(start))
         if reads_estimate:
             self.DeclareVectorInputPort("covariance", 100)
             self.DeclareAbstractInputPort("spatial_inertia", Value(SpatialInertia.NaN()))
             self.DeclareVectorInputPort("checks_passed", 1)
             self.DeclarePeriodicUnrestrictedUpdateEvent(
-                period_sec=period, offset_sec=0.0, update=self._read_estimate
+                period_sec=0.1, offset_sec=0.0, update=self._read_estimate
             )
         if knows_forces:
             none = Value([ExternallyAppliedSpatialForce()])
@@ -176,15 +172,13 @@ class JointController(SpacecraftSystem):
         natural_frequency: float = 10.0,
         damping_ratio: float = 1.0,
         tolerance: float = 0.05,
-        period: float = 0.1,
     ) -> Self:
         """Add a controller to a diagram and connect it; for the options see the class.
 
         The estimate is read if its three ports are given, and forces from outside if theirs is.
 
         Raises:
-            InputError: some but not all ports of an estimate are given, or a port has another size;
-                also the errors of the constructor.
+            InputError: some but not all ports of an estimate are given, or a port has another size.
 
         """
         estimate = (covariance, spatial_inertia, checks_passed)
@@ -198,7 +192,6 @@ class JointController(SpacecraftSystem):
             reads_estimate=any(port is not None for port in estimate),
             knows_forces=spatial_forces is not None,
             tolerance=tolerance,
-            period=period,
         )
         return controller.connected(
             builder,

@@ -3,14 +3,12 @@
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.primitives import TrajectorySource
-from pydrake.trajectories import Trajectory
+from pydrake.trajectories import FunctionHandleTrajectory
 
 from cpid_drake.dynamics.joint_motion import JointMotion
 
-_ORDERS = 3  # positions, rates, accelerations
 
-
-class JointTrajectory(Trajectory):  # type: ignore[misc]  # the base has no usable stub
+class JointTrajectory(FunctionHandleTrajectory):  # type: ignore[misc]  # no usable stub
     """A prescribed joint motion: (J, 1) positions [rad or m], with rates and accelerations.
 
     Before its start and after its end the joints rest.
@@ -18,52 +16,20 @@ class JointTrajectory(Trajectory):  # type: ignore[misc]  # the base has no usab
     Args:
         motion: the motion.
         start: time at which it starts [s].
-        order: which derivative of the positions the value is: 0, 1 or 2.
 
     """
 
-    def __init__(self, motion: JointMotion, start: float = 0.0, order: int = 0) -> None:
-        super().__init__()
-        self._motion, self._start, self._order = motion, start, order
+    def __init__(self, motion: JointMotion, start: float = 0.0) -> None:
+        def derivative(time: float, order: int) -> NDArray[np.float64]:
+            return motion.evaluate(time - start)[order, :, None]
 
-    def __deepcopy__(self, memo: dict[int, object]) -> "JointTrajectory":
-        """Return the same motion."""
-        return JointTrajectory(self._motion, self._start, self._order)
+        joints = motion.evaluate(0.0).shape[-1]
+        end = start + motion.duration
+        super().__init__(lambda time: derivative(time, 0), joints, 1, start, end)
+        self.set_derivative(derivative)
 
     def source(self) -> TrajectorySource:
         """Return Drake's source of positions, rates and accelerations (3 J), one after another."""
         return TrajectorySource(
-            self, output_derivative_order=_ORDERS - 1, zero_derivatives_beyond_limits=False
+            self, output_derivative_order=2, zero_derivatives_beyond_limits=False
         )
-
-    def do_rows(self) -> int:
-        """Return J."""
-        return self.do_value(0.0).size
-
-    def do_cols(self) -> int:
-        """Return 1."""
-        return 1
-
-    def do_start_time(self) -> float:
-        """Return the time at which the motion starts [s]."""
-        return self._start
-
-    def do_end_time(self) -> float:
-        """Return the time from which on the joints rest [s]."""
-        return self._start + self._motion.duration
-
-    def do_has_derivative(self) -> bool:
-        """Return True."""
-        return True
-
-    def do_value(self, t: float) -> NDArray[np.float64]:
-        """Return the values (J, 1) at a time [s]."""
-        return self.DoEvalDerivative(t, 0)
-
-    def DoEvalDerivative(self, t: float, derivative_order: int) -> NDArray[np.float64]:
-        """Return a derivative (J, 1) of the values at a time [s]."""
-        return self._motion.evaluate(t - self._start)[self._order + derivative_order, :, None]
-
-    def DoMakeDerivative(self, derivative_order: int) -> "JointTrajectory":
-        """Return the trajectory of a derivative of the values."""
-        return JointTrajectory(self._motion, self._start, self._order + derivative_order)

@@ -77,11 +77,7 @@ def spacecraft_state(
 ) -> OutputPort:
     """Return the state of the spacecraft alone, without the coordinates of a compliant wrist.
 
-    Args:
-        builder: the builder that has the plant.
-        spacecraft: the spacecraft.
-        plant: the finalized plant of spacecraft and target.
-
+    The builder has the finalized plant of spacecraft and target.
     """
     state = plant.get_state_output_port()
     if state.size() == spacecraft.plant.num_multibody_states():

@@ -1,7 +1,7 @@
 """The words beside a scene in Meshcat, and its recording as one HTML file that plays offline."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 from string import Template
@@ -61,18 +61,18 @@ def scene_html(
     *,
     title: str = "",
     zero: float = 0.0,
-    legend: Mapping[str, str] = LEGEND,
 ) -> str:
     """Return the scene with its published recording as a page, with legend and numbers.
 
     Args:
         meshcat: the scene.
-        steps: increasing times of the recording from which texts are shown [s], and the texts.
+        steps: increasing times of the recording from which texts are shown [s], and the texts;
+            without any, the page has no legend either.
         title: heading of the page.
         zero: time that the page shows at the start of the recording [s].
-        legend: what is shown, by colours of CSS.
 
     """
+    legend = LEGEND if steps else {}
     template = Path(__file__).with_name("scene_overlay.html").read_text(encoding="utf-8")
     overlay = Template(template).substitute(
         title=escape(title),
@@ -98,7 +98,7 @@ def keep_scene(
     Args:
         path: the page, one HTML file that plays offline; its name is its title.
         meshcat: the scene, which has been recording.
-        steps: texts, see `scene_html`; without any, the page has no legend either.
+        steps: texts, see `scene_html`.
         wait: keep the live page open until Enter or Ctrl-C.
 
     Raises:
@@ -107,8 +107,7 @@ def keep_scene(
     """
     meshcat.StopRecording()
     meshcat.PublishRecording()
-    legend = LEGEND if steps else {}
-    write_text(path, scene_html(meshcat, steps, title=Path(path).stem, legend=legend))
+    write_text(path, scene_html(meshcat, steps, title=Path(path).stem))
     print(f"{path} plays the motion in a browser")
     if wait:
         print(f"{meshcat.web_url()} is open until Enter", end="", flush=True)

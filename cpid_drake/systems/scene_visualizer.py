@@ -57,7 +57,6 @@ class SceneVisualizer(SpacecraftSystem):
         spacecraft: the spacecraft model.
         meshcat: where to draw. Its camera is moved so that the spacecraft fills the picture.
         truth: the true target; simulation only.
-        has_rates: whether the state has true rates, so that momenta are drawn.
 
     """
 
@@ -67,12 +66,10 @@ class SceneVisualizer(SpacecraftSystem):
         *,
         meshcat: Meshcat,
         truth: InertialParameters | None = None,
-        has_rates: bool = True,
     ) -> None:
         super().__init__()
         self.set_name("scene_visualizer")
         self._spacecraft, self._meshcat, self._truth = spacecraft, meshcat, truth
-        self._has_rates = has_rates
         plant = spacecraft.plant
         self._plant_context = self._declare_plant_context(plant)
         bodies = [plant.get_body(BodyIndex(k)).body_frame() for k in range(1, plant.num_bodies())]
@@ -194,7 +191,7 @@ class SceneVisualizer(SpacecraftSystem):
                 X_WS = RigidTransform(R_WS, X_WC @ estimate.get_com())
                 three_sigma = 3 * np.sqrt(np.maximum(variances, 0.0))
                 drawn["estimate/three_sigma"] = X_WS, np.maximum(three_sigma, 1e-3 * self._reach)
-        if target is not None and self._has_rates:
+        if target is not None:
             drawn |= self._momenta(self._spacecraft.momentum_sample(model), target)
         for name in self._names:
             path, (X_WD, scale) = f"/cpid/{name}", drawn.get(name, (None, None))

@@ -11,7 +11,7 @@ from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, Outp
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.one_thread import one_thread
-from cpid_drake.estimation.online import WINDOW, OnlineState
+from cpid_drake.estimation.online import OnlineState
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.arguments import PathLike, resolve_sensors
 from cpid_drake.identification.prior import TargetPrior
@@ -61,22 +61,15 @@ class SensorIdentifier(Identifier):
     of changes of the momentum. A rejected sample is unusable, late, or so far off that it weighs
     less.
 
-    In every period it collects the new samples. When a block is complete, it screens the samples
-    and solves the block. Drake systems that update at the same instant read each other's state
-    before the update, so a sample of time t is collected one period after t. No sample is missed,
-    because no sensor is faster than this period.
+    In every period it collects the new samples; one of time t, one period after t, because Drake's
+    systems read each other's state before the update. A block is solved when every sensor has
+    delivered its samples, or `live.stream.LATENESS` later; samples after that are rejected. Only
+    stamps determine the blocks; their zero is arbitrary. `Finish` also solves the incomplete block;
+    samples that are due at this instant need `Simulator.AdvancePendingEvents` before.
 
-    A sensor may deliver its samples late, by up to `live.stream.LATENESS`: a block is complete when
-    every sensor has delivered its samples, or after that delay. Later samples are rejected. Only
-    the stamps determine the blocks; their zero is arbitrary. At the end of a simulation, `Finish`
-    processes all samples, those of the incomplete block included. The samples that are due
-    at this instant need `Simulator.AdvancePendingEvents` before.
-
-    The state is one abstract value that is never changed, only replaced. Its size does not grow
-    with time, and clones of a Context share it. The work of an update is bounded; see
-    `estimation.online.step`. Most updates only collect samples. One that completes a block solves
-    the blocks of the window once or twice, some 100 ms of processor time for 12 joints; where the
-    momentum changed, ten times as much.
+    The state is one abstract value, which is replaced and never changed. Its size does not grow. An
+    update that solves a block takes some 100 ms of processor time for 12 joints; where the momentum
+    changed, ten times as much.
 
     Args:
         spacecraft: the spacecraft model.
@@ -87,8 +80,6 @@ class SensorIdentifier(Identifier):
         reads_thrust: whether there is a log of thrust.
         known_bodies: uncertainty of the spacecraft's bodies, of the arm's geometry and of the
             grasp, whose errors are estimated too; default: none.
-        window: number of blocks that are solved anew with every new one: the longer, the nearer
-            to the fit of all samples, and the more work.
 
     Raises:
         InputError: invalid sensors (see `suite.check_sensors`), no encoders, a period that is
@@ -106,7 +97,6 @@ class SensorIdentifier(Identifier):
         prior: TargetPrior | PathLike | None = None,
         reads_thrust: bool = False,
         known_bodies: BodyUncertainty | PathLike | None = None,
-        window: float = WINDOW,
     ) -> None:
         super().__init__()
         self.set_name("sensor_identifier")
@@ -118,7 +108,6 @@ class SensorIdentifier(Identifier):
             prior=prior,
             reads_thrust=reads_thrust,
             known_bodies=known_bodies,
-            window=window,
             in_order=True,
         )
         shortest = 1 / max(errors.rate for errors in suite.present().values())
@@ -153,20 +142,16 @@ class SensorIdentifier(Identifier):
         period: float | None = None,
         prior: TargetPrior | PathLike | None = None,
         known_bodies: BodyUncertainty | PathLike | None = None,
-        window: float = WINDOW,
         **samples: OutputPort,
     ) -> Self:
         """Add an identifier to a diagram and connect its inputs; for the options see the class.
 
         Args:
-            builder: the diagram's builder.
-            spacecraft, suite, momentum, period, prior, known_bodies, window: see the class.
             **samples: the port of each sensor of the suite, by its name, as from
                 `SpacecraftSensors.sample_ports`, and `thrust` if there is a log of thrust.
 
         Raises:
-            InputError: a sensor gets no port, or a port has no sensor or another size; also the
-                errors of the constructor.
+            InputError: a sensor gets no port, or a port has no sensor or another size.
 
         """
         identifier = cls(
@@ -177,7 +162,6 @@ class SensorIdentifier(Identifier):
             prior=prior,
             reads_thrust=THRUST in samples,
             known_bodies=known_bodies,
-            window=window,
         )
         return identifier.connected(builder, **samples)
 
@@ -234,19 +218,13 @@ class SensorIdentifier(Identifier):
 
 @dataclass(frozen=True, eq=False)
 class _Memory:
-    """The abstract state. A value in a Context is replaced, never changed.
-
-    Attributes:
-        stream: the state of the stream.
-        seen: time of the latest sample of every sensor [s].
-        due: time of the Context at which the next block may be complete [s]; NaN before the first
-            sample.
-
-    """
+    """The abstract state. A value in a Context is replaced, never changed."""
 
     stream: StreamState
     seen: dict[str, float]
+    """Time of the latest sample of every sensor [s]."""
     due: float = np.nan
+    """Time of the Context at which the next block may be complete [s]; NaN before the first."""
 
     def __deepcopy__(self, memo: dict[int, object]) -> "_Memory":
         """Return the value itself, which never changes."""

@@ -135,7 +135,9 @@ def run_paper_study(
     momentum = TotalMomentum.named(scenario.identification.momentum)
 
     def identified(data: Motion) -> Identification:
-        return identify(spacecraft, data, rows=scenario.online_rows, momentum=momentum)
+        return identify(
+            spacecraft, data, rows=scenario.identification.rows or "standard", momentum=momentum
+        )
 
     progress("identifying")
     exact = identified(samples)

@@ -24,7 +24,7 @@ HERE = Path(__file__).resolve().parent
 MODELS = HERE.parents[1] / "models"
 SAMPLE = (
     *("identify", MODELS / "telemetry/free_flyer.csv"),
-    *("--spacecraft", MODELS / "free_flyer/free_flyer.urdf"),
+    *("--model", MODELS / "free_flyer/free_flyer.urdf"),
     *("--base", "body", "--capture-frame", "capture_point", "--sensors", "testbed"),
 )
 WHEN = 6.0

@@ -223,7 +223,7 @@ class Truth:
         NaN if the motion does not determine all of them.
         """
         scale = parameter_scale(self.case.truth.to_vector(), SCALE_LENGTH)
-        return float((bound_of(self.case, self.spacecraft, self.exact[0]) / scale).max())
+        return float((bound_of(self.case, self.spacecraft) / scale).max())
 
     def _observed(self, tree: KinematicTree) -> tuple[Log, Rates]:
         names, case = self.spacecraft.joint_names, self.case

@@ -434,7 +434,7 @@ SCENARIOS = {
         scenario("log_period", "burns: [{time: 10.5, duration: 1.0}]\n  log_period"),
         "simulation.burns[0].time must be within the simulation's duration, 10 s, not 10.5",
     ),
-    "estimator_unknown": (scenario("rows: eq18", "estimator: guess"), "must be one of least_squ"),
+    "estimator_unknown": (scenario("rows: eq18", "estimator: guess"), "must be 'least_squ"),
     "sensors_missing": (scenario("rows: eq18", "estimator: recursive_fit"), "needs sensors; give"),
     "prior_unused": (
         scenario("rows: eq18", f"prior: {PRIOR}"),

@@ -84,9 +84,9 @@ def command(kind: str, name: str) -> list[str]:
     craft = ["--base", "bus", "--capture-frame", "hand"]
     export = ["export", "--format", "urdf", "--out", "out.urdf", "--", name]
     return {
-        "telemetry": ["identify", "--spacecraft", "arm.urdf", *craft, "--", name],
-        "sensors": ["identify", "log.csv", "--spacecraft", "arm.urdf", *craft, "--sensors", name],
-        "model": ["identify", "log.csv", "--spacecraft", name, *craft],
+        "telemetry": ["identify", "--model", "arm.urdf", *craft, "--", name],
+        "sensors": ["identify", "log.csv", "--model", "arm.urdf", *craft, "--sensors", name],
+        "model": ["identify", "log.csv", "--model", name, *craft],
         "scenario": ["simulate", "--check", "--", name],
         "result": export,
         "export": export,

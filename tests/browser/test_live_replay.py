@@ -6,7 +6,7 @@ from flyer_cases import SAMPLE, SENSORS_OF_SAMPLE
 from processes import start
 
 COMMAND = (
-    *("live", "replay", SAMPLE, "--scenario", "free_flyer_payload"),
+    *("live", "replay", SAMPLE, "--spacecraft", "free_flyer_payload"),
     *("--sensors", SENSORS_OF_SAMPLE, "--rate", 0.5),
 )
 ESTIMATE = "!!viewer.scene_tree.find(['cpid', 'estimate', 'three_sigma']).object.visible"

@@ -122,7 +122,7 @@ def live():
 
     def show() -> None:
         meshcat = Meshcat()
-        simulation = make_simulation(payload(3.0, 1e-7), meshcat=meshcat)
+        simulation = make_simulation(payload(3.0, 1e-7))
         urls.put(meshcat.web_url())
         serve(simulation, meshcat, 1.0)
         del simulation, meshcat

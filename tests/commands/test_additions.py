@@ -15,7 +15,7 @@ from cpid_drake.identification.estimators import ESTIMATORS, Estimator
 from cpid_drake.logs.files import FORMATS
 from cpid_drake.logs.table import LogTable
 
-CRAFT = ("--scenario", "free_flyer_payload")
+CRAFT = ("--spacecraft", "free_flyer_payload")
 
 
 def estimate_every_second(known, logs, progress):

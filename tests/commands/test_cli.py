@@ -30,7 +30,7 @@ def test_help_names_all_commands_and_imports_none_of_their_libraries():
         (["simulate", "pape", "--out", "x"], "did you mean 'paper'?"),
         (["campaign", "run", "no.yaml", "--out", "x"], "no.yaml: no such file"),
         (["campaign", "report", "x"], "there is no folder x"),
-        (["identify", "x.csv", "--scenaro", "paper"], "Did you mean --scenario?"),
+        (["identify", "x.csv", "--spacecaft", "paper"], "Did you mean --spacecraft?"),
         (["log", "chek", "x.csv"], 'Did you mean "check"?'),
         (["log", "--install-completion"], "--install-completion"),
         (["plan", "motion", "paper", "--out", "x", "--targets", "1.5"], "1.5: give a whole number"),

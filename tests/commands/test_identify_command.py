@@ -16,7 +16,7 @@ from cpid_drake.identification.description import principal_axes
 from cpid_drake.identification.result_files import read_result
 
 NOISY = (*FREE_FLYER, "--sensors", "testbed")
-SERVICER = ("--scenario", "paper")
+SERVICER = ("--spacecraft", "paper")
 BAG = InertialParameters(
     8.5,
     [0.26, 0.02, -0.015],
@@ -86,7 +86,7 @@ def test_sensors_beside_a_log_are_said_not_to_be_used(cpid):
     """Those of a run of `cpid simulate` are sensors.yaml; another log has its name before."""
     Path("run").mkdir()
     Path("run/telemetry.csv").write_bytes(SAMPLE.read_bytes())
-    given = ("run/telemetry.csv", "--scenario", "free_flyer_payload", "--to", "2", "--quiet")
+    given = ("run/telemetry.csv", "--spacecraft", "free_flyer_payload", "--to", "2", "--quiet")
     said = "lies beside the log, and is not used: give --sensors"
     assert said not in cpid("identify", *given)[2]
     for name in ("sensors.yaml", "telemetry_sensors.yaml"):
@@ -97,7 +97,7 @@ def test_sensors_beside_a_log_are_said_not_to_be_used(cpid):
 
 
 class TestScenario:
-    """--scenario says of the spacecraft what single options say, and they override it."""
+    """--spacecraft says of the spacecraft what single options say, and they override it."""
 
     OWN = (
         "model: craft/free_flyer.urdf\nbase: body\ncapture_frame: capture_point\nsensors: testbed\n"
@@ -113,21 +113,25 @@ class TestScenario:
     def test_of_a_file_of_the_spacecraft(self, cpid):
         Path("craft").symlink_to(models_directory() / "free_flyer")
         Path("own.yaml").write_text(self.OWN)
-        found = self.request(cpid, "--scenario", "own.yaml")
+        found = self.request(cpid, "--spacecraft", "own.yaml")
         assert (found.sensors, found.momentum, found.planar) == ("testbed", "unknown", False)
         assert found.spacecraft.model == str(Path("craft/free_flyer.urdf").absolute())
         assert "mass=0.01" in found.known_bodies
         assert "grasp_mm=3.0" in found.known_bodies
         options = ("--momentum", "zero", "--known-bodies", "com=0.01", "--sensors", "flight")
-        found = self.request(cpid, "--scenario", "own.yaml", *options)
+        found = self.request(cpid, "--spacecraft", "own.yaml", *options)
         assert (found.momentum, found.known_bodies, found.sensors) == ("zero", "com=0.01", "flight")
+
+    def test_a_model_alone_is_refused(self, refusal):
+        message = refusal("identify", SAMPLE, "--spacecraft", "arm.urdf")
+        assert "give it as --model, with --base and --capture-frame" in message
 
     def test_the_scenario_s_target_is_not_used(self, cpid):
         text = (models_directory() / "scenarios/free_flyer_payload.yaml").read_text()
         Path("other.yaml").write_text(text.replace("mass: 8.5", "mass: 85.0"))
         results = []
         for name in ("free_flyer_payload", "other.yaml"):
-            self.request(cpid, "--scenario", name)
+            self.request(cpid, "--spacecraft", name)
             results.append(read_result("r.json").parameters)
         np.testing.assert_array_equal(*results)
 
@@ -136,7 +140,7 @@ class TestScenario:
         suite = (models_directory() / "sensors/testbed.yaml").read_text()
         lines = [f"    {line}" for line in suite.splitlines()]
         Path("own.yaml").write_text("\n".join([text, "sensors:", "  explicit:", *lines]))
-        message = refusal("identify", SAMPLE, "--scenario", "own.yaml")
+        message = refusal("identify", SAMPLE, "--spacecraft", "own.yaml")
         assert "lists its sensors itself" in message
 
 
@@ -186,7 +190,10 @@ class TestOneLog:
             (["--package", "robot"], "give NAME=FOLDER"),
             (["--topic", "imu=/imu"], "topics are for ROS 2 bags"),
             (["--known-bodies", "mass=-1"], "mass must be greater than or equal to 0"),
-            (["--scenario", "free_flyer_payload"], "exact.csv: there is no column 'q:arm_joint1'"),
+            (
+                ["--spacecraft", "free_flyer_payload"],
+                "exact.csv: there is no column 'q:arm_joint1'",
+            ),
         ],
     )
     def test_what_cannot_be_is_one_line(self, exact, refusal, arguments, phrase):

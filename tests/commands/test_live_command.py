@@ -7,7 +7,7 @@ import pytest
 from flyer_cases import FREE_FLYER, SAMPLE, SENSORS_OF_SAMPLE
 
 SENSORS = ("--sensors", SENSORS_OF_SAMPLE)
-CRAFT = ("--scenario", "free_flyer_payload")
+CRAFT = ("--spacecraft", "free_flyer_payload")
 
 
 def test_it_ends_with_the_answer_of_identify(cpid):
@@ -38,8 +38,8 @@ def test_it_keeps_the_time_of_the_log(cpid):
     ("given", "says"),
     [
         (FREE_FLYER, "give --sensors"),
-        ((*CRAFT, *SENSORS, "--rows", "eq18"), "leave out --estimator and --rows"),
-        ((*CRAFT, *SENSORS, "--estimator", "trajectory_fit"), "leave out --estimator"),
+        ((*CRAFT, *SENSORS, "--rows", "eq18"), "--rows"),
+        ((*CRAFT, *SENSORS, "--estimator", "trajectory_fit"), "--estimator"),
         ((*CRAFT, *SENSORS, "--from", "100"), "free_flyer.csv"),
     ],
 )
@@ -53,7 +53,7 @@ def test_logged_thrust_is_replayed_too(cpid, tmp_path):
     out = tmp_path / "run"
     assert cpid("simulate", "logged_burn", "--out", out)[0] == 0
     code, shown, _ = cpid(
-        *("live", "replay", out / "telemetry.csv", "--scenario", out / "scenario.yaml"),
+        *("live", "replay", out / "telemetry.csv", "--spacecraft", out / "scenario.yaml"),
         *("--sensors", "flight", "--rate", 1000, "--no-show"),
     )
     assert code == 0, shown

@@ -12,7 +12,7 @@ from cpid_drake import load_scenario, read_log, read_result, shipped_scenario, w
 from cpid_drake.dynamics.propagation import propagate
 from cpid_drake.files.resources import models_directory
 
-CRAFT = ("--scenario", "free_flyer_payload")
+CRAFT = ("--spacecraft", "free_flyer_payload")
 ROS = models_directory() / "telemetry/free_flyer_ros.csv"
 """The sample at 25 Hz: ns since 1970, millimetres, degrees, xyzw, another joint."""
 

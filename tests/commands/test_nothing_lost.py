@@ -14,7 +14,14 @@ from processes import HUNG, finish, start
 from cpid_drake.files.resources import models_directory
 
 MODELS = models_directory()
-IDENTIFY = ("--scenario", "free_flyer_payload", "--estimator", "least_squares", "--json", "r.json")
+IDENTIFY = (
+    "--spacecraft",
+    "free_flyer_payload",
+    "--estimator",
+    "least_squares",
+    "--json",
+    "r.json",
+)
 SCENARIO = (MODELS / "scenarios/free_flyer_payload.yaml").read_text()
 LIMIT = 500
 """Largest size of a file for a process without space [bytes]; every output is larger."""

@@ -41,8 +41,7 @@ def test_a_plan_is_written_drawn_compared_exported_and_simulated(run_cpid, tmp_p
     assert max(places) == places[-1]
 
     table = tmp_path / "motion.csv"
-    arguments = ("--scenario", "paper", "--out", table, "--rate", 10)
-    assert run_cpid("plan", "export", file, *arguments)[0] == 0
+    assert run_cpid("plan", "export", "paper", file, "--out", table, "--rate", 10)[0] == 0
     values = np.loadtxt(table, delimiter=",", skiprows=1)
     assert values.shape == (101, 37)
 
@@ -80,7 +79,7 @@ def test_an_interrupt_keeps_the_best_motion_so_far(run_cpid, tmp_path, monkeypat
         (("motion", "nowhere.yaml", "--out", "x.yaml"), "nowhere.yaml: no such file"),
         (("motion", "paper", "--out", "x.yaml", "--picture", "x.html"), "x.html: give the name"),
         (("motion", "paper", "--out", "x.yaml", "--frequency", "100"), "give a highest frequency"),
-        (("export", "nowhere.yaml", "--scenario", "paper", "--out", "x.csv"), "no such file"),
+        (("export", "paper", "nowhere.yaml", "--out", "x.csv"), "no such file"),
     ],
 )
 def test_errors_are_one_line(arguments, message, run_cpid, tmp_path, monkeypatch):

@@ -26,7 +26,7 @@ FOLDER = models_directory() / "telemetry"
 LOG, SENSORS = FOLDER / "free_flyer.csv", FOLDER / "free_flyer_sensors.yaml"
 ROBOT = Path(__file__).with_name("ros_robot.py")
 NODE = (
-    *("-m", "cpid_drake", "live", "ros2", "--scenario", "free_flyer_payload"),
+    *("-m", "cpid_drake", "live", "ros2", "--spacecraft", "free_flyer_payload"),
     *("--sensors", SENSORS, "--topic", "imu=/imu/data", "--topic", "pose=/pose"),
 )
 PERIOD = ("--", "--ros-args", "-p", "period:=0.25")

@@ -16,7 +16,7 @@ from cpid_drake.logs.channels import look_at
 from cpid_drake.logs.log import Samples
 from cpid_drake.sensors.sensors import JointSensor
 
-CRAFT = ("--scenario", "free_flyer_payload")
+CRAFT = ("--spacecraft", "free_flyer_payload")
 
 
 def wrapped(angle):
@@ -264,7 +264,7 @@ class TestCheckCommand:
 
 
 @pytest.mark.parametrize("arguments", [("list",), ("log", "check", "nöwhere.csv")])
-def test_a_terminal_of_ascii_gets_plain_text(monkeypatch, arguments):
+def test_a_terminal_of_ascii_gets_all_that_it_can_show(monkeypatch, arguments):
     streams = [TextIOWrapper(BytesIO(), encoding="ascii") for _ in range(2)]
     monkeypatch.setattr(sys, "stdout", streams[0])
     monkeypatch.setattr(sys, "stderr", streams[1])
@@ -275,5 +275,5 @@ def test_a_terminal_of_ascii_gets_plain_text(monkeypatch, arguments):
     for stream in streams:
         stream.flush()
     written = b"".join(stream.buffer.getvalue() for stream in streams).decode("ascii")
-    assert "kg*m^2 +- sigma  deg" in written
-    assert ("nowhere.csv: no such file" in written) == (arguments[0] == "log")
+    assert r"kg\xb7m\xb2 \xb1 \u03c3 \xb0" in written
+    assert (r"n\xf6where.csv: no such file" in written) == (arguments[0] == "log")

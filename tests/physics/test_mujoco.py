@@ -217,7 +217,7 @@ def on_table(tmp_path_factory):
 def test_the_four_of_mujocos_planar_joint_are_identified(on_table, tmp_path, run_cpid):
     path, model = on_table
     result = tmp_path / "result.json"
-    craft = ["--spacecraft", model, "--base", "base", "--capture-frame", "grip"]
+    craft = ["--model", model, "--base", "base", "--capture-frame", "grip"]
     code, text, _ = run_cpid("identify", path, *craft, "--json", result)
     assert code == 0
     assert "are identifiable; the others have no effect" in text
@@ -234,7 +234,7 @@ def test_the_four_of_mujocos_planar_joint_are_identified(on_table, tmp_path, run
 def test_a_free_base_does_not_explain_the_log(on_table, run_cpid):
     """Both halves of the log are wrong alike, and what is open must not explain the errors."""
     path, model = on_table
-    craft = ["--spacecraft", model, "--base", "base", "--capture-frame", "grip"]
+    craft = ["--model", model, "--base", "base", "--capture-frame", "grip"]
     code, text, _ = run_cpid("identify", path, *craft, "--no-planar", "--rows", "standard")
     assert code == 4
     assert "failed check" in text

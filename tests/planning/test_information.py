@@ -11,7 +11,9 @@ from cpid_drake import InertialParameters
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.planning.base_motion import BASE_LIMITS, PlannedBaseMotion, known_instants
-from cpid_drake.planning.information import InformationModel
+from cpid_drake.planning.information import covariance
+from cpid_drake.planning.prediction import Prediction, loads_of
+from cpid_drake.simulation.trials import motions_of
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +33,7 @@ def exciting():
 def test_it_is_the_exact_bound_if_the_encoders_are_good(name, preset):
     """Start, bias and an unknown momentum are eliminated; the grid changes σ by at most 4 %."""
     case = Planned(name, preset)
-    exact = case.setting.predict(case.motion, case.parameters).sigma
+    exact = case.planner.predict(case.motion, case.parameters).sigma
     np.testing.assert_allclose(case.sigma() / exact, 1.0, atol=0.04)
 
 
@@ -44,7 +46,7 @@ def test_on_a_table_four_parameters_are_determined():
     suite.position = replace(suite.position, lever_arm_mm=0.0)
     suite.encoders = replace(suite.encoders, zero_mrad=0.0, delay_ms=0.0)
     suite.disturbances = None
-    exact = case.setting.predict(case.motion, case.parameters).sigma
+    exact = case.planner.predict(case.motion, case.parameters).sigma
     known = np.flatnonzero(np.isfinite(exact))
     np.testing.assert_array_equal(known, [0, 1, 2, 6])
     np.testing.assert_allclose((case.sigma() / exact)[known], 1.0, atol=0.04)
@@ -54,8 +56,8 @@ def test_on_a_table_four_parameters_are_determined():
 
 def test_a_velocity_sensor_measures_the_rate_of_the_position(exciting):
     suite = replace(exciting.suite, velocity=replace(exciting.suite.position, sigma=1e-6))
-    setting = replace(exciting.setting, suite=suite)
-    exact = setting.predict(exciting.motion, exciting.parameters).sigma
+    case = replace(exciting.planner.case(exciting.motion, exciting.parameters), suite=suite)
+    exact = Prediction.of(case, exciting.spacecraft).sigma
     assert (exact / exciting.sigma()).min() < 0.8
     np.testing.assert_allclose(exciting.sigma(suite) / exact, 1.0, atol=0.04)
 
@@ -65,7 +67,8 @@ def test_the_base_moves_as_in_the_propagated_motion(name):
     """Its turn, rate and displacement, also with momentum: an independent integration."""
     case = Planned(name, "flight")
     base = case.base()
-    [moved] = case.setting.telemetries(case.motion, case.parameters[None], base.times)
+    planned = case.planner.case(case.motion, case.parameters)
+    [moved] = motions_of([planned], case.spacecraft.tree, case.spacecraft.joint_names, base.times)
     np.testing.assert_allclose(base.R, moved.R_WB, atol=3e-3)
     w_B = np.einsum("nji,nj->ni", moved.R_WB, moved.w_WB)
     np.testing.assert_allclose(base.w, w_B, atol=3e-3 * np.abs(w_B).max())
@@ -88,7 +91,8 @@ def test_efforts_are_those_of_drakes_inverse_dynamics(exciting):
         base = exciting.base(exciting.form.from_parameters(target.to_vector()))
         samples = exciting.motion.evaluate(base.times)[:, None, :2]
         found = np.abs(base.efforts(tree, samples, target.to_standard_vector())[:, 0])
-        [expected], _ = exciting.setting.needs(exciting.motion, target.to_vector()[None])
+        case = exciting.planner.case(exciting.motion, target.to_vector())
+        [expected], _ = loads_of([case], exciting.spacecraft)
         np.testing.assert_allclose(found.max(axis=0), expected, rtol=0.1, atol=0.1)
         peaks.append(expected.max())
     assert peaks[1] > 1.3 * peaks[0]
@@ -104,7 +108,7 @@ def test_joints_at_rest_leave_what_is_known_before(exciting):
     at_rest = PlannedBaseMotion.of(
         times, known_instants(tree, samples), TotalMomentum.zero(), exciting.psi
     )
-    [found] = InformationModel(tree, exciting.suite).covariance(at_rest)
+    [found] = covariance(Model(tree, exciting.suite), at_rest)
     prior = Model(tree, exciting.suite).cone.prior(PSI, exciting.psi)
     unit = np.sqrt(np.diag(prior.covariance()))
     np.testing.assert_allclose(

@@ -55,8 +55,8 @@ def test_it_says_that_the_scenario_s_target_is_not_used(scenario):
 
 
 def test_gradients_are_those_of_central_differences(planner):
-    objective = replace(planner.objective, demanding=planner.checked_targets[:2])
-    objective = objective.with_limits({"base attitude": 0.5, "base displacement": 0.1})
+    limits = {"base attitude": 0.5, "base displacement": 0.1}
+    objective = replace(planner.objective, demanding=planner.checked_targets[:2], limits=limits)
     [x], h = parameters(planner, 1), 1e-4
     values, gradient = objective.evaluate(x)
     np.testing.assert_allclose(values, objective.values(x[None])[0])
@@ -68,7 +68,7 @@ def test_gradients_are_those_of_central_differences(planner):
 
 def test_what_is_known_before_adds_to_what_a_motion_teaches(planner, scenario):
     [x], truth = parameters(planner, 1), scenario.target_truth().to_vector()
-    scale = planner.setting.predict(planner.own_motion, truth).scale
+    scale = planner.predict(planner.own_motion, truth).scale
     found = {}
     for sigma in (1e-7, 1e-5, 1.0):
         prior = TargetPrior("estimate", truth, np.diag((sigma * scale) ** 2))
@@ -88,8 +88,7 @@ def test_it_is_much_better_than_the_scenarios_motion_for_the_true_target(planner
     truth = scenario.target_truth().to_vector()
     assert all(not np.allclose(target, truth, rtol=0.1) for target in planner.targets)
     own, plan = (
-        planner.setting.predict(motion, truth).worst
-        for motion in (planner.own_motion, planner.best.motion)
+        planner.predict(motion, truth).worst for motion in (planner.own_motion, planner.best.motion)
     )
     assert own > 30 * plan
 
@@ -126,7 +125,7 @@ def test_little_motion_of_the_base_can_be_required(scenario):
     planner = Planner(scenario, FLIGHT, options)
     best = planner.run()
     for target in planner.checked_targets:  # also the heaviest, which move the base most
-        found = planner.setting.predict(best.motion, target)
+        found = planner.predict(best.motion, target)
         assert np.degrees(found.base_rotation) <= limits["base_attitude"]
         assert np.degrees(found.base_rate) <= limits["base_rate"]
         assert found.base_displacement <= 0.2
@@ -198,7 +197,7 @@ def test_the_errors_of_fits_are_as_large_as_predicted(name):
     body = InertialParameters.from_vector(target)
     case = make_case(planner.scenario, craft, body, planner.suite, 1)
     errors = np.array([*fit_errors(case, craft, 4)])
-    prediction = planner.setting.predict(planner.own_motion, target)
+    prediction = planner.predict(planner.own_motion, target)
     ratio = np.sqrt(np.mean(errors**2, axis=0)) / (prediction.sigma / prediction.scale)
     assert 0.6 < np.sqrt(np.mean(ratio**2)) < 1.5
 
@@ -207,7 +206,7 @@ def test_what_nobody_states_widens_the_prediction_as_it_widens_an_identification
     """The world of the trial has none of these errors: only the intervals contain them."""
     stated = Planner(scenario, load_sensors("flight"))
     exact, target = Planner(scenario, FLIGHT), stated.targets[0]
-    found, calibrated = (each.setting.predict(each.own_motion, target) for each in (stated, exact))
+    found, calibrated = (each.predict(each.own_motion, target) for each in (stated, exact))
     np.testing.assert_allclose(found.sigma, calibrated.sigma)
     np.testing.assert_array_equal(calibrated.plausible_sigma, calibrated.sigma)
     body, craft = InertialParameters.from_vector(target), stated.spacecraft

@@ -285,7 +285,7 @@ def identified(draw: Draw, *words: str) -> dict:
     """Return what `cpid identify` says about a draw, compared with the truth."""
     out = draw.urdf.with_name("found.json")
     out.unlink(missing_ok=True)
-    craft = "--spacecraft", draw.urdf, "--base", "base", "--capture-frame", "capture_point"
+    craft = "--model", draw.urdf, "--base", "base", "--capture-frame", "capture_point"
     done = cli("identify", *draw.logs, *craft, "--sensors", draw.sensors, "--json", out, *words)
     text = done.stderr + done.stdout
     row = {"code": done.returncode, "text": text, "known": 0, "worst": np.nan, "changes": 0}

@@ -28,7 +28,7 @@ from cpid_drake import (
     shipped_scenario,
 )
 from cpid_drake.files.checked_yaml import dump_yaml
-from cpid_drake.simulation.trials import bound_of, ideal_samples, make_case
+from cpid_drake.simulation.trials import bound_of, make_case
 
 FLOOR = 1e-8
 """Error that is rounding, relative to m, to 0.5 m and to the trace of I."""
@@ -175,7 +175,7 @@ def cli_trial(world: World, folder: Path, log: Path, *words: str | Path) -> Tria
     out, craft = folder / "found.json", world.scenario.spacecraft
     out.unlink(missing_ok=True)
     known = [
-        "--spacecraft",
+        "--model",
         craft.model,
         "--base",
         craft.base,
@@ -278,6 +278,6 @@ def monte_carlo(what: str, name: str, folder: Path, sensors: str | SensorSuite =
     if bound:
         craft = scenario.spacecraft.make()
         case = make_case(scenario, craft, scenario.target_truth(), suite, 0)
-        limit = bound_of(case, craft, ideal_samples(case, craft.tree, craft.joint_names))
+        limit = bound_of(case, craft)
     what = f"{what}, {seeds} seeds"
     return row_of(what, trials, bound=limit, is_spoiled=is_spoiled, why=why, words=words)

@@ -104,7 +104,9 @@ def wider(found, factor):
 
 def test_a_plan_s_table_is_in_degrees_and_percent():
     one = np.ones(10)
-    prediction = Prediction(0.02 * one, 0.02 * one, 2 * one, np.pi / 6, np.pi / 180, 0.25, 0.5)
+    prediction = Prediction(
+        0.02 * one, 0.02 * one, 2 * one, np.pi / 6, np.pi / 180, 0.25, {"rate": 0.5}
+    )
     table = motion_table({"plan": prediction}, "")
     shown = {row[0]: float(row[1]) for row in table.rows}
     assert shown["rotation of the base, deg"] == pytest.approx(30.0, rel=0.01)

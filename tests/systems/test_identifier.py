@@ -169,8 +169,8 @@ def test_ports_that_do_not_fit_are_named(servicer, motion, ports, message):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ((slice(0, 4), 0.3), "quaternion has norm 0.6"),
-        ((20, np.nan), r"not finite \(entry 20\)"),
+        ((slice(0, 4), 0.3), "quaternion_WB is not of unit norm"),
+        ((20, np.nan), "'w_WB' is not finite"),
         ((slice(19, 25), 1e308), "not finite"),
     ],
 )

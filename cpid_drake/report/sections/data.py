@@ -58,11 +58,7 @@ def written_by() -> tuple[str, str]:
 def checks_section(result: Identification, again: Identification | None) -> Section:
     """Return the section with the warnings and the checks of a result.
 
-    Args:
-        result: the result that is reported.
-        again: the result of the same log, identified again for the report; None if the log was not
-            identified again.
-
+    `again` is the result of the same log, identified again for the report, if it was.
     """
     texts = list(result.warnings)
     if again is not None:
