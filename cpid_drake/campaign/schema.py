@@ -15,8 +15,8 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from annotated_types import Ge, Interval, MinLen
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.files.checked_yaml import (
     Numbers,
@@ -41,8 +41,6 @@ from cpid_drake.spacecraft.reference import Name
 
 VERSION = 1
 """Version of the files of a campaign's folder; another one is refused."""
-
-Array = NDArray[np.float64]
 
 
 @dataclass

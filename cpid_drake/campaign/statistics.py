@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-from numpy.typing import NDArray
 from scipy.special import betaincinv, chdtri
 
+from cpid_drake.array import Array
 from cpid_drake.campaign import store
 from cpid_drake.campaign.schema import Axis, CampaignPlan
 from cpid_drake.dynamics.parameterizations import SCALE_LENGTH, parameter_scale
@@ -33,8 +33,6 @@ BINS = 8
 
 WORST = 5
 """Number of the worst trials of each estimator that are shown."""
-
-Array = NDArray[np.float64]
 
 
 @dataclass

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.campaign.schema import CampaignPlan, ModelErrors, TrialScenario, plan_of
 from cpid_drake.dynamics.kinematics import forward_kinematics
 from cpid_drake.dynamics.motion import Motion
@@ -193,7 +193,7 @@ def _propagated(jobs: Sequence[_Job]) -> list[Log | Motion]:
     return [with_sensor_errors(log, each.trial.errors) for log, each in zip(logs, jobs)]
 
 
-def _instants(trial: TrialScenario) -> NDArray[np.float64]:
+def _instants(trial: TrialScenario) -> Array:
     """Return the times at which a trial without sensors is sampled: those of its identifier."""
     config, end = trial.identification, trial.simulation.duration
     return np.arange(config.offset, end + 1e-9, config.period)
@@ -320,7 +320,7 @@ def _declared(job: _Job) -> dict[str, Any]:
 
 
 @lru_cache(maxsize=8)
-def _bound(text: str, values: str) -> NDArray[np.float64]:
+def _bound(text: str, values: str) -> Array:
     """Return the Cramér-Rao bound (10,) on σ with these values of the axes, as JSON.
 
     Without an axis that is drawn, it is the same in all trials of a point.
@@ -329,7 +329,7 @@ def _bound(text: str, values: str) -> NDArray[np.float64]:
     return bound_of(job.case, job.spacecraft)
 
 
-def _estimate(found: Identification, truth: NDArray[np.float64]) -> dict[str, Any]:
+def _estimate(found: Identification, truth: Array) -> dict[str, Any]:
     """Return what a row says of an identification."""
     if not found.converged:
         return {"error": "did not converge"}

@@ -25,6 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.kinematics import forward_kinematics
 from cpid_drake.dynamics.momentum import momenta
 from cpid_drake.dynamics.parameterizations import moved_moments, vector_to_tensor
@@ -61,15 +62,15 @@ class BodyDynamics:
     """
 
     mass: float
-    normal_B: NDArray[np.float64] | None
-    I_K: NDArray[np.float64]
-    h_K: NDArray[np.float64]
-    p_BK: NDArray[np.float64]
-    v_BK: NDArray[np.float64]
-    R_BC: NDArray[np.float64]
-    w_BC: NDArray[np.float64]
-    s: NDArray[np.float64]
-    sdot: NDArray[np.float64]
+    normal_B: Array | None
+    I_K: Array
+    h_K: Array
+    p_BK: Array
+    v_BK: Array
+    R_BC: Array
+    w_BC: Array
+    s: Array
+    sdot: Array
 
     @classmethod
     def at(cls, tree: KinematicTree, q: ArrayLike, qdot: ArrayLike) -> "BodyDynamics":
@@ -104,17 +105,17 @@ class BodyDynamics:
         arrays = (getattr(self, name)[rows] for name in _BY_INSTANT)
         return BodyDynamics(self.mass, self.normal_B, *arrays)
 
-    def regressor(self, w_B: ArrayLike) -> NDArray[np.float64]:
+    def regressor(self, w_B: ArrayLike) -> Array:
         """Return Y (N, 3, 10) in B at angular velocities w_B (N, 3): the relative rows."""
         w = rotate(np.swapaxes(self.R_BC, -1, -2), w_B)
         sdot = self.sdot + cross(w, self.s)
         return self.R_BC @ relative_regressor(self.s, sdot, w + self.w_BC)
 
-    def total_mass(self, psi: NDArray[np.float64]) -> NDArray[np.float64]:
+    def total_mass(self, psi: Array) -> Array:
         """Return the mass (...) of spacecraft and target [kg]: μ = m_k m/(m_k + m)."""
         return np.asarray(self.mass**2 / (self.mass - psi[..., 0]))
 
-    def inertia(self, psi: NDArray[np.float64]) -> NDArray[np.float64]:
+    def inertia(self, psi: Array) -> Array:
         """Return J(ψ) (..., N, 3, 3) about the system's centre of mass, in B."""
         mu, first, s = psi[..., 0], psi[..., 1:4], self.s
         moment = vector_to_tensor(psi[..., 4:])[..., None, :, :]
@@ -124,7 +125,7 @@ class BodyDynamics:
         moment += 2 * np.trace(outer, axis1=-2, axis2=-1)[..., None, None] * np.eye(3)
         return self.I_K + self.R_BC @ moment @ np.swapaxes(self.R_BC, -1, -2)
 
-    def mobility(self, psi: NDArray[np.float64]) -> NDArray[np.float64]:
+    def mobility(self, psi: Array) -> Array:
         """Return ∂ω/∂L (..., N, 3, 3) in B: the inverse of J(ψ); on a table n nᵀ / (nᵀ J n).
 
         Raises:
@@ -142,37 +143,37 @@ class BodyDynamics:
             return np.asarray(np.outer(n, n) / (n @ J @ n)[..., None, None])
         raise InputError("no rigid body reduces the system's inertia as this target does")
 
-    def inertia_regressor(self, vectors_B: NDArray[np.float64]) -> NDArray[np.float64]:
+    def inertia_regressor(self, vectors_B: Array) -> Array:
         """Return the derivative (N, 3, 10) of J(ψ) x with respect to ψ, for x (N, 3), in B."""
         x = rotate(np.swapaxes(self.R_BC, -1, -2), vectors_B)
         return self.R_BC @ relative_regressor(self.s, cross(x, self.s), x)
 
-    def momentum_at_rest(self, psi: NDArray[np.float64]) -> NDArray[np.float64]:
+    def momentum_at_rest(self, psi: Array) -> Array:
         """Return h(ψ) (..., N, 3), in B: the angular momentum while the base does not rotate."""
         Y = relative_regressor(self.s, self.sdot, self.w_BC)
         return self.h_K + rotate(self.R_BC, rotate(Y, psi[..., None, :]))
 
-    def com(self, psi: NDArray[np.float64]) -> NDArray[np.float64]:
+    def com(self, psi: Array) -> Array:
         """Return ρ(ψ) (..., N, 3): the system's centre of mass from B's origin, in B [m]."""
         return self.p_BK + rotate(self.com_regressor(), psi[..., None, :4])
 
-    def com_regressor(self) -> NDArray[np.float64]:
+    def com_regressor(self) -> Array:
         """Return ∂ρ/∂ψ (N, 3, 4): ρ depends on (μ, μc) only."""
         columns = np.concatenate([rotate(self.R_BC, self.s)[..., None], self.R_BC], axis=-1)
         return np.asarray(columns / self.mass)
 
-    def com_rate(self, psi: NDArray[np.float64]) -> NDArray[np.float64]:
+    def com_rate(self, psi: Array) -> Array:
         """Return the rate of ρ(ψ) as seen from B (..., N, 3), in B [m/s]."""
         return self.v_BK + rotate(self.com_rate_regressor(), psi[..., None, :4])
 
-    def com_rate_regressor(self) -> NDArray[np.float64]:
+    def com_rate_regressor(self) -> Array:
         """Return the derivative of `com_rate` with respect to (μ, μc), (N, 3, 4)."""
         columns = np.concatenate([self.sdot[..., None], skew(self.w_BC)], axis=-1)
         return np.asarray(self.R_BC @ columns / self.mass)
 
     def base_twist(
-        self, psi: NDArray[np.float64], L_Scm_B: ArrayLike = (0.0,) * 3, v_Scm_B: ArrayLike = 0.0
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        self, psi: Array, L_Scm_B: ArrayLike = (0.0,) * 3, v_Scm_B: ArrayLike = 0.0
+    ) -> tuple[Array, Array]:
         """Return the base's velocities ω and v (..., N, 3) in W, in B, that conserve momentum.
 
         Args:

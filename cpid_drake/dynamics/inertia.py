@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.parameterizations import (
     REPORT_ORDER,
     TENSOR_ORDER,
@@ -47,8 +48,8 @@ class InertialParameters:
     """
 
     mass: float
-    p_CTcm_C: NDArray[np.float64]
-    I_TTcm_C: NDArray[np.float64]
+    p_CTcm_C: Array
+    I_TTcm_C: Array
 
     def __post_init__(self) -> None:
         if any(
@@ -83,7 +84,7 @@ class InertialParameters:
         inertia = vector_to_tensor(parameters[4:][TENSOR_ORDER])
         return cls(parameters[0], parameters[1:4], inertia)
 
-    def to_vector(self) -> NDArray[np.float64]:
+    def to_vector(self) -> Array:
         """Return π (10,) = (m, c, Ixx, Iyy, Izz, Ixy, Ixz, Iyz) [kg, m, kg·m²]."""
         moments = tensor_to_vector(self.I_TTcm_C)[REPORT_ORDER]
         return np.concatenate([[self.mass], self.p_CTcm_C, moments])
@@ -93,7 +94,7 @@ class InertialParameters:
         """Return the parameters of φ (10,) = (m, m c, J about C's origin); m must not be zero."""
         return cls.from_vector(standard_to_parameters(_ten(phi, "a standard vector")))
 
-    def to_standard_vector(self) -> NDArray[np.float64]:
+    def to_standard_vector(self) -> Array:
         """Return φ (10,) = (m, m c, J11, J12, J13, J22, J23, J33), J about C's origin."""
         return parameters_to_standard(self.to_vector())
 
@@ -130,7 +131,7 @@ class InertialParameters:
                 break
         return M_TCo_C
 
-    def principal_moments(self) -> NDArray[np.float64]:
+    def principal_moments(self) -> Array:
         """Return the (3,) principal moments about the centre of mass, ascending [kg·m²]."""
         return np.linalg.eigvalsh(self.I_TTcm_C).astype(float)
 
@@ -181,7 +182,7 @@ class InertialParameters:
         return InertialParameters(mass, self.p_CTcm_C, inertia)
 
     def __repr__(self) -> str:
-        def row(values: NDArray[np.float64]) -> str:
+        def row(values: Array) -> str:
             return "[" + ", ".join(f"{value:.6g}" for value in values + 0.0) + "]"
 
         inertia = ", ".join(row(r) for r in self.I_TTcm_C)
@@ -191,7 +192,7 @@ class InertialParameters:
         )
 
 
-def _ten(vector: ArrayLike, what: str) -> NDArray[np.float64]:
+def _ten(vector: ArrayLike, what: str) -> Array:
     try:
         vector = np.asarray(vector, dtype=float)
     except (TypeError, ValueError) as error:
@@ -201,9 +202,7 @@ def _ten(vector: ArrayLike, what: str) -> NDArray[np.float64]:
     return vector
 
 
-def inside_the_limits(
-    mass: ArrayLike, com: NDArray[np.float64], inertia: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def inside_the_limits(mass: ArrayLike, com: Array, inertia: Array) -> Array:
     """Return inertias (..., 3, 3) changed by about the rounding error, so that Drake accepts them.
 
     The change is at most 1e-12 of the body's size where the body is physically consistent up to

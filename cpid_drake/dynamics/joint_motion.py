@@ -6,8 +6,9 @@ from typing import Protocol
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cpid_drake.array import Array
 from cpid_drake.files.errors import InputError
 
 SPLINE_DEGREE = 5
@@ -25,15 +26,15 @@ class JointMotion(Protocol):
         """Duration of the motion [s]."""
         ...
 
-    def evaluate(self, time: ArrayLike) -> NDArray[np.float64]:
+    def evaluate(self, time: ArrayLike) -> Array:
         """Return positions, rates and accelerations (..., 3, J) at times (...)."""
         ...
 
-    def instants(self) -> NDArray[np.float64]:
+    def instants(self) -> Array:
         """Return times (N,) from 0 to the end that resolve the motion [s]."""
         ...
 
-    def breaks(self) -> NDArray[np.float64]:
+    def breaks(self) -> Array:
         """Return times (N,) between which the motion has all derivatives [s]."""
         ...
 
@@ -54,8 +55,8 @@ class HalfCosine:
 
     """
 
-    q_initial: NDArray[np.float64]
-    q_final: NDArray[np.float64]
+    q_initial: Array
+    q_final: Array
     duration: float
 
     def __post_init__(self) -> None:
@@ -63,7 +64,7 @@ class HalfCosine:
         if self.q_initial.shape != self.q_final.shape:
             raise InputError("half-cosine motion: q_initial and q_final must be of equal length")
 
-    def evaluate(self, time: ArrayLike) -> NDArray[np.float64]:
+    def evaluate(self, time: ArrayLike) -> Array:
         """Return positions, rates and accelerations (..., 3, J) at times (...)."""
         time = np.asarray(time, dtype=float)[..., None]
         phase, w = np.pi * np.clip(time / self.duration, 0.0, 1.0), np.pi / self.duration
@@ -72,11 +73,11 @@ class HalfCosine:
         qdot, qddot = half * w * np.sin(phase) * moves, half * w**2 * np.cos(phase) * moves
         return np.stack([q, qdot, qddot], axis=-2)
 
-    def instants(self) -> NDArray[np.float64]:
+    def instants(self) -> Array:
         """Return times (N,) from 0 to T that resolve the motion, T/2 included [s]."""
         return np.linspace(0.0, self.duration, _POINTS_PER_CYCLE + 1)
 
-    def breaks(self) -> NDArray[np.float64]:
+    def breaks(self) -> Array:
         """Return 0 and T, between which the motion has all derivatives [s]."""
         return np.array([0.0, self.duration])
 
@@ -105,13 +106,13 @@ class MultiSine:
 
     """
 
-    centre: NDArray[np.float64]
-    amplitudes: NDArray[np.float64]
-    frequencies: NDArray[np.float64]
-    phases: NDArray[np.float64]
+    centre: Array
+    amplitudes: Array
+    frequencies: Array
+    phases: Array
     ramp: float
     duration: float
-    displacement: NDArray[np.float64] = field(default_factory=lambda: np.zeros(1))
+    displacement: Array = field(default_factory=lambda: np.zeros(1))
 
     def __post_init__(self) -> None:
         _check(self, "multi-sine", centre=1, displacement=1, frequencies=1, amplitudes=2, phases=2)
@@ -134,7 +135,7 @@ class MultiSine:
         if problem:
             raise InputError(f"multi-sine motion: {problem}")
 
-    def evaluate(self, time: ArrayLike) -> NDArray[np.float64]:
+    def evaluate(self, time: ArrayLike) -> Array:
         """Return positions, rates and accelerations (..., 3, J) at times (...)."""
         t = np.clip(np.asarray(time, dtype=float)[..., None], 0.0, self.duration)
         x = np.minimum(np.minimum(t, self.duration - t) / self.ramp, 1.0)
@@ -150,7 +151,7 @@ class MultiSine:
         shift = _smooth_step(t / self.duration, self.duration) * self.displacement
         return np.asarray(np.stack(motion, axis=-2) + shift)
 
-    def instants(self) -> NDArray[np.float64]:
+    def instants(self) -> Array:
         """Return times (N,) from 0 to T that resolve every cycle and both ramps [s].
 
         Extremes at these instants are accurate to about 1e-3.
@@ -160,7 +161,7 @@ class MultiSine:
         whole = np.linspace(0.0, self.duration, int(np.ceil(count)) + 1)
         return np.unique(np.concatenate([start, whole, self.duration - start]))
 
-    def breaks(self) -> NDArray[np.float64]:
+    def breaks(self) -> Array:
         """Return the ends of both ramps, between which the motion has all derivatives [s]."""
         return np.unique([0.0, self.ramp, self.duration - self.ramp, self.duration])
 
@@ -184,7 +185,7 @@ class Spline:
 
     """
 
-    coefficients: NDArray[np.float64]
+    coefficients: Array
     duration: float
 
     def __post_init__(self) -> None:
@@ -206,7 +207,7 @@ class Spline:
         # SciPy imports scipy.interpolate here: it takes a second, and a scenario needs none.
         return scipy.interpolate.BSpline(knots, self.coefficients, SPLINE_DEGREE)
 
-    def evaluate(self, time: ArrayLike) -> NDArray[np.float64]:
+    def evaluate(self, time: ArrayLike) -> Array:
         """Return positions, rates and accelerations (..., 3, J) at times (...)."""
         time = np.asarray(time, dtype=float)
         t = np.clip(time, 0.0, self.duration)
@@ -214,12 +215,12 @@ class Spline:
         result[..., 1:, :] *= (t == time)[..., None, None]
         return result
 
-    def instants(self) -> NDArray[np.float64]:
+    def instants(self) -> Array:
         """Return times (N,) from 0 to T that resolve every piece, half a cycle at most [s]."""
         pieces = len(self.coefficients) - SPLINE_DEGREE
         return np.linspace(0.0, self.duration, _POINTS_PER_CYCLE // 2 * pieces + 1)
 
-    def breaks(self) -> NDArray[np.float64]:
+    def breaks(self) -> Array:
         """Return the ends (N,) of the pieces [s]."""
         return np.linspace(0.0, self.duration, len(self.coefficients) - SPLINE_DEGREE + 1)
 
@@ -240,7 +241,7 @@ def _check(motion: JointMotion, kind: str, **dimensions: int) -> None:
         raise InputError(f"{kind} motion: the duration must be > 0, not {motion.duration}")
 
 
-def _smooth_step(x: NDArray[np.float64], time: float) -> NDArray[np.float64]:
+def _smooth_step(x: Array, time: float) -> Array:
     """Return (..., 3, 1) the step of `MultiSine` at x = t / time (..., 1), and two derivatives."""
     step = x**5 * (126 - 420 * x + 540 * x**2 - 315 * x**3 + 70 * x**4)
     rate, acceleration = 630 * (x * (1 - x)) ** 4, 2520 * (x * (1 - x)) ** 3 * (1 - 2 * x)

@@ -7,8 +7,9 @@ samples, and independent of Drake's own kinematics.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.rotations import cross, product, rotate_about_axis
 from cpid_drake.dynamics.tree import KinematicTree
 
@@ -25,10 +26,10 @@ class BodyMotion:
 
     """
 
-    R: NDArray[np.float64]
-    r: NDArray[np.float64]
-    w: NDArray[np.float64]
-    v: NDArray[np.float64]
+    R: Array
+    r: Array
+    w: Array
+    v: Array
 
 
 @dataclass(frozen=True)
@@ -43,10 +44,10 @@ class CaptureMotion:
 
     """
 
-    R_WC: NDArray[np.float64]
-    p_WC: NDArray[np.float64]
-    w_WC: NDArray[np.float64]
-    v_WC: NDArray[np.float64]
+    R_WC: Array
+    p_WC: Array
+    w_WC: Array
+    v_WC: Array
 
 
 def forward_kinematics(

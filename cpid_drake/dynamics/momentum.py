@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.kinematics import BodyMotion, CaptureMotion, forward_kinematics
 from cpid_drake.dynamics.motion import Motion
@@ -32,16 +33,16 @@ class MomentumSamples:
     """
 
     motion: CaptureMotion
-    P: NDArray[np.float64]
-    L: NDArray[np.float64]
-    p_WKcm: NDArray[np.float64]
+    P: Array
+    L: Array
+    p_WKcm: Array
     mass: float
 
     def __len__(self) -> int:
         return len(self.P)
 
     @property
-    def in_C(self) -> NDArray[np.float64]:
+    def in_C(self) -> Array:
         """(N, 4, 3) velocity of C's origin, angular velocity of C, P and L, in C."""
         vectors = np.empty((len(self), 4, 3))
         vectors[:, 0], vectors[:, 1] = self.motion.v_WC, self.motion.w_WC
@@ -49,9 +50,7 @@ class MomentumSamples:
         return vectors @ self.motion.R_WC  # row vectors: (R_WCᵀ v)ᵀ = vᵀ R_WC
 
 
-def momenta(
-    tree: KinematicTree, motion: BodyMotion, p_WQ: ArrayLike = 0.0
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def momenta(tree: KinematicTree, motion: BodyMotion, p_WQ: ArrayLike = 0.0) -> tuple[Array, Array]:
     """Return each body's m_i v_i and I_i ω_i + m_i (r_i − p_WQ) × v_i, (K, N, 3) each, in W.
 
     Their sums over i = 0 … n−1 are P and L. With W's origin as Q (N, 3), L is that of Ning et al.
@@ -63,9 +62,7 @@ def momenta(
     return P, spin + cross(motion.r - np.asarray(p_WQ), P)
 
 
-def target_momentum(
-    target: InertialParameters, motion: CaptureMotion
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def target_momentum(target: InertialParameters, motion: CaptureMotion) -> tuple[Array, Array]:
     """Return the target's momentum m_n v_n [N·s] and its angular momentum about C's origin [N·m·s].
 
     Both are (N, 3), in W. The target rotates with the capture frame, ω_n = ω_C: a rigid grasp,
@@ -99,7 +96,7 @@ def momentum_samples(tree: KinematicTree, motion: Motion) -> MomentumSamples:
 @lru_cache(maxsize=8)  # trials of many targets have one motion of the joints
 def _on_a_base_at_rest(
     tree: KinematicTree, joints: bytes, shape: tuple[int, ...]
-) -> tuple[CaptureMotion, list[NDArray[np.float64]]]:
+) -> tuple[CaptureMotion, list[Array]]:
     """Return C's motion, P, L, first moment and inertia about C, from the bytes of (2, N, J)."""
     bodies, capture = forward_kinematics(tree, *np.frombuffer(joints).reshape(shape))
     P, L = momenta(tree, bodies, capture.p_WC)
@@ -110,7 +107,7 @@ def _on_a_base_at_rest(
 
 def system_momentum(
     tree: KinematicTree, target: InertialParameters, motion: Motion
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[Array, Array]:
     """Return linear [N·s] and angular momentum [N·m·s] of spacecraft and target, (N, 3), in W.
 
     The angular momentum is about W's origin. Both are constant while no external force acts.

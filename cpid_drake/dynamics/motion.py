@@ -4,8 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cpid_drake.array import Array
 from cpid_drake.files.errors import InputError
 
 
@@ -31,13 +32,13 @@ class Motion:
     """
 
     joint_names: tuple[str, ...]
-    time: NDArray[np.float64]
-    quaternion_WB: NDArray[np.float64]
-    p_WB: NDArray[np.float64]
-    w_WB: NDArray[np.float64]
-    v_WB: NDArray[np.float64]
-    q: NDArray[np.float64]
-    qdot: NDArray[np.float64]
+    time: Array
+    quaternion_WB: Array
+    p_WB: Array
+    w_WB: Array
+    v_WB: Array
+    q: Array
+    qdot: Array
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joint_names", tuple(self.joint_names))
@@ -70,18 +71,18 @@ class Motion:
         return self.time.size
 
     @property
-    def R_WB(self) -> NDArray[np.float64]:
+    def R_WB(self) -> Array:
         """(N, 3, 3) attitude of the base: columns are B's axes in W."""
         return np.asarray(self._rotations().as_matrix())
 
     @property
-    def states(self) -> dict[str, NDArray[np.float64]]:
+    def states(self) -> dict[str, Array]:
         """The motion of base and joints as arguments of `kinematics.forward_kinematics`."""
         names = ("q", "qdot", "R_WB", "p_WB", "w_WB", "v_WB")
         return {name: getattr(self, name) for name in names}
 
     @property
-    def euler_321(self) -> NDArray[np.float64]:
+    def euler_321(self) -> Array:
         """(N, 3) attitude as 3-2-1 Euler angles (yaw, pitch, roll) [rad], continuous in time."""
         return np.unwrap(self._rotations().as_euler("ZYX"), axis=0)
 

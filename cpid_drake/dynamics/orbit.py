@@ -15,8 +15,8 @@ from typing import Annotated
 
 import numpy as np
 from annotated_types import Gt, Interval
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.rotations import cross, rotate, skew
 from cpid_drake.files.checked_yaml import Numbers
 from cpid_drake.files.errors import InputError
@@ -40,10 +40,10 @@ class Orbit:
 
     altitude_km: Annotated[float, Interval(gt=0, le=1e6)] | None = None
     rate: Annotated[float, Gt(0), Interval(le=1.0)] | None = None
-    nadir_W: Annotated[NDArray[np.float64], Numbers(3)] = field(
+    nadir_W: Annotated[Array, Numbers(3)] = field(
         default_factory=lambda: np.array([0.0, 0.0, -1.0])
     )
-    normal_W: Annotated[NDArray[np.float64], Numbers(3)] = field(
+    normal_W: Annotated[Array, Numbers(3)] = field(
         default_factory=lambda: np.array([0.0, 1.0, 0.0])
     )
 
@@ -68,7 +68,7 @@ class Orbit:
             return self.rate
         return float(np.sqrt(3.986004418e14 / (6378.137e3 + 1e3 * self.altitude_km) ** 3))
 
-    def axes(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    def axes(self, times: Array) -> Array:
         """Return R_WH (M, 3, 3) at times (M,) [s]: columns away from the centre, ahead, normal."""
         normal = self.normal_W / np.linalg.norm(self.normal_W)
         away = -self.nadir_W + normal * (normal @ self.nadir_W)
@@ -78,11 +78,11 @@ class Orbit:
         x = c * away + s * ahead
         return np.stack([x, np.cross(normal, x), np.broadcast_to(normal, x.shape)], axis=-1)
 
-    def nadir(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    def nadir(self, times: Array) -> Array:
         """Return the unit vectors (M, 3) from W's origin to the centre of the orbit, in W."""
         return -self.axes(times)[..., 0]
 
-    def torque(self, J_W: NDArray[np.float64], times: NDArray[np.float64]) -> NDArray[np.float64]:
+    def torque(self, J_W: Array, times: Array) -> Array:
         """Return the torque (M, 3) about the system's centre of mass, in W [N·m].
 
         Args:
@@ -93,20 +93,18 @@ class Orbit:
         r = self.nadir(times)
         return 3 * self.n**2 * cross(r, rotate(J_W, r))
 
-    def torque_by_attitude(
-        self, J_W: NDArray[np.float64], times: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def torque_by_attitude(self, J_W: Array, times: Array) -> Array:
         """Return the derivative (M, 3, 3) of `torque` by a rotation of the system, in W."""
         r = self.nadir(times)
         turned = J_W @ skew(r) - skew(rotate(J_W, r))
         return np.asarray(3 * self.n**2 * skew(r) @ turned)
 
-    def tide(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    def tide(self, times: Array) -> Array:
         """Return the matrices (M, 3, 3) that map a position in W to its acceleration [1/s²]."""
         r = self.nadir(times)
         return self.n**2 * (3 * r[..., :, None] * r[..., None, :] - np.eye(3))
 
-    def transition(self, start: float, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    def transition(self, start: float, times: Array) -> Array:
         """Return the matrices (M, 6, 6) from position and velocity in W at `start` to `times`.
 
         Without other forces, [p; v] at a time is this matrix times [p; v] at `start`.
@@ -125,7 +123,7 @@ class Orbit:
         Phi[..., 5, 2], Phi[..., 5, 5] = -n * s, c
         return self._to_W(times) @ Phi @ np.linalg.inv(self._to_W(np.asarray(start)))
 
-    def _to_W(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _to_W(self, times: Array) -> Array:
         """Return the matrices (M, 6, 6) from position and velocity in the rotating axes to W."""
         R = self.axes(times)
         T = np.zeros((*R.shape[:-2], 6, 6))

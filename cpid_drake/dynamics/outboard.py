@@ -14,8 +14,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.kinematics import BodyMotion, forward_kinematics
 from cpid_drake.dynamics.momentum import momenta
 from cpid_drake.dynamics.parameterizations import moved_moments
@@ -37,8 +38,8 @@ class Outboard:
 
     tree: KinematicTree
     bodies: BodyMotion
-    V: NDArray[np.float64]
-    momentum: NDArray[np.float64]
+    V: Array
+    momentum: Array
 
     @classmethod
     def at(
@@ -56,7 +57,7 @@ class Outboard:
         return cls(tree, bodies, V, _summed(tree, np.concatenate([L, P], axis=-1)))
 
     @cached_property
-    def _inertia(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def _inertia(self) -> tuple[Array, Array, Array]:
         """Mass (K, 1, 1), first moment (K, N, 3) and inertia (K, N, 3, 3) about B's origin."""
         tree, bodies = self.tree, self.bodies
         each = moved_moments(tree.masses, tree.inertias, bodies.R, bodies.r)
@@ -71,7 +72,7 @@ class Outboard:
             chain.append(self.tree.bodies[chain[-1]].parent)
         return chain
 
-    def momentum_by(self, which: Sequence[int], V: NDArray[np.float64]) -> NDArray[np.float64]:
+    def momentum_by(self, which: Sequence[int], V: Array) -> Array:
         """Return the momentum I V (n, N, 6) of bodies `which` (n,) and all outboard of them.
 
         V (n, N, 6) are twists at B's origin, in B.
@@ -80,9 +81,7 @@ class Outboard:
         w, v = V[..., :3], V[..., 3:]
         return np.concatenate([rotate(inertia, w) + cross(h, v), mass * v - cross(h, w)], axis=-1)
 
-    def displaced(
-        self, which: Sequence[int], S: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def displaced(self, which: Sequence[int], S: Array) -> tuple[Array, Array]:
         """Return S ×* Π − I (S × V) and I S, (N, 6, n) each.
 
         Args:
@@ -97,7 +96,7 @@ class Outboard:
         change -= self.momentum_by(which, cross_motion(S, inboard))
         return np.moveaxis(change, 0, -1), np.moveaxis(self.momentum_by(which, S), 0, -1)
 
-    def joint_screw(self, k: int) -> NDArray[np.float64]:
+    def joint_screw(self, k: int) -> Array:
         """Return the twist (N, 6) of the joint of body k at unit rate."""
         body, R, r = self.tree.bodies[k], self.bodies.R[k], self.bodies.r[k]
         axis = rotate(R, body.axis_F)
@@ -105,7 +104,7 @@ class Outboard:
             return np.concatenate([np.zeros_like(axis), axis], axis=-1)
         return np.concatenate([axis, cross(r - rotate(R, body.p_BBcm), axis)], axis=-1)
 
-    def efforts(self, rate: NDArray[np.float64]) -> NDArray[np.float64]:
+    def efforts(self, rate: Array) -> Array:
         """Return the efforts (N, J) of the joints for momenta of this rate (K, N, 6), seen from B.
 
         The force on all bodies outboard of a joint comes through the joint and is the rate of their
@@ -113,28 +112,26 @@ class Outboard:
         """
         return self.loads(*self.joint_screws, rate)
 
-    def loads(
-        self, which: Sequence[int], S: NDArray[np.float64], rate: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def loads(self, which: Sequence[int], S: Array, rate: Array) -> Array:
         """Return the loads (N, n) along screws of bodies; see `displaced` and `efforts`."""
         force = rate + cross_force(self.V[0], self.momentum)
         return np.asarray(np.einsum("nsk,kns->nk", S, force[list(which)]))
 
     @cached_property
-    def joint_screws(self) -> tuple[list[int], NDArray[np.float64]]:
+    def joint_screws(self) -> tuple[list[int], Array]:
         """The body of each joint, and the joints' screws (N, 6, J)."""
         moving = sorted(self.tree.jointed, key=lambda k: self.tree.bodies[k].joint)
         screws = [self.joint_screw(k) for k in moving]
         return moving, np.stack(screws, -1) if screws else np.zeros((len(self.bodies.r[0]), 6, 0))
 
     @cached_property
-    def grasp_screws(self) -> tuple[list[int], NDArray[np.float64]]:
+    def grasp_screws(self) -> tuple[list[int], Array]:
         """The target for each of the screws (N, 6, 6): turns about C's axes, shifts along them."""
         last = len(self.tree.bodies) - 1
         shifts, turns = np.split(self.frame_screws(last, np.eye(3)), 2, axis=-1)
         return 6 * [last], np.concatenate([turns, shifts @ self.tree.bodies[last].R_PF], axis=-1)
 
-    def frame_screws(self, k: int, turns_F: NDArray[np.float64]) -> NDArray[np.float64]:
+    def frame_screws(self, k: int, turns_F: Array) -> Array:
         """Return the screws (N, 6, 3 + n) of the inboard frame F of body k's joint.
 
         They are translations along the axes of its inboard body P, and rotations about F's origin.
@@ -152,7 +149,7 @@ class Outboard:
         return np.concatenate([np.concatenate([np.zeros_like(R_P), R_P], axis=1), turns], axis=-1)
 
 
-def _summed(tree: KinematicTree, each: NDArray[np.float64]) -> NDArray[np.float64]:
+def _summed(tree: KinematicTree, each: Array) -> Array:
     """Return sums over all bodies outboard of each, from values of each body alone (K, ...)."""
     result = each.copy()
     for k in range(len(tree.bodies) - 1, 0, -1):  # outboard bodies first
@@ -160,7 +157,7 @@ def _summed(tree: KinematicTree, each: NDArray[np.float64]) -> NDArray[np.float6
     return result
 
 
-def cross_motion(S: NDArray[np.float64], V: NDArray[np.float64]) -> NDArray[np.float64]:
+def cross_motion(S: Array, V: Array) -> Array:
     """Return S × V of twists [ω; v] (N, 6)."""
     w, v = S[..., :3], S[..., 3:]
     return np.concatenate(
@@ -168,7 +165,7 @@ def cross_motion(S: NDArray[np.float64], V: NDArray[np.float64]) -> NDArray[np.f
     )
 
 
-def cross_force(S: NDArray[np.float64], F: NDArray[np.float64]) -> NDArray[np.float64]:
+def cross_force(S: Array, F: Array) -> Array:
     """Return S ×* F of a twist [ω; v] and a momentum [L; P] (N, 6)."""
     w, v = S[..., :3], S[..., 3:]
     return np.concatenate(

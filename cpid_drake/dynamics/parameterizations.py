@@ -16,7 +16,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from cpid_drake.array import Array
 
 PARAMETER_NAMES = ("m", "cx", "cy", "cz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 """Names of the entries of the parameter vector π, in its order."""
@@ -32,7 +34,7 @@ REPORT_ORDER = np.array([0, 3, 5, 1, 2, 4])  # (11, 12, 13, 22, 23, 33) -> (xx, 
 TENSOR_ORDER = np.argsort(REPORT_ORDER)
 
 
-def tensor_to_vector(tensor: ArrayLike) -> NDArray[np.float64]:
+def tensor_to_vector(tensor: ArrayLike) -> Array:
     """Return [I#] = (I11, I12, I13, I22, I23, I33) of symmetric (..., 3, 3) tensors.
 
     Source: Ning et al. 2016, Eq. 12.
@@ -40,7 +42,7 @@ def tensor_to_vector(tensor: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(tensor, dtype=float)[..., _ROW, _COLUMN]
 
 
-def vector_to_tensor(vector: ArrayLike) -> NDArray[np.float64]:
+def vector_to_tensor(vector: ArrayLike) -> Array:
     """Return the symmetric (..., 3, 3) tensors of vectors (I11, I12, I13, I22, I23, I33).
 
     Source: Ning et al. 2016, Eq. 13.
@@ -56,7 +58,7 @@ UNIT_TENSORS = vector_to_tensor(np.eye(6))[REPORT_ORDER]
 """(6, 3, 3) the symmetric tensors with one entry: xx, yy, zz, xy, xz, yz."""
 
 
-def point_mass_moments(mass: ArrayLike, p: NDArray[np.float64]) -> NDArray[np.float64]:
+def point_mass_moments(mass: ArrayLike, p: Array) -> Array:
     """Return [#] of m (|p|² 1 − p pᵀ) (..., 6): inertias about the origin of masses at p (..., 3).
 
     By the parallel-axis theorem it is also the change of a body's inertia from its centre of mass
@@ -68,12 +70,12 @@ def point_mass_moments(mass: ArrayLike, p: NDArray[np.float64]) -> NDArray[np.fl
     return np.asarray(np.asarray(mass)[..., None] * moments)
 
 
-def point_mass_inertia(mass: ArrayLike, p: ArrayLike) -> NDArray[np.float64]:
+def point_mass_inertia(mass: ArrayLike, p: ArrayLike) -> Array:
     """Return the same as tensors (..., 3, 3)."""
     return vector_to_tensor(point_mass_moments(mass, np.asarray(p, dtype=float)))
 
 
-def second_moment(inertia: NDArray[np.float64]) -> NDArray[np.float64]:
+def second_moment(inertia: Array) -> Array:
     """Return Σ = ∫ r rᵀ dm = ½ tr(I) 1 − I (..., 3, 3) of inertias I about the same point.
 
     Source: Wensing et al. 2018.
@@ -81,19 +83,17 @@ def second_moment(inertia: NDArray[np.float64]) -> NDArray[np.float64]:
     return _spheres(inertia) / 2 - inertia
 
 
-def inertia_of_second_moment(sigma: NDArray[np.float64]) -> NDArray[np.float64]:
+def inertia_of_second_moment(sigma: Array) -> Array:
     """Return I = tr(Σ) 1 − Σ (..., 3, 3) of second moments: the inverse of `second_moment`."""
     return _spheres(sigma) - sigma
 
 
-def _spheres(tensors: NDArray[np.float64]) -> NDArray[np.float64]:
+def _spheres(tensors: Array) -> Array:
     """Return tr(T) 1 (..., 3, 3) of tensors T (..., 3, 3)."""
     return np.asarray(np.trace(tensors, axis1=-2, axis2=-1)[..., None, None] * np.eye(3))
 
 
-def moved_moments(
-    mass: ArrayLike, I_cm: NDArray[np.float64], R: NDArray[np.float64], p: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def moved_moments(mass: ArrayLike, I_cm: Array, R: Array, p: Array) -> tuple[Array, Array]:
     """Return first moments (..., 3) and inertias (..., 3, 3) about another frame's origin, in it.
 
     Args:
@@ -107,9 +107,7 @@ def moved_moments(
     return np.asarray(mass)[..., None] * p, turned + point_mass_inertia(mass, p)
 
 
-def parameter_scale(
-    parameters: NDArray[np.float64], length: float | None = None
-) -> NDArray[np.float64]:
+def parameter_scale(parameters: Array, length: float | None = None) -> Array:
     """Return the scale (10,) of errors of π: m for m, a length for c, the trace of I for I.
 
     Args:
@@ -122,7 +120,7 @@ def parameter_scale(
     return np.array([mass, *3 * [radius], *6 * [trace]])
 
 
-def eq18_to_parameters(theta: ArrayLike) -> NDArray[np.float64]:
+def eq18_to_parameters(theta: ArrayLike) -> Array:
     """Return π (..., 10) of Eq. 18 vectors θ (..., 10). An entry that is NaN remains NaN."""
     theta = np.asarray(theta)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -130,7 +128,7 @@ def eq18_to_parameters(theta: ArrayLike) -> NDArray[np.float64]:
     return np.concatenate(parts, axis=-1)
 
 
-def parameters_to_eq18(parameters: ArrayLike) -> NDArray[np.float64]:
+def parameters_to_eq18(parameters: ArrayLike) -> Array:
     """Return the Eq. 18 vector θ (..., 10) of π (..., 10); inverse of `eq18_to_parameters`."""
     parameters = np.asarray(parameters, dtype=float)
     moments = parameters[..., 4:][..., TENSOR_ORDER]
@@ -138,7 +136,7 @@ def parameters_to_eq18(parameters: ArrayLike) -> NDArray[np.float64]:
         return np.concatenate([1 / parameters[..., :1], parameters[..., 1:4], moments], axis=-1)
 
 
-def standard_to_parameters(phi: ArrayLike) -> NDArray[np.float64]:
+def standard_to_parameters(phi: ArrayLike) -> Array:
     """Return π (..., 10) of standard vectors φ. An entry of π that depends on a NaN is NaN."""
     phi = np.asarray(phi)
     mass = phi[..., :1]
@@ -148,7 +146,7 @@ def standard_to_parameters(phi: ArrayLike) -> NDArray[np.float64]:
     return np.concatenate([mass, com, moments[..., REPORT_ORDER]], axis=-1)
 
 
-def parameters_to_standard(parameters: ArrayLike) -> NDArray[np.float64]:
+def parameters_to_standard(parameters: ArrayLike) -> Array:
     """Return the standard vector φ (..., 10) of π (..., 10); see `standard_to_parameters`."""
     parameters = np.asarray(parameters)
     mass, com = parameters[..., :1], parameters[..., 1:4]
@@ -156,14 +154,14 @@ def parameters_to_standard(parameters: ArrayLike) -> NDArray[np.float64]:
     return np.concatenate([mass, mass * com, moments], axis=-1)
 
 
-def standard_to_relative(phi: NDArray[np.float64], known_mass: float) -> NDArray[np.float64]:
+def standard_to_relative(phi: Array, known_mass: float) -> Array:
     """Return ψ = (μ, μc, I_*) (..., 10) of φ (..., 10); see `relative_parameterization`."""
     total = known_mass + phi[..., :1]
     moments = phi[..., 4:] - point_mass_moments(1 / total[..., 0], phi[..., 1:4])
     return np.concatenate([known_mass / total * phi[..., :4], moments], axis=-1)
 
 
-def standard_to_pseudo_inertia(phi: NDArray[np.float64]) -> NDArray[np.float64]:
+def standard_to_pseudo_inertia(phi: Array) -> Array:
     """Return the pseudo-inertias [½tr(J)1 − J, h; hᵀ, m] (..., 4, 4) of standard vectors."""
     pseudo = np.empty((*phi.shape[:-1], 4, 4))
     pseudo[..., :3, :3] = second_moment(vector_to_tensor(phi[..., 4:]))
@@ -182,18 +180,16 @@ class Parameterization:
 
     name: str
     entries: tuple[str, ...]
-    to_parameters: Callable[[ArrayLike], NDArray[np.float64]]
-    from_parameters: Callable[[ArrayLike], NDArray[np.float64]]
+    to_parameters: Callable[[ArrayLike], Array]
+    from_parameters: Callable[[ArrayLike], Array]
 
-    def jacobian(self, vector: ArrayLike) -> NDArray[np.float64]:
+    def jacobian(self, vector: ArrayLike) -> Array:
         """Return ∂π/∂vector (..., 10, 10), by complex steps: exact up to rounding."""
         step = 1e-30
         steps = np.asarray(vector)[..., None, :] + 1j * step * np.eye(10)
         return np.swapaxes(np.imag(self.to_parameters(steps)), -1, -2) / step
 
-    def covariance(
-        self, vector: NDArray[np.float64], covariance: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def covariance(self, vector: Array, covariance: Array) -> Array:
         """Return the covariance (10, 10) of π, to second order in normal errors of the vector.
 
         With π = J x + ½ xᵀ H x for normal errors x of unit covariance, it is J Jᵀ + ½ tr(H_i H_j):
@@ -242,13 +238,13 @@ def relative_parameterization(known_mass: float) -> Parameterization:
     a body of mass μ in the target's place.
     """
 
-    def to_parameters(psi: ArrayLike) -> NDArray[np.float64]:
+    def to_parameters(psi: ArrayLike) -> Array:
         parameters = standard_to_parameters(psi)
         with np.errstate(divide="ignore", invalid="ignore"):
             parameters[..., 0] *= known_mass / (known_mass - parameters[..., 0])
         return parameters
 
-    def from_parameters(parameters: ArrayLike) -> NDArray[np.float64]:
+    def from_parameters(parameters: ArrayLike) -> Array:
         return standard_to_relative(parameters_to_standard(parameters), known_mass)
 
     entries = ("m", "m·cx", "m·cy", "m·cz", *_MOMENTS)

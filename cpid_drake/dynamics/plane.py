@@ -18,8 +18,9 @@ from dataclasses import replace
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.rotations import conjugate, cross, rotate, rotate_by_quaternion
 
@@ -44,13 +45,13 @@ ALONG = 1e-3
 """Largest entry across an axis of a unit vector that counts as parallel to the axis."""
 
 
-def parallel_axis(direction: NDArray[np.float64]) -> int:
+def parallel_axis(direction: Array) -> int:
     """Return the number of the coordinate axis that is parallel to a unit vector (3,); −1: none."""
     axis = int(np.abs(direction).argmax())
     return axis if np.abs(np.delete(direction, axis)).max() < ALONG else -1
 
 
-def tilt(quaternion_WB: ArrayLike, normal_B: NDArray[np.float64]) -> NDArray[np.float64]:
+def tilt(quaternion_WB: ArrayLike, normal_B: Array) -> Array:
     """Return the rotation vectors (N, 3) in W [rad] that rotate the normal in B to W's z axis."""
     axis_W = rotate_by_quaternion(np.asarray(quaternion_WB, dtype=float), normal_B)
     turn = cross(axis_W, np.broadcast_to(NORMAL_W, axis_W.shape))
@@ -59,14 +60,14 @@ def tilt(quaternion_WB: ArrayLike, normal_B: NDArray[np.float64]) -> NDArray[np.
     return np.asarray(turn * (angle / np.maximum(sine, 1e-300))[..., None])
 
 
-def mean_normal(quaternion_WB: ArrayLike) -> NDArray[np.float64]:
+def mean_normal(quaternion_WB: ArrayLike) -> Array:
     """Return the mean direction (3,) of W's z axis in B, of attitudes (N, 4)."""
     inverse = conjugate(np.asarray(quaternion_WB, dtype=float))
     mean = np.mean(rotate_by_quaternion(inverse, NORMAL_W), axis=0)
     return np.asarray(mean / np.linalg.norm(mean))
 
 
-def in_plane(motion: Motion, normal_B: NDArray[np.float64]) -> Motion:
+def in_plane(motion: Motion, normal_B: Array) -> Motion:
     """Return motion without its components out of the plane, which are noise.
 
     The attitude is rotated by the smallest angle so that the base's normal (3,) is W's z axis.
@@ -81,9 +82,7 @@ def in_plane(motion: Motion, normal_B: NDArray[np.float64]) -> Motion:
     )
 
 
-def levelled(
-    quaternion_WB: NDArray[np.float64], normal_B: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def levelled(quaternion_WB: Array, normal_B: Array) -> Array:
     """Return attitudes (N, 4) rotated by the smallest angle so that the normal in B is W's z."""
     Rotation = scipy.spatial.transform.Rotation  # imported at its first use; it takes 0.25 s
     level = Rotation.from_rotvec(tilt(quaternion_WB, normal_B))

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import roots_jacobi
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.dynamics.motion import Motion
@@ -34,7 +35,7 @@ _DEGREE = 7  # of a step's polynomials: with steps of 0.2 s, they follow motions
 _MOST_TURN = 1e6  # [rad] in all samples; beyond, the attitude is lost in rounding
 
 
-def _lobatto(degree: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _lobatto(degree: int) -> tuple[Array, Array, Array]:
     """Return points as shares of a step, and by their values: coefficients, integrals to each."""
     inner = roots_jacobi(degree - 1, 1, 1)[0]  # of the Legendre polynomial's derivative
     x = np.concatenate([[-1.0], inner, [1.0]])
@@ -59,11 +60,11 @@ class BaseTrajectory:
 
     """
 
-    quaternion_WB: NDArray[np.float64]
-    p_WB: NDArray[np.float64]
-    w_WB: NDArray[np.float64]
-    v_WB: NDArray[np.float64]
-    momentum_W: NDArray[np.float64]
+    quaternion_WB: Array
+    p_WB: Array
+    w_WB: Array
+    v_WB: Array
+    momentum_W: Array
 
     def to_motion(
         self, joint_names: tuple[str, ...], times: ArrayLike, motion: JointMotion
@@ -100,13 +101,13 @@ class Wrench:
 
     def about_com(
         self,
-        times: NDArray[np.float64],
-        quaternion_WB: NDArray[np.float64],
-        p_WScm: NDArray[np.float64],
-        p_BScm_B: NDArray[np.float64],
-        mass: NDArray[np.float64],
-        J_B: NDArray[np.float64],
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        times: Array,
+        quaternion_WB: Array,
+        p_WScm: Array,
+        p_BScm_B: Array,
+        mass: Array,
+        J_B: Array,
+    ) -> tuple[Array, Array]:
         """Return torque about Scm and force (..., n, 3), in W, for J (..., n, 3, 3) about Scm."""
         (torque, acceleration), (torque_B, force_B) = (
             np.split(np.asarray(values, dtype=float)[..., None, :], 2, axis=-1)
@@ -194,7 +195,7 @@ def propagate(
     if wrench is not None:
         J, com_at_points = points.inertia(psi), points.com(psi)
 
-    def rate(k: int, acting: Wrench | None, state: NDArray[np.float64]) -> NDArray[np.float64]:
+    def rate(k: int, acting: Wrench | None, state: Array) -> Array:
         q_WB, p_WScm, L, P = _parts(state)
         own = slice(k * len(_POINTS), (k + 1) * len(_POINTS))
         L_B = rotate_by_quaternion(conjugate(q_WB), L)
@@ -242,6 +243,6 @@ def propagate(
     return BaseTrajectory(q_WB, base, w, v, momentum)
 
 
-def _parts(state: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+def _parts(state: Array) -> list[Array]:
     """Return attitude, centre of mass, L about it, and P of states (..., 13)."""
     return np.split(state, [4, 7, 10], axis=-1)

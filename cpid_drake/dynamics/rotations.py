@@ -5,15 +5,17 @@ takes all other operations from `scipy.spatial.transform.Rotation`.
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from cpid_drake.array import Array
 
 
-def rotate(R: ArrayLike, vectors: ArrayLike) -> NDArray[np.float64]:
+def rotate(R: ArrayLike, vectors: ArrayLike) -> Array:
     """Return R @ v for (..., 3, 3) rotations and (..., 3) vectors, broadcast."""
     return np.asarray(np.einsum("...ij,...j->...i", np.asarray(R), np.asarray(vectors)))
 
 
-def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+def cross(a: Array, b: Array) -> Array:
     """Return a × b of (..., 3) vectors, broadcast; several times as fast as `numpy.cross`."""
     a0, a1, a2 = a[..., 0], a[..., 1], a[..., 2]
     b0, b1, b2 = b[..., 0], b[..., 1], b[..., 2]
@@ -23,14 +25,14 @@ def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]
     return result
 
 
-def inverses(tensors: NDArray[np.float64]) -> NDArray[np.float64]:
+def inverses(tensors: Array) -> Array:
     """Return the inverses of symmetric (..., 3, 3) tensors, several times as fast as NumPy."""
     a, b, c = np.moveaxis(tensors, -1, 0)
     rows = np.stack([cross(b, c), cross(c, a), cross(a, b)], axis=-2)
     return np.asarray(rows / np.sum(a * rows[..., 0, :], axis=-1)[..., None, None])
 
 
-def product(R: NDArray[np.float64], constant: NDArray[np.float64]) -> NDArray[np.float64]:
+def product(R: Array, constant: Array) -> Array:
     """Return R @ constant of (N, 3, 3) rotations and one (3, ...) array, as one large product."""
     return (R.reshape(-1, 3) @ constant).reshape(len(R), 3, *constant.shape[1:])
 
@@ -39,7 +41,7 @@ def product(R: NDArray[np.float64], constant: NDArray[np.float64]) -> NDArray[np
 _SKEW = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2).reshape(3, 9)
 
 
-def skew(v: ArrayLike) -> NDArray[np.float64]:
+def skew(v: ArrayLike) -> Array:
     """Return ṽ (..., 3, 3) with ṽ u = v × u, for vectors v (..., 3).
 
     Source: Ning et al. 2016, Eq. 8.
@@ -48,7 +50,7 @@ def skew(v: ArrayLike) -> NDArray[np.float64]:
     return (v @ _SKEW).reshape(*v.shape, 3)
 
 
-def rotate_about_axis(R: ArrayLike, axis: ArrayLike, angle: ArrayLike) -> NDArray[np.float64]:
+def rotate_about_axis(R: ArrayLike, axis: ArrayLike, angle: ArrayLike) -> Array:
     """Return R exp(axis · angle) (N, 3, 3) for attitudes R, one unit axis (3,) and angles (N,).
 
     The axis is expressed in the frame that R rotates from. Source: Rodrigues' formula.
@@ -63,20 +65,20 @@ def rotate_about_axis(R: ArrayLike, axis: ArrayLike, angle: ArrayLike) -> NDArra
     return by_sine
 
 
-def exponentials(r: NDArray[np.float64]) -> NDArray[np.float64]:
+def exponentials(r: Array) -> Array:
     """Return the rotations (..., 3, 3) of rotation vectors (..., 3): Rodrigues' formula."""
     K, half = skew(r), np.sqrt(np.sum(r * r, axis=-1))[..., None, None] / 2
     ratio = np.sinc(half / np.pi)
     return np.asarray(np.eye(3) + ratio * np.cos(half) * K + ratio**2 / 2 * (K @ K))
 
 
-def sines(R: NDArray[np.float64]) -> NDArray[np.float64]:
+def sines(R: Array) -> Array:
     """Return the axes times the sines of the angles (..., 3) of rotations (..., 3, 3)."""
     odd = (R - np.swapaxes(R, -1, -2)) / 2
     return np.stack([odd[..., 2, 1], odd[..., 0, 2], odd[..., 1, 0]], axis=-1)
 
 
-def right_jacobian(r: ArrayLike) -> NDArray[np.float64]:
+def right_jacobian(r: ArrayLike) -> Array:
     """Return Jr (..., 3, 3) with exp(r + dr) = exp(r) exp(Jr dr) for vectors r (..., 3).
 
     Source: Solà et al. 2018, "A micro Lie theory for state estimation in robotics", Eq. 143.
@@ -91,14 +93,12 @@ def right_jacobian(r: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(np.eye(3) - a * K + b * K @ K)
 
 
-def conjugate(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
+def conjugate(quaternion: Array) -> Array:
     """Return the conjugates (..., 4) of quaternions, scalar first: the inverse rotations."""
     return np.asarray(quaternion * np.array([1.0, -1.0, -1.0, -1.0]))
 
 
-def rotate_by_quaternion(
-    quaternion: NDArray[np.float64], v: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def rotate_by_quaternion(quaternion: Array, v: Array) -> Array:
     """Return R v (..., 3) for quaternions (..., 4) of any norm but zero and vectors (..., 3)."""
     w, u = quaternion[..., :1], quaternion[..., 1:]
     scale = 2 / np.einsum("...i,...i->...", quaternion, quaternion)[..., None]
@@ -106,18 +106,14 @@ def rotate_by_quaternion(
     return np.asarray(v + scale * (w * u_cross_v + cross(u, u_cross_v)))
 
 
-def angular_velocity(
-    quaternion: NDArray[np.float64], rate: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def angular_velocity(quaternion: Array, rate: Array) -> Array:
     """Return ω (..., 3) in the body frame of quaternions of any norm and their rates (..., 4)."""
     w, x, dw, dx = quaternion[..., :1], quaternion[..., 1:], rate[..., :1], rate[..., 1:]
     square = np.sum(quaternion**2, axis=-1, keepdims=True)
     return np.asarray(2 * (w * dx - dw * x - cross(x, dx)) / square)
 
 
-def quaternion_rate(
-    quaternion: NDArray[np.float64], w_B: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def quaternion_rate(quaternion: Array, w_B: Array) -> Array:
     """Return q̇ = ½ q ∘ (0, ω) (..., 4) for angular velocities ω in the body frame [rad/s]."""
     w, x, y, z = (quaternion[..., i] for i in range(4))
     a, b, c = (w_B[..., i] for i in range(3))

@@ -23,6 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.momentum import MomentumSamples
 from cpid_drake.dynamics.parameterizations import (
     EQ18,
@@ -34,13 +35,11 @@ from cpid_drake.dynamics.parameterizations import (
 from cpid_drake.dynamics.rotations import cross, rotate, skew
 from cpid_drake.files.errors import InputError
 
-_Array = NDArray[np.float64]
-
 # Row k is [#e_k], flattened: column j of it is E_j e_k with E_j the tensor of unit vector j.
 _INERTIA_OPERATOR = vector_to_tensor(np.eye(6)).transpose(2, 1, 0).reshape(3, 18)
 
 
-def inertia_operator(v: ArrayLike) -> NDArray[np.float64]:
+def inertia_operator(v: ArrayLike) -> Array:
     """Return [#v] (..., 3, 6) with I v = [#v] (I11, I12, I13, I22, I23, I33).
 
     Source: Ning et al. 2016, Eq. 11.
@@ -49,7 +48,7 @@ def inertia_operator(v: ArrayLike) -> NDArray[np.float64]:
     return (v @ _INERTIA_OPERATOR).reshape(*v.shape, 6)
 
 
-def _eq18(v: _Array, w: _Array, P: _Array, L: _Array) -> _Array:
+def _eq18(v: Array, w: Array, P: Array, L: Array) -> Array:
     """[P  ω̃  0 | −v ; 0  P̃  [#ω] | −L] (6, 11), all in C (Ning et al. 2016, Eq. 18)."""
     rows = np.zeros((6, 11))
     rows[:3, 0], rows[:3, 1:4], rows[:3, 10] = P, skew(w), -v
@@ -57,7 +56,7 @@ def _eq18(v: _Array, w: _Array, P: _Array, L: _Array) -> _Array:
     return rows
 
 
-def _standard(v: _Array, w: _Array, P: _Array, L: _Array) -> _Array:
+def _standard(v: Array, w: Array, P: Array, L: Array) -> Array:
     """[v  ω̃  0 | −P ; 0  −ṽ  [#ω] | −L] (6, 11), all in C: the target's own momentum."""
     rows = np.zeros((6, 11))
     rows[:3, 0], rows[:3, 1:4], rows[:3, 10] = v, skew(w), -P
@@ -65,14 +64,14 @@ def _standard(v: _Array, w: _Array, P: _Array, L: _Array) -> _Array:
     return rows
 
 
-def _at_all_samples(block: Callable[..., _Array]) -> Callable[[MomentumSamples], _Array]:
+def _at_all_samples(block: Callable[..., Array]) -> Callable[[MomentumSamples], Array]:
     """Return the rows of N samples from those of one, which are linear in (v, ω, P, L)."""
     # One product with the rows at unit vectors: a third of the time of entry by entry.
     at_units = np.stack([block(*unit).ravel() for unit in np.eye(12).reshape(12, 4, 3)])
     return lambda samples: (samples.in_C.reshape(-1, 12) @ at_units).reshape(-1, 11)
 
 
-def relative_regressor(s: ArrayLike, sdot: ArrayLike, w: ArrayLike) -> NDArray[np.float64]:
+def relative_regressor(s: ArrayLike, sdot: ArrayLike, w: ArrayLike) -> Array:
     """Return Y (..., 3, 10) with Y (μ, μc, I_*) the target's part of the angular momentum.
 
     Y = [s×ṡ  s̃ω̃ − ṡ̃  [#ω]], about the system's centre of mass.
@@ -88,7 +87,7 @@ def relative_regressor(s: ArrayLike, sdot: ArrayLike, w: ArrayLike) -> NDArray[n
     return np.concatenate([first, s @ skew(w) - skew(sdot), inertia_operator(w)], axis=-1)
 
 
-def _relative(samples: MomentumSamples) -> NDArray[np.float64]:
+def _relative(samples: MomentumSamples) -> Array:
     """[Y | −L_K] (3 N, 11), all in C: L_K + μ s × ṡ + μ (s × (ω × c) + c × ṡ) + I_* ω = 0.
 
     L_K is the spacecraft's angular momentum about its own centre of mass, and s = p_C − r_k.
@@ -100,7 +99,7 @@ def _relative(samples: MomentumSamples) -> NDArray[np.float64]:
     return np.concatenate(rows, axis=2).reshape(-1, 11)
 
 
-def _momentum_columns(samples: MomentumSamples) -> NDArray[np.float64]:
+def _momentum_columns(samples: MomentumSamples) -> Array:
     """Columns (6 N, 6) of −[R_WCᵀ P0; R_WCᵀ (L0 − p_WC × P0)] in an unknown momentum [L0; P0]."""
     R_CW = np.swapaxes(samples.motion.R_WC, -1, -2)
     columns = np.zeros((len(samples), 6, 6))
@@ -129,8 +128,8 @@ class RowFamily:
 
     name: str
     parameterization: Callable[[float], Parameterization]
-    augmented_rows: Callable[[MomentumSamples], NDArray[np.float64]]
-    momentum_columns: Callable[[MomentumSamples], NDArray[np.float64]] | None = None
+    augmented_rows: Callable[[MomentumSamples], Array]
+    momentum_columns: Callable[[MomentumSamples], Array] | None = None
     rows_per_sample: int = 6
     uses_base_position: bool = True
     linear_unit: str = "N·s"
@@ -141,12 +140,12 @@ class RowFamily:
         """Number of unknowns that a constant total momentum adds; 0 without its columns."""
         return 0 if self.momentum_columns is None else self.rows_per_sample
 
-    def rows(self, samples: MomentumSamples) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def rows(self, samples: MomentumSamples) -> tuple[Array, Array]:
         """Return A (N, rows_per_sample, 10) and b (N, rows_per_sample), expressed in C."""
         augmented = self.augmented_rows(samples).reshape(-1, self.rows_per_sample, 11)
         return augmented[..., :10], augmented[..., 10]
 
-    def full_rows(self, samples: MomentumSamples, unknown_momentum: bool) -> NDArray[np.float64]:
+    def full_rows(self, samples: MomentumSamples, unknown_momentum: bool) -> Array:
         """Return [A | b] (R, 11), or [N | A | b] with the columns N of an unknown momentum."""
         rows = self.augmented_rows(samples)
         if not unknown_momentum:
@@ -158,9 +157,7 @@ class RowFamily:
         """Return the places of the unknowns of a constant momentum that count on a table."""
         return np.array([2, 3, 4][: self.momentum_size // 2] or [], dtype=np.intp)
 
-    def rows_in_plane(
-        self, rows: NDArray[np.float64], R_WC: NDArray[np.float64], unknowns: NDArray[np.intp]
-    ) -> NDArray[np.float64]:
+    def rows_in_plane(self, rows: Array, R_WC: Array, unknowns: NDArray[np.intp]) -> Array:
         """Return the rows (3 N, l + 11) of P_x, P_y and L_z in W from those of `full_rows` in C.
 
         They are (N, l + 11) without linear rows, with the l columns of `momenta_in_plane`.

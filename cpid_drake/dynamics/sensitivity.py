@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.outboard import Outboard
 from cpid_drake.dynamics.parameterizations import (
@@ -40,18 +41,14 @@ class MotionSensitivity:
 
     """
 
-    w: NDArray[np.float64]
-    com: NDArray[np.float64]
-    v: NDArray[np.float64]
-    screw: NDArray[np.float64]
+    w: Array
+    com: Array
+    v: Array
+    screw: Array
 
 
 def screw_sensitivity(
-    outboard: Outboard,
-    psi: NDArray[np.float64],
-    dynamics: BodyDynamics,
-    which: Sequence[int],
-    S: NDArray[np.float64],
+    outboard: Outboard, psi: Array, dynamics: BodyDynamics, which: Sequence[int], S: Array
 ) -> tuple[MotionSensitivity, MotionSensitivity]:
     """Return the derivatives by displacements along screws, and by their rates.
 
@@ -75,10 +72,10 @@ def screw_sensitivity(
 
 def uncertain_sensitivity(
     outboard: Outboard,
-    psi: NDArray[np.float64],
+    psi: Array,
     dynamics: BodyDynamics,
     uncertainty: BodyUncertainty,
-    errors: NDArray[np.float64],
+    errors: Array,
 ) -> MotionSensitivity:
     """Return the derivatives with respect to all uncertain quantities, each in units of its σ.
 
@@ -102,11 +99,8 @@ def uncertain_sensitivity(
 
 
 def _by_geometry(
-    outboard: Outboard,
-    joints: NDArray[np.float64],
-    grasp: NDArray[np.float64],
-    wanted: NDArray[np.bool_],
-) -> tuple[NDArray[np.float64], ...]:
+    outboard: Outboard, joints: Array, grasp: Array, wanted: NDArray[np.bool_]
+) -> tuple[Array, ...]:
     """Return derivatives of momentum and centre of mass by errors of the geometry, and screws."""
     tree = outboard.tree
     if not wanted.any():
@@ -127,11 +121,8 @@ def _by_geometry(
 
 
 def _by_bodies(
-    outboard: Outboard,
-    rho: NDArray[np.float64],
-    errors: NDArray[np.float64],
-    wanted: NDArray[np.bool_],
-) -> tuple[NDArray[np.float64], ...]:
+    outboard: Outboard, rho: Array, errors: Array, wanted: NDArray[np.bool_]
+) -> tuple[Array, ...]:
     """Return the same by errors (K, 10) of the first K bodies; Σ becomes (1 + E) Σ (1 + E)ᵀ."""
     tree, bodies = outboard.tree, outboard.bodies
     total, K, N, dtype = tree.mass, len(errors), len(rho), bodies.v.dtype
@@ -158,9 +149,7 @@ def _by_bodies(
     return changes, com.reshape(N, 3, -1)[..., wanted], np.zeros_like(changes)
 
 
-def error_directions(
-    tree: KinematicTree, k: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def error_directions(tree: KinematicTree, k: int) -> tuple[Array, Array]:
     """Return the directions of body k's errors: its centre of mass (3, 3), its stretch (6, 3, 3).
 
     They are the axes of the body's frame, and the unit stretches xx, yy, zz, xy, xz, yz. A wheel
@@ -177,7 +166,7 @@ def error_directions(
     return axes, stretches
 
 
-def axis_normals(body: TreeBody) -> NDArray[np.float64]:
+def axis_normals(body: TreeBody) -> Array:
     """Return (3, 2) two unit vectors perpendicular to the axis of a body's joint, in F."""
     axis = body.axis_F
     first = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
@@ -196,9 +185,7 @@ def perturbed(
     return with_errors(tree, uncertainty, rng.standard_normal(len(sigmas))[sigmas > 0])
 
 
-def with_errors(
-    tree: KinematicTree, uncertainty: BodyUncertainty, errors: NDArray[np.float64]
-) -> KinematicTree:
+def with_errors(tree: KinematicTree, uncertainty: BodyUncertainty, errors: Array) -> KinematicTree:
     """Return a tree with errors of its bodies and geometry, which may be large.
 
     The inertias remain physically consistent; a mass does if its relative error is above −1.
@@ -227,8 +214,8 @@ def with_errors(
 
 
 def _errors_of(
-    tree: KinematicTree, uncertainty: BodyUncertainty, errors: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    tree: KinematicTree, uncertainty: BodyUncertainty, errors: Array
+) -> tuple[Array, Array, Array]:
     """Return errors of bodies (K, 10), joints (J, 5) and C (6,) in SI units; see `with_errors`."""
     sizes = uncertainty.all_sigmas(tree.wheels, len(tree.jointed))
     sizes[sizes > 0] *= errors
@@ -237,11 +224,7 @@ def _errors_of(
 
 
 def _motion_sensitivity(
-    momentum: NDArray[np.float64],
-    com: NDArray[np.float64],
-    screws: NDArray[np.float64],
-    psi: NDArray[np.float64],
-    dynamics: BodyDynamics,
+    momentum: Array, com: Array, screws: Array, psi: Array, dynamics: BodyDynamics
 ) -> MotionSensitivity:
     """Return those of the motion from those of [L; P] (N, 6, n), at constant base twist, and ρ."""
     rho = skew(dynamics.com(psi))

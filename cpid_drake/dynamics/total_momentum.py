@@ -4,8 +4,9 @@ from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import standard_to_relative
@@ -30,8 +31,8 @@ class TotalMomentum:
 
     """
 
-    L_WScm_W: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
-    v_WScm_W: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    L_WScm_W: Array = field(default_factory=lambda: np.zeros(3))
+    v_WScm_W: Array = field(default_factory=lambda: np.zeros(3))
     is_unknown: bool = False
 
     def __post_init__(self) -> None:
@@ -83,7 +84,7 @@ class TotalMomentum:
         return "unknown" if self.is_unknown else "zero" if self.is_zero else "known"
 
 
-def _vector(name: str, value: ArrayLike, size: int) -> NDArray[np.float64]:
+def _vector(name: str, value: ArrayLike, size: int) -> Array:
     try:
         vector = np.array(value, dtype=float)
     except (TypeError, ValueError):

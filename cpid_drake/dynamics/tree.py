@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.parameterizations import point_mass_inertia, vector_to_tensor
 from cpid_drake.dynamics.plane import ALONG, parallel_axis
 
@@ -33,12 +34,12 @@ class TreeBody:
     parent: int = -1
     joint: int = -1
     prismatic: bool = False
-    axis_F: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
-    R_PF: NDArray[np.float64] = field(default_factory=lambda: np.eye(3))
-    p_PF: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    axis_F: Array = field(default_factory=lambda: np.zeros(3))
+    R_PF: Array = field(default_factory=lambda: np.eye(3))
+    p_PF: Array = field(default_factory=lambda: np.zeros(3))
     mass: float
-    p_BBcm: NDArray[np.float64]
-    I_BBcm: NDArray[np.float64]
+    p_BBcm: Array
+    I_BBcm: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,9 +57,9 @@ class KinematicTree:
 
     bodies: tuple[TreeBody, ...]
     capture_body: int
-    R_BC: NDArray[np.float64]
-    p_BC: NDArray[np.float64]
-    normal_B: NDArray[np.float64] | None = None
+    R_BC: Array
+    p_BC: Array
+    normal_B: Array | None = None
 
     @property
     def mass(self) -> float:
@@ -66,12 +67,12 @@ class KinematicTree:
         return float(sum(body.mass for body in self.bodies))
 
     @property
-    def masses(self) -> NDArray[np.float64]:
+    def masses(self) -> Array:
         """(K, 1) masses of the bodies [kg]."""
         return np.array([[body.mass] for body in self.bodies])
 
     @property
-    def inertias(self) -> NDArray[np.float64]:
+    def inertias(self) -> Array:
         """(K, 1, 3, 3) inertias of the bodies about their centres of mass, in B [kg·m²]."""
         return np.stack([body.I_BBcm for body in self.bodies])[:, None]
 
@@ -85,7 +86,7 @@ class KinematicTree:
         """The same tree with welded bodies joined into one: the same momentum with less work."""
         lumps: list[TreeBody] = []
         # The lump of each body, and its pose.
-        where: list[tuple[int, NDArray[np.float64], NDArray[np.float64]]] = []
+        where: list[tuple[int, Array, Array]] = []
         for body in self.bodies:
             lump, R_LP, p_LP = where[body.parent] if body.parent >= 0 else (-1, np.eye(3), 0.0)
             R_LF, p_LF = R_LP @ body.R_PF, p_LP + R_LP @ body.p_PF
@@ -106,7 +107,7 @@ class KinematicTree:
         return replace(self, bodies=welded).lumped.bodies[0]
 
     @cached_property
-    def normal_C(self) -> NDArray[np.float64] | None:
+    def normal_C(self) -> Array | None:
         """(3,) the table's normal in C; None without a table, or if joints rotate C out of it."""
         if self.normal_B is None:
             return None
@@ -137,7 +138,7 @@ class KinematicTree:
         across = np.delete([1, 2, 3], max(axis, 0))
         return np.arange(10) if axis < 0 else np.array([0, *across, (4, 7, 9)[axis]])
 
-    def with_target(self, phi: NDArray[np.float64]) -> "KinematicTree":
+    def with_target(self, phi: Array) -> "KinematicTree":
         """Return the tree with a target of standard vector φ (10,) welded on C, as its last body.
 
         The target's mass must not be zero.
@@ -188,9 +189,7 @@ class KinematicTree:
         )
 
 
-def _merged(
-    lump: TreeBody, body: TreeBody, R_LB: NDArray[np.float64], p_LB: NDArray[np.float64]
-) -> TreeBody:
+def _merged(lump: TreeBody, body: TreeBody, R_LB: Array, p_LB: Array) -> TreeBody:
     """Return a lump after the addition of one body that is fixed in the lump's frame L."""
     mass = lump.mass + body.mass
     if not body.mass > 0:

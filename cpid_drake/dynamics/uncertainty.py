@@ -6,7 +6,8 @@ from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge
-from numpy.typing import NDArray
+
+from cpid_drake.array import Array
 
 Size = Annotated[float, Ge(0)]
 
@@ -48,7 +49,7 @@ class BodyUncertainty:
         """Whether the spacecraft is known exactly."""
         return not any(vars(self).values())
 
-    def all_sigmas(self, wheels: Sequence[bool], joints: int) -> NDArray[np.float64]:
+    def all_sigmas(self, wheels: Sequence[bool], joints: int) -> Array:
         """Return (n,) the σ of all bodies, then of all joints, then of C; zeros too.
 
         Of a body, they are those of its relative mass (1), centre of mass (3) [m] and stretch (6),

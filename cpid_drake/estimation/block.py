@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.logs.log import THRUST, Log, concatenated
 from cpid_drake.logs.screening import LONGEST_DELAY
 from cpid_drake.sensors.suite import SensorSuite
@@ -139,7 +139,7 @@ class BlockQueue:
         return BlockQueue(self.length, begun, after(waiting, edge, np.inf)), blocks
 
     def _encoders_about(
-        self, times: NDArray[np.float64], edge: float, end: float, until: float
+        self, times: Array, edge: float, end: float, until: float
     ) -> tuple[float, float]:
         """Return the times of the last encoder sample in a block and of the next one [s].
 

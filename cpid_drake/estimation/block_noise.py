@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from cpid_drake.array import Array
 from cpid_drake.estimation.block_rows import BlockRows
 from cpid_drake.estimation.least_squares import triangle
 from cpid_drake.estimation.likelihood.model import BlockModel
@@ -37,9 +37,7 @@ def with_spectra(model: Model, log: LogState, rolled: Rolled, values: Values) ->
     return replace(log, shown=shown, spectra=spectra)
 
 
-def _shown(
-    part: BlockModel, own: BlockRows, residuals: Mapping[str, NDArray[np.float64]]
-) -> dict[str, NDArray[np.float64]]:
+def _shown(part: BlockModel, own: BlockRows, residuals: Mapping[str, Array]) -> dict[str, Array]:
     """Return what a block shows whatever its own unknowns are; what outlives it stays."""
     assert own.samples is not None
     c = len(part.at_end) + len(own.gone)

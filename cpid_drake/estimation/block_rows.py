@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.estimation.least_squares import updated_information
 from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.estimation.likelihood.motion import Trajectory
@@ -30,20 +31,20 @@ class BlockRows:
 
     """
 
-    T: NDArray[np.float64]
+    T: Array
     order: NDArray[np.intp]
     gone: NDArray[np.intp]
-    end: NDArray[np.float64]
+    end: Array
     whitening: Mapping[str, Whitening]
-    samples: NDArray[np.float64] | None
+    samples: Array | None
 
     @classmethod
     def of(
         cls,
         part: BlockModel,
         trajectory: Trajectory,
-        by_psi: NDArray[np.float64],
-        rest: Mapping[str, NDArray[np.float64]],
+        by_psi: Array,
+        rest: Mapping[str, Array],
         whitening: Mapping[str, Whitening],
     ) -> "BlockRows":
         """Return the rows of a block.
@@ -74,10 +75,7 @@ class BlockRows:
         return cls(T, order, gone, end, whitening, rows)
 
     def whitened(
-        self,
-        part: BlockModel,
-        rest: Mapping[str, NDArray[np.float64]],
-        whitening: Mapping[str, Whitening],
+        self, part: BlockModel, rest: Mapping[str, Array], whitening: Mapping[str, Whitening]
     ) -> "BlockRows | None":
         """Return the rows, whitened otherwise; None if no samples are kept."""
         changed = [n for n, each in whitening.items() if not each.is_same(self.whitening[n])]

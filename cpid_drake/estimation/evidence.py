@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.unknowns import MOMENTUM, Model
@@ -66,12 +67,12 @@ class ModelComparison:
     probability: dict[str, float]
     best: tuple[str, ...]
     gaussian: Gaussian
-    values: dict[str, NDArray[np.float64]]
-    covariance: dict[str, NDArray[np.float64]]
+    values: dict[str, Array]
+    covariance: dict[str, Array]
     sizes: dict[str, float]
 
     @property
-    def sigma(self) -> dict[str, NDArray[np.float64]]:
+    def sigma(self) -> dict[str, Array]:
         """(k,) σ of `values`."""
         return {name: np.sqrt(np.diag(each)) for name, each in self.covariance.items()}
 
@@ -83,7 +84,7 @@ class ModelComparison:
 
 def compare(
     gaussian: Gaussian,
-    candidates: Mapping[str, NDArray[np.float64]],
+    candidates: Mapping[str, Array],
     kept: Sequence[str],
     odds: Mapping[str, float] | None = None,
 ) -> ModelComparison:
@@ -113,8 +114,8 @@ class Question:
 
     """
 
-    candidates: dict[str, NDArray[np.float64]]
-    given: dict[str, NDArray[np.float64]]
+    candidates: dict[str, Array]
+    given: dict[str, Array]
 
     @classmethod
     def of(cls, model: Model, logs: Collection[str], momentum: TotalMomentum | None) -> "Question":
@@ -134,7 +135,7 @@ class Question:
         return cls({}, {} if momentum.is_unknown else dict.fromkeys(keys, value))
 
     def without_contradicted(
-        self, gaussian: Gaussian, values: Mapping[str, NDArray[np.float64]], model: Model
+        self, gaussian: Gaussian, values: Mapping[str, Array], model: Model
     ) -> "Question":
         """Return the question without those of the given momenta that the samples contradict.
 
@@ -157,8 +158,8 @@ class Question:
     def answer(
         self,
         gaussian: Gaussian,
-        values: Mapping[str, NDArray[np.float64]],
-        further: Mapping[str, NDArray[np.float64]] | None = None,
+        values: Mapping[str, Array],
+        further: Mapping[str, Array] | None = None,
     ) -> ModelComparison:
         """Compare all sets of candidates.
 
@@ -177,9 +178,7 @@ class Question:
         odds = dict.fromkeys(self.candidates, MOMENTUM_ODDS) | dict.fromkeys(changes, CHANGE_ODDS)
         return compare(found, sigma, kept, odds)
 
-    def held(
-        self, values: Mapping[str, NDArray[np.float64]], best: Collection[str]
-    ) -> dict[str, NDArray[np.float64]]:
+    def held(self, values: Mapping[str, Array], best: Collection[str]) -> dict[str, Array]:
         """Return the momenta that are held if the best candidates act, less their values."""
         zero = {name: np.zeros(1) for name in self.candidates if name not in best}
         return {name: value - values[name] for name, value in (zero | self.given).items()}
@@ -193,10 +192,7 @@ class _Sets:
     """
 
     def __init__(
-        self,
-        gaussian: Gaussian,
-        candidates: Mapping[str, NDArray[np.float64]],
-        kept: Sequence[str],
+        self, gaussian: Gaussian, candidates: Mapping[str, Array], kept: Sequence[str]
     ) -> None:
         self.names = [name for name in gaussian.places if name in candidates]
         both = gaussian.marginal([*kept, *self.names])
@@ -218,7 +214,7 @@ class _Sets:
 
     def evidence(
         self, free: Sequence[str], size: Mapping[str, float]
-    ) -> tuple[float, NDArray[np.intp], NDArray[np.float64]]:
+    ) -> tuple[float, NDArray[np.intp], Array]:
         """Return the log evidence of a set against none, its entries, and A's Cholesky factor."""
         index = np.concatenate([np.empty(0, np.intp), *(self.places[name] for name in free)])
         a = np.concatenate([np.empty(0), *(np.full(len(self.places[n]), size[n]) for n in free)])
@@ -230,7 +226,7 @@ class _Sets:
         price = float(np.sum(np.log(a))) + len(free) * np.log(len(SIZES))
         return 0.5 * float(y @ y) - 0.5 * log_det - price, index, L / d[:, None]
 
-    def _evidence_of_sets(self, names: Sequence[str]) -> NDArray[np.float64]:
+    def _evidence_of_sets(self, names: Sequence[str]) -> Array:
         """Return the log evidence (2ⁿ,) of all sets of n names; bit k of a set's number is name k.
 
         One name after the other is left out of all sets so far, or eliminated from them.
@@ -312,7 +308,7 @@ class _Sets:
         weights = np.exp(gains - gains.max())
         return float(np.sqrt(weights @ SIZES**2 / weights.sum()))
 
-    def _gains(self, names: Sequence[str], free: Sequence[str]) -> dict[str, NDArray[np.float64]]:
+    def _gains(self, names: Sequence[str], free: Sequence[str]) -> dict[str, Array]:
         """Return the evidence for each candidate beside free ones, for each of `SIZES`.
 
         With H and b about one candidate, those beside it eliminated, and H = V diag(h) Vᵀ, it is
@@ -329,9 +325,7 @@ class _Sets:
             found[name] = 0.5 * np.sum(a2 * b**2 / size - np.log(size), axis=1) - np.log(len(SIZES))
         return found
 
-    def kept(
-        self, index: NDArray[np.intp], L: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def kept(self, index: NDArray[np.intp], L: Array) -> tuple[Array, Array]:
         """Return mean and covariance of the kept unknowns for one set."""
         G = self.by_c[:, index]
         mean = self.at_zero - G @ cho_solve((L, True), self.b[index])

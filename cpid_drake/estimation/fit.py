@@ -16,8 +16,8 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import loss_weight
 from cpid_drake.estimation.log_state import LogState
@@ -215,13 +215,13 @@ class _Step:
 
     """
 
-    step: NDArray[np.float64]
+    step: Array
     square: float
     before: float
     least: float
     cone: TargetCone
-    psi: NDArray[np.float64]
-    psi_step: NDArray[np.float64]
+    psi: Array
+    psi_step: Array
 
     def fall(self, share: float) -> float:
         """Return by how much a share of the step should reduce χ².
@@ -344,7 +344,7 @@ def _cost(found: Fit, logs: Sequence[LogState], weighed_at: Values) -> float:
     return samples + prior.cost(np.zeros(prior.size))
 
 
-def _best_step(now: Fit, held: Values) -> tuple[NDArray[np.float64], float]:
+def _best_step(now: Fit, held: Values) -> tuple[Array, float]:
     """Return the best step (n,) of a linear fit, and its χ²; some unknowns may have given steps.
 
     The samples are linear in ψ, its prior is linear in log-sizes, and the target stays inside of
@@ -361,7 +361,7 @@ def _best_step(now: Fit, held: Values) -> tuple[NDArray[np.float64], float]:
     return step, seen.cost(step) + float(prior @ prior)
 
 
-def _after(now: Fit, step: NDArray[np.float64], share: float = 1.0) -> list[LogState]:
+def _after(now: Fit, step: Array, share: float = 1.0) -> list[LogState]:
     """Return the logs after a share of a step."""
     parts = {name: step[place] for name, place in now.gaussian.places.items()}
     return [
@@ -369,7 +369,7 @@ def _after(now: Fit, step: NDArray[np.float64], share: float = 1.0) -> list[LogS
     ]
 
 
-def _moved(now: Fit, step: NDArray[np.float64], logs: Sequence[LogState]) -> Fit | None:
+def _moved(now: Fit, step: Array, logs: Sequence[LogState]) -> Fit | None:
     """Return the fit after a step; None if no motion can be predicted there."""
     steps = {n: now.values[n] + step[place] for n, place in now.gaussian.places.items()}
     values = now.values | steps

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.estimation.least_squares import (
     DEFAULT_RANK_TOLERANCE,
     KNOWN,
@@ -34,14 +35,12 @@ class Gaussian:
     """
 
     places: dict[str, slice]
-    R: NDArray[np.float64]
-    z: NDArray[np.float64]
+    R: Array
+    z: Array
     rho2: float = 0.0
 
     @classmethod
-    def of_rows(
-        cls, sizes: Mapping[str, int], rows: NDArray[np.float64], rho2: float = 0.0
-    ) -> "Gaussian":
+    def of_rows(cls, sizes: Mapping[str, int], rows: Array, rho2: float = 0.0) -> "Gaussian":
         """Return the distribution that rows [A | b] (m, n + 1) with unit noise determine.
 
         Args:
@@ -54,9 +53,7 @@ class Gaussian:
         return cls.of_triangle(sizes, T[:-1], rho2 + float(T[-1, -1]) ** 2)
 
     @classmethod
-    def of_triangle(
-        cls, sizes: Mapping[str, int], T: NDArray[np.float64], rho2: float = 0.0
-    ) -> "Gaussian":
+    def of_triangle(cls, sizes: Mapping[str, int], T: Array, rho2: float = 0.0) -> "Gaussian":
         """Return the distribution of a triangle [R | z] (n, n + 1); see `of_rows`."""
         return cls(places_of(sizes), T[:, :-1], T[:, -1], rho2)
 
@@ -66,7 +63,7 @@ class Gaussian:
         return int(self.R.shape[1])
 
     @property
-    def rows(self) -> NDArray[np.float64]:
+    def rows(self) -> Array:
         """[R | z] (n, n + 1)."""
         return np.column_stack([self.R, self.z])
 
@@ -120,7 +117,7 @@ class Gaussian:
         rows = np.column_stack([self.R[:, self.indices(sizes)], b])
         return Gaussian.of_rows(sizes, rows, self.rho2)
 
-    def moved(self, step: NDArray[np.float64]) -> "Gaussian":
+    def moved(self, step: Array) -> "Gaussian":
         """Return the distribution of x − step for a step (n,)."""
         return replace(self, z=self.z - self.R @ step)
 
@@ -133,9 +130,7 @@ class Gaussian:
         scaled = self.R / np.where(norms > 0, norms, 1.0)
         return int(np.linalg.matrix_rank(scaled, tol=1e-12 * np.sqrt(len(scaled))))
 
-    def singular_parts(
-        self, scale: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def singular_parts(self, scale: Array) -> tuple[Array, Array, Array]:
         """Return U (n, k), singular values (k,) and Vᵀ (k, n) of R in units `scale` (n,).
 
         Singular values that are rounding errors are left out.
@@ -144,7 +139,7 @@ class Gaussian:
         seen = sizes > _NEGLIGIBLE * sizes.max(initial=0.0)
         return U[:, seen], sizes[seen], axes[seen]
 
-    def cost(self, x: NDArray[np.float64]) -> float:
+    def cost(self, x: Array) -> float:
         """Return the sum of squares at x (n,)."""
         return self.rho2 + float(np.sum((self.R @ x - self.z) ** 2))
 
@@ -153,7 +148,7 @@ class Gaussian:
         """The sum of squares at the mean."""
         return self.cost(self.solve())
 
-    def solve(self) -> NDArray[np.float64]:
+    def solve(self) -> Array:
         """Return the mean (n,), with zero along what nothing determines."""
         scale = np.linalg.norm(self.R, axis=0)
         scale[scale == 0] = 1.0
@@ -161,7 +156,7 @@ class Gaussian:
         known = s > _NEGLIGIBLE * s.max(initial=0.0)
         return np.asarray(Vt[known].T @ ((U.T @ self.z)[known] / s[known]) / scale)
 
-    def covariance(self) -> NDArray[np.float64]:
+    def covariance(self) -> Array:
         """Return the covariance (n, n); all directions must be determined.
 
         Raises:
@@ -201,17 +196,17 @@ class LeastSquaresSolution:
 
     """
 
-    estimate: NDArray[np.float64]
-    covariance: NDArray[np.float64]
-    spread: NDArray[np.float64]
+    estimate: Array
+    covariance: Array
+    spread: Array
     known: Gaussian
     rank: int
-    singular_values: NDArray[np.float64]
-    unidentifiable: NDArray[np.float64]
+    singular_values: Array
+    unidentifiable: Array
     residual_rms: float
     row_count: int
-    values: NDArray[np.float64]
-    unit: NDArray[np.float64]
+    values: Array
+    unit: Array
 
     @property
     def is_identifiable(self) -> bool:
@@ -219,7 +214,7 @@ class LeastSquaresSolution:
         return self.rank == self.estimate.size
 
     @property
-    def information(self) -> NDArray[np.float64]:
+    def information(self) -> Array:
         """(n, n) inverse covariance of what is known."""
         return self.known.R.T @ self.known.R
 
@@ -232,8 +227,8 @@ class LeastSquaresSolution:
 
 def solution_of(
     target: Gaussian,
-    nominal: NDArray[np.float64],
-    scale: NDArray[np.float64],
+    nominal: Array,
+    scale: Array,
     *,
     largest: float = KNOWN,
     share: float = 1e-3,
@@ -284,7 +279,7 @@ def solution_of(
     )
 
 
-def solution_of_rows(rows: NDArray[np.float64], row_count: int) -> LeastSquaresSolution:
+def solution_of_rows(rows: Array, row_count: int) -> LeastSquaresSolution:
     """Return the solution of rows of equal noise, which their residuals show.
 
     Columns are scaled to unit length here: nothing is known about plausible sizes.

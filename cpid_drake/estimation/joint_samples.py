@@ -5,8 +5,8 @@ from copy import copy
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.likelihood.joint_motion import JointPart, spline_basis
 from cpid_drake.estimation.likelihood.uniform_spline import GAUSS_LEGENDRE
@@ -30,8 +30,8 @@ class Smoothness:
     """
 
     rate: float
-    jerk: NDArray[np.float64]
-    noise: NDArray[np.float64]
+    jerk: Array
+    noise: Array
     spectra: Spectra = field(default_factory=dict)
 
 
@@ -70,12 +70,12 @@ class JointSamples:
         """Return the number of pieces at this rate [1/s]; no more than samples, as in a gap."""
         return max(1, min(round(rate * (self.end - self.start)), len(self.values)))
 
-    def design(self, pieces: int) -> NDArray[np.float64]:
+    def design(self, pieces: int) -> Array:
         """Return A (N, K) of the samples in units of σ."""
         times = [(np.empty(0), 0, 1.0), *((s.time, d, sigma) for s, d, sigma in self._parts)]
         return np.concatenate([self.basis(pieces, t, d) / sigma for t, d, sigma in times])
 
-    def penalty(self, pieces: int) -> NDArray[np.float64]:
+    def penalty(self, pieces: int) -> Array:
         """Return P (3 pieces, K): |P c|² is the integral of the squared jerk."""
         edges = np.linspace(self.start, self.end, pieces + 1)
         x, weights = GAUSS_LEGENDRE  # exact for the square of a quadratic
@@ -83,9 +83,7 @@ class JointSamples:
         at = ((edges[:-1] + edges[1:])[:, None] / 2 + half * x).ravel()
         return np.sqrt(np.tile(weights * half, pieces))[:, None] * self.basis(pieces, at, 3)
 
-    def basis(
-        self, pieces: int, times: NDArray[np.float64], derivative: int
-    ) -> NDArray[np.float64]:
+    def basis(self, pieces: int, times: Array, derivative: int) -> Array:
         """See `spline_basis`."""
         return spline_basis(self.start, self.end, pieces, times, derivative)
 
@@ -98,7 +96,7 @@ class JointSamples:
         }
         return found
 
-    def white(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def white(self, values: Array) -> Array:
         """Return whitened values (N, ...) of all samples."""
         found = np.empty(values.shape)
         for place, white in self._white.values():
@@ -110,7 +108,7 @@ class JointSamples:
         """Whether the noise of all sensors is white."""
         return all(white.is_white for _, white in self._white.values())
 
-    def sums(self, smoothness: Smoothness, weights: NDArray[np.float64]) -> Spectra:
+    def sums(self, smoothness: Smoothness, weights: Array) -> Spectra:
         """Return what the samples show of the noise, by sensor, with both ends open."""
         part = self.part(smoothness, weights)
         A = self.white(weights[..., None] * self.design(part.pieces)[:, None])
@@ -126,7 +124,7 @@ class JointSamples:
             found[name] = np.sum(each, axis=0)
         return found
 
-    def part(self, smoothness: Smoothness, weights: NDArray[np.float64]) -> JointPart:
+    def part(self, smoothness: Smoothness, weights: Array) -> JointPart:
         """Return what samples of weights (N, J) and the jerk tell, about a motion of zero."""
         pieces = self.pieces(smoothness.rate)
         P, A = self.penalty(pieces), self.design(pieces)
@@ -138,7 +136,7 @@ class JointSamples:
         return JointPart(self.start, self.end, pieces, zero, T[:, :-1, :-1], T[:, :-1, -1])
 
 
-def once_weights(samples: Sequence[JointSamples]) -> list[NDArray[np.float64]]:
+def once_weights(samples: Sequence[JointSamples]) -> list[Array]:
     """Return the weights (N, J) by which a value that n successive samples repeat counts once.
 
     The error of a sensor with steps is that of its step: as long as its value stays, the samples
@@ -163,7 +161,7 @@ def once_weights(samples: Sequence[JointSamples]) -> list[NDArray[np.float64]]:
     return weights
 
 
-def triangles(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+def triangles(rows: Array) -> Array:
     """Return the upper triangles (J, n, n) of rows (J, M, n)."""
     _, M, n = rows.shape
     return np.asarray(np.linalg.qr(np.pad(rows, ((0, 0), (0, max(n - M, 0)), (0, 0))), mode="r"))

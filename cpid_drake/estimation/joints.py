@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
+from cpid_drake.array import Array
 from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.joint_samples import JointSamples, Smoothness, once_weights
 from cpid_drake.estimation.least_squares import loss_weight
@@ -93,7 +94,7 @@ def smooth_joints(
     return smoothness, parts
 
 
-def continued(part: JointPart, before: NDArray[np.float64]) -> JointPart:
+def continued(part: JointPart, before: Array) -> JointPart:
     """Return the part that continues what is at the end of the block before, (ORDER, J)."""
     c = part.coefficients.copy()
     c[:ORDER] = before
@@ -103,9 +104,7 @@ def continued(part: JointPart, before: NDArray[np.float64]) -> JointPart:
 
 
 def _spectra(
-    samples: Sequence[JointSamples],
-    smoothness: Smoothness,
-    weights: Sequence[NDArray[np.float64]],
+    samples: Sequence[JointSamples], smoothness: Smoothness, weights: Sequence[Array]
 ) -> Spectra:
     """Return the shapes of the spectra, of variance 1, of the joints' sensors without steps."""
     blocks = [each.sums(smoothness, w) for each, w in zip(samples, weights, strict=True)]
@@ -131,11 +130,7 @@ class _Splines:
     """
 
     def __init__(
-        self,
-        samples: Sequence[JointSamples],
-        rate: float,
-        weights: list[NDArray[np.float64]],
-        once: list[NDArray[np.float64]],
+        self, samples: Sequence[JointSamples], rate: float, weights: list[Array], once: list[Array]
     ) -> None:
         self.rate, self._weights, self._samples = rate, weights, samples
         pieces = [each.pieces(rate) for each in samples]
@@ -152,7 +147,7 @@ class _Splines:
         self._PP, groups = self._banded(self._P), defaultdict(list)
         for j in range(J):
             groups[b"".join(w[:, j].tobytes() for w in weights)].append(j)
-        self._group, bands = np.zeros(J, dtype=int), list[NDArray[np.float64]]()
+        self._group, bands = np.zeros(J, dtype=int), list[Array]()
         for joints in groups.values():
             parts = zip(samples, weights, self._A, strict=True)
             weighted = [each.white(w[:, joints[:1]] * A) for each, w, A in parts]
@@ -185,12 +180,12 @@ class _Splines:
             self._by_left[place] += self._A[k].T @ (self._weights[k] * once_more)
             self._by_jerk[place] += self._P[k].T @ jerk[k]
 
-    def _residuals(self, c: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    def _residuals(self, c: Array) -> list[Array]:
         """Return what coefficients (K, J) more leave of the samples of each block."""
         blocks = zip(self._left, self._A, self.places, strict=True)
         return [left - A @ (c - self._c)[place] for left, A, place in blocks]
 
-    def _banded(self, rows: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+    def _banded(self, rows: list[Array]) -> Array:
         """Return the sum of XᵀX over the rows X of all blocks, as the transpose of LAPACK's."""
         band = np.zeros((self.size, self._width))
         for X, place in zip(rows, self.places, strict=True):
@@ -198,9 +193,7 @@ class _Splines:
             band[place.start + j, self._width - 1 + i - j] += (X.T @ X)[i, j]
         return band
 
-    def _roots(
-        self, group: NDArray[np.intp], q: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    def _roots(self, group: NDArray[np.intp], q: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Return the Cholesky factors of AA + q PᵀP, banded, side by side; and which of them exist.
 
         One that does not exist is 1.
@@ -211,13 +204,13 @@ class _Splines:
             M[~good] = np.arange(self._width) == self._width - 1
         return found[0], good
 
-    def values(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
+    def values(self, u: Array) -> Array:
         """Return −2 log(evidence) (J, G) at u = log λ (J, G)."""
         S, volume = self._squares(u)
         volume = volume + (self.size - self._free) * u + self._constant[:, None]
         return np.asarray(self._freedom[:, None] * np.log(DECLARED + S) + volume)
 
-    def _squares(self, u: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _squares(self, u: Array) -> tuple[Array, Array]:
         """Return penalized χ² and log det M (J, G) at u = log λ (J, G)."""
         S, log_det = np.empty((2, u.size))
         pairs = [np.repeat(self._group, u.shape[1]), u.ravel()]
@@ -240,7 +233,7 @@ class _Splines:
             log_det[at] = 2 * np.sum(np.log(roots[-1].reshape(len(q), -1)), axis=1)[k]
         return S.reshape(u.shape), log_det.reshape(u.shape)
 
-    def solved(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
+    def solved(self, u: Array) -> Array:
         """Return all coefficients (K, J) at u = log λ (J,)."""
         q = np.exp(-u)
         roots, good = self._roots(self._group, q)
@@ -249,7 +242,7 @@ class _Splines:
         by = (self._by_left - q * self._by_jerk).T
         return np.asarray(self._c + lapack.dpbtrs(roots, by.ravel())[0].reshape(by.shape).T)
 
-    def best(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def best(self) -> tuple[Array, Array]:
         """Return u = log λ (J,) and the noise factors (J,).
 
         The smoothest u of a grid that is not much worse than the best one; then parabolas.
@@ -266,9 +259,7 @@ class _Splines:
             u = np.take_along_axis(at, k, 1)[:, 0] + step * np.clip(shift, -1, 1)
         return u, np.sqrt((DECLARED + self._squares(u[:, None])[0][:, 0]) / self._freedom)
 
-    def weights(
-        self, u: NDArray[np.float64], noise: NDArray[np.float64]
-    ) -> list[NDArray[np.float64]]:
+    def weights(self, u: Array, noise: Array) -> list[Array]:
         """Return the weights (N, J) of every block that the residuals show."""
         left = self._residuals(self.solved(u))
         return [loss_weight(r / noise) for r in left]
@@ -282,11 +273,7 @@ def _band(size: int, width: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     return i[inside], j[inside]
 
 
-def _best_rate(
-    samples: Sequence[JointSamples],
-    weights: list[NDArray[np.float64]],
-    once: list[NDArray[np.float64]],
-) -> float:
+def _best_rate(samples: Sequence[JointSamples], weights: list[Array], once: list[Array]) -> float:
     """Return the pieces in a second with the most evidence, or less if it is about as much.
 
     More than `_FAST` are tried as long as they have more.

@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 from scipy.special import ndtri, stdtrit
 
+from cpid_drake.array import Array
+
 DEFAULT_RANK_TOLERANCE = 1e-9
 """Singular values of column-scaled rows are treated as zero below this share of the largest one.
 
@@ -45,9 +47,7 @@ IMPROBABLE = 1e-4
 """Probability of what the data show, if all is as assumed, below which the assumption is wrong."""
 
 
-def updated_information(
-    information: NDArray[np.float64], augmented_rows: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def updated_information(information: Array, augmented_rows: Array) -> Array:
     """Return the square-root information (n + 1, n + 1) after adding the rows [A | b] (M, n + 1).
 
     That of no rows is zero.
@@ -58,7 +58,7 @@ def updated_information(
     return np.asarray(updated)
 
 
-def triangle(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+def triangle(rows: Array) -> Array:
     """Return R (n, n) of the QR decomposition of rows (M, n); M may be smaller than n.
 
     Rows that weigh much more than others come first: below them, others would be rounded to theirs
@@ -78,7 +78,7 @@ def _upper(m: int, n: int) -> NDArray[np.bool_]:
     return np.triu(np.ones((m, n), dtype=bool))
 
 
-def describe_unidentifiable(directions: NDArray[np.float64], names: Sequence[str]) -> str:
+def describe_unidentifiable(directions: Array, names: Sequence[str]) -> str:
     """Return the unidentifiable directions in words; empty when there are none.
 
     Unknowns with a share below 0.1 in these directions are described as weakly affected.
@@ -98,7 +98,7 @@ def describe_unidentifiable(directions: NDArray[np.float64], names: Sequence[str
     return text + (f"; {', '.join(weakly)} weakly affected" if weakly else "")
 
 
-def loss_weight(size: NDArray[np.float64]) -> NDArray[np.float64]:
+def loss_weight(size: Array) -> Array:
     """Return the factor of a row that is off by `size` σ; rows that are far off weigh less.
 
     With c = `FAR` it is min(1, (c/|r|)²), that of the loss r² up to c and 2c² − c⁴/r² beyond it:

@@ -6,8 +6,8 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.estimation.block import Block, BlockQueue, blocks_of
 from cpid_drake.estimation.joint_samples import Smoothness
 from cpid_drake.estimation.joints import continued, smooth_joints
@@ -64,14 +64,14 @@ class LogState:
     blocks: tuple[Block, ...]
     joints: tuple[JointPart, ...]
     smoothness: Smoothness
-    walks: tuple[NDArray[np.float64], ...]
-    forces: tuple[NDArray[np.float64], ...]
+    walks: tuple[Array, ...]
+    forces: tuple[Array, ...]
     origin: float
     starts: tuple[TrajectoryState, ...] = ()
     open: frozenset[int] = frozenset()
     gaps: tuple[float, ...] = ()
-    pulls: tuple[NDArray[np.float64], ...] = ()
-    weights: tuple[dict[str, NDArray[np.float64]], ...] = ()
+    pulls: tuple[Array, ...] = ()
+    weights: tuple[dict[str, Array], ...] = ()
     spectra: Spectra = field(default_factory=dict)
     shown: tuple[Spectra, ...] = ()
     noise: dict[str, float] = field(default_factory=dict)
@@ -104,7 +104,7 @@ class LogState:
         smoothness, joints = smooth_joints(blocks, model.suite)
         walks = tuple(np.zeros(len(model.walking_columns)) for _ in blocks[1:])
         forces = tuple(model.no_forces(block.start, block.end) for block in blocks)
-        weights = tuple(dict[str, NDArray[np.float64]]() for _ in blocks)
+        weights = tuple(dict[str, Array]() for _ in blocks)
         pulls = tuple(np.zeros(12) for _ in blocks[1:])
         gaps = tuple(later.start - block.end for block, later in pairwise(blocks))
         parts = tuple(joints)
@@ -166,11 +166,11 @@ class LogState:
         """Return the time [s] from the start of block k, not a log's last, to that of the next."""
         return self.blocks[k].length + self.gaps[k]
 
-    def link(self, model: Model, k: int) -> NDArray[np.float64]:
+    def link(self, model: Model, k: int) -> Array:
         """Return σ (12,) of a change of attitude, centre of mass, L and v at the end of block k."""
         return self._sigma(model, k, CLOSED)
 
-    def link_cost(self, model: Model, k: int, change: NDArray[np.float64]) -> float:
+    def link_cost(self, model: Model, k: int, change: Array) -> float:
         """Return χ² of a change (12,) at the end of block k.
 
         A closed end would have a χ² that hides that of all samples where a step leaves a change of
@@ -184,7 +184,7 @@ class LogState:
         square = float(np.sum(((change - aim) / judged) ** 2))
         return square + float(pull @ (2 * change - aim))
 
-    def _sigma(self, model: Model, k: int, closed: float) -> NDArray[np.float64]:
+    def _sigma(self, model: Model, k: int, closed: float) -> Array:
         is_open = k in self.open or self.gaps[k]
         return farthest(model) if is_open else _sizes(model, closed, closed, closed)
 
@@ -239,7 +239,7 @@ class LogState:
         ends = frozenset(k - first for k in self.open if first <= k < end)
         return replace(self, open=ends, past=None if first else self.past, **parts)
 
-    def whitened(self, k: int, sensor: str, rest: NDArray[np.float64]) -> NDArray[np.float64]:
+    def whitened(self, k: int, sensor: str, rest: Array) -> Array:
         """Return white residuals of those (M, d) of a sensor in block k."""
         return self.whitening(k, sensor, len(rest))(rest)
 
@@ -250,10 +250,10 @@ class LogState:
         return Whitening.of(times, self.spectra.get(sensor, WHITE), weights)
 
 
-def farthest(model: Model) -> NDArray[np.float64]:
+def farthest(model: Model) -> Array:
     """Return σ (12,) of a change of attitude, centre of mass, L and v at an open end."""
     return _sizes(model, *FARTHEST)
 
 
-def _sizes(model: Model, turn: float, place: float, speed: float) -> NDArray[np.float64]:
+def _sizes(model: Model, turn: float, place: float, speed: float) -> Array:
     return np.repeat([turn, place, speed * model.L_sigma, speed], 3)

@@ -3,9 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.momentum import momentum_samples
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.plane import in_plane
@@ -17,7 +17,7 @@ from cpid_drake.dynamics.tree import KinematicTree
 
 def momentum_rows(
     tree: KinematicTree, telemetry: Motion, family: RowFamily, momentum: TotalMomentum
-) -> NDArray[np.float64]:
+) -> Array:
     """Return the rows [N | A | b] (samples · rows per sample, k + 11) of all samples, in C.
 
     N holds the k columns of an unknown momentum; see `momentum_columns`. A known momentum enters b:
@@ -49,7 +49,7 @@ def momentum_columns(tree: KinematicTree, family: RowFamily, momentum: TotalMome
     return family.momentum_size if tree.normal_B is None else len(family.momenta_in_plane())
 
 
-def changed_motion(telemetry: Motion, changes: NDArray[np.float64]) -> Motion:
+def changed_motion(telemetry: Motion, changes: Array) -> Motion:
     """Return motion with changed quantities, at unconnected times 0, 1, 2, ….
 
     Args:
@@ -60,7 +60,7 @@ def changed_motion(telemetry: Motion, changes: NDArray[np.float64]) -> Motion:
     """
     J, count = len(telemetry.joint_names), len(changes) // len(telemetry)
 
-    def tiled(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def tiled(values: Array) -> Array:
         return np.tile(values, (count, 1))
 
     attitude = Rotation.from_quat(tiled(telemetry.quaternion_WB), scalar_first=True)
@@ -80,11 +80,11 @@ def changed_motion(telemetry: Motion, changes: NDArray[np.float64]) -> Motion:
 
 def error_square(
     telemetry: Motion,
-    covariance: NDArray[np.float64],
+    covariance: Array,
     tree: KinematicTree,
     family: RowFamily,
     momentum: TotalMomentum,
-) -> NDArray[np.float64]:
+) -> Array:
     """Return the expectation (k + 11, k + 11) of δᵀ δ for the errors δ of all rows of samples.
 
     Args:

@@ -10,8 +10,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.estimation.block import Block, BlockQueue, blocks_of
 from cpid_drake.estimation.events import fit_with_events, is_explained
@@ -186,7 +186,7 @@ def _marginalized(state: OnlineState, count: int) -> OnlineState:
     shown = added(log.past.shown if log.past else {}, *gone.shown)
     own = noise_sums(gone, rolled.residuals[:count], log.freedom)
     noise = added(log.past.noise if log.past else {}, own)
-    about: Mapping[str, NDArray[np.float64]]
+    about: Mapping[str, Array]
     about = {u.name: values[u.name] for u in model.table if u.scope != "log"}
     if log.past and inertia_error(found) < WELL_KNOWN:  # the past says little
         about = log.past.first
@@ -233,7 +233,7 @@ def inertia_error(found: Fit) -> float:
     return float(np.sqrt(np.trace(B @ covariance @ B.T) / np.sqrt(len(B))))
 
 
-def _by_inertia(found: Fit) -> NDArray[np.float64]:
+def _by_inertia(found: Fit) -> Array:
     """Return the derivative (9, 10) of Wᵀ J W by ψ at the end of a log; (1, 10) on a table."""
     tree, psi = found.model.tree, found.values[PSI]
     q = found.logs[0].joints[-1].coefficients[-ORDER][None]

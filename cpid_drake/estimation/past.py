@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.likelihood.model import jump_between
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
@@ -33,15 +33,13 @@ class Past:
 
     gaussian: Gaussian
     start: TrajectoryState
-    joints: NDArray[np.float64]
-    table: NDArray[np.float64]
-    first: Mapping[str, NDArray[np.float64]]
-    shown: Mapping[str, NDArray[np.float64]]
-    noise: Mapping[str, NDArray[np.float64]]
+    joints: Array
+    table: Array
+    first: Mapping[str, Array]
+    shown: Mapping[str, Array]
+    noise: Mapping[str, Array]
 
-    def about(
-        self, start: TrajectoryState, joints: NDArray[np.float64], table: NDArray[np.float64]
-    ) -> Gaussian:
+    def about(self, start: TrajectoryState, joints: Array, table: Array) -> Gaussian:
         """Return the Gaussian about other values."""
         jump, turned = jump_between(self.start, start), (joints - self.joints).T.ravel()
         return self.gaussian.moved(np.concatenate([jump, turned, table - self.table]))

@@ -10,15 +10,15 @@ nothing.
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.estimation.gaussian import Gaussian, LeastSquaresSolution, solution_of
 from cpid_drake.estimation.least_squares import KNOWN
 from cpid_drake.estimation.unknowns import PSI, Model
 
 
 def known_target(
-    model: Model, psi: NDArray[np.float64], gaussian: Gaussian, *, count: int = 0
+    model: Model, psi: Array, gaussian: Gaussian, *, count: int = 0
 ) -> LeastSquaresSolution:
     """Return what is known of the target's ψ about the nominal mass of the spacecraft.
 
@@ -46,9 +46,7 @@ def _without(prior: Gaussian, posterior: Gaussian) -> Gaussian:
 _ROUNDING = 1e-6  # less information than this, in units of the prior, is rounding
 
 
-def difference(
-    gaussian: Gaussian, plausible: NDArray[np.float64], names: Sequence[str]
-) -> tuple[float, int]:
+def difference(gaussian: Gaussian, plausible: Array, names: Sequence[str]) -> tuple[float, int]:
     """Return χ² of the known combinations of differences between targets, and how many they are.
 
     If it is one target, they are zero, and this is χ² distributed.

@@ -7,8 +7,8 @@ Source: Wensing et al. 2018.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.parameterizations import (
     EQ18,
     Parameterization,
@@ -28,13 +28,13 @@ CONSTANT = np.diag([0.0, 0.0, 0.0, 0.0, 1.0])
 """G(0) (5, 5)."""
 
 
-def sizes(form: Parameterization, mass: float, radius: float) -> NDArray[np.float64]:
+def sizes(form: Parameterization, mass: float, radius: float) -> Array:
     """Return the sizes (10,) of unknowns, from a mass [kg] and a radius of gyration [m]."""
     first, moments = mass * np.array([1.0, *3 * [radius]]), 6 * [mass * radius**2]
     return np.append([1 / mass, *3 * [radius]] if form.name == EQ18.name else first, moments)
 
 
-def without_rounding(known: Gaussian, scale: NDArray[np.float64]) -> Gaussian:
+def without_rounding(known: Gaussian, scale: Array) -> Gaussian:
     """Return what is known with no σ below `LEAST_SIGMA`; the unknowns have sizes `scale` (10,)."""
     U, strength, axes = known.singular_parts(scale)
     factor = np.minimum(1.0, 1 / LEAST_SIGMA / strength)
@@ -43,7 +43,7 @@ def without_rounding(known: Gaussian, scale: NDArray[np.float64]) -> Gaussian:
     return Gaussian.of_rows(known.sizes, rows)
 
 
-def unit_matrices(form: Parameterization, mass: float) -> NDArray[np.float64]:
+def unit_matrices(form: Parameterization, mass: float) -> Array:
     """Return G (10, 5, 5) of unit vectors, less `CONSTANT`.
 
     The last entry is 1 − μ/mass for relative unknowns, in which a heavy target has the
@@ -65,8 +65,8 @@ def unit_matrices(form: Parameterization, mass: float) -> NDArray[np.float64]:
 
 
 def nearest(
-    known: Gaussian, form: Parameterization, known_mass: float, scale: NDArray[np.float64]
-) -> tuple[float, NDArray[np.float64]]:
+    known: Gaussian, form: Parameterization, known_mass: float, scale: Array
+) -> tuple[float, Array]:
     """Return the least |A x − b| of a rigid body, in σ, and the unknowns (10,) of this body.
 
     NaN if the solver fails. Unknowns that are not determined have arbitrary values.

@@ -4,9 +4,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from cpid_drake.array import Array
 from cpid_drake.estimation.block_rows import BlockRows
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.likelihood.effects import relate, with_changes
@@ -18,7 +18,7 @@ from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.target import psi_about
 from cpid_drake.estimation.unknowns import BODIES, PSI, Model
 
-Values = dict[str, NDArray[np.float64]]
+Values = dict[str, Array]
 """Present values of all unknowns of all logs, by name."""
 
 
@@ -42,12 +42,12 @@ class Rolled:
 
     models: list[BlockModel]
     trajectories: list[Trajectory]
-    residuals: list[dict[str, NDArray[np.float64]]]
+    residuals: list[dict[str, Array]]
     ends: list[TrajectoryState]
-    links: list[NDArray[np.float64]]
+    links: list[Array]
     joints: float
     start: float
-    by_psi: NDArray[np.float64]
+    by_psi: Array
     linear: dict[BlockModel, BlockRows] = field(default_factory=dict)
 
     def part(self, first: int, end: int) -> "Rolled":
@@ -91,13 +91,13 @@ class Rolled:
                 total += float(np.sum(log.whitened(k, name, rest) ** 2))
         return total
 
-    def all_residuals(self) -> dict[str, NDArray[np.float64]]:
+    def all_residuals(self) -> dict[str, Array]:
         """Return the residuals of each sensor, block after block."""
         names = sorted({name for block in self.residuals for name in block})
         return {n: np.concatenate([b[n] for b in self.residuals if n in b]) for n in names}
 
 
-def constants_of(model: Model, log: LogState, values: Values) -> NDArray[np.float64]:
+def constants_of(model: Model, log: LogState, values: Values) -> Array:
     """Return the constants (k,) of a log; of those that walk, the last value."""
     parts = [values[u.key(log.name)] for u in model.table if u.name in model.constants.errors]
     return np.concatenate([np.empty(0), *parts])
@@ -124,7 +124,7 @@ def roll(model: Model, log: LogState, values: Values, before: Rolled | None = No
     psi, by_psi = psi_about(values[PSI], model.mass, tree.mass)
     last = constants_of(model, log, values)
     walking, sigma = model.walking_columns, model.walking_sigma
-    cost, links = 0.0, list[NDArray[np.float64]]()
+    cost, links = 0.0, list[Array]()
     # of each block: what is still to come
     later = np.cumsum([np.zeros(len(walking)), *reversed(log.walks)], axis=0)[::-1]
     models, firsts = list[BlockModel](), list[TrajectoryState]()
@@ -191,7 +191,7 @@ def past_of(model: Model, log: LogState, values: Values) -> Gaussian:
     return log.past.about(log.starts[0], joints, first_table(model, log, values))
 
 
-def first_table(model: Model, log: LogState, values: Values) -> NDArray[np.float64]:
+def first_table(model: Model, log: LogState, values: Values) -> Array:
     """Return the values (n,) of the table; of what walks, those at the start of a log."""
     table = np.concatenate([values[u.key(log.name)] for u in model.table])
     table[model.walking_columns] -= np.sum(log.walks, axis=0)
@@ -206,12 +206,12 @@ def _start_cost(model: Model, log: LogState, values: Values) -> float:
     return past.cost(np.zeros(past.size))
 
 
-def first_values(model: Model, log: LogState, values: Values) -> NDArray[np.float64]:
+def first_values(model: Model, log: LogState, values: Values) -> Array:
     """Return the values (w,) at the start of the constants that walk."""
     return first_table(model, log, values)[model.walking_columns]
 
 
-def jumped(state: TrajectoryState, change: NDArray[np.float64]) -> TrajectoryState:
+def jumped(state: TrajectoryState, change: Array) -> TrajectoryState:
     """Return a state after a change (12,) of attitude, centre of mass, L and v."""
     return replace(
         state,

@@ -9,8 +9,8 @@ from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.parameterizations import Parameterization
 from cpid_drake.dynamics.rows import RowFamily
@@ -68,7 +68,7 @@ class LogRows:
         tree, family, _ = self._problem
         return family.parameterization(tree.mass)
 
-    def add(self, telemetry: Motion, covariance: NDArray[np.float64]) -> None:
+    def add(self, telemetry: Motion, covariance: Array) -> None:
         """Add samples.
 
         Args:
@@ -103,7 +103,7 @@ class LogRows:
             while sum(map(len, self._kept)) > _MOST_KEPT and len(self._kept) > 1:
                 self._kept, self._every = self._kept[::2], 2 * self._every
 
-    def triangle(self, *, is_zero: bool = False, is_half: bool = False) -> NDArray[np.float64]:
+    def triangle(self, *, is_zero: bool = False, is_half: bool = False) -> Array:
         """Return the triangle (k + 11, k + 11) of all rows, or of about the first half.
 
         Args:
@@ -115,7 +115,7 @@ class LogRows:
         count = int(np.argmin(np.abs(ends - ends[-1] / 2))) + 1 if is_half else len(ends)
         return triangle(np.vstack(self._pieces[:count])[:, self.extra if is_zero else 0 :])
 
-    def best(self, *, is_zero: bool = False) -> NDArray[np.float64]:
+    def best(self, *, is_zero: bool = False) -> Array:
         """Return the unknowns (k + 10,) with the least residuals."""
         T = self.triangle(is_zero=is_zero)
         x = Gaussian.of_rows({TARGET: len(T) - 1}, T).solve()
@@ -133,7 +133,7 @@ class LogRows:
         s = np.sqrt(max(found.least_cost / freedom if freedom > 0 else 0.0, least, 1e-300))
         return replace(found, R=found.R / s, z=found.z / s, rho2=found.rho2 / s**2), freedom
 
-    def misfit(self, x: NDArray[np.float64]) -> tuple[float, float]:
+    def misfit(self, x: Array) -> tuple[float, float]:
         """Return the sizes of the residuals at unknowns x (k + 10,), as ratios.
 
         The first is that to the errors of the samples, infinite if these are not known, and the
@@ -147,7 +147,7 @@ class LogRows:
             float(np.sqrt(squares / size)) if size > 0 else 0.0,
         )
 
-    def residuals(self, x: NDArray[np.float64]) -> tuple[Samples, Samples]:
+    def residuals(self, x: Array) -> tuple[Samples, Samples]:
         """Return the residuals b − A x at x of the linear and of the angular rows.
 
         Of a long log, they are those of parts that are spread over it.

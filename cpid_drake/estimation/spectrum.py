@@ -27,10 +27,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import dct, idct
 from scipy.linalg import toeplitz
 
+from cpid_drake.array import Array
 from cpid_drake.estimation.least_squares import IMPROBABLE
 
 DECLARED = 10.0
@@ -42,10 +42,10 @@ TAUS = 0.03 * 2.0 ** np.arange(8)
 RATIOS = np.array([0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0])
 """Variances of slow noise that are compared, in units of that of the white noise."""
 
-WHITE: NDArray[np.float64] = np.eye(1 + len(TAUS))[0]
+WHITE: Array = np.eye(1 + len(TAUS))[0]
 """The spectrum (1 + taus,) of declared noise."""
 
-Spectra = Mapping[str, NDArray[np.float64]]
+Spectra = Mapping[str, Array]
 """Spectra (1 + taus,) of sensors, or sums over their residuals, by name."""
 
 _FORMS = np.array([WHITE, *(WHITE + q * part for part in np.eye(len(WHITE))[1:] for q in RATIOS)])
@@ -68,17 +68,12 @@ class Whitening:
 
     """
 
-    weights: NDArray[np.float64]
-    parts: NDArray[np.float64]
-    spectrum: NDArray[np.float64]
+    weights: Array
+    parts: Array
+    spectrum: Array
 
     @classmethod
-    def of(
-        cls,
-        times: NDArray[np.float64],
-        spectrum: NDArray[np.float64],
-        weights: NDArray[np.float64],
-    ) -> "Whitening":
+    def of(cls, times: Array, spectrum: Array, weights: Array) -> "Whitening":
         """Return that of samples (M,) at some times [s], which are taken as evenly spread."""
         M = len(times)
         step = float(times[-1] - times[0]) / (M - 1) if M > 1 else 1.0
@@ -90,7 +85,7 @@ class Whitening:
         return not self.spectrum[1:].any()
 
     @property
-    def power(self) -> NDArray[np.float64]:
+    def power(self) -> Array:
         """The variances (M,) of the transformed noise."""
         return np.asarray(self.parts @ self.spectrum)
 
@@ -99,7 +94,7 @@ class Whitening:
         is_same = np.array_equal(self.spectrum, other.spectrum)
         return is_same and np.array_equal(self.weights, other.weights)
 
-    def __call__(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def __call__(self, values: Array) -> Array:
         """Return whitened values (M, ...) in units of the declared σ."""
         weighted = (values.T * self.weights).T
         if self.is_white:
@@ -107,7 +102,7 @@ class Whitening:
         transform = dct(weighted, axis=0, norm="ortho").T / np.sqrt(self.power)
         return np.asarray(idct(transform.T, axis=0, norm="ortho"))
 
-    def undone(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def undone(self, values: Array) -> Array:
         """Return the values (M, ...) of whitened ones."""
         if self.is_white:
             weighted = values * np.sqrt(self.spectrum[0])
@@ -116,7 +111,7 @@ class Whitening:
             weighted = idct(transform.T, axis=0, norm="ortho")
         return np.asarray((weighted.T / self.weights).T)
 
-    def sums(self, Q: NDArray[np.float64], rest: NDArray[np.float64]) -> NDArray[np.float64]:
+    def sums(self, Q: Array, rest: Array) -> Array:
         """Return what a block shows of the noise, (bands, 5 + taus).
 
         Args:
@@ -140,7 +135,7 @@ class Whitening:
 
 
 @lru_cache(maxsize=512)
-def _parts(count: int, step: str) -> NDArray[np.float64]:
+def _parts(count: int, step: str) -> Array:
     """Return the variances (M, 1 + taus) of the transform of each part of the noise."""
     later = float(step) * np.arange(count)
     parts = [np.ones(count)]
@@ -150,7 +145,7 @@ def _parts(count: int, step: str) -> NDArray[np.float64]:
     return np.stack(parts, axis=1) if count else np.ones((0, len(WHITE)))
 
 
-def spectrum_of(sums: NDArray[np.float64]) -> NDArray[np.float64]:
+def spectrum_of(sums: Array) -> Array:
     """Return the spectrum (1 + taus,) that sums over blocks show; see `Whitening.sums`."""
     free, squares = sums[:, _FREE], sums[:, _SQUARES]
     seen = squares > _LEAST * np.maximum(free, _LEAST)
@@ -181,7 +176,7 @@ def spectrum_of(sums: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(found + max(0.0, 1 - found.sum()) * WHITE)
 
 
-def slow_part(spectrum: NDArray[np.float64]) -> tuple[float, float]:
+def slow_part(spectrum: Array) -> tuple[float, float]:
     """Return the share of slow noise in its variance, or the declared one, and its time [s]."""
     slow = float(np.sum(spectrum[1:]))
     return slow / max(float(np.sum(spectrum)), 1.0), float(spectrum[1:] @ TAUS) / max(slow, 1e-300)
@@ -189,7 +184,7 @@ def slow_part(spectrum: NDArray[np.float64]) -> tuple[float, float]:
 
 def added(*blocks: Spectra) -> Spectra:
     """Return the sums of what several blocks show."""
-    total = dict[str, NDArray[np.float64]]()
+    total = dict[str, Array]()
     for block in blocks:
         total |= {name: total.get(name, 0.0) + sums for name, sums in block.items()}
     return total

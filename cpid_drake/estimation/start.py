@@ -22,6 +22,7 @@ from scipy.interpolate import make_lsq_spline
 from scipy.sparse import eye_array
 from scipy.spatial.transform import Rotation
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.kinematics import forward_kinematics
 from cpid_drake.dynamics.plane import NORMAL_W, tilt
@@ -53,12 +54,12 @@ class SeenMotion:
 
     """
 
-    time: NDArray[np.float64]
-    R: NDArray[np.float64]
-    w: NDArray[np.float64]
-    p: NDArray[np.float64]
-    v: NDArray[np.float64]
-    q: NDArray[np.float64]
+    time: Array
+    R: Array
+    w: Array
+    p: Array
+    v: Array
+    q: Array
     dynamics: BodyDynamics
 
 
@@ -89,7 +90,7 @@ def start_of(
     return values, started
 
 
-def state_of(model: Model, log: LogState, psi: NDArray[np.float64]) -> TrajectoryState:
+def state_of(model: Model, log: LogState, psi: Array) -> TrajectoryState:
     """Return the state at the start of a log without gaps, for a target ψ (10,)."""
     motion = _motion(model, log)
     return _states(model, log, motion, _momentum(motion, psi), psi)[0]
@@ -101,7 +102,7 @@ def _parts(log: LogState) -> list[LogState]:
     return [log.part(first, end) for first, end in pairwise([0, *begins, len(log.blocks)])]
 
 
-def _balanced(model: Model, parts: Sequence[tuple[LogState, SeenMotion]]) -> NDArray[np.float64]:
+def _balanced(model: Model, parts: Sequence[tuple[LogState, SeenMotion]]) -> Array:
     """Return ψ (10,) from all rows and the priors."""
     psi = model.unknown(PSI).mean
     found = Gaussian.of_rows({PSI: 10}, np.zeros((10, 11)))
@@ -117,7 +118,7 @@ def _balanced(model: Model, parts: Sequence[tuple[LogState, SeenMotion]]) -> NDA
     return model.cone.start(found.marginal([PSI]).moved(-psi))
 
 
-def _momentum(motion: SeenMotion, psi: NDArray[np.float64]) -> NDArray[np.float64]:
+def _momentum(motion: SeenMotion, psi: Array) -> Array:
     """Return the angular momentum (M, 3) in W."""
     dynamics = motion.dynamics
     L = rotate(dynamics.inertia(psi), motion.w) + dynamics.momentum_at_rest(psi)
@@ -125,11 +126,7 @@ def _momentum(motion: SeenMotion, psi: NDArray[np.float64]) -> NDArray[np.float6
 
 
 def _states(
-    model: Model,
-    log: LogState,
-    motion: SeenMotion,
-    L: NDArray[np.float64],
-    psi: NDArray[np.float64],
+    model: Model, log: LogState, motion: SeenMotion, L: Array, psi: Array
 ) -> tuple[TrajectoryState, ...]:
     """Return the states at the start of all blocks, as their own samples show them.
 
@@ -170,9 +167,7 @@ def _states(
     return tuple(states)
 
 
-def _rows(
-    model: Model, log: LogState, motion: SeenMotion, psi: NDArray[np.float64]
-) -> list[NDArray[np.float64]]:
+def _rows(model: Model, log: LogState, motion: SeenMotion, psi: Array) -> list[Array]:
     """Return rows [A | b] of H, and of V if the momenta change, for a change of ψ and for L."""
     dynamics, R, w = motion.dynamics, motion.R, motion.w
     turn, turn_by_psi, push = _pushed(model, log, motion, psi)
@@ -232,8 +227,8 @@ def _motion(model: Model, log: LogState) -> SeenMotion:
 
 
 def _smoothed(
-    samples: Samples, times: NDArray[np.float64], pieces: int
-) -> tuple[NDArray[np.bool_], NDArray[np.float64], NDArray[np.float64]]:
+    samples: Samples, times: Array, pieces: int
+) -> tuple[NDArray[np.bool_], Array, Array]:
     """Return which times are among samples, and values and rates of a spline there."""
     time, value = samples.time, samples.value
     if len(samples) < 2 * (DEGREE + 1):
@@ -245,8 +240,8 @@ def _smoothed(
 
 
 def _pushed(
-    model: Model, log: LogState, motion: SeenMotion, psi: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    model: Model, log: LogState, motion: SeenMotion, psi: Array
+) -> tuple[Array, Array, Array]:
     """Return what declared thrust has added to H (M, 3), and its derivative by ψ (M, 3, 10).
 
     And the impulse (M, 3), all since the first instant.
@@ -272,7 +267,7 @@ def _pushed(
     return _summed(push.torque(R, com)), _summed(by_psi), _summed(force)
 
 
-def _integral(samples: Samples, times: NDArray[np.float64]) -> NDArray[np.float64]:
+def _integral(samples: Samples, times: Array) -> Array:
     """Return the integrals (M, n) of samples that hold until the next, from their start."""
     time, value = samples.time, samples.value
     whole = np.cumsum(np.diff(time)[:, None] * value[:-1], axis=0)
@@ -281,5 +276,5 @@ def _integral(samples: Samples, times: NDArray[np.float64]) -> NDArray[np.float6
     return np.asarray(whole[k] + np.maximum(times - time[k], 0.0)[:, None] * value[k])
 
 
-def _summed(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _summed(values: Array) -> Array:
     return np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])

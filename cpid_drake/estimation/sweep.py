@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from cpid_drake.array import Array
 from cpid_drake.estimation.block_rows import BlockRows
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import triangle, updated_information
@@ -42,8 +43,8 @@ class _Change:
     """A change of some entries at the end of a block, eliminated; see `changed`."""
 
     columns: NDArray[np.intp]
-    rows: NDArray[np.float64]  # [X | z]
-    now: NDArray[np.float64]
+    rows: Array  # [X | z]
+    now: Array
     block: int
 
 
@@ -58,18 +59,12 @@ class _Block:
     model: BlockModel
     gone: NDArray[np.intp]
     keep: NDArray[np.intp]
-    rows: NDArray[np.float64]
-    end: NDArray[np.float64]
+    rows: Array
+    end: Array
     absorbed: dict[str, float]
 
     @classmethod
-    def of(
-        cls,
-        rolled: Rolled,
-        k: int,
-        own: BlockRows,
-        T: NDArray[np.float64],
-    ) -> "_Block":
+    def of(cls, rolled: Rolled, k: int, own: BlockRows, T: Array) -> "_Block":
         """Return block k from its rows and its triangle."""
         assert own.samples is not None
         part, g = rolled.models[k], len(own.gone)
@@ -85,7 +80,7 @@ class _Block:
         absorbed = {n: float(x.sum()) for n, x in zip(residuals, np.split(leverage, ends))}
         return cls(part, own.gone, keep, inverse @ T[:g, g:], own.end, absorbed)
 
-    def solved(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    def solved(self, x: Array) -> Array:
         """Return the steps of all columns of the block's model, given those at its end."""
         g = len(self.gone)
         y = np.zeros(g + len(self.keep))
@@ -274,9 +269,7 @@ def linearized(
         yield rows
 
 
-def _eliminated(
-    part: BlockModel, own: BlockRows, before: Gaussian
-) -> tuple[Gaussian, NDArray[np.float64]]:
+def _eliminated(part: BlockModel, own: BlockRows, before: Gaussian) -> tuple[Gaussian, Array]:
     """Return what is known at the end of a block, and the triangle [R | z] without its start.
 
     With the start x₀ (attitude, p, L, v) and all other columns y, the end is x₁ = E₀ x₀ + E y. So a
@@ -313,11 +306,8 @@ def _eliminated(
 
 
 def changed(
-    known: Gaussian,
-    columns: NDArray[np.intp],
-    sigma: NDArray[np.float64],
-    now: NDArray[np.float64],
-) -> tuple[Gaussian, NDArray[np.float64]]:
+    known: Gaussian, columns: NDArray[np.intp], sigma: Array, now: Array
+) -> tuple[Gaussian, Array]:
     """Return what is known after a change u ~ N(0, σ²) of some entries, which is eliminated.
 
     u has the present value `now`. The entries before are those after it less u: rows R x = z become
@@ -336,9 +326,7 @@ def changed(
     return replace(known, R=before[:, :-1], z=before[:, -1]), of_change
 
 
-def linked(
-    known: Gaussian, name: str, sigma: NDArray[np.float64], now: NDArray[np.float64]
-) -> Gaussian:
+def linked(known: Gaussian, name: str, sigma: Array, now: Array) -> Gaussian:
     """Return what is known after a change u (12,) of attitude, p, L and v, a further unknown.
 
     See `changed`. These are the first columns, and u is last: the rows remain a triangle.

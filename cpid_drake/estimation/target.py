@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.parameterizations import (
     standard_to_pseudo_inertia,
     standard_to_relative,
@@ -45,31 +45,31 @@ class TargetCone:
 
     """
 
-    solid: NDArray[np.float64]
+    solid: Array
     mass: float
 
     @cached_property
-    def _added(self) -> NDArray[np.float64]:
+    def _added(self) -> Array:
         """κP₀ (4, 4)."""
         return WIDENED * self._pseudo_inertia(self.solid)
 
     @cached_property
-    def _inverse_root(self) -> NDArray[np.float64]:
+    def _inverse_root(self) -> Array:
         """L₀⁻¹ (4, 4), with L₀L₀ᵀ = (1 + κ)P₀."""
         root = np.linalg.cholesky(self._pseudo_inertia(self.solid) + self._added)
         return np.asarray(np.linalg.inv(root))
 
-    def _pseudo_inertia(self, psi: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _pseudo_inertia(self, psi: Array) -> Array:
         return standard_to_pseudo_inertia(_of_relative(psi, self.mass))
 
-    def contains(self, psi: NDArray[np.float64]) -> bool:
+    def contains(self, psi: Array) -> bool:
         """Return whether ψ (10,) is inside of the cone."""
         if not (np.isfinite(psi).all() and psi[0] < self.mass):
             return False
         sizes = np.linalg.eigvalsh(self._relative(psi))
         return bool(sizes[0] > _FLATTEST * max(1.0, float(sizes[-1])))
 
-    def log_size(self, psi: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def log_size(self, psi: Array) -> tuple[Array, Array]:
         """Return the coordinates ξ₀ (10,) of ψ about the plausible solid, and ∂ξ₀/∂ψ (10, 10)."""
         sizes, axes = np.linalg.eigh(self._relative(psi))
         by_standard = _by_standard(_of_relative(psi, self.mass), self.mass)
@@ -79,7 +79,7 @@ class TargetCone:
         by = np.tensordot(axes @ changes @ axes.T, _BASIS, axes=([1, 2], [1, 2])).T
         return np.tensordot(_BASIS, (axes * np.log(sizes)) @ axes.T, axes=2), by
 
-    def prior(self, name: str, psi: NDArray[np.float64]) -> Gaussian:
+    def prior(self, name: str, psi: Array) -> Gaussian:
         """Return what is known of a target before the first sample, about ψ (10,).
 
         It is linear about ψ, or about a body near it if ψ is outside of the cone.
@@ -92,14 +92,12 @@ class TargetCone:
             {name: 10}, np.column_stack([by, by @ (inside - psi) - xi]) / LOG_SIZE
         )
 
-    def _relative(self, psi: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _relative(self, psi: Array) -> Array:
         """Return X (4, 4)."""
         P = self._pseudo_inertia(psi) + self._added
         return np.asarray(self._inverse_root @ P @ self._inverse_root.T)
 
-    def most_probable(
-        self, known: Gaussian, sigma: float = LOG_SIZE, noise: float = 1.0
-    ) -> NDArray[np.float64]:
+    def most_probable(self, known: Gaussian, sigma: float = LOG_SIZE, noise: float = 1.0) -> Array:
         """Return the ψ (10,) inside of the cone with the least |R ψ − z|²/noise² + |ξ₀(ψ)/σ|².
 
         This is infinite at the cone's boundary, along which steps would creep, and may have several
@@ -122,7 +120,7 @@ class TargetCone:
                 return psi
             now = max(now / _FINER, noise)
 
-    def start(self, known: Gaussian) -> NDArray[np.float64]:
+    def start(self, known: Gaussian) -> Array:
         """Return the most probable ψ (10,) with log-sizes N(0, 1) about the plausible solid.
 
         The rows are as precise as the body that explains them best leaves them.
@@ -139,19 +137,17 @@ class TargetCone:
                 return psi
             noise = misfit
 
-    def _towards(self, step: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _towards(self, step: Array) -> Array:
         """Return the ψ (10,) after a step from the solid, shortened to end inside of the cone."""
         while not self.contains(self.solid + step):
             step = _SHORTER * step
         return np.asarray(self.solid + step)
 
-    def _settled(
-        self, known: Gaussian, psi: NDArray[np.float64], noise: float, sigma: float
-    ) -> NDArray[np.float64]:
+    def _settled(self, known: Gaussian, psi: Array, noise: float, sigma: float) -> Array:
         """Return the most probable ψ if the rows are less precise by a factor, from a ψ near it."""
         R, z = known.R / noise, known.z / noise
 
-        def rows(psi: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        def rows(psi: Array) -> tuple[Array, Array]:
             xi, by = self.log_size(psi)
             return np.vstack([R, by / sigma]), np.append(R @ psi - z, xi / sigma)
 
@@ -177,13 +173,11 @@ _FINER = 3.0  # so much more precise are the rows at each step of a homotopy
 _MOST_STEPS, _LEAST_SHARE, _SETTLED = 200, 1e-9, 1e-6  # of such a step; the last in χ²
 
 
-def _misfit(known: Gaussian, psi: NDArray[np.float64]) -> float:
+def _misfit(known: Gaussian, psi: Array) -> float:
     return float(np.sqrt(np.mean((known.R @ psi - known.z) ** 2)))
 
 
-def _slopes(
-    at: NDArray[np.float64], values: NDArray[np.float64], slopes: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _slopes(at: Array, values: Array, slopes: Array) -> Array:
     """Return the divided differences (n, n) of a function with its values and slopes (n,).
 
     In the axes of a symmetric A, the change of f(A) by E is these times E, entry by entry
@@ -201,9 +195,7 @@ for _k, (_i, _j) in enumerate(zip(*np.triu_indices(3), strict=True)):
     _SHIFTS[_k, [_i, _j], [_j, _i]] -= 0.5 * (1 + (_i == _j))
 
 
-def psi_about(
-    x: NDArray[np.float64], nominal_mass: float, mass: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def psi_about(x: Array, nominal_mass: float, mass: float) -> tuple[Array, Array]:
     """Return ψ (10,) about a spacecraft of another mass, and its derivative (10, 10) by x.
 
     The coordinates x of a target are ψ about the *nominal* mass of the spacecraft, a fixed
@@ -226,14 +218,14 @@ def psi_about(
     return psi, np.asarray(np.linalg.solve(x_phi.T, psi_phi.T).T)
 
 
-def _of_relative(psi: NDArray[np.float64], mass: float) -> NDArray[np.float64]:
+def _of_relative(psi: Array, mass: float) -> Array:
     """Return φ (10,) of ψ about a spacecraft of a mass: the inverse of `standard_to_relative`."""
     up = mass / (mass - psi[0])  # 1 + m / mass
     m, h = up * psi[0], up * psi[1:4]
     return np.concatenate([[m], h, psi[4:] + _SHIFTS @ h @ h / (mass + m)])
 
 
-def _by_standard(phi: NDArray[np.float64], mass: float) -> NDArray[np.float64]:
+def _by_standard(phi: Array, mass: float) -> Array:
     """Return the derivative (10, 10) of ψ by φ = (m, m c, J), about a spacecraft of a mass."""
     h, total = phi[1:4], mass + phi[0]
     f, by = mass / total, np.eye(10)

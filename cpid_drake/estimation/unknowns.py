@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.sensitivity import with_errors
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
@@ -55,8 +56,8 @@ class Unknown:
 
     name: str
     size: int
-    mean: NDArray[np.float64]
-    sigma: NDArray[np.float64]
+    mean: Array
+    sigma: Array
     scope: Scope
     walk: float = 0.0
     may_fail: bool = False
@@ -93,9 +94,7 @@ class Model:
     tree: KinematicTree
     suite: SensorSuite
     known_bodies: BodyUncertainty | None = None
-    priors: Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]] = field(
-        default_factory=dict
-    )
+    priors: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
     rows: tuple[Gaussian, ...] = ()
     suites: Mapping[str, SensorSuite] = field(default_factory=dict)
     hardware: str = ""
@@ -169,7 +168,7 @@ class Model:
         return FASTEST_TUMBLE * float(np.trace(self.tree.at_rest.I_BBcm)) / 3
 
     @cached_property
-    def plausible(self) -> NDArray[np.float64]:
+    def plausible(self) -> Array:
         """(10,) sizes of ψ of a target as heavy and as large as the spacecraft: (M/2, M r/2, M r²).
 
         Its inertia about its own centre of mass is not reduced, as its mass is.
@@ -177,7 +176,7 @@ class Model:
         M, moments = self.mass, float(np.trace(self.tree.at_rest.I_BBcm)) / 2
         return np.repeat([M / 2, np.sqrt(M * moments) / 2, moments], [1, 3, 6])
 
-    def sizes(self, psi: NDArray[np.float64]) -> NDArray[np.float64]:
+    def sizes(self, psi: Array) -> Array:
         """Return the plausible sizes (10,) of ψ, or those of a target ψ (10,) that is larger."""
         m, moments = max(psi[0], 0.0), max((psi[4] + psi[7] + psi[9]) / 2, 0.0)
         own = np.repeat([m, np.sqrt(m * moments), moments], [1, 3, 6])
@@ -212,9 +211,7 @@ class Model:
         """The physically consistent targets, and their prior."""
         return TargetCone(self.unknown(PSI).mean, self.mass)
 
-    def with_prior(
-        self, name: str, mean: NDArray[np.float64], sigma: NDArray[np.float64]
-    ) -> "Model":
+    def with_prior(self, name: str, mean: Array, sigma: Array) -> "Model":
         """Return the model with another prior of one unknown."""
         return replace(self, priors={**self.priors, name: (mean, sigma)})
 
@@ -222,7 +219,7 @@ class Model:
         """Return the unknown of this name."""
         return next(unknown for unknown in self.table if unknown.name == name)
 
-    def no_forces(self, start: float, end: float) -> NDArray[np.float64]:
+    def no_forces(self, start: float, end: float) -> Array:
         """Return white forces (K,) of zero in a block from start to end [s]."""
         is_planar = self.tree.normal_B is not None
         forces = white_forces(self.suite, start, end, is_planar)
@@ -250,17 +247,17 @@ class Model:
         return np.concatenate([np.empty(0, np.intp), *columns])
 
     @cached_property
-    def walking_sigma(self) -> NDArray[np.float64]:
+    def walking_sigma(self) -> Array:
         """σ (w,) of their change after 1 s."""
         sigma = [np.full(unknown.size, unknown.walk) for unknown in self.walking]
         return np.concatenate([np.empty(0), *sigma])
 
-    def tree_with(self, errors: NDArray[np.float64] | None) -> KinematicTree:
+    def tree_with(self, errors: Array | None) -> KinematicTree:
         """Return the spacecraft model with errors (c,) of its bodies, in units of σ."""
         if self.known_bodies is None or errors is None or not np.any(errors):
             return self.tree
         return with_errors(self.tree, self.known_bodies, errors)
 
-    def start(self, logs: list[str]) -> dict[str, NDArray[np.float64]]:
+    def start(self, logs: list[str]) -> dict[str, Array]:
         """Return the mean of all unknowns of some logs before the first sample."""
         return {key: u.mean.copy() for key, (_, u) in self.unknowns_of(logs).items()}

@@ -9,9 +9,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri
 
+from cpid_drake.array import Array
 from cpid_drake.estimation.block_noise import with_spectra
 from cpid_drake.estimation.least_squares import loss_weight
 from cpid_drake.estimation.likelihood.constants import BIAS
@@ -67,10 +67,8 @@ def reweighted(
 
 
 def noise_sums(
-    log: LogState,
-    residuals: Sequence[Mapping[str, NDArray[np.float64]]],
-    freedom: Mapping[str, float],
-) -> dict[str, NDArray[np.float64]]:
+    log: LogState, residuals: Sequence[Mapping[str, Array]], freedom: Mapping[str, float]
+) -> dict[str, Array]:
     """Return the sum of squares of white residuals, and their degrees of freedom, by sensor.
 
     What is far off says nothing about the noise.
@@ -89,12 +87,10 @@ def noise_sums(
     }
 
 
-def _white(
-    log: LogState, residuals: Sequence[Mapping[str, NDArray[np.float64]]]
-) -> dict[str, NDArray[np.float64]]:
+def _white(log: LogState, residuals: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
     """Return the white residuals (M, d) of a log's first blocks that are not far off, by sensor."""
     plain = replace(log, noise={}, weights=tuple({} for _ in log.blocks))
-    found = dict[str, list[NDArray[np.float64]]]()
+    found = dict[str, list[Array]]()
     for k, (block, weights) in enumerate(zip(residuals, log.weights, strict=False)):
         for name, rest in block.items():
             near = weights.get(name, np.ones(len(rest))) == 1.0
@@ -132,7 +128,7 @@ def are_same(logs: Sequence[LogState], others: Sequence[LogState]) -> bool:
     return True
 
 
-def weights_of(rest: NDArray[np.float64], noise: float = 1.0) -> NDArray[np.float64]:
+def weights_of(rest: Array, noise: float = 1.0) -> Array:
     """Return the weights (M,) that residuals (M, d) show; samples that are far off weigh less.
 
     Args:
@@ -144,7 +140,7 @@ def weights_of(rest: NDArray[np.float64], noise: float = 1.0) -> NDArray[np.floa
     return loss_weight(size / max(spread(rest), noise, 1e-12))
 
 
-def spread(rest: NDArray[np.float64]) -> float:
+def spread(rest: Array) -> float:
     """Return the σ of residuals (M, d), whatever less than half of them are; 0 without any."""
     square = np.sum(rest**2, axis=1)
     return float(np.sqrt(np.median(square) / chdtri(rest.shape[1], 0.5))) if len(square) else 0.0

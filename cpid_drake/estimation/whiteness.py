@@ -3,8 +3,9 @@
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import next_fast_len
+
+from cpid_drake.array import Array
 
 NEGLIGIBLE = 0.5
 """Size of a mean of residuals, in units of that of the assumed noise, below which their correlation
@@ -69,11 +70,11 @@ class LagSums:
 
     """
 
-    products: NDArray[np.float64] = field(default_factory=lambda: np.zeros(LAGS + 1))
-    pairs: NDArray[np.float64] = field(default_factory=lambda: np.zeros(LAGS + 1))
+    products: Array = field(default_factory=lambda: np.zeros(LAGS + 1))
+    pairs: Array = field(default_factory=lambda: np.zeros(LAGS + 1))
     channels: int = 1
 
-    def added(self, residuals: NDArray[np.float64]) -> "LagSums":
+    def added(self, residuals: Array) -> "LagSums":
         """Return the sums after adding successive residuals (N, channels).
 
         Outliers are reduced to six times the usual size.
@@ -89,7 +90,7 @@ class LagSums:
         return LagSums(self.products + products, self.pairs + pairs, channels)
 
     @property
-    def correlation(self) -> NDArray[np.float64]:
+    def correlation(self) -> Array:
         """The autocorrelation at 0, 1, 2, … samples, as far as the residuals reach."""
         if not self.products[0] > 0:
             return np.zeros(0)
@@ -108,7 +109,7 @@ class LagSums:
         return Whiteness(float(rho[1]), float(BAND / np.sqrt(self.pairs[1])), time, count, rms)
 
 
-def correlation_time(rho: NDArray[np.float64], count: float) -> float:
+def correlation_time(rho: Array, count: float) -> float:
     """Return 1 + 2 Σ ρ_k from the autocorrelation at 0, 1, 2, … samples of so many entries.
 
     The sum is up to where pairs of ρ turn negative (Geyer 1992, "Practical Markov Chain Monte
@@ -120,7 +121,7 @@ def correlation_time(rho: NDArray[np.float64], count: float) -> float:
     return 1 + max(beyond - 4 * float(np.sqrt(2 * end / count)), 0.0)
 
 
-def whiteness(residuals: NDArray[np.float64]) -> Whiteness:
+def whiteness(residuals: Array) -> Whiteness:
     """Return the whiteness of residuals (N, channels), whose channels may have any size."""
     size = np.sqrt(np.mean(residuals**2, axis=0)) if len(residuals) else np.zeros(0)
     sums = LagSums().added(residuals[:, : len(size)][:, size > 0] / size[size > 0])

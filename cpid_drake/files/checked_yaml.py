@@ -28,8 +28,9 @@ from typing import (
 
 import numpy as np
 import yaml
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cpid_drake.array import Array
 from cpid_drake.files.errors import InputError, choose_from
 
 if TYPE_CHECKING:  # pydantic takes 0.1 s to import, and only reading a file needs it
@@ -65,7 +66,7 @@ class Numbers:
 
         return core_schema.no_info_plain_validator_function(self._read)
 
-    def _read(self, value: object) -> NDArray[np.float64]:
+    def _read(self, value: object) -> Array:
         try:
             array = np.asarray(value)
             if self._unknown and array.dtype == object:
@@ -81,7 +82,7 @@ class Numbers:
         return array.astype(float)
 
 
-Vector = Annotated[NDArray[np.float64], Numbers(3)]
+Vector = Annotated[Array, Numbers(3)]
 """Three finite numbers."""
 
 

@@ -12,7 +12,8 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
+
+from cpid_drake.array import Array
 
 # The palette of Okabe and Ito, which colour-blind readers can distinguish.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -90,8 +91,8 @@ def legend_below(axes: Axes, columns: int = 4) -> None:
 
 def curves(
     title: str,
-    time: NDArray[np.float64],
-    values: NDArray[np.float64],
+    time: Array,
+    values: Array,
     unit: str,
     labels: Sequence[str] = "xyz",
     *,

@@ -5,8 +5,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.estimation.evidence import NAMED, ModelComparison, Question
@@ -60,7 +60,7 @@ def answer_of(
     target = known_target(model, values[PSI], gaussian, count=observed.used.total())
     effects = effects_of(model, values, gaussian, *names)
     # Checks and warnings: what each assumption means for the samples.
-    noise, spectra = dict[str, float](), dict[str, NDArray[np.float64]]()
+    noise, spectra = dict[str, float](), dict[str, Array]()
     warnings, checks = list[str](), list[Check]()
     is_free = momentum is not None and momentum.is_unknown
     for log in fit.logs:

@@ -15,6 +15,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import FAR, quantile_95
@@ -62,7 +63,7 @@ class BudgetRow:
     """
 
     name: str
-    shares: Annotated[NDArray[np.float64], Numbers(10, unknown=True)]
+    shares: Annotated[Array, Numbers(10, unknown=True)]
     unit: str = ""
     value: float | None = None
     sigma: float | None = None
@@ -86,7 +87,7 @@ def error_budget(
     jacobian = relative_parameterization(model.mass).jacobian(psi + solution[:10])
     total = np.diag(jacobian @ P[:10, :10] @ jacobian.T)
 
-    def share(left: Gaussian) -> NDArray[np.float64]:
+    def share(left: Gaussian) -> Array:
         """Return the shares that go if this is left."""
         own = left.marginal([PSI]).covariance()
         return np.where(is_known, 1 - np.diag(jacobian @ own @ jacobian.T) / total, np.nan)

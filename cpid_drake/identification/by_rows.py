@@ -10,10 +10,10 @@ from functools import reduce
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtri
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.parameterizations import Parameterization
 from cpid_drake.dynamics.rows import STANDARD_ROWS, RowFamily
@@ -157,7 +157,7 @@ def _solved(
 
 def plausible(
     spacecraft: Spacecraft, form: Parameterization, target: Gaussian
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[Array, Array]:
     """Return a plausible target's unknowns (10,), and their plausible sizes.
 
     1/m of a light target has no plausible size: it is that of the target's own estimate.
@@ -207,7 +207,7 @@ def is_measured(log: CheckedLog, tree: KinematicTree, family: RowFamily) -> bool
     return rows.misfit(rows.best())[1] > INTEGRATION
 
 
-def common_times(measurements: Log, family: RowFamily) -> NDArray[np.float64] | None:
+def common_times(measurements: Log, family: RowFamily) -> Array | None:
     """Return the times at which all quantities of the rows were sampled; None if there are too few.
 
     The times are too few if they are fewer than half of the times of the slowest sensor.
@@ -255,7 +255,7 @@ def complete_samples(measurements: Log, family: RowFamily) -> Motion | None:
 
 def _motion(
     log: CheckedLog, tree: KinematicTree, family: RowFamily, suite: SensorSuite | None
-) -> Iterator[tuple[Motion, NDArray[np.float64]]]:
+) -> Iterator[tuple[Motion, Array]]:
     """Yield parts of a log's motion, smoothed if a suite is given, and their errors."""
     if log.states is not None:
         yield log.states, np.diag(sample_sigmas(log.states) ** 2)[None]
@@ -360,9 +360,7 @@ def _misfit(size: float, tree: KinematicTree) -> Check:
     return Check.of(MISFIT, f"{text}: {_CAUSE}", size, limit)
 
 
-def part_checks(
-    earlier: NDArray[np.float64], rows: NDArray[np.float64], freedom: int
-) -> tuple[Check, ...]:
+def part_checks(earlier: Array, rows: Array, freedom: int) -> tuple[Check, ...]:
     """Return the check that earlier samples have the target of all of them, from their triangles.
 
     Args:

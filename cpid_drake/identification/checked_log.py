@@ -4,9 +4,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
@@ -56,7 +56,7 @@ class CheckedLog:
     measurements: Log
     rejected: Mapping[str, int] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
-    normal_B: NDArray[np.float64] | None = None
+    normal_B: Array | None = None
     not_planar: tuple[str, ...] = ()
     conventions: Findings = field(default_factory=Findings)
     states: Motion | None = None
@@ -255,7 +255,7 @@ def in_joint_order(measurements: Log, spacecraft: Spacecraft) -> Seen:
     return seen
 
 
-def _turned(measurements: Log, k: int, times: NDArray[np.float64]) -> NDArray[np.float64]:
+def _turned(measurements: Log, k: int, times: Array) -> Array:
     """Return a rotor's angle at some times, the integral of its rates."""
     all_rates, name = measurements.joint_rates, measurements.joint_names[k]
     of_rotor = Samples(all_rates.time, all_rates.value[:, [k]])
@@ -268,7 +268,7 @@ def _turned(measurements: Log, k: int, times: NDArray[np.float64]) -> NDArray[np
     return np.asarray(angle + later * rate[-1])
 
 
-def _beyond_limits(spacecraft: Spacecraft, positions: NDArray[np.float64]) -> Iterator[str]:
+def _beyond_limits(spacecraft: Spacecraft, positions: Array) -> Iterator[str]:
     """Yield warnings about positions (N, J) beyond the joints' limits."""
     lowest, highest = positions.min(axis=0, initial=np.inf), positions.max(axis=0, initial=-np.inf)
     low, high = spacecraft.limits.lowest, spacecraft.limits.highest

@@ -10,8 +10,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.estimation.events import most_changes
 from cpid_drake.estimation.evidence import NAMED
 from cpid_drake.estimation.least_squares import IMPROBABLE as IMPROBABLE
@@ -185,9 +185,7 @@ def momentum_words(
     return (f"{text}; the intervals include it",), ()
 
 
-def noise_warnings(
-    factors: Mapping[str, float], spectra: Mapping[str, NDArray[np.float64]]
-) -> tuple[str, ...]:
+def noise_warnings(factors: Mapping[str, float], spectra: Mapping[str, Array]) -> tuple[str, ...]:
     """Return the warnings about noise that is larger than declared, and that is not white.
 
     Factors of the noise and its spectra are by sensor or by "sensor of log".

@@ -10,9 +10,9 @@ spacecraft's.
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri, fdtri
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import Parameterization
 from cpid_drake.dynamics.tree import KinematicTree
@@ -95,9 +95,7 @@ def _checks(
     return (Check.of(NEAREST, sentence, distance, radius),)
 
 
-def _sizes(
-    result: Identification, form: Parameterization, tree: KinematicTree
-) -> NDArray[np.float64]:
+def _sizes(result: Identification, form: Parameterization, tree: KinematicTree) -> Array:
     """Return the plausible sizes (10,) of the unknowns."""
     mass, squares = result.parameters[0], [np.trace(tree.at_rest.I_BBcm) / 2 / tree.mass]
     if not 1e-3 < mass / tree.mass < 1e3:
@@ -122,7 +120,7 @@ def _improbable(count: int, freedom: int | None) -> float:
     return count * float(fdtri(count, freedom, 1 - IMPROBABLE))
 
 
-def _possible(result: Identification) -> NDArray[np.float64]:
+def _possible(result: Identification) -> Array:
     """Return the intervals (10, 2), and bounds of the rest, without negative masses and moments."""
     solution, form = result.solution, result.form
     assert solution is not None

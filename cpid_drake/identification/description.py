@@ -6,8 +6,8 @@ from html import escape
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, UNIT_TENSORS
 from cpid_drake.dynamics.plane import parallel_axis
@@ -26,7 +26,7 @@ SHOWN = 5
 _Row = tuple[str, str, str, str, str, str]
 
 
-def principal_axes(target: InertialParameters) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def principal_axes(target: InertialParameters) -> tuple[Array, Array]:
     """Return the principal moments (3,), ascending, and their axes: columns (3, 3), in C.
 
     The largest entry of the first two axes is positive; the third makes the axes right-handed.

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.estimation.least_squares import FAR, quantile_95
 from cpid_drake.estimation.likelihood.constants import VALVE_FORCE, ConstantError
 from cpid_drake.files.checked_yaml import Numbers
@@ -34,19 +34,15 @@ class EffectEstimate:
 
     name: str
     unit: str
-    value: Annotated[NDArray[np.float64], Numbers()]
-    sigma: Annotated[NDArray[np.float64], Numbers()]
+    value: Annotated[Array, Numbers()]
+    sigma: Annotated[Array, Numbers()]
     prior_sigma: float
     log: str = ""
     hardware: str = ""
 
     @classmethod
     def of(
-        cls,
-        error: ConstantError,
-        value: NDArray[np.float64],
-        sigma: NDArray[np.float64],
-        **others: str,
+        cls, error: ConstantError, value: Array, sigma: Array, **others: str
     ) -> "EffectEstimate":
         """Return the estimate from value and σ (k,) in units of the error's own σ."""
         unit = error.sigma / error.scale

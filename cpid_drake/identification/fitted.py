@@ -5,8 +5,8 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
@@ -163,7 +163,7 @@ def _over_time(chosen: ChosenFit) -> History:
 
 def _observed(fit: Fit) -> tuple[dict[str, Samples], Observed]:
     """Return residuals by sensor (of log), and what they tell."""
-    series, white, counts = dict[str, Samples](), dict[str, NDArray[np.float64]](), {}
+    series, white, counts = dict[str, Samples](), dict[str, Array](), {}
     for log, rolled in zip(fit.logs, fit.rolled, strict=True):
         for name in fit.model.of_log(log.name).suite.present():
             key = name if len(fit.logs) == 1 else f"{name} of {log.name}"
@@ -188,13 +188,13 @@ def _observed(fit: Fit) -> tuple[dict[str, Samples], Observed]:
 
 def cramer_rao_bound(
     tree: KinematicTree,
-    psi: NDArray[np.float64],
+    psi: Array,
     measurements: Iterable[Log] | Log,
     sensors: SensorSuite,
     *,
     momentum: TotalMomentum | None = None,
     known_bodies: BodyUncertainty | None = None,
-) -> NDArray[np.float64]:
+) -> Array:
     """Return the Cramér-Rao bound (10, 10) on the covariance of the parameters π.
 
     Rows and columns of parameters that the measurements do not determine are NaN. Attitude and

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import (
     parameters_to_standard,
@@ -31,7 +31,7 @@ all masses."""
 class _OfBase(BodyUncertainty):
     """Errors of the base alone: of what is fixed to it."""
 
-    def all_sigmas(self, wheels: Sequence[bool], joints: int) -> NDArray[np.float64]:
+    def all_sigmas(self, wheels: Sequence[bool], joints: int) -> Array:
         sigmas = super().all_sigmas(wheels, joints)
         sigmas[10:] = 0.0
         return sigmas
@@ -47,9 +47,7 @@ def with_larger_base(tree: KinematicTree) -> dict[str, KinematicTree]:
     return {n: replace(tree.lumped, bodies=(each, *others)) for n, each in larger.items()}
 
 
-def base_sensitivity(
-    chosen: ChosenFit, solution: LeastSquaresSolution
-) -> dict[str, NDArray[np.float64]]:
+def base_sensitivity(chosen: ChosenFit, solution: LeastSquaresSolution) -> dict[str, Array]:
     """Return the change (10,) of the parameters if mass or inertia of the base were 1 % larger.
 
     The fit has an exact spacecraft, and the solution is its target.
@@ -72,8 +70,8 @@ def base_sensitivity(
 
 
 def hidden_sensitivity(
-    parameters: NDArray[np.float64], tree: KinematicTree, *, has_scale: bool
-) -> dict[str, NDArray[np.float64]]:
+    parameters: Array, tree: KinematicTree, *, has_scale: bool
+) -> dict[str, Array]:
     """Return the change (10,) of the target's parameters (10,) by errors that no samples identify.
 
     A known momentum or force has a scale, which is that of all masses.

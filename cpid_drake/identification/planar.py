@@ -10,8 +10,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.plane import NORMAL_W, mean_normal, tilt
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.files.errors import InputError
@@ -60,7 +60,7 @@ def placed(
     return spacecraft, warnings, _contradictions(normal, measurements)
 
 
-def normal_in_base(attitude: NDArray[np.float64]) -> NDArray[np.float64]:
+def normal_in_base(attitude: Array) -> Array:
     """Return the table's normal (3,) in B, of attitudes (N, 4).
 
     It is the axis of B that is nearest to it, unless it is more than `LEVEL` away from all axes.
@@ -73,9 +73,7 @@ def normal_in_base(attitude: NDArray[np.float64]) -> NDArray[np.float64]:
     return nearest if normal @ nearest > np.cos(LEVEL) else normal
 
 
-def common_normal(
-    normals: Mapping[str, NDArray[np.float64] | None],
-) -> NDArray[np.float64] | None:
+def common_normal(normals: Mapping[str, Array | None]) -> Array | None:
     """Return the table's normal (3,) in B of several logs, by their names; None without a table.
 
     Raises:
@@ -103,14 +101,14 @@ def common_normal(
     return np.asarray(total / np.linalg.norm(total))
 
 
-def could_be_planar(tree: KinematicTree, attitude: NDArray[np.float64]) -> bool:
+def could_be_planar(tree: KinematicTree, attitude: Array) -> bool:
     """Return whether a table that is not known may carry the base, for attitudes (N, 4)."""
     if tree.normal_B is not None or not any(body.joint >= 0 for body in tree.bodies):
         return False
     return replace(tree, normal_B=normal_in_base(attitude)).normal_C is not None
 
 
-def _contradictions(normal_B: NDArray[np.float64], measurements: Log) -> tuple[str, ...]:
+def _contradictions(normal_B: Array, measurements: Log) -> tuple[str, ...]:
     """Return the reasons why no table can have carried the base of a log."""
     attitude, position, reasons = measurements.attitude.value, measurements.position.value, []
     if len(attitude):
@@ -127,7 +125,7 @@ def _contradictions(normal_B: NDArray[np.float64], measurements: Log) -> tuple[s
     return (f"no table carries this spacecraft: {', and '.join(reasons)}; leave out --planar",)
 
 
-def _spread(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _spread(values: Array) -> Array:
     """Return the σ of columns (N, d) without white noise, which neighbours show (Neumann 1941)."""
     white = np.mean(np.diff(values, axis=0) ** 2, axis=0) / 2 if len(values) > 1 else 0.0
     return np.asarray(np.sqrt(np.maximum(np.var(values, axis=0) - white, 0.0)))

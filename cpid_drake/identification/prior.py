@@ -6,8 +6,8 @@ from typing import Annotated
 
 import numpy as np
 from annotated_types import Gt, Interval, Le
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import (
     Parameterization,
@@ -41,31 +41,25 @@ class TargetPrior:
     """
 
     name: str
-    parameters: NDArray[np.float64]
-    covariance: NDArray[np.float64]
+    parameters: Array
+    covariance: Array
     combinations: Combinations | None = None
     failures: tuple[str, ...] = ()
 
-    def moved(self, form: Parameterization, at: NDArray[np.float64]) -> NDArray[np.float64]:
+    def moved(self, form: Parameterization, at: Array) -> Array:
         """Return the unknowns `at` (10,) with the prior's values where the prior has any."""
         if self.combinations is not None and self.combinations.unknowns == form.name:
             return self.combinations.values
         is_known = np.isfinite(self.parameters)
         return form.from_parameters(np.where(is_known, self.parameters, form.to_parameters(at)))
 
-    def of_psi(self, model: Model, psi: NDArray[np.float64] | None = None) -> Gaussian:
+    def of_psi(self, model: Model, psi: Array | None = None) -> Gaussian:
         """Return the prior of a model's target, linear about ψ (10,); by default about itself."""
         form = relative_parameterization(model.mass)
         psi = self.moved(form, model.unknown(PSI).mean) if psi is None else psi
         return self.gaussian(PSI, form, psi, model.plausible)
 
-    def gaussian(
-        self,
-        name: str,
-        form: Parameterization,
-        at: NDArray[np.float64],
-        unit: NDArray[np.float64],
-    ) -> Gaussian:
+    def gaussian(self, name: str, form: Parameterization, at: Array, unit: Array) -> Gaussian:
         """Return the prior of the unknowns of a parameterization, linear about `at` (10,).
 
         Raises an InputError if it determines combinations of other unknowns. Combinations of sizes
@@ -103,8 +97,8 @@ class PriorConfig:
     """
 
     mass: Positive | None = None
-    p_CTcm_C: Annotated[NDArray[np.float64], Numbers(3)] | None = None
-    I_TTcm_C: Annotated[NDArray[np.float64], Numbers(3, 3)] | None = None
+    p_CTcm_C: Annotated[Array, Numbers(3)] | None = None
+    I_TTcm_C: Annotated[Array, Numbers(3, 3)] | None = None
     sigma: Annotated[float, Interval(ge=1e-6, le=100)] | None = None
     sigma_mass: Positive | None = None
     sigma_p_CTcm_C: Positive | None = None

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import (
     PARAMETER_NAMES,
@@ -46,7 +46,6 @@ TURNS = 4
 NO_MASS = "c and I, because the interval of m contains zero"
 """Why they are not identifiable although the samples determine all unknowns."""
 
-Array = NDArray[np.float64]
 Count = Annotated[int, Ge(0), Le(2**53)]
 Ten = Annotated[Array, Numbers(10, unknown=True)]
 Intervals = Annotated[Array, Numbers(10, 2, unknown=True)]

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc, chdtri, chndtrinc
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
@@ -260,5 +260,5 @@ def _predicted(
     return roll(model, replace(beginning.logs[0], blocks=log.blocks), beginning.values)
 
 
-def _rms(sizes: NDArray[np.float64]) -> float:
+def _rms(sizes: Array) -> float:
     return float(np.sqrt(np.mean(sizes**2)))

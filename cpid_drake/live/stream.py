@@ -5,8 +5,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.block import BlockQueue, after
@@ -42,7 +42,7 @@ _SHARE_OF_INTERVAL = 0.9  # of a sensor's sampling interval in which no further 
 
 _RETRY = 0.1  # of a block: a block that waits for the end of a gap is asked for so often
 
-Sample = tuple[str, NDArray[np.float64]]
+Sample = tuple[str, Array]
 """Name of a sensor and (1 + width,) stamp [s] and value."""
 
 

@@ -12,9 +12,9 @@ from itertools import combinations, permutations, product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.rotations import conjugate, rotate
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.logs.column_map import QUATERNION_ORDERS, UNITS, ColumnMap, scale_of
@@ -27,8 +27,6 @@ _LENGTHS, _SPEEDS = ("m", "mm", "cm", "in", "ft"), ("m/s", "mm/s", "cm/s", "in/s
 _ANGLES, _TURNS = ("rad", "deg"), ("rad/s", "deg/s", "rpm")
 _ALL_JOINTS, _ALL_WHEELS = "all turning joints", "all wheels"
 _JOINTS = ("encoders", "joint_rates")
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.files.errors import InputError
 from cpid_drake.logs.table import LogTable, repeated_names
 
@@ -22,7 +22,7 @@ def read_npz(file: Path, where: str) -> LogTable:
         InputError: not an NPZ file, or a damaged one.
 
     """
-    columns: dict[str, NDArray[np.float64]] = {}
+    columns: dict[str, Array] = {}
     unreadable: dict[str, str] = {}
     try:
         with zipfile.ZipFile(file) as archive:
@@ -94,13 +94,13 @@ def _pyarrow(where: str) -> tuple[Any, Any]:
     return pyarrow, pyarrow.parquet
 
 
-def write_npz(path: Path, columns: list[str], values: NDArray[np.float64]) -> None:
+def write_npz(path: Path, columns: list[str], values: Array) -> None:
     """Write columns and values (N, C)."""
     arrays: dict[str, Any] = dict(zip(columns, values.T, strict=True))
     np.savez(path, **arrays)
 
 
-def write_parquet(path: Path, columns: list[str], values: NDArray[np.float64]) -> None:
+def write_parquet(path: Path, columns: list[str], values: Array) -> None:
     """Write columns and values (N, C); NaN becomes null."""
     pyarrow, parquet = _pyarrow(str(path))
     arrays = [pyarrow.array(column, from_pandas=True) for column in values.T]

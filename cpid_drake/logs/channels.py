@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
+from cpid_drake.array import Array
 from cpid_drake.files.errors import InputError, listed
 from cpid_drake.logs.log import Log, Samples, turns
 from cpid_drake.logs.noise_estimation import FEWEST, RESOLUTION, noise_level, rounding
@@ -25,8 +26,6 @@ from cpid_drake.spacecraft.spacecraft import Spacecraft
 _SHOWS = 0.02  # smallest change that contradicts a constant [rad, m]
 _AT_END = 4  # equal samples in a row at the end of a scale
 _FASTEST = 2.0  # usual step of a wheel from which turns between samples may be missed [rad]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

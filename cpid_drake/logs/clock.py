@@ -9,10 +9,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 
+from cpid_drake.array import Array
 from cpid_drake.files.errors import InputError
 from cpid_drake.logs.log import Samples, turns
 from cpid_drake.logs.score import MOMENTUM, Comparison
@@ -46,7 +46,7 @@ def clock_factor(comparisons: Sequence[Comparison]) -> float | None:
     return factor if abs(factor - 1) > LEAST_ERROR and is_same and factor > 0 else None
 
 
-def with_delay(comparison: Comparison, time: NDArray[np.float64]) -> Comparison:
+def with_delay(comparison: Comparison, time: Array) -> Comparison:
     """Return a comparison with the delay that explains it, if one does; (N,) are its times [s]."""
     moved, measured = comparison.values
     if comparison.name == MOMENTUM or comparison.residual < LEAST_ERROR or len(time) < 20:
@@ -113,14 +113,14 @@ def time_from_rates(samples: Mapping[str, Samples]) -> dict[str, Samples]:
         )
     new = time[0] + np.append(0.0, np.cumsum(true))
 
-    def moved(t: NDArray[np.float64]) -> NDArray[np.float64]:
+    def moved(t: Array) -> Array:
         outside = usual * (np.minimum(t - time[0], 0) + np.maximum(t - time[-1], 0))
         return np.asarray(np.interp(t, time, new) + outside)
 
     return {name: Samples(moved(s.time), s.value) for name, s in samples.items()}
 
 
-def refuse_single_precision(time: NDArray[np.float64], column: str) -> None:
+def refuse_single_precision(time: Array, column: str) -> None:
     """Refuse stamps that were rounded to single precision.
 
     Raises:

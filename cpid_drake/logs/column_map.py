@@ -11,8 +11,8 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from annotated_types import Gt
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.files.checked_yaml import Numbers, load_yaml
 from cpid_drake.files.errors import InputError
 from cpid_drake.files.resources import resolve_model
@@ -58,8 +58,8 @@ def scale_of(unit: str) -> float:
     return UNITS[unit.removesuffix("/s")][0]
 
 
-Vector = Annotated[NDArray[np.float64], Numbers(3)]
-Axes = Annotated[NDArray[np.float64], Numbers(3, 3)]
+Vector = Annotated[Array, Numbers(3)]
+Axes = Annotated[Array, Numbers(3, 3)]
 
 
 @dataclass

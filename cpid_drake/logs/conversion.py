@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.rotations import conjugate, rotate_by_quaternion
 from cpid_drake.files.errors import InputError, listed, prefix_errors
 from cpid_drake.logs.clock import refuse_single_precision, time_from_rates
@@ -32,8 +33,6 @@ from cpid_drake.sensors.thrusters import VALVE
 
 LARGEST_TIME = 1e11
 """Largest plausible time in a file [s]."""
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

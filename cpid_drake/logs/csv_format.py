@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.files.errors import InputError
 from cpid_drake.logs.column_map import UNIT_OF, scale_of
 from cpid_drake.logs.table import LogTable, repeated_names, seconds_of_stamps
@@ -89,7 +90,7 @@ def read_csv(file: Path, where: str) -> LogTable:
     )
 
 
-def write_csv(path: Path, columns: list[str], values: NDArray[np.float64]) -> None:
+def write_csv(path: Path, columns: list[str], values: Array) -> None:
     """Write columns and values (N, C); NaN becomes an empty cell."""
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
@@ -266,9 +267,7 @@ def _split(line: str, separator: str | None) -> list[str]:
     return [cell.strip() for cell in line.split(separator)]
 
 
-def _plain(
-    block: list[tuple[int, str]], width: int, separator: str | None
-) -> NDArray[np.float64] | None:
+def _plain(block: list[tuple[int, str]], width: int, separator: str | None) -> Array | None:
     """Return lines of finite numbers as (n, width), in a third of the time; None for others."""
     try:
         lines = [line for _, line in block]
@@ -310,7 +309,7 @@ def _cells(
     return rows, kept
 
 
-def _numbers(cells: Sequence[str]) -> tuple[NDArray[np.float64], dict[int, str]]:
+def _numbers(cells: Sequence[str]) -> tuple[Array, dict[int, str]]:
     """Return the cells of a column as numbers (n,), NaN where they are empty or text; the texts."""
     values, texts = np.full(len(cells), np.nan), {}
     for k, cell in enumerate(cells):

@@ -4,8 +4,8 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.files.drafts import draft_of
 from cpid_drake.files.errors import InputError
@@ -22,7 +22,7 @@ from cpid_drake.sensors.thrusters import VALVE
 Read = Callable[[Path, str], LogTable]
 """Reads a file, given its path and its name in messages."""
 
-Write = Callable[[Path, list[str], NDArray[np.float64]], None]
+Write = Callable[[Path, list[str], Array], None]
 """Writes columns, names and values (N, C) with NaN where a cell is absent."""
 
 FORMATS: dict[str, tuple[Read, Write | None]] = {
@@ -148,7 +148,7 @@ def write_log(path: str | Path, motion: Motion | Log) -> None:
         write(draft, columns, values)
 
 
-def table_of(motion: Motion | Log) -> tuple[list[str], NDArray[np.float64]]:
+def table_of(motion: Motion | Log) -> tuple[list[str], Array]:
     """Return the package's columns and values (N, C) of a motion or a log; NaN for absent cells.
 
     The angular velocity of a motion is in W, that of a log in B, as gyros measure it.

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.files.errors import listed
 from cpid_drake.sensors.sensors import SENSORS, Gyro, SensorErrors, VectorSensor
@@ -28,8 +29,8 @@ THRUST_COLUMNS = ("thrust_tx", "thrust_ty", "thrust_tz", "thrust_fx", "thrust_fy
 class Samples:
     """Samples of one sensor: time (N,) [s] and value (N, width)."""
 
-    time: NDArray[np.float64]
-    value: NDArray[np.float64]
+    time: Array
+    value: Array
 
     def __len__(self) -> int:
         return len(self.time)
@@ -43,9 +44,7 @@ class Samples:
         """Return the samples that a mask, indices or a slice select."""
         return Samples(self.time[keep], self.value[keep])
 
-    def held_at(
-        self, times: ArrayLike, side: Literal["left", "right"] = "right"
-    ) -> NDArray[np.float64]:
+    def held_at(self, times: ArrayLike, side: Literal["left", "right"] = "right") -> Array:
         """Return the values (..., width) at times (...) [s] if each holds until the next sample.
 
         They are zero before the first sample.
@@ -109,7 +108,7 @@ class Log:
         """Yield name and samples of every sensor of the table, absent ones included."""
         return ((name, self[name]) for name in SENSORS)
 
-    def messages(self) -> list[tuple[str, float, NDArray[np.float64]]]:
+    def messages(self) -> list[tuple[str, float, Array]]:
         """Return all samples as (name, time [s], value), in the order of their times."""
         found = [
             (name, time, value)
@@ -236,14 +235,14 @@ def with_fixed_joints(log: Log, travels: Mapping[str, float]) -> Log:
     return replace(log, notes=notes)
 
 
-def without_flips(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
+def without_flips(quaternion: Array) -> Array:
     """Return quaternions (N, 4) of the same attitudes, without jumps of their sign."""
     flips = np.sum(quaternion[1:] * quaternion[:-1], axis=1) < 0
     signs = np.cumprod(np.append(1.0, 1 - 2.0 * flips))[: len(quaternion)]
     return np.asarray(quaternion * signs[:, None])
 
 
-def turns(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
+def turns(quaternion: Array) -> Array:
     """Return the rotation vectors (N - 1, 3), in B, from attitude to attitude (N, 4)."""
     R = Rotation.from_quat(quaternion, scalar_first=True)
     return np.asarray((R[:-1].inv() * R[1:]).as_rotvec())
@@ -257,7 +256,7 @@ def first_sample(errors: SensorErrors) -> int:
     return int(isinstance(errors, Gyro) and errors.integrates)
 
 
-def sample_times(rate: float, duration: float) -> NDArray[np.float64]:
+def sample_times(rate: float, duration: float) -> Array:
     """Return a sensor's sampling times from zero to `duration`, both included [s]."""
     return np.arange(int(np.floor(duration * rate + 1e-9)) + 1) / rate
 
@@ -265,7 +264,7 @@ def sample_times(rate: float, duration: float) -> NDArray[np.float64]:
 def ideal_log(
     suite: SensorSuite,
     joint_names: tuple[str, ...],
-    motion: Callable[[NDArray[np.float64]], Motion],
+    motion: Callable[[Array], Motion],
     duration: float,
 ) -> Log:
     """Return the samples of sensors without errors, at their own times in [0, duration].
@@ -307,7 +306,7 @@ def ideal_log(
     return Log(joint_names, samples, motion=true)
 
 
-def _shares(errors: SensorErrors) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _shares(errors: SensorErrors) -> tuple[Array, Array]:
     """Return instants (S,) in units of a sensor's period, and weights (S,) of a sample's mean."""
     if not first_sample(errors):
         return np.zeros(1), np.ones(1)

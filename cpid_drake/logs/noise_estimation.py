@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import comb
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.files.errors import InputError
 from cpid_drake.logs.log import Log, Samples, without_flips
@@ -117,7 +118,7 @@ def noise_level(samples: Samples) -> float:
     return max(float(min(levels)), 1e-13)  # a σ of zero could not be divided by
 
 
-def sample_sigmas(samples: Log | Motion) -> NDArray[np.float64]:
+def sample_sigmas(samples: Log | Motion) -> Array:
     """Return σ (12 + 2J,) of the noise in one sample, ordered as in `changed_motion`.
 
     Of states, which may belong to unconnected instants, rounding is the only noise that can be
@@ -139,7 +140,7 @@ def sample_sigmas(samples: Log | Motion) -> NDArray[np.float64]:
     return np.concatenate(parts)
 
 
-def rounding(values: NDArray[np.float64]) -> float:
+def rounding(values: Array) -> float:
     """Return the unit of the last decimal of rounded numbers; zero for numbers of all digits."""
     values = values[np.isfinite(values) & (values != 0)]
     decimals = np.arange(13)  # numbers with more have all digits
@@ -149,7 +150,7 @@ def rounding(values: NDArray[np.float64]) -> float:
     return 0.0
 
 
-def _are_whole(values: NDArray[np.float64], decimals: NDArray[np.intp]) -> NDArray[np.bool_]:
+def _are_whole(values: Array, decimals: NDArray[np.intp]) -> NDArray[np.bool_]:
     """Return whether values (N,) have so many decimals (D,), and none is rounded to zero."""
     scaled = values * 10.0 ** decimals[:, None]
     whole = np.round(scaled)
@@ -164,7 +165,7 @@ def _is_one_motion(encoders: Samples) -> bool:
         return False
 
 
-def _root_mean_square(values: NDArray[np.float64]) -> float:
+def _root_mean_square(values: Array) -> float:
     """Return the root mean square without the largest hundredth, which may be outliers.
 
     Of eight parts of the values, those with less than half of the largest root mean square do not

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.rotations import rotate_by_quaternion
 from cpid_drake.files.errors import InputError
 from cpid_drake.logs.log import THRUST
@@ -90,7 +90,7 @@ def message_values(message: Any, kind: str) -> dict[str, Sequence[float]]:
     return values
 
 
-def _velocity_in_W(linear: Any, quaternion: NDArray[np.float64]) -> Sequence[float]:
+def _velocity_in_W(linear: Any, quaternion: Array) -> Sequence[float]:
     """Return a velocity in the axes of an attitude in W; NaN if the attitude is none."""
     is_unit = abs(np.linalg.norm(quaternion) - 1) < QUATERNION_NORM
     v_W = rotate_by_quaternion(quaternion, np.array(_vector(linear)))

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.files.errors import InputError
 from cpid_drake.logs.log import THRUST, THRUST_COLUMNS
 from cpid_drake.logs.ros_messages import (
@@ -29,7 +30,7 @@ from cpid_drake.sensors.sensors import SENSORS
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
 
-Series = tuple[NDArray[np.int64], NDArray[np.float64]]
+Series = tuple[NDArray[np.int64], Array]
 """Stamps (N,) [ns] and values (N, width)."""
 
 

@@ -24,9 +24,10 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.momentum import MomentumSamples, momentum_samples
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.rotations import angular_velocity, rotate, skew
@@ -45,8 +46,6 @@ COMPARED_LENGTH = 60.0
 
 _MODEL_ERROR = 0.02  # share of the total mass by which errors of the model make a mass impossible
 _LEAST = 1e-9  # smallest motion [rad, m, rad/s, m/s]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.files.errors import InputError
 from cpid_drake.logs.log import THRUST, Log, Samples, concatenated_samples, without_flips
 from cpid_drake.logs.noise_estimation import rounding
@@ -55,8 +56,6 @@ NEIGHBOURHOOD = 16
 REPEATS = 1e-9
 """Largest probability with which noise repeats the samples of a sensor that does not repeat itself:
 one false alarm in two weeks at 1000 Hz."""
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

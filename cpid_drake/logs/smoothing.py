@@ -11,11 +11,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline
 from scipy.sparse import block_array, bsr_array, csr_array, kron, vstack
 from scipy.spatial.transform import Rotation
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.plane import levelled
 from cpid_drake.dynamics.rotations import angular_velocity, right_jacobian, rotate, skew
@@ -40,8 +41,6 @@ margin on each side as a share of it: the time for a window grows faster than it
 FEWEST_IN_WINDOW = 60
 """Least number of samples of the slowest required sensor in a window."""
 
-Array = NDArray[np.float64]
-
 
 def smooth(
     given: Log,
@@ -50,7 +49,7 @@ def smooth(
     *,
     with_position: bool = True,
     within: tuple[float, float] = (-np.inf, np.inf),
-    normal_B: NDArray[np.float64] | None = None,
+    normal_B: Array | None = None,
 ) -> tuple[Motion, Array]:
     """Return the motion at N common times, smoothed from samples of different rates.
 
@@ -129,11 +128,7 @@ def smooth(
 
 
 def smooth_windows(
-    given: Log,
-    suite: SensorSuite,
-    *,
-    with_position: bool = True,
-    normal_B: NDArray[np.float64] | None = None,
+    given: Log, suite: SensorSuite, *, with_position: bool = True, normal_B: Array | None = None
 ) -> Iterator[tuple[Motion, Array]]:
     """Yield the motion of a log of any length, smoothed in windows; see `smooth`.
 

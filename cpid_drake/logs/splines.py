@@ -13,6 +13,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_array, eye_array
 from scipy.sparse.linalg import splu
 
+from cpid_drake.array import Array
 from cpid_drake.logs.log import Samples
 
 PIECES = (2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64, 91, 128, 181, 256, 362, 512)
@@ -24,7 +25,6 @@ DEGREE = 5
 GAP = 3.0
 """Usual steps of samples above which a step is a gap, which no spline bridges."""
 
-Array = NDArray[np.float64]
 Fit = TypeVar("Fit")
 
 

@@ -8,6 +8,7 @@ from datetime import datetime
 import numpy as np
 from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.files.errors import InputError
 
 
@@ -28,7 +29,7 @@ class LogTable:
 
     """
 
-    columns: dict[str, NDArray[np.float64]]
+    columns: dict[str, Array]
     lines: NDArray[np.intp] | None = None
     texts: dict[str, dict[int, str]] = field(default_factory=dict)
     unreadable: Mapping[str, str] = field(default_factory=dict)
@@ -53,7 +54,7 @@ class LogTable:
         column = self.columns[name]
         return column.size > 0 and name not in self.texts and bool(np.isnan(column).all())
 
-    def block(self, names: Iterable[str]) -> NDArray[np.float64]:
+    def block(self, names: Iterable[str]) -> Array:
         """Return columns side by side, (N, k)."""
         columns = [self.columns[name] for name in names]
         return np.stack(columns, axis=1) if columns else np.empty((len(self), 0))
@@ -64,7 +65,7 @@ class LogTable:
         return int(number), f"{word} {number}" + (f", column '{column}'" if column else "")
 
 
-def seconds_of_stamps(texts: Sequence[str]) -> NDArray[np.float64] | None:
+def seconds_of_stamps(texts: Sequence[str]) -> Array | None:
     """Return seconds since the first of stamps of ISO 8601, or of hh:mm:ss; None for other texts.
 
     All must have a date, or none, and all a time zone, or none; a time of day may pass midnight.

@@ -1,11 +1,10 @@
 """Angles of joints without the jumps of counters that stay within one turn."""
 
 import numpy as np
-from numpy.typing import NDArray
+
+from cpid_drake.array import Array
 
 _SLACK = 0.1  # by which a wrapped angle may leave one turn: noise [rad]
-
-Array = NDArray[np.float64]
 
 
 def unwrapped(value: Array, turned: Array) -> tuple[Array, int]:

@@ -12,9 +12,9 @@ node after node, U = N B rows for N nodes and B motions.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.outboard import Outboard
 from cpid_drake.dynamics.rotations import cross, exponentials, rotate
@@ -43,21 +43,17 @@ class PlannedBaseMotion:
 
     """
 
-    times: NDArray[np.float64]
+    times: Array
     known: BodyDynamics
     momentum: TotalMomentum
-    psi: NDArray[np.float64]
-    mobility: NDArray[np.float64]
-    R: NDArray[np.float64]
-    w: NDArray[np.float64]
+    psi: Array
+    mobility: Array
+    R: Array
+    w: Array
 
     @classmethod
     def of(
-        cls,
-        times: NDArray[np.float64],
-        known: BodyDynamics,
-        momentum: TotalMomentum,
-        psi: NDArray[np.float64],
+        cls, times: Array, known: BodyDynamics, momentum: TotalMomentum, psi: Array
     ) -> "PlannedBaseMotion":
         """Integrate the attitude.
 
@@ -79,17 +75,17 @@ class PlannedBaseMotion:
                 R[k + 1] = R[k] @ exponentials(step / 2 * (w[k] + later))
         return cls(times, known, momentum, psi, inverse, R.reshape(-1, 3, 3), w.reshape(-1, 3))
 
-    def by_node(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def by_node(self, values: Array) -> Array:
         """Return values (U, ...) as (N, B, ...)."""
         return values.reshape(len(self.times), -1, *values.shape[1:])
 
-    def displacement(self) -> NDArray[np.float64]:
+    def displacement(self) -> Array:
         """Return the displacement (N, B, 3) of the base's origin from the start, in W [m]."""
         from_base = self.by_node(rotate(self.R, self.known.com(self.psi)))
         drift = self.times[:, None, None] * self.momentum.v_WScm_W
         return np.asarray(drift + from_base[0] - from_base)
 
-    def lengths(self) -> dict[str, NDArray[np.float64]]:
+    def lengths(self) -> dict[str, Array]:
         """Return what `BASE_LIMITS` names, (N, B) each."""
         cosine = (np.trace(self.R, axis1=1, axis2=2) - 1) / 2
         values = (
@@ -99,9 +95,7 @@ class PlannedBaseMotion:
         )
         return dict(zip(BASE_LIMITS, values, strict=True))
 
-    def efforts(
-        self, tree: KinematicTree, samples: NDArray[np.float64], phi: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def efforts(self, tree: KinematicTree, samples: Array, phi: Array) -> Array:
         """Return the efforts (N, B, J) of the joints [N·m or N]; see `Outboard.efforts`.
 
         A spline through the nodes gives the rates of the momenta.
@@ -121,13 +115,13 @@ class PlannedBaseMotion:
         return self.by_node(outboard.efforts(rate.reshape(momentum.shape)))
 
 
-def smooth_peak(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def smooth_peak(values: Array) -> Array:
     """Return a smooth upper bound (...) of the largest of values ≥ 0 (N, ...)."""
     scale = values.max(axis=0) + 1e-12
     return np.asarray(scale * np.sum((values / scale) ** PEAK, axis=0) ** (1 / PEAK))
 
 
-def known_instants(tree: KinematicTree, samples: NDArray[np.float64]) -> BodyDynamics:
+def known_instants(tree: KinematicTree, samples: Array) -> BodyDynamics:
     """Return the spacecraft's bodies at positions and rates (N, B, 2, J), U = N B instants."""
     flat = samples.reshape(-1, *samples.shape[2:])
     return BodyDynamics.at(tree, flat[:, 0], flat[:, 1])

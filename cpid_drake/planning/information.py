@@ -14,9 +14,9 @@ contains them in the exact bound, which takes a hundred times as long.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.rotations import rotate, skew
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.planning.base_motion import PlannedBaseMotion
@@ -26,9 +26,7 @@ ANYWHERE = 1e3
 """σ of attitude [rad] and place [m] at the start: without effect where a sensor measures them."""
 
 
-def covariance(
-    model: Model, motion: PlannedBaseMotion, information: NDArray[np.float64] | None = None
-) -> NDArray[np.float64]:
+def covariance(model: Model, motion: PlannedBaseMotion, information: Array | None = None) -> Array:
     """Return the Cramér-Rao bound (B, 10, 10) on the covariance of ψ in B motions.
 
     Args:
@@ -87,9 +85,7 @@ def _places(suite: SensorSuite, motion: PlannedBaseMotion) -> dict[str, slice]:
     return {name: slice(a, b) for name, a, b in zip(sizes, ends, ends[1:])}
 
 
-def _rotations(
-    motion: PlannedBaseMotion, places: dict[str, slice], n: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _rotations(motion: PlannedBaseMotion, places: dict[str, slice], n: int) -> tuple[Array, Array]:
     """Return ξ and R δω (U, 3, n) for each unknown, in W."""
     R, L, step = motion.R, motion.momentum.L_WScm_W, motion.times[1]
     mobility = R @ motion.mobility
@@ -112,9 +108,7 @@ def _rotations(
     return xi.reshape(-1, 3, n), w.reshape(-1, 3, n)
 
 
-def _gain(
-    suite: SensorSuite, motion: PlannedBaseMotion, sensor: str, rows: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _gain(suite: SensorSuite, motion: PlannedBaseMotion, sensor: str, rows: Array) -> Array:
     """Return the information (B, n, n) of a sensor whose samples change by rows (U, 3, n)."""
     N, n = len(motion.times), rows.shape[-1]
     count = motion.times[-1] * suite[sensor].rate + 1

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.joint_motion import SPLINE_DEGREE, JointMotion, Spline
 from cpid_drake.files.errors import InputError
 from cpid_drake.simulation.joint_motions import SplineMotion
@@ -47,11 +48,11 @@ class MotionFamily:
     """
 
     joint_names: tuple[str, ...]
-    start: NDArray[np.float64]
-    end: NDArray[np.float64]
+    start: Array
+    end: Array
     moving: NDArray[np.intp]
     duration: float
-    bounds: NDArray[np.float64]
+    bounds: Array
     frequency: float
 
     def __post_init__(self) -> None:
@@ -81,11 +82,11 @@ class MotionFamily:
         return self.count, len(self.moving)
 
     @cached_property
-    def times(self) -> NDArray[np.float64]:
+    def times(self) -> Array:
         """(M,) the times at which limits are imposed [s]."""
         return np.linspace(0.0, self.duration, POINTS_PER_FUNCTION * (self.count + 4) + 1)
 
-    def make(self, parameters: NDArray[np.float64]) -> Spline:
+    def make(self, parameters: Array) -> Spline:
         """Return the motion with parameters (F, K)."""
         # Three equal coefficients at each end: rates and accelerations are zero there.
         fraction = np.pad(
@@ -95,33 +96,31 @@ class MotionFamily:
         table[3:-3, self.moving] += parameters
         return Spline(table, self.duration)
 
-    def declare(self, parameters: NDArray[np.float64]) -> SplineMotion:
+    def declare(self, parameters: Array) -> SplineMotion:
         """Return the motion with parameters (F, K) as a scenario's file has it."""
         table = self.make(parameters).coefficients
         return SplineMotion(
             self.duration, {name: table[:, j] for j, name in enumerate(self.joint_names)}
         )
 
-    def fitted(self, moved: NDArray[np.float64]) -> NDArray[np.float64]:
+    def fitted(self, moved: Array) -> Array:
         """Return parameters (F, K) that move joints nearest to this (M, K) from the known part."""
         return np.asarray(np.linalg.lstsq(self.functions(self.times)[:, 0], moved)[0])
 
-    def samples(
-        self, parameters: NDArray[np.float64], times: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def samples(self, parameters: Array, times: Array) -> Array:
         """Return positions and rates (M, B, 2, J) at times (M,) of B motions (B, F, K)."""
         moved = np.einsum("mdf,bfk->mbdk", self.functions(times)[:, :2], parameters)
         samples = np.repeat(self._known(times)[:, None, :2], len(parameters), axis=1)
         samples[..., self.moving] += moved
         return samples
 
-    def functions(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    def functions(self, times: Array) -> Array:
         """Return the functions φ with their first two derivatives (M, 3, F) at times (M,)."""
         units = np.pad(np.eye(self.count), [(3, 3), (0, 0)])
         return Spline(units, self.duration).evaluate(times)
 
     @cached_property
-    def limits(self) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    def limits(self) -> list[tuple[Array, Array]]:
         """For each joint that moves, A (Q, F) and b (Q,) of its finite limits A x ≤ b, b > 0."""
         phi, found = self.functions(self.times)[1:-1].reshape(-1, self.count), []
         for joint in self.moving:
@@ -130,7 +129,7 @@ class MotionFamily:
             found.append((A[kept], b[kept]))
         return found
 
-    def usage(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+    def usage(self, parameters: Array) -> Array:
         """Return the largest share (..., K) that parameters (..., F, K) use of the limits' room.
 
         The known part leaves this room of the limits of position, rate and acceleration of a joint.
@@ -141,7 +140,7 @@ class MotionFamily:
         ]
         return np.stack(shares, axis=-1)
 
-    def usage_of(self, motion: JointMotion) -> NDArray[np.float64]:
+    def usage_of(self, motion: JointMotion) -> Array:
         """Return the largest share (3, J) of the limits that any motion of these joints needs."""
         values = motion.evaluate(motion.instants())
         lower, upper = self.bounds
@@ -152,19 +151,19 @@ class MotionFamily:
         )
         return np.asarray(shares.max(axis=0))
 
-    def inequalities(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def inequalities(self) -> tuple[Array, Array]:
         """Return A (Q, F K) and b (Q,) of all finite limits A x ≤ b, x the raveled (F, K)."""
         order = np.arange(self.count * len(self.moving)).reshape(self.shape).T.ravel()
         A = np.zeros((sum(len(b) for _, b in self.limits), len(order)))
         A[:, order] = block_diag(*(A for A, _ in self.limits))
         return A, np.concatenate([b for _, b in self.limits])
 
-    def _known(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _known(self, times: Array) -> Array:
         """Return positions, rates and accelerations (M, 3, J) of the known part."""
         return self.make(np.zeros(self.shape)).evaluate(times)
 
     @cached_property
-    def _room(self) -> NDArray[np.float64]:
+    def _room(self) -> Array:
         """(2, M, 3, J) what the known part leaves of the lower and the upper limits."""
         known = self._known(self.times)
         return np.stack([known - self.bounds[0], self.bounds[1] - known])

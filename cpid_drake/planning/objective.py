@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.parameterizations import (
     SCALE_LENGTH,
     TENSOR_ORDER,
@@ -51,15 +52,15 @@ class Objective:
     model: Model
     momentum: TotalMomentum
     family: MotionFamily
-    times: NDArray[np.float64]
-    targets: NDArray[np.float64]
-    information: NDArray[np.float64]
-    demanding: NDArray[np.float64]
+    times: Array
+    targets: Array
+    information: Array
+    demanding: Array
     limits: dict[str, float]
-    efforts: NDArray[np.float64]
-    weights: NDArray[np.float64] = field(default_factory=lambda: np.ones(1))
+    efforts: Array
+    weights: Array = field(default_factory=lambda: np.ones(1))
 
-    def sigmas(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+    def sigmas(self, parameters: Array) -> Array:
         """Return σ (B, T, d) for T targets in B motions (B, F, K), times the targets' weights.
 
         The d parameters are those on which the motion depends; σ are in units of the scale.
@@ -77,7 +78,7 @@ class Objective:
             found.append((sigma / scale)[:, self._determined])
         return np.stack(found, axis=1) * self.weights[:, None]
 
-    def shares(self, samples: NDArray[np.float64]) -> NDArray[np.float64]:
+    def shares(self, samples: Array) -> Array:
         """Return the largest shares (B, D, Q) of the Q limits that B motions need.
 
         The D targets are the demanding ones. The peaks over time are smooth functions.
@@ -101,7 +102,7 @@ class Objective:
         count = len(self.limits) + np.count_nonzero(np.isfinite(self.efforts))
         return np.moveaxis(np.reshape(found, (len(found), count, samples.shape[1])), -1, 0)
 
-    def weighted(self, largest: NDArray[np.float64]) -> "Objective":
+    def weighted(self, largest: Array) -> "Objective":
         """Return the objective in which all targets count alike.
 
         The weight of a target is one over the least σ that any motion reaches for it, in units of
@@ -115,15 +116,13 @@ class Objective:
         weights = np.exp(np.log(least).mean()) / least
         return replace(self, weights=weights)
 
-    def values(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+    def values(self, parameters: Array) -> Array:
         """Return log σ of all targets and the shares of all limits minus one (B, T d + D Q)."""
         count, samples = len(parameters), self.family.samples(parameters, self.times)
         parts = np.log(self.sigmas(parameters)), self.shares(samples) - 1
         return np.concatenate([part.reshape(count, -1) for part in parts], axis=1)
 
-    def evaluate(
-        self, parameters: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def evaluate(self, parameters: Array) -> tuple[Array, Array]:
         """Return `values` (m,) of one motion (F, K) and their derivatives (m, F K)."""
         steps = DIFFERENCE_STEP * np.eye(parameters.size).reshape(-1, *parameters.shape)
         values = self.values(np.concatenate([parameters[None], parameters + steps]))

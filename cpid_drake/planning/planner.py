@@ -6,8 +6,8 @@ from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import JointMotion, Spline
@@ -61,7 +61,7 @@ class Plan:
     """
 
     motion: Spline
-    parameters: NDArray[np.float64]
+    parameters: Array
     score: float
     usage: dict[str, float]
     base_rotation: float
@@ -127,7 +127,7 @@ class Planner:
             names, start, end, np.array(moving), duration, bounds, options.frequency
         )
 
-    def case(self, motion: JointMotion, parameters: NDArray[np.float64]) -> Case:
+    def case(self, motion: JointMotion, parameters: Array) -> Case:
         """Return a motion with a target of parameters π (10,), as the inputs of a trial."""
         target = InertialParameters.from_vector(parameters)
         return replace(self._own_case, truth=target, motion=motion, duration=motion.duration)
@@ -137,11 +137,11 @@ class Planner:
         first = InertialParameters.from_vector(self.targets[0])
         return make_case(self.scenario, self.spacecraft, first, self.suite, self.options.seed)
 
-    def predict(self, motion: JointMotion, parameters: NDArray[np.float64]) -> Prediction:
+    def predict(self, motion: JointMotion, parameters: Array) -> Prediction:
         """Return what is expected of a motion with a target of parameters π (10,)."""
         return Prediction.of(self.case(motion, parameters), self.spacecraft)
 
-    def plausible(self, count: int, seed: int, *, heaviest: bool = False) -> NDArray[np.float64]:
+    def plausible(self, count: int, seed: int, *, heaviest: bool = False) -> Array:
         """Return π (T, 10) of plausible targets of this spacecraft; see `plausible_targets`."""
         tree, still = self.spacecraft.tree, self.family.start[None]
         inertia = BodyDynamics.at(tree, still, 0 * still).I_K[0]
@@ -149,12 +149,12 @@ class Planner:
         return plausible_targets(tree.mass, radius, count, seed, self.prior, heaviest=heaviest)
 
     @cached_property
-    def targets(self) -> NDArray[np.float64]:
+    def targets(self) -> Array:
         """The targets (T, 10) that the motion is planned for."""
         return self.plausible(self.options.targets, self.options.seed)
 
     @cached_property
-    def checked_targets(self) -> NDArray[np.float64]:
+    def checked_targets(self) -> Array:
         """The targets (N, 10) with which limits must hold: these and many heavy ones."""
         heavy = self.plausible(HEAVY_TARGETS, self.options.seed + 1, heaviest=True)
         return np.concatenate([self.targets, heavy])
@@ -212,7 +212,7 @@ class Planner:
         start = next((x for x in kept if near is None or near(x)[0].max() <= 0), order[0])
         seen = [start]
 
-        def see(parameters: NDArray[np.float64], score: float) -> None:
+        def see(parameters: Array, score: float) -> None:
             seen.append(parameters)
             progress("gradient method", score)
 
@@ -231,7 +231,7 @@ class Planner:
 
     def ranked(
         self, count: int, progress: Callable[[str, float], None] = lambda what, best: None
-    ) -> NDArray[np.float64]:
+    ) -> Array:
         """Return random motions (count, F, K) within the limits of joints, the best first.
 
         They determine the weights of the targets.
@@ -247,10 +247,10 @@ class Planner:
 
     def improved(
         self,
-        start: NDArray[np.float64],
+        start: Array,
         iterations: int,
-        seen: Callable[[NDArray[np.float64], float], None] = lambda parameters, score: None,
-    ) -> NDArray[np.float64]:
+        seen: Callable[[Array, float], None] = lambda parameters, score: None,
+    ) -> Array:
         """Return the parameters (F, K) that the gradient method makes of a start.
 
         Limits must hold for all checked targets. They are imposed for those that need the most and
@@ -268,7 +268,7 @@ class Planner:
             start = improved(imposed, self._distances(), start, count, seen)
         return start
 
-    def consider(self, parameters: NDArray[np.float64]) -> Plan | None:
+    def consider(self, parameters: Array) -> Plan | None:
         """Return the plan that moves the joints as much as these parameters, or as limits allow.
 
         It becomes the best if its criterion is smaller. None if no share of the motion is within

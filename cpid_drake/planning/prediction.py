@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.multibody.plant import MultibodyPlant
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.parameterizations import SCALE_LENGTH, parameter_scale
 from cpid_drake.simulation.trials import Case, bound_of, motions_of
@@ -31,14 +31,14 @@ class Prediction:
 
     """
 
-    sigma: NDArray[np.float64]
-    plausible_sigma: NDArray[np.float64]
-    scale: NDArray[np.float64]
+    sigma: Array
+    plausible_sigma: Array
+    scale: Array
     base_rotation: float
     base_rate: float
     base_displacement: float
     usage: dict[str, float] = field(default_factory=dict)
-    errors: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 10)))
+    errors: Array = field(default_factory=lambda: np.empty((0, 10)))
 
     @classmethod
     def of(cls, case: Case, spacecraft: Spacecraft) -> "Prediction":
@@ -62,9 +62,7 @@ class Prediction:
         return float(np.sqrt(np.mean(succeeded**2, axis=0)).max()) if len(succeeded) else np.nan
 
 
-def loads_of(
-    cases: Sequence[Case], spacecraft: Spacecraft
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def loads_of(cases: Sequence[Case], spacecraft: Spacecraft) -> tuple[Array, Array]:
     """Return what the motion of T cases needs that differ as `base_trajectories` allows.
 
     The efforts are those of Drake's plant.

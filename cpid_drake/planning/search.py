@@ -8,22 +8,22 @@ of the criterion below t.
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.stats import norm, qmc
 
+from cpid_drake.array import Array
 from cpid_drake.planning.motion_family import MotionFamily
 from cpid_drake.planning.objective import Objective
 from cpid_drake.spacecraft.clearance import Clearance
 
-Excess = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
+Excess = Callable[[Array], tuple[Array, Array]]
 """Values of a motion (F, K) that must not be positive, and their derivatives."""
 
 DISTANCE_MARGIN = 0.01
 """Distance that is imposed beyond the smallest one, for the motion between the poses [m]."""
 
 
-def candidates(family: MotionFamily, count: int, seed: int) -> NDArray[np.float64]:
+def candidates(family: MotionFamily, count: int, seed: int) -> Array:
     """Return parameters (count, F, K) of motions within the limits, from a Sobol sequence.
 
     The directions in parameter space are normally distributed. Every joint uses between a fifth and
@@ -40,8 +40,8 @@ def candidates(family: MotionFamily, count: int, seed: int) -> NDArray[np.float6
 
 
 def distance_excess(
-    parameters: NDArray[np.float64], clearance: Clearance, family: MotionFamily, least: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    parameters: Array, clearance: Clearance, family: MotionFamily, least: float
+) -> tuple[Array, Array]:
     """Return how much a motion (F, K) exceeds limits of distance, and the derivatives.
 
     The values (Q,) are at most zero where bodies that are not neighbours keep the smallest distance
@@ -58,10 +58,10 @@ def distance_excess(
 def improved(
     objective: Objective,
     distances: Excess | None,
-    start: NDArray[np.float64],
+    start: Array,
     iterations: int,
-    seen: Callable[[NDArray[np.float64], float], None] = lambda parameters, score: None,
-) -> NDArray[np.float64]:
+    seen: Callable[[Array, float], None] = lambda parameters, score: None,
+) -> Array:
     """Return the parameters (F, K) of a motion that the gradient method makes of another one.
 
     It may exceed limits a little.
@@ -76,12 +76,12 @@ def improved(
     """
     A, b = objective.family.inequalities()
     sigmas = len(objective.targets) * len(objective.model.tree.unknowns)
-    known: dict[bytes, NDArray[np.float64]] = {}
+    known: dict[bytes, Array] = {}
 
-    def parameters(z: NDArray[np.float64]) -> NDArray[np.float64]:
+    def parameters(z: Array) -> Array:
         return z[:-1].reshape(start.shape).copy()
 
-    def excess(z: NDArray[np.float64]) -> NDArray[np.float64]:
+    def excess(z: Array) -> Array:
         """Return what must not be positive, without its dependence on t = z[-1]."""
         x = parameters(z)
         key = x.tobytes()
@@ -91,14 +91,14 @@ def improved(
             known[key] = np.concatenate([objective.values(x[None])[0], far])
         return known[key]
 
-    def slopes(z: NDArray[np.float64]) -> NDArray[np.float64]:
+    def slopes(z: Array) -> Array:
         x = parameters(z)
         far = np.empty((0, x.size)) if distances is None else distances(x)[1]
         rows = np.concatenate([objective.evaluate(x)[1], far])
         by_t = np.repeat([1.0, 0.0], [sigmas, len(rows) - sigmas])
         return np.column_stack([-rows, by_t])
 
-    def room(z: NDArray[np.float64]) -> NDArray[np.float64]:
+    def room(z: Array) -> Array:
         values = -excess(z)
         values[:sigmas] += z[-1]
         return values

@@ -1,8 +1,8 @@
 """Targets that are plausible before a motion: from a prior, or from the size of the spacecraft."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.prior import TargetPrior
@@ -25,7 +25,7 @@ def plausible_targets(
     prior: TargetPrior | None = None,
     *,
     heaviest: bool = False,
-) -> NDArray[np.float64]:
+) -> Array:
     """Return π (T, 10) of targets that a motion is planned for.
 
     Without a prior they are solid ellipsoids of random mass and size, held at a point inside them
@@ -68,7 +68,7 @@ def plausible_targets(
     return targets
 
 
-def prior_information(prior: TargetPrior | None) -> NDArray[np.float64]:
+def prior_information(prior: TargetPrior | None) -> Array:
     """Return the information (10, 10) of a prior about π; zero for what it does not identify."""
     information = np.zeros((10, 10))
     if prior is not None:
@@ -78,9 +78,7 @@ def prior_information(prior: TargetPrior | None) -> NDArray[np.float64]:
     return information
 
 
-def _ellipsoid(
-    mass: float, radius: float, rng: np.random.Generator, heaviest: bool
-) -> NDArray[np.float64]:
+def _ellipsoid(mass: float, radius: float, rng: np.random.Generator, heaviest: bool) -> Array:
     """Return π (10,) of a random solid ellipsoid near C's origin."""
     low, high = np.log(np.array(MASSES) * mass)
     m = float(np.exp(high if heaviest else rng.uniform(low, high)))

@@ -4,9 +4,9 @@ from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from cpid_drake.files.pictures import COLORS, Picture, curves, label_axes
@@ -28,7 +28,7 @@ def convergence_pictures(
     ]
 
 
-def singular_value_picture(values: NDArray[np.float64]) -> Picture:
+def singular_value_picture(values: Array) -> Picture:
     """Return the picture of ten singular values."""
 
     def draw(axes: Axes) -> None:

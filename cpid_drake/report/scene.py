@@ -3,13 +3,13 @@
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import Value
 from pydrake.geometry import Meshcat
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.framework import DiagramBuilder
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.identification.result import Identification
 from cpid_drake.spacecraft.spacecraft import Spacecraft
@@ -53,9 +53,7 @@ class Scene:
         self._diagram = builder.Build()
         self._context = self._diagram.CreateDefaultContext()
 
-    def draw(
-        self, time: float, state: NDArray[np.float64], found: Identification | None = None
-    ) -> None:
+    def draw(self, time: float, state: Array, found: Identification | None = None) -> None:
         """Draw the spacecraft at a state x = [q; v], and an estimate.
 
         Args:

@@ -12,8 +12,8 @@ from typing import Annotated, Self
 
 import numpy as np
 from annotated_types import Ge, Gt, Interval
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.files.checked_yaml import Numbers
@@ -65,7 +65,7 @@ class SensorErrors(ABC):
 
     @property
     @abstractmethod
-    def sigmas(self) -> NDArray[np.float64]:
+    def sigmas(self) -> Array:
         """σ of the white noise of one sample, (1,) for all entries or (3,) [SI units, rad]."""
 
     @property
@@ -92,7 +92,7 @@ class AttitudeSensor(SensorErrors):
     rate: Rate = 4.0
     cross_boresight_arcsec: Noise = 0.0
     boresight_arcsec: Noise = 0.0
-    boresight_B: Annotated[NDArray[np.float64], Numbers(3)] = field(
+    boresight_B: Annotated[Array, Numbers(3)] = field(
         default_factory=lambda: np.array([0.0, 0.0, 1.0])
     )
     mounting_arcsec: Stated = None
@@ -109,19 +109,19 @@ class AttitudeSensor(SensorErrors):
         return cls(rate, sigma / ARCSECOND, sigma / ARCSECOND)
 
     @property
-    def sigmas(self) -> NDArray[np.float64]:
+    def sigmas(self) -> Array:
         """(3,) σ about the boresight's two normals and about the boresight [rad]."""
         cross = self.cross_boresight_arcsec
         return ARCSECOND * np.array([cross, cross, self.boresight_arcsec])
 
     @property
-    def R_BS(self) -> NDArray[np.float64]:
+    def R_BS(self) -> Array:
         """(3, 3) rotation whose last column is the boresight in B."""
         return _frame_about(tuple(np.asarray(self.boresight_B, dtype=float).tolist()))
 
 
 @lru_cache(maxsize=64)
-def _frame_about(axis: tuple[float, ...]) -> NDArray[np.float64]:
+def _frame_about(axis: tuple[float, ...]) -> Array:
     """Return a rotation (3, 3) whose last column is along an axis."""
     z = np.array(axis, dtype=float)
     z = z / np.linalg.norm(z)
@@ -163,7 +163,7 @@ class Gyro(SensorErrors):
         return float(self.angle_random_walk * DEGREE_PER_ROOT_HOUR * np.sqrt(self.rate))
 
     @property
-    def sigmas(self) -> NDArray[np.float64]:
+    def sigmas(self) -> Array:
         """(1,) σ of one sample [rad/s]."""
         return np.array([self.sigma])
 
@@ -191,7 +191,7 @@ class _UniformSensor(SensorErrors):
         return cls(rate, sigma)
 
     @property
-    def sigmas(self) -> NDArray[np.float64]:
+    def sigmas(self) -> Array:
         """(1,) σ of every entry of a sample."""
         return np.array([self.sigma])
 
@@ -237,7 +237,7 @@ class JointSensor(_UniformSensor):
 # -- the table ------------------------------------------------------------------------------------
 
 
-def _angular_velocity_in_B(motion: Motion) -> NDArray[np.float64]:
+def _angular_velocity_in_B(motion: Motion) -> Array:
     return rotate(np.swapaxes(motion.R_WB, -1, -2), motion.w_WB)
 
 
@@ -262,7 +262,7 @@ class Sensor:
     quantity: str
     unit: str
     width: int | None
-    ideal: Callable[[Motion], NDArray[np.float64]]
+    ideal: Callable[[Motion], Array]
     errors: type[SensorErrors]
     columns: tuple[str, ...]
     columns_in_W: tuple[str, ...] = ()

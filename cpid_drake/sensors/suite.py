@@ -5,8 +5,8 @@ from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Interval
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.orbit import Orbit
 from cpid_drake.files.checked_yaml import check_values
 from cpid_drake.files.errors import InputError
@@ -83,7 +83,7 @@ class SensorSuite:
         """The orbit of W's origin; None if there is none."""
         return None if self.disturbances is None else self.disturbances.orbit
 
-    def sigmas(self, name: str) -> NDArray[np.float64]:
+    def sigmas(self, name: str) -> Array:
         """Return σ of one sample of a sensor: noise, quantization and rounding together.
 
         (3,) about the axes of `AttitudeSensor.R_BS` for attitude, (1,) for other quantities, in SI

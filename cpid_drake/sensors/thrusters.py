@@ -15,8 +15,8 @@ from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Gt
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.files.checked_yaml import Numbers
 from cpid_drake.files.errors import InputError
 from cpid_drake.sensors.sensors import Stated
@@ -24,7 +24,7 @@ from cpid_drake.sensors.sensors import Stated
 VALVE = "valve:"
 """Prefix of the columns of valves."""
 
-Vector = Annotated[NDArray[np.float64], Numbers(3)]
+Vector = Annotated[Array, Numbers(3)]
 
 
 @dataclass

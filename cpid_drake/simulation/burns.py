@@ -6,8 +6,8 @@ from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge, Gt
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.files.checked_yaml import Vector
 from cpid_drake.logs.log import Samples
 
@@ -32,7 +32,7 @@ class Burn:
     torque_B: Vector = field(default_factory=lambda: np.zeros(3))
 
     @property
-    def wrench_B(self) -> NDArray[np.float64]:
+    def wrench_B(self) -> Array:
         """(6,) torque about B's origin, and force, in B [N·m, N]."""
         torque = self.torque_B + np.cross(self.p_BF_B, self.force_B)
         return np.concatenate([torque, self.force_B])

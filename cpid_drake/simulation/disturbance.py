@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.sensors.disturbances import Disturbances
 
 WALK_PERIOD = 0.5
@@ -45,13 +45,13 @@ class SimulatedDisturbance:
         disturbances: Disturbances | None,
         seed: int = 0,
         *,
-        torque_W: NDArray[np.float64] | None = None,
-        acceleration_W: NDArray[np.float64] | None = None,
+        torque_W: Array | None = None,
+        acceleration_W: Array | None = None,
     ) -> None:
         size = disturbances or Disturbances()
         self._seed = int(seed)
 
-        def stated(kind: str) -> NDArray[np.float64]:
+        def stated(kind: str) -> Array:
             sigmas = [getattr(size, f"{name}{kind}") or 0.0 for name in ("torque", "acceleration")]
             return np.repeat(sigmas, 3)
 
@@ -73,7 +73,7 @@ class SimulatedDisturbance:
         """Whether torque or acceleration change with time."""
         return bool(self._walk.any() or self._noise.any())
 
-    def piece(self, number: int) -> NDArray[np.float64]:
+    def piece(self, number: int) -> Array:
         """Return [torque; acceleration] (6,) from number * `WALK_PERIOD` to the next multiple.
 
         Torque about the system's centre of mass and acceleration of this centre, in W [N·m, m/s²].
@@ -91,7 +91,7 @@ class SimulatedDisturbance:
             self._pieces = pieces
         return np.asarray(pieces[number])
 
-    def at(self, time: float) -> NDArray[np.float64]:
+    def at(self, time: float) -> Array:
         """Return [torque; acceleration] (6,) just after a time [s]; see `piece`."""
         return self.piece(int(np.floor(max(time, 0.0) / WALK_PERIOD + 1e-9)))
 
@@ -100,6 +100,6 @@ class SimulatedDisturbance:
         first, last = np.floor(start / WALK_PERIOD) + 1, np.ceil(end / WALK_PERIOD)
         return (float(k * WALK_PERIOD) for k in np.arange(first, last) if self.walks)
 
-    def _normal(self, kind: int, count: int) -> NDArray[np.float64]:
+    def _normal(self, kind: int, count: int) -> Array:
         """Return (count, 6) numbers: constant values (0), walks (1), scale (2) or noise (3)."""
         return random_stream(self._seed, 0, 0, kind).standard_normal((count, 6))

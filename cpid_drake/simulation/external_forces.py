@@ -1,7 +1,6 @@
 """What acts on a simulated spacecraft from outside: disturbance, gravity gradient, burns, table."""
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue, Value
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
@@ -14,6 +13,7 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.orbit import Orbit
 from cpid_drake.dynamics.plane import NORMAL_W
 from cpid_drake.dynamics.rotations import cross, rotate
@@ -25,9 +25,7 @@ from cpid_drake.systems.ports import SpacecraftSystem
 TABLE_FREQUENCY = 10.0
 """Natural frequency of height and tilt on a simulated table [Hz]: far above that of any motion."""
 
-Load = tuple[
-    int, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]
-]
+Load = tuple[int, Array, Array, Array, Array]
 """Index of a body B, its point Q as p_BQ and p_WQ [m], torque about Q [N·m] and force at Q [N]."""
 
 _ONCE = 1e12  # a period so long that a periodic event happens once [s]
@@ -139,7 +137,7 @@ class ExternalForces(SpacecraftSystem):
         discrete_state.set_value(self._disturbance_index, self._disturbance.piece(number))
         return EventStatus.Succeeded()
 
-    def _declare_thrust(self, entry: NDArray[np.float64]) -> None:
+    def _declare_thrust(self, entry: Array) -> None:
         def update(context: Context, discrete_state: DiscreteValues) -> EventStatus:
             discrete_state.set_value(self._thrust_index, entry)
             return EventStatus.Succeeded()
@@ -186,9 +184,7 @@ class ExternalForces(SpacecraftSystem):
         indices = [int(body.index()) for body in self._bodies]
         return list(zip(indices, self._coms, p_WBcm, torque_W, force_W, strict=True))
 
-    def _table_reaction(
-        self, normal_W: NDArray[np.float64], scratch: Context
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _table_reaction(self, normal_W: Array, scratch: Context) -> tuple[Array, Array]:
         """Return moments across W's z axis and a force along it, with the table's normal in W."""
         z = self._base.EvalPoseInWorld(scratch).translation()[2]
         V_WB = self._base.EvalSpatialVelocityInWorld(scratch)

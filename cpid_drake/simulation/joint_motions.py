@@ -8,8 +8,8 @@ from typing import Annotated
 
 import numpy as np
 from annotated_types import Gt, MinLen
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.joint_motion import SPLINE_DEGREE, HalfCosine, MultiSine, Spline
 from cpid_drake.files.checked_yaml import (
     FirstUnlessTagged,
@@ -23,7 +23,7 @@ from cpid_drake.files.errors import InputError, choose_from, prefix_errors
 from cpid_drake.files.resources import resolve_model
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
-Array = Annotated[NDArray[np.float64], Numbers()]
+Entries = Annotated[Array, Numbers()]
 Configuration = Mapping[str, float]
 
 
@@ -68,10 +68,10 @@ class MultiSineMotion:
 
     duration: Annotated[float, Gt(0)] = 10.0
     ramp: float = 2.0
-    frequencies: Array = field(default_factory=lambda: np.zeros(0))
+    frequencies: Entries = field(default_factory=lambda: np.zeros(0))
     centre: dict[str, float] = field(default_factory=dict)
-    amplitudes: dict[str, Array] = field(default_factory=dict)
-    phases: dict[str, Array] = field(default_factory=dict)
+    amplitudes: dict[str, Entries] = field(default_factory=dict)
+    phases: dict[str, Entries] = field(default_factory=dict)
     final: dict[str, float] = field(default_factory=dict)
 
     def make(self, spacecraft: Spacecraft, default: Configuration) -> MultiSine:
@@ -102,7 +102,7 @@ class SplineMotion:
     """
 
     duration: Annotated[float, Gt(0)] = 10.0
-    coefficients: dict[str, Array] = field(default_factory=dict)
+    coefficients: dict[str, Entries] = field(default_factory=dict)
 
     def make(self, spacecraft: Spacecraft, default: Configuration) -> Spline:
         """Return the motion of this spacecraft's joints; see `HalfCosineMotion.make`."""
@@ -116,12 +116,12 @@ class SplineMotion:
 
 def _table(
     spacecraft: Spacecraft,
-    entries: dict[str, NDArray[np.float64]],
+    entries: dict[str, Array],
     key: str,
-    still: NDArray[np.float64],
+    still: Array,
     count: int,
     each: str,
-) -> NDArray[np.float64]:
+) -> Array:
     """Return entries by joint as (count, J); `still` (J,) for joints without entries."""
     names = spacecraft.joint_names
     table = np.tile(still, (count, 1))

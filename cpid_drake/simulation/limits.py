@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.files.errors import InputError, listed
 from cpid_drake.simulation.simulation import Simulation
 from cpid_drake.spacecraft.clearance import Clearance
@@ -83,11 +83,7 @@ def check_limits(simulation: Simulation) -> LimitCheck:
 
 
 def _joints_beyond(
-    spacecraft: Spacecraft,
-    times: NDArray[np.float64],
-    q: NDArray[np.float64],
-    qdot: NDArray[np.float64],
-    efforts: NDArray[np.float64],
+    spacecraft: Spacecraft, times: Array, q: Array, qdot: Array, efforts: Array
 ) -> list[str]:
     """Return a sentence for each joint and limit that is exceeded; arrays are (N,) and (N, J)."""
     limits, found = spacecraft.limits, []
@@ -116,9 +112,7 @@ def _joints_beyond(
     return found
 
 
-def _distances(
-    simulation: Simulation, times: NDArray[np.float64], q: NDArray[np.float64]
-) -> tuple[list[str], str, list[str]]:
+def _distances(simulation: Simulation, times: Array, q: Array) -> tuple[list[str], str, list[str]]:
     """Return sentences about overlaps, the smallest distance, and what is not checked."""
     spacecraft = simulation.spacecraft
     arms = [k for k in range(q.shape[1]) if not spacecraft.tree.is_rotor(k)]

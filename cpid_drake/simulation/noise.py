@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.files.errors import InputError
 from cpid_drake.logs.log import THRUST, Log, Samples, first_sample
@@ -33,7 +34,7 @@ _KINDS = (
 )
 """What has a random stream of its own for each sensor; a place is the second number of its key."""
 
-Time = TypeVar("Time", float, NDArray[np.float64])
+Time = TypeVar("Time", float, Array)
 
 _STREAMS = {name: k for k, name in enumerate(SENSORS)}
 """The streams of white noise."""
@@ -60,11 +61,11 @@ class ConstantErrors:
 
     delay: float = 0.0
     clock_drift: float = 0.0
-    mounting_B: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
-    scale: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3, 3)))
-    lever_arm_B: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
-    zero: NDArray[np.float64] = field(default_factory=lambda: np.zeros(1))
-    drift: NDArray[np.float64] = field(default_factory=lambda: np.zeros(1))
+    mounting_B: Array = field(default_factory=lambda: np.zeros(3))
+    scale: Array = field(default_factory=lambda: np.zeros((3, 3)))
+    lever_arm_B: Array = field(default_factory=lambda: np.zeros(3))
+    zero: Array = field(default_factory=lambda: np.zeros(1))
+    drift: Array = field(default_factory=lambda: np.zeros(1))
 
     def stamp(self, time: Time) -> Time:
         """Return the stamp [s] of a sample at a time [s]."""
@@ -88,7 +89,7 @@ class SensorNoise:
             raise InputError(f"a seed must be a whole number >= 0, not {seed!r}")
         self.suite = suite
         self.seed = int(seed)
-        self._tables: dict[int, NDArray[np.float64]] = {}
+        self._tables: dict[int, Array] = {}
         self._biases = np.empty((0, 3))
         self._constants: dict[tuple[str, int], ConstantErrors] = {}
         self._lost: dict[str, NDArray[np.bool_]] = {}
@@ -111,7 +112,7 @@ class SensorNoise:
     def _drawn(self, name: str, joint_count: int) -> ConstantErrors:
         errors = self.suite[name]
 
-        def normal(kind: str, *shape: int) -> NDArray[np.float64]:
+        def normal(kind: str, *shape: int) -> Array:
             stream = random_stream(self.seed, _STREAMS[name], _KINDS.index(kind))
             return stream.standard_normal(shape)
 
@@ -137,13 +138,7 @@ class SensorNoise:
         clock = self.constants("encoders")
         return replace(drawn, delay=clock.delay, clock_drift=clock.clock_drift)
 
-    def apply(
-        self,
-        name: str,
-        ideal: NDArray[np.float64],
-        first: int = 0,
-        motion: Motion | None = None,
-    ) -> NDArray[np.float64]:
+    def apply(self, name: str, ideal: Array, first: int = 0, motion: Motion | None = None) -> Array:
         """Return samples first, first + 1, … of a sensor: ideal values with errors added.
 
         A clock does not change the samples. It belongs to their stamps, see `constants`.
@@ -211,7 +206,7 @@ class SensorNoise:
             table = self._lost[name] = np.array(states)
         return table[:count]
 
-    def gyro_bias(self, count: int) -> NDArray[np.float64]:
+    def gyro_bias(self, count: int) -> Array:
         """Return the biases of a gyro's first `count` samples, (count, 3) in B [rad/s].
 
         The first is drawn with the σ of the constant part; each later one adds a random step.
@@ -223,7 +218,7 @@ class SensorNoise:
             self._biases = np.cumsum(steps, axis=0)
         return self._biases[:count]
 
-    def _normal(self, stream: int, count: int, width: int) -> NDArray[np.float64]:
+    def _normal(self, stream: int, count: int, width: int) -> Array:
         """Return the first `count` rows of a stream, drawn in tables of growing length."""
         table = self._tables.get(stream)
         if table is None or len(table) < count:

@@ -9,8 +9,8 @@ from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Interval, Le
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import inertia_of_second_moment
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
@@ -38,7 +38,7 @@ more would fill the memory."""
 
 Positive = Annotated[float, Gt(0)]
 NotNegative = Annotated[float, Ge(0)]
-Momentum = Annotated[NDArray[np.float64], Numbers(6)]
+Momentum = Annotated[Array, Numbers(6)]
 Gain = Annotated[float, Interval(gt=0, le=1e4)]  # [rad/s]; stiffer ones are too slow to simulate
 
 
@@ -67,7 +67,7 @@ class SolidConfig:
     shape: Literal["box", "cylinder", "ellipsoid"]
     size: Vector
 
-    def inertia(self, mass: float) -> NDArray[np.float64]:
+    def inertia(self, mass: float) -> Array:
         """Return the inertia (3, 3) about the centre of mass [kg·m²]."""
         parts = {"box": [12, 12, 12], "cylinder": [16, 16, 12], "ellipsoid": [20, 20, 20]}
         return inertia_of_second_moment(np.diag(mass * self.size**2 / parts[self.shape]))
@@ -82,7 +82,7 @@ class TargetConfig:
 
     mass: Annotated[float, Le(1e9)]
     p_CTcm_C: Vector
-    I_TTcm_C: Annotated[NDArray[np.float64], Numbers(3, 3)] | None = None
+    I_TTcm_C: Annotated[Array, Numbers(3, 3)] | None = None
     visual_model: str | None = None
     solid: SolidConfig | None = None
 
@@ -100,7 +100,7 @@ class TargetConfig:
         """Return the target; it need not be physically consistent."""
         return InertialParameters(self.mass, self.p_CTcm_C, self._inertia())
 
-    def _inertia(self) -> NDArray[np.float64]:
+    def _inertia(self) -> Array:
         if self.I_TTcm_C is not None and self.solid is None:
             return self.I_TTcm_C
         if self.I_TTcm_C is None and self.solid is not None:

@@ -12,6 +12,7 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorC
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, OutputPort
 from pydrake.systems.primitives import LogVectorOutput, MatrixGain, VectorLogSink
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.dynamics.motion import Motion
@@ -145,7 +146,7 @@ class Simulation:
         sampled = self.spacecraft.to_motion(times, np.array(states)[:-1])
         return root_context.Clone(), sampled
 
-    def state(self, root_context: Context) -> NDArray[np.float64]:
+    def state(self, root_context: Context) -> Array:
         """Return the state x = [q; v] of the spacecraft at the present time of a run."""
         context = self.plant.GetMyContextFromRoot(root_context)
         state = self.plant.GetPositionsAndVelocities(context)[self.state_columns]
@@ -165,7 +166,7 @@ class Simulation:
         times, states = _entries(self.state_log, root_context)
         return self.spacecraft.to_motion(times, states[:, self.state_columns])
 
-    def momentum(self, root_context: Context) -> NDArray[np.float64]:
+    def momentum(self, root_context: Context) -> Array:
         """Return the momentum [L; P] of all bodies about W's origin, in W, (N, 6), in the log."""
         context = self.plant.CreateDefaultContext()
         found = []
@@ -175,7 +176,7 @@ class Simulation:
             found.append(momentum.get_coeffs())
         return np.array(found)
 
-    def expected_momentum(self, root_context: Context) -> NDArray[np.float64]:
+    def expected_momentum(self, root_context: Context) -> Array:
         """Return what `momentum` should be (N, 6): that at the start, and what forces gave."""
         momentum_W = self.scenario.simulation.momentum_W
         if self.impulse_log is None:
@@ -369,9 +370,7 @@ def _add_forces(
     return forces.connected(builder, state=plant.get_state_output_port(), **ports), thrust
 
 
-def _entries(
-    sink: VectorLogSink, root_context: Context
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _entries(sink: VectorLogSink, root_context: Context) -> tuple[Array, Array]:
     """Return the times (N,) and values (N, n) of a log, each time once."""
     log = sink.FindLog(root_context)
     times, first = np.unique(log.sample_times(), return_index=True)

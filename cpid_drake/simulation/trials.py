@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.dynamics.motion import Motion
@@ -54,13 +54,13 @@ class Case:
     truth: InertialParameters
     motion: JointMotion
     duration: float
-    momentum_W: NDArray[np.float64]
+    momentum_W: Array
     momentum: TotalMomentum
     known_bodies: BodyUncertainty | None
     suite: SensorSuite
     seed: int
-    torque_W: NDArray[np.float64] | None = None
-    acceleration_W: NDArray[np.float64] | None = None
+    torque_W: Array | None = None
+    acceleration_W: Array | None = None
     burns: tuple[Burn, ...] = ()
     logs_thrust: bool = True
 
@@ -130,7 +130,7 @@ def ideal_logs(
     found, logs = list[Motion](), []
     for number, case in enumerate(cases):
 
-        def motion(times: NDArray[np.float64], number: int = number) -> Motion:
+        def motion(times: Array, number: int = number) -> Motion:
             if not found:  # the times are those of all cases
                 found.extend(motions_of(cases, tree, joint_names, times, disturbances))
             return found[number]
@@ -144,10 +144,7 @@ def ideal_logs(
 
 
 def base_trajectory(
-    case: Case,
-    tree: KinematicTree,
-    times: NDArray[np.float64],
-    disturbance: SimulatedDisturbance | None = None,
+    case: Case, tree: KinematicTree, times: Array, disturbance: SimulatedDisturbance | None = None
 ) -> BaseTrajectory:
     """Return the true motion of the base, with the burns of thrusters and a disturbance.
 
@@ -165,7 +162,7 @@ def base_trajectory(
 def base_trajectories(
     cases: Sequence[Case],
     tree: KinematicTree,
-    times: NDArray[np.float64],
+    times: Array,
     disturbances: Sequence[SimulatedDisturbance],
 ) -> BaseTrajectory:
     """Return the true motion of the base in T cases, each with its disturbance, as (T, N, ...).
@@ -196,7 +193,7 @@ def motions_of(
     cases: Sequence[Case],
     tree: KinematicTree,
     joint_names: tuple[str, ...],
-    times: NDArray[np.float64],
+    times: Array,
     disturbances: Sequence[SimulatedDisturbance] | None = None,
 ) -> list[Motion]:
     """Return the motion of such cases; default: with their constant disturbances alone."""
@@ -205,7 +202,7 @@ def motions_of(
     return base.to_motions(joint_names, times, cases[0].motion)
 
 
-def bound_of(case: Case, spacecraft: Spacecraft) -> NDArray[np.float64]:
+def bound_of(case: Case, spacecraft: Spacecraft) -> Array:
     """Return the Cramér-Rao bound (10,) on the σ of the parameters, without unlogged burns."""
     seen = case if case.logs_thrust else replace(case, burns=())
     ideal = ideal_samples(seen, spacecraft.tree, spacecraft.joint_names)
@@ -254,7 +251,7 @@ def true_motions(
     tree: KinematicTree,
     joint_names: tuple[str, ...],
     numbers: Sequence[int],
-    times: NDArray[np.float64],
+    times: Array,
 ) -> list[Motion]:
     """Return the exact motion of trials at times (N,) [s]; the other arguments are `draws`'s."""
     found = list[Motion]()
@@ -278,7 +275,7 @@ def _together(
         yield [case], own, [disturbance]
 
 
-def fit_errors(case: Case, spacecraft: Spacecraft, trials: int) -> Iterator[NDArray[np.float64]]:
+def fit_errors(case: Case, spacecraft: Spacecraft, trials: int) -> Iterator[Array]:
     """Yield the errors (10,) of the default fit in trials, in units of the scale.
 
     They are NaN where the fit finds no target.

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.geometry import (
     AddContactMaterial,
     Ellipsoid,
@@ -17,6 +16,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody, SpatialInertia
 
+from cpid_drake.array import Array
 from cpid_drake.files.errors import InputError
 from cpid_drake.spacecraft.model_file import check_model
 from cpid_drake.spacecraft.parsing import message_of, parse
@@ -25,7 +25,7 @@ OPACITY = 0.5
 """Of a target, so that an estimate inside of it is seen."""
 
 
-def inertia_ellipsoid(M_TCo_C: SpatialInertia) -> tuple[NDArray[np.float64], RigidTransform]:
+def inertia_ellipsoid(M_TCo_C: SpatialInertia) -> tuple[Array, RigidTransform]:
     """Return the solid, homogeneous ellipsoid that has this spatial inertia.
 
     Returns:

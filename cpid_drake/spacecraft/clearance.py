@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.autodiffutils import InitializeAutoDiff
 from pydrake.geometry import CollisionFilterDeclaration, GeometrySet
 from pydrake.multibody.inverse_kinematics import MinimumDistanceLowerBoundConstraint
@@ -16,6 +15,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.multibody.tree import BodyIndex, RigidBody, WeldJoint
 from pydrake.systems.framework import DiagramBuilder
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.files.errors import InputError
 from cpid_drake.spacecraft.reading import unique_names
@@ -83,7 +83,7 @@ class Clearance:
             if body.default_mass() > 0 and not plant.GetCollisionGeometriesForBody(body)
         )
 
-    def approaches(self, positions: NDArray[np.float64]) -> list[Approach]:
+    def approaches(self, positions: Array) -> list[Approach]:
         """Return the overlaps of bodies during a motion, or else the smallest distance.
 
         Args:
@@ -122,9 +122,7 @@ class Clearance:
             ordered.append(Approach((first, second), distance, k))
         return [each for each in ordered if each.distance < 0] or ordered[:1]
 
-    def penalties(
-        self, positions: NDArray[np.float64], least: float
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def penalties(self, positions: Array, least: float) -> tuple[Array, Array]:
         """Return a smooth function (N,) of the distances, and its derivatives (N, J).
 
         It is at most 1 where all bodies that are not neighbours are at least this far apart, and

@@ -15,12 +15,13 @@ from typing import Any
 import jinja2
 import numpy as np
 import yaml
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, FrameIndex, JointIndex, ModelInstanceIndex
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.files.drafts import draft_of
 from cpid_drake.files.errors import InputError
@@ -53,7 +54,7 @@ class Link:
     joint: str = ""
     kind: str = ""
     X_PL: RigidTransform = field(default_factory=RigidTransform)
-    axis_L: NDArray[np.float64] | None = None
+    axis_L: Array | None = None
     limits: tuple[float, float, float] = (-np.inf, np.inf, np.inf)
 
     @property
@@ -63,7 +64,7 @@ class Link:
         return [(name, value) for name, value in named if np.isfinite(value)]
 
     @property
-    def rpy_PL(self) -> NDArray[np.float64]:
+    def rpy_PL(self) -> Array:
         """(3,) roll, pitch and yaw of the link in its parent."""
         return np.asarray(RollPitchYaw(self.X_PL.rotation()).vector())
 

@@ -3,11 +3,12 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.multibody.tree import MultibodyForces
 from pydrake.systems.framework import Context
 
+from cpid_drake.array import Array
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 
@@ -45,7 +46,7 @@ class FreeFloatingDynamics:
         context: Context,
         a_J: ArrayLike,
         outside: Sequence[ExternallyAppliedSpatialForce] = (),
-    ) -> NDArray[np.float64]:
+    ) -> Array:
         """Return the generalized force (nv,) that gives the joints their acceleration.
 
         Args:
@@ -72,9 +73,7 @@ class FreeFloatingDynamics:
         force[J] = M_BJ.T @ a_B + M_JJ @ a_J + bias[J]
         return force
 
-    def joint_efforts(
-        self, context: Context, states: NDArray[np.float64], a_J: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def joint_efforts(self, context: Context, states: Array, a_J: Array) -> Array:
         """Return the joint efforts (N, J) [N·m or N] of a motion, in the spacecraft's joint order.
 
         Args:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
@@ -19,6 +18,7 @@ from pydrake.multibody.tree import (
     WeldJoint,
 )
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.tree import KinematicTree, TreeBody
 from cpid_drake.files.errors import InputError, listed
@@ -185,10 +185,10 @@ class JointLimits:
 
     """
 
-    lowest: NDArray[np.float64]
-    highest: NDArray[np.float64]
-    rates: NDArray[np.float64]
-    efforts: NDArray[np.float64]
+    lowest: Array
+    highest: Array
+    rates: Array
+    efforts: Array
 
 
 def joint_limits(model: ModelFile, plant: MultibodyPlant, joints: Sequence[Joint]) -> JointLimits:

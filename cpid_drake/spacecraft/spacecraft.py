@@ -13,6 +13,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, Frame, RevoluteJoint, RigidBody
 from pydrake.systems.framework import Context
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import JointMotion
 from cpid_drake.dynamics.kinematics import CaptureMotion
@@ -271,11 +272,8 @@ class Spacecraft:
         return base.to_motion(self.joint_names, times, motion)
 
     def initial_state(
-        self,
-        target: InertialParameters,
-        motion: JointMotion,
-        momentum_W: ArrayLike = (0.0,) * 6,
-    ) -> NDArray[np.float64]:
+        self, target: InertialParameters, motion: JointMotion, momentum_W: ArrayLike = (0.0,) * 6
+    ) -> Array:
         """Return the state x = [q; v] (nx,) at t = 0 with B at W and the given total momentum.
 
         Joints that move at t = 0 contribute to the momentum; the twist of the base takes this into
@@ -297,7 +295,7 @@ class Spacecraft:
                 f"spacecraft has joints {', '.join(self.joint_names)}"
             )
 
-    def to_states(self, motion: Motion) -> NDArray[np.float64]:
+    def to_states(self, motion: Motion) -> Array:
         """Return the plant states x = [q; v] (N, nx) of a motion; raises as `require_joints`."""
         self.require_joints(motion)
         states = np.zeros((len(motion), self.plant.num_multibody_states()))
@@ -305,7 +303,7 @@ class Spacecraft:
             states[:, columns] = getattr(motion, name)
         return states
 
-    def configuration(self, angles: Mapping[str, float], where: str) -> NDArray[np.float64]:
+    def configuration(self, angles: Mapping[str, float], where: str) -> Array:
         """Return q (J,) with the named joints at the given positions and the others at zero.
 
         Args:
@@ -354,7 +352,7 @@ def _read_again(
     base: str,
     capture_frame: str,
     packages: Mapping[str, str | Path],
-    normal_B: NDArray[np.float64] | None,
+    normal_B: Array | None,
 ) -> Spacecraft:
     """Return a spacecraft that was pickled."""
     found = Spacecraft(model, base=base, capture_frame=capture_frame, packages=packages)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.common.value import AbstractValue, Value
 from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.framework import (
@@ -19,6 +19,7 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.rows import row_family
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.estimation.gaussian import solution_of_rows
@@ -224,7 +225,7 @@ class MomentumIdentifier(Identifier):
         identifier = cls(spacecraft, rows=rows, momentum=momentum, period=period, offset=offset)
         return identifier.connected(builder, state=state)
 
-    def _rows(self, context: Context) -> NDArray[np.float64]:
+    def _rows(self, context: Context) -> Array:
         """Return the rows [A | b] of this instant; columns of an unknown momentum lead."""
         time, state = context.get_time(), self._state_port.Eval(context)
         with prefix_errors(f"{self.GetSystemPathname()}: the state at t = {time:g} s"):
@@ -256,11 +257,11 @@ class MomentumIdentifier(Identifier):
             return EventStatus.DidNothing()
         return self._take_sample(context, discrete_state)
 
-    def _root(self, context: Context) -> NDArray[np.float64]:
+    def _root(self, context: Context) -> Array:
         root = context.get_discrete_state(self._root_index).value()
         return np.asarray(root.reshape(self._size, self._size))
 
-    def _earlier(self, context: Context) -> NDArray[np.float64]:
+    def _earlier(self, context: Context) -> Array:
         return np.asarray(context.get_discrete_state(self._earlier_index).value())
 
     def _solve(self, context: Context) -> Identification:

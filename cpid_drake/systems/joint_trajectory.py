@@ -1,10 +1,9 @@
 """A joint motion as one of Drake's trajectories, for its `TrajectorySource`."""
 
-import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import FunctionHandleTrajectory
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.joint_motion import JointMotion
 
 
@@ -20,7 +19,7 @@ class JointTrajectory(FunctionHandleTrajectory):  # type: ignore[misc]  # no usa
     """
 
     def __init__(self, motion: JointMotion, start: float = 0.0) -> None:
-        def derivative(time: float, order: int) -> NDArray[np.float64]:
+        def derivative(time: float, order: int) -> Array:
             return motion.evaluate(time - start)[order, :, None]
 
         joints = motion.evaluate(0.0).shape[-1]

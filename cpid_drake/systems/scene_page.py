@@ -7,9 +7,9 @@ from pathlib import Path
 from string import Template
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.files.digits import decimals, significant
 from cpid_drake.files.drafts import write_text
@@ -27,9 +27,7 @@ _PARTS = (("m", slice(0, 1), "kg"), ("c", slice(1, 4), "m"), ("I", slice(4, 7), 
 
 
 def estimate_lines(
-    parameters: NDArray[np.float64],
-    halves: NDArray[np.float64],
-    truth: InertialParameters | None = None,
+    parameters: Array, halves: Array, truth: InertialParameters | None = None
 ) -> list[str]:
     """Return mass, centre of mass and moments of inertia as short lines, with the true ones.
 
@@ -51,7 +49,7 @@ def estimate_lines(
     return lines
 
 
-def _numbers(values: NDArray[np.float64], places: int) -> str:
+def _numbers(values: Array, places: int) -> str:
     return " ".join(f"{round(value, places) + 0.0:.{places}f}" for value in values)
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.estimation.likelihood.constants import (
     COMMON_FORCE,
     THRUST_SCALE,
@@ -36,9 +37,9 @@ class Actuators:
 
     """
 
-    position: NDArray[np.float64]
-    direction: NDArray[np.float64]
-    moment: NDArray[np.float64]
+    position: Array
+    direction: Array
+    moment: Array
     on_target: NDArray[np.bool_]
     in_world: NDArray[np.bool_]
 
@@ -75,7 +76,7 @@ class ThrustLog:
 
     actuators: Actuators
     samples: Samples
-    by: NDArray[np.float64]
+    by: Array
 
     def acts(self, start: float, end: float) -> bool:
         """Return whether there is any thrust between two times [s]."""
@@ -84,10 +85,7 @@ class ThrustLog:
 
 
 def thrust_log(
-    samples: Samples,
-    thrusters: Thrusters | None,
-    constants: Constants,
-    nominal: NDArray[np.float64],
+    samples: Samples, thrusters: Thrusters | None, constants: Constants, nominal: Array
 ) -> ThrustLog | None:
     """Return the log of thrust with given errors; None without samples.
 
@@ -105,7 +103,7 @@ def thrust_log(
         value = constants.value(nominal, name)
         return 0.0 if value is None else float(value[0])
 
-    def put(name: str, derivative: NDArray[np.float64]) -> None:
+    def put(name: str, derivative: Array) -> None:
         if name in names:
             by[..., names.index(name)] = derivative
 

@@ -5,15 +5,13 @@ integral of the angular velocity ω over the step plus h²/12 ω₀ × ω₁, wi
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.rotations import cross, exponentials, skew
 from cpid_drake.estimation.likelihood.uniform_spline import step_weights
 
 
-def step_angles(
-    integrals: NDArray[np.float64], w: NDArray[np.float64], h: float
-) -> NDArray[np.float64]:
+def step_angles(integrals: Array, w: Array, h: float) -> Array:
     """Return the rotation vectors θ (N − 1, ..., 3) of all steps [rad].
 
     Args:
@@ -25,9 +23,7 @@ def step_angles(
     return np.asarray(integrals + h**2 / 12 * cross(w[:-1], w[1:]))
 
 
-def integrated_attitude(
-    first: NDArray[np.float64], theta: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def integrated_attitude(first: Array, theta: Array) -> Array:
     """Return the attitudes (N, 3, 3) from the first (3, 3) and rotation vectors θ (N − 1, 3)."""
     R, reach = np.concatenate([first[None], exponentials(theta)]), 1
     while reach < len(R):  # each is the product of so many steps up to it
@@ -36,14 +32,7 @@ def integrated_attitude(
     return R
 
 
-def step_changes(
-    R: NDArray[np.float64],
-    w: NDArray[np.float64],
-    theta: NDArray[np.float64],
-    change: NDArray[np.float64],
-    h: float,
-    late: NDArray[np.float64],
-) -> NDArray[np.float64]:
+def step_changes(R: Array, w: Array, theta: Array, change: Array, h: float, late: Array) -> Array:
     """Return the rotations (N − 1, 3, n) in W by which each step turns more.
 
     A change dθ turns a step by R Jl(θ) dθ more, with the left Jacobian Jl of the rotations, here to
@@ -66,13 +55,7 @@ def step_changes(
     return np.asarray(by_theta @ (changed + late))
 
 
-def carried(
-    first: NDArray[np.float64],
-    last: NDArray[np.float64],
-    added: NDArray[np.float64],
-    start: NDArray[np.float64],
-    h: float,
-) -> NDArray[np.float64]:
+def carried(first: Array, last: Array, added: Array, start: Array, h: float) -> Array:
     """Return x (N, d, n) at the nodes of ẋ = A x + ẏ, by the trapezoidal rule.
 
     Args:

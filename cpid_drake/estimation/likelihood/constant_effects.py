@@ -7,8 +7,8 @@ not here changes readings only; the model of its sensor has their derivatives.
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.estimation.likelihood.constants import (
     ACCELERATION_B,
     DRIFT,
@@ -39,7 +39,7 @@ def moves(error: ConstantError, motion: BaseMotion) -> bool:
     return error.kind in (*OF_THRUST, *YIELDING, *_WRITE) or error.name in motion.forces
 
 
-def by_joint_errors(motion: BaseMotion) -> dict[str, NDArray[np.float64]]:
+def by_joint_errors(motion: BaseMotion) -> dict[str, Array]:
     """Return the derivatives (J K, size) of the joints' coefficients by errors of their zeros.
 
     The measured positions are the true ones plus the zero, and the time since the origin times the

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.estimation.gaussian import places_of
 from cpid_drake.sensors.error_kinds import KINDS, ErrorKind
 from cpid_drake.sensors.sensors import Gyro
@@ -141,13 +141,13 @@ class Constants:
         """Return the constant errors of a suite, for a spacecraft with so many joints."""
         return cls(constant_errors(suite, joint_count))
 
-    def value(self, constants: NDArray[np.float64], name: str) -> NDArray[np.float64] | None:
+    def value(self, constants: Array, name: str) -> Array | None:
         """Return one error [SI units, rad], from the vector (k,); None if there is no such one."""
         if name not in self.errors:
             return None
         return np.asarray(self.errors[name].sigma * constants[self._places[name]])
 
-    def joint_errors(self, constants: NDArray[np.float64], kind: str) -> NDArray[np.float64]:
+    def joint_errors(self, constants: Array, kind: str) -> Array:
         """Return one kind of errors of measured joint positions (J,) [SI units]; zero if none."""
         found = [e for e in self.errors.values() if e.kind == kind]
         values = [error.sigma * constants[self._places[error.name]] for error in found]

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.outboard import Outboard
 from cpid_drake.dynamics.parameterizations import parameters_to_standard, relative_parameterization
@@ -57,17 +58,17 @@ class MotionChange:
 
     """
 
-    w: NDArray[np.float64]
-    com: NDArray[np.float64]
-    com_rate: NDArray[np.float64]
-    screw: NDArray[np.float64]
-    position: NDArray[np.float64]
-    velocity: NDArray[np.float64]
-    attitude: NDArray[np.float64]
-    L: NDArray[np.float64]
-    inverse_mass: NDArray[np.float64]
-    thrust: NDArray[np.float64]
-    delay: NDArray[np.float64]
+    w: Array
+    com: Array
+    com_rate: Array
+    screw: Array
+    position: Array
+    velocity: Array
+    attitude: Array
+    L: Array
+    inverse_mass: Array
+    thrust: Array
+    delay: Array
 
     @classmethod
     def zeros(cls, motion: BaseMotion, n: int, *, with_rates: bool = True) -> "MotionChange":
@@ -107,7 +108,7 @@ def write_joints(motion: BaseMotion, trajectory: Trajectory, change: MotionChang
     bases = [motion.joints.basis(motion.times, order)[:, None, None] for order in range(2)]
     by_q, by_qdot = joint_changes(motion, trajectory)
 
-    def by_errors(name: str, count: int) -> NDArray[np.float64]:
+    def by_errors(name: str, count: int) -> Array:
         each = (getattr(by, name)[:count, ..., None] for by in (by_q, by_qdot))
         q, qdot = (by * basis[:count] for by, basis in zip(each, bases, strict=True))
         q += qdot
@@ -147,7 +148,7 @@ def write_target(motion: BaseMotion, trajectory: Trajectory, change: MotionChang
 
 def write_bodies(
     uncertainty: BodyUncertainty,
-    errors: NDArray[np.float64] | None,
+    errors: Array | None,
     motion: BaseMotion,
     trajectory: Trajectory,
     change: MotionChange,
@@ -191,11 +192,11 @@ def write_yielding(
 def inertia_changes(
     motion: BaseMotion,
     nodes: NDArray[np.intp],
-    psi: NDArray[np.float64],
-    acceleration: NDArray[np.float64],
+    psi: Array,
+    acceleration: Array,
     uncertainty: BodyUncertainty | None = None,
-    errors: NDArray[np.float64] | None = None,
-) -> dict[str, NDArray[np.float64]]:
+    errors: Array | None = None,
+) -> dict[str, Array]:
     """Return the derivatives (M, 3, n) of J α by ψ, the joints' errors and the bodies'.
 
     Args:
@@ -226,7 +227,7 @@ def inertia_changes(
     return found
 
 
-def relate(motions: Sequence[BaseMotion], psi: NDArray[np.float64]) -> None:
+def relate(motions: Sequence[BaseMotion], psi: Array) -> None:
     """Compute the spacecraft's dynamics of motions of one spacecraft and target in few calls.
 
     Raises:
@@ -258,7 +259,7 @@ def with_changes(
     motions: Sequence[BaseMotion],
     trajectories: Sequence[Trajectory],
     uncertainty: BodyUncertainty | None = None,
-    errors: NDArray[np.float64] | None = None,
+    errors: Array | None = None,
 ) -> Iterator[Trajectory]:
     """Yield trajectories of one target with their derivatives by joints and bodies, in few calls.
 
@@ -280,7 +281,7 @@ def _changes(
     motions: Sequence[BaseMotion],
     trajectories: Sequence[Trajectory],
     uncertainty: BodyUncertainty | None = None,
-    errors: NDArray[np.float64] | None = None,
+    errors: Array | None = None,
 ) -> list[dict[str, MotionSensitivity]]:
     """Return the derivatives by joint positions and rates and, if not exact, compliances, bodies.
 
@@ -297,7 +298,7 @@ def _changes(
     if yields:
         slopes = [spline_slopes(motion.nodes, motion.times) for motion in motions]
 
-        def rate(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        def rate(values: Array) -> Array:
             """Return the rates of values (..., U, n) at all instants of all motions."""
             each = zip(slopes, np.split(values, ends, axis=-2), strict=True)
             return np.concatenate([D @ part[..., : D.shape[1], :] for D, part in each], axis=-2)
@@ -346,9 +347,7 @@ def _relative_to_base(
     return Outboard.at(with_target, joints[:, 0], joints[:, 1], w, v), dynamics
 
 
-def _with_target(
-    tree: KinematicTree, psi: NDArray[np.float64], dynamics: BodyDynamics
-) -> KinematicTree:
+def _with_target(tree: KinematicTree, psi: Array, dynamics: BodyDynamics) -> KinematicTree:
     """Return the spacecraft with a target."""
     parameters = relative_parameterization(dynamics.mass).to_parameters(psi)
     return tree.with_target(parameters_to_standard(parameters))

@@ -10,8 +10,8 @@ constant white acceleration).
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.plane import NORMAL_W
 from cpid_drake.estimation.likelihood.constants import ACCELERATION, TORQUE, Constants
 from cpid_drake.sensors.sensors import Gyro
@@ -50,7 +50,7 @@ class Force:
     def __init__(
         self,
         name: str,
-        axes: NDArray[np.float64],
+        axes: Array,
         sigma: float,
         pieces: int,
         rows: slice,
@@ -64,20 +64,20 @@ class Force:
         self._least, self._most = np.zeros(pieces), np.full(pieces, self._h)
         self._least[0], self._most[-1] = -np.inf, np.inf
 
-    def impulse(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    def impulse(self, times: Array) -> Array:
         """Return the derivative (U, 3, size) of the integral from the start by the entries."""
         return self._by_entries(np.clip(self._since(times), self._least, self._most))
 
-    def travel(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    def travel(self, times: Array) -> Array:
         """Return the derivative (U, 3, size) of the integral of this integral."""
         t = np.maximum(self._since(times), self._least)
         inside = np.minimum(t, self._most)
         return self._by_entries(inside**2 / 2 + self._h * (t - inside))
 
-    def _since(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _since(self, times: Array) -> Array:
         return times[:, None] - self._start - self._h * np.arange(self.pieces)
 
-    def _by_entries(self, shares: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _by_entries(self, shares: Array) -> Array:
         by = shares[:, None, :, None] * self._axes.T[:, None]
         return by.reshape(len(shares), 3, self.size)
 

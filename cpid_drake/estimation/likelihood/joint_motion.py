@@ -10,8 +10,10 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline
+
+from cpid_drake.array import Array
 
 ORDER = 3
 """Number of derivatives of the joint motion, from the zeroth, that are continuous at a boundary."""
@@ -39,9 +41,9 @@ class JointPart:
     start: float
     end: float
     pieces: int
-    coefficients: NDArray[np.float64]
-    rows: NDArray[np.float64]
-    target: NDArray[np.float64]
+    coefficients: Array
+    rows: Array
+    target: Array
 
     @property
     def size(self) -> int:
@@ -49,36 +51,34 @@ class JointPart:
         return len(self.coefficients)
 
     @property
-    def rest(self) -> NDArray[np.float64]:
+    def rest(self) -> Array:
         """(J, K) right-hand side of the rows for errors of the present coefficients."""
         return np.asarray(self.target - np.einsum("jrk,kj->jr", self.rows, self.coefficients))
 
-    def basis(self, times: ArrayLike, derivative: int = 0) -> NDArray[np.float64]:
+    def basis(self, times: ArrayLike, derivative: int = 0) -> Array:
         """Return the derivatives (M, K) of a joint's position (or rate, …) w.r.t. coefficients."""
         return spline_basis(self.start, self.end, self.pieces, np.asarray(times), derivative)
 
-    def lines(self, origin: float) -> NDArray[np.float64]:
+    def lines(self, origin: float) -> Array:
         """Return the coefficients (2, K) of the positions 1 and t − origin."""
         one, elapsed = _lines(round(self.end - self.start, 9), self.pieces)
         return np.stack([one, elapsed + (self.start - origin) * one])
 
-    def evaluate(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    def evaluate(self, times: Array) -> Array:
         """Return positions and rates (M, 2, J) at times (M,)."""
         return np.stack([self.basis(times, d) @ self.coefficients for d in range(2)], axis=1)
 
-    def about(self, coefficients: NDArray[np.float64]) -> "JointPart":
+    def about(self, coefficients: Array) -> "JointPart":
         """Return the part about other coefficients (K, J)."""
         return replace(self, coefficients=coefficients)
 
-    def moved(self, step: NDArray[np.float64]) -> "JointPart":
+    def moved(self, step: Array) -> "JointPart":
         """Return the part after a step (J K,) of all coefficients, joint after joint."""
         c = self.coefficients
         return self.about(c + step.reshape(c.T.shape).T)
 
 
-def spline_basis(
-    start: float, end: float, pieces: int, times: NDArray[np.float64], derivative: int
-) -> NDArray[np.float64]:
+def spline_basis(start: float, end: float, pieces: int, times: Array, derivative: int) -> Array:
     """Return the derivatives (M, K) of a joint's position (or rate, …) by a block's coefficients.
 
     Args:
@@ -93,20 +93,20 @@ def spline_basis(
 
 
 @lru_cache(maxsize=1024)
-def _basis(length: float, pieces: int, times: bytes, derivative: int) -> NDArray[np.float64]:
+def _basis(length: float, pieces: int, times: bytes, derivative: int) -> Array:
     """Return the basis at times since the start: the same in every sweep, and in many blocks."""
     return np.asarray(_functions(length, pieces)(np.frombuffer(times), nu=derivative))
 
 
 @lru_cache(maxsize=64)
-def _lines(length: float, pieces: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _lines(length: float, pieces: int) -> tuple[Array, Array]:
     """Return the coefficients (K,) of the positions 1 and t in a block that starts at zero."""
     basis = _functions(length, pieces)
     one, time = (np.linalg.solve(basis.c, x) for x in (np.ones(len(basis.c)), _means(basis.t)))
     return one, time
 
 
-def _means(knots: NDArray[np.float64]) -> NDArray[np.float64]:
+def _means(knots: Array) -> Array:
     """Return the coefficients (K,) of B-splines whose sum is the time: means of their knots."""
     return np.asarray(sliding_window_view(knots[1:-1], DEGREE).mean(axis=1))
 

@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.plane import HELD
 from cpid_drake.dynamics.rotations import skew
 from cpid_drake.dynamics.tree import KinematicTree
@@ -82,8 +83,8 @@ class BlockModel:
         known_bodies: BodyUncertainty | None = None,
         step: float = STEP,
         constants: Constants | None = None,
-        nominal: NDArray[np.float64] | None = None,
-        errors: NDArray[np.float64] | None = None,
+        nominal: Array | None = None,
+        errors: Array | None = None,
         origin: float = 0.0,
     ) -> None:
         present = suite.present()
@@ -132,7 +133,7 @@ class BlockModel:
             for ends in (slice(ORDER), slice(-ORDER, None))
         )
 
-    def jacobian(self, trajectory: Trajectory) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def jacobian(self, trajectory: Trajectory) -> tuple[Array, Array]:
         """Return the derivatives (m, n) of the predictions in units of σ, and (12, n) of the end.
 
         The latter are those of attitude (a rotation in W), centre of mass, L and velocity at the
@@ -145,7 +146,7 @@ class BlockModel:
         readings, moved = self._response(trajectory, change)
         by_zeros = by_joint_errors(self.motion)
 
-        def write_all(rows: NDArray[np.float64], by: NDArray[np.float64]) -> None:
+        def write_all(rows: Array, by: Array) -> None:
             """Write the derivatives (n, m) by all unknowns from those (m, ...) by effects."""
             for name, place in places.items():
                 rows[columns[name]] = by[:, place].T
@@ -170,9 +171,7 @@ class BlockModel:
         end[fixed, fixed] = 1.0
         return rows, end
 
-    def bent(
-        self, trajectory: Trajectory
-    ) -> tuple[dict[str, NDArray[np.float64]], NDArray[np.float64]]:
+    def bent(self, trajectory: Trajectory) -> tuple[dict[str, Array], Array]:
         """Return what is of first order adds to the readings and to the state at the block's end.
 
         That is a flexible grasp, or a force that rotates with the base: the trajectory has neither.
@@ -183,7 +182,7 @@ class BlockModel:
 
         """
         flexible = [name for name in OF_FIRST_ORDER if name in self.effects]
-        readings, end = dict[str, NDArray[np.float64]](), np.zeros(12)
+        readings, end = dict[str, Array](), np.zeros(12)
         if not flexible:
             return readings, end
         constants = self.motion.constants
@@ -205,7 +204,7 @@ class BlockModel:
 
     def _response(
         self, trajectory: Trajectory, change: MotionChange
-    ) -> tuple[dict[str, NDArray[np.float64]], NDArray[np.float64]]:
+    ) -> tuple[dict[str, Array], Array]:
         """Return what a change of the motion changes in the readings, and at the block's end.
 
         The readings (M, 3, n) are in SI units, by sensor; for the end see `jacobian`.
@@ -232,7 +231,7 @@ class BlockModel:
         rows = {n: s.jacobian(trajectory, change, xi) for n, s in self.sensors.items()}
         return rows, np.concatenate([xi[-1], position[N - 1], L, velocity[N - 1]])
 
-    def scale_of(self, name: str) -> NDArray[np.float64]:
+    def scale_of(self, name: str) -> Array:
         """Return σ (d,) of the components of a sensor's samples [SI units]."""
         sensor = self.sensors[name]
         return sensor.scale if isinstance(sensor, SensorModel) else np.ones(1)
@@ -252,7 +251,7 @@ class BlockModel:
         """Columns of what outlives the block."""
         return np.arange(self.columns["psi"].start - self.motion.constants.size, self._width)
 
-    def joint_triangle(self, order: NDArray[np.intp]) -> NDArray[np.float64]:
+    def joint_triangle(self, order: NDArray[np.intp]) -> Array:
         """Return rows [A | b] of the joints' own sensors, each at its joint's column.
 
         With columns in an order in which those of one joint stay in theirs, they are a triangle
@@ -266,7 +265,7 @@ class BlockModel:
         return T
 
 
-def jump_between(state: TrajectoryState, other: TrajectoryState) -> NDArray[np.float64]:
+def jump_between(state: TrajectoryState, other: TrajectoryState) -> Array:
     """Return the change (12,) from a state to another one; see `roll.jumped`."""
     turn = (other.attitude * state.attitude.inv()).as_rotvec()
     move = other.p_Wcm - state.p_Wcm

@@ -16,9 +16,9 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.kinematics import forward_kinematics
 from cpid_drake.dynamics.orbit import Orbit
@@ -68,13 +68,13 @@ class TrajectoryState:
 
     """
 
-    psi: NDArray[np.float64]
+    psi: Array
     attitude: Rotation
-    p_Wcm: NDArray[np.float64]
-    v_Wcm: NDArray[np.float64]
-    L: NDArray[np.float64]
-    constants: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
-    forces: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+    p_Wcm: Array
+    v_Wcm: Array
+    L: Array
+    constants: Array = field(default_factory=lambda: np.empty(0))
+    forces: Array = field(default_factory=lambda: np.empty(0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,23 +98,23 @@ class Trajectory:
     """
 
     state: TrajectoryState
-    R: NDArray[np.float64]
-    w: NDArray[np.float64]
-    inverse: NDArray[np.float64]
+    R: Array
+    w: Array
+    inverse: Array
     spline: UniformSpline
-    L: NDArray[np.float64]
-    travel: NDArray[np.float64] | None
+    L: Array
+    travel: Array | None
     by_joints: tuple[MotionSensitivity, MotionSensitivity] | None = None
     by_bodies: MotionSensitivity | None = None
     by_compliance: MotionSensitivity | None = None
 
     @property
-    def mobility(self) -> NDArray[np.float64]:
+    def mobility(self) -> Array:
         """∂ω/∂L (N, 3, 3) at the nodes, of ω in B and L in W."""
         N = self.spline.c.shape[1] + 1
         return self.inverse[:N] @ np.swapaxes(self.R[:N], -1, -2)
 
-    def rotations(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    def rotations(self, times: Array) -> Array:
         """Return R_WB (M, 3, 3) at times between the grid's ends, by the formula of whole steps."""
         k, t, angle = self.spline.since_node(times)
         angle = angle + t[:, None] ** 2 / 12 * cross(self.w[k], self.spline(times))
@@ -145,10 +145,10 @@ class BaseMotion:
         self,
         tree: KinematicTree,
         joints: JointPart,
-        times: NDArray[np.float64],
+        times: Array,
         step: float,
         constants: Constants,
-        nominal: NDArray[np.float64],
+        nominal: Array,
         origin: float,
         orbit: Orbit | None,
         thrust: ThrustLog | None,
@@ -164,7 +164,7 @@ class BaseMotion:
         steps = int(np.clip(np.ceil(length / step), 4, _MOST_STEPS))
         self.nodes = np.linspace(joints.start, joints.end, steps + 1)
         self.times, self._log = np.concatenate([self.nodes, times]), thrust
-        self.free: tuple[NDArray[np.float64], ...] | None = None
+        self.free: tuple[Array, ...] | None = None
 
     @cached_property
     def dynamics(self) -> BodyDynamics:
@@ -192,15 +192,13 @@ class BaseMotion:
             self.orbit,
         )
 
-    def capture_pose(
-        self, times: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def capture_pose(self, times: Array) -> tuple[Array, Array]:
         """Return R_BC (M, 3, 3) and p_BC (M, 3) of the capture frame at times (M,)."""
         q, qdot = np.moveaxis(self.joint_motion(times), 1, 0)
         _, capture = forward_kinematics(self.tree, q, qdot)
         return capture.R_WC, capture.p_WC
 
-    def joint_motion(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    def joint_motion(self, times: Array) -> Array:
         """Return true positions and rates (M, 2, J) of the joints at times (M,) [s]."""
         samples = self.joints.evaluate(times)
         samples[:, 0] -= self._zero + (times - self.origin)[:, None] * self._drift
@@ -277,7 +275,7 @@ class BaseMotion:
         L_B = rotate(np.swapaxes(R, -1, -2), L)
         return replace(nodes, R=R, w=rotate(inverse, L_B - h), L=L)
 
-    def gradient_by_psi(self, trajectory: Trajectory) -> NDArray[np.float64] | None:
+    def gradient_by_psi(self, trajectory: Trajectory) -> Array | None:
         """Return the derivative (U, 3, 10) of L by ψ because of the gravity gradient, in W.
 
         None without one. The derivative is that at unchanged attitude; see `pose_change`.
@@ -292,13 +290,13 @@ class BaseMotion:
         later = self.interpolation(self.times[N:]) @ added.reshape(N, -1)
         return np.concatenate([added, later.reshape(-1, 3, 10)])
 
-    def accumulated(self, rates: NDArray[np.float64]) -> NDArray[np.float64]:
+    def accumulated(self, rates: Array) -> Array:
         """Return the integrals of rates (N, ...) at the nodes from the start to each node."""
         h = self.nodes[1] - self.nodes[0]
         steps = h * np.tensordot(step_weights(len(rates)), rates, axes=1)
         return np.concatenate([np.zeros_like(rates[:1]), np.cumsum(steps, axis=0)])
 
-    def com_motion(self, trajectory: Trajectory, rows: slice) -> NDArray[np.float64]:
+    def com_motion(self, trajectory: Trajectory, rows: slice) -> Array:
         """Return position [m] and velocity [m/s] (M, 6) of the centre of mass in W, at instants."""
         state, times, start = trajectory.state, self.times[rows], self.joints.start
         first = np.concatenate([state.p_Wcm, state.v_Wcm])
@@ -309,7 +307,7 @@ class BaseMotion:
                 found = found + both @ self._entries(force, state)
         return found if trajectory.travel is None else found + trajectory.travel[rows]
 
-    def _entries(self, force: Force, state: TrajectoryState) -> NDArray[np.float64]:
+    def _entries(self, force: Force, state: TrajectoryState) -> Array:
         return (state.forces if force in self.white else state.constants)[force.rows]
 
     def end(self, trajectory: Trajectory) -> TrajectoryState:
@@ -332,12 +330,8 @@ class BaseMotion:
         )
 
     def pose_change(
-        self,
-        trajectory: Trajectory,
-        w: NDArray[np.float64],
-        initial: NDArray[np.float64],
-        delay: NDArray[np.float64],
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        self, trajectory: Trajectory, w: Array, initial: Array, delay: Array
+    ) -> tuple[Array, Array]:
         """Integrate ξ̇ = R (w + J⁻¹Rᵀ(L × ξ + λ)) and, with a torque, λ̇ = ∂τ/∂ξ ξ.
 
         ξ is the change of the attitude, a rotation in W; λ is the change of L because the torque τ
@@ -386,7 +380,7 @@ class BaseMotion:
         change = carried(first, last, turned, start, h)
         return change, w + coupling @ change
 
-    def interpolation(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    def interpolation(self, times: Array) -> Array:
         """Return (M, N) weights of the nodes at times (M,): those of the spline of w.
 
         The same weights for w and for its derivatives let the errors of the joints' splines, which

@@ -13,9 +13,9 @@ from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.plane import NORMAL_W
 from cpid_drake.dynamics.rotations import cross, exponentials, right_jacobian, rotate, skew
 from cpid_drake.estimation.likelihood.constants import BIAS, CLOCK_DRIFT, DELAY, Constants
@@ -61,7 +61,7 @@ class SensorModel(ABC):
         suite: SensorSuite,
         motion: BaseMotion,
         instants: slice,
-        late: NDArray[np.float64],
+        late: Array,
     ) -> None:
         self.name, self.samples, self.sigmas = name, samples, suite.sigmas(name)
         self._errors, self._at = suite[name], instants
@@ -71,7 +71,7 @@ class SensorModel(ABC):
         self._axes = np.eye(3) if normal is None else self._measured(normal)
         self.scale = np.sqrt(self._axes**2 @ np.broadcast_to(self.sigmas**2, 3))
 
-    def residuals(self, trajectory: Trajectory) -> NDArray[np.float64]:
+    def residuals(self, trajectory: Trajectory) -> Array:
         """Return measured minus predicted values (M, d) in units of σ."""
         constants, error = self._motion.constants, self._error(trajectory)
         fast = constants.value(trajectory.state.constants, f"{ENCODERS}.{CLOCK_DRIFT}")
@@ -79,15 +79,13 @@ class SensorModel(ABC):
             error = error - fast * self._per_second(trajectory)
         return self.whitened(error[..., None])[..., 0]
 
-    def whitened(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def whitened(self, values: Array) -> Array:
         """Return the components (M, d, n) in units of σ of values (M, 3, n) in SI units."""
         if self._is_planar:
             values = self._axes @ values
         return values / self.scale[:, None]
 
-    def jacobian(
-        self, trajectory: Trajectory, change: MotionChange, xi: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def jacobian(self, trajectory: Trajectory, change: MotionChange, xi: Array) -> Array:
         """Return the derivative (M, 3, n) of the predicted values, which are in SI units.
 
         Args:
@@ -100,7 +98,7 @@ class SensorModel(ABC):
             xi = xi * NORMAL_W[:, None]  # the table holds the tilt
         return self._derivative(trajectory, change, xi)
 
-    def by_unknowns(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:
+    def by_unknowns(self, trajectory: Trajectory) -> dict[str, Array]:
         """Return the derivatives (M, 3, size) of the readings by unknowns at the same motion.
 
         They are in SI units, by the names of constant errors in units of their σ. A delay of the
@@ -118,41 +116,39 @@ class SensorModel(ABC):
             by |= {f"{ENCODERS}.{DELAY}": rate, f"{ENCODERS}.{CLOCK_DRIFT}": grown}
         return {name: errors[name].sigma * d for name, d in by.items() if name in errors}
 
-    def _measured(self, normal_B: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _measured(self, normal_B: Array) -> Array:
         """Return the axes (d, 3) of the components in the plane, in the errors' frame."""
         return np.eye(3)[:2]
 
     @abstractmethod
-    def _error(self, trajectory: Trajectory) -> NDArray[np.float64]: ...
+    def _error(self, trajectory: Trajectory) -> Array: ...
 
     @abstractmethod
-    def _derivative(
-        self, trajectory: Trajectory, change: MotionChange, xi: NDArray[np.float64]
-    ) -> NDArray[np.float64]: ...
+    def _derivative(self, trajectory: Trajectory, change: MotionChange, xi: Array) -> Array: ...
 
     @abstractmethod
-    def _rate(self, trajectory: Trajectory) -> NDArray[np.float64]:
+    def _rate(self, trajectory: Trajectory) -> Array:
         """Return the rates of change (M, 3) of the predicted values."""
 
-    def _per_second(self, trajectory: Trajectory) -> NDArray[np.float64]:
+    def _per_second(self, trajectory: Trajectory) -> Array:
         """Return what of the predicted values (M, 3) is proportional to the rate of the motion."""
         return np.zeros((len(self.samples), 3))
 
     @abstractmethod
-    def _kinds(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:
+    def _kinds(self, trajectory: Trajectory) -> dict[str, Array]:
         """Return the derivatives (M, 3, size) w.r.t. constant errors except clocks, by kind."""
 
-    def _constant(self, trajectory: Trajectory, kind: str) -> NDArray[np.float64] | None:
+    def _constant(self, trajectory: Trajectory, kind: str) -> Array | None:
         """Return the nominal value of a constant error of this sensor; None without it."""
         constants = trajectory.state.constants
         return self._motion.constants.value(constants, f"{self.name}.{kind}")
 
     @cached_property
-    def _weights(self) -> NDArray[np.float64]:
+    def _weights(self) -> Array:
         """Weights (M, N) of the nodes in the values at the samples."""
         return self._motion.interpolation(self._times)
 
-    def _at_samples(self, at_nodes: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _at_samples(self, at_nodes: Array) -> Array:
         """Interpolate values (N, 3, ...) at the nodes to the samples' states, (M, 3, ...)."""
         flat = self._weights @ at_nodes.reshape(len(at_nodes), -1)
         return np.asarray(flat.reshape(-1, *at_nodes.shape[1:]))
@@ -161,44 +157,42 @@ class SensorModel(ABC):
 class AttitudeModel(SensorModel):
     """A star tracker; errors are about the axes of its boresight frame."""
 
-    def _measured(self, normal_B: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _measured(self, normal_B: Array) -> Array:
         assert isinstance(self._errors, AttitudeSensor)
         return np.asarray((normal_B @ self._errors.R_BS)[None])
 
-    def _error(self, trajectory: Trajectory) -> NDArray[np.float64]:
+    def _error(self, trajectory: Trajectory) -> Array:
         turned = np.swapaxes(self._predicted(trajectory), -1, -2) @ self._R_WB
         return np.asarray(Rotation.from_matrix(turned).as_rotvec() @ self._R_BS)
 
-    def _derivative(
-        self, trajectory: Trajectory, change: MotionChange, xi: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def _derivative(self, trajectory: Trajectory, change: MotionChange, xi: Array) -> Array:
         R = self._predicted(trajectory)
         return self._R_BS.T @ np.swapaxes(R, -1, -2) @ self._at_samples(xi)
 
-    def _rate(self, trajectory: Trajectory) -> NDArray[np.float64]:
+    def _rate(self, trajectory: Trajectory) -> Array:
         return (
             trajectory.spline(self._times) @ exponentials(self._mounting(trajectory)) @ self._R_BS
         )
 
-    def _kinds(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:
+    def _kinds(self, trajectory: Trajectory) -> dict[str, Array]:
         by = self._R_BS.T @ right_jacobian(self._mounting(trajectory))
         return {"mounting": np.broadcast_to(by, (len(self.samples), 3, 3))}
 
-    def _mounting(self, trajectory: Trajectory) -> NDArray[np.float64]:
+    def _mounting(self, trajectory: Trajectory) -> Array:
         mounting = self._constant(trajectory, "mounting")
         return np.zeros(3) if mounting is None else mounting
 
-    def _predicted(self, trajectory: Trajectory) -> NDArray[np.float64]:
+    def _predicted(self, trajectory: Trajectory) -> Array:
         """Return the attitudes (M, 3, 3) that an exact sensor would measure."""
         return trajectory.rotations(self._times) @ exponentials(self._mounting(trajectory))
 
     @cached_property
-    def _R_WB(self) -> NDArray[np.float64]:
+    def _R_WB(self) -> Array:
         """The measured attitudes (M, 3, 3)."""
         return np.asarray(Rotation.from_quat(self.samples.value, scalar_first=True).as_matrix())
 
     @cached_property
-    def _R_BS(self) -> NDArray[np.float64]:
+    def _R_BS(self) -> Array:
         assert isinstance(self._errors, AttitudeSensor)
         return self._errors.R_BS
 
@@ -206,29 +200,27 @@ class AttitudeModel(SensorModel):
 class GyroModel(SensorModel):
     """A gyro with its bias; one that integrates measures the mean over its sample period."""
 
-    def _measured(self, normal_B: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _measured(self, normal_B: Array) -> Array:
         return normal_B[None]
 
-    def _error(self, trajectory: Trajectory) -> NDArray[np.float64]:
+    def _error(self, trajectory: Trajectory) -> Array:
         bias, w = self._constant(trajectory, BIAS), self._mean(trajectory.spline)
         assert bias is not None
         return np.asarray(self.samples.value - w @ self._matrix(trajectory).T - bias)
 
-    def _derivative(
-        self, trajectory: Trajectory, change: MotionChange, xi: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def _derivative(self, trajectory: Trajectory, change: MotionChange, xi: Array) -> Array:
         late = self._mean(trajectory.spline.by_delay)
         by_motion = self._at_samples(change.w[: len(xi)]) + late[..., None] * change.delay
         return self._matrix(trajectory) @ by_motion
 
-    def _rate(self, trajectory: Trajectory) -> NDArray[np.float64]:
+    def _rate(self, trajectory: Trajectory) -> Array:
         earlier, later = (self._mean(trajectory.spline, step) for step in (-_STEP, _STEP))
         return (later - earlier) / (2 * _STEP)
 
-    def _per_second(self, trajectory: Trajectory) -> NDArray[np.float64]:
+    def _per_second(self, trajectory: Trajectory) -> Array:
         return self._mean(trajectory.spline)
 
-    def _kinds(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:
+    def _kinds(self, trajectory: Trajectory) -> dict[str, Array]:
         w = self._mean(trajectory.spline)
         scale = w[:, :, None] * np.eye(3)
         measured, true = np.nonzero(~np.eye(3, dtype=bool))  # axes of the six misalignments
@@ -237,7 +229,7 @@ class GyroModel(SensorModel):
         bias = np.broadcast_to(np.eye(3), scale.shape)
         return {BIAS: bias, "scale": scale, "misalignment": misalignment}
 
-    def _matrix(self, trajectory: Trajectory) -> NDArray[np.float64]:
+    def _matrix(self, trajectory: Trajectory) -> Array:
         """Return the matrix (3, 3) of scales and misalignments that multiplies w."""
         scale = self._constant(trajectory, "scale")
         misalignment = self._constant(trajectory, "misalignment")
@@ -257,12 +249,10 @@ class GyroModel(SensorModel):
         return tuple(zip(times.tolist(), (weights / 2).tolist(), strict=True))
 
     @cached_property
-    def _weights(self) -> NDArray[np.float64]:
+    def _weights(self) -> Array:
         return self._mean(self._motion.interpolation)
 
-    def _mean(
-        self, of: Callable[[NDArray[np.float64]], NDArray[np.float64]], later: float = 0.0
-    ) -> NDArray[np.float64]:
+    def _mean(self, of: Callable[[Array], Array], later: float = 0.0) -> Array:
         """Return values at the samples, averaged over the sample period if the gyro integrates."""
         times = self._times + later
         return np.asarray(sum(w * of(times + t) for t, w in self._points))
@@ -273,9 +263,7 @@ class TranslationModel(SensorModel):
 
     at_instants = True
 
-    def _arms(
-        self, trajectory: Trajectory, rows: slice
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def _arms(self, trajectory: Trajectory, rows: slice) -> tuple[Array, Array, Array]:
         """Return R_WB, and arms from the point to the centre of mass and their rates, in B."""
         dynamics, psi = self._motion.dynamics.part(rows), trajectory.state.psi
         arm, lever_arm = dynamics.com(psi), self._constant(trajectory, "lever_arm")
@@ -283,7 +271,7 @@ class TranslationModel(SensorModel):
         rate = cross(trajectory.w[rows], arm) + dynamics.com_rate(psi)
         return trajectory.R[rows], arm, rate
 
-    def _velocity(self, trajectory: Trajectory, rows: slice) -> NDArray[np.float64]:
+    def _velocity(self, trajectory: Trajectory, rows: slice) -> Array:
         """Return the velocity (M, 3) of the measured point, in W, at instants."""
         R, _, rate = self._arms(trajectory, rows)
         return self._motion.com_motion(trajectory, rows)[:, 3:] - rotate(R, rate)
@@ -292,34 +280,30 @@ class TranslationModel(SensorModel):
 class PositionModel(TranslationModel):
     """A sensor of the position in W."""
 
-    def _error(self, trajectory: Trajectory) -> NDArray[np.float64]:
+    def _error(self, trajectory: Trajectory) -> Array:
         R, arm, _ = self._arms(trajectory, self._at)
         com = self._motion.com_motion(trajectory, self._at)[:, :3]
         return np.asarray(self.samples.value - (com - rotate(R, arm)))
 
-    def _derivative(
-        self, trajectory: Trajectory, change: MotionChange, xi: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def _derivative(self, trajectory: Trajectory, change: MotionChange, xi: Array) -> Array:
         R, arm, _ = self._arms(trajectory, self._at)
         turned = skew(rotate(R, arm)) @ self._at_samples(xi)
         return np.asarray(turned - R @ change.com[self._at] + change.position[self._at])
 
-    def _kinds(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:
+    def _kinds(self, trajectory: Trajectory) -> dict[str, Array]:
         return {"lever_arm": trajectory.R[self._at]}
 
-    def _rate(self, trajectory: Trajectory) -> NDArray[np.float64]:
+    def _rate(self, trajectory: Trajectory) -> Array:
         return self._velocity(trajectory, self._at)
 
 
 class VelocityModel(TranslationModel):
     """A sensor of the velocity in W."""
 
-    def _error(self, trajectory: Trajectory) -> NDArray[np.float64]:
+    def _error(self, trajectory: Trajectory) -> Array:
         return np.asarray(self.samples.value - self._velocity(trajectory, self._at))
 
-    def _derivative(
-        self, trajectory: Trajectory, change: MotionChange, xi: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def _derivative(self, trajectory: Trajectory, change: MotionChange, xi: Array) -> Array:
         R, arm, rate = self._arms(trajectory, self._at)
         turned = skew(trajectory.w[self._at]) @ change.com[self._at]
         late = trajectory.spline.by_delay(self._times)[..., None] * change.delay
@@ -328,25 +312,19 @@ class VelocityModel(TranslationModel):
         by_com = R @ (turned + change.com_rate[self._at])
         return np.asarray(change.velocity[self._at] + relative - by_com)
 
-    def _kinds(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:
+    def _kinds(self, trajectory: Trajectory) -> dict[str, Array]:
         return {"lever_arm": trajectory.R[self._at] @ skew(trajectory.w[self._at])}
 
-    def _rate(self, trajectory: Trajectory) -> NDArray[np.float64]:
+    def _rate(self, trajectory: Trajectory) -> Array:
         times, weights = self._times, self._motion.interpolation
         slope = (weights(times + _STEP) - weights(times - _STEP)) / (2 * _STEP)
         return np.asarray(slope @ self._velocity(trajectory, slice(0, slope.shape[1])))
 
-    def _per_second(self, trajectory: Trajectory) -> NDArray[np.float64]:
+    def _per_second(self, trajectory: Trajectory) -> Array:
         return self._velocity(trajectory, self._at)
 
 
-def lateness(
-    name: str,
-    stamps: NDArray[np.float64],
-    constants: Constants,
-    values: NDArray[np.float64],
-    origin: float,
-) -> NDArray[np.float64]:
+def lateness(name: str, stamps: Array, constants: Constants, values: Array, origin: float) -> Array:
     """Return by how much a sensor's stamps (M,) are later than those of the encoders (M,) [s].
 
     Args:

@@ -22,9 +22,9 @@ Source: Hughes 2004, Spacecraft Attitude Dynamics, ch. 3.
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.orbit import Orbit
 from cpid_drake.dynamics.plane import NORMAL_W
@@ -32,10 +32,10 @@ from cpid_drake.dynamics.rotations import cross, rotate, skew
 from cpid_drake.estimation.likelihood.actuators import Actuators, ThrustLog
 from cpid_drake.estimation.likelihood.uniform_spline import GAUSS_LEGENDRE, RampedSpline
 
-Weights = Callable[[NDArray[np.float64]], NDArray[np.float64] | csr_array]
+Weights = Callable[[Array], Array | csr_array]
 """Returns the weights (Q, N) of the nodes at times (Q,)."""
 
-Pose = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
+Pose = Callable[[Array], tuple[Array, Array]]
 """Returns R_BC (Q, 3, 3) and p_BC (Q, 3) at times (Q,)."""
 
 
@@ -48,12 +48,7 @@ class Push:
     """V actuators of amplitudes (Q, V) at Q instants."""
 
     def __init__(
-        self,
-        actuators: Actuators,
-        size: NDArray[np.float64],
-        times: NDArray[np.float64],
-        to: Weights,
-        pose: Pose,
+        self, actuators: Actuators, size: Array, times: Array, to: Weights, pose: Pose
     ) -> None:
         self.in_world, self.to = actuators.in_world, to(times)
         arm = np.broadcast_to(actuators.position, (len(times), *actuators.position.shape))
@@ -71,15 +66,15 @@ class Push:
         self._torque_B = _sum(fixed, cross(arm, self._along)) + size @ self._moment
         self._arm_force_W = np.swapaxes(arm * given[..., None], 1, 2) @ actuators.direction
 
-    def rotations(self, R: NDArray[np.float64]) -> NDArray[np.float64]:
+    def rotations(self, R: Array) -> Array:
         """Return R_WB (Q, 3, 3), from those at the nodes (N, 3, 3)."""
         return np.asarray((self.to @ R.reshape(-1, 9)).reshape(-1, 3, 3))
 
-    def force(self, R: NDArray[np.float64]) -> NDArray[np.float64]:
+    def force(self, R: Array) -> Array:
         """Return the force (Q, 3) of all together, in W."""
         return rotate(self.rotations(R), self._force_B) + self._force_W
 
-    def torque(self, R: NDArray[np.float64], com: NDArray[np.float64]) -> NDArray[np.float64]:
+    def torque(self, R: Array, com: Array) -> Array:
         """Return the torque (Q, 3) of all about the system's centre of mass, in W.
 
         Of the forces in W, it is the skew part of R Σ a fᵀ.
@@ -90,17 +85,17 @@ class Push:
         torque = rotate(turned, self._torque_B) + given[:, [5, 6, 1]] - given[:, [7, 2, 3]]
         return np.asarray(torque - cross(rotate(turned, self.to @ com), force))
 
-    def forces(self, R: NDArray[np.float64]) -> NDArray[np.float64]:
+    def forces(self, R: Array) -> Array:
         """Return f (Q, V, 3) of unit amplitudes, in W."""
         turned = self._along @ np.swapaxes(self.rotations(R), -1, -2)
         return np.where(self.in_world[:, None], self._along, turned)
 
-    def arms(self, R: NDArray[np.float64], com: NDArray[np.float64]) -> NDArray[np.float64]:
+    def arms(self, R: Array, com: Array) -> Array:
         """Return the points (Q, V, 3) from the system's centre of mass, in W."""
         rho = np.asarray(self.to @ com)[:, None]
         return np.asarray((self._arm - rho) @ np.swapaxes(self.rotations(R), -1, -2))
 
-    def torques(self, R: NDArray[np.float64], com: NDArray[np.float64]) -> NDArray[np.float64]:
+    def torques(self, R: Array, com: Array) -> Array:
         """Return the torques (Q, V, 3) of unit amplitudes, likewise."""
         turned = self._moment @ np.swapaxes(self.rotations(R), -1, -2)
         return turned + cross(self.arms(R, com), self.forces(R))
@@ -123,8 +118,8 @@ class BlockThrust:
     def __init__(
         self,
         log: ThrustLog,
-        nodes: NDArray[np.float64],
-        times: NDArray[np.float64],
+        nodes: Array,
+        times: Array,
         grid: BodyDynamics,
         interpolation: Weights,
         pose: Pose,
@@ -160,7 +155,7 @@ class BlockThrust:
 
     # -- the motion --------------------------------------------------------------------------------
 
-    def momentum(self, R: NDArray[np.float64], psi: NDArray[np.float64]) -> NDArray[np.float64]:
+    def momentum(self, R: Array, psi: Array) -> Array:
         """Return the angular momentum (U, 3) that the thrust has added, in W [N·m·s].
 
         Args:
@@ -170,7 +165,7 @@ class BlockThrust:
         """
         return self._accumulated(self._turns * self._push.torque(R, self._grid.com(psi)))
 
-    def travel(self, R: NDArray[np.float64], psi: NDArray[np.float64]) -> NDArray[np.float64]:
+    def travel(self, R: Array, psi: Array) -> Array:
         """Return what the thrust adds to position [m] and velocity [m/s] of the centre of mass.
 
         (U, 6) in W; the arguments are those of `momentum`.
@@ -178,13 +173,7 @@ class BlockThrust:
         force = self._moves * self._push.force(R)
         return self._travelled(self._inverse_mass(psi) * force[..., None])[..., 0]
 
-    def spline(
-        self,
-        w: NDArray[np.float64],
-        inverse: NDArray[np.float64],
-        R: NDArray[np.float64],
-        psi: NDArray[np.float64],
-    ) -> RampedSpline:
+    def spline(self, w: Array, inverse: Array, R: Array, psi: Array) -> RampedSpline:
         """Return the spline of the angular velocity, whose slope jumps where the thrust does.
 
         Args:
@@ -204,14 +193,8 @@ class BlockThrust:
     # -- derivatives -------------------------------------------------------------------------------
 
     def momentum_change(
-        self,
-        R: NDArray[np.float64],
-        psi: NDArray[np.float64],
-        com: NDArray[np.float64],
-        screw: NDArray[np.float64],
-        errors: NDArray[np.float64],
-        delay: NDArray[np.float64],
-    ) -> NDArray[np.float64]:
+        self, R: Array, psi: Array, com: Array, screw: Array, errors: Array, delay: Array
+    ) -> Array:
         """Return the change (U, 3, n) of the angular momentum at unchanged attitude, in W.
 
         Args:
@@ -233,9 +216,7 @@ class BlockThrust:
             added -= (self._since @ torque)[..., None] * delay
         return added
 
-    def torque_by_attitude(
-        self, R: NDArray[np.float64], psi: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def torque_by_attitude(self, R: Array, psi: Array) -> Array:
         """Return the mean derivative (N − 1, 3, 3) of L' by ξ in each step; see `momentum`."""
         push, com = self._push, self._grid.com(psi)
         by_turn = -skew(_sum(self._size * ~push.in_world, push.torques(R, com)))
@@ -248,14 +229,14 @@ class BlockThrust:
 
     def travel_change(
         self,
-        R: NDArray[np.float64],
-        psi: NDArray[np.float64],
-        xi: NDArray[np.float64],
-        inverse_mass: NDArray[np.float64],
-        screw: NDArray[np.float64],
-        errors: NDArray[np.float64],
-        delay: NDArray[np.float64],
-    ) -> NDArray[np.float64]:
+        R: Array,
+        psi: Array,
+        xi: Array,
+        inverse_mass: Array,
+        screw: Array,
+        errors: Array,
+        delay: Array,
+    ) -> Array:
         """Return the changes (U, 6, n) of position and velocity of the centre of mass, in W.
 
         Args:
@@ -280,9 +261,7 @@ class BlockThrust:
 
     # -- at the points -----------------------------------------------------------------------------
 
-    def _by_screw(
-        self, R: NDArray[np.float64], psi: NDArray[np.float64], screw: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64] | float, NDArray[np.float64] | float]:
+    def _by_screw(self, R: Array, psi: Array, screw: Array) -> tuple[Array | float, Array | float]:
         """Return the changes (Q, 3, n) of torque and force by screws (N, 6, n) of the target.
 
         A screw [θ; d] moves a point a of the target by θ × a + d, and turns its forces.
@@ -298,31 +277,29 @@ class BlockThrust:
         torque = (f @ a - r @ turned).sum(axis=1) @ turn - f.sum(axis=1) @ move
         return torque, -turned.sum(axis=1) @ turn
 
-    def _inverse_mass(self, psi: NDArray[np.float64]) -> float:
+    def _inverse_mass(self, psi: Array) -> float:
         return inverse_mass(self._grid.mass, float(psi[0]))
 
-    def _by_errors(self, units: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _by_errors(self, units: Array) -> Array:
         """Return the derivative (Q, 3, P) of this sum by the errors of the thrust."""
         return np.asarray(np.einsum("qvp,qvi->qip", self._by, units))
 
-    def _accumulated(self, rates: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _accumulated(self, rates: Array) -> Array:
         """Return the integrals (U, ...) of rates (Q, ...) from the start to the instants."""
         sums = self._weights @ rates.reshape(len(rates), -1)
         return np.asarray(sums.reshape(-1, *rates.shape[1:]))
 
-    def _travelled(self, rates: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _travelled(self, rates: Array) -> Array:
         """Return what accelerations (Q, 3, n) do to position and velocity, (U, 6, n)."""
         return self._drift @ self._accumulated(self._pulled_back @ rates)
 
 
-def _sum(size: NDArray[np.float64], units: NDArray[np.float64]) -> NDArray[np.float64]:
+def _sum(size: Array, units: Array) -> Array:
     """Return the sums (Q, 3) over all actuators (Q, V, 3), of amplitudes (Q, V)."""
     return np.asarray(np.einsum("qv,qvi->qi", size, units))
 
 
-def transition(
-    start: float, times: NDArray[np.float64], orbit: Orbit | None
-) -> NDArray[np.float64]:
+def transition(start: float, times: Array, orbit: Orbit | None) -> Array:
     """Return the matrices (M, 6, 6) from position and velocity at the start to times (M,)."""
     if orbit is not None:
         return orbit.transition(start, times)

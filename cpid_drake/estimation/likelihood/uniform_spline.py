@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from cpid_drake.array import Array
+
 GAUSS_LEGENDRE = np.polynomial.legendre.leggauss(3)
 """Points in −1 to 1 and weights whose sum is the integral of a polynomial up to degree five."""
 
@@ -20,7 +22,7 @@ class UniformSpline:
 
     """
 
-    def __init__(self, start: float, step: float, values: NDArray[np.float64]) -> None:
+    def __init__(self, start: float, step: float, values: Array) -> None:
         self._start, self._step = start, step
         slope = _slopes(len(values)) @ values / step
         chord = (values[1:] - values[:-1]) / step
@@ -28,34 +30,32 @@ class UniformSpline:
         linear, square = slope[:-1], (chord - slope[:-1]) / step - bend
         self.c = np.stack([bend / step, square, linear, values[:-1]])
 
-    def place(self, times: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    def place(self, times: Array) -> tuple[NDArray[np.intp], Array]:
         """Return the interval of each time (M,), and the time since its start [s]."""
         elapsed = times - self._start
         k = np.maximum(np.minimum((elapsed / self._step).astype(int), self.c.shape[1] - 1), 0)
         return k, elapsed - k * self._step
 
-    def __call__(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    def __call__(self, times: Array) -> Array:
         """Return the values (M, n) at times (M,)."""
         k, t = self.place(times)
         c, t = self.c[:, k], t[:, None]
         return np.asarray(((c[0] * t + c[1]) * t + c[2]) * t + c[3])
 
-    def steps(self) -> NDArray[np.float64]:
+    def steps(self) -> Array:
         """Return the integrals (N − 1, n) over all intervals."""
         powers = self._step ** np.arange(4, 0, -1) / np.arange(4, 0, -1)
         return np.tensordot(powers, self.c, axes=1)
 
-    def by_delay(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    def by_delay(self, times: Array) -> Array:
         """Return the derivative (M, n) of the values between nodes by a delay of jumps: zero."""
         return np.zeros((len(times), self.c.shape[2]))
 
-    def steps_by_delay(self) -> NDArray[np.float64]:
+    def steps_by_delay(self) -> Array:
         """Return that of `steps` (N − 1, n)."""
         return np.zeros(self.c.shape[1:])
 
-    def since_node(
-        self, times: NDArray[np.float64]
-    ) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float64]]:
+    def since_node(self, times: Array) -> tuple[NDArray[np.intp], Array, Array]:
         """Return the interval of each time (M,), and time and integral (M, n) since it began."""
         k, t = self.place(times)
         c, x = self.c[:, k], t[:, None]
@@ -74,36 +74,31 @@ class RampedSpline(UniformSpline):
     """
 
     def __init__(
-        self,
-        start: float,
-        step: float,
-        values: NDArray[np.float64],
-        times: NDArray[np.float64],
-        slopes: NDArray[np.float64],
+        self, start: float, step: float, values: Array, times: Array, slopes: Array
     ) -> None:
         self._times, self._slopes = times, slopes
-        self._nodes: NDArray[np.float64] = start + step * np.arange(len(values), dtype=float)
+        self._nodes: Array = start + step * np.arange(len(values), dtype=float)
         super().__init__(start, step, values - self._ramps(self._nodes))
 
-    def _ramps(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _ramps(self, times: Array) -> Array:
         return np.asarray(np.maximum(times[:, None] - self._times, 0.0) @ self._slopes)
 
-    def _areas(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _areas(self, times: Array) -> Array:
         return np.asarray(np.maximum(times[:, None] - self._times, 0.0) ** 2 @ self._slopes / 2)
 
-    def __call__(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    def __call__(self, times: Array) -> Array:
         """See `UniformSpline`."""
         return super().__call__(times) + self._ramps(times)
 
-    def steps(self) -> NDArray[np.float64]:
+    def steps(self) -> Array:
         """See `UniformSpline`."""
         return super().steps() + np.diff(self._areas(self._nodes), axis=0)
 
-    def by_delay(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    def by_delay(self, times: Array) -> Array:
         """See `UniformSpline`."""
         return self._smooth_by_delay(times) - self._jumps(times)
 
-    def steps_by_delay(self) -> NDArray[np.float64]:
+    def steps_by_delay(self) -> Array:
         """See `UniformSpline`."""
         return self._smooth_by_delay.steps() - np.diff(self._ramps(self._nodes), axis=0)
 
@@ -111,37 +106,35 @@ class RampedSpline(UniformSpline):
     def _smooth_by_delay(self) -> UniformSpline:
         return UniformSpline(self._start, self._step, self._jumps(self._nodes))
 
-    def _jumps(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _jumps(self, times: Array) -> Array:
         return (times[:, None] > self._times) @ self._slopes
 
-    def since_node(
-        self, times: NDArray[np.float64]
-    ) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float64]]:
+    def since_node(self, times: Array) -> tuple[NDArray[np.intp], Array, Array]:
         """See `UniformSpline`."""
         k, t, smooth = super().since_node(times)
         return k, t, smooth + self._areas(times) - self._areas(self._nodes[k])
 
 
-def spline_weights(nodes: NDArray[np.float64], times: NDArray[np.float64]) -> NDArray[np.float64]:
+def spline_weights(nodes: Array, times: Array) -> Array:
     """Return (M, N) weights of N equidistant nodes at times (M,): those of `UniformSpline`."""
     at = np.round((times - nodes[0]) / (nodes[1] - nodes[0]), 12)
     return _spline_weights(len(nodes), at.tobytes())
 
 
-def spline_slopes(nodes: NDArray[np.float64], times: NDArray[np.float64]) -> NDArray[np.float64]:
+def spline_slopes(nodes: Array, times: Array) -> Array:
     """Return (M, N) weights of the nodes in the rates at times (M,) of a spline through them."""
     slopes = _slopes(len(nodes)) / (nodes[1] - nodes[0])
     return np.asarray(spline_weights(nodes, times) @ slopes)
 
 
 @lru_cache(maxsize=1024)
-def _spline_weights(count: int, times: bytes) -> NDArray[np.float64]:
+def _spline_weights(count: int, times: bytes) -> Array:
     """Return the weights at times since the first node: the same in every sweep."""
     return _unit_splines(count)(np.frombuffer(times))
 
 
 @lru_cache(maxsize=64)
-def step_weights(count: int) -> NDArray[np.float64]:
+def step_weights(count: int) -> Array:
     """Return (N − 1, N) weights of N nodes, one apart, in the integrals of `UniformSpline`."""
     return _unit_splines(count).steps()
 
@@ -153,7 +146,7 @@ def _unit_splines(count: int) -> UniformSpline:
 
 
 @lru_cache(maxsize=64)
-def _slopes(count: int) -> NDArray[np.float64]:
+def _slopes(count: int) -> Array:
     """Return the slopes (N, N) at N nodes, one apart, of the splines through the unit vectors."""
     nodes = np.arange(count)
     return np.asarray(CubicSpline(nodes, np.eye(count))(nodes, 1))

@@ -1,8 +1,8 @@
 """The readings of zero that are the priors of white torques and accelerations."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.likelihood.effects import MotionChange, inertia_changes
@@ -27,7 +27,7 @@ class WhiteReading:
         motion: BaseMotion,
         force: Force,
         known_bodies: BodyUncertainty | None = None,
-        errors: NDArray[np.float64] | None = None,
+        errors: Array | None = None,
     ) -> None:
         self._force, self._motion = force, motion
         self._known_bodies, self._errors = known_bodies, errors
@@ -35,12 +35,12 @@ class WhiteReading:
         zeros = np.zeros(shape)
         self.samples = Samples(np.asarray(force.middles, dtype=np.float64), zeros)
 
-    def residuals(self, trajectory: Trajectory) -> NDArray[np.float64]:
+    def residuals(self, trajectory: Trajectory) -> Array:
         """See `SensorModel`."""
         forces = trajectory.state.forces[self._force.rows]
         return np.asarray(-forces.reshape(self.samples.value.shape))
 
-    def by_unknowns(self, trajectory: Trajectory) -> dict[str, NDArray[np.float64]]:
+    def by_unknowns(self, trajectory: Trajectory) -> dict[str, Array]:
         """Return the derivatives (M, d, n) of the readings in units of σ; see `SensorModel`.
 
         They are those by the force itself, and of torques by what the inertia depends on.
@@ -64,12 +64,10 @@ class WhiteReading:
         )
         return itself | {name: -axes @ R @ value for name, value in by.items()}
 
-    def whitened(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def whitened(self, values: Array) -> Array:
         """See `SensorModel`."""
         return values
 
-    def jacobian(
-        self, trajectory: Trajectory, change: MotionChange, xi: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def jacobian(self, trajectory: Trajectory, change: MotionChange, xi: Array) -> Array:
         """See `SensorModel`; the motion changes nothing."""
         return np.zeros((*self.samples.value.shape, xi.shape[-1]))

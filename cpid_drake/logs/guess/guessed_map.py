@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.files.checked_yaml import dump_yaml
 from cpid_drake.logs.channels import look_at
 from cpid_drake.logs.column_map import ColumnMap, TimeUnit
@@ -37,7 +37,7 @@ class GuessedMap:
 
     """
 
-    columns: dict[str, NDArray[np.float64]]
+    columns: dict[str, Array]
     texts: dict[str, str]
     spacecraft: Spacecraft
     base: str

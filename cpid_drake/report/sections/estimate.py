@@ -1,8 +1,8 @@
 """The sections with what was estimated: parameters, effects, separate logs, identifiability."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from cpid_drake.estimation.least_squares import quantile_95
@@ -63,7 +63,7 @@ def _number(value: float, places: int) -> str:
     return f"{round(value, places) + 0.0:.{places}f}" if np.isfinite(value) else ""
 
 
-def _range(ends: NDArray[np.float64]) -> str:
+def _range(ends: Array) -> str:
     low, high = ends
     if np.isnan(ends).all():
         return ""
