@@ -13,7 +13,7 @@ import numpy as np
 from annotated_types import Gt
 
 from cpid_drake.array import Array
-from cpid_drake.files.checked_yaml import Numbers, load_yaml
+from cpid_drake.files.checked_yaml import Numbers, Vector, load_yaml
 from cpid_drake.files.errors import InputError
 from cpid_drake.files.resources import resolve_model
 
@@ -35,16 +35,26 @@ the angle about z alone: of a base on a table.
 QUATERNION_ORDERS = ("wxyz", "xyzw")
 
 UNITS = {
-    **{"m": (1.0, "metres meters"), "mm": (1e-3, "millimetres millimeters")},
-    **{"cm": (0.01, "centimetres centimeters"), "km": (1e3, "kilometres kilometers")},
-    **{"in": (0.0254, "inches inch"), "ft": (0.3048, "feet")},
-    **{"rad": (1.0, "radians rads"), "mrad": (1e-3, "milliradians")},
-    **{"deg": (np.pi / 180, "degrees degree degs ° dps"), "rpm": (2 * np.pi / 60, "rpm")},
-    **{"s": (1.0, "seconds sec secs"), "ms": (1e-3, "milliseconds msec millis")},
+    "m": (1.0, "metres meters"),
+    "mm": (1e-3, "millimetres millimeters"),
+    "cm": (0.01, "centimetres centimeters"),
+    "km": (1e3, "kilometres kilometers"),
+    "in": (0.0254, "inches inch"),
+    "ft": (0.3048, "feet"),
+    "rad": (1.0, "radians rads"),
+    "mrad": (1e-3, "milliradians"),
+    "deg": (np.pi / 180, "degrees degree degs ° dps"),
+    "rpm": (2 * np.pi / 60, "rpm"),
+    "s": (1.0, "seconds sec secs"),
+    "ms": (1e-3, "milliseconds msec millis"),
     "us": (1e-6, "microseconds µs usec micros"),
     "ns": (1e-9, "nanoseconds nsec nsecs nanos nanosec"),
-    **{"N": (1.0, "newtons"), "mN": (1e-3, "millinewtons"), "lbf": (4.4482216152605, "pounds")},
-    **{"N*m": (1.0, ""), "mN*m": (1e-3, ""), "lbf*ft": (1.3558179483314004, "")},
+    "N": (1.0, "newtons"),
+    "mN": (1e-3, "millinewtons"),
+    "lbf": (4.4482216152605, "pounds"),
+    "N*m": (1.0, ""),
+    "mN*m": (1e-3, ""),
+    "lbf*ft": (1.3558179483314004, ""),
 }
 """By unit, its size in SI units and radians, and its names in words, the usual one first."""
 
@@ -58,7 +68,6 @@ def scale_of(unit: str) -> float:
     return UNITS[unit.removesuffix("/s")][0]
 
 
-Vector = Annotated[Array, Numbers(3)]
 Axes = Annotated[Array, Numbers(3, 3)]
 
 

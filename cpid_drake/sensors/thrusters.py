@@ -16,15 +16,12 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Gt
 
-from cpid_drake.array import Array
-from cpid_drake.files.checked_yaml import Numbers
+from cpid_drake.files.checked_yaml import Vector
 from cpid_drake.files.errors import InputError
 from cpid_drake.sensors.sensors import Stated
 
 VALVE = "valve:"
 """Prefix of the columns of valves."""
-
-Vector = Annotated[Array, Numbers(3)]
 
 
 @dataclass

@@ -11,7 +11,7 @@ from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, Outp
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.one_thread import one_thread
-from cpid_drake.estimation.online import OnlineState
+from cpid_drake.estimation.online import WINDOW, OnlineState
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.arguments import PathLike, resolve_sensors
 from cpid_drake.identification.prior import TargetPrior
@@ -80,6 +80,8 @@ class SensorIdentifier(Identifier):
         reads_thrust: whether there is a log of thrust.
         known_bodies: uncertainty of the spacecraft's bodies, of the arm's geometry and of the
             grasp, whose errors are estimated too; default: none.
+        window: number of blocks that are solved anew with every new one: the longer, the nearer
+            to the fit of all samples, and the more work.
 
     Raises:
         InputError: invalid sensors (see `suite.check_sensors`), no encoders, a period that is
@@ -97,6 +99,7 @@ class SensorIdentifier(Identifier):
         prior: TargetPrior | PathLike | None = None,
         reads_thrust: bool = False,
         known_bodies: BodyUncertainty | PathLike | None = None,
+        window: float = WINDOW,
     ) -> None:
         super().__init__()
         self.set_name("sensor_identifier")
@@ -108,6 +111,7 @@ class SensorIdentifier(Identifier):
             prior=prior,
             reads_thrust=reads_thrust,
             known_bodies=known_bodies,
+            window=window,
             in_order=True,
         )
         shortest = 1 / max(errors.rate for errors in suite.present().values())
@@ -142,6 +146,7 @@ class SensorIdentifier(Identifier):
         period: float | None = None,
         prior: TargetPrior | PathLike | None = None,
         known_bodies: BodyUncertainty | PathLike | None = None,
+        window: float = WINDOW,
         **samples: OutputPort,
     ) -> Self:
         """Add an identifier to a diagram and connect its inputs; for the options see the class.
@@ -162,6 +167,7 @@ class SensorIdentifier(Identifier):
             prior=prior,
             reads_thrust=THRUST in samples,
             known_bodies=known_bodies,
+            window=window,
         )
         return identifier.connected(builder, **samples)
 
