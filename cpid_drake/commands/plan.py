@@ -24,8 +24,12 @@ _KNOWN = Parameter(group=Group.create_ordered("What is known"))
 _GROUPS = {
     "The motion": ("duration", "opportunistic", "frequency", "joint"),
     "Limits": (
-        *("rate_share", "acceleration", "clearance"),
-        *("base_attitude", "base_rate", "base_displacement"),
+        "rate_share",
+        "acceleration",
+        "clearance",
+        "base_attitude",
+        "base_rate",
+        "base_displacement",
     ),
     "The search": ("targets", "candidates", "iterations", "seed"),
 }
