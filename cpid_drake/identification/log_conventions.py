@@ -37,9 +37,7 @@ def check_as_read(log: Log, spacecraft: Spacecraft | None) -> CheckedLog:
     return with_conventions(checked, Arguments(spacecraft), rows)
 
 
-def with_conventions(
-    log: CheckedLog, arguments: Arguments, rows: Sequence[str | None] = (None,)
-) -> CheckedLog:
+def with_conventions(log: CheckedLog, arguments: Arguments, rows: Sequence[str] = ()) -> CheckedLog:
     """Return a log with the convention that the momentum shows, unless noise explains the log.
 
     In a short log many conventions explain a smooth motion; the misfit of rows is relative to the
@@ -48,26 +46,27 @@ def with_conventions(
     Args:
         log: the log, and what positions and rates alone contradict.
         arguments: the spacecraft, the sensors and its bodies.
-        rows: the row families of which one contradicts the log as read; None for the best.
+        rows: the row families of which one contradicts the log as read, by their residuals or by
+            a negative mass, which noise in rows makes, too; none for the best by its residuals.
 
     """
     found, tree = log.conventions, arguments.spacecraft.tree
     if found.failures or found.has_momentum or tree.normal_B is not None:
         return log
     better = check_conventions(log.measurements, tree)
-    if not better.better or not any(_contradicts(log, arguments, each) for each in rows):
+    if not better.better or not any(_contradicts(log, arguments, each) for each in rows or (None,)):
         return log
     return replace(log, conventions=replace(better, not_compared=found.not_compared))
 
 
 def _contradicts(log: CheckedLog, arguments: Arguments, rows: str | None) -> bool:
-    """Return whether rows of a log as read differ by more than noise, or show a negative mass."""
+    """Return whether rows of a log as read contradict it; see `with_conventions`."""
     coasting = log.measurements.between(-np.inf, log.measurements.first_burn)
     logs, unknown = {"": replace(log, measurements=coasting)}, TotalMomentum.unknown()
     rows_of = replace(arguments, estimator=LEAST_SQUARES, rows=rows, prior=None, momentum=unknown)
     with suppress(np.linalg.LinAlgError, InputError):  # too few samples
         found = by_rows.estimate(with_method(rows_of, logs), logs)
         misfit, mass = found.check(MISFIT), found.parameters[0]
-        is_impossible = mass < -3 * np.sqrt(found.covariance[0, 0])
+        is_impossible = rows is not None and mass < -3 * np.sqrt(found.covariance[0, 0])
         return bool(is_impossible or (misfit is not None and not misfit.passed))
     return False

@@ -80,8 +80,8 @@ def with_sources(
     ]
     tests = []
     if prior is not None:  # what it contains is known, however vague it is
-        rest = part(solution(combined(others[prior.name])))
-        without, variance = np.diag(rest.covariance), np.diag(result.covariance)
+        pair = (part(solution(combined(some))) for some in (others[prior.name], names))
+        without, variance = (np.diag(each.covariance) for each in pair)
         is_half = ~np.isfinite(without) | (variance < without / 2)
         dominated = np.array(PARAMETER_NAMES)[is_half & np.isfinite(variance)]
         shown = ", ".join(dominated) or "no parameter"

@@ -156,12 +156,18 @@ def validate(
         raise InputError(f"the beginning must be a share between 0 and 1, not {beginning:g}")
     require_spacecraft(spacecraft)
     given = resolve_logs(data, spacecraft)
+    if len(given) > 1:
+        raise InputError(f"validate takes one log, not {len(given)}")
     sensors, momentum = resolve_sensors(sensors), resolve_momentum(momentum)
     known_bodies, known_target = resolve_bodies(known_bodies), resolve_prior(target, spacecraft)
     if known_target is None:
         raise InputError("there is no target to validate")
     suites = dict.fromkeys(given, sensors)
     spacecraft, logs = check_logs(spacecraft, given, suites, planar, lambda step: None)
+    [log] = logs.values()
+    for name in ("attitude", "encoders"):
+        if not log.counts.get(name):
+            raise InputError(f"the log has no samples of {SENSORS[name].quantity}")
     model, said = model_of(spacecraft.tree, logs, known_bodies)
     own = identify(
         spacecraft,
@@ -172,7 +178,6 @@ def validate(
         known_bodies=known_bodies,
         planar=planar,
     )
-    [log] = logs.values()
     whole = LogState.of(model, log.measurements)
     samples = _longest_part(model, whole)
     start, end = samples.blocks[0].start, samples.blocks[-1].end

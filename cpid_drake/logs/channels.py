@@ -168,7 +168,7 @@ class Seen:
             rows = np.flatnonzero(new)
             runs = np.diff(rows)
             usual = int(np.median(runs)) if runs.size >= FEWEST else 1
-            if usual < 2 or np.median(np.abs(runs - usual)) > 1:  # equal by chance, not held
+            if usual < 2 or np.quantile(np.abs(runs - usual), 0.9) > 1:  # equal by chance, not held
                 continue
             if _noise(given.where(rows)) > 2 * step:
                 text = f"{word} each value over {usual} rows: {len(new) - len(rows)} rows left out"

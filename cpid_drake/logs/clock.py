@@ -20,8 +20,10 @@ from cpid_drake.logs.screening import LONGEST_DELAY
 from cpid_drake.sensors.sensors import POSITIONS
 
 LEAST_ERROR = 0.005
-"""Smallest relative error of a clock, or residual of a delay, that is named: crystals are a hundred
-times better, and errors of smoothing leave less."""
+"""Smallest relative error of a clock that is named: crystals are a hundred times better."""
+
+LEAST_RESIDUAL = 0.01
+"""Smallest residual that a delay may explain: errors of smoothing leave less."""
 
 
 def clock_factor(comparisons: Sequence[Comparison]) -> float | None:
@@ -49,7 +51,7 @@ def clock_factor(comparisons: Sequence[Comparison]) -> float | None:
 def with_delay(comparison: Comparison, time: Array) -> Comparison:
     """Return a comparison with the delay that explains it, if one does; (N,) are its times [s]."""
     moved, measured = comparison.values
-    if comparison.name == MOMENTUM or comparison.residual < LEAST_ERROR or len(time) < 20:
+    if comparison.name == MOMENTUM or comparison.residual < LEAST_RESIDUAL or len(time) < 20:
         return comparison
     most = min(LONGEST_DELAY, (time[-1] - time[0]) / 5)
     inner = (time >= time[0] + most) & (time <= time[-1] - most)

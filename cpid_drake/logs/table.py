@@ -1,9 +1,9 @@
 """The columns of a log file as they are in the file."""
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from datetime import datetime
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,21 +65,30 @@ class LogTable:
         return int(number), f"{word} {number}" + (f", column '{column}'" if column else "")
 
 
+_STAMP = re.compile(
+    r"(?P<day>\d{4}-\d\d-\d\d)?[T ]?(?P<time>\d\d:\d\d:\d\d([.,]\d{1,9})?)"
+    r"(?P<zone> ?(Z|UTC|[+-]\d\d:?\d\d))?"
+)
+_DAY = 86_400 * 10**9  # ns
+
+
 def seconds_of_stamps(texts: Sequence[str]) -> Array | None:
     """Return seconds since the first of stamps of ISO 8601, or of hh:mm:ss; None for other texts.
 
-    All must have a date, or none, and all a time zone, or none; a time of day may pass midnight.
+    All must have a date and the same time zone, or none; a time of day may pass midnight.
     """
-    iso = [text.replace("UTC", "Z").replace(" Z", "Z").replace(" +", "+") for text in texts]
-    for day in ("", "1970-01-01T"):
-        try:
-            stamps = [datetime.fromisoformat(day + text) for text in iso]
-            seconds = np.array([(stamp - stamps[0]).total_seconds() for stamp in stamps])
-        except (ValueError, TypeError):  # TypeError: a time zone in some
-            continue
-        midnights = bool(day) * (np.diff(seconds) < -43_200)
-        return np.asarray(seconds + 86_400 * np.append(0, np.cumsum(midnights)))
-    return None
+    found = [_STAMP.fullmatch(text) for text in texts]
+    kinds = {(bool(m["day"]), m["zone"]) if m else None for m in found}
+    if len(kinds) != 1 or None in kinds:
+        return None
+    days = ((m["day"] or "1970-01-01", m["time"].replace(",", ".")) for m in found if m)
+    try:
+        stamps = np.array(["T".join(pair) for pair in days], dtype="datetime64[ns]").astype(int)
+    except ValueError:  # no such day or hour
+        return None
+    if not found[0] or not found[0]["day"]:
+        stamps = stamps + _DAY * np.append(0, np.cumsum(np.diff(stamps) < -_DAY // 2))
+    return np.asarray((stamps - stamps[0]) / 1e9)
 
 
 def repeated_names(names: Sequence[str], where: str) -> dict[str, str]:

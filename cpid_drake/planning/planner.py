@@ -134,8 +134,10 @@ class Planner:
 
     @cached_property
     def _own_case(self) -> Case:
+        """The scenario without forces, which the search does not have."""
         first = InertialParameters.from_vector(self.targets[0])
-        return make_case(self.scenario, self.spacecraft, first, self.suite, self.options.seed)
+        case = make_case(self.scenario, self.spacecraft, first, self.suite, self.options.seed)
+        return replace(case, burns=(), torque_W=None, acceleration_W=None)
 
     def predict(self, motion: JointMotion, parameters: Array) -> Prediction:
         """Return what is expected of a motion with a target of parameters π (10,)."""

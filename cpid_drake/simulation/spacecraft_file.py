@@ -1,6 +1,7 @@
 """What a file says about a spacecraft: its own, or a scenario."""
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Literal
 
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
@@ -57,7 +58,7 @@ class SpacecraftFile(SpacecraftReference):
         return Request(telemetry, self.reference(), sensors=sensors, **own)
 
 
-def load_spacecraft(name: str) -> SpacecraftFile:
+def load_spacecraft(name: str | Path) -> SpacecraftFile:
     """Return what a scenario, or a spacecraft's own file, says about the spacecraft.
 
     The target and the motion of a scenario are not used.
@@ -66,7 +67,8 @@ def load_spacecraft(name: str) -> SpacecraftFile:
         InputError: no such file, or for the same reasons as `cpid_drake.load_scenario`.
 
     """
-    if name.endswith((".urdf", ".sdf", ".xml", ".dmd.yaml")):
+    name = str(name)
+    if name.lower().endswith((".urdf", ".sdf", ".xml", ".dmd.yaml", ".dmd.yml")):
         raise InputError(
             f"{name}: is a model, and does not say which body is the base; give it as --model, "
             "with --base and --capture-frame"

@@ -210,7 +210,7 @@ class TestSeveralLogs:
         assert "first.csv   rank 10" in stdout
         result = read_result("both.json")
         assert [source.request.telemetry for source in result.sources] == list(halves)
-        assert result.command.startswith("cpid identify first.csv second.csv --space")
+        assert result.command.startswith("cpid identify first.csv second.csv --model")
         assert result.sample_count == sum(log.sample_count for log in result.logs.values())
         own = [np.ptp(log.intervals, axis=1) for log in result.logs.values()]
         assert np.all(np.ptp(result.intervals, axis=1) < np.minimum(*own))
