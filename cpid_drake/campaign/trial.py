@@ -40,6 +40,8 @@ from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 _BATCHED = ("target.", "target", "tumble_C", "simulation.momentum_W")
 
+_REPEATED, _BOUND = 2, 3  # purposes of random numbers; `CampaignPlan.values` has 1
+
 _ten = pa.list_(pa.float64())
 _COLUMNS = {
     "trial": pa.int64(),
@@ -278,11 +280,11 @@ def _rows(
     case, campaign = job.case, plan.campaign
     common = {**_common(plan, job.number), "truth": nulls(case.truth.to_vector())}
     common["truth_seconds"] = seconds
-    if isinstance(data, Log) and _is_drawn(plan, job.number, 3, campaign.bounds):
+    if isinstance(data, Log) and _is_drawn(plan, job.number, _BOUND, campaign.bounds):
         values = json.dumps(plan.values(job.number))
         common["bound"] = nulls(_bound(plan.text, values))
     repeats = campaign.engine == "propagator"
-    if repeats and _is_drawn(plan, job.number, 2, campaign.repeated):
+    if repeats and _is_drawn(plan, job.number, _REPEATED, campaign.repeated):
         common |= _compared(plan, job)
     declared, rows = _declared(job), []
     for name in campaign.estimators:
@@ -297,7 +299,7 @@ def _rows(
 
 
 def _is_drawn(plan: CampaignPlan, number: int, purpose: int, share: float) -> bool:
-    """Draw with a purpose of its own; `CampaignPlan.values` has 1."""
+    """Return whether a trial is one of a share of all."""
     return bool(np.random.default_rng(plan.random(number, purpose)).random() < share)
 
 

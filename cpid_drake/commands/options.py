@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 else:
     FileName = str | Path  # the values are str, which is tried first; shells complete paths
 
-CHECK_FAILED = 4
-"""Exit code if something contradicts the assumptions behind the answer."""
+NOT_ALL_KNOWN, CHECK_FAILED = 3, 4
+"""Exit codes: something is not identifiable; something contradicts the assumptions behind it."""
 
 File = Annotated[Path, Parameter(metavar="FILE")]
 Folder = Annotated[Path, Parameter(metavar="FOLDER")]
@@ -241,7 +241,7 @@ def finish(found: "cpid.Identification", quiet: bool) -> int:
         print("\n".join(describe(found)))
     if found.failures:
         return CHECK_FAILED
-    return 0 if found.is_complete else 3
+    return 0 if found.is_complete else NOT_ALL_KNOWN
 
 
 def print_warnings(texts: Iterable[str]) -> None:

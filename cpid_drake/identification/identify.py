@@ -235,7 +235,9 @@ def _with_hints(
         result = replace(result, warnings=(*result.warnings, PROPOSED))
     if tree.jointed and tree.lumped.capture_body == 0:
         result = replace(result, warnings=(*result.warnings, HELD_BY_BASE))
-    has_cause = others or log.failures
-    if result.passed or has_cause or not (convention := _convention(log, spacecraft)):
+    if result.passed or others or log.failures:
+        return result
+    convention = _convention(log, spacecraft)
+    if not convention:
         return result
     return replace(result, checks=(Check("log", f"most likely, {convention}"), *result.checks))

@@ -139,8 +139,10 @@ class PriorConfig:
             sigma[part] = scale[part] * (self.sigma or 0.0) if own is None else own
             if not np.all(sigma[part] > 0):
                 raise InputError(f"give sigma_{key}: the body has no size")
-        # NaN in rows and columns of what is not stated.
-        return TargetPrior(name, parameters, np.diag(sigma**2) + 0 * np.add.outer(sigma, sigma))
+        covariance = np.full((10, 10), np.nan)
+        known = np.flatnonzero(np.isfinite(parameters))
+        covariance[np.ix_(known, known)] = np.diag(sigma[known] ** 2)
+        return TargetPrior(name, parameters, covariance)
 
 
 def load_prior(path: str | Path, spacecraft: Spacecraft, capture_frame: str) -> TargetPrior:
