@@ -30,10 +30,10 @@ from .simulation.spacecraft_sensors import SpacecraftSensors
 from .spacecraft.export import export_target
 from .spacecraft.reference import SpacecraftReference
 from .spacecraft.spacecraft import Spacecraft
-from .systems.identifier import MomentumIdentifier
 from .systems.joint_controller import JointController
 from .systems.joint_trajectory import JointTrajectory
 from .systems.lcm import add_lcm
+from .systems.momentum_identifier import MomentumIdentifier
 from .systems.scene_page import keep_scene as keep_scene
 from .systems.scene_visualizer import SceneVisualizer
 from .systems.sensor_identifier import SensorIdentifier

@@ -59,18 +59,6 @@ class Arguments:
         return None if self.rows is None else row_family(self.rows, is_unknown)
 
 
-def require_spacecraft(given: object) -> None:
-    """Raise an InputError for what is no spacecraft, such as a path."""
-    if isinstance(given, Spacecraft):
-        return
-    model = repr(str(given)) if isinstance(given, PathLike) else "model"
-    raise InputError(
-        f"the spacecraft must be a Spacecraft, not {given!r:.80}: a model alone does not say which "
-        "body is the base and which frame holds the target; give "
-        f"Spacecraft({model}, base=..., capture_frame=...)"
-    )
-
-
 def resolve_logs(
     data: LogLike | Mapping[str, LogLike] | Sequence[PathLike], spacecraft: Spacecraft
 ) -> dict[str, Motion | Log]:
@@ -155,12 +143,6 @@ def resolve_prior(
         "a result, or a file",
         lambda path: load_prior(path, spacecraft, frame),
     )
-
-
-def resolve_momentum(given: TotalMomentum | str | None) -> TotalMomentum | None:
-    """Return a total momentum, also by its name; see `TotalMomentum.named`."""
-    named = TotalMomentum.named
-    return _resolved("momentum", given, TotalMomentum, "zero, or unknown", named)
 
 
 def resolve_planar(given: bool | None) -> bool | None:

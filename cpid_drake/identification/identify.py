@@ -15,10 +15,8 @@ from cpid_drake.identification.arguments import (
     Arguments,
     LogLike,
     PathLike,
-    require_spacecraft,
     resolve_bodies,
     resolve_logs,
-    resolve_momentum,
     resolve_planar,
     resolve_prior,
     resolve_sensors_by_log,
@@ -39,7 +37,7 @@ from cpid_drake.logs.conventions import check_conventions
 from cpid_drake.sensors.error_kinds import bodies_of as errors_of_bodies
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite
-from cpid_drake.spacecraft.spacecraft import Spacecraft
+from cpid_drake.spacecraft.spacecraft import Spacecraft, require_spacecraft
 
 THRUST_NOT_USED = (
     "thrusters fired from {} s on, and {} does not use the log of thrust: identify with "
@@ -124,7 +122,7 @@ def identify(
     # Arguments: objects, of names and paths too.
     require_spacecraft(spacecraft)
     data = resolve_logs(data, spacecraft)
-    suites, momentum = resolve_sensors_by_log(sensors, data), resolve_momentum(momentum)
+    suites, momentum = resolve_sensors_by_log(sensors, data), TotalMomentum.of(momentum)
     [suite, *_] = suites.values()
     known_bodies, prior = resolve_bodies(known_bodies), resolve_prior(prior, spacecraft)
     planar = resolve_planar(planar)

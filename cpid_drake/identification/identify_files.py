@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.files.drafts import refuse_unfinished
 from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.files.resources import __version__, resolve_model
 from cpid_drake.identification.arguments import (
     Arguments,
     resolve_bodies,
-    resolve_momentum,
     resolve_sensors,
 )
 from cpid_drake.identification.checked_log import left_out_warnings
@@ -124,7 +124,7 @@ def opened_inputs(request: Request, progress: Callable[[str], object]) -> Argume
     craft = request.spacecraft
     progress("reading the model")
     spacecraft = craft.make()
-    momentum, sensors = resolve_momentum(request.momentum), resolve_sensors(request.sensors)
+    momentum, sensors = TotalMomentum.of(request.momentum), resolve_sensors(request.sensors)
     bodies = resolve_bodies(request.known_bodies)
     prior = None
     if request.prior is not None:

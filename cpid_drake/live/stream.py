@@ -15,9 +15,7 @@ from cpid_drake.estimation.unknowns import Model
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.arguments import (
     PathLike,
-    require_spacecraft,
     resolve_bodies,
-    resolve_momentum,
     resolve_prior,
     resolve_sensors,
 )
@@ -29,7 +27,7 @@ from cpid_drake.logs.log import THRUST, Log, Samples
 from cpid_drake.logs.screening import screen
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite, check_sensors, require_encoders
-from cpid_drake.spacecraft.spacecraft import Spacecraft
+from cpid_drake.spacecraft.spacecraft import Spacecraft, require_spacecraft
 
 LATENESS = 0.5
 """A block waits at most this time for samples that arrive late [s].
@@ -113,7 +111,7 @@ class Stream:
         in_order: bool = False,
     ) -> None:
         require_spacecraft(spacecraft)
-        suite, momentum = resolve_sensors(suite) or SensorSuite(), resolve_momentum(momentum)
+        suite, momentum = resolve_sensors(suite) or SensorSuite(), TotalMomentum.of(momentum)
         known_bodies, prior = resolve_bodies(known_bodies), resolve_prior(prior, spacecraft)
         check_sensors(suite, "sensors")
         require_encoders(suite, "sensors")

@@ -33,10 +33,11 @@ from cpid_drake.simulation.spacecraft_sensors import (
     measurements_from_logs,
 )
 from cpid_drake.spacecraft.spacecraft import Spacecraft
-from cpid_drake.systems.identifier import Identifier, MomentumIdentifier
+from cpid_drake.systems.identifier import Identifier
 from cpid_drake.systems.joint_controller import JointController
 from cpid_drake.systems.joint_trajectory import JointTrajectory
-from cpid_drake.systems.ports import spacecraft_state
+from cpid_drake.systems.momentum_identifier import MomentumIdentifier
+from cpid_drake.systems.plant_state import spacecraft_state
 from cpid_drake.systems.sensor_identifier import SensorIdentifier
 
 
@@ -233,7 +234,7 @@ def make_simulation(scenario: Scenario, *, target: InertialParameters | None = N
             mass.add_to(plant)
 
     spacecraft.add_to(plant, truth, connect=connect)
-    state = spacecraft_state(builder, spacecraft, plant)
+    state = spacecraft_state(builder, spacecraft, plant.get_state_output_port())
 
     source, config = builder.AddSystem(JointTrajectory(motion).source()), scenario.controller
     mass, moment = config.nominal_mass, 0.4 * config.nominal_mass * config.nominal_radius**2

@@ -17,12 +17,12 @@ from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.files.errors import InputError, prefix_errors
-from cpid_drake.identification.arguments import PathLike, require_spacecraft, resolve_sensors
+from cpid_drake.identification.arguments import PathLike, resolve_sensors
 from cpid_drake.logs.log import Log, Samples, first_sample
 from cpid_drake.sensors.sensors import SENSORS, SensorErrors
 from cpid_drake.sensors.suite import SensorSuite, check_sensors, require_encoders
 from cpid_drake.simulation.noise import SensorNoise
-from cpid_drake.spacecraft.spacecraft import Spacecraft
+from cpid_drake.spacecraft.spacecraft import Spacecraft, require_spacecraft
 from cpid_drake.systems.ports import SpacecraftSystem
 
 

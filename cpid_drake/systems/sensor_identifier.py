@@ -53,7 +53,7 @@ class SensorIdentifier(Identifier):
     - `parameters`, `covariance`, `spatial_inertia`, `diagnostics`: as the outputs of
       `MomentumIdentifier`, but the covariance follows from the sensors' noise, and the residual is
       NaN.
-    - the port of the checks (1): 1 if no check of `identification(context)` fails: convergence,
+    - `checks_passed` (1): 1 if no check of `identification(context)` fails: convergence,
       residuals as small and as little correlated as the declared noise, errors no larger than
       declared, samples that were rejected, momentum, and a rigid body that has the estimate.
 
@@ -132,6 +132,7 @@ class SensorIdentifier(Identifier):
             period_sec=period, offset_sec=0.0, update=self._collect
         )
         self.DeclareForcedUnrestrictedUpdateEvent(self._finish)
+        self.DeclareInitializationUnrestrictedUpdateEvent(self._begin_run)
         self._answers = WeakKeyDictionary[OnlineState, Identification]()
         self._declare_outputs(self.xa_ticket())
 
@@ -179,10 +180,22 @@ class SensorIdentifier(Identifier):
         memory: _Memory = context.get_abstract_state(self._memory_index).get_value()
         return memory
 
+    def _begin_run(self, context: Context, state: State) -> EventStatus:
+        """Refuse a run before the samples of an earlier one: all of it would be late."""
+        now, latest = context.get_time(), self._memory(context).latest
+        if now < latest:
+            raise InputError(
+                f"{self.GetSystemPathname()}: time was set back from {latest:g} s to {now:g} s, "
+                "and samples of earlier times cannot be used: begin a run with a new Context, or "
+                "with SetDefaultContext"
+            )
+        return EventStatus.DidNothing()
+
     @one_thread
     def _collect(self, context: Context, state: State) -> EventStatus:
         """Collect new samples, and process all if a block may be complete."""
-        memory, now = self._with_new_samples(context), context.get_time()
+        now = context.get_time()
+        memory = replace(self._with_new_samples(context), latest=now)
         if now >= memory.due - self._period / 2:
             stream = self._stream.processed(memory.stream)
             memory = replace(memory, stream=stream, due=self._stream.due(stream, now))
@@ -214,7 +227,7 @@ class SensorIdentifier(Identifier):
         return replace(memory, seen=seen, stream=replace(memory.stream, waiting=waiting), due=due)
 
     @one_thread
-    def _solve(self, context: Context) -> Identification:
+    def _identify(self, context: Context) -> Identification:
         stream = self._memory(context).stream
         found = self._answers.get(stream.online)  # most samples leave the fit as it is
         if found is None:
@@ -229,6 +242,8 @@ class _Memory:
     stream: StreamState
     seen: dict[str, float]
     """Time of the latest sample of every sensor [s]."""
+    latest: float = -np.inf
+    """Time of the Context at the latest update [s]."""
     due: float = np.nan
     """Time of the Context at which the next block may be complete [s]; NaN before the first."""
 

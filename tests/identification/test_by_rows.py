@@ -103,7 +103,7 @@ def test_a_joint_that_turns_back_and_less_far_misses_the_samples_by_more_than_th
     for encoders, passes in ((samples.encoders, True), (wrong, False)):
         log = samples.updated({"encoders": encoders})
         found = identify(craft, log, rows="standard", sensors=flight)
-        assert found.check("misfit").passed == passes
+        assert found.check("conservation of momentum").passed == passes
 
 
 def test_a_target_that_slips_at_half_time_is_not_that_of_the_first_half(craft, skewed_target):
