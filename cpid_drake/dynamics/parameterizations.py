@@ -210,10 +210,11 @@ class Parameterization:
             return np.full((10, 10), np.nan)
         n = self.bent
         P = root[:n] @ root[:n].T
-        step = 1e-4 * np.sqrt(np.diag(P))
-        step[step == 0.0] = 1.0
-        aside = np.eye(n, 10) * step[:, None]
-        J = self.jacobian(vector + np.vstack([np.zeros(10), aside, -aside]))
+        step = 1e-4 * np.sqrt(P.diagonal()) + 1e-300
+        points = np.tile(vector, (2 * n + 1, 1))
+        points[1 : n + 1, :n] += np.diag(step)
+        points[n + 1 :, :n] -= np.diag(step)
+        J = self.jacobian(points)
         J[np.isnan(J)] = 0.0
         # H_i P for each parameter i, with H in the unknowns in which π is bent.
         H = (J[1 : n + 1, :, :n] - J[n + 1 :, :, :n]) / (2 * step[:, None, None])

@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import lapack
 
 from cpid_drake.array import Array
 from cpid_drake.estimation.least_squares import (
@@ -357,7 +358,9 @@ def _determined(
         residuals (n − rank,) of z along the others.
 
     """
-    U, S, Vt = np.linalg.svd(R * scale)
+    U, S, Vt, failed = lapack.dgesdd(R * scale)
+    if failed:
+        raise np.linalg.LinAlgError("rows are not finite")
     rank = int(np.count_nonzero(max(least, tolerance * float(S[0])) < S))
     # x = V S⁻¹ Uᵀ z and its root V S⁻¹, along the determined directions.
     sizes = S.copy()

@@ -22,8 +22,9 @@ def determined_parameters(
 
     """
     x, root = solution.estimate, solution.root if solution.has_noise else solution.root * np.nan
-    # A known parameter depends only on unknowns that are determined.
-    covariance = form.covariance(x, np.where(solution.is_open[:, None], 0.0, root))
+    if solution.is_open.any():  # a known parameter depends only on unknowns that are determined
+        root = np.where(solution.is_open[:, None], 0.0, root)
+    covariance = form.covariance(x, root)
     parameters, reach = form.to_parameters(x), quantile * float(root[0] @ root[0]) ** 0.5
     low, high = sorted(form.mass(float(x[0]) + side) for side in (-reach, reach))
     if not low <= parameters[0] <= high:
@@ -31,5 +32,6 @@ def determined_parameters(
     is_open = ~np.isfinite(parameters)
     is_open[0] |= bool(np.isnan(low) and np.isfinite(covariance[0, 0]))
     is_open[1:] |= low <= 0.0 <= high
-    parameters[is_open] = covariance[is_open, :] = covariance[:, is_open] = np.nan
+    if is_open.any():
+        parameters[is_open] = covariance[is_open, :] = covariance[:, is_open] = np.nan
     return parameters, covariance, np.array([low, high])
