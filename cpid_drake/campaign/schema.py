@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from annotated_types import Ge, Interval, MinLen
 
 from cpid_drake.array import Array
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
@@ -27,6 +26,7 @@ from cpid_drake.files.checked_yaml import (
     parse_yaml,
 )
 from cpid_drake.files.errors import InputError, choose_from, prefix_errors
+from cpid_drake.files.limits import Limits
 from cpid_drake.files.resources import find_scenario, resolve_model
 from cpid_drake.identification.estimators import methods
 from cpid_drake.sensors.sensors import SENSORS
@@ -56,8 +56,8 @@ class Axis:
     uniform: Annotated[Array, Numbers()] | None = None
     log_uniform: Annotated[Array, Numbers()] | None = None
     normal: Annotated[Array, Numbers()] | None = None
-    one_of: Annotated[list[Any], MinLen(1)] | None = None
-    grid: Annotated[list[Any], MinLen(1)] | None = None
+    one_of: Annotated[list[Any], Limits(min_length=1)] | None = None
+    grid: Annotated[list[Any], Limits(min_length=1)] | None = None
 
     def __post_init__(self) -> None:
         given = [each.name for each in fields(self) if getattr(self, each.name) is not None]
@@ -123,7 +123,7 @@ class ModelErrors:
 
     """
 
-    mass: Annotated[float, Interval(gt=-1, le=10)] = 0.0
+    mass: Annotated[float, Limits(gt=-1, le=10)] = 0.0
     grasp_mm: Vector = field(default_factory=lambda: np.zeros(3))
     grasp_mrad: Vector = field(default_factory=lambda: np.zeros(3))
     joint_zero_mrad: float = 0.0
@@ -177,7 +177,7 @@ class Requirement:
     """
 
     error: float | str
-    probability: Annotated[float, Interval(gt=0, lt=1)]
+    probability: Annotated[float, Limits(gt=0, lt=1)]
 
     def __post_init__(self) -> None:
         match = re.fullmatch(r"\s*([0-9.eE+-]+)\s*%\s*", str(self.error))
@@ -212,12 +212,14 @@ class Campaign:
     """
 
     scenario: Name
-    trials: Annotated[int, Ge(1)] = 200
-    seed: Annotated[int, Ge(0)] = 1
+    trials: Annotated[int, Limits(ge=1)] = 200
+    seed: Annotated[int, Limits(ge=0)] = 1
     engine: Literal["propagator", "drake"] = "propagator"
-    repeated: Annotated[float, Interval(ge=0, le=1)] = 0.01
-    bounds: Annotated[float, Interval(ge=0, le=1)] = 1.0
-    estimators: Annotated[list[str], MinLen(1)] = field(default_factory=lambda: ["trajectory_fit"])
+    repeated: Annotated[float, Limits(ge=0, le=1)] = 0.01
+    bounds: Annotated[float, Limits(ge=0, le=1)] = 1.0
+    estimators: Annotated[list[str], Limits(min_length=1)] = field(
+        default_factory=lambda: ["trajectory_fit"]
+    )
     fixed: dict[str, Any] = field(default_factory=dict)
     axes: dict[str, Axis] = field(default_factory=dict)
     requirements: dict[Literal["mass", "com", "inertia"], Requirement] = field(default_factory=dict)

@@ -1,8 +1,7 @@
 """Conversion of YAML and JSON to dataclasses; their declarations define keys, types and limits.
 
-A dataclass states its limits where it declares its members, with `annotated_types` (such as
-`Annotated[float, Gt(0)]`) and with the annotations of this module. pydantic checks them; this
-module reads the files, limits their size, and writes error messages of one line with the problem,
+A dataclass states its limits where it declares its members, with `limits.Limits` and with the
+annotations of this module. pydantic checks them; this module reads the files, limits their size, and writes error messages of one line with the problem,
 its place and the remedy.
 """
 

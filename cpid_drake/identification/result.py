@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-from annotated_types import Ge, Gt, Le
 
 from cpid_drake.array import Array
 from cpid_drake.dynamics.inertia import InertialParameters
@@ -21,6 +20,7 @@ from cpid_drake.estimation.least_squares import describe_unidentifiable, quantil
 from cpid_drake.estimation.parameters import determined_parameters
 from cpid_drake.files.checked_yaml import InMemory, Numbers
 from cpid_drake.files.errors import InputError, choose_from
+from cpid_drake.files.limits import Limits
 from cpid_drake.identification.budget import BudgetRow
 from cpid_drake.identification.checks import CONVERGENCE, NEAREST, Check
 from cpid_drake.identification.description import describe, gap, html, summary
@@ -47,10 +47,10 @@ TURNS = 4
 NO_MASS = "c and I, because the interval of m contains zero"
 """Why they are not identifiable although the samples determine all unknowns."""
 
-Count = Annotated[int, Ge(0), Le(2**53)]
+Count = Annotated[int, Limits(ge=0, le=2**53)]
 Ten = Annotated[Array, Numbers(10, unknown=True)]
 Intervals = Annotated[Array, Numbers(10, 2, unknown=True)]
-Rank = Annotated[int, Ge(0), Le(10)]
+Rank = Annotated[int, Limits(ge=0, le=10)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,7 @@ class Combinations:
     unknowns: str
     values: Annotated[Array, Numbers(10)]
     information: Annotated[Array, Numbers(10, 10)]
-    known_mass: Annotated[float, Gt(0)]
+    known_mass: Annotated[float, Limits(gt=0)]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

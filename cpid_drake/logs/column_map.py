@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from annotated_types import Gt
 
 from cpid_drake.array import Array
 from cpid_drake.files.checked_yaml import Numbers, Vector, load_yaml
 from cpid_drake.files.errors import InputError
+from cpid_drake.files.limits import Limits
 from cpid_drake.files.resources import resolve_model
 
 Length = Literal["m", "cm", "mm", "km", "in", "ft"]
@@ -88,7 +88,7 @@ class TimeColumn:
 
     column: str = "time"
     unit: TimeUnit = "s"
-    rate: Annotated[float, Gt(0)] | None = None
+    rate: Annotated[float, Limits(gt=0)] | None = None
     epoch: float = 0.0
     nanoseconds: str | None = None
     from_rates: bool = False

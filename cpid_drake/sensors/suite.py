@@ -4,12 +4,12 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Interval
 
 from cpid_drake.array import Array
 from cpid_drake.dynamics.orbit import Orbit
 from cpid_drake.files.checked_yaml import check_values
 from cpid_drake.files.errors import InputError
+from cpid_drake.files.limits import Limits
 from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.sensors import (
     SENSORS,
@@ -24,7 +24,7 @@ from cpid_drake.sensors.thrusters import Thrusters
 NUMERICAL_SIGMA = 1e-8
 """Smallest σ that estimators assume for a sensor, due to rounding [rad, m, rad/s, m/s]."""
 
-Decimals = Annotated[int, Interval(ge=0, le=15)]
+Decimals = Annotated[int, Limits(ge=0, le=15)]
 
 
 @dataclass

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge, Gt, Interval, Le
 
 from cpid_drake.array import Array
 from cpid_drake.dynamics.inertia import InertialParameters
@@ -16,6 +15,7 @@ from cpid_drake.dynamics.parameterizations import inertia_of_second_moment
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.files.checked_yaml import FirstUnlessTagged, Numbers, Vector
 from cpid_drake.files.errors import InputError
+from cpid_drake.files.limits import Limits
 from cpid_drake.identification.prior import PriorConfig
 from cpid_drake.sensors.presets import load_sensors
 from cpid_drake.sensors.suite import SensorSuite, check_sensors
@@ -36,10 +36,10 @@ MOST_STEPS = 1_000_000
 """Largest number of logged samples, of identified samples and of longest steps of a simulation;
 more would fill the memory."""
 
-Positive = Annotated[float, Gt(0)]
-NotNegative = Annotated[float, Ge(0)]
+Positive = Annotated[float, Limits(gt=0)]
+NotNegative = Annotated[float, Limits(ge=0)]
 Momentum = Annotated[Array, Numbers(6)]
-Gain = Annotated[float, Interval(gt=0, le=1e4)]  # [rad/s]; stiffer ones are too slow to simulate
+Gain = Annotated[float, Limits(gt=0, le=1e4)]  # [rad/s]; stiffer ones are too slow to simulate
 
 
 @dataclass
@@ -80,7 +80,7 @@ class TargetConfig:
     The inertia about the centre of mass is given, or is that of a `solid`.
     """
 
-    mass: Annotated[float, Le(1e9)]
+    mass: Annotated[float, Limits(le=1e9)]
     p_CTcm_C: Vector
     I_TTcm_C: Annotated[Array, Numbers(3, 3)] | None = None
     visual_model: str | None = None
@@ -139,7 +139,7 @@ class SensorsConfig:
 
     suite: str = ""
     explicit: SensorSuite | None = None
-    seed: Annotated[int, Ge(0)] = 1
+    seed: Annotated[int, Limits(ge=0)] = 1
 
     def __post_init__(self) -> None:
         if self.explicit is not None:
@@ -180,7 +180,7 @@ class SimulatorSettings:
         "runge_kutta3"
     )
     max_step_size: Positive = 0.05
-    accuracy: Annotated[float, Ge(1e-13)] = 1e-9
+    accuracy: Annotated[float, Limits(ge=1e-13)] = 1e-9
     use_error_control: bool = True
 
 
@@ -213,7 +213,7 @@ class SimulationConfig:
     disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
     sprung_masses: list[SprungMass] = field(default_factory=list)
     wrist: CompliantWrist | None = None
-    joint_compliance_urad: Annotated[float, Ge(0)] = 0.0
+    joint_compliance_urad: Annotated[float, Limits(ge=0)] = 0.0
     burns: list[Burn] = field(default_factory=list)
     burns_logged: bool = True
     log_period: Positive = 0.0625

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from annotated_types import Ge, Gt, MinLen
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
@@ -18,6 +17,7 @@ from pydrake.multibody.tree import (
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.files.checked_yaml import Vector
 from cpid_drake.files.errors import InputError
+from cpid_drake.files.limits import Limits
 from cpid_drake.spacecraft.reading import find_element
 
 
@@ -38,11 +38,11 @@ class SprungMass:
 
     """
 
-    body: Annotated[str, MinLen(1)]
+    body: Annotated[str, Limits(min_length=1)]
     p_BS: Vector
-    mass: Annotated[float, Gt(0)]
-    frequency: Annotated[float, Gt(0)]
-    damping_ratio: Annotated[float, Ge(0)] = 0.01
+    mass: Annotated[float, Limits(gt=0)]
+    frequency: Annotated[float, Limits(gt=0)]
+    damping_ratio: Annotated[float, Limits(ge=0)] = 0.01
 
     def add_to(self, plant: MultibodyPlant) -> None:
         """Add bodies, joints and springs to a plant that has the body and is not finalized.

@@ -3,12 +3,12 @@
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated
 
-from annotated_types import MinLen
+from cpid_drake.files.limits import Limits
 
 if TYPE_CHECKING:
     from cpid_drake.spacecraft.spacecraft import Spacecraft
 
-Name = Annotated[str, MinLen(1)]
+Name = Annotated[str, Limits(min_length=1)]
 
 
 @dataclass
