@@ -72,8 +72,8 @@ class MomentumIdentifier(Identifier):
             `cpid_drake.dynamics.rows.ROW_FAMILIES`.
         momentum: the total momentum, zero (default) or unknown; not unknown with "eq18".
         period: time between samples [s]; the paper's is 1 s.
-        offset: time of the first sample [s]; the paper's is 1 s, because samples at rest contain no
-            information.
+        offset: time of the first sample [s]; default: one period, because samples at rest contain
+            no information.
 
     Raises:
         InputError: no such rows, a period that is not positive, or a negative offset; and, when a
@@ -88,13 +88,14 @@ class MomentumIdentifier(Identifier):
         *,
         rows: str = "standard",
         momentum: TotalMomentum | str | None = None,
-        period: float = 1.0,
-        offset: float = 1.0,
+        period: float = 0.1,
+        offset: float | None = None,
     ) -> None:
         super().__init__()
         self.set_name("momentum_identifier")
         if not (is_number(period) and period > 0):
             raise InputError(f"identification period must be > 0 s, not {period}")
+        offset = period if offset is None else offset
         if not (is_number(offset) and offset >= 0):
             raise InputError(f"identification offset must be >= 0 s, not {offset}")
         require_spacecraft(spacecraft)
@@ -133,8 +134,8 @@ class MomentumIdentifier(Identifier):
         state: OutputPort,
         rows: str = "standard",
         momentum: TotalMomentum | str | None = None,
-        period: float = 1.0,
-        offset: float = 1.0,
+        period: float = 0.1,
+        offset: float | None = None,
     ) -> Self:
         """Add an identifier to a diagram and connect its input; for the options see the class.
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake import InputError
-from cpid_drake.files import load_yaml
+from cpid_drake.files.checked_yaml import load_yaml
 from cpid_drake.files.limits import Limits
 
 Array = NDArray[np.float64]

@@ -11,7 +11,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import cpid_drake as cpid
-from cpid_drake.dynamics import parameter_scale, system_momentum
+from cpid_drake.dynamics.momentum import system_momentum
+from cpid_drake.dynamics.parameterizations import parameter_scale
 
 scenario = cpid.load_scenario(cpid.shipped_scenario("paper"))
 spacecraft, truth = scenario.spacecraft.make(), scenario.target_truth()

@@ -32,8 +32,8 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from cpid_drake import InertialParameters, Log, Spacecraft, identify
-from cpid_drake.dynamics import STANDARD
-from cpid_drake.logs import Samples
+from cpid_drake.dynamics.parameterizations import STANDARD
+from cpid_drake.logs.log import Samples
 
 PAGE = Path(__file__).parents[2] / "docs/explanation/comparison.md"
 CRAFT = CRAFTS["free_flyer"]

@@ -306,7 +306,7 @@ def diagram(flyer: Spacecraft, **options) -> tuple[Simulator, MultibodyPlant, Mo
 
 def test_runs_add_up_where_time_is_set_back(flyer):
     """Three runs of a second from other poses of the arm, as with a robot's short tests."""
-    simulator, plant, identifier = diagram(flyer)
+    simulator, plant, identifier = diagram(flyer, period=1.0)
     context = simulator.get_mutable_context()
     for k in range(3):
         context.SetTime(0.0)
@@ -344,7 +344,7 @@ def test_zeros_before_the_first_value_of_a_hold_are_no_sample(flyer):
     hold = builder.AddSystem(ZeroOrderHold(1.0, plant.num_multibody_states(), 0.5))
     builder.Connect(plant.get_state_output_port(), hold.get_input_port())
     identifier = MomentumIdentifier.AddToBuilder(
-        builder, flyer, state=hold.get_output_port(), offset=0.0
+        builder, flyer, state=hold.get_output_port(), period=1.0, offset=0.0
     )
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(3.0)
