@@ -15,7 +15,7 @@ from cpid_drake.commands import options
 from cpid_drake.commands.groups import group
 from cpid_drake.files.digits import significant
 from cpid_drake.files.errors import InputError, prefix_errors
-from cpid_drake.files.overwriting import check_folder, check_outputs
+from cpid_drake.files.overwriting import check_outputs
 from cpid_drake.files.resources import find_scenario
 
 plan = group("plan")
@@ -69,7 +69,6 @@ def motion(
     out: options.File,
     chosen: Choices = Choices(),
     picture: options.File | None = None,
-    front: options.Folder | None = None,
     force: options.Force = False,
     quiet: options.Quiet = False,
 ) -> None:
@@ -81,14 +80,10 @@ def motion(
     Args:
         out: YAML file of the planned motion.
         picture: PNG or SVG file with σ, joints and base of the plan.
-        front: Also compute the Pareto front of precision against base rotation; write its motions
-            and a table.
 
     """
     path, start = find_scenario(scenario), time.perf_counter()
-    inputs = [path, chosen.prior]
-    check_outputs([("--out", out), ("--picture", picture)], inputs, force=force)
-    check_folder("--front", front, inputs, force=force)
+    check_outputs([("--out", out), ("--picture", picture)], [path, chosen.prior], force=force)
     if picture is not None and picture.suffix not in (".png", ".svg"):
         raise InputError(f"--picture {picture}: give the name of a .png or .svg file")
     log = options.log_console(quiet)
@@ -99,9 +94,7 @@ def motion(
             status.update(f"{what}{known}")
 
         planner = chosen.planner(path)
-        best, count = planning.write_plan(out, planner, scenario, folder=front, progress=progress)
-        if front is not None:
-            log.print(f"{count} motions in {front}")
+        best = planning.write_plan(out, planner, scenario, progress=progress)
         log.print(f"{out}: {time.perf_counter() - start:.0f} s")
         motions = {"scenario's motion": planner.own_motion, "plan": best.motion}
         found = planning.predictions(planner, motions)

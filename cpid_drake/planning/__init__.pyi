@@ -1,5 +1,5 @@
 from .comparison import predictions, reference_motions
-from .pareto import front, write_plan
+from .plan_file import write_plan
 from .plan_options import PlanOptions
 from .planner import Plan, Planner, load_planner
 
@@ -7,7 +7,6 @@ __all__ = [
     "Plan",
     "PlanOptions",
     "Planner",
-    "front",
     "load_planner",
     "predictions",
     "reference_motions",
