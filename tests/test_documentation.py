@@ -29,7 +29,7 @@ NAME = r"[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*"
 REFERENCE = re.compile(rf"(?<!`)`({NAME})(?:\([^`]*\))?`(?!`)")
 TEST = re.compile(r"`(?:(tests/[\w/.]+\.py)(?:::)?)?(test_\w+)?`")
 NOT_A_NAME = re.compile(
-    r".*\.(csv|db3|html|json|mcap|md|npz|parquet|pyi?|toml|urdf|xml|yaml)$"  # a file
+    r".*\.(csv|db3|html|json|mcap|md|parquet|pyi?|toml|urdf|xml|yaml)$"  # a file
     r"|[a-z]+\d*$"  # a plain word: a column, a key of a file, a port, an option
     r"|[A-Za-z]+\d?_[A-Z]\w*$"  # a quantity in monogram notation: p_CTcm_C
 )

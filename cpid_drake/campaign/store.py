@@ -1,6 +1,7 @@
 """The folder of a campaign: one Parquet file for each chunk of trials. The folder is the truth."""
 
 import re
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -41,8 +42,8 @@ def open_folder(folder: Path, plan: CampaignPlan, *, resume: bool) -> None:
             raise InputError(f"{folder}: has files that belong to no campaign; give another folder")
         else:
             write_text(folder / PLAN, plan.text)
-        for draft in folder.glob(f"{DRAFT}*"):  # of a process that was killed
-            draft.unlink()
+        for drafts in folder.glob(f"{DRAFT}*"):  # of a process that was killed
+            shutil.rmtree(drafts)
 
 
 def plan_in(folder: Path) -> CampaignPlan:

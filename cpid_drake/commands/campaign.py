@@ -5,7 +5,6 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from cpid_drake import report
 from cpid_drake.commands import options
 from cpid_drake.commands.groups import group
 from cpid_drake.files.overwriting import check_outputs
@@ -75,8 +74,9 @@ def write_report(
     with options.extra("campaign"):
         from cpid_drake.campaign.statistics import statistics_of
         from cpid_drake.report.pages.campaign import campaign_report
+        from cpid_drake.report.terminal import print_tables
     check_outputs([("", folder / "report.html")], force=force)
     page = campaign_report(statistics_of(folder), folder)
     page.write_folder(folder)
     if not quiet:
-        report.print_tables(page)
+        print_tables(page)

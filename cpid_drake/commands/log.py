@@ -1,4 +1,4 @@
-"""`cpid log`: checks logs, finds out what their columns mean, and converts them."""
+"""`cpid log`: checks logs, and finds out what their columns mean."""
 
 import sys
 from pathlib import Path
@@ -11,7 +11,7 @@ from cpid_drake.files.drafts import write_text
 from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.files.overwriting import check_outputs
 from cpid_drake.identification.log_conventions import check_as_read
-from cpid_drake.logs.files import inspect_log, read_log, read_table, write_log
+from cpid_drake.logs.files import inspect_log, read_table
 from cpid_drake.logs.guess.guess import guess_map
 from cpid_drake.report.log_contents import checked_contents
 
@@ -100,29 +100,3 @@ def map_columns(
     if out is not None:
         print(f"{out}: written; read the log with --columns {out}", file=sys.stderr)
     return 0
-
-
-@log.command
-def convert(
-    log: options.LogFile,
-    /,
-    *,
-    columns: options.Columns | None = None,
-    topic: options.Topics | None = None,
-    out: options.File,
-    leave_out_bad: options.LeaveOutBad = False,
-    force: options.Force = False,
-) -> None:
-    """Write a log in the package's own columns, SI units and radians.
-
-    Angular velocities are written in the body's axes, as gyros measure them.
-
-    Args:
-        out: File to write: .csv, .npz or .parquet.
-
-    """
-    check_outputs([("--out", out)], [log, columns], force=force)
-    topics = options.topics_of(topic)
-    found = read_log(log, leave_out_bad=leave_out_bad, topics=topics, columns=columns)
-    write_log(out, found)
-    options.log_console().print(f"{out}: written, {len(found.joint_names)} joints")

@@ -4,19 +4,22 @@ import math
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, get_type_hints
+from typing import TYPE_CHECKING, Annotated, get_type_hints
 
 from cyclopts import Group, Parameter
 from cyclopts.validators import Number as Within
 
 import cpid_drake as cpid
-from cpid_drake import planning, report, simulation
 from cpid_drake.commands import options
 from cpid_drake.commands.groups import group
 from cpid_drake.files.digits import significant
 from cpid_drake.files.errors import InputError, prefix_errors
-from cpid_drake.files.overwriting import check_folder, check_outputs
+from cpid_drake.files.overwriting import check_outputs
 from cpid_drake.files.resources import find_scenario
+from cpid_drake.planning.plan_options import PlanOptions
+
+if TYPE_CHECKING:  # Drake and SciPy take a second to load, and help needs neither
+    from cpid_drake.planning.planner import Planner
 
 plan = group("plan")
 
@@ -38,7 +41,7 @@ _GROUPS = {
 
 @Parameter("*")
 @dataclass(frozen=True)
-class Choices(planning.PlanOptions):
+class Choices(PlanOptions):
     """The options of a plan and of a comparison."""
 
     sensors: Annotated[options.Sensors | None, _KNOWN] = None
@@ -47,16 +50,18 @@ class Choices(planning.PlanOptions):
     """What is known about the target: a result of `cpid identify` (JSON), or YAML with mass,
     p_CTcm_C, I_TTcm_C and sigma. Default: nothing but the spacecraft's size."""
 
-    def planner(self, scenario: Path | str) -> planning.Planner:
+    def planner(self, scenario: Path | str) -> "Planner":
         """Return the planner of a scenario's file."""
-        return planning.load_planner(scenario, self.sensors, self, self.prior)
+        from cpid_drake.planning.planner import load_planner
+
+        return load_planner(scenario, self.sensors, self, self.prior)
 
 
 # The planner knows no command line: the groups and placeholders of its options are added here.
 for _title, _names in _GROUPS.items():
     _group = Group.create_ordered(_title)
     for _name in _names:
-        _kind = get_type_hints(planning.PlanOptions)[_name]
+        _kind = get_type_hints(PlanOptions)[_name]
         _metavar = "NAME" if _name == "joint" else "COUNT" if _kind is int else "NUMBER"
         Choices.__annotations__[_name] = Annotated[_kind, Parameter(group=_group, metavar=_metavar)]
 
@@ -69,7 +74,6 @@ def motion(
     out: options.File,
     chosen: Choices = Choices(),
     picture: options.File | None = None,
-    front: options.Folder | None = None,
     force: options.Force = False,
     quiet: options.Quiet = False,
 ) -> None:
@@ -81,14 +85,15 @@ def motion(
     Args:
         out: YAML file of the planned motion.
         picture: PNG or SVG file with σ, joints and base of the plan.
-        front: Also compute the Pareto front of precision against base rotation; write its motions
-            and a table.
 
     """
+    from cpid_drake.planning.comparison import predictions
+    from cpid_drake.planning.plan_file import write_plan
+    from cpid_drake.report.plan import motion_table, save_plan
+    from cpid_drake.report.terminal import print_table
+
     path, start = find_scenario(scenario), time.perf_counter()
-    inputs = [path, chosen.prior]
-    check_outputs([("--out", out), ("--picture", picture)], inputs, force=force)
-    check_folder("--front", front, inputs, force=force)
+    check_outputs([("--out", out), ("--picture", picture)], [path, chosen.prior], force=force)
     if picture is not None and picture.suffix not in (".png", ".svg"):
         raise InputError(f"--picture {picture}: give the name of a .png or .svg file")
     log = options.log_console(quiet)
@@ -99,12 +104,10 @@ def motion(
             status.update(f"{what}{known}")
 
         planner = chosen.planner(path)
-        best, count = planning.write_plan(out, planner, scenario, folder=front, progress=progress)
-        if front is not None:
-            log.print(f"{count} motions in {front}")
+        best = write_plan(out, planner, scenario, progress=progress)
         log.print(f"{out}: {time.perf_counter() - start:.0f} s")
         motions = {"scenario's motion": planner.own_motion, "plan": best.motion}
-        found = planning.predictions(planner, motions)
+        found = predictions(planner, motions)
     usage = found["scenario's motion"].usage
     limit = max(usage, key=lambda name: usage[name])
     if usage[limit] > 1:
@@ -115,11 +118,11 @@ def motion(
     for note in planner.notes:
         log.print(f"note: {note}")
     if picture is not None:
-        report.save_plan(picture, planner, motions, found)
+        save_plan(picture, planner, motions, found)
     if quiet:
         return
     title = f"Predicted σ, a target of {planner.targets[0][0]:.3g} kg"
-    report.print_table(report.motion_table(found, title))
+    print_table(motion_table(found, title))
     print(f"active limits: {'; '.join(best.active) or 'none'}")
     print(f"cpid simulate SCENARIO --out DIR, with joint_motion: !MotionFile {{file: {out}}}")
 
@@ -144,22 +147,25 @@ def rank(
         trials: Noisy logs that are simulated and identified for each motion.
 
     """
+    from cpid_drake.planning.comparison import predictions, reference_motions
+    from cpid_drake.report.plan import motion_table, rank_correlation
+    from cpid_drake.report.terminal import print_table
+    from cpid_drake.simulation.joint_motions import MotionFile
+
     path, log = find_scenario(scenario), options.log_console(quiet)
     with prefix_errors(scenario), log.status("ranking") as status:
         planner = chosen.planner(path)
         craft, still = planner.spacecraft, planner.scenario.spacecraft.configuration
-        given = {
-            file.name: simulation.MotionFile(str(file)).make(craft, still) for file in motions or []
-        }
-        compared = {**dict(planning.reference_motions(planner)), **given}
-        found = planning.predictions(planner, compared, trials, status.update)
+        given = {file.name: MotionFile(str(file)).make(craft, still) for file in motions or []}
+        compared = {**dict(reference_motions(planner)), **given}
+        found = predictions(planner, compared, trials, status.update)
     for note in planner.notes:
         log.print(f"note: {note}")
     ordered = dict(sorted(found.items(), key=lambda item: item[1].worst))
     title = f"Motions for a target of {planner.targets[0][0]:.3g} kg, the best first"
-    report.print_table(report.motion_table(ordered, title))
+    print_table(motion_table(ordered, title))
     if trials:
-        correlation = report.rank_correlation(found)
+        correlation = rank_correlation(found)
         print(f"rank correlation of predicted and realised errors: {correlation:.2f}")
 
 
@@ -181,9 +187,11 @@ def export(
         rate: Rows per second.
 
     """
+    from cpid_drake.simulation.joint_motions import MotionFile, write_joint_table
+
     path = find_scenario(scenario)
     check_outputs([("--out", out)], [path, motion], force=force)
     config = cpid.load_scenario(path).spacecraft
     craft = config.make()
-    made = simulation.MotionFile(str(motion)).make(craft, config.configuration)
-    simulation.write_joint_table(out, made, craft.joint_names, rate)
+    made = MotionFile(str(motion)).make(craft, config.configuration)
+    write_joint_table(out, made, craft.joint_names, rate)

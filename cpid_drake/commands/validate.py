@@ -39,7 +39,7 @@ def validate(
     or usage; 4 the result is not valid.
 
     Args:
-        log: A log of the same spacecraft and target that was not used for the result: CSV, NPZ,
+        log: A log of the same spacecraft and target that was not used for the result: CSV,
             Parquet or ROS 2 bag.
         threshold: Largest usual residual of the log, in σ and whatever its cause, with which the
             result is valid.

@@ -12,11 +12,11 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.identification import by_rows, fitted, online
 from cpid_drake.identification.arguments import Arguments
-from cpid_drake.identification.by_rows import LEAST_SQUARES
 from cpid_drake.identification.checked_log import CheckedLog
 from cpid_drake.identification.fitted import TRAJECTORY_FIT
 from cpid_drake.identification.online import RECURSIVE_FIT
 from cpid_drake.identification.result import Identification
+from cpid_drake.identification.row_checks import LEAST_SQUARES
 from cpid_drake.sensors.sensors import SENSORS
 
 

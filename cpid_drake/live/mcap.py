@@ -1,6 +1,5 @@
 """An identification as ROS 2 messages in an MCAP file, for PlotJuggler, Foxglove and Rerun."""
 
-import tempfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -48,8 +47,8 @@ def write_mcap(path: str | Path, evidence: Evidence) -> None:
         raise InputError("MCAP needs a package: pip install 'cpid-drake[ros]'") from error
     store = get_typestore(Stores.ROS2_HUMBLE)
     messages = sorted(_messages(store.types, evidence), key=lambda each: each[0])
-    with draft_of(path) as draft, tempfile.TemporaryDirectory(dir=path.parent) as folder:
-        bag, connections = Path(folder, "bag"), dict[str, Any]()
+    with draft_of(path) as draft:
+        bag, connections = draft.with_name("bag"), dict[str, Any]()
         with Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
             for stamp, topic, message in messages:
                 kind = message.__msgtype__

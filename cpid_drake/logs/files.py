@@ -10,11 +10,11 @@ from cpid_drake.dynamics.motion import Motion
 from cpid_drake.files.drafts import draft_of
 from cpid_drake.files.errors import InputError
 from cpid_drake.files.resources import resolve_model
-from cpid_drake.logs.arrays import read_npz, read_parquet, write_npz, write_parquet
 from cpid_drake.logs.column_map import ColumnMap, load_column_map
 from cpid_drake.logs.conversion import LogFile, read_columns
 from cpid_drake.logs.csv_format import read_csv, write_csv
 from cpid_drake.logs.log import THRUST, THRUST_COLUMNS, Log
+from cpid_drake.logs.parquet_format import read_parquet, write_parquet
 from cpid_drake.logs.table import LogTable
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.thrusters import VALVE
@@ -27,7 +27,6 @@ Write = Callable[[Path, list[str], Array], None]
 
 FORMATS: dict[str, tuple[Read, Write | None]] = {
     ".csv": (read_csv, write_csv),
-    ".npz": (read_npz, write_npz),
     ".parquet": (read_parquet, write_parquet),
 }
 """All formats of one file with one time, by the ending in lower case."""
@@ -46,7 +45,7 @@ def inspect_log(
     """Read a log file and list all problems in it.
 
     `logs.column_choice` explains the columns. A sample that is absent is an empty cell in CSV
-    files, NaN in NPZ files (one array (N,) for each column), null or NaN in Parquet files.
+    files, null or NaN in Parquet files.
 
     Args:
         path: the file, or a bag's folder.
@@ -86,7 +85,7 @@ def read_table(path: str | Path, topics: Mapping[str, str] | None = None) -> Log
     if file.suffix.lower() not in FORMATS:
         raise InputError(
             f"{path}: logs are read from {', '.join([*FORMATS, *BAG_ENDINGS])} files and bag "
-            f"folders, not from '{file.suffix or file.name}'"
+            f"folders, not from '{file.suffix or file.name}'; `from_columns` has arrays in memory"
         )
     if topics:
         raise InputError(f"{path}: topics are for ROS 2 bags")

@@ -56,7 +56,6 @@ class Plan:
         parameters: (F, K) of the planner's family.
         score: the criterion: the largest weighted σ in units of the scale.
         usage: the largest share of each limit that it needs with any target, by the limit's name.
-        base_rotation: the largest rotation of the base with any target [rad].
 
     """
 
@@ -64,7 +63,6 @@ class Plan:
     parameters: Array
     score: float
     usage: dict[str, float]
-    base_rotation: float
 
     @property
     def active(self) -> list[str]:
@@ -281,11 +279,9 @@ class Planner:
         for _ in range(BISECTIONS):
             x = share * parameters
             motion = self.family.make(x)
-            usage, rotation = self.usage(motion)
+            usage = self.usage(motion)
             if max(usage.values()) <= 1 + 1e-9:  # a joint may rest at its limit
-                found = Plan(
-                    motion, x, float(self.objective.sigmas(x[None]).max()), usage, rotation
-                )
+                found = Plan(motion, x, float(self.objective.sigmas(x[None]).max()), usage)
                 least = share
                 if share == 1:
                     break
@@ -296,8 +292,8 @@ class Planner:
             self.best = found
         return found
 
-    def usage(self, motion: JointMotion) -> tuple[dict[str, float], float]:
-        """Return the largest share of each limit that a motion needs; the base's rotation [rad].
+    def usage(self, motion: JointMotion) -> dict[str, float]:
+        """Return the largest share of each limit that a motion needs, by the limit's name.
 
         They are the largest with any of the checked targets; those of efforts are computed in
         Drake's plant, with the targets that need the most.
@@ -318,7 +314,7 @@ class Planner:
             near = self.clearance.approaches(motion.evaluate(motion.instants())[:, 0])
             least = near[0].distance if near else np.inf
             found["distance"] = self.options.clearance / least if least > 0 else np.inf
-        return found, float(lengths[0])
+        return found
 
 
 def load_planner(

@@ -41,7 +41,6 @@ class SensorSuite:
         thrusters: the valves that the log has columns of; None without.
         unstated: "exact" if errors without a stated σ are zero; None if they may have a plausible
             size, see `error_kinds.with_plausible`.
-        version: of the keys. Before 2, zeros of a file mean "not stated".
 
     """
 
@@ -56,7 +55,6 @@ class SensorSuite:
     disturbances: Disturbances | None = None
     thrusters: Thrusters | None = None
     unstated: Literal["exact"] | None = None
-    version: Literal[1, 2] = 2
 
     def __getitem__(self, name: str) -> SensorErrors:
         """Return the errors of a sensor that is present.
@@ -76,7 +74,7 @@ class SensorSuite:
 
     def exact(self) -> "SensorSuite":
         """Return the sensors of a world that has no other errors than the stated ones."""
-        return replace(self, unstated="exact", version=2)
+        return replace(self, unstated="exact")
 
     @property
     def orbit(self) -> Orbit | None:

@@ -22,7 +22,7 @@ RUN_FILES = (
     *("telemetry.csv", "truth.csv", "truth.json"),
     *("scenario.yaml", "sensors.yaml", "run.json"),
 )
-"""Names of the files of a run."""
+"""Names of the files of a run. The last shows that the run is whole."""
 
 
 def write_run(

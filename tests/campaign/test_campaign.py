@@ -228,7 +228,8 @@ def test_a_campaign_is_continued_and_its_folder_protected(plan, tmp_path, schedu
     whole = rows(folder, found)
     assert whole == rows(run_chunk(found.text, 0, 4))
     (folder / "trials-000000002-000000003.parquet").unlink()
-    (folder / ".cpid-draft-1-trials").write_text("half")
+    (folder / ".cpid-draft-1").mkdir()
+    (folder / ".cpid-draft-1/trials").write_text("half")
     with pytest.raises(InputError, match="continue it with --resume"):
         run_campaign(found, folder, scheduler=scheduler)
     elsewhere = tmp_path / "moved" / "campaign.yaml"

@@ -152,11 +152,6 @@ class TestNotStated:
         assert found.momentum == "zero"
         assert not any("momentum" in text for text in found.warnings)
 
-    def test_zeros_of_an_old_file_are_said_once_not_to_be_exact(self, craft, log, suite):
-        old = replace(silent(suite), version=1)
-        said = identify(craft, log(), sensors=old).warnings
-        assert sum("version: 2" in text for text in said) == 1
-
     @pytest.mark.slow
     @pytest.mark.parametrize("name", [*HIDDEN])
     def test_a_hidden_one_is_in_the_intervals(self, craft, log, suite, skewed_target, name):

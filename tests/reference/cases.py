@@ -10,7 +10,8 @@ from types import SimpleNamespace
 
 import numpy as np
 from hardware_draws import KINDS
-from logs import Repeated, World, log_of, save
+from logs import Repeated, World, log_of, save, write_columns
+from pyarrow import parquet
 from rows import (
     CAUGHT,
     EXACT,
@@ -87,7 +88,7 @@ def exact(folder: Path) -> Rows:
         tuple(f"qd:{name}" for name in joints): m["qdot"],
     }
     save(
-        log := folder / "log.npz",
+        log := folder / "log.parquet",
         {n: (times, v) for names, value in groups.items() for n, v in zip(names, value.T)},
     )
     for family in ("standard", "relative", "eq18"):
@@ -210,7 +211,7 @@ def two_logs(folder: Path) -> Rows:
                 scenario = load_scenario(shipped_scenario(motion))
                 scenario.known_bodies = bodies
                 world = World(scenario, np.random.default_rng([3, seed]) if options else None)
-                path = log_of(world, suite, 10 * seed + k, folder / "log.npz", hardware=seed)
+                path = log_of(world, suite, 10 * seed + k, folder / "log.parquet", hardware=seed)
                 logs[motion] = read_log(path)
             found = identify(world.craft, logs, sensors=suite, **options)
             trials.append(trial_of(found, world))
@@ -230,7 +231,7 @@ sigma: 0.1
 def prior(folder: Path) -> dict:
     """A motion that leaves the target open, completed by a prior."""
     world = lower_arm(world_of("exciting_motion"))
-    log = log_of(world, suite_of("flight"), 1, folder / "log.npz")
+    log = log_of(world, suite_of("flight"), 1, folder / "log.parquet")
     (folder / "prior.yaml").write_text(PRIOR, encoding="utf-8")
     words = ["--sensors", suite_file(folder, "flight"), "--prior", folder / "prior.yaml"]
     return row_of("one joint moves, a prior of 10 %", [cli_trial(world, folder, log, *words)])
@@ -241,20 +242,20 @@ def gaps(folder: Path) -> dict:
     suite, trials, world = deepcopy(suite_of("air_bearing")), [], world_of("air_bearing")
     suite.encoders.rate = 5.0
     for seed in range(2):
-        columns = load(log := log_of(world, suite, seed, folder / "log.npz", noise=3.0))
+        columns = load(log := log_of(world, suite, seed, folder / "log.parquet", noise=3.0))
         for start, length in ((6.0, 1.0), (14.0, 2.0), (21.0, 1.5), (29.0, 3.0)):
             lost = (columns["time"] > start) & (columns["time"] < start + length)
             for joint in world.craft.joint_names:
                 columns[f"q:{joint}"][lost] = np.nan
-        np.savez(log, **columns)
+        write_columns(log, columns)
         trials.append(identified(world, log, suite, **UNKNOWN))
     what = "air_bearing at 5 Hz, gaps of 1 to 3 s in the joints, noise of 3 σ, 2 seeds"
     return row_of(what, trials, is_spoiled=True, why=CAUGHT)
 
 
 def load(log: Path) -> Columns:
-    with np.load(log) as file:
-        return dict(file)
+    table = parquet.read_table(log)
+    return {name: table[name].to_numpy().copy() for name in table.column_names}
 
 
 # -- effects --------------------------------------------------------------------------------------
@@ -367,8 +368,8 @@ def spoiled(folder: Path) -> Rows:
         if name == "payload_other_arm":
             world.attach("operating_arm_gripper", 20.0, [0.3, 0.0, 0.0], 0.2)
         noise = 5.0 if name == "noise_x5" else 1.0
-        log = log_of(world, suite_of(sensors), 1, folder / "log.npz", noise=noise)
-        np.savez(log, **spoil(load(log)))
+        log = log_of(world, suite_of(sensors), 1, folder / "log.parquet", noise=noise)
+        write_columns(log, spoil(load(log)))
         options = ["--momentum", "zero"] if name == "tumble_forgotten" else []
         trial = cli_trial(world, folder, log, "--sensors", suite_file(folder, sensors), *options)
         what = f"{scenario}, {sensors}, {name}"
@@ -408,7 +409,7 @@ def hour(folder: Path) -> dict:
     world = Repeated(load_scenario(shipped_scenario("exciting_motion")), 360)
     suite = deepcopy(suite_of("flight"))  # rounding would be the same in each repetition
     suite.encoders.sigma, suite.encoders.bits = 2 * np.pi / 2**20 / np.sqrt(12), 0
-    log = log_of(world, suite, 1, folder / "log.npz")
+    log = log_of(world, suite, 1, folder / "log.parquet")
     trial = cli_trial(
         world,
         folder,

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 from hardware import ARCSEC, Array, Body, Craft, Joint, Valve, run, sines
+from logs import write_columns
 from rows import cli
 from scipy.spatial.transform import Rotation
 
@@ -31,8 +32,8 @@ def write(folder: Path, craft: Craft, sensors: dict, logs: list[dict], dead: str
     (folder / "sensors.yaml").write_text(yaml.safe_dump(sensors, sort_keys=False), encoding="utf-8")
     paths = []
     for k, columns in enumerate(logs):
-        paths.append(folder / f"log{k + 1}.npz")
-        np.savez(paths[-1], **columns)
+        paths.append(folder / f"log{k + 1}.parquet")
+        write_columns(paths[-1], columns)
     truth = craft.target.parameters()
     return Draw(folder / "craft.urdf", folder / "sensors.yaml", paths, truth, dead)
 

@@ -12,7 +12,9 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import pyarrow
 from numpy.typing import NDArray
+from pyarrow import parquet
 from pydrake.multibody.tree import BodyIndex, RotationalInertia, SpatialInertia
 from scipy.spatial.transform import Rotation
 
@@ -219,7 +221,7 @@ class Repeated(World):
 
 def log_of(world: World, suite: SensorSuite, seed: int, path: Path, *, hardware: int | None = None,
            noise: float = 1.0) -> Path:  # fmt: skip
-    """Write the samples of the sensors as columns to an NPZ file, and return its path."""
+    """Write the samples of the sensors as columns to a Parquet file, and return its path."""
     rng = np.random.default_rng([1, seed])
     fixed = np.random.default_rng([2, seed if hardware is None else hardware])
     scale = _draw_forces(world, suite, rng)
@@ -292,7 +294,12 @@ def save(path: Path, series: dict[str, tuple[Array, Array]]) -> None:
     for name, (time, values) in series.items():
         columns[name] = np.full(len(columns["time"]), np.nan)
         columns[name][np.searchsorted(columns["time"], time)] = values
-    np.savez(path, **columns)
+    write_columns(path, columns)
+
+
+def write_columns(path: Path, columns: dict[str, Array]) -> None:
+    """Write columns to a Parquet file."""
+    parquet.write_table(pyarrow.table(columns), path)
 
 
 def _stated(errors):

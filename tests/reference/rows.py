@@ -272,7 +272,7 @@ def monte_carlo(what: str, name: str, folder: Path, sensors: str | SensorSuite =
     for seed in range(seeds):
         if uncertain:
             world = World(scenario, np.random.default_rng([3, seed]))
-        log = log_of(world, true or suite, seed, folder / "log.npz")
+        log = log_of(world, true or suite, seed, folder / "log.parquet")
         trials.append(identified(world, log, suite, seed < online, **options))
     limit = None
     if bound:

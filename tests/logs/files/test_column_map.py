@@ -104,7 +104,7 @@ def test_an_attitude_in_any_convention_is_read(tmp_path, motion, kind, entry):
     assert_reads_as(log, motion)
 
 
-@pytest.mark.parametrize("ending", ["csv", "npz", "parquet"])
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
 def test_names_units_frames_and_a_marker_are_converted_in_every_format(tmp_path, motion, ending):
     arm = np.einsum("nij,j->ni", motion.R_WB, POINT)
     columns = {"stamp": motion.time * 1e9 + 1.7e18}

@@ -58,7 +58,7 @@ def test_overlapping_burns_add_up():
     np.testing.assert_array_equal(held, expected)
 
 
-@pytest.mark.parametrize("ending", ["csv", "npz", "parquet"])
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
 def test_what_is_written_is_read(log, tmp_path, ending):
     """Burns are rows with nothing else; in every format."""
     path = tmp_path / f"log.{ending}"
