@@ -55,7 +55,7 @@ class Identifier(SpacecraftSystem):
     def identification(self, context: Context) -> "Identification":
         """Return the identification, with its checks. Reading it changes nothing.
 
-        At the end of `AdvanceTo` the samples of that very instant are pending;
+        At the end of `Simulator.AdvanceTo` the samples of that very instant are pending;
         `Simulator.AdvancePendingEvents` takes them. `consistency.checked` finds the part of the
         intervals that a rigid body can have.
 
