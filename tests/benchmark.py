@@ -27,8 +27,8 @@ from cpid_drake.estimation.online import OnlineState, step
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.files.resources import find_scenario
 from cpid_drake.logs.log import ideal_log
+from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.report.replay import replay_html
-from cpid_drake.simulation.noise import add_noise
 
 TARGETS, SEEN, BLOCKS = 300, 5.0, 3
 

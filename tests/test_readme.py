@@ -16,7 +16,7 @@ from processes import ROOT
 import cpid_drake
 from cpid_drake.commands.main import app
 from cpid_drake.files.digits import with_half_width
-from cpid_drake.logs.files import FORMATS, table_of
+from cpid_drake.logs.formats import FORMATS, table_of
 
 README = (ROOT / "README.md").read_text()
 READMES = ("*.md", "cpid_drake/README.md", "diagrams/README.md", "models/**/README.md")
@@ -158,7 +158,7 @@ def test_the_command_prints_what_the_readme_shows(tmp_path):
 
 def test_the_format_of_the_contributors_page_is_read(tmp_path, monkeypatch):
     [code] = re.findall(r"```python\n(.*?)```", (ROOT / "CONTRIBUTING.md").read_text(), re.S)
-    monkeypatch.setattr("cpid_drake.logs.files.FORMATS", dict(FORMATS))
+    monkeypatch.setattr("cpid_drake.logs.formats.FORMATS", dict(FORMATS))
     exec(code, {})
     sample = cpid_drake.read_log(ROOT / "models/telemetry/free_flyer.csv")
     names, values = table_of(sample)

@@ -15,7 +15,7 @@ from distributed import Client, LocalCluster, as_completed
 from distributed.scheduler import KilledWorker
 
 from cpid_drake.campaign import store
-from cpid_drake.campaign.schema import CampaignPlan, load_campaign
+from cpid_drake.campaign.campaign_schema import CampaignPlan, load_campaign
 from cpid_drake.campaign.trial import failed_rows, run_chunk, schema_of
 from cpid_drake.files.errors import InputError
 

@@ -18,7 +18,7 @@ from scipy.special import betaincinv, chdtri
 
 from cpid_drake.array import Array
 from cpid_drake.campaign import store
-from cpid_drake.campaign.schema import Axis, CampaignPlan
+from cpid_drake.campaign.campaign_schema import Axis, CampaignPlan
 from cpid_drake.dynamics.parameterizations import SCALE_LENGTH, parameter_scale
 
 CONFIDENCE = 0.95

@@ -8,7 +8,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from cpid_drake.campaign.schema import VERSION, CampaignPlan
+from cpid_drake.campaign.campaign_schema import VERSION, CampaignPlan
 from cpid_drake.files.drafts import DRAFT, draft_of, write_errors, write_text
 from cpid_drake.files.errors import InputError
 from cpid_drake.files.resources import __version__

@@ -20,7 +20,7 @@ from cpid_drake.files.errors import InputError
 from cpid_drake.files.resources import find_scenario
 from cpid_drake.identification.description import describe
 from cpid_drake.identification.request import sensors_by_log
-from cpid_drake.simulation.files import from_folder
+from cpid_drake.simulation.scenario_files import from_folder
 
 if TYPE_CHECKING:
     FileName = str

@@ -7,7 +7,7 @@ from typing import Annotated
 import numpy as np
 
 from cpid_drake.array import Array
-from cpid_drake.files.limits import Limits
+from cpid_drake.files.constraints import Limits
 
 Size = Annotated[float, Limits(ge=0)]
 

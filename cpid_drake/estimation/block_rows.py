@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from cpid_drake.array import Array
 from cpid_drake.estimation.least_squares import updated_information
 from cpid_drake.estimation.likelihood.model import BlockModel
-from cpid_drake.estimation.likelihood.motion import Trajectory
+from cpid_drake.estimation.likelihood.motion_model import Trajectory
 from cpid_drake.estimation.spectrum import Whitening
 from cpid_drake.estimation.unknowns import PSI
 

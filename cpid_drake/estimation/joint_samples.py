@@ -8,7 +8,7 @@ import numpy as np
 
 from cpid_drake.array import Array
 from cpid_drake.estimation.block import Block
-from cpid_drake.estimation.likelihood.joint_motion import JointPart, spline_basis
+from cpid_drake.estimation.likelihood.joint_model import JointPart, spline_basis
 from cpid_drake.estimation.likelihood.uniform_spline import GAUSS_LEGENDRE
 from cpid_drake.estimation.spectrum import WHITE, Spectra, Whitening
 from cpid_drake.logs.log import Samples

@@ -32,7 +32,7 @@ from cpid_drake.array import Array
 from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.joint_samples import JointSamples, Smoothness, once_weights
 from cpid_drake.estimation.least_squares import loss_weight
-from cpid_drake.estimation.likelihood.joint_motion import DEGREE, ORDER, JointPart
+from cpid_drake.estimation.likelihood.joint_model import DEGREE, ORDER, JointPart
 from cpid_drake.estimation.spectrum import DECLARED, Spectra, added, are_near, spectrum_of
 from cpid_drake.files.errors import InputError
 from cpid_drake.sensors.suite import SensorSuite

@@ -8,7 +8,7 @@ import numpy as np
 from cpid_drake.array import Array
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.likelihood.model import jump_between
-from cpid_drake.estimation.likelihood.motion import TrajectoryState
+from cpid_drake.estimation.likelihood.motion_model import TrajectoryState
 
 
 @dataclass(frozen=True, eq=False)

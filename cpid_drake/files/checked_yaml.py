@@ -1,6 +1,6 @@
 """Conversion of YAML and JSON to dataclasses; their declarations define keys, types and limits.
 
-A dataclass states its limits where it declares its members, with `limits.Limits` and with the
+A dataclass states its limits where it declares its members, with `constraints.Limits` and with the
 annotations of this module. pydantic checks them; this module reads the files, limits their size,
 and writes error messages of one line with the problem, its place and the remedy.
 """

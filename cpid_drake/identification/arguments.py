@@ -14,7 +14,7 @@ from cpid_drake.files.errors import InputError, choose_from
 from cpid_drake.files.resources import resolve_model
 from cpid_drake.identification.prior import TargetPrior, load_prior, prior_of_result
 from cpid_drake.identification.result import Identification
-from cpid_drake.logs.files import inspect_log, refuse_problems
+from cpid_drake.logs.formats import inspect_log, refuse_problems
 from cpid_drake.logs.log import Log
 from cpid_drake.sensors.presets import load_sensors, sensor_presets
 from cpid_drake.sensors.suite import SensorSuite

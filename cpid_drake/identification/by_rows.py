@@ -21,6 +21,7 @@ from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.estimation.gaussian import Gaussian, LeastSquaresSolution, solution_of
 from cpid_drake.estimation.least_squares import INTEGRATION, KNOWN
 from cpid_drake.estimation.rows_fit import TARGET, LogRows
+from cpid_drake.estimation.smoothing import smooth_windows
 from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.identification.arguments import Arguments
 from cpid_drake.identification.checked_log import CheckedLog, suites_of
@@ -35,7 +36,6 @@ from cpid_drake.identification.row_checks import (
 from cpid_drake.identification.together import with_sources
 from cpid_drake.logs.log import Log
 from cpid_drake.logs.noise_estimation import has_noise, sample_sigmas
-from cpid_drake.logs.smoothing import smooth_windows
 from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft

@@ -9,8 +9,8 @@ import numpy as np
 
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.estimation.one_thread import one_thread
 from cpid_drake.files.errors import InputError, prefix_errors
+from cpid_drake.files.one_thread import one_thread
 from cpid_drake.identification.arguments import (
     Arguments,
     LogLike,

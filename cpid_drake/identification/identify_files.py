@@ -24,7 +24,7 @@ from cpid_drake.identification.prior import load_prior
 from cpid_drake.identification.request import Request, Source, log_names
 from cpid_drake.identification.result import History, Identification
 from cpid_drake.logs.conversion import LogFile
-from cpid_drake.logs.files import inspect_log, refuse_problems
+from cpid_drake.logs.formats import inspect_log, refuse_problems
 from cpid_drake.logs.log import Log
 
 PARTS_OVER_TIME = 12

@@ -19,12 +19,12 @@ from cpid_drake.estimation.gaussian import LeastSquaresSolution
 from cpid_drake.estimation.least_squares import describe_unidentifiable, quantile_95
 from cpid_drake.estimation.parameters import determined_parameters
 from cpid_drake.files.checked_yaml import InMemory, Numbers
+from cpid_drake.files.constraints import Limits
 from cpid_drake.files.errors import InputError, choose_from
-from cpid_drake.files.limits import Limits
 from cpid_drake.identification.budget import BudgetRow
 from cpid_drake.identification.checks import CONVERGENCE, NEAREST, Check
 from cpid_drake.identification.description import describe, gap, html, summary
-from cpid_drake.identification.effects import EffectEstimate
+from cpid_drake.identification.effect_estimates import EffectEstimate
 from cpid_drake.identification.parameter import ParameterEstimate
 from cpid_drake.identification.request import Source
 from cpid_drake.logs.log import Samples

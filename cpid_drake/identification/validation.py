@@ -20,11 +20,11 @@ from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.fit import fit
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.log_state import LogState
-from cpid_drake.estimation.one_thread import one_thread
 from cpid_drake.estimation.roll import Rolled, roll
 from cpid_drake.estimation.sweep import EXACT
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.files.errors import InputError
+from cpid_drake.files.one_thread import one_thread
 from cpid_drake.identification.arguments import (
     PathLike,
     resolve_bodies,

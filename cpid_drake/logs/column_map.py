@@ -13,8 +13,8 @@ import numpy as np
 
 from cpid_drake.array import Array
 from cpid_drake.files.checked_yaml import Numbers, Vector, load_yaml
+from cpid_drake.files.constraints import Limits
 from cpid_drake.files.errors import InputError
-from cpid_drake.files.limits import Limits
 from cpid_drake.files.resources import resolve_model
 
 Length = Literal["m", "cm", "mm", "km", "in", "ft"]

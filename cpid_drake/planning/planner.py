@@ -11,9 +11,9 @@ from cpid_drake.array import Array
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import JointMotion, Spline
-from cpid_drake.estimation.one_thread import one_thread
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.files.errors import InputError, choose_from
+from cpid_drake.files.one_thread import one_thread
 from cpid_drake.identification.prior import TargetPrior, load_prior
 from cpid_drake.planning.base_motion import BASE_LIMITS
 from cpid_drake.planning.motion_family import QUANTITIES, MotionFamily
@@ -24,8 +24,8 @@ from cpid_drake.planning.search import Excess, candidates, distance_excess, impr
 from cpid_drake.planning.targets import plausible_targets, prior_information
 from cpid_drake.sensors.presets import load_sensors
 from cpid_drake.sensors.suite import SensorSuite
-from cpid_drake.simulation.files import load_scenario
-from cpid_drake.simulation.schema import Scenario
+from cpid_drake.simulation.scenario import Scenario
+from cpid_drake.simulation.scenario_files import load_scenario
 from cpid_drake.simulation.trials import Case, make_case
 from cpid_drake.spacecraft.clearance import Clearance
 

@@ -9,9 +9,9 @@ from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.files.checked_yaml import from_tree, load_json
 from cpid_drake.files.errors import InputError
 from cpid_drake.report.page import Section, Table
-from cpid_drake.simulation.files import load_scenario
 from cpid_drake.simulation.limits import LimitCheck
-from cpid_drake.simulation.schema import Scenario
+from cpid_drake.simulation.scenario import Scenario
+from cpid_drake.simulation.scenario_files import load_scenario
 
 
 @dataclass(frozen=True, eq=False)

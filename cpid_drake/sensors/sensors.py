@@ -16,8 +16,8 @@ from cpid_drake.array import Array
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.files.checked_yaml import Numbers
+from cpid_drake.files.constraints import Limits
 from cpid_drake.files.errors import InputError
-from cpid_drake.files.limits import Limits
 
 ARCSECOND = np.pi / (180 * 3600)
 DEGREE_PER_HOUR = ARCSECOND  # in a second

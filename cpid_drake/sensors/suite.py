@@ -8,8 +8,8 @@ import numpy as np
 from cpid_drake.array import Array
 from cpid_drake.dynamics.orbit import Orbit
 from cpid_drake.files.checked_yaml import check_values
+from cpid_drake.files.constraints import Limits
 from cpid_drake.files.errors import InputError
-from cpid_drake.files.limits import Limits
 from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.sensors import (
     SENSORS,

@@ -17,9 +17,9 @@ from cpid_drake.files.checked_yaml import (
     load_yaml,
     tagged,
 )
+from cpid_drake.files.constraints import Limits
 from cpid_drake.files.drafts import draft_of
 from cpid_drake.files.errors import InputError, choose_from, prefix_errors
-from cpid_drake.files.limits import Limits
 from cpid_drake.files.resources import resolve_model
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 

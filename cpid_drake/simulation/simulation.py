@@ -25,20 +25,20 @@ from cpid_drake.identification.identify import THRUST_NOT_USED
 from cpid_drake.identification.result import Identification
 from cpid_drake.logs.log import THRUST, Log, Samples
 from cpid_drake.simulation.burns import log_of_burns
-from cpid_drake.simulation.external_forces import ExternalForces
-from cpid_drake.simulation.schema import Scenario
-from cpid_drake.simulation.spacecraft_sensors import (
-    SpacecraftSensors,
-    log_samples,
-    measurements_from_logs,
-)
+from cpid_drake.simulation.scenario import Scenario
 from cpid_drake.spacecraft.spacecraft import Spacecraft
+from cpid_drake.systems.external_forces import ExternalForces
 from cpid_drake.systems.identifier import Identifier
 from cpid_drake.systems.joint_controller import JointController
 from cpid_drake.systems.joint_trajectory import JointTrajectory
 from cpid_drake.systems.momentum_identifier import MomentumIdentifier
 from cpid_drake.systems.plant_state import spacecraft_state
 from cpid_drake.systems.sensor_identifier import SensorIdentifier
+from cpid_drake.systems.spacecraft_sensors import (
+    SpacecraftSensors,
+    log_samples,
+    measurements_from_logs,
+)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from cpid_drake.files.checked_yaml import from_tree, parse_yaml
 from cpid_drake.files.errors import InputError
 from cpid_drake.files.resources import find_scenario, resolve_model
 from cpid_drake.identification.request import Request
-from cpid_drake.simulation.files import load_scenario, resolve_paths, suite_from_folder
+from cpid_drake.simulation.scenario_files import load_scenario, resolve_paths, suite_from_folder
 from cpid_drake.spacecraft.reference import SpacecraftReference
 
 EXPLICIT = "sensors.explicit"

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated
 
-from cpid_drake.files.limits import Limits
+from cpid_drake.files.constraints import Limits
 
 if TYPE_CHECKING:
     from cpid_drake.spacecraft.spacecraft import Spacecraft

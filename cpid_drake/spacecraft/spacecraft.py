@@ -262,7 +262,8 @@ class Spacecraft:
     def to_motion(self, time: ArrayLike, states: ArrayLike) -> Motion:
         """Return plant states x = [q; v] (N, nx) at times (N,) [s] as a motion.
 
-        A state that was logged twice at one time, as by a second call of `Simulator.Initialize`, counts once.
+        A state that was logged twice at one time counts once: a second call of
+        `Simulator.Initialize` does that.
 
         Raises:
             InputError: the times or states are no valid motion.

@@ -10,14 +10,14 @@ from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, Outp
 
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.estimation.one_thread import one_thread
 from cpid_drake.estimation.online import WINDOW, OnlineState
 from cpid_drake.files.errors import InputError
+from cpid_drake.files.one_thread import one_thread
 from cpid_drake.identification.arguments import PathLike, resolve_sensors
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import Identification
-from cpid_drake.live.stream import Stream, StreamState
 from cpid_drake.logs.log import THRUST
+from cpid_drake.online.stream import Stream, StreamState
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.identifier import Identifier, is_number
@@ -63,7 +63,7 @@ class SensorIdentifier(Identifier):
 
     In every period it collects the new samples; one of time t, one period after t, because Drake's
     systems read each other's state before the update. A block is solved when every sensor has
-    delivered its samples, or `live.stream.LATENESS` later; samples after that are rejected. Only
+    delivered its samples, or `online.stream.LATENESS` later; samples after that are rejected. Only
     stamps determine the blocks; their zero is arbitrary. `Finish` also solves the incomplete block;
     samples that are due at this instant need `Simulator.AdvancePendingEvents` before.
 

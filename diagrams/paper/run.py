@@ -19,8 +19,8 @@ from cpid_drake.files.overwriting import check_folder
 from cpid_drake.report.page import Report, Section
 from cpid_drake.report.pages.study import study_report
 from cpid_drake.report.terminal import print_tables
-from cpid_drake.simulation.files import files_of
 from cpid_drake.simulation.limits import check_limits
+from cpid_drake.simulation.scenario_files import files_of
 from paper import figures, tables
 from paper.study import PaperStudy, run_paper_study, summarize
 from paper.values import EXCITING

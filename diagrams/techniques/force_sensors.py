@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from cpid_drake import InputError
 from cpid_drake.files.checked_yaml import load_yaml
-from cpid_drake.files.limits import Limits
+from cpid_drake.files.constraints import Limits
 
 Array = NDArray[np.float64]
 Size = Annotated[float, Limits(ge=0)]

@@ -23,7 +23,7 @@ from cpid_drake.files.overwriting import check_folder
 from cpid_drake.report.page import Report
 from cpid_drake.report.pages.study import study_report
 from cpid_drake.report.terminal import print_tables
-from cpid_drake.simulation.files import files_of
+from cpid_drake.simulation.scenario_files import files_of
 from techniques import tables
 from techniques.comparison import TechniqueComparison, run_comparison
 from techniques.force_sensors import LABORATORY, load_force_sensors

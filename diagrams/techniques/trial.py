@@ -18,10 +18,10 @@ from cpid_drake.dynamics.parameterizations import (
 from cpid_drake.dynamics.rotations import rotate, skew
 from cpid_drake.dynamics.sensitivity import perturbed
 from cpid_drake.dynamics.tree import KinematicTree
+from cpid_drake.estimation.smoothing import smooth
 from cpid_drake.logs.log import sample_times
-from cpid_drake.logs.smoothing import smooth
-from cpid_drake.simulation.noise import add_noise
-from cpid_drake.simulation.schema import SpacecraftConfig
+from cpid_drake.logs.simulated_noise import add_noise
+from cpid_drake.simulation.scenario import SpacecraftConfig
 from cpid_drake.simulation.trials import Case, base_trajectory, bound_of, ideal_samples, seeds_of
 from techniques.force_sensors import RATE
 from techniques.newton_euler import newton_euler_regressor

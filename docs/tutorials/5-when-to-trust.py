@@ -13,7 +13,7 @@ import numpy as np
 
 import cpid_drake as cpid
 from cpid_drake.logs.log import Samples
-from cpid_drake.simulation.noise import add_noise
+from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.simulation.trials import ideal_samples, make_case
 
 scenario = cpid.load_scenario(cpid.shipped_scenario("free_flyer_payload"))

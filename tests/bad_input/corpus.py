@@ -16,7 +16,7 @@ from cpid_drake import InertialParameters, Motion, Spacecraft, shipped_scenario
 from cpid_drake.dynamics.joint_motion import HalfCosine
 from cpid_drake.dynamics.propagation import propagate
 from cpid_drake.identification.result import FORMAT
-from cpid_drake.logs.files import table_of
+from cpid_drake.logs.formats import table_of
 
 JOINTS = ("shoulder", "elbow", "wrist")
 TARGET = InertialParameters(20.0, [0.3, 0.1, -0.1], [[2, 0.1, 0], [0.1, 3, 0.2], [0, 0.2, 4]])

@@ -13,7 +13,7 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from cpid_drake import InputError, Log, Spacecraft, load_scenario
 from cpid_drake.logs.conventions import check_conventions
-from cpid_drake.logs.files import (
+from cpid_drake.logs.formats import (
     inspect_log,
 )
 from cpid_drake.sensors.sensors import SENSORS

@@ -15,8 +15,8 @@ dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
 
 from cpid_drake.campaign import store  # noqa: E402
+from cpid_drake.campaign.campaign_schema import Axis, ModelErrors, load_campaign  # noqa: E402
 from cpid_drake.campaign.run import run_campaign  # noqa: E402
-from cpid_drake.campaign.schema import Axis, ModelErrors, load_campaign  # noqa: E402
 from cpid_drake.campaign.statistics import statistics_of, verdict  # noqa: E402
 from cpid_drake.campaign.trial import (  # noqa: E402
     replayed,
@@ -24,7 +24,7 @@ from cpid_drake.campaign.trial import (  # noqa: E402
     schema_of,
     with_sensor_errors,
 )
-from cpid_drake.report.pages.campaign import campaign_report  # noqa: E402
+from cpid_drake.report.pages.campaign_page import campaign_report  # noqa: E402
 
 EXACT = """
 scenario: paper

@@ -19,10 +19,10 @@ from cpid_drake import InertialParameters, TotalMomentum, identify
 from cpid_drake.estimation.online import run
 from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.identification.fitted import cramer_rao_bound
-from cpid_drake.identification.online import identification_of_state
+from cpid_drake.identification.online_answer import identification_of_state
 from cpid_drake.logs.log import Samples
+from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import JointSensor, VectorSensor
-from cpid_drake.simulation.noise import add_noise
 
 FITS = ("trajectory_fit", "recursive_fit")
 END = 4.0

@@ -7,7 +7,7 @@ import pytest
 
 from cpid_drake.estimation.block import Block, after
 from cpid_drake.estimation.joints import smooth_joints
-from cpid_drake.estimation.likelihood.joint_motion import ORDER
+from cpid_drake.estimation.likelihood.joint_model import ORDER
 from cpid_drake.files.errors import InputError
 from cpid_drake.logs.log import Log, Samples
 from cpid_drake.sensors.sensors import JointSensor

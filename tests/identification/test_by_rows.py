@@ -19,8 +19,8 @@ from cpid_drake import (
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.parameterizations import standard_to_relative
 from cpid_drake.dynamics.rotations import rotate
+from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.disturbances import Disturbances
-from cpid_drake.simulation.noise import add_noise
 
 SAMPLES = 4000
 

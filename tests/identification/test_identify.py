@@ -20,8 +20,8 @@ from sensing_cases import (
 from cpid_drake import InputError, identify
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.logs.log import Log, Samples
+from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import JointSensor
-from cpid_drake.simulation.noise import add_noise
 
 DURATION = 8.0
 

@@ -24,7 +24,7 @@ from cpid_drake.dynamics.parameterizations import parameter_scale
 from cpid_drake.dynamics.sensitivity import perturbed
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.identification.model_sensitivity import ALL_MASSES, BASE_INERTIA, BASE_MASS, LINK
-from cpid_drake.simulation.noise import add_noise
+from cpid_drake.logs.simulated_noise import add_noise
 
 UNCERTAINTY = BodyUncertainty(mass=0.02, com=0.005, inertia=0.04)
 

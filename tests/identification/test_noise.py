@@ -10,8 +10,8 @@ from scipy.stats import chi2
 from sensing_cases import Sines, coarse_suite, measured, nees, with_drawn_errors
 
 from cpid_drake import TotalMomentum, identify
+from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import Gyro, JointSensor, VectorSensor
-from cpid_drake.simulation.noise import add_noise
 
 ZERO = TotalMomentum.zero()
 FAST_GYRO = Gyro(50.0, 0.005, 1.0, 0.1)

@@ -28,9 +28,9 @@ from cpid_drake import Spacecraft, TotalMomentum, identify
 from cpid_drake.dynamics.propagation import Wrench, propagate
 from cpid_drake.identification.fitted import cramer_rao_bound
 from cpid_drake.logs.log import Log, Samples, ideal_log
+from cpid_drake.logs.simulated_noise import SensorNoise, add_noise
 from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.sensors import JointSensor
-from cpid_drake.simulation.noise import SensorNoise, add_noise
 
 PUSH = np.array([1e-3, -5e-4, 0.0])
 HIDDEN = {

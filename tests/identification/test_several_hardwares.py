@@ -10,8 +10,8 @@ from sensing_cases import Sines, coarse_suite, measured, nees, sigmas
 from cpid_drake import InputError, identify
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.files.checked_yaml import dump_yaml
+from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import AttitudeSensor, Gyro, JointSensor
-from cpid_drake.simulation.noise import add_noise
 
 SCALE, ZERO = 3e-3, 2e-3
 """σ of the true errors of a hardware: of the scale of its gyro, and of its joints' zeros [rad]."""

@@ -20,8 +20,8 @@ from sensing_cases import (
 from cpid_drake import InertialParameters, TargetPrior, TotalMomentum, identify, load_sensors
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.identification.result_files import read_result, write_result
+from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import AttitudeSensor, Gyro, JointSensor, VectorSensor
-from cpid_drake.simulation.noise import add_noise
 
 DURATION = 5.0
 TIMES = np.arange(0.0, DURATION, 0.05)

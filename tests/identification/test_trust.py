@@ -30,8 +30,8 @@ from cpid_drake.identification.checks import Observed, fit_checks
 from cpid_drake.identification.consistency import checked
 from cpid_drake.identification.result import Identification
 from cpid_drake.logs.log import Samples
+from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.suite import SensorSuite
-from cpid_drake.simulation.noise import add_noise
 
 DURATION = 6.0
 KNOWN_SENSORS = {"sample_count": 100, "estimator": "trajectory_fit", "sensors": SensorSuite()}

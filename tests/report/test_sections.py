@@ -16,7 +16,7 @@ from cpid_drake.planning.prediction import Prediction
 from cpid_drake.report.contents import ReportContents
 from cpid_drake.report.page import Table
 from cpid_drake.report.pages.identification import identification_report
-from cpid_drake.report.plan import motion_table
+from cpid_drake.report.plan_figures import motion_table
 from cpid_drake.report.sections.data import checks_section
 from cpid_drake.report.sections.estimate import logs_section, result_section
 from cpid_drake.sensors.presets import load_sensors

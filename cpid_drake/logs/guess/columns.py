@@ -8,7 +8,7 @@ import numpy as np
 from cpid_drake.files.errors import InputError
 from cpid_drake.logs.column_map import TimeUnit, scale_of
 from cpid_drake.logs.guess.guessed_map import GuessedMap
-from cpid_drake.logs.guess.joints import find_joint_units, find_joints, is_of_base
+from cpid_drake.logs.guess.joint_columns import find_joint_units, find_joints, is_of_base
 from cpid_drake.logs.guess.names import (
     WORDS,
     Group,

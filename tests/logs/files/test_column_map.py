@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from cpid_drake import InputError, read_log
 from cpid_drake.logs.column_map import ColumnMap, load_column_map
 from cpid_drake.logs.conversion import from_columns
-from cpid_drake.logs.files import FORMATS, inspect_log
+from cpid_drake.logs.formats import FORMATS, inspect_log
 from cpid_drake.sensors.sensors import SENSORS
 
 POINT = np.array([0.3, -0.2, 0.5])

@@ -9,7 +9,7 @@ from flyer_cases import JOINT, columns, csv_of, flyer, rows_of, write
 
 from cpid_drake import InputError, read_log
 from cpid_drake.identification.checked_log import check_log
-from cpid_drake.logs.files import inspect_log, read_table
+from cpid_drake.logs.formats import inspect_log, read_table
 
 ALL = ("attitude", "gyro", "position", "velocity", "encoders", "joint_rates")
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cpid_drake import InputError, Log, read_log, write_log
-from cpid_drake.logs.files import inspect_log
+from cpid_drake.logs.formats import inspect_log
 from cpid_drake.logs.log import ideal_log
 from cpid_drake.sensors.sensors import SENSORS, AttitudeSensor, Gyro, JointSensor, VectorSensor
 from cpid_drake.sensors.suite import SensorSuite

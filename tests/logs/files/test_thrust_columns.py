@@ -7,7 +7,7 @@ import pytest
 
 from cpid_drake import InputError, read_log, write_log
 from cpid_drake.logs.conversion import from_columns
-from cpid_drake.logs.files import FORMATS, table_of
+from cpid_drake.logs.formats import FORMATS, table_of
 from cpid_drake.logs.log import THRUST, THRUST_COLUMNS, Log, Samples
 from cpid_drake.logs.screening import screen
 from cpid_drake.sensors.sensors import JointSensor

@@ -23,11 +23,11 @@ from cpid_drake import (
 )
 from cpid_drake.files.resources import models_directory
 from cpid_drake.logs.column_map import load_column_map
-from cpid_drake.logs.files import read_table, table_of
+from cpid_drake.logs.formats import read_table, table_of
 from cpid_drake.logs.guess.guess import guess_map
+from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.logs.table import LogTable
 from cpid_drake.sensors.sensors import JointSensor, VectorSensor
-from cpid_drake.simulation.noise import add_noise
 
 TARGET = InertialParameters(60.0, [0.5, 0.05, -0.1], [[6, 0, 0], [0, 9, 0], [0, 0, 8]])
 SUITE = coarse_suite(velocity=VectorSensor(5.0, 1e-4), joint_rates=JointSensor(20.0, 1e-4))

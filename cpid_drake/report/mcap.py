@@ -9,7 +9,7 @@ import numpy as np
 from cpid_drake.files.drafts import draft_of
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.identify_files import Evidence, converge
-from cpid_drake.live.messages import ERROR, Messages, Status, statuses_of
+from cpid_drake.online.messages import ERROR, Messages, Status, statuses_of
 
 TARGET, SIGMA = "/cpid/target", "/cpid/target_sigma"
 """Topics of the estimate and of its σ: `geometry_msgs/InertiaStamped`, in the capture frame."""

@@ -13,8 +13,8 @@ from cpid_drake import (
     load_sensors,
     read_log,
 )
-from cpid_drake.live.messages import OK, STALE, WARN
-from cpid_drake.live.ros_samples import RosSamples, sources_of
+from cpid_drake.online.messages import OK, STALE, WARN
+from cpid_drake.online.ros_samples import RosSamples, sources_of
 from cpid_drake.sensors.sensors import JointSensor, VectorSensor
 
 SENSORS = load_sensors(SENSORS_OF_SAMPLE)

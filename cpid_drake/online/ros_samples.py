@@ -9,8 +9,6 @@ from numpy.typing import ArrayLike
 
 from cpid_drake.estimation.block import SHORTEST_BLOCK
 from cpid_drake.files.errors import InputError, listed
-from cpid_drake.live.identifier import OnlineIdentifier
-from cpid_drake.live.messages import OK, STALE, WARN, Status
 from cpid_drake.logs.log import THRUST
 from cpid_drake.logs.ros_messages import (
     SOURCES,
@@ -20,6 +18,8 @@ from cpid_drake.logs.ros_messages import (
     stamp_of,
 )
 from cpid_drake.logs.screening import LONGEST_DELAY
+from cpid_drake.online.messages import OK, STALE, WARN, Status
+from cpid_drake.online.online_identifier import OnlineIdentifier
 from cpid_drake.sensors.suite import SensorSuite
 
 LIVE_TYPES = TOPIC_TYPES | {"thrust": (*TOPIC_TYPES["thrust"], "std_msgs/msg/Float64MultiArray")}

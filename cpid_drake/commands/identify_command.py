@@ -6,7 +6,7 @@ from math import inf
 import cpid_drake as cpid
 from cpid_drake.commands import options
 from cpid_drake.files.overwriting import check_outputs
-from cpid_drake.live.mcap import write_mcap
+from cpid_drake.report.mcap import write_mcap
 
 
 def identify(

@@ -19,9 +19,9 @@ from cpid_drake.dynamics.motion import Motion
 from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.identification.arguments import PathLike, resolve_sensors
 from cpid_drake.logs.log import Log, Samples, first_sample
+from cpid_drake.logs.simulated_noise import SensorNoise
 from cpid_drake.sensors.sensors import SENSORS, SensorErrors
 from cpid_drake.sensors.suite import SensorSuite, check_sensors, require_encoders
-from cpid_drake.simulation.noise import SensorNoise
 from cpid_drake.spacecraft.spacecraft import Spacecraft, require_spacecraft
 from cpid_drake.systems.ports import SpacecraftSystem
 
@@ -31,7 +31,7 @@ class SpacecraftSensors(SpacecraftSystem):
 
     Every sensor takes its sample k at time k / rate and holds it until the next sample that is not
     lost in a dropout. Its error depends on the seed and on k only: replays, other Contexts and
-    `noise.add_noise` give the same samples. The latest samples are the discrete
+    `simulated_noise.add_noise` give the same samples. The latest samples are the discrete
     state. The stamp of a sample is k / rate by the sensor's clock, which is late and drifts as the
     seed says; it can therefore differ from the time of the Context.
 

@@ -14,9 +14,9 @@ from cpid_drake.files.errors import InputError
 from cpid_drake.identification.arguments import Arguments
 from cpid_drake.identification.checked_log import in_joint_order
 from cpid_drake.identification.identify_files import open_log, opened_inputs
-from cpid_drake.live.ros2 import run
-from cpid_drake.live.ros_samples import RosSamples, sources_of
 from cpid_drake.logs.log import THRUST
+from cpid_drake.online.ros2 import run
+from cpid_drake.online.ros_samples import RosSamples, sources_of
 from cpid_drake.report.live_view import show_replay
 from cpid_drake.report.replay import motion_of
 

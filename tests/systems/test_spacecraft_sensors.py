@@ -10,10 +10,10 @@ from sensing_cases import every_sensor
 
 from cpid_drake import InputError, Motion
 from cpid_drake.logs.log import ideal_log, sample_times
+from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import SENSORS, Gyro
 from cpid_drake.sensors.suite import SensorSuite
-from cpid_drake.simulation.noise import add_noise
-from cpid_drake.simulation.spacecraft_sensors import (
+from cpid_drake.systems.spacecraft_sensors import (
     SpacecraftSensors,
     log_samples,
     measurements_from_logs,

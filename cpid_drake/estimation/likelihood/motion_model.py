@@ -34,7 +34,7 @@ from cpid_drake.estimation.likelihood.attitude_steps import (
 )
 from cpid_drake.estimation.likelihood.constants import DRIFT, TORQUE_B, WHEEL, ZERO, Constants
 from cpid_drake.estimation.likelihood.forces import Force, steady_forces
-from cpid_drake.estimation.likelihood.joint_motion import JointPart
+from cpid_drake.estimation.likelihood.joint_model import JointPart
 from cpid_drake.estimation.likelihood.thrust import BlockThrust, transition
 from cpid_drake.estimation.likelihood.uniform_spline import (
     UniformSpline,
@@ -168,7 +168,7 @@ class BaseMotion:
 
     @cached_property
     def dynamics(self) -> BodyDynamics:
-        """The spacecraft's dynamics at all times; `effects.relate` computes those of many."""
+        """The spacecraft's dynamics at all times; `effect_terms.relate` computes those of many."""
         q, qdot = np.moveaxis(self.joint_motion(self.times), 1, 0)
         return BodyDynamics.at(self.tree, q, qdot)
 

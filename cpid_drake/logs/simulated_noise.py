@@ -25,8 +25,8 @@ from cpid_drake.sensors.sensors import (
     JointSensor,
     VectorSensor,
 )
+from cpid_drake.sensors.simulated_disturbance import SimulatedDisturbance, random_stream
 from cpid_drake.sensors.suite import SensorSuite
-from cpid_drake.simulation.disturbance import SimulatedDisturbance, random_stream
 
 _KINDS = (
     *("delay", "mounting", "scale", "misalignment", "lever_arm", "zero", "dropouts", "drift"),

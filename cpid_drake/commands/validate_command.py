@@ -11,7 +11,7 @@ from cpid_drake.files.drafts import write_text
 from cpid_drake.files.overwriting import check_outputs
 from cpid_drake.identification.validate_files import validate_files
 from cpid_drake.report.terminal import print_table
-from cpid_drake.report.validation import is_valid, prediction_table, validation_json, verdict
+from cpid_drake.report.validation_tables import is_valid, prediction_table, validation_json, verdict
 
 
 def validate(

@@ -19,8 +19,8 @@ from cpid_drake.array import Array
 from cpid_drake.dynamics.plane import NORMAL_W
 from cpid_drake.dynamics.rotations import cross, exponentials, right_jacobian, rotate, skew
 from cpid_drake.estimation.likelihood.constants import BIAS, CLOCK_DRIFT, DELAY, Constants
-from cpid_drake.estimation.likelihood.effects import MotionChange
-from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory
+from cpid_drake.estimation.likelihood.effect_terms import MotionChange
+from cpid_drake.estimation.likelihood.motion_model import BaseMotion, Trajectory
 from cpid_drake.estimation.likelihood.uniform_spline import GAUSS_LEGENDRE
 from cpid_drake.files.errors import InputError
 from cpid_drake.logs.log import Log, Samples

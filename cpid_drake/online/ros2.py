@@ -10,8 +10,8 @@ import numpy as np
 
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.result import Identification
-from cpid_drake.live.messages import OK, WARN, Messages, Status, statuses_of
-from cpid_drake.live.ros_samples import LIVE_TYPES, RosSamples
+from cpid_drake.online.messages import OK, WARN, Messages, Status, statuses_of
+from cpid_drake.online.ros_samples import LIVE_TYPES, RosSamples
 
 TARGET, SIGMA, ESTIMATE = "~/target", "~/target_sigma", "~/estimate"
 """Topics of the estimate and of its σ, and of the ten parameters with their covariance."""

@@ -20,7 +20,7 @@ from cpid_drake.identification.arguments import (
     resolve_sensors,
 )
 from cpid_drake.identification.consistency import with_nearest_body
-from cpid_drake.identification.online import identification_of_state, question_of
+from cpid_drake.identification.online_answer import identification_of_state, question_of
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import Identification
 from cpid_drake.logs.log import THRUST, Log, Samples

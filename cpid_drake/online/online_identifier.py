@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cpid_drake.estimation.one_thread import one_thread
 from cpid_drake.files.errors import InputError, choose_from
+from cpid_drake.files.one_thread import one_thread
 from cpid_drake.identification.arguments import PathLike
 from cpid_drake.identification.result import Identification
-from cpid_drake.live.stream import Stream, StreamState
+from cpid_drake.online.stream import Stream, StreamState
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
@@ -27,7 +27,7 @@ class OnlineIdentifier:
     Args:
         spacecraft: the spacecraft model.
         sensors: its sensors' errors: a suite, the name of a preset, or a file.
-        **options: the options of `live.stream.Stream`, by name; `has_budget`: whether estimates
+        **options: the options of `online.stream.Stream`, by name; `has_budget`: whether estimates
             have their error budget.
 
     Attributes:

@@ -89,7 +89,7 @@ def motion(
     """
     from cpid_drake.planning.comparison import predictions
     from cpid_drake.planning.plan_file import write_plan
-    from cpid_drake.report.plan import motion_table, save_plan
+    from cpid_drake.report.plan_figures import motion_table, save_plan
     from cpid_drake.report.terminal import print_table
 
     path, start = find_scenario(scenario), time.perf_counter()
@@ -148,7 +148,7 @@ def rank(
 
     """
     from cpid_drake.planning.comparison import predictions, reference_motions
-    from cpid_drake.report.plan import motion_table, rank_correlation
+    from cpid_drake.report.plan_figures import motion_table, rank_correlation
     from cpid_drake.report.terminal import print_table
     from cpid_drake.simulation.joint_motions import MotionFile
 

@@ -14,14 +14,14 @@ from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import inertia_of_second_moment
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.files.checked_yaml import FirstUnlessTagged, Numbers, Vector
+from cpid_drake.files.constraints import Limits
 from cpid_drake.files.errors import InputError
-from cpid_drake.files.limits import Limits
 from cpid_drake.identification.prior import PriorConfig
 from cpid_drake.sensors.presets import load_sensors
+from cpid_drake.sensors.simulated_disturbance import SimulatedDisturbance
 from cpid_drake.sensors.suite import SensorSuite, check_sensors
 from cpid_drake.simulation.burns import Burn
 from cpid_drake.simulation.compliant_wrist import CompliantWrist
-from cpid_drake.simulation.disturbance import SimulatedDisturbance
 from cpid_drake.simulation.joint_motions import (
     AnyMotion,
     HalfCosineMotion,

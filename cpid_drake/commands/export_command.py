@@ -6,7 +6,7 @@ from cpid_drake.commands import options
 from cpid_drake.files.errors import InputError
 from cpid_drake.files.overwriting import check_outputs
 from cpid_drake.identification.result_files import read_result
-from cpid_drake.spacecraft.export import export_target, free_name
+from cpid_drake.spacecraft.target_export import export_target, free_name
 
 
 def export(

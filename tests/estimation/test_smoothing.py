@@ -5,10 +5,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 from sensing_cases import Sines, coarse_suite, measured, true_telemetry
 
+from cpid_drake.estimation.smoothing import smooth
 from cpid_drake.logs.log import Samples
-from cpid_drake.logs.smoothing import smooth
+from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import AttitudeSensor, Gyro
-from cpid_drake.simulation.noise import add_noise
 
 DURATION = 8.0
 SEEDS = range(8)

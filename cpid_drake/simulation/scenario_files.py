@@ -7,7 +7,7 @@ from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.files.resources import package_folders, resolve_model
 from cpid_drake.sensors.presets import load_sensors, sensor_presets
 from cpid_drake.simulation.joint_motions import MotionFile, load_motion
-from cpid_drake.simulation.schema import Scenario
+from cpid_drake.simulation.scenario import Scenario
 from cpid_drake.spacecraft.reference import SpacecraftReference
 
 

@@ -10,9 +10,9 @@ from cpid_drake.commands.options import CHECK_FAILED
 from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.files.overwriting import check_folder
 from cpid_drake.files.resources import find_scenario
-from cpid_drake.simulation.files import files_of, load_scenario
 from cpid_drake.simulation.limits import check_limits
 from cpid_drake.simulation.run_files import RUN_FILES, write_run
+from cpid_drake.simulation.scenario_files import files_of, load_scenario
 from cpid_drake.simulation.simulation import make_simulation
 
 

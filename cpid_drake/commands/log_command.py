@@ -11,7 +11,7 @@ from cpid_drake.files.drafts import write_text
 from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.files.overwriting import check_outputs
 from cpid_drake.identification.log_conventions import check_as_read
-from cpid_drake.logs.files import inspect_log, read_table
+from cpid_drake.logs.formats import inspect_log, read_table
 from cpid_drake.logs.guess.guess import guess_map
 from cpid_drake.report.log_contents import checked_contents
 

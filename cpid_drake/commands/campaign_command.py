@@ -73,7 +73,7 @@ def write_report(
     """
     with options.extra("campaign"):
         from cpid_drake.campaign.statistics import statistics_of
-        from cpid_drake.report.pages.campaign import campaign_report
+        from cpid_drake.report.pages.campaign_page import campaign_report
         from cpid_drake.report.terminal import print_tables
     check_outputs([("", folder / "report.html")], force=force)
     page = campaign_report(statistics_of(folder), folder)

@@ -26,7 +26,7 @@ from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.likelihood.constants import DRIFT, YIELDING, ZERO, ConstantError
 from cpid_drake.estimation.likelihood.forces import Force
-from cpid_drake.estimation.likelihood.motion import (
+from cpid_drake.estimation.likelihood.motion_model import (
     BaseMotion,
     Trajectory,
 )

@@ -13,8 +13,8 @@ from cpid_drake.files.overwriting import check_outputs
 from cpid_drake.files.resources import find_scenario
 from cpid_drake.report.live_view import open_meshcat, serve
 from cpid_drake.report.replay import estimate_text, simulation_replay
-from cpid_drake.simulation.files import files_of, load_scenario
 from cpid_drake.simulation.limits import check_limits
+from cpid_drake.simulation.scenario_files import files_of, load_scenario
 from cpid_drake.simulation.simulation import make_simulation
 
 

@@ -7,7 +7,7 @@ from cpid_drake.campaign.trial import replayed
 from cpid_drake.report import campaign_tables
 from cpid_drake.report.page import Report
 from cpid_drake.report.pages.study import study_report
-from cpid_drake.simulation.files import dump_scenario
+from cpid_drake.simulation.scenario_files import dump_scenario
 
 
 def campaign_report(found: Statistics, folder: Path) -> Report:

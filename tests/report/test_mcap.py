@@ -7,7 +7,7 @@ import pytest
 
 from cpid_drake import InputError, Request, SpacecraftReference, identify_files
 from cpid_drake.files.resources import models_directory
-from cpid_drake.live.mcap import DIAGNOSTICS_TOPIC, RESIDUALS, SIGMA, TARGET, write_mcap
+from cpid_drake.report.mcap import DIAGNOSTICS_TOPIC, RESIDUALS, SIGMA, TARGET, write_mcap
 
 rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="needs the package rosbags")
 typesys = pytest.importorskip("rosbags.typesys")

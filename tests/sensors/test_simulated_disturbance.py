@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cpid_drake.sensors.disturbances import Disturbances
-from cpid_drake.simulation.disturbance import WALK_PERIOD, SimulatedDisturbance
+from cpid_drake.sensors.simulated_disturbance import WALK_PERIOD, SimulatedDisturbance
 
 SIZES = Disturbances(acceleration=1e-4, torque=2e-3)
 WALKS = Disturbances(1e-4, 2e-3, acceleration_walk=3e-5, torque_walk=4e-4)
