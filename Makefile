@@ -27,8 +27,9 @@ lint: $(VENV)/installed-dev
 docs: $(VENV)/installed-dev
 	OPENBLAS_NUM_THREADS=1 $(VENV)/bin/sphinx-build -q -W --keep-going -n -d out/doctrees docs out/docs
 
+# The figures of speed; it fails if one is beyond its limit. WRITE=--write renews the page of them.
 benchmark: $(VENV)/installed-dev
-	$(VENV)/bin/python tests/benchmark.py
+	$(VENV)/bin/python tests/benchmark.py $(WRITE)
 
 # About thirty identifications from end to end, with their errors, intervals and verdicts, as
 # tests/reference/table.json; and a new run compared with that file. CASES=a,b runs some of them.

@@ -67,9 +67,9 @@ class SensorIdentifier(Identifier):
     stamps determine the blocks; their zero is arbitrary. `Finish` also solves the incomplete block;
     samples that are due at this instant need `Simulator.AdvancePendingEvents` before.
 
-    The state is one abstract value, which is replaced and never changed. Its size does not grow. An
-    update that solves a block takes some 100 ms of processor time for 12 joints; where the momentum
-    changed, ten times as much.
+    The state is one abstract value, which is replaced and never changed. Its size does not grow.
+    Nearly all of the time is that of updates that solve a block: docs/explanation/speed.md has it
+    for 12 joints. Where the momentum changed, such an update takes several times as long.
 
     Args:
         spacecraft: the spacecraft model.

@@ -4,7 +4,7 @@
 # Ning et al. 2016 identify a captured target from Eq. 18 (PLoS ONE 11(4): e0153604). This tutorial
 # repeats their tables with the same target, and compares the numbers. `make demo` writes the same
 # study as one page, with its figures and a simulation by Drake. Here the motion follows from the
-# conservation of momentum, which takes a second.
+# conservation of momentum, which is fast.
 
 # %%
 import matplotlib.pyplot as plt
