@@ -21,14 +21,13 @@ from cpid_drake.sensors.presets import load_sensors
 from cpid_drake.sensors.simulated_disturbance import SimulatedDisturbance
 from cpid_drake.sensors.suite import SensorSuite, check_sensors
 from cpid_drake.simulation.burns import Burn
-from cpid_drake.simulation.compliant_wrist import CompliantWrist
+from cpid_drake.simulation.flexible import CompliantWrist, SprungMass
 from cpid_drake.simulation.joint_motions import (
     AnyMotion,
     HalfCosineMotion,
     MotionFile,
     MotionSchema,
 )
-from cpid_drake.simulation.sprung_mass import SprungMass
 from cpid_drake.spacecraft.reference import SpacecraftReference
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 

@@ -14,7 +14,7 @@ from cpid_drake import (
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.momentum import system_momentum
 from cpid_drake.dynamics.rotations import skew
-from cpid_drake.simulation.compliant_wrist import CompliantWrist
+from cpid_drake.simulation.flexible import CompliantWrist
 
 STIFFNESS = np.array([3.0, 4.0, 5.0])
 SPRINGS = np.array([400.0, 500.0, 600.0])
