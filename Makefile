@@ -1,8 +1,10 @@
 # Each set-up command makes its own environment: `make demo` runs the paper's study, `make test` the
-# quick tests, `make test-slow` the others. PYTHON chooses the interpreter, VENV the folder.
+# quick tests, `make test-slow` the others. PYTHON chooses the interpreter, VENV the folder, TESTS the
+# tests.
 PYTHON ?= python3
 VENV ?= .venv
 OUT ?= out/paper
+TESTS ?= tests
 
 .PHONY: demo test test-slow lint docs benchmark reference reference-compare clean
 
@@ -13,10 +15,10 @@ demo: $(VENV)/installed
 PYTEST = OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest --numprocesses auto --dist worksteal
 
 test: $(VENV)/installed-dev
-	$(PYTEST) -m "not slow"
+	$(PYTEST) -m "not slow" $(TESTS)
 
 test-slow: $(VENV)/installed-dev
-	$(PYTEST) -m slow
+	$(PYTEST) -m slow $(TESTS)
 
 lint: $(VENV)/installed-dev
 	$(VENV)/bin/ruff check .

@@ -79,6 +79,15 @@ def triangle(rows: Array) -> Array:
     return R if m >= n else np.vstack([R, np.zeros((n - m, n))])
 
 
+def triangles(rows: Array) -> Array:
+    """Return those (..., n, n) of many matrices (..., M, n); see `triangle`."""
+    m, n = rows.shape[-2:]
+    if m < n:
+        rows = np.concatenate([rows, np.zeros((*rows.shape[:-2], n - m, n))], axis=-2)
+    factors, _ = np.linalg.qr(rows, mode="raw")  # mode "r" takes twice as long for small matrices
+    return np.where(_upper(n, n), np.swapaxes(factors, -1, -2)[..., :n, :], 0.0)
+
+
 @lru_cache(maxsize=64)
 def _upper(m: int, n: int) -> NDArray[np.bool_]:
     """Return the entries (m, n) of an upper triangle."""

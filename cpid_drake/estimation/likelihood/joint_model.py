@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline
 
 from cpid_drake.array import Array
+from cpid_drake.estimation.likelihood.uniform_spline import GAUSS_LEGENDRE
 
 ORDER = 3
 """Number of derivatives of the joint motion, from the zeroth, that are continuous at a boundary."""
@@ -96,6 +97,39 @@ def spline_basis(start: float, end: float, pieces: int, times: Array, derivative
 def _basis(length: float, pieces: int, times: bytes, derivative: int) -> Array:
     """Return the basis at times since the start: the same in every sweep, and in many blocks."""
     return np.asarray(_functions(length, pieces)(np.frombuffer(times), nu=derivative))
+
+
+@lru_cache(maxsize=64)
+def jerk_rows(length: float, pieces: int) -> Array:
+    """Return P (3 pieces, K): |P c|² is the integral of the squared jerk over a block."""
+    edges = np.linspace(0.0, length, pieces + 1)
+    x, weights = GAUSS_LEGENDRE  # exact for the square of a quadratic
+    half = length / pieces / 2
+    at = ((edges[:-1] + edges[1:])[:, None] / 2 + half * x).ravel()
+    basis = _functions(length, pieces)(at, nu=ORDER)
+    return np.asarray(np.sqrt(np.tile(weights * half, pieces))[:, None] * basis)
+
+
+@lru_cache(maxsize=64)
+def edge_coordinates(length: float, pieces: int) -> Array:
+    """Return T (K, K) with c = T (z, v, x) and the squared jerk |P c|² = |z|² + |v|².
+
+    x (3,) is s at the end of the block, v (3,) determines s at its start together with x, and
+    z (K − 6,) leaves s at both ends as it is.
+    """
+    P = jerk_rows(length, pieces)
+    K = P.shape[1]
+    T = np.zeros((K, K))
+    # A parabola x has no jerk: P c = Q R c' + P' x = 0 for the coefficients c' before x.
+    Q, R = np.linalg.qr(P[:, :-ORDER])
+    T[:-ORDER, -ORDER:] = -np.linalg.solve(R, Q.T @ P[:, -ORDER:])
+    T[-ORDER:, -ORDER:] = np.eye(ORDER)
+    # c' = R⁻¹ w has the jerk |w|²; the first three of an orthonormal base of w move the start.
+    inverse = np.linalg.inv(R)
+    base = np.linalg.qr(inverse[:ORDER].T, mode="complete")[0]
+    T[:-ORDER, :-ORDER] = inverse @ np.roll(base, -ORDER, axis=1)
+    T[:ORDER, : -2 * ORDER] = 0.0
+    return T
 
 
 @lru_cache(maxsize=64)
