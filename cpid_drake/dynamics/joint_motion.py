@@ -170,7 +170,7 @@ class MultiSine:
         motion[..., 0, :] += self.centre
         motion[..., 1, :] += rdot * s
         motion[..., 2, :] += 2 * rdot * sdot + rddot * s
-        return motion
+        return np.asarray(motion)
 
     def instants(self) -> Array:
         """Return times (N,) from 0 to T that resolve every cycle and both ramps [s].

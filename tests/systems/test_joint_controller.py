@@ -24,6 +24,7 @@ from cpid_drake import (
 )
 from cpid_drake.dynamics.momentum import system_momentum
 from cpid_drake.dynamics.parameterizations import parameter_scale
+from cpid_drake.simulation.compliant_wrist import CompliantWrist
 
 
 @pytest.fixture(scope="module", params=[True, False], ids=["informed", "blind"])
@@ -178,6 +179,19 @@ def test_a_controller_is_wired_to_the_plant_that_it_drives(servicer, paper_targe
 def test_wiring_a_motion_of_other_joints_is_refused(servicer, paper_target):
     with pytest.raises(InputError, match="21 entries, but 'desired_motion' of joint"):
         wired(servicer, paper_target, joints=7)
+
+
+def test_a_model_whose_target_on_springs_has_no_mass_is_refused(servicer, paper_target, inputs):
+    """Nothing says how it accelerates."""
+    wrist = CompliantWrist(np.full(3, 500.0))
+    plant = servicer.make_simulation_plant(paper_target, wrist.connect)
+    controller = JointController(servicer, connect=wrist.connect, plant=plant)
+    context = controller.CreateDefaultContext()
+    state = plant.GetPositionsAndVelocities(plant.CreateDefaultContext())
+    controller.GetInputPort("state").FixValue(context, state)
+    controller.GetInputPort("desired_motion").FixValue(context, inputs[1])
+    with pytest.raises(InputError, match="the target must have a mass"):
+        controller.GetOutputPort("generalized_force").Eval(context)
 
 
 # -- the estimate in the model ------------------------------------------------------------------
