@@ -23,7 +23,7 @@ from cpid_drake.logs.score import Instants, explain_by_momentum
 UNEXPLAINED_DISTANCE = 0.05
 """Distance of a point from B's origin, in reaches of the arm, that model errors do not explain."""
 
-_LENGTHS, _SPEEDS = ("m", "mm", "cm", "in", "ft"), ("m/s", "mm/s", "cm/s", "in/s", "ft/s")
+_LENGTHS, _SPEEDS = ("m", "mm", "cm", "in"), ("m/s", "mm/s", "cm/s", "in/s")
 _ANGLES, _TURNS = ("rad", "deg"), ("rad/s", "deg/s", "rpm")
 _ALL_JOINTS, _ALL_WHEELS = "all turning joints", "all wheels"
 _JOINTS = ("encoders", "joint_rates")

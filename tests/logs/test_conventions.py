@@ -109,7 +109,7 @@ SPOILED_STATES = {
         lambda c, m: m.joint_rates.value * np.where(np.array(c.joint_names) == "elbow", -1, 1),
     ),
     "velocity is in millimetres per second": ("velocity", lambda c, m: m.velocity.value * 1e3),
-    "velocity is in feet per second": ("velocity", lambda c, m: m.velocity.value / 0.3048),
+    "velocity is in inches per second": ("velocity", lambda c, m: m.velocity.value / 0.0254),
     "velocity is expressed in B's axes": (
         "velocity",
         lambda c, m: attitudes(m, "velocity").inv().apply(m.velocity.value),
@@ -235,7 +235,7 @@ def test_the_convention_of_a_noisy_log_is_named(craft, noisy, words):
     assert words in said(craft.tree, (CONVENTIONS | OF_POSITIONS)[words](noisy))
 
 
-@pytest.mark.parametrize(("unit", "size"), [("ft", 1 / 0.3048), ("cm", 100.0)])
+@pytest.mark.parametrize(("unit", "size"), [("in", 1 / 0.0254), ("cm", 100.0)])
 def test_one_target_for_motion_and_turn_tells_the_unit_of_noisy_positions(craft, draw, unit, size):
     """Each of both alone is explained by some target in another unit, or at another point."""
     suite = replace(SUITE, position=VectorSensor(10.0, 3e-3))

@@ -61,8 +61,8 @@ def guess_map(
             the message lists the columns.
 
     """
-    texts = {name: next(iter(cells.values())) for name, cells in table.texts.items()}
-    columns = {n: c for n, c in table.columns.items() if n not in texts and np.isfinite(c).any()}
+    numbers = {n: c for n, c in table.columns.items() if n not in table.texts}
+    columns = {name: column for name, column in numbers.items() if np.isfinite(column).any()}
     if not columns:
         raise InputError("the file has no rows of numbers")
     if "1" in columns:
@@ -70,10 +70,8 @@ def guess_map(
             "the file does not name its columns: write a map that names them by their numbers, "
             "such as '1', and check it with `cpid log check --columns`"
         )
-    guess = GuessedMap(columns, texts, spacecraft, base)
+    guess = GuessedMap(columns, spacecraft, base)
     find_columns(guess, frame_rate)
-    if guess.open_joints:  # nothing can be compared without all joints
-        return guess
     _settle_clock(guess)
     explained, given = _settle_conventions(guess), guess.column_map.attitude
     if "time.unit" in guess.free:

@@ -8,8 +8,6 @@ from cpid_drake.files.errors import InputError
 from cpid_drake.logs.guess.guessed_map import GuessedMap
 from cpid_drake.logs.guess.names import (
     WORDS,
-    Group,
-    groups_by_angle,
     groups_by_number,
     letters_of,
     unit_of,
@@ -34,22 +32,15 @@ def find_joints(guess: GuessedMap) -> set[str]:
                     by_stem = rated if words & WORDS["joint rate"] else named
                     by_stem.setdefault(stem, {}).setdefault(joint, column)
                 break
-    angles = [g for g in groups_by_angle(free) if not g.words & (_OTHERS | WORDS["joint rate"])]
-    positions, rates = _chosen(guess, named, angles), _chosen(guess, rated, [])
-    taken = {*positions.values()}
-    of_base = [g for g in angles if not (guess.open_joints or taken & {*g.members.values()})]
-    used -= {column for group in of_base for column in group.members.values()}
+    positions, rates = _chosen(named), _chosen(rated)
     if any(joint in positions for joint in needed):
         guess.say("joint_positions", "the columns have the names of the spacecraft's joints")
-        for stem in (group.stem for group in of_base if group.stem in named):
-            text = f"not {', '.join(named[stem].values())}: less likely joints by their names"
-            guess.say("joint_positions", text)
-    elif not guess.open_joints:
+    else:
         for found, is_rate in ((rates, True), (positions, False)):
             found.update(found or _numbered(guess, free, needed, is_rate))
         used |= {*positions.values(), *rates.values()}
     for joint in needed:
-        if joint not in positions and joint not in guess.open_joints:
+        if joint not in positions:
             raise InputError(
                 f"no column can be the position of joint '{joint}': none has its name, and there "
                 f"are no {len(needed)} numbered columns; the columns of numbers are "
@@ -69,46 +60,21 @@ def find_joints(guess: GuessedMap) -> set[str]:
     return used
 
 
-def _chosen(
-    guess: GuessedMap, named: dict[str, dict[str, str]], angles: list[Group]
-) -> dict[str, str]:
+def _chosen(named: dict[str, dict[str, str]]) -> dict[str, str]:
     """Return columns by joint: those of names alike in most joints, else the first.
 
-    Those that may as well be angles of the base are left open; `named` are columns by what is
-    around the joint's name, and by joint.
+    `named` are columns by what is around the joint's name, and by joint.
     """
 
-    def rank(stem: str) -> tuple[int, bool, bool, bool]:
+    def rank(stem: str) -> tuple[int, bool, bool]:
         """Return how well all columns of a form fit the joints."""
-        words = words_of(stem)
-        is_joint, is_own = bool(words & {"joint", "joints"}), stem in ("q:*", "qd:*")
-        others = {joint for each in named if each != stem for joint in named[each]}
-        # Bare names are alike without a meaning: only those count that others have, too.
-        count = len(named[stem].keys() & others) if stem == "*" else len(named[stem])
-        return count, is_own, is_joint, not is_of_base(guess, words)
+        is_joint = not words_of(stem).isdisjoint({"joint", "joints"})
+        return len(named[stem]), stem in ("q:*", "qd:*"), is_joint
 
-    found, is_open = dict[str, str](), dict[str, list[str]]()
-    angle_columns = {column for group in angles for column in group.members.values()}
-    stems = sorted(named, key=rank, reverse=True)  # equal ones stay in the order of the file
-    best = [stem for stem in stems if rank(stem) == rank(stems[0])]
-    for stem in stems:
-        for joint, column in named[stem].items():
-            is_sure = best == [stem] or column not in angle_columns
-            if joint in is_open and stem in best:
-                is_open[joint].append(column)
-            elif joint not in found and joint not in is_open:
-                if is_sure:
-                    found[joint] = column
-                else:
-                    is_open[joint] = [column]
-    if is_open:
-        guess.leave_open_angles(is_open)
-    return found
-
-
-def is_of_base(guess: GuessedMap, words: set[str]) -> bool:
-    """Return whether words in a name are about the base or its attitude."""
-    return bool(words & (WORDS["base"] | {guess.base.lower(), *words_of(guess.base)} - {""}))
+    chosen = dict[str, str]()
+    for stem in sorted(named, key=rank, reverse=True):  # equal ones stay in the order of the file
+        chosen = named[stem] | chosen
+    return chosen
 
 
 def _stem(column: str, joint: str) -> str | None:
@@ -127,7 +93,7 @@ def _stem(column: str, joint: str) -> str | None:
 def _numbered(
     guess: GuessedMap, free: list[str], needed: list[str], is_rate: bool
 ) -> dict[str, str]:
-    """Return numbered columns by joint: by names in columns of text, or in the joints' order."""
+    """Return numbered columns by joint, in the joints' order."""
     names = guess.spacecraft.joint_names
     groups = [
         group
@@ -138,9 +104,6 @@ def _numbered(
     ]
     named = [g for g in groups if g.words & (WORDS["joint rate"] if is_rate else WORDS["joint"])]
     for group in named:
-        if found := _named_in_cells(guess, group):
-            guess.say("joint_positions", "columns of text name the joints of the numbered columns")
-            return found
         order = names if len(group.members) == len(names) else needed
         if len(group.members) == len(order):
             text = f"{len(order)} numbered columns {group.stem}, in the model's joint order"
@@ -154,19 +117,6 @@ def _numbered(
     )
     guess.say("joint_positions", f"{fitting[0].stem} {text}")
     return dict(zip(needed, fitting[0].members.values()))
-
-
-def _named_in_cells(guess: GuessedMap, group: Group) -> dict[str, str]:
-    """Return columns of a group by the joints that columns of text with equal numbers name."""
-    for texts in groups_by_number(guess.texts):
-        if texts.words & {"name", "names"}:
-            numbers = {letters_of(guess.texts[c]): number for number, c in texts.members.items()}
-            found = {
-                joint: group.members.get(numbers.get(letters_of(joint.rsplit("::", 1)[-1]), ""))
-                for joint in guess.spacecraft.joint_names
-            }
-            return {joint: column for joint, column in found.items() if column}
-    return {}
 
 
 def find_joint_units(guess: GuessedMap) -> None:
