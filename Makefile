@@ -6,7 +6,7 @@ VENV ?= .venv
 OUT ?= out/paper
 TESTS ?= tests
 
-.PHONY: demo test test-slow lint docs benchmark reference reference-compare clean
+.PHONY: demo test test-slow lint docs benchmark clean
 
 demo: $(VENV)/installed
 	$(VENV)/bin/python diagrams/paper/run.py --out $(OUT) --force
@@ -32,14 +32,6 @@ docs: $(VENV)/installed-dev
 # The figures of speed; it fails if one is beyond its limit. WRITE=--write renews the page of them.
 benchmark: $(VENV)/installed-dev
 	$(VENV)/bin/python tests/benchmark.py $(WRITE)
-
-# About thirty identifications from end to end, with their errors, intervals and verdicts, as
-# tests/reference/table.json; and a new run compared with that file. CASES=a,b runs some of them.
-reference: $(VENV)/installed-dev
-	$(VENV)/bin/python tests/reference/table.py --cases "$(CASES)"
-
-reference-compare: $(VENV)/installed-dev
-	$(VENV)/bin/python tests/reference/table.py --compare --cases "$(CASES)"
 
 $(VENV)/installed: pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed")'

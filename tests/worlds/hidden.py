@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Errors that nobody declares: what `identify` says about logs of another simulator.
 
-`python tests/reference/hidden.py [--seeds 2] [--first 0] [--kinds leak5,slosh] [--craft servicer]`
+`python tests/worlds/hidden.py [--seeds 2] [--first 0] [--kinds leak5,slosh] [--craft servicer]`
 makes logs of 10 to 20 s with one hidden error each (see `hidden_world`), and identifies them as a
 user would who states the white noise of the sensors and nothing else. It prints a line for each
 log, and a table: of logs at exit 0, those with an error beyond 3 and 4.5 σ, the median NEES of 10,
@@ -17,9 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))  # as pytest does
-from answers import Answer, answer
-from hidden_world import CRAFTS, KINDS, Array, Craft, simulate
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # as pytest does
+from worlds.answers import Answer, answer
+from worlds.hidden_world import CRAFTS, KINDS, Array, Craft, simulate
 
 from cpid_drake import BodyUncertainty, SensorSuite, Spacecraft
 from cpid_drake.logs.log import Log

@@ -3,9 +3,9 @@
 import json
 
 import pytest
-from hardware_draws import identified
-from pushed_platform import COMMON, DELAY, MASS, platform
 from scipy.special import chdtrc
+from worlds.hardware_draws import identified
+from worlds.pushed_platform import COMMON, DELAY, MASS, platform
 
 
 def effect(draw, name):

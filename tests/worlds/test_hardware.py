@@ -1,8 +1,8 @@
 """Logs of simulated hardware are identified by the command, within their intervals."""
 
 import pytest
-from hardware_draws import floor, identified, pushed, valves
 from scipy.special import chdtrc
+from worlds.hardware_draws import floor, identified, pushed, valves
 
 
 @pytest.mark.slow

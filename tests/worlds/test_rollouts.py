@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip("mujoco", reason="needs the package mujoco")
 
-from rollouts import OFF, PAGE, ROWS, compared
+from worlds.rollouts import OFF, PAGE, ROWS, compared
 
 PRINTED = re.findall(
     r"^\| (.+?) \| (.+?) \| ([\d.]+) ± ([\d.]+) \| ([\d.]+) σ \| (.+?) \|$",

@@ -5,11 +5,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pyarrow
 import yaml
-from hardware import ARCSEC, Array, Body, Craft, Joint, Valve, run, sines
-from logs import write_columns
-from rows import cli
+from processes import finish, start
+from pyarrow import parquet
 from scipy.spatial.transform import Rotation
+from worlds.hardware import ARCSEC, Array, Body, Craft, Joint, Valve, run, sines
 
 X, Y, Z = np.eye(3)
 
@@ -33,7 +34,7 @@ def write(folder: Path, craft: Craft, sensors: dict, logs: list[dict], dead: str
     paths = []
     for k, columns in enumerate(logs):
         paths.append(folder / f"log{k + 1}.parquet")
-        write_columns(paths[-1], columns)
+        parquet.write_table(pyarrow.table(columns), paths[-1])
     truth = craft.target.parameters()
     return Draw(folder / "craft.urdf", folder / "sensors.yaml", paths, truth, dead)
 
@@ -279,15 +280,13 @@ def pushed(seed: int, folder: Path) -> Draw:
     return write(folder, craft, sensors, [columns])
 
 
-KINDS = {"valves": valves, "floor": floor, "pushed": pushed}
-
-
 def identified(draw: Draw, *words: str) -> dict:
     """Return what `cpid identify` says about a draw, compared with the truth."""
     out = draw.urdf.with_name("found.json")
     out.unlink(missing_ok=True)
     craft = "--model", draw.urdf, "--base", "base", "--capture-frame", "capture_point"
-    done = cli("identify", *draw.logs, *craft, "--sensors", draw.sensors, "--json", out, *words)
+    command = "identify", *draw.logs, *craft, "--sensors", draw.sensors, "--json", out, *words
+    done = finish(start("-m", "cpid_drake", *command, cwd=draw.urdf.parent))
     text = done.stderr + done.stdout
     row = {"code": done.returncode, "text": text, "known": 0, "worst": np.nan, "changes": 0}
     row["named"] = not draw.dead or f"{draw.dead} " in text.replace(",", " ").replace(":", " ")

@@ -5,8 +5,8 @@ from scipy.special import chdtrc
 
 pytest.importorskip("mujoco", reason="needs the package mujoco")
 
-from hidden import identified
-from hidden_world import CRAFTS, KINDS, simulate
+from worlds.hidden import identified
+from worlds.hidden_world import CRAFTS, KINDS, simulate
 
 SEED = 7
 

@@ -1,4 +1,4 @@
-"""One noisy log, three ways to identify: `python tests/reference/rollouts.py [--write]`.
+"""One noisy log, three ways to identify: `python tests/worlds/rollouts.py [--write]`.
 
 MuJoCo simulates a free-flyer whose joints have position servos; no code is shared with the package.
 The three ways get the same samples, and the exact model of the spacecraft:
@@ -25,11 +25,11 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))  # as pytest does
-from hidden_world import CRAFTS, RAMP, SENSORS, Array
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # as pytest does
 from scipy.interpolate import make_lsq_spline
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
+from worlds.hidden_world import CRAFTS, RAMP, SENSORS, Array
 
 from cpid_drake import InertialParameters, Log, Spacecraft, identify
 from cpid_drake.dynamics.parameterizations import STANDARD

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 import numpy as np
-from hardware import Body, Craft, Valve, run
-from hardware_draws import Draw, inside, pose_sensors, samples, write
+from worlds.hardware import Body, Craft, Valve, run
+from worlds.hardware_draws import Draw, inside, pose_sensors, samples, write
 
 MASS, RATE, DURATION = 23.0, 16.0, 60.0
 """Of platform and target [kg], of motion capture [Hz], and of the log [s]."""
