@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from cpid_drake.simulation.compliant_wrist import CompliantWrist
 from pydrake.common.value import Value
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from sensing_cases import MOMENTUM, small_craft
 
 from cpid_drake import InertialParameters, MultiSine, Spacecraft
+from cpid_drake.simulation.flexible import CompliantWrist
 from cpid_drake.spacecraft.free_floating import FreeFloatingDynamics
 
 TARGET = InertialParameters(80.0, [0.3, -0.1, 0.2], np.diag([9.0, 12.0, 8.0]))

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from cpid_drake.simulation.compliant_wrist import CompliantWrist
 from pydrake.common.value import Value
 from pydrake.math import BsplineBasis
 from pydrake.multibody.tree import SpatialInertia
@@ -25,6 +24,7 @@ from cpid_drake import (
 )
 from cpid_drake.dynamics.momentum import system_momentum
 from cpid_drake.dynamics.parameterizations import parameter_scale
+from cpid_drake.simulation.flexible import CompliantWrist
 
 
 @pytest.fixture(scope="module", params=[True, False], ids=["informed", "blind"])
