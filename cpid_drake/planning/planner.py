@@ -116,6 +116,11 @@ class Planner:
         moving = [
             k for k, name in enumerate(names) if name in chosen or not (chosen or tree.is_rotor(k))
         ]
+        if not moving:
+            have = (
+                "whose joints are wheels only; name one by --joint" if names else "without joints"
+            )
+            raise InputError(f"no motion can be planned for a spacecraft {have}")
         start, end = own.evaluate(0.0)[0], own.evaluate(own.duration)[0]
         rates = options.rate_share * limits.rates
         largest = np.stack([rates, np.full(len(names), options.acceleration)])

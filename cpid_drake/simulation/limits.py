@@ -116,7 +116,8 @@ def _distances(simulation: Simulation, times: Array, q: Array) -> tuple[list[str
     """Return sentences about overlaps, the smallest distance, and what is not checked."""
     spacecraft = simulation.spacecraft
     arms = [k for k in range(q.shape[1]) if not spacecraft.tree.is_rotor(k)]
-    moved = np.cumsum(np.abs(np.diff(q[:, arms], axis=0, prepend=q[:1, arms])).max(axis=1))
+    steps = np.abs(np.diff(q[:, arms], axis=0, prepend=q[:1, arms]))
+    moved = np.cumsum(steps.max(axis=1, initial=0.0))  # a craft may have wheels only
     count = int(min(moved[-1] / LARGEST_MOVE, MOST_POSES - 2)) + 2
     instants = np.interp(np.linspace(0.0, moved[-1], count), moved, times)
     try:

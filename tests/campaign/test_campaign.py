@@ -1,5 +1,6 @@
 """Campaigns: what varies, the same rows however they are computed, and nothing lost."""
 
+import json
 import pickle
 import re
 
@@ -17,7 +18,7 @@ distributed = pytest.importorskip("distributed")
 from cpid_drake.campaign import store  # noqa: E402
 from cpid_drake.campaign.campaign_schema import Axis, ModelErrors, load_campaign  # noqa: E402
 from cpid_drake.campaign.run import run_campaign  # noqa: E402
-from cpid_drake.campaign.statistics import statistics_of, verdict  # noqa: E402
+from cpid_drake.campaign.statistics import parts_of, statistics_of, verdict  # noqa: E402
 from cpid_drake.campaign.trial import (  # noqa: E402
     replayed,
     run_chunk,
@@ -313,6 +314,31 @@ def drawn(plan, tmp_path):
         return folder
 
     return write
+
+
+@pytest.mark.parametrize(
+    "axis",
+    [
+        Axis(normal=np.array([5.0, 0.5])),
+        Axis(normal=np.array([[1.0, 2.0, 3.0], [0.1, 0.1, 0.1]])),
+        Axis(normal=np.array([[0.0, 0.0, 0.0], [0.1, 0.2, 0.1]])),
+        Axis(uniform=np.array([[10.0, -11.0], [11.0, -10.0]])),
+        Axis(uniform=np.array([[-1.0, -2.0], [3.0, 1.0]])),
+        Axis(log_uniform=np.array([[1.0, 10.0], [10.0, 1000.0]])),
+    ],
+)
+def test_the_parts_of_an_axis_divide_its_values(axis):
+    """Each value is in the part that names it, the first and the last part have what is beyond."""
+    names, place = parts_of(axis)
+    edges = [tuple(map(float, name.split(" to "))) for name in names]
+    rng, counts = np.random.default_rng(0), np.zeros(len(names))
+    for value in (axis.draw(rng) for _ in range(2000)):
+        k = place(json.dumps(value) if isinstance(value, list) else value)
+        size, counts[k] = np.linalg.norm(value), counts[k] + 1
+        assert k == 0 or size > 0.995 * edges[k][0]
+        assert k == len(names) - 1 or size < 1.005 * edges[k][1]
+    assert (counts > 0).all()
+    assert counts.max() < 0.5 * counts.sum()
 
 
 def test_honest_errors_have_ratio_one_and_95_percent_coverage(drawn):
