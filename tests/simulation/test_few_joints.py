@@ -41,7 +41,7 @@ def test_they_are_simulated_and_their_limits_are_checked(scenario):
 
 
 def test_no_motion_is_planned_for_them(scenario):
-    with pytest.raises(InputError, match=r"no motion can be planned for a spacecraft w(hose|ithout)"):
+    with pytest.raises(InputError, match=r"no motion can be planned .* w(hose|ithout)"):
         load_planner(scenario, None, PlanOptions()).run()
 
 
