@@ -1,4 +1,4 @@
-"""The most probable target of rows of extreme weight: found, or refused, and never sought for ever."""
+"""The most probable target of rows of extreme weight: found, or refused, in a moment."""
 
 import numpy as np
 import pytest
