@@ -23,11 +23,11 @@ from .report.pages.identification import write_report
 from .sensors.presets import load_sensors
 from .sensors.suite import SensorSuite
 from .simulation.scenario import Scenario
-from .simulation.scenario_files import load_scenario
+from .simulation.scenario_files import load_scenario, load_spacecraft
 from .simulation.simulation import Simulation, make_simulation
-from .simulation.spacecraft_file import SpacecraftFile, load_spacecraft
 from .spacecraft.reference import SpacecraftReference
 from .spacecraft.spacecraft import Spacecraft
+from .spacecraft.spacecraft_file import SpacecraftFile
 from .spacecraft.target_export import export_target
 from .systems.joint_controller import JointController
 from .systems.joint_trajectory import JointTrajectory

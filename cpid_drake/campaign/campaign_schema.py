@@ -29,14 +29,10 @@ from cpid_drake.files.constraints import Limits
 from cpid_drake.files.errors import InputError, choose_from, prefix_errors
 from cpid_drake.files.resources import find_scenario, resolve_model
 from cpid_drake.identification.estimators import methods
+from cpid_drake.sensors.presets import suite_from_folder
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.simulation.scenario import Scenario
-from cpid_drake.simulation.scenario_files import (
-    check_files,
-    files_of,
-    resolve_files,
-    suite_from_folder,
-)
+from cpid_drake.simulation.scenario_files import check_files, files_of, resolve_files
 from cpid_drake.spacecraft.reference import Name
 
 VERSION = 1

@@ -10,10 +10,10 @@ from cpid_drake.commands.options import CHECK_FAILED
 from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.files.overwriting import check_folder
 from cpid_drake.files.resources import find_scenario
-from cpid_drake.simulation.limits import check_limits
+from cpid_drake.simulation.limits import LimitCheck, check_limits
 from cpid_drake.simulation.run_files import RUN_FILES, write_run
 from cpid_drake.simulation.scenario_files import files_of, load_scenario
-from cpid_drake.simulation.simulation import make_simulation
+from cpid_drake.simulation.simulation import Simulation, make_simulation
 
 
 def simulate(
@@ -48,7 +48,7 @@ def simulate(
             simulation = make_simulation(loaded)
             limits = check_limits(simulation)
         if out is None:
-            print(f"{scenario}: {'; '.join(limits.facts(simulation))}")
+            print(f"{scenario}: {'; '.join(_facts(simulation, limits))}")
             options.print_warnings([*limits.exceeded, *simulation.left_out])
             return CHECK_FAILED if limits.exceeded else 0
         options.print_warnings([*limits.exceeded, *simulation.left_out])
@@ -64,3 +64,20 @@ def simulate(
         words += ["--sensors", out / "sensors.yaml"] if simulation.sensors else []
         print(shlex.join(map(str, words)))
     return 0
+
+
+def _facts(simulation: Simulation, limits: LimitCheck) -> tuple[str, ...]:
+    """Return the verdict on a scenario, and what its simulation contains."""
+    scenario, spacecraft = simulation.scenario, simulation.spacecraft
+    suite, count = simulation.sensors and simulation.sensors.suite, len(limits.exceeded)
+    return (
+        "ok" if not count else f"{count} limit{'s' * (count > 1)} exceeded",
+        f"spacecraft of {spacecraft.mass:g} kg with {len(spacecraft.joint_names)} joints",
+        f"target of {simulation.truth.mass:g} kg",
+        f"{type(scenario.joint_motion).__name__} of {simulation.joint_motion.duration:g} s",
+        f"simulation of {scenario.simulation.duration:g} s",
+        f"sensors: {', '.join(suite.present())}" if suite else "no sensors",
+        f"estimator: {scenario.online_estimator}",
+        *([f"closest bodies: {limits.closest}"] if limits.closest else []),
+        *(f"not checked: {what}" for what in limits.unchecked),
+    )

@@ -6,7 +6,7 @@ from typing import Literal
 
 from cpid_drake.files.checked_yaml import load_yaml
 from cpid_drake.files.errors import InputError
-from cpid_drake.files.resources import models_directory, resolve_model
+from cpid_drake.files.resources import from_folder, models_directory, resolve_model
 from cpid_drake.sensors.suite import SensorSuite, check_sensors
 
 
@@ -45,6 +45,11 @@ def load_sensors(name_or_path: str | Path, unstated: Literal["exact"] | None = N
     suite = load_yaml(SensorSuite, file, where, "a sensor suite")
     check_sensors(suite, where)
     return suite if unstated is None else replace(suite, unstated=unstated)
+
+
+def suite_from_folder(folder: Path, suite: str) -> str:
+    """Return the name of a preset as it is, and the path of another suite from a folder."""
+    return suite if suite in sensor_presets() else from_folder(folder, suite)
 
 
 def preset_folder() -> Path:

@@ -1,14 +1,19 @@
-"""Scenarios as YAML files."""
+"""Scenarios, and spacecraft in them or alone, as YAML files."""
 
 from pathlib import Path
 
-from cpid_drake.files.checked_yaml import dump_yaml, load_yaml
+from cpid_drake.files.checked_yaml import dump_yaml, from_tree, load_yaml, parse_yaml
 from cpid_drake.files.errors import InputError, prefix_errors
-from cpid_drake.files.resources import package_folders, resolve_model
-from cpid_drake.sensors.presets import load_sensors, sensor_presets
+from cpid_drake.files.resources import (
+    find_scenario,
+    from_folder,
+    package_folders,
+    resolve_model,
+)
+from cpid_drake.sensors.presets import load_sensors, suite_from_folder
 from cpid_drake.simulation.joint_motions import MotionFile, load_motion
 from cpid_drake.simulation.scenario import Scenario
-from cpid_drake.spacecraft.reference import SpacecraftReference
+from cpid_drake.spacecraft.spacecraft_file import EXPLICIT, SpacecraftFile
 
 
 def load_scenario(path: str | Path) -> Scenario:
@@ -24,6 +29,41 @@ def load_scenario(path: str | Path) -> Scenario:
         resolve_files(scenario, file.parent)
         check_files(scenario)
     return scenario
+
+
+def load_spacecraft(name: str | Path) -> SpacecraftFile:
+    """Return what a scenario, or a spacecraft's own file, says about the spacecraft.
+
+    The target and the motion of a scenario are not used.
+
+    Raises:
+        InputError: no such file, or for the same reasons as `load_scenario`.
+
+    """
+    name = str(name)
+    if name.lower().endswith((".urdf", ".sdf", ".xml", ".dmd.yaml", ".dmd.yml")):
+        raise InputError(
+            f"{name}: is a model, and does not say which body is the base; give it as --model, "
+            "with --base and --capture-frame"
+        )
+    place = find_scenario(name)
+    file = resolve_model(place)
+    tree = parse_yaml(file.read_bytes(), name)
+    if not (isinstance(tree, dict) and "spacecraft" in tree):
+        spacecraft = from_tree(SpacecraftFile, tree, name, "the file of a spacecraft")
+        spacecraft.resolve(file.parent)
+        if spacecraft.sensors:
+            spacecraft.sensors = suite_from_folder(file.parent, spacecraft.sensors)
+        return spacecraft
+    scenario = load_scenario(place)
+    reference = scenario.spacecraft
+    return SpacecraftFile(
+        **vars(reference.reference()),
+        sensors=EXPLICIT if scenario.sensors.explicit else scenario.sensors.suite or None,
+        momentum=scenario.identification.momentum,
+        planar=True if reference.on_table else None,
+        known_bodies=scenario.known_bodies,
+    )
 
 
 def dump_scenario(scenario: Scenario) -> str:
@@ -42,20 +82,13 @@ def resolve_files(scenario: Scenario, folder: Path) -> None:
 
     """
     target, sensors = scenario.target, scenario.sensors
-    resolve_paths(scenario.spacecraft, folder)
+    scenario.spacecraft.resolve(folder)
     if target.visual_model is not None:
         target.visual_model = from_folder(folder, target.visual_model)
     if isinstance(scenario.joint_motion, MotionFile):
         scenario.joint_motion.file = from_folder(folder, scenario.joint_motion.file)
     if sensors.suite:
         sensors.suite = suite_from_folder(folder, sensors.suite)
-
-
-def resolve_paths(spacecraft: SpacecraftReference, folder: Path) -> None:
-    """Make the paths of a spacecraft's model absolute; see `resolve_files`."""
-    spacecraft.model = from_folder(folder, spacecraft.model)
-    places = spacecraft.packages.items()
-    spacecraft.packages = {name: from_folder(folder, place) for name, place in places}
 
 
 def check_files(scenario: Scenario) -> None:
@@ -68,24 +101,6 @@ def check_files(scenario: Scenario) -> None:
     if scenario.sensors.suite:
         with prefix_errors("sensors.suite"):
             load_sensors(scenario.sensors.suite)
-
-
-def suite_from_folder(folder: Path, suite: str) -> str:
-    """Return the name of a preset as it is, and the path of another suite from a folder."""
-    return suite if suite in sensor_presets() else from_folder(folder, suite)
-
-
-def from_folder(folder: Path, path: str) -> str:
-    """Return a path that a file contains; relative paths start at the file's folder.
-
-    Raises:
-        InputError: the path names a user that does not exist.
-
-    """
-    try:
-        return path if "://" in path else str(folder / Path(path).expanduser())
-    except RuntimeError as error:  # the user in ~user does not exist
-        raise InputError(f"{path:.200}: {error}") from error
 
 
 def files_of(scenario: Scenario) -> list[Path]:
