@@ -95,6 +95,7 @@ def test_the_diagram_is_the_script_and_identifies_the_target(ran, tmp_path, caps
     assert "momentum P of the target" in (tmp_path / "scene.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_real_sensors_replace_the_line_of_the_identifier(ran):
     """The scripts differ in these lines alone; each parameter is within 4 σ, the mass to 0.05 %."""
     lines, _ = re.findall(r"```py\n(.*?)```", README, re.S)
@@ -178,6 +179,7 @@ def mass_of(result):
     return with_half_width(found.parameters[0], 1.96 * found.covariance[0, 0] ** 0.5)
 
 
+@pytest.mark.slow
 def test_the_table_says_what_uncalibrated_hardware_gives(tmp_path):
     command = ["identify", str(ROOT / "models/telemetry/free_flyer.csv"), "--sensors", "testbed"]
     command += ["--spacecraft", "free_flyer_payload", "--json", str(tmp_path / "bag.json")]

@@ -77,6 +77,10 @@ class CheckedLog:
         """Number of samples by sensor."""
         return {name: len(samples) for name, samples in self.measurements.items()}
 
+    def between(self, start: float, end: float) -> "CheckedLog":
+        """Return the log with the samples of an interval [s] only."""
+        return replace(self, measurements=self.measurements.between(start, end))
+
 
 def suites_of(
     logs: Mapping[str, CheckedLog],

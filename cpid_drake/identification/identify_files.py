@@ -3,7 +3,6 @@
 import hashlib
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,7 @@ from cpid_drake.identification.arguments import (
     resolve_sensors,
 )
 from cpid_drake.identification.checked_log import left_out_warnings
-from cpid_drake.identification.identify import identify
+from cpid_drake.identification.identify import identify, identify_parts
 from cpid_drake.identification.prior import load_prior
 from cpid_drake.identification.request import Request, Source, log_names
 from cpid_drake.identification.result import History, Identification
@@ -109,13 +108,8 @@ def converge(evidence: Evidence, progress: Callable[[str], None] = lambda step: 
     if result.history is not None:
         return [*result.history(), (end, result)]
     same = replace(inputs, estimator=result.estimator, rows=result.rows, planar=result.is_planar)
-    estimates = []
-    for time in (end * np.arange(1, PARTS_OVER_TIME) / PARTS_OVER_TIME).tolist():
-        progress(f"identifying from the first {time:.4g} of {end:.4g} s")
-        with suppress(InputError):  # too few samples, or nothing moves yet
-            estimate = identify(data=data.between(0.0, time), **vars(same))
-            estimates.append((time, estimate))
-    return [*estimates, (end, result)]
+    ends = (end * np.arange(1, PARTS_OVER_TIME) / PARTS_OVER_TIME).tolist()
+    return [*identify_parts(same, data, ends, progress), (end, result)]
 
 
 def opened_inputs(request: Request, progress: Callable[[str], object]) -> Arguments:

@@ -161,7 +161,9 @@ def test_a_solid_and_a_tumble_become_inertia_and_momentum(plan):
 
 
 @pytest.mark.parametrize(
-    ("text", "bodies"), [(EXACT, "0.0"), (NOISY, "0.01")], ids=["exact", "noisy and uncertain"]
+    ("text", "bodies"),
+    [(EXACT, "0.0"), pytest.param(NOISY, "0.01", marks=pytest.mark.slow)],
+    ids=["exact", "noisy and uncertain"],
 )
 def test_the_rows_do_not_depend_on_chunks(plan, text, bodies):
     found = plan(text.replace("fixed: {", f"fixed: {{known_bodies.mass: {bodies}, "))

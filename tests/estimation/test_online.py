@@ -144,6 +144,7 @@ def test_samples_that_no_motion_has_are_a_gap(case, model):
     assert found.check("share of outliers").statistic > 0.1
 
 
+@pytest.mark.slow
 def test_stored_blocks_are_few(case, model):
     """At rest nothing becomes known, and nothing is called a change."""
     still = {}

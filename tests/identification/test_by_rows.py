@@ -88,7 +88,7 @@ def test_rows_cannot_explain_declared_forces(craft, suite, noisy):
     assert "rows assume a constant momentum" in found.failures[0]
 
 
-@pytest.mark.parametrize("joint", [0, 3])
+@pytest.mark.parametrize("joint", [0, pytest.param(3, marks=pytest.mark.slow)])
 def test_a_joint_that_turns_back_and_less_far_misses_the_samples_by_more_than_their_errors(joint):
     """The samples of each sensor show how large their errors are: noise is no excuse."""
     simulation = make_simulation(load_scenario(shipped_scenario("exciting_motion")))

@@ -48,6 +48,7 @@ def test_an_error_is_as_large_as_its_sigma(craft, suite, skewed_target, uncertai
     assert nees(found, skewed_target) < chi2.isf(1e-3, 10)
 
 
+@pytest.mark.slow
 def test_bodies_with_errors_far_above_their_sigma_fail_a_check(craft, suite, uncertain):
     small = BodyUncertainty(mass=0.001, com=0.00025, inertia=0.002)  # a twentieth
     found = identify(craft, uncertain(4.0), sensors=suite, known_bodies=small)

@@ -125,6 +125,7 @@ def test_intervals_hold(craft, ideal, skewed_target, errors, least):
     assert np.sum(squares) > chi2.ppf(1e-6, 10 * len(squares))
 
 
+@pytest.mark.slow
 def test_noise_slower_than_a_block_widens_the_intervals(craft, ideal, skewed_target):
     """Half of a gyro's noise is correlated over 3 s: no block shows it, its size is as declared."""
 

@@ -66,7 +66,11 @@ def samples_of(craft, suite):
 
 @pytest.mark.parametrize(
     ("estimator", "is_declared"),
-    [("trajectory_fit", True), ("trajectory_fit", False), ("recursive_fit", True)],
+    [
+        ("trajectory_fit", True),
+        ("trajectory_fit", False),
+        pytest.param("recursive_fit", True, marks=pytest.mark.slow),
+    ],
 )
 def test_a_platform_is_identified_without_encoders(craft, log, estimator, is_declared):
     """Whether or not the sensors are declared; none of them measures joints."""

@@ -270,6 +270,7 @@ class TestPrior:
         assert any(text in failure for failure in found.failures)
 
 
+@pytest.mark.slow
 def test_logs_without_sensors_have_the_sensors_of_all(craft, noisy, suite):
     """The first log has no gyro: the order of the logs is no matter."""
     full = noisy(0)

@@ -101,6 +101,7 @@ def test_a_forgotten_momentum_is_estimated_in_a_log_with_thrust():
     assert (np.abs(found.momentum_estimate - momentum) < 4 * sigma).all()
 
 
+@pytest.mark.slow
 def test_valves_that_stay_closed_change_nothing():
     """Forces err only where there are some."""
     idle = Flight("free_flyer_payload", "testbed", [])

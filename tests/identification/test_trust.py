@@ -84,7 +84,9 @@ class TestBodies:
             form, solution_of(told, psi, 1e6 * np.ones(10)), **KNOWN_SENSORS
         )
 
-    @pytest.mark.parametrize("share", [1e-3, 0.1, 0.3])
+    @pytest.mark.parametrize(
+        "share", [*(pytest.param(each, marks=pytest.mark.slow) for each in (1e-3, 0.1)), 0.3]
+    )
     def test_intervals_are_the_extreme_values_within_what_is_known(self, craft, share):
         """With the mass, all others change, and not in proportion."""
         found = self.weakly_known(craft, share)
