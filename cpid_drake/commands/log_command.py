@@ -11,7 +11,7 @@ from cpid_drake.files.drafts import write_text
 from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.files.overwriting import check_outputs
 from cpid_drake.identification.log_conventions import check_as_read
-from cpid_drake.logs.formats import inspect_log, read_table
+from cpid_drake.logs.formats import inspect_log, read_table, refuse_problems
 from cpid_drake.logs.guess.guess import guess_map
 from cpid_drake.report.log_contents import checked_contents
 
@@ -61,8 +61,8 @@ def map_columns(
     the conservation of momentum are compared. The map is printed, and with --out written, as YAML
     with the reasons as comments; `--columns` of other commands reads it.
 
-    Exit codes: 0 the log agrees with the map; 2 columns are missing; 4 the log does not agree with
-    the map, or an attitude, a unit or a direction is open.
+    Exit codes: 0 the log agrees with the map; 2 columns are missing, or rows have problems; 4 the
+    log does not agree with the map, or an attitude, a unit or a direction is open.
 
     Args:
         out: YAML file to write the map to.
@@ -74,7 +74,8 @@ def map_columns(
     check_outputs([("--out", out)], [log, *craft.files(), *named], force=force)
     spacecraft, topics = known.make(), options.topics_of(topic)
     with prefix_errors(log):
-        guess = guess_map(read_table(log, topics), spacecraft, known.base, frame_rate)
+        table = read_table(log, topics)
+        guess = guess_map(table, spacecraft, known.base, frame_rate)
     warnings, failures = tuple[str, ...](), tuple[str, ...]()
     try:
         checked = check_as_read(guess.log, spacecraft)
@@ -97,6 +98,7 @@ def map_columns(
         print(f"{log}: {wrong}", file=sys.stderr)
         return CHECK_FAILED
     options.print_warnings(warnings)
+    refuse_problems(guess.read(table).problems, log)
     if out is not None:
         print(f"{out}: written; read the log with --columns {out}", file=sys.stderr)
     return 0

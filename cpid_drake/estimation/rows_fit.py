@@ -152,6 +152,22 @@ class LogRows:
             float(np.sqrt(squares / size)) if size > 0 else 0.0,
         )
 
+    def bias(self, x: Array, *, is_zero: bool = False) -> Array:
+        """Return the error (10,) of the target's unknowns by the noise inside the rows, on average.
+
+        Least squares solves AᵀA x = Aᵀb, and errors [δA | δb] of the rows add E[δᵀδ] to [A | b]ᵀ
+        [A | b]. To first order, the bias is −(AᵀA)⁻¹ (E[δAᵀδA] x − E[δAᵀδb]).
+
+        Args:
+            x: the unknowns (k + 10,).
+            is_zero: whether the momentum is zero; see `triangle`.
+
+        """
+        R = self.triangle(is_zero=is_zero)[:-1, :-1]
+        added = (self._errors @ np.append(x, -1.0))[self.extra if is_zero else 0 : -1]
+        inverse = np.linalg.pinv(R)
+        return np.asarray(-inverse @ (inverse.T @ added))[-10:]
+
     def residuals(self, x: Array) -> tuple[Samples, Samples]:
         """Return the residuals b − A x at x of the linear and of the angular rows.
 

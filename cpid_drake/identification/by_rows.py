@@ -30,6 +30,7 @@ from cpid_drake.identification.model_sensitivity import with_larger_base
 from cpid_drake.identification.result import Identification
 from cpid_drake.identification.row_checks import (
     LEAST_SQUARES,
+    bias_check,
     conservation_check,
     part_checks,
 )
@@ -45,10 +46,6 @@ _FORCES = (
     "--estimator trajectory_fit"
 )
 _SOME = 100  # samples of a log that show the sensitivity of the estimate, or its noise
-_NOISE = (
-    "momentum rows ignore the noise inside of them: the estimate is biased, and its intervals may "
-    "be too narrow; identify with --estimator trajectory_fit"
-)
 _MOMENTA = ("zero", "known", "unknown")
 
 
@@ -316,7 +313,7 @@ def _summarize(
         first, all_rows = (rows.triangle(is_zero=is_zero, is_half=h) for h in (True, False))
         checks += part_checks(first[-11:, -11:], all_rows[-11:, -11:], freedom)
     if log.states is None and to_rows > INTEGRATION:
-        warnings = (*warnings, _NOISE)
+        checks = (*checks, bias_check(solution, rows.bias(x, is_zero=is_zero)))
     if rows.extra and not is_zero:
         own["momentum_estimate"] = x[: rows.extra]
         if whole.rank == rows.extra + len(tree.unknowns):

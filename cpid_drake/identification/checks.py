@@ -23,6 +23,9 @@ from cpid_drake.sensors.sensors import SENSORS
 CONSERVATION = "conservation of momentum"
 """Name of the check that residuals of rows are no more than samples and integration explain."""
 
+BIAS = "bias by noise in rows"
+"""Name of the check that noise inside of rows moves no estimate by its σ."""
+
 AGREEMENT, CONVERGENCE, NEAREST = "agreement", "convergence", "distance of the nearest rigid body"
 """Names of the checks that sources have one target, a fit is the best, and a rigid body has it."""
 

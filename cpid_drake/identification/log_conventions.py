@@ -9,6 +9,7 @@ import numpy as np
 from cpid_drake.dynamics.rows import RELATIVE_ROWS, STANDARD_ROWS
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.files.errors import InputError
+from cpid_drake.files.one_thread import one_thread
 from cpid_drake.identification import by_rows
 from cpid_drake.identification.arguments import Arguments
 from cpid_drake.identification.checked_log import CheckedLog, check_log
@@ -20,6 +21,7 @@ from cpid_drake.logs.log import Log
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 
+@one_thread
 def check_as_read(log: Log, spacecraft: Spacecraft | None) -> CheckedLog:
     """Return a checked log, with the conventions that it contradicts as it is read.
 

@@ -11,7 +11,7 @@ from cpid_drake.estimation.gaussian import Gaussian, LeastSquaresSolution
 from cpid_drake.estimation.least_squares import INTEGRATION
 from cpid_drake.estimation.rows_fit import TARGET
 from cpid_drake.files.digits import significant
-from cpid_drake.identification.checks import CONSERVATION, IMPROBABLE, Check
+from cpid_drake.identification.checks import BIAS, CONSERVATION, IMPROBABLE, Check
 from cpid_drake.identification.chosen_fit import halves_check
 from cpid_drake.identification.consistency import with_nearest_body
 from cpid_drake.identification.result import Identification
@@ -43,6 +43,19 @@ def conservation_check(share: float, times: float = np.inf, axes: int = 3) -> Ch
     text = _NOT_CONSERVED.format(f"{significant(times)} times the errors of the samples")
     limit = float(np.sqrt(chdtri(axes, IMPROBABLE) / axes))
     return Check.of(CONSERVATION, text, times, limit)
+
+
+def bias_check(solution: LeastSquaresSolution, bias: Array) -> Check:
+    """Return the check that noise inside the rows moves no combination by its σ.
+
+    Args:
+        solution: that of the rows.
+        bias: (10,) bias of its unknowns.
+
+    """
+    size = float(np.linalg.norm(solution.known.R @ bias))
+    text = f"noise inside the momentum rows moves the estimate by about {significant(size)} σ"
+    return Check.of(BIAS, f"{text}: identify with --estimator trajectory_fit", size, 1.0)
 
 
 def part_checks(earlier: Array, rows: Array, freedom: int) -> tuple[Check, ...]:

@@ -311,7 +311,7 @@ class _Conversion:
         for name in self._map.named:
             for row, cell in self._table.texts.get(name, {}).items():
                 remedy = "give a number with a decimal point"
-                if cell.lower().lstrip("+-") in ("nan", "inf", "infinity"):
+                if cell.lower().lstrip("+-") in ("inf", "infinity"):
                     remedy = "leave the cell of an absent sample empty"
                 elif name == self._map.time.column and "," not in cell:
                     remedy = "give seconds, or all stamps in the same form of ISO 8601 or hh:mm:ss"

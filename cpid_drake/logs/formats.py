@@ -125,7 +125,8 @@ def refuse_problems(problems: Sequence[str], where: str) -> None:
     if problems:
         others = len(problems) - 1
         more = f" (and {others} more: `cpid log check` lists them)" if others else ""
-        raise InputError(f"{where}: {problems[0]}{more}")
+        remedy = "; --leave-out-bad reads the other rows"
+        raise InputError(f"{where}: {problems[0]}{more}{remedy}")
 
 
 def write_log(path: str | Path, motion: Motion | Log) -> None:

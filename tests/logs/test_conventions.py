@@ -16,7 +16,14 @@ from sensing_cases import (
     true_telemetry,
 )
 
-from cpid_drake import InputError, identify, load_scenario, read_log, shipped_scenario
+from cpid_drake import (
+    InertialParameters,
+    InputError,
+    identify,
+    load_scenario,
+    read_log,
+    shipped_scenario,
+)
 from cpid_drake.files.resources import models_directory
 from cpid_drake.logs.column_map import ColumnMap, TimeColumn
 from cpid_drake.logs.conventions import check_conventions
@@ -430,3 +437,16 @@ def test_the_unit_of_a_gyro_without_attitude_is_said_to_be_open(craft, noisy):
     assert check_conventions(noisy, craft.tree).not_compared == ()
     turned = "order and direction of the attitude (no angular velocity to compare with)"
     assert turned in check_conventions(without(noisy, "gyro"), None).not_compared
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_target_that_takes_the_spacecraft_s_inertia_away_explains_nothing(seed):
+    """Of joints in degrees that were radians hardly anything moves, and without positions a target
+    of negative inertia explains any rotation.
+    """
+    craft = load_scenario(shipped_scenario("free_flyer_payload")).spacecraft.make()
+    bag = InertialParameters(8.5, [0.26, 0.02, -0.01], np.diag([0.16, 0.19, 0.25]))
+    suite = coarse_suite(gyro=None, position=None)
+    motion = Sines.drawn(len(craft.joint_names), seed, 10.0)
+    log = add_noise(suite, measured(craft, motion, bag, suite), 4)
+    assert check_conventions(log, craft.tree).better == ()

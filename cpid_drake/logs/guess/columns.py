@@ -1,12 +1,12 @@
 """Chooses the columns of a log for each quantity by names and values."""
 
 from collections.abc import Collection
-from typing import Any, cast
+from typing import Any, cast, get_args
 
 import numpy as np
 
 from cpid_drake.files.errors import InputError
-from cpid_drake.logs.column_map import TimeUnit, scale_of
+from cpid_drake.logs.column_map import Angle, TimeUnit, scale_of
 from cpid_drake.logs.guess.guessed_map import GuessedMap
 from cpid_drake.logs.guess.joint_columns import find_joint_units, find_joints
 from cpid_drake.logs.guess.names import (
@@ -59,13 +59,14 @@ def _find_time(guess: GuessedMap, frame_rate: float | None) -> None:
         is_first = name == next(iter(guess.columns))
         if (ranks or is_first) and increases and not words & WORDS["nanoseconds"]:
             is_other = not ranks or bool(words & WORDS["other clock"])
-            candidates.append((is_other, [*ranks, len(_TIMES)][0], name))
+            # A stamp of one topic is in the rows of this topic only.
+            candidates.append((is_other, -there.size, [*ranks, len(_TIMES)][0], name))
     if not candidates:
         raise InputError(
             "no column can be the time: it increases, and is the first or has a name such as "
             f"'time' or 'stamp'; the columns of numbers are {', '.join([*guess.columns][:12])}"
         )
-    name, time = min(candidates)[2], guess.column_map.time
+    name, time = min(candidates)[-1], guess.column_map.time
     ticks = guess.columns[name][np.isfinite(guess.columns[name])]
     steps = np.diff(ticks)
     step = float(np.median(steps[steps > 0]))
@@ -163,10 +164,14 @@ def _find_attitude(guess: GuessedMap, free: list[str], axes: list[Group]) -> Non
         guess.say("attitude", "no four columns have the norm 1, and none are named as its angles")
         guess.missing.append("no columns are an attitude (attitude.columns)")
         return
-    unit, size = unit_of(given.columns[0]), guess.largest(given.columns)
-    given.unit = "deg" if unit == "deg" or (unit is None and size > 2 * np.pi) else "rad"
-    named = "the name says so" if unit else f"the largest is {size:.4g}"
-    guess.say("attitude", f"{', '.join(given.columns)}: {why}; in {given.unit}: {named}")
+    unit = unit_of(given.columns[0])
+    if unit in get_args(Angle):
+        given.unit, named = cast(Angle, unit), f"in {unit}: the name says so"
+    else:
+        guess.free.add("attitude.unit")
+        given.unit = "deg" if guess.largest(given.columns) > 2 * np.pi else "rad"
+        named = "the unit follows from the motion"
+    guess.say("attitude", f"{', '.join(given.columns)}: {why}; {named}")
 
 
 def _find_vectors(guess: GuessedMap, free: list[str], axes: list[Group]) -> None:

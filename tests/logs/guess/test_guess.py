@@ -29,6 +29,7 @@ from cpid_drake.logs.table import LogTable
 from cpid_drake.sensors.sensors import JointSensor, VectorSensor
 
 TARGET = InertialParameters(60.0, [0.5, 0.05, -0.1], [[6, 0, 0], [0, 9, 0], [0, 0, 8]])
+BAG = InertialParameters(8.5, [0.26, 0.02, -0.01], [[0.16, 0, 0], [0, 0.19, 0], [0, 0, 0.25]])
 SUITE = coarse_suite(velocity=VectorSensor(5.0, 1e-4), joint_rates=JointSensor(20.0, 1e-4))
 
 
@@ -158,6 +159,42 @@ def test_the_first_column_is_the_time_if_it_increases_and_numbers_are_no_names(c
     numbered = dict(zip(map(str, range(1, 99)), columns.values()))
     with pytest.raises(InputError, match=r"does not name its columns: write a map"):
         guess_map(LogTable(numbered), craft, "base")
+
+
+def test_the_time_is_in_all_rows_and_a_stamp_of_one_topic_is_not(craft, log):
+    columns = in_other_conventions(log, 0)
+    some = np.arange(len(columns["stamp"])) % 3 > 0
+    stamps = np.where(some, np.nan, columns["stamp"] + 5)
+    guess = guess_map(LogTable({"imu/stamp": stamps, **columns}), craft, "base")
+    assert guess.column_map.time.column == "stamp"
+
+
+def test_three_numbers_r_beside_a_quaternion_are_the_position(craft, log):
+    columns = in_other_conventions(log, 1)
+    moved = {f"r_{k}": columns.pop(f"pos.{axis}") for k, axis in enumerate("xyz", 1)}
+    guess = guess_map(LogTable({**columns, **moved}), craft, "base")
+    assert guess.column_map.position.columns == ["r_1", "r_2", "r_3"]
+
+
+@pytest.mark.parametrize("unit", ["rad", "mrad", "deg", None])
+@pytest.mark.parametrize("turn", [0.0, 8.0])
+def test_the_unit_of_angles_is_that_of_their_names_or_follows_from_the_motion(unit, turn):
+    """Yaw in rad may be beyond a turn."""
+    craft = load_scenario(shipped_scenario("free_flyer_payload")).spacecraft.make()
+    motion, times = Sines.drawn(len(craft.joint_names), 3, 10.0), np.arange(0.0, 10.0, 0.05)
+    states = true_telemetry(craft.tree, craft.joint_names, motion, BAG, times, MOMENTUM / 100)
+    attitude = Rotation.from_quat(states.quaternion_WB, scalar_first=True)
+    angles = np.unwrap(attitude.as_euler("ZYX"), axis=0)[:, ::-1] + [0.0, 0.0, turn]
+    w_B = attitude.inv().apply(states.w_WB)
+    size = {"mrad": 1e3, "deg": 180 / np.pi}.get(unit, 1.0)
+    names = [f"base_{n}" + (f"_{unit}" if unit else "") for n in ("roll", "pitch", "yaw")]
+    columns = {"t": times, **dict(zip(names, size * angles.T))}
+    columns |= {f"gyro.{axis}": values for axis, values in zip("xyz", w_B.T)}
+    columns |= {f"{n}.position": values for n, values in zip(craft.joint_names, states.q.T)}
+    columns |= {f"{n}.velocity": values for n, values in zip(craft.joint_names, states.qdot.T)}
+    guess = guess_map(LogTable(columns), craft, "base")
+    assert guess.column_map.attitude.unit == (unit or "rad")
+    assert not any("attitude" in text for text in guess.missing), guess.missing
 
 
 def columns_at_200_hz(craft):
