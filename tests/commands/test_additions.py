@@ -50,7 +50,8 @@ def added(cpid, monkeypatch):
 
 
 def identified(cpid, log, *options):
-    assert cpid("identify", log, *CRAFT, *options, "--json", "found.txt", "--force")[0] == 0
+    code, *_ = cpid("identify", log, *CRAFT, *options, "--json", "found.txt", "--force")
+    assert code == 4  # noise biases rows of this log
     return json.loads(Path("found.txt").read_text())
 
 
