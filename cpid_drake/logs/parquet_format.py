@@ -3,11 +3,9 @@
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from cpid_drake.array import Array
 from cpid_drake.files.errors import InputError
-from cpid_drake.logs.table import LogTable, repeated_names
+from cpid_drake.logs.table import LogTable, repeated_names, seconds_of_times
 
 
 def read_parquet(file: Path, where: str) -> LogTable:
@@ -26,7 +24,7 @@ def read_parquet(file: Path, where: str) -> LogTable:
         for name, kind in zip(schema.names, schema.types):
             if pyarrow.types.is_timestamp(kind) and name not in unreadable:
                 stamps = source.read(columns=[name]).column(name).to_numpy()
-                columns[name] = (stamps - stamps[:1]) / np.timedelta64(1, "s")
+                columns[name] = seconds_of_times(stamps)
             elif not (pyarrow.types.is_floating(kind) or pyarrow.types.is_integer(kind)):
                 unreadable.setdefault(name, f"must hold numbers, not {kind}")
             elif name not in unreadable:

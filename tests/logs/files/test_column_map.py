@@ -270,6 +270,16 @@ def test_columns_in_memory_are_read_like_a_file(motion):
         from_columns(house(motion) | {"x": np.zeros(3)})
 
 
+@pytest.mark.parametrize("unit", ["ns", "us", "ms"])
+@pytest.mark.parametrize("start", [None, "2026-01-01"])
+def test_dates_and_durations_in_memory_are_times_in_seconds(motion, unit, start):
+    """Their numbers alone would be nanoseconds, or milliseconds."""
+    ticks = np.round(motion.time * {"ns": 1e9, "us": 1e6, "ms": 1e3}[unit])
+    times = ticks.astype(f"timedelta64[{unit}]") + (np.datetime64(start) if start else 0)
+    found = from_columns(house(motion) | {"time": times})
+    np.testing.assert_allclose(found.encoders.time, motion.time, atol=1e-9)
+
+
 def test_turned_sensors_reversed_and_constant_joints_are_read_as_the_model_says(motion):
     """The tracker is turned by 90° about z, the gyro mirrored in x, and one joint does not move."""
     *moving, still = motion.joint_names
