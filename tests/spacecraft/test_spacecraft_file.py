@@ -25,6 +25,11 @@ def test_a_file_and_a_scenario_are_the_same_spacecraft(tmp_path):
     assert made.joint_names == expected.joint_names
 
 
+def test_a_scenario_on_a_table_says_that_a_table_carries_the_spacecraft():
+    assert load_spacecraft("air_bearing").planar is True
+    assert load_spacecraft("free_flyer_payload").planar is None
+
+
 def test_a_model_is_found_beside_its_file(tmp_path):
     folder = tmp_path / "craft"
     folder.mkdir()
