@@ -263,7 +263,7 @@ def explain_by_momentum(
     is_possible, point_B = not has_spin or _has_inertia(*together[::2], tree), np.zeros(3)
     for x, _, root in (*alone, together):
         share = x[0] / samples.mass
-        margin = 3 * float(np.linalg.norm(root[0])) / samples.mass + _MODEL_ERROR
+        margin = 3 * np.sqrt(root[0] @ root[0]) / samples.mass + _MODEL_ERROR
         is_possible &= bool(-margin < share < 1 + margin)
     if has_free_point and "position" in given.values and shift is not None:
         point_B = together[0][-3:]
@@ -310,6 +310,8 @@ def _has_inertia(x: Array, root: Array, tree: KinematicTree) -> bool:
     hardly move, as in a wrong unit, nothing else remains.
     """
     values, vectors = np.linalg.eigh(vector_to_tensor(x[4:10]))
+    if values[0] >= 0:
+        return True
     # d(vᵀ I v) of the six entries (11, 12, 13, 22, 23, 33), of which the products count twice.
     v = vectors[:, 0]
     weights = tensor_to_vector(np.outer(v, v) * (2.0 - np.eye(3)))
@@ -331,7 +333,7 @@ def _least_squares(A: Array, b: Array) -> tuple[Array, Array, Array]:
     error = b - A @ x
     noise = _rms(error) * np.sqrt(b.size / max(b.size - A.shape[1], 1))
     known, free = noise * Vt[kept].T / s[kept], _OPEN * (np.abs(Vt[~kept]) > 1e-6).T
-    return x, error, np.hstack([known, free]) / scale[:, None]
+    return x, error, np.concatenate([known, free], axis=1) / scale[:, None]
 
 
 def _compared(name: str, rate: str, moved: Array, measured: Array) -> Comparison:
