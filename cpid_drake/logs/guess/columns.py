@@ -183,6 +183,8 @@ def _find_vectors(guess: GuessedMap, free: list[str], axes: list[Group]) -> None
     for key in ("angular_velocity", "velocity", "position"):
         words = WORDS[key]
         choices = [g for g in groups if g.words & words or (key == "position" and g.stem == "*")]
+        if key == "position":  # r is a rotation, too
+            choices = choices or [g for g in groups if "r" in g.words]
         if key == "angular_velocity":
             choices = [g for g in choices if "linear" not in g.words]
         groups = [g for g in groups if g not in choices]

@@ -16,7 +16,7 @@ WORDS = {
         "rotation": "r rot rotation rotvec euler",
         "angular_velocity": "angular gyro gyr gyroscope imu omega w bw wb rates rate angvel",
         "velocity": "velocity vel v linear speed",
-        "position": "position pos p r t translation trans location xyz",
+        "position": "position pos p t translation trans location xyz",
         "base": "base bus body chaser servicer spacecraft",
         "thrust": "thrust thruster thrusters rcs propulsion",
         "force": "force forces f",

@@ -174,6 +174,8 @@ def test_three_numbers_r_beside_a_quaternion_are_the_position(craft, log):
     moved = {f"r_{k}": columns.pop(f"pos.{axis}") for k, axis in enumerate("xyz", 1)}
     guess = guess_map(LogTable({**columns, **moved}), craft, "base")
     assert guess.column_map.position.columns == ["r_1", "r_2", "r_3"]
+    both = guess_map(LogTable({**in_other_conventions(log, 1), **moved}), craft, "base")
+    assert both.column_map.position.columns == ["pos.x", "pos.y", "pos.z"]
 
 
 @pytest.mark.parametrize("unit", ["rad", "mrad", "deg", None])
