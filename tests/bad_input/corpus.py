@@ -358,6 +358,22 @@ SCENARIOS = {
         scenario("capture_arm_joint1: -0.8", "capture_arm_joint1: -46"),
         "joint_motion.final: capture_arm_joint1 = -46 is outside [-3.1, 3.1]; angles are in",
     ),
+    "com_of_two": (
+        scenario("[0.4330127, 0.0, 0.0]", "[0.43, 0.0]"),
+        "target.p_CTcm_C must be a list of 3 numbers, not [0.43, 0.0]",
+    ),
+    "com_nan": (
+        scenario("[0.4330127, 0.0, 0.0]", "[.nan, 0.0, 0.0]"),
+        "CTcm_C must be finite numbers",
+    ),
+    "key_of_a_tag": (
+        scenario("joint_motion:\n", "joint_motion: !MultiSineMotion\n  amps: {}\n"),
+        "unknown key 'joint_motion.amps'; did you mean 'ramp'? choose from duration, ramp, freq",
+    ),
+    "tag_misspelt": (
+        scenario("joint_motion:", "joint_motion: !MultiSinMotion"),
+        "joint_motion: unknown tag !MultiSinMotion; did you mean '!MultiSineMotion'?",
+    ),
     "many_logged": (scenario("log_period: 0.0625", "log_period: 1e-7"), "more than 1000000 times"),
     "suite_and_list": (
         added("sensors: {suite: flight, explicit: {encoders: {}}}"),
@@ -383,7 +399,10 @@ SCENARIOS = {
 
 SENSORS = {
     "sigma_nan": ("encoders: {sigma: .nan}", "encoders.sigma"),
-    "sigma_unit": ("encoders: {sigma: 1 mm}", "encoders.sigma must be a valid number, not '1 mm'"),
+    "sigma_unit": (
+        "encoders: {sigma: 1 mm}",
+        "encoders.sigma must be a valid number, not '1 mm'; numbers are written without units",
+    ),
     "misspelt": ("encoder: {bits: 20}", "unknown key 'encoder'; did you mean 'encoders'?"),
 }
 

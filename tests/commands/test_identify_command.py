@@ -10,7 +10,7 @@ from flyer_cases import FREE_FLYER, SAMPLE
 
 from cpid_drake import InertialParameters, load_sensors, read_log, write_log
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
-from cpid_drake.files.checked_yaml import dump_yaml
+from cpid_drake.files.dumping import dump_yaml
 from cpid_drake.files.resources import models_directory
 from cpid_drake.identification.description import principal_axes
 from cpid_drake.identification.result_files import read_result
