@@ -25,7 +25,7 @@ class Limits:
 
     Attributes:
         gt, ge, lt, le: the number is greater than, at least, less than, at most.
-        min_length: least number of characters or entries.
+        min_length, max_length: least and largest number of characters or entries.
 
     """
 
@@ -34,6 +34,7 @@ class Limits:
     lt: float | None = None
     le: float | None = None
     min_length: int | None = None
+    max_length: int | None = None
 
     __is_annotated_types_grouped_metadata__ = True
 
