@@ -448,11 +448,10 @@ EXPORTS = {
 def cases() -> list[Case]:
     found = [Case(name, "telemetry", make, says) for name, (make, *says) in TELEMETRY.items()]
     found += [Case(name, "model", make, says) for name, (make, *says) in MODELS.items()]
-    for kind in ("scenario", "sensors"):
-        found += [
-            Case(name, kind, file("s.yaml", content), ("s.yaml: ", *says))
-            for name, (content, *says) in YAML.items()
-        ]
+    found += [
+        Case(name, "scenario", file("s.yaml", content), ("s.yaml: ", *says))
+        for name, (content, *says) in YAML.items()
+    ]
     for kind, texts in (("scenario", SCENARIOS), ("sensors", SENSORS)):
         found += [
             Case(f"{name}_in_it", kind, file("s.yaml", content), ("s.yaml: ", *says))

@@ -38,7 +38,6 @@ def entry(value):
         ("w_WB", entry(np.nan), "'w_WB' is not finite in sample 1$"),
         ("q", entry(np.inf), "'q' is not finite in sample 2$"),
         ("time", lambda time: time[[0, 1, 1, 2, 3]], "does not increase at sample 2"),
-        ("time", lambda time: time[[0, 2, 1, 3, 4]], "does not increase at sample 2"),
         ("p_WB", lambda values: values[:-1], "'p_WB' must have shape"),
         ("qdot", lambda values: values[:, :-1], "'qdot' must have shape"),
         ("quaternion_WB", lambda q: 0 * q, "not of unit norm in sample 0"),
@@ -59,7 +58,7 @@ def test_euler_angles_are_yaw_pitch_roll():
     np.testing.assert_allclose(found, [angles], atol=1e-14)
 
 
-@pytest.mark.parametrize("decimals", [0, 1, 3, 6, 9, 12])
+@pytest.mark.parametrize("decimals", [0, 6, 12])
 def test_rounding_moves_numbers_by_half_a_unit_of_the_last_place(decimals):
     telemetry = make(200, seed=1)
     rounded = telemetry.rounded(decimals)

@@ -126,13 +126,6 @@ REFUSED = {
         "<replicate> in <body>",
         "in another way",
     ),
-    "attach": (
-        mjcf(OWN + '<attach model="h" body="hand" prefix="h_"/>'),
-        "<attach> in <body>",
-        "take it out",
-    ),
-    "composite": (mjcf(OWN + '<composite type="cable" count="4 1 1"/>'), "<composite>", "line 1"),
-    "flexcomp": (mjcf(OWN + '<flexcomp name="f" count="3 3 1"/>'), "<flexcomp>", "line 1"),
     "box from to": (mjcf(geom('type="box" fromto="0 0 0 .5 0 0" size=".05"')), "fromto", "lost"),
     "ellipsoid from to": (
         mjcf(geom('type="ellipsoid" fromto="0 0 0 .5 0 0" size=".05"')),
@@ -224,12 +217,12 @@ OTHERS = {
         ".urdf",
         "<inertial> has 2 <mass>",
     ),
+    "two masses in SDF": (sdf("<mass>3</mass>"), ".sdf", "<inertial> has 2 <mass>"),
     "added mass": (
         sdf("<fluid_added_mass><xx>1</xx></fluid_added_mass>"),
         ".sdf",
         "<fluid_added_mass> is not read",
     ),
-    "two masses in SDF": (sdf("<mass>3</mass>"), ".sdf", "<inertial> has 2 <mass>"),
 }
 
 
