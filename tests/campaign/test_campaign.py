@@ -83,6 +83,7 @@ def rows(folder_or_table, plan=None):
     [
         ("trials:", "trails:", "unknown key 'trails'; did you mean 'trials'?"),
         ("scenario: paper", "scenario: papre", "did you mean 'paper'?"),
+        ("trials: 4", "trials: 0", "trials must be greater than or equal to 1"),
         ("[standard]", "[standrad]", "no 'standrad'; did you mean 'standard'?"),
         ("target.mass", "target.mas", "no key 'target.mas'; did you mean 'mass'?"),
         ("uniform: [50, 150]", "uniform: [50, 150], grid: [1]", "not uniform and grid"),

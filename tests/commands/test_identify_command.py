@@ -245,6 +245,7 @@ class TestSeveralLogs:
             (["thrid.csv=flight"], "there is no log thrid.csv; the logs are first.csv, second.csv"),
             (["flight", "testbed"], "give one PRESET or YAML for all logs"),
             (["first.csv=flight", "first.csv=testbed"], "one NAME=PRESET or NAME=YAML for a log"),
+            (["flight", "first.csv="], "one NAME=PRESET or NAME=YAML for a log"),
             (["flight", "first.csv=fligt"], "no sensors: fligt: no such file"),
         ],
     )

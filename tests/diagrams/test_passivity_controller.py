@@ -54,7 +54,7 @@ def test_all_state_is_in_the_context(case):
     assert np.isnan(port.Eval(clone)).all()
 
 
-@pytest.mark.parametrize("gain", ["adaptation", "period"])
+@pytest.mark.parametrize("gain", ["adaptation", "stiffness", "damping", "period"])
 def test_a_gain_that_is_not_positive_is_refused(case, gain):
     with pytest.raises(InputError, match=f"{gain} must be > 0"):
         PassivityController(case[0], **{gain: -1.0})

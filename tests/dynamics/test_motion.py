@@ -38,6 +38,7 @@ def entry(value):
         ("w_WB", entry(np.nan), "'w_WB' is not finite in sample 1$"),
         ("q", entry(np.inf), "'q' is not finite in sample 2$"),
         ("time", lambda time: time[[0, 1, 1, 2, 3]], "does not increase at sample 2"),
+        ("time", lambda time: time[[0, 2, 1, 3, 4]], "does not increase at sample 2"),
         ("p_WB", lambda values: values[:-1], "'p_WB' must have shape"),
         ("qdot", lambda values: values[:, :-1], "'qdot' must have shape"),
         ("quaternion_WB", lambda q: 0 * q, "not of unit norm in sample 0"),

@@ -234,7 +234,7 @@ def test_the_estimator_continues_after_its_incomplete_block(flight, samples, ske
 # -- what cannot be ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("period", [0.0, 0.011, "fast"])
+@pytest.mark.parametrize("period", [0.0, np.nan, 0.011, "fast"])
 def test_a_period_that_would_lose_samples_is_refused(servicer, period):
     with pytest.raises(InputError, match=r"at most 0\.01 s"):
         SensorIdentifier(servicer, load_sensors("flight", unstated="exact"), period=period)
