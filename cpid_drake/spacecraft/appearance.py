@@ -18,8 +18,7 @@ from pydrake.multibody.tree import BodyIndex, RigidBody, SpatialInertia
 
 from cpid_drake.array import Array
 from cpid_drake.files.errors import InputError
-from cpid_drake.spacecraft.model_file import check_model
-from cpid_drake.spacecraft.parsing import message_of, parse
+from cpid_drake.spacecraft.model_file import ModelFile
 
 OPACITY = 0.5
 """Of a target, so that an estimate inside of it is seen."""
@@ -63,15 +62,10 @@ def add_target_appearance(
         grey = [0.6, 0.6, 0.62, OPACITY]
         plant.RegisterVisualGeometry(body, X_CE, Ellipsoid(*semi_diameters), "ellipsoid", grey)
         return
-    check_model(visual_model, str(visual_model), folders)
-    scene_graph = SceneGraph()
-    model = MultibodyPlant(time_step=0.0)
+    file, model, scene_graph = ModelFile(visual_model, folders), MultibodyPlant(0.0), SceneGraph()
     model.RegisterAsSourceForSceneGraph(scene_graph)
-    parse(model, visual_model, str(visual_model), folders)
-    try:
-        model.Finalize()
-    except (RuntimeError, ValueError, SystemExit) as error:
-        raise InputError(f"{visual_model}: {message_of(error, visual_model)}") from error
+    file.parse_into(model)
+    file.finalize(model)
     if model.num_bodies() == 1 or model.num_velocities() > 6:
         raise InputError(f"{visual_model}: a target is one rigid body, without joints")
     context, inspector = model.CreateDefaultContext(), scene_graph.model_inspector()

@@ -159,7 +159,7 @@ def movable_joints(
                 "prismatic and fixed joints are supported"
             )
     for body in (body for joint in movable for body in (joint.parent_body(), joint.child_body())):
-        welded, hollow = plant.GetBodiesWeldedTo(body), model.hollow
+        welded, hollow = plant.GetBodiesWeldedTo(body), model.content.hollow
         named = [each.name() for each in welded if each.name() in hollow]
         if named and not any(b.default_mass() > 0 and b.name() not in hollow for b in welded):
             raise model.error(
@@ -264,7 +264,8 @@ def joint_limits(model: ModelFile, plant: MultibodyPlant, joints: Sequence[Joint
     actuators = [plant.get_joint_actuator(k) for k in plant.GetJointActuatorIndices()]
     stated = {each.joint().index(): each.effort_limit() for each in actuators}
     efforts = [
-        stated.get(joint.index()) or model.efforts.get(joint.name()) or np.inf for joint in joints
+        stated.get(joint.index()) or model.content.efforts.get(joint.name()) or np.inf
+        for joint in joints
     ]
     return JointLimits(
         lowest=np.array([joint.position_lower_limit() for joint in joints]),

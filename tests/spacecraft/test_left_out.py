@@ -241,6 +241,65 @@ def test_what_urdf_and_sdf_lose_in_silence_is_refused(load, name):
     assert says in str(caught.value)
 
 
+EXTENSIONS = {
+    "of a simulator": ("<self_collide>false</self_collide>", ""),
+    "friction": ("<mu1>0.8</mu1>", ""),
+    "shape of a filter": (
+        '<self_filter><origin xyz="0 0 1"/><geometry><box size="1 1 1"/></geometry></self_filter>',
+        "",
+    ),
+    "pose of a sensor": ('<sensor name="imu"><pose>0 0 1 0 0 0</pose></sensor>', ""),
+    "a text": ("<description>The arm of 2019, 3 m long</description>", ""),
+    "hardware": ("", "<hardware><motor>1</motor></hardware>"),
+    "interface": ("", "<hardwareInterface>EffortJointInterface</hardwareInterface>"),
+    "encoder": ("", '<encoder resolution="4096" counts="65536"/>'),
+    "gear": ("", '<gear ratio="100"/>'),
+    "standard": ("", '<calibration rising="0.1"/><safety_controller k_velocity="10"/>'),
+}
+
+
+@pytest.mark.parametrize("name", EXTENSIONS)
+def test_an_element_that_changes_no_body_or_joint_is_counted(load, name, caplog):
+    """Other readers of URDF ignore it: masses and the motion are those of the file without it."""
+    in_link, in_joint = EXTENSIONS[name]
+    text = changed("</link>", f"{in_link}</link>").replace("</joint>", f"{in_joint}</joint>")
+    with_it, without = load(text, ".urdf", "arm"), load(urdf(*GOOD), ".urdf", "arm")
+    assert with_it.mass == without.mass
+    for ours, theirs in zip(with_it.tree.bodies, without.tree.bodies, strict=True):
+        np.testing.assert_array_equal(ours.I_BBcm, theirs.I_BBcm)
+        np.testing.assert_array_equal(ours.p_PF, theirs.p_PF)
+    [said] = [each for each in caplog.messages if "not read, and without effect" in each]
+    assert said.endswith(" (1)")
+
+
+def test_misspelt_limits_are_refused(load):
+    with pytest.raises(InputError, match="limits is like limit"):
+        load(urdf(*GOOD).replace("<limit ", "<limits "), ".urdf", "arm")
+
+
+LOST = {
+    "mass": ('<mas value="5"/>', "mas is like mass"),
+    "mass in another case": ("<Mass>5</Mass>", "Mass is like mass"),
+    "inertia": ('<intertia ixx="1"/>', "intertia is like inertia"),
+    "second mass": ('<payload><mass value="5"/></payload>', "mass"),
+    "inertia of a rotor": ("<rotor_inertia>0.01</rotor_inertia>", "rotor_inertia is like inertia"),
+    "moment inside": ('<body><parts ixx="1"/></body>', "ixx"),
+    "place": ("<offset>0 0 1</offset>", "offset has several numbers"),
+    "place by letters": ('<place xyz="1"/>', "xyz"),
+    "turn": ('<mounting><rotation w="1" q="0 0 0 1"/></mounting>', "q has several numbers"),
+    "axis": ('<axes z="1"/>', "axes is like "),
+}
+
+
+@pytest.mark.parametrize("name", LOST)
+@pytest.mark.parametrize("parent", ["link", "joint", "inertial"])
+def test_an_unknown_element_that_may_be_a_mass_or_a_pose_is_refused(load, name, parent):
+    inner, says = LOST[name]
+    with pytest.raises(InputError, match="a mass, a joint or a pose may be lost") as caught:
+        load(changed(f"</{parent}>", f"{inner}</{parent}>"), ".urdf", "arm")
+    assert says in str(caught.value)
+
+
 def test_a_planar_inertia_is_told_what_to_write(load):
     text = urdf(link("bus", 50.0, **moments(0, 0, 2)), *GOOD[1:])
     with pytest.raises(InputError, match="on a table ixx and iyy do not matter"):

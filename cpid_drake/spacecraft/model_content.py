@@ -1,0 +1,155 @@
+"""All files of a model, checked, and what Drake does not report of them.
+
+Drake's readers do not return from a file that includes itself.
+"""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+from pydrake.multibody.parsing import LoadModelDirectives, PackageMap
+from pydrake.multibody.plant import MultibodyPlant
+
+from cpid_drake.files.errors import InputError
+from cpid_drake.spacecraft.link_inertia import LinkInertia, link_inertias
+from cpid_drake.spacecraft.model_check import check_meaning, check_numbers
+from cpid_drake.spacecraft.model_xml import XmlText, read_xml
+from cpid_drake.spacecraft.parsing import make_parser, message_of
+
+MOST_FILES = 1000
+"""Most included files: models have tens, and files that include each other twice have billions."""
+
+
+@dataclass(frozen=True, eq=False)
+class FileContent:
+    """A file of a model.
+
+    Attributes:
+        path: the file.
+        main: the MJCF file that includes this one, at whose folder its paths start; else the file.
+        xml: its text; None of directives.
+        includes: the files that it includes, by the element or the URI that names them.
+        whole, heads: what is changed in a copy for Drake, see `XmlText.changed`.
+
+    """
+
+    path: Path
+    main: Path
+    xml: XmlText | None
+    includes: dict[Element | str, Path] = field(default_factory=dict)
+    whole: dict[Element, str] = field(default_factory=dict)
+    heads: dict[Element, Mapping[str, str]] = field(default_factory=dict)
+
+    @property
+    def ending(self) -> str:
+        """The ending of its name, in small letters."""
+        return self.path.suffix.lower()
+
+
+@dataclass(frozen=True, eq=False)
+class ModelContent:
+    """What the files of a model contain that Drake does not report.
+
+    Attributes:
+        files: all files.
+        efforts: effort limits of joints in URDF files [N·m or N]: Drake reads only those with a
+            transmission.
+        hollow: links of URDF and SDF files with a geometry and no inertia: Drake takes their mass
+            for zero (URDF) or for 1 kg (SDF).
+        links: masses and inertias of the links as they are written, by their files.
+        unread: how often an element is not read that changes no mass, joint or frame.
+
+    """
+
+    files: dict[Path, FileContent] = field(default_factory=dict)
+    efforts: dict[str, float] = field(default_factory=dict)
+    hollow: set[str] = field(default_factory=set)
+    links: dict[Path, list[LinkInertia]] = field(default_factory=dict)
+    unread: Counter[str] = field(default_factory=Counter)
+
+
+def read_content(path: Path, where: str, folders: Mapping[str, Path]) -> ModelContent:
+    """Check a model that Drake might never finish reading, or might read as another one.
+
+    Raises:
+        InputError: the file, or one that it includes, is not XML or YAML, includes itself, or
+            contains entities, text in place of a number, or what Drake would ignore. The message
+            names the file and the line.
+
+    """
+    found = ModelContent()
+    packages, count = make_parser(MultibodyPlant(0.0), folders).package_map(), 0
+
+    def visit(file: Path, around: tuple[Path, ...]) -> None:
+        nonlocal count
+        count += 1
+        place = where if not around else f"{where}: {file}"
+        if file in around:
+            raise InputError(f"{place}: the file includes itself")
+        if count > MOST_FILES:
+            raise InputError(f"{place}: more than {MOST_FILES} includes")
+        if file.is_dir():
+            for other in sorted(file.glob("*.sdf")):
+                visit(other.resolve(), (*around, file))
+            return
+        known = (".urdf", ".sdf", ".xml", ".yaml", ".yml")
+        if file.suffix.lower() not in known or not file.exists():
+            return  # of a missing one, Drake's own error names the file that includes it
+        if not file.is_file():
+            raise InputError(f"{place}: not a file")
+        if file not in found.files:
+            main = next((each for each in around if each.suffix.lower() == ".xml"), file)
+            found.files[file] = _read(file, main, place, packages, found)
+        for other in found.files[file].includes.values():
+            visit(other.resolve(), (*around, file))
+
+    try:
+        visit(path.resolve(), ())
+    except InputError:
+        raise
+    except (OSError, ValueError, RuntimeError) as error:
+        raise InputError(f"{where}: {message_of(error, path):.500}") from error
+    return found
+
+
+def _read(
+    file: Path, main: Path, place: str, packages: PackageMap, found: ModelContent
+) -> FileContent:
+    """Return one file, and add what it contains."""
+    if file.suffix.lower() in (".yaml", ".yml"):
+        content = FileContent(file, main, None)
+        for each in LoadModelDirectives(str(file)).directives:
+            for one in filter(None, (each.add_model, each.add_directives)):
+                content.includes.update((one.file, path) for path in _behind(one.file, packages))
+        return content
+    content = FileContent(file, main, read_xml(file, place))
+    assert content.xml is not None
+    ending, places = content.ending, content.xml.places
+    for element, at in places.items():
+        check_numbers(element, ending, f"{place}: line {at.line}: ")
+    links = found.links[file] = list[LinkInertia]()
+    for element, at in places.items():
+        parts, name, line = {part.tag for part in element}, element.get("name", ""), at.line
+        found.unread.update(check_meaning(element, ending, f"{place}: line {line}: "))
+        if element.tag in ("link", "body"):
+            links += link_inertias(element, ending, f"{place}: line {line}: ")
+        if element.tag == "link" and "inertial" not in parts:
+            found.hollow.update([name] if parts & {"visual", "collision"} else [])
+        elif element.tag == "joint" and ending == ".urdf":
+            for limit in element.iter("limit"):
+                found.efforts[name] = float(limit.get("effort", 0))
+        elif element.tag == "include" and ending == ".xml":
+            content.includes[element] = main.parent / element.get("file", "")
+        elif element.tag == "include":
+            uri = (element.findtext("uri") or "").strip()
+            content.includes.update((element, path) for path in _behind(uri, packages))
+    return content
+
+
+def _behind(uri: str, packages: PackageMap) -> Iterator[Path]:
+    """Yield the path of a URI's file; nothing if Drake will refuse the URI."""
+    scheme, separator, rest = uri.partition("://")
+    if separator and (scheme == "file" or packages.Contains(rest.partition("/")[0])):
+        yield Path(rest) if scheme == "file" else Path(packages.ResolveUrl(f"package://{rest}"))
