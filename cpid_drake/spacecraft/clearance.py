@@ -18,7 +18,7 @@ from pydrake.systems.framework import DiagramBuilder
 from cpid_drake.array import Array
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.files.errors import InputError
-from cpid_drake.spacecraft.reading import unique_names
+from cpid_drake.spacecraft.plant_names import unique_names
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 _INFLUENCE = 0.05

@@ -31,6 +31,7 @@ class FileContent:
         main: the MJCF file that includes this one, at whose folder its paths start; else the file.
         xml: its text; None of directives.
         includes: the files that it includes, by the element or the URI that names them.
+        meshes: the files of meshes of MJCF, by the elements that name them.
         whole, heads: what is changed in a copy for Drake, see `XmlText.changed`.
 
     """
@@ -39,6 +40,7 @@ class FileContent:
     main: Path
     xml: XmlText | None
     includes: dict[Element | str, Path] = field(default_factory=dict)
+    meshes: dict[Element, Path] = field(default_factory=dict)
     whole: dict[Element, str] = field(default_factory=dict)
     heads: dict[Element, Mapping[str, str]] = field(default_factory=dict)
 
@@ -140,12 +142,28 @@ def _read(
         elif element.tag == "joint" and ending == ".urdf":
             for limit in element.iter("limit"):
                 found.efforts[name] = float(limit.get("effort", 0))
+            if element.get("type") == "floating" and "child" in parts:
+                content.whole.update(_freeing(element, content.xml))
         elif element.tag == "include" and ending == ".xml":
             content.includes[element] = main.parent / element.get("file", "")
         elif element.tag == "include":
             uri = (element.findtext("uri") or "").strip()
             content.includes.update((element, path) for path in _behind(uri, packages))
     return content
+
+
+def _freeing(joint: Element, xml: XmlText) -> dict[Element, str]:
+    """Return the elements to leave out so that the child of a floating joint is free.
+
+    They are the joint, and its parent if that is a mere name of the world: a link of no content
+    that no other joint joins.
+    """
+    parent = joint.find("parent")
+    name = "" if parent is None else parent.get("link", "")
+    links = [each for each in xml.root.findall("link") if each.get("name") == name]
+    ends = [end for each in xml.root.findall("joint") for end in each if end.get("link") == name]
+    is_world = len(ends) == 1 and name != "world" and not any(len(link) for link in links)
+    return dict.fromkeys([joint, *(links if is_world else [])], "")
 
 
 def _behind(uri: str, packages: PackageMap) -> Iterator[Path]:

@@ -10,8 +10,11 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from cpid_drake.files.errors import InputError, listed
 from cpid_drake.files.resources import resolve_model
+from cpid_drake.spacecraft.floating_base import free_base
 from cpid_drake.spacecraft.model_content import read_content
+from cpid_drake.spacecraft.model_copies import ModelCopies
 from cpid_drake.spacecraft.parsing import message_of, parse, summarize_ignored
+from cpid_drake.spacecraft.plant_names import find_element
 
 _MODEL_ENDINGS = (".urdf", ".sdf", ".xml", ".dmd.yaml")
 
@@ -40,7 +43,7 @@ class ModelFile:
         if not self.path.name.endswith(_MODEL_ENDINGS):
             raise self.error(f"not a model file: its name must end in {', '.join(_MODEL_ENDINGS)}")
         self.content = read_content(self.path, self.model, folders)
-        self._is_parsed = False
+        self._copies, self._is_parsed = ModelCopies(self.content, self.path), False
         links = chain.from_iterable(self.content.links.values())
         impossible = [f"{link.where}{finding}" for link in links for finding in link.findings()]
         if impossible:
@@ -50,15 +53,27 @@ class ModelFile:
         """Return an InputError whose message begins with this model."""
         return InputError(f"{self.model}: {problem}")
 
-    def parse_into(self, plant: MultibodyPlant) -> None:
+    def parse_into(self, plant: MultibodyPlant, base: str | None = None) -> None:
         """Add the model to a plant that is not finalized, and set the plant's gravity to zero.
 
-        What is not read is logged the first time; see `parsing.parse`, which also says what is
-        refused.
+        What is not read or changed is logged the first time; see `parsing.parse`, which also says
+        what is refused.
+
+        Args:
+            plant: the plant.
+            base: the body that shall float freely; see `free_base`.
+
         """
-        ignored = parse(plant, self.path, self.model, self.folders) | self.content.unread
+        copies = self._copies
+        ignored = parse(plant, copies.path, self.model, self.folders, copies.original_names)
+        ignored |= self.content.unread
         if ignored and not self._is_parsed:
             logging.getLogger(__name__).warning("%s: %s", self.model, summarize_ignored(ignored))
+        if base is not None:
+            body = find_element(plant, "Body", base, self.model)
+            note = free_base(plant, body, self.model)
+            if note and not self._is_parsed:
+                logging.getLogger(__name__).warning("%s: %s", self.model, note)
         self._is_parsed = True
         plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
 
@@ -78,7 +93,7 @@ class ModelFile:
         try:
             plant.Finalize()
         except (RuntimeError, SystemExit) as error:
-            text = message_of(error, self.path)
+            text = message_of(self._copies.original_names(str(error)), self.path)
             if "loop" in text:
                 text = "its joints form a closed loop; only trees are supported"
             raise self.error(text) from error

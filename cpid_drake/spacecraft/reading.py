@@ -1,9 +1,8 @@
 """What a parsed plant says of a spacecraft: its names, its tree of joints, and their limits."""
 
-from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from pydrake.math import RigidTransform
@@ -12,7 +11,6 @@ from pydrake.multibody.tree import (
     BodyIndex,
     Frame,
     Joint,
-    ModelInstanceIndex,
     PrismaticJoint,
     QuaternionFloatingJoint,
     RevoluteJoint,
@@ -24,67 +22,8 @@ from cpid_drake.array import Array
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.tree import KinematicTree, TreeBody
 from cpid_drake.files.errors import InputError, listed
+from cpid_drake.spacecraft.floating_base import connected, joints_of
 from cpid_drake.spacecraft.model_file import ModelFile
-
-_Element = TypeVar("_Element", RigidBody, Joint)
-
-
-def find_element(plant: MultibodyPlant, kind: str, name: str, where: str) -> Any:
-    """Return the "Body" or "Frame" of this name, bare or scoped as `instance::name`.
-
-    Raises:
-        InputError: there is none, or more than one; the message begins with `where`.
-
-    """
-    scope, _, bare = name.rpartition("::")
-    find = getattr(plant, f"Get{kind}ByName")
-    try:
-        return find(bare, plant.GetModelInstanceByName(scope)) if scope else find(name)
-    except RuntimeError as error:
-        text = str(error).partition("(): ")[2]
-        remedy = "scope a name as INSTANCE::NAME"
-        if where.endswith(".xml"):
-            remedy += "; a <site> is not read: write a <body> in its place"
-        raise InputError(f"{where}: {text:.400}; {remedy}") from error
-
-
-def find_counterpart(
-    plant: MultibodyPlant,
-    element: _Element,
-    has: Callable[[str, ModelInstanceIndex], bool],
-    get: Callable[[str, ModelInstanceIndex], _Element],
-    instance: ModelInstanceIndex | None = None,
-) -> _Element:
-    """Return the body or joint of another plant that has this one's name.
-
-    Its model instance is the given one, or that of the same name, or the only one that has it.
-
-    Args:
-        plant: the other plant.
-        element: the body or joint.
-        has, get: the other plant's methods that find such an element by name and instance.
-        instance: the model instance; default: any.
-
-    Raises:
-        InputError: there is none, or more than one.
-
-    """
-    name = element.name()
-    scope = element.GetParentPlant().GetModelInstanceName(element.model_instance())
-    instances = [ModelInstanceIndex(k) for k in range(plant.num_model_instances())]
-    among = [k for k in instances if instance in (None, k) and has(name, k)]
-    scopes = [plant.GetModelInstanceName(k) for k in among]
-    if not among:
-        raise InputError(
-            f"the plant has no '{name}' of the spacecraft model: connect the state of a plant of "
-            "the same spacecraft"
-        )
-    if len(among) > 1 and scope not in scopes:
-        raise InputError(
-            f"the plant has '{name}' in {listed(scopes)}: connect its "
-            "get_state_output_port(model_instance) of one of them"
-        )
-    return get(name, among[scopes.index(scope) if scope in scopes else 0])
 
 
 def floating_joint(plant: MultibodyPlant, base: RigidBody) -> QuaternionFloatingJoint:
@@ -108,50 +47,40 @@ def floating_joint(plant: MultibodyPlant, base: RigidBody) -> QuaternionFloating
     )
 
 
-def unique_names(
-    plant: MultibodyPlant, elements: Sequence[Joint] | Sequence[RigidBody]
-) -> tuple[str, ...]:
-    """Return the bare names of joints or bodies where they are unique, else the scoped names."""
-    count = Counter(element.name() for element in elements)
-    instances = [plant.GetModelInstanceName(element.model_instance()) for element in elements]
-    return tuple(
-        element.name() if count[element.name()] == 1 else f"{instance}::{element.name()}"
-        for element, instance in zip(elements, instances, strict=True)
-    )
-
-
 def movable_joints(
     model: ModelFile, plant: MultibodyPlant, base: RigidBody, capture_frame: Frame
 ) -> list[Joint]:
     """Return the revolute and prismatic joints of a finalized plant, in the order of q.
 
     Raises:
-        InputError: the base is welded to the world or does not float, a body is not connected to
-            it, C is fixed in the world, a joint is of a type that is not supported,
-            or a body that joints move has a geometry and no inertia.
+        InputError: the base does not float, a body with a mass is not connected to it, C is fixed
+            in the world, a joint is of a type that is not supported, or a body that joints move has
+            a geometry and no inertia.
 
     """
-    joints = [plant.get_joint(k) for k in plant.GetJointIndices()]
-    floating = [plant.get_body(k) for k in plant.GetFloatingBaseBodies()]
-    loose = [body for body in floating if body.index() != base.index()]
-    if plant.IsAnchored(base):
+    joints = joints_of(plant)
+    tree = {body.index(): body for body, _ in connected(plant, base)}
+    own = [j for j in joints if j.parent_body().index() in tree and j.child_body().index() in tree]
+    path = [*connected(plant, base)][-1][1]  # after Finalize one leads to the world
+    if path[0].num_velocities() != 6:
         raise model.error(
-            f"base '{base.name()}' is welded to the world; a spacecraft's base must be free. Take "
-            "that weld out of a copy of the file (MJCF: add a freejoint); to put an arm on a base, "
-            "write model directives (.dmd.yaml): add_model the base, add_model the arm, add_weld "
-            "with parent BASE::LINK and child ARM::FIRST_LINK"
+            f"base '{base.name()}' does not float freely: joint '{path[-1].name()}' holds it in "
+            'the world; take that joint out of a copy of the file, or write type="floating"'
         )
-    if len(loose) == len(floating):
-        names = listed(sorted(body.name() for body in floating)) or "none"
-        raise model.error(f"'{base.name()}' is not the floating base; free bodies are: {names}")
+    others = [plant.get_body(BodyIndex(k)) for k in range(1, plant.num_bodies())]
+    others = [body for body in others if body.index() not in tree]
+    loose = [body for body in others if body.default_mass() > 0 or not plant.IsAnchored(body)]
     if loose:
         names = listed(sorted(body.name() for body in loose))
-        raise model.error(f"bodies not connected to the base '{base.name()}': {names}")
+        raise model.error(
+            f"bodies not connected to the base '{base.name()}': {names}; join them to it, or take "
+            "them out of a copy of the file"
+        )
     if plant.IsAnchored(capture_frame.body()):
         raise model.error(f"capture frame '{capture_frame.name()}' is fixed in the world")
 
-    movable = [joint for joint in joints if isinstance(joint, (RevoluteJoint, PrismaticJoint))]
-    for joint in joints:
+    movable = [joint for joint in own if isinstance(joint, (RevoluteJoint, PrismaticJoint))]
+    for joint in own:
         of_base = joint.child_body().index() == base.index() and joint.num_velocities() == 6
         if not (of_base or isinstance(joint, (RevoluteJoint, PrismaticJoint, WeldJoint))):
             raise model.error(

@@ -25,14 +25,12 @@ from cpid_drake.files.errors import InputError, choose_from, listed
 from cpid_drake.files.resources import package_folders, resolve_model
 from cpid_drake.spacecraft.appearance import add_target_appearance
 from cpid_drake.spacecraft.model_file import ModelFile
+from cpid_drake.spacecraft.plant_names import find_counterpart, find_element, unique_names
 from cpid_drake.spacecraft.reading import (
     extract_tree,
-    find_counterpart,
-    find_element,
     floating_joint,
     joint_limits,
     movable_joints,
-    unique_names,
 )
 
 Connect = Callable[[MultibodyPlant, Frame, Frame], object]
@@ -102,8 +100,8 @@ class Spacecraft:
             raise self._file.error("the spacecraft model has no mass; give its links inertias")
 
         nq = self.plant.num_positions()
-        q_B = self.base.floating_positions_start()
-        v_B = nq + self.base.floating_velocities_start_in_v()
+        floating = floating_joint(self.plant, self.base)
+        q_B, v_B = floating.position_start(), nq + floating.velocity_start()
         self.state_columns = {
             "quaternion_WB": np.arange(q_B, q_B + 4),
             "p_WB": np.arange(q_B + 4, q_B + 7),
@@ -186,7 +184,7 @@ class Spacecraft:
         if scene_graph is not None and not plant.geometry_source_is_registered():
             raise InputError("the plant is not registered with the scene graph")
         M_TCo_C = target.to_spatial_inertia()
-        self._file.parse_into(plant)
+        self._file.parse_into(plant, self._read_with[0])
         name = TARGET_NAME
         while plant.HasModelInstanceNamed(name):
             name += "_"
@@ -211,7 +209,7 @@ class Spacecraft:
             InputError: the plant is registered with a SceneGraph and its geometry cannot be read.
 
         """
-        self._file.parse_into(plant)
+        self._file.parse_into(plant, self._read_with[0])
         self._file.finalize(plant)
 
     def make_simulation_plant(
@@ -242,10 +240,10 @@ class Spacecraft:
         columns = np.empty(self.plant.num_multibody_states(), dtype=np.intp)
         base, nq, own_nq = self.base, plant.num_positions(), self.plant.num_positions()
         B = find_counterpart(plant, base, plant.HasBodyNamed, plant.GetBodyByName, instance)
-        theirs = floating_joint(plant, B)
-        own_q, own_v = base.floating_positions_start(), base.floating_velocities_start_in_v()
-        columns[own_q + np.arange(7)] = theirs.position_start() + np.arange(7)
-        columns[own_nq + own_v + np.arange(6)] = nq + theirs.velocity_start() + np.arange(6)
+        own, theirs = floating_joint(self.plant, base), floating_joint(plant, B)
+        columns[own.position_start() + np.arange(7)] = theirs.position_start() + np.arange(7)
+        own_v, v = own_nq + own.velocity_start(), nq + theirs.velocity_start()
+        columns[own_v + np.arange(6)] = v + np.arange(6)
         for joint in self._joints:
             J = find_counterpart(plant, joint, plant.HasJointNamed, plant.GetJointByName, instance)
             if J.type_name() != joint.type_name():
