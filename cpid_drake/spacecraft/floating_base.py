@@ -75,3 +75,24 @@ def free_base(plant: MultibodyPlant, base: RigidBody, where: str) -> str:
         frames = world.body_frame(), base.body_frame()
         plant.AddJoint(QuaternionFloatingJoint(base.name(), *frames))
     return note
+
+
+def floating_joint(plant: MultibodyPlant, base: RigidBody) -> QuaternionFloatingJoint:
+    """Return the joint on which a base floats freely in W, with a quaternion as attitude.
+
+    Raises:
+        InputError: the base is on another joint.
+
+    """
+    for joint in joints_of(plant):
+        frames = joint.frame_on_parent(), joint.frame_on_child()
+        if (
+            isinstance(joint, QuaternionFloatingJoint)
+            and joint.child_body().index() == base.index()
+            and all(frame.is_body_frame() for frame in frames)
+        ):
+            return joint
+    raise InputError(
+        f"the base '{base.name()}' must float freely in the plant, with a quaternion as attitude "
+        "(QuaternionFloatingJoint from world), not with roll, pitch and yaw or on another joint"
+    )

@@ -70,7 +70,7 @@ def check_numbers(element: Element, ending: str, where: str) -> None:
         texts |= {"value": element.get("value", "")} if tag == "mass" else {}
     for key, text in texts.items():
         for word in text.split():
-            if not _is_number(word, may_be_infinite=(key or tag) in _LIMITS):
+            if not is_number(word, may_be_infinite=(key or tag) in _LIMITS):
                 raise InputError(
                     f"{where}<{tag}{key and ' '}{key}>: {word:.40} is not a finite number; write "
                     "numbers with a decimal point and no unit"
@@ -108,8 +108,6 @@ def check_meaning(element: Element, ending: str, where: str) -> Counter[str]:
         _check_urdf(element, where)
     elif ending == ".xml":
         _check_mjcf(element, parts, where)
-    elif tag == "mimic":
-        raise InputError(f"{where}a mimic joint couples joints; Drake would ignore it")
     if tag == "fluid_added_mass":
         raise InputError(f"{where}<fluid_added_mass> is not read: there is no fluid in orbit")
     return unread
@@ -154,7 +152,7 @@ def may_matter(element: Element, known: Collection[str]) -> str:
     for each in element.iter():
         texts = {each.tag: each.text or "", **{key: text for key, text in each.items()}}
         for name, text in texts.items():
-            if sum(_is_number(word, may_be_infinite=True) for word in text.split()) >= _VECTOR:
+            if sum(is_number(word, may_be_infinite=True) for word in text.split()) >= _VECTOR:
                 return f"{name} has several numbers"
         if (like := _like(each.tag, _QUANTITIES)) and _has_number(each):
             return like
@@ -184,10 +182,11 @@ def _has_number(element: Element) -> bool:
 
 
 def _is_numeric(text: str) -> bool:
-    return any(_is_number(word, may_be_infinite=True) for word in text.split())
+    return any(is_number(word, may_be_infinite=True) for word in text.split())
 
 
-def _is_number(word: str, *, may_be_infinite: bool) -> bool:
+def is_number(word: str, *, may_be_infinite: bool = False) -> bool:
+    """Return whether a word is a number as XML files write it."""
     try:
         value = float(word) if "_" not in word else np.nan
     except ValueError:

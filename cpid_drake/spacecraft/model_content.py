@@ -14,7 +14,8 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from cpid_drake.files.errors import InputError
 from cpid_drake.spacecraft.link_inertia import LinkInertia, link_inertias
-from cpid_drake.spacecraft.model_check import check_meaning, check_numbers
+from cpid_drake.spacecraft.mimic_joints import Mimic
+from cpid_drake.spacecraft.model_check import check_meaning, check_numbers, is_number
 from cpid_drake.spacecraft.model_xml import XmlText, read_xml
 from cpid_drake.spacecraft.parsing import make_parser, message_of
 
@@ -61,6 +62,7 @@ class ModelContent:
         hollow: links of URDF and SDF files with a geometry and no inertia: Drake takes their mass
             for zero (URDF) or for 1 kg (SDF).
         links: masses and inertias of the links as they are written, by their files.
+        mimics: what files say of joints that follow others, by name; None of the others.
         unread: how often an element is not read that changes no mass, joint or frame.
 
     """
@@ -69,6 +71,7 @@ class ModelContent:
     efforts: dict[str, float] = field(default_factory=dict)
     hollow: set[str] = field(default_factory=set)
     links: dict[Path, list[LinkInertia]] = field(default_factory=dict)
+    mimics: dict[str, Mimic | None] = field(default_factory=dict)
     unread: Counter[str] = field(default_factory=Counter)
 
 
@@ -144,12 +147,46 @@ def _read(
                 found.efforts[name] = float(limit.get("effort", 0))
             if element.get("type") == "floating" and "child" in parts:
                 content.whole.update(_freeing(element, content.xml))
-        elif element.tag == "include" and ending == ".xml":
+        if element.tag == "joint" and "child" in parts:
+            mimic = _mimic(element, f"{place}: line {line}: ")
+            content.whole.update(dict.fromkeys(element.iter("mimic"), ""))
+            if found.mimics.setdefault(name, mimic) != mimic:
+                raise InputError(
+                    f"{place}: line {line}: joint '{name}' follows another one in one file, and "
+                    "not, or otherwise, in another: give the joints other names"
+                )
+        if element.tag == "include" and ending == ".xml":
             content.includes[element] = main.parent / element.get("file", "")
         elif element.tag == "include":
             uri = (element.findtext("uri") or "").strip()
             content.includes.update((element, path) for path in _behind(uri, packages))
+    if ending == ".urdf":
+        joints = {each.get("name") for each in content.xml.root.findall("joint")}
+        for each in content.xml.root.findall("transmission"):
+            if any(end.get("name") not in joints for end in each.findall("joint")):
+                content.whole[each] = ""
+                found.unread["transmission of no joint"] += 1
     return content
+
+
+def _mimic(joint: Element, where: str) -> Mimic | None:
+    """Return which joint a joint of URDF or SDF follows; None if it follows none or is fixed.
+
+    Raises:
+        InputError: a number of it is none.
+
+    """
+    mimic = next(joint.iter("mimic"), None)
+    if mimic is None or joint.get("type") == "fixed":
+        return None
+    number = dict[str, float]()
+    for key, default in (("multiplier", "1"), ("offset", "0"), ("reference", "0")):
+        word = (mimic.get(key) or mimic.findtext(key) or default).strip()
+        if not is_number(word):
+            raise InputError(f"{where}<mimic {key}>: {word:.40} is not a finite number")
+        number[key] = float(word)
+    offset = number["offset"] - number["multiplier"] * number["reference"]
+    return Mimic(mimic.get("joint", ""), number["multiplier"], offset)
 
 
 def _freeing(joint: Element, xml: XmlText) -> dict[Element, str]:

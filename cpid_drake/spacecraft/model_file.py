@@ -86,9 +86,9 @@ class ModelFile:
         """
         if plant.num_constraints() > 0:
             raise self.error(
-                f"{plant.num_constraints()} constraint(s) couple its joints (closed loop, mimic or "
-                "equality); only trees of independent joints can be identified with: in a copy of "
-                "the file, make joints fixed that hold still, such as a hand's fingers"
+                f"{plant.num_constraints()} constraint(s) couple its joints (closed loop or "
+                "equality); only trees of joints can be identified with: in a copy of the file, "
+                "make joints fixed that hold still"
             )
         try:
             plant.Finalize()

@@ -1,10 +1,11 @@
 """What a parsed plant says of a spacecraft: its names, its tree of joints, and their limits."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from pydrake.common.eigen_geometry import AngleAxis
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
@@ -12,7 +13,6 @@ from pydrake.multibody.tree import (
     Frame,
     Joint,
     PrismaticJoint,
-    QuaternionFloatingJoint,
     RevoluteJoint,
     RigidBody,
     WeldJoint,
@@ -21,30 +21,10 @@ from pydrake.multibody.tree import (
 from cpid_drake.array import Array
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.tree import KinematicTree, TreeBody
-from cpid_drake.files.errors import InputError, listed
+from cpid_drake.files.errors import InputError, choose_from, listed
 from cpid_drake.spacecraft.floating_base import connected, joints_of
+from cpid_drake.spacecraft.mimic_joints import JointCoupling
 from cpid_drake.spacecraft.model_file import ModelFile
-
-
-def floating_joint(plant: MultibodyPlant, base: RigidBody) -> QuaternionFloatingJoint:
-    """Return the joint on which a base floats freely in W, with a quaternion as attitude.
-
-    Raises:
-        InputError: the base is on another joint.
-
-    """
-    for joint in map(plant.get_joint, plant.GetJointIndices()):
-        frames = joint.frame_on_parent(), joint.frame_on_child()
-        if (
-            isinstance(joint, QuaternionFloatingJoint)
-            and joint.child_body().index() == base.index()
-            and all(frame.is_body_frame() for frame in frames)
-        ):
-            return joint
-    raise InputError(
-        f"the base '{base.name()}' must float freely in the plant, with a quaternion as attitude "
-        "(QuaternionFloatingJoint from world), not with roll, pitch and yaw or on another joint"
-    )
 
 
 def movable_joints(
@@ -99,7 +79,7 @@ def movable_joints(
 
 
 def extract_tree(
-    plant: MultibodyPlant, base: RigidBody, capture_frame: Frame, joints: Sequence[Joint]
+    plant: MultibodyPlant, base: RigidBody, capture_frame: Frame, coupling: JointCoupling
 ) -> KinematicTree:
     """Return the tree of a finalized plant, from the base outwards.
 
@@ -110,10 +90,9 @@ def extract_tree(
         plant: holds one tree of revolute, prismatic and weld joints on `base`.
         base: body B.
         capture_frame: frame C, fixed on a body of the tree.
-        joints: the movable joints in the order of the tree's columns of q.
+        coupling: the movable joints, and which of them are the tree's columns of q.
 
     """
-    column = {joint.index(): k for k, joint in enumerate(joints)}
     adjacent: dict[BodyIndex, list[Joint]] = {}
     for joint in map(plant.get_joint, plant.GetJointIndices()):
         for body in (joint.parent_body(), joint.child_body()):
@@ -138,15 +117,26 @@ def extract_tree(
                 axis = joint.revolute_axis()
             else:
                 axis = joint.translation_axis()
+            axis = axis if forward else -axis
+            column, multiplier, offset = -1, 1.0, 0.0
+            if not isinstance(joint, WeldJoint):
+                column, multiplier, offset = coupling.of(joint)
+            if isinstance(joint, RevoluteJoint) and offset:
+                X_MF = X_MF @ RigidTransform(AngleAxis(offset, axis), np.zeros(3))
+            elif offset:
+                X_MF = X_MF @ RigidTransform(offset * axis)
             found[outboard.index()] = (len(bodies), X_MB)
             bodies.append(
                 _tree_body(
                     outboard,
                     X_MB,
                     parent=parent,
-                    joint=column.get(joint.index(), -1),
+                    joint=column,
+                    multiplier=multiplier,
+                    follows=joint not in coupling.leaders,
+                    joint_name="" if isinstance(joint, WeldJoint) else joint.name(),
                     prismatic=isinstance(joint, PrismaticJoint),
-                    axis_F=axis if forward else -axis,
+                    axis_F=axis,
                     R_PF=X_MF.rotation().matrix(),
                     p_PF=X_MF.translation(),
                 )
@@ -202,3 +192,29 @@ def joint_limits(model: ModelFile, plant: MultibodyPlant, joints: Sequence[Joint
         rates=np.array([joint.velocity_upper_limits()[0] for joint in joints]),
         efforts=np.array(efforts),
     )
+
+
+def positions_of(
+    angles: Mapping[str, float],
+    names: Sequence[str],
+    limits: JointLimits,
+    sliding: set[int],
+    where: str,
+) -> Array:
+    """Return q (J,) of joints; see `Spacecraft.configuration`."""
+    q = np.zeros(len(names))
+    for name, value in angles.items():
+        if name not in names:
+            raise InputError(f"{where}: no joint '{name}'; {choose_from(name, names)}")
+        if not np.isfinite(value):
+            raise InputError(f"{where}: {name} = {value:g} is not a finite number")
+        k = names.index(name)
+        low, high, radians = limits.lowest[k], limits.highest[k], np.radians(value)
+        turns = k not in sliding and abs(value) > 2 * np.pi
+        if turns and not low <= value <= high and low <= radians <= high:
+            raise InputError(
+                f"{where}: {name} = {value:g} is outside [{low:g}, {high:g}]; angles are in "
+                f"radians: {value:g} degrees are {radians:.4g}"
+            )
+        q[k] = value
+    return q

@@ -1,7 +1,6 @@
 """What a model file describes of a spacecraft: a free base, a tree of joints and C."""
 
-from collections.abc import Callable, Mapping
-from copy import copy
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import BodyIndex, Frame, ModelInstanceIndex, RevoluteJoint, RigidBody
+from pydrake.multibody.tree import BodyIndex, Frame, ModelInstanceIndex, RigidBody
 from pydrake.systems.framework import Context
 
 from cpid_drake.array import Array
@@ -21,16 +20,19 @@ from cpid_drake.dynamics.momentum import MomentumSamples
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.propagation import propagate
 from cpid_drake.files.digits import significant
-from cpid_drake.files.errors import InputError, choose_from, listed
+from cpid_drake.files.errors import InputError, listed
 from cpid_drake.files.resources import package_folders, resolve_model
 from cpid_drake.spacecraft.appearance import add_target_appearance
+from cpid_drake.spacecraft.floating_base import floating_joint
+from cpid_drake.spacecraft.mimic_joints import JointCoupling, couple_joints
 from cpid_drake.spacecraft.model_file import ModelFile
-from cpid_drake.spacecraft.plant_names import find_counterpart, find_element, unique_names
+from cpid_drake.spacecraft.plant_columns import counterpart_columns
+from cpid_drake.spacecraft.plant_names import find_element, unique_names
 from cpid_drake.spacecraft.reading import (
     extract_tree,
-    floating_joint,
     joint_limits,
     movable_joints,
+    positions_of,
 )
 
 Connect = Callable[[MultibodyPlant, Frame, Frame], object]
@@ -61,7 +63,9 @@ class Spacecraft:
         plant: finalized, continuous MultibodyPlant of the spacecraft alone, without gravity.
         base: the base body in `plant`.
         capture_frame: C in `plant`.
-        joint_names: the movable joints in the order of q.
+        joint_names: the movable joints in the order of q, without those that follow others (mimic).
+        coupling: how other joints follow these.
+        joint_columns: (2, n) columns of x with positions and rates of all joints of `coupling`.
         limits: limits of these joints.
         tree: the same spacecraft as NumPy arrays, for computations on many samples at once.
         mass: total mass [kg].
@@ -91,15 +95,19 @@ class Spacecraft:
         self.add_alone_to(self.plant)
         self.base = find_element(self.plant, "Body", base, self.model)
         self.capture_frame = find_element(self.plant, "Frame", capture_frame, self.model)
-        self._joints = movable_joints(self._file, self.plant, self.base, self.capture_frame)
-        self.joint_names = unique_names(self.plant, self._joints)
-        self.limits = joint_limits(self._file, self.plant, self._joints)
-        self.tree = extract_tree(self.plant, self.base, self.capture_frame, self._joints)
+        joints = movable_joints(self._file, self.plant, self.base, self.capture_frame)
+        mimics, self._locked = self._file.content.mimics, tuple[str, ...]()
+        self._read_joints(couple_joints(self.plant, joints, mimics, self.model))
         self.mass = self.tree.mass
         if not self.mass > 0:
             raise self._file.error("the spacecraft model has no mass; give its links inertias")
 
-        nq = self.plant.num_positions()
+    def _read_joints(self, coupling: JointCoupling) -> None:
+        """Read the tree and the state's columns of joints that are coupled in this way."""
+        self.coupling, nq = coupling, self.plant.num_positions()
+        self.joint_names = unique_names(self.plant, coupling.leaders)
+        self.limits = joint_limits(self._file, self.plant, coupling.leaders)
+        self.tree = extract_tree(self.plant, self.base, self.capture_frame, coupling)
         floating = floating_joint(self.plant, self.base)
         q_B, v_B = floating.position_start(), nq + floating.velocity_start()
         self.state_columns = {
@@ -107,13 +115,15 @@ class Spacecraft:
             "p_WB": np.arange(q_B + 4, q_B + 7),
             "w_WB": np.arange(v_B, v_B + 3),
             "v_WB": np.arange(v_B + 3, v_B + 6),
-            "q": np.array([joint.position_start() for joint in self._joints], dtype=int),
-            "qdot": np.array([nq + joint.velocity_start() for joint in self._joints], dtype=int),
         }
+        starts = [(j.position_start(), nq + j.velocity_start()) for j in coupling.joints]
+        self.joint_columns = np.array(starts, dtype=int).reshape(-1, 2).T
+        leading = self.joint_columns[:, : coupling.count]
+        self.state_columns |= {"q": leading[0], "qdot": leading[1]}
 
     def __reduce__(self) -> tuple[Callable[..., "Spacecraft"], tuple[Any, ...]]:
         """Return what it was read from: a plant cannot be pickled."""
-        return _read_again, (self.model, *self._read_with, self.tree.normal_B)
+        return _read_again, (self.model, *self._read_with, self.tree.normal_B, self._locked)
 
     def __repr__(self) -> str:
         base, capture_frame, _ = self._read_with
@@ -140,8 +150,16 @@ class Spacecraft:
 
         """
         normal = np.asarray(normal_B, dtype=float)
-        other = copy(self)
+        other = _copied(self)
         other.tree = replace(self.tree, normal_B=normal / np.linalg.norm(normal))
+        return other
+
+    def locked(self, joints: Collection[str]) -> "Spacecraft":
+        """Return the spacecraft with some of its joints fixed at their default positions."""
+        other, columns = _copied(self), [self.joint_names.index(joint) for joint in joints]
+        other._locked += tuple(joints)
+        other._read_joints(self.coupling.locked(columns))
+        other.tree = replace(other.tree, normal_B=self.tree.normal_B)
         return other
 
     # -- plants ------------------------------------------------------------------------------
@@ -237,23 +255,7 @@ class Spacecraft:
                 other coordinates.
 
         """
-        columns = np.empty(self.plant.num_multibody_states(), dtype=np.intp)
-        base, nq, own_nq = self.base, plant.num_positions(), self.plant.num_positions()
-        B = find_counterpart(plant, base, plant.HasBodyNamed, plant.GetBodyByName, instance)
-        own, theirs = floating_joint(self.plant, base), floating_joint(plant, B)
-        columns[own.position_start() + np.arange(7)] = theirs.position_start() + np.arange(7)
-        own_v, v = own_nq + own.velocity_start(), nq + theirs.velocity_start()
-        columns[own_v + np.arange(6)] = v + np.arange(6)
-        for joint in self._joints:
-            J = find_counterpart(plant, joint, plant.HasJointNamed, plant.GetJointByName, instance)
-            if J.type_name() != joint.type_name():
-                raise InputError(
-                    f"joint '{joint.name()}' must be {joint.type_name()} in the plant, as in the "
-                    f"spacecraft model, not {J.type_name()}"
-                )
-            columns[joint.position_start()] = J.position_start()
-            columns[own_nq + joint.velocity_start()] = nq + J.velocity_start()
-        return columns
+        return counterpart_columns(self.plant, self.base, self.coupling.joints, plant, instance)
 
     # -- states ------------------------------------------------------------------------------
 
@@ -326,6 +328,9 @@ class Spacecraft:
         states = np.zeros((len(motion), self.plant.num_multibody_states()))
         for name, columns in self.state_columns.items():
             states[:, columns] = getattr(motion, name)
+        q, qdot = self.joint_columns
+        states[:, q] = self.coupling.positions(motion.q)
+        states[:, qdot] = self.coupling.rates(motion.qdot)
         return states
 
     def configuration(self, angles: Mapping[str, float], where: str) -> Array:
@@ -340,23 +345,7 @@ class Spacecraft:
                 the joint's limits that is within them if it is in degrees.
 
         """
-        q = np.zeros(len(self.joint_names))
-        for name, value in angles.items():
-            if name not in self.joint_names:
-                choices = choose_from(name, self.joint_names)
-                raise InputError(f"{where}: no joint '{name}'; {choices}")
-            if not np.isfinite(value):
-                raise InputError(f"{where}: {name} = {value:g} is not a finite number")
-            k = self.joint_names.index(name)
-            low, high, radians = self.limits.lowest[k], self.limits.highest[k], np.radians(value)
-            turns = isinstance(self._joints[k], RevoluteJoint) and abs(value) > 2 * np.pi
-            if turns and not low <= value <= high and low <= radians <= high:
-                raise InputError(
-                    f"{where}: {name} = {value:g} is outside [{low:g}, {high:g}]; angles are in "
-                    f"radians: {value:g} degrees are {radians:.4g}"
-                )
-            q[k] = value
-        return q
+        return positions_of(angles, self.joint_names, self.limits, self.tree.sliding, where)
 
     def momentum_sample(self, context: Context) -> MomentumSamples:
         """Return one momentum sample (N = 1) of a context of `plant`, computed by Drake."""
@@ -370,6 +359,13 @@ class Spacecraft:
         )
         P, L = L_WC.translational()[None], L_WC.rotational()[None]
         return MomentumSamples(motion, P, L, p_WKcm[None], self.mass)
+
+
+def _copied(spacecraft: Spacecraft) -> Spacecraft:
+    """Return a spacecraft with the same plant; `copy.copy` would read the file again."""
+    other = Spacecraft.__new__(Spacecraft)
+    vars(other).update(vars(spacecraft))
+    return other
 
 
 def require_spacecraft(given: object) -> None:
@@ -390,7 +386,9 @@ def _read_again(
     capture_frame: str,
     packages: Mapping[str, str | Path],
     normal_B: Array | None,
+    locked: tuple[str, ...],
 ) -> Spacecraft:
     """Return a spacecraft that was pickled."""
     found = Spacecraft(model, base=base, capture_frame=capture_frame, packages=packages)
+    found = found.locked(locked)
     return found if normal_B is None else found.on_table(normal_B)

@@ -19,7 +19,7 @@ from cpid_drake.dynamics.plane import NORMAL_W
 from cpid_drake.dynamics.rotations import cross, rotate
 from cpid_drake.logs.log import Samples
 from cpid_drake.sensors.simulated_disturbance import WALK_PERIOD, SimulatedDisturbance
-from cpid_drake.spacecraft.reading import floating_joint
+from cpid_drake.spacecraft.floating_base import floating_joint
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.ports import SpacecraftSystem
 

@@ -290,9 +290,20 @@ MODELS = {
     # Structure.
     "joint_type": (file("m.urdf", rebuilt('"revolute"', '"hinge"')), "line 6", "'hinge'"),
     "loop": (file("m.urdf", urdf(rest=joint("j", "hand", "bus"))), "m.urdf: ", "loop"),
-    "mimic": (
-        file("m.urdf", rebuilt('link="upper"/>', 'link="upper"/><mimic joint="wrist"/>')),
-        "mimic",
+    "mimic_of_nothing": (
+        file("m.urdf", rebuilt('link="upper"/>', 'link="upper"/><mimic joint="thumb"/>')),
+        "joint 'shoulder' follows 'thumb' (mimic), and there is no such joint",
+    ),
+    "mimic_of_itself": (
+        file("m.urdf", rebuilt('link="upper"/>', 'link="upper"/><mimic joint="shoulder"/>')),
+        "joint 'shoulder' follows itself",
+    ),
+    "mimic_in_degrees": (
+        file(
+            "m.urdf",
+            rebuilt('link="upper"/>', 'link="upper"/><mimic joint="wrist" offset="3 deg"/>'),
+        ),
+        "line 6: <mimic offset>: 3 deg is not a finite number",
     ),
     "two_roots": (file("m.urdf", urdf(rest=link("loose"))), "not connected", "loose"),
     "welded_at_both_ends": (

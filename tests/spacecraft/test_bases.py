@@ -9,7 +9,7 @@ from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.kinematics import forward_kinematics
 from cpid_drake.dynamics.momentum import momenta
 from cpid_drake.spacecraft.clearance import Clearance
-from cpid_drake.spacecraft.reading import floating_joint
+from cpid_drake.spacecraft.floating_base import floating_joint
 
 ARM = link("bus", 50.0), link("arm"), joint("j", "bus", "arm")
 FREE = urdf(*ARM)

@@ -272,6 +272,20 @@ def test_an_element_that_changes_no_body_or_joint_is_counted(load, name, caplog)
     assert said.endswith(" (1)")
 
 
+def test_a_transmission_of_no_joint_is_counted(load, caplog):
+    """Published parts of robots have those of the whole; Drake refuses them."""
+    names = "".join(
+        f'<transmission name="t{name}"><type>transmission_interface/SimpleTransmission</type>'
+        f'<joint name="{name}"><hardwareInterface>x</hardwareInterface></joint>'
+        f'<actuator name="a{name}"><mechanicalReduction>1</mechanicalReduction></actuator>'
+        "</transmission>"
+        for name in ("j", "gone")
+    )
+    craft = load(urdf(*GOOD, names), ".urdf", "arm")
+    assert craft.limits.efforts[0] == 10
+    assert any("transmission of no joint (1)" in each for each in caplog.messages)
+
+
 def test_misspelt_limits_are_refused(load):
     with pytest.raises(InputError, match="limits is like limit"):
         load(urdf(*GOOD).replace("<limit ", "<limits "), ".urdf", "arm")

@@ -124,7 +124,7 @@ def find_joint_units(guess: GuessedMap) -> None:
     craft, at = guess.spacecraft, guess.column_map.joint_positions
     rate_at = guess.column_map.joint_rates
     names, low, high = craft.joint_names, craft.limits.lowest, craft.limits.highest
-    slides = {names[b.joint] for b in craft.tree.bodies if b.joint >= 0 and b.prismatic}
+    slides = {names[k] for k in craft.tree.sliding}
     for joint in slides & at.columns.keys():
         k, column = names.index(joint), at.columns[joint]
         far = guess.largest([column]) > 2 * max(abs(low[k]), abs(high[k]))
