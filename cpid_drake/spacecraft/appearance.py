@@ -6,7 +6,9 @@ from pathlib import Path
 import numpy as np
 from pydrake.geometry import (
     AddContactMaterial,
+    CollisionFilterDeclaration,
     Ellipsoid,
+    GeometrySet,
     ProximityProperties,
     Rgba,
     Role,
@@ -94,3 +96,11 @@ def add_target_appearance(
                     color.update(a=OPACITY * color.a())
                     material.UpdateProperty("phong", "diffuse", color)
                 plant.RegisterVisualGeometry(body, instance)
+
+
+def switch_contact_off(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:
+    """Let no bodies of a finalized plant touch each other."""
+    bodies = (plant.get_body(BodyIndex(k)) for k in range(plant.num_bodies()))
+    shapes = [g for each in bodies for g in plant.GetCollisionGeometriesForBody(each)]
+    filters = CollisionFilterDeclaration().ExcludeWithin(GeometrySet(shapes))
+    scene_graph.collision_filter_manager().Apply(filters)

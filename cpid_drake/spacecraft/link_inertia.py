@@ -4,7 +4,7 @@ Drake puts another inertia in the place of one that no body has. A figure that b
 hardly this link, such as an inertia copied from another link, is implausible.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Literal
 from xml.etree.ElementTree import Element
@@ -21,13 +21,7 @@ from cpid_drake.spacecraft.model_check import MOMENTS
 Repair = Literal["nearest"]
 """How bodies that cannot be are repaired: each becomes the nearest body that can."""
 
-FAR = 3.0
-"""How often a radius of gyration exceeds what is known of a link's size before it is implausible.
-
-Without geometry only the places of a link's joints are known, and a part may project beyond them.
-"""
-
-UNLIKE = 2.0
+UNLIKE = 10.0
 """Least ratio of the masses of two links whose equal inertias are implausible."""
 
 
@@ -142,30 +136,49 @@ def link_inertias(element: Element, ending: str, where: str) -> Iterator[LinkIne
         yield LinkInertia(name, where, mass, np.array([float(m) for m in moments]), place)
 
 
-def moments_text(link: LinkInertia, ending: str) -> tuple[str, dict[str, str]]:
-    """Return the nearest body's moments as text of the element, or as its attributes."""
+def repair(link: LinkInertia, ending: str) -> tuple[str, dict[str, str]]:
+    """Return the nearest body's moments as text of the element, or as its attributes.
+
+    Raises:
+        InputError: the mass is negative.
+
+    """
     values = [repr(value) for value in link.nearest().tolist()]
     if ending == ".sdf":
         inner = "".join(f"<{key}>{text}</{key}>" for key, text in zip(MOMENTS, values, strict=True))
         return f"<inertia>{inner}</inertia>", {}
     if ending == ".urdf":
         return "", {**link.element.attrib, **dict(zip(MOMENTS, values, strict=True))}
-    if "fullinertia" in link.element.attrib:
-        return "", {**link.element.attrib, "fullinertia": " ".join(values)}
-    return "", {**link.element.attrib, "diaginertia": " ".join(values[:3])}
+    key = "fullinertia" if "fullinertia" in link.element.attrib else "diaginertia"
+    count = 6 if key == "fullinertia" else 3
+    return "", {**link.element.attrib, key: " ".join(values[:count])}
 
 
-def copied(links: Sequence[LinkInertia]) -> Iterator[BodyFinding]:
-    """Yield the links that have the inertia of a link of quite another mass."""
-    for k, link in enumerate(links):
-        for other in links[:k]:
-            small, large = sorted((float(link.mass), float(other.mass)))
-            is_equal = link.moments.any() and np.array_equal(link.moments, other.moments)
-            if is_equal and small > 0 and large >= UNLIKE * small:
-                yield BodyFinding(
-                    link.name,
-                    f"{link.mass} kg with the inertia of '{other.name}', of {other.mass} kg",
-                    "the inertia of a body of another mass is another: it may be a copy",
-                    impossible=False,
-                )
-                break
+def change_of(link: LinkInertia) -> str:
+    """Return what the nearest body changes, in words."""
+    near = link.nearest()
+    size = np.abs(link.moments).max()
+    share = np.abs(near - link.moments).max() / size if size else 0.0
+    values = ", ".join(f"{value:.4g}" for value in near)
+    return (
+        f"link '{link.name}': the inertia [{values}] of the nearest body takes the place of "
+        f"{link.moments.tolist()}, a change of {100 * share:.2g} %"
+    )
+
+
+def copied(links: Iterable[LinkInertia]) -> Iterator[BodyFinding]:
+    """Yield for each inertia that links of quite different masses have."""
+    alike: dict[tuple[float, ...], list[LinkInertia]] = {}
+    for link in links:
+        if float(link.mass) > 0:
+            alike.setdefault(tuple(link.moments.tolist()), []).append(link)
+    for moments, group in alike.items():
+        small, *_, large = sorted([*group, *group], key=lambda each: float(each.mass))
+        if any(moments) and float(large.mass) > UNLIKE * float(small.mass):
+            yield BodyFinding(
+                small.name,
+                f"{small.mass} kg with the inertia of '{large.name}', of {large.mass} kg "
+                f"({len(group)} links have it)",
+                "the inertia of another mass is another: it may be a copy",
+                impossible=False,
+            )

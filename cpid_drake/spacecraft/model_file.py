@@ -1,9 +1,9 @@
 """A model's file, parsed by Drake."""
 
 import logging
-from collections.abc import Mapping
-from itertools import chain
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
@@ -11,6 +11,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from cpid_drake.files.errors import InputError, listed
 from cpid_drake.files.resources import resolve_model
 from cpid_drake.spacecraft.floating_base import free_base
+from cpid_drake.spacecraft.link_inertia import BodyFinding, Repair, change_of, copied, repair
 from cpid_drake.spacecraft.model_content import read_content
 from cpid_drake.spacecraft.model_copies import ModelCopies
 from cpid_drake.spacecraft.parsing import message_of, parse, summarize_ignored
@@ -25,11 +26,14 @@ class ModelFile:
     Args:
         model: a path or a `package://NAME/...` URI.
         folders: folders, by name, of the packages that its URIs refer to.
+        repair_bodies: "nearest" to take the nearest body in the place of one that cannot be.
 
     Attributes:
         model: the file as the user named it; error messages begin with it.
         path: the absolute path of the file.
         content: what Drake does not report of its files.
+        is_repaired: whether nearest bodies are in the place of some.
+        notes: what is not read or changed, after it was parsed.
 
     Raises:
         InputError: no such file, an unknown format, or content that Drake must not read (see
@@ -37,21 +41,53 @@ class ModelFile:
 
     """
 
-    def __init__(self, model: str | Path, folders: Mapping[str, Path]) -> None:
+    def __init__(
+        self,
+        model: str | Path,
+        folders: Mapping[str, Path],
+        repair_bodies: Repair | None = None,
+    ) -> None:
         self.model, self.folders = str(model), folders
         self.path = resolve_model(model, folders)
         if not self.path.name.endswith(_MODEL_ENDINGS):
             raise self.error(f"not a model file: its name must end in {', '.join(_MODEL_ENDINGS)}")
         self.content = read_content(self.path, self.model, folders)
+        self._notes = [*self._check_bodies(repair_bodies)]
+        self.is_repaired = bool(self._notes)
+        self.notes = tuple[str, ...]()
         self._copies, self._is_parsed = ModelCopies(self.content, self.path), False
-        links = chain.from_iterable(self.content.links.values())
-        impossible = [f"{link.where}{finding}" for link in links for finding in link.findings()]
-        if impossible:
-            raise InputError(listed(impossible))
 
     def error(self, problem: str) -> InputError:
         """Return an InputError whose message begins with this model."""
         return InputError(f"{self.model}: {problem}")
+
+    def _check_bodies(self, repair_bodies: Repair | None) -> Iterator[str]:
+        """Refuse bodies that cannot be, or repair them and yield what that changes."""
+        if repair_bodies not in (None, *get_args(Repair)):
+            raise self.error(f"repair_bodies must be 'nearest', not {repair_bodies!r}")
+        flawed = [
+            (self.content.files[path], link, finding)
+            for path, links in self.content.links.items()
+            for link in links
+            for finding in link.findings()
+        ]
+        if flawed and repair_bodies is None:
+            texts = listed([f"{link.where}{finding}" for _, link, finding in flawed], most=2)
+            raise InputError(
+                f"{texts}; --repair-bodies nearest takes the nearest bodies that can be, and "
+                "`cpid spacecraft` lists all"
+            )
+        for file, link, _ in flawed:
+            text, head = repair(link, file.ending)
+            if text:
+                file.whole[link.element] = text
+            else:
+                file.heads[link.element] = head
+            yield change_of(link)
+
+    def copied(self) -> Iterator[BodyFinding]:
+        """Yield the inertias that links of quite different masses have."""
+        return copied(link for links in self.content.links.values() for link in links)
 
     def parse_into(self, plant: MultibodyPlant, base: str | None = None) -> None:
         """Add the model to a plant that is not finalized, and set the plant's gravity to zero.
@@ -67,14 +103,13 @@ class ModelFile:
         copies = self._copies
         ignored = parse(plant, copies.path, self.model, self.folders, copies.original_names)
         ignored |= self.content.unread
-        if ignored and not self._is_parsed:
-            logging.getLogger(__name__).warning("%s: %s", self.model, summarize_ignored(ignored))
+        notes = [*self._notes, *([summarize_ignored(ignored)] if ignored else [])]
         if base is not None:
             body = find_element(plant, "Body", base, self.model)
-            note = free_base(plant, body, self.model)
-            if note and not self._is_parsed:
-                logging.getLogger(__name__).warning("%s: %s", self.model, note)
-        self._is_parsed = True
+            notes += filter(None, [free_base(plant, body, self.model)])
+        for note in () if self._is_parsed else notes:
+            logging.getLogger(__name__).warning("%s: %s", self.model, note)
+        self.notes, self._is_parsed = tuple(notes), True
         plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
 
     def finalize(self, plant: MultibodyPlant) -> None:

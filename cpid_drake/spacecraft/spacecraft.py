@@ -1,5 +1,6 @@
 """What a model file describes of a spacecraft: a free base, a tree of joints and C."""
 
+import logging
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -7,9 +8,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, SceneGraph
+from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import BodyIndex, Frame, ModelInstanceIndex, RigidBody
+from pydrake.multibody.tree import Frame, ModelInstanceIndex, RigidBody
 from pydrake.systems.framework import Context
 
 from cpid_drake.array import Array
@@ -22,12 +23,14 @@ from cpid_drake.dynamics.propagation import propagate
 from cpid_drake.files.digits import significant
 from cpid_drake.files.errors import InputError, listed
 from cpid_drake.files.resources import package_folders, resolve_model
-from cpid_drake.spacecraft.appearance import add_target_appearance
+from cpid_drake.spacecraft.appearance import add_target_appearance, switch_contact_off
 from cpid_drake.spacecraft.floating_base import floating_joint
+from cpid_drake.spacecraft.link_inertia import Repair
 from cpid_drake.spacecraft.mimic_joints import JointCoupling, couple_joints
 from cpid_drake.spacecraft.model_file import ModelFile
 from cpid_drake.spacecraft.plant_columns import counterpart_columns
 from cpid_drake.spacecraft.plant_names import find_element, unique_names
+from cpid_drake.spacecraft.plausibility import oversized
 from cpid_drake.spacecraft.reading import (
     extract_tree,
     joint_limits,
@@ -58,6 +61,8 @@ class Spacecraft:
         capture_frame: name of a frame or body C, fixed on a body that the joints move; its origin
             is the capture point.
         packages: folders, by package name, of other packages that the model's URIs refer to.
+        repair_bodies: "nearest" to take the nearest body in the place of one that cannot be, which
+            is refused by default.
 
     Attributes:
         plant: finalized, continuous MultibodyPlant of the spacecraft alone, without gravity.
@@ -69,6 +74,7 @@ class Spacecraft:
         limits: limits of these joints.
         tree: the same spacecraft as NumPy arrays, for computations on many samples at once.
         mass: total mass [kg].
+        implausible: bodies that can be, but hardly are those of this spacecraft.
         state_columns: columns of the plant state x = [q; v] that hold the members of `Motion`,
             by their names: `quaternion_WB`, `p_WB`, `w_WB`, `v_WB`, `q` and `qdot`.
 
@@ -86,11 +92,12 @@ class Spacecraft:
         base: str,
         capture_frame: str,
         packages: Mapping[str, str | Path] | None = None,
+        repair_bodies: Repair | None = None,
     ) -> None:
         self.model = str(model)
         self._capture_name = capture_frame
-        self._read_with = base, capture_frame, dict(packages or {})
-        self._file = ModelFile(model, package_folders(packages))
+        self._read_with = base, capture_frame, dict(packages or {}), repair_bodies
+        self._file = ModelFile(model, package_folders(packages), repair_bodies)
         self.plant = MultibodyPlant(time_step=0.0)
         self.add_alone_to(self.plant)
         self.base = find_element(self.plant, "Body", base, self.model)
@@ -101,6 +108,10 @@ class Spacecraft:
         self.mass = self.tree.mass
         if not self.mass > 0:
             raise self._file.error("the spacecraft model has no mass; give its links inertias")
+        self.implausible = (*oversized(self.tree, self._file.parse_into), *self._file.copied())
+        if self.implausible:
+            texts = listed([str(each) for each in self.implausible], most=3)
+            logging.getLogger(__name__).warning("%s: implausible: %s", self.model, texts)
 
     def _read_joints(self, coupling: JointCoupling) -> None:
         """Read the tree and the state's columns of joints that are coupled in this way."""
@@ -126,7 +137,7 @@ class Spacecraft:
         return _read_again, (self.model, *self._read_with, self.tree.normal_B, self._locked)
 
     def __repr__(self) -> str:
-        base, capture_frame, _ = self._read_with
+        base, capture_frame, *_ = self._read_with
         table = "" if self.tree.normal_B is None else "; on a table"
         return (
             f"Spacecraft({self.path.name}: base {base}, capture frame {capture_frame}, "
@@ -137,6 +148,11 @@ class Spacecraft:
     def path(self) -> Path:
         """Absolute path of the model's file."""
         return self._file.path
+
+    @property
+    def is_repaired(self) -> bool:
+        """Whether the model has bodies that cannot be, and the nearest ones are in their place."""
+        return self._file.is_repaired
 
     def on_table(self, normal_B: ArrayLike = (0.0, 0.0, 1.0)) -> "Spacecraft":
         """Return the spacecraft on a table, which holds the base's height and tilt.
@@ -214,10 +230,7 @@ class Spacecraft:
             add_target_appearance(plant, body, M_TCo_C, look or None, self._file.folders)
         self._file.finalize(plant)
         if scene_graph is not None:  # the gripper touches the target, and the grasp is a weld
-            bodies = (plant.get_body(BodyIndex(k)) for k in range(plant.num_bodies()))
-            shapes = [g for each in bodies for g in plant.GetCollisionGeometriesForBody(each)]
-            filters = CollisionFilterDeclaration().ExcludeWithin(GeometrySet(shapes))
-            scene_graph.collision_filter_manager().Apply(filters)
+            switch_contact_off(plant, scene_graph)
         return body
 
     def add_alone_to(self, plant: MultibodyPlant) -> None:
@@ -368,27 +381,17 @@ def _copied(spacecraft: Spacecraft) -> Spacecraft:
     return other
 
 
-def require_spacecraft(given: object) -> None:
-    """Raise an InputError for what is no spacecraft, such as a path."""
-    if isinstance(given, Spacecraft):
-        return
-    model = repr(str(given)) if isinstance(given, (str, Path)) else "model"
-    raise InputError(
-        f"the spacecraft must be a Spacecraft, not {given!r:.80}: a model alone does not say which "
-        "body is the base and which frame holds the target; give "
-        f"Spacecraft({model}, base=..., capture_frame=...)"
-    )
-
-
 def _read_again(
     model: str,
     base: str,
     capture_frame: str,
     packages: Mapping[str, str | Path],
+    repair_bodies: Repair | None,
     normal_B: Array | None,
     locked: tuple[str, ...],
 ) -> Spacecraft:
     """Return a spacecraft that was pickled."""
-    found = Spacecraft(model, base=base, capture_frame=capture_frame, packages=packages)
+    names = {"base": base, "capture_frame": capture_frame}
+    found = Spacecraft(model, **names, packages=packages, repair_bodies=repair_bodies)
     found = found.locked(locked)
     return found if normal_B is None else found.on_table(normal_B)

@@ -135,6 +135,11 @@ def export_target(
             )
         texts = {path: model_text(format, links)}
     else:
+        if spacecraft is not None and spacecraft.is_repaired:
+            raise InputError(
+                f"{path}: the spacecraft's bodies are repaired, and directives name its own file: "
+                "choose another format"
+            )
         beside = path.with_name(f"{path.name.removesuffix(ending)}_{name}.urdf")
         texts = {path: _directives(beside, name, spacecraft), beside: model_text("urdf", [target])}
     for place, text in texts.items():
