@@ -15,6 +15,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from cpid_drake.files.errors import InputError
 from cpid_drake.spacecraft.link_inertia import LinkInertia, link_inertias
 from cpid_drake.spacecraft.mimic_joints import Mimic
+from cpid_drake.spacecraft.mjcf_meshes import mesh_files, unread_meshes
 from cpid_drake.spacecraft.model_check import check_meaning, check_numbers, is_number
 from cpid_drake.spacecraft.model_xml import XmlText, read_xml
 from cpid_drake.spacecraft.parsing import make_parser, message_of
@@ -112,6 +113,7 @@ def read_content(path: Path, where: str, folders: Mapping[str, Path]) -> ModelCo
 
     try:
         visit(path.resolve(), ())
+        _leave_out_meshes(found, where)
     except InputError:
         raise
     except (OSError, ValueError, RuntimeError) as error:
@@ -167,6 +169,23 @@ def _read(
                 content.whole[each] = ""
                 found.unread["transmission of no joint"] += 1
     return content
+
+
+def _leave_out_meshes(found: ModelContent, where: str) -> None:
+    """Leave out meshes of MJCF that Drake cannot read, where masses do not depend on them."""
+    for main in {file.main for file in found.files.values() if file.ending == ".xml"}:
+        files = [file for file in found.files.values() if file.main == main]
+        texts = [file.xml for file in files if file.xml is not None]
+        meshes = mesh_files(texts, main.parent)
+        for file in files:
+            if file.xml is None:
+                continue
+            place = where if file.path == main else f"{where}: {file.path}"
+            unread = unread_meshes(file.xml, texts, meshes, place)
+            file.meshes.update((each, path) for each, path in meshes.items() if each not in unread)
+            file.whole.update(dict.fromkeys(unread, ""))
+            count = sum(each.tag == "mesh" for each in unread)
+            found.unread.update({"mesh that is absent or no .obj": count} if count else {})
 
 
 def _mimic(joint: Element, where: str) -> Mimic | None:

@@ -26,6 +26,13 @@ from cpid_drake.spacecraft.floating_base import connected, joints_of
 from cpid_drake.spacecraft.mimic_joints import JointCoupling
 from cpid_drake.spacecraft.model_file import ModelFile
 
+_LINES = (
+    '<inertial><mass value="M"/><inertia ixx="A" iyy="A" izz="C" ixy="0" ixz="0" iyz="0"/>'
+    "</inertial>",
+    "<inertial><mass>M</mass><inertia><ixx>A</ixx><iyy>A</iyy><izz>C</izz></inertia></inertial>",
+)
+"""The lines that a link without inertia lacks, in URDF and in SDF."""
+
 
 def movable_joints(
     model: ModelFile, plant: MultibodyPlant, base: RigidBody, capture_frame: Frame
@@ -72,8 +79,9 @@ def movable_joints(
         named = [each.name() for each in welded if each.name() in hollow]
         if named and not any(b.default_mass() > 0 and b.name() not in hollow for b in welded):
             raise model.error(
-                f"link '{named[0]}' moves and has a geometry but no <inertial>: give it a mass and "
-                "an inertia"
+                f"link '{named[0]}' moves and has a geometry but no <inertial>; write in it "
+                f"{_LINES[model.path.suffix == '.sdf']} with its mass M and its moments A and C; a "
+                "wheel of radius r and width w about z has C = M r²/2 and A = C/2 + M w²/12"
             )
     return sorted(movable, key=lambda joint: joint.position_start())
 

@@ -333,14 +333,64 @@ def test_what_does_not_matter_is_said_once(load, caplog):
     )
 
 
-@pytest.mark.parametrize("mesh", ["missing.obj", "there.stl"])
-def test_a_mesh_of_mjcf_that_cannot_be_read_is_named(tmp_path, mesh):
-    """There a body may take its mass from the mesh: Drake does not go on without it."""
+DRAWN = '<geom type="mesh" mesh="t"/>'
+
+
+def asset(file: str, name: str = ' name="t"') -> str:
+    return f'<asset><mesh{name} file="{file}"/></asset>'
+
+
+MESHES = {
+    "absent": mjcf(OWN + DRAWN, asset("missing.obj")),
+    "in a folder": mjcf(OWN + DRAWN, f'<compiler meshdir="parts"/>{asset("missing.obj")}'),
+    "another format": mjcf(OWN + DRAWN, asset("there.stl")),
+    "named by its file": mjcf(OWN + DRAWN, asset("t.stl", "")),
+    "not used": mjcf(OWN, asset("missing.obj")),
+    "of two bodies": mjcf(OWN + DRAWN, asset("missing.obj"), bus=BUS + DRAWN),
+    "in the world": mjcf(OWN, asset("missing.obj")).replace("<worldbody>", f"<worldbody>{DRAWN}"),
+    "in an included file": mjcf(OWN + DRAWN, '<include file="meshes.xml"/>'),
+}
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_a_mesh_without_a_part_in_a_mass_may_be_absent(load, tmp_path, name, caplog):
+    """All masses are explicit: the model is that without the mesh, and one line says so."""
     (tmp_path / "there.stl").touch()
-    file = tmp_path / "model.xml"
-    file.write_text(
-        f'<mujoco model="r"><asset><mesh name="m" file="{mesh}"/></asset><worldbody>'
-        '<body name="hull"><freejoint/><geom type="mesh" mesh="m"/></body></worldbody></mujoco>'
+    (tmp_path / "meshes.xml").write_text(f"<mujocoinclude>{asset('missing.obj')}</mujocoinclude>")
+    craft, other = load(MESHES[name]), load(mjcf())
+    assert craft.mass == other.mass
+    np.testing.assert_array_equal(craft.tree.at_rest.I_BBcm, other.tree.at_rest.I_BBcm)
+    assert sum("mesh that is absent or no .obj (1)" in text for text in caplog.messages) == 1
+
+
+CUBE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
+
+
+def test_a_mesh_that_is_there_has_its_mass_beside_one_that_is_absent(load, tmp_path):
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts/there.obj").write_text(CUBE)
+    two = '<asset><mesh name="t" file="missing.obj"/><mesh file="there.obj"/></asset>'
+    text = mjcf(
+        '<geom type="mesh" mesh="there"/>', f'<compiler meshdir="parts"/>{two}', bus=BUS + DRAWN
     )
-    with pytest.raises(InputError, match=f"mesh.*{mesh}"):
-        Spacecraft(file, base="hull", capture_frame="hull")
+    assert load(text).mass == pytest.approx(50 + 1000 / 6)  # water's density
+
+
+MASS_OF_MESH = {
+    "absent": mjcf(DRAWN, asset("missing.obj")),
+    "another format": mjcf(DRAWN, asset("there.stl")),
+    "masses from all geoms": mjcf(
+        OWN + DRAWN, '<compiler inertiafromgeom="true"/>' + asset("missing.obj")
+    ),
+    "by default": mjcf(
+        OWN + '<geom class="d"/>',
+        f'<default><default class="d">{DRAWN}</default></default>{asset("missing.obj")}',
+    ),
+}
+
+
+@pytest.mark.parametrize("name", MASS_OF_MESH)
+def test_a_mesh_that_may_be_a_mass_must_be_there(load, tmp_path, name):
+    (tmp_path / "there.stl").touch()
+    with pytest.raises(InputError, match=r"line 1: <.*may take its mass from mesh 't', whose file"):
+        load(MASS_OF_MESH[name])
