@@ -111,8 +111,7 @@ class SpacecraftOptions:
             InputError: the model, its base or its capture frame is missing, or the file is wrong.
 
         """
-        here, folders = Path.cwd(), _pairs("--package", self.package, "NAME=FOLDER")
-        packages = {name: from_folder(here, folder) for name, folder in folders.items()}
+        here, packages = Path.cwd(), packages_of(self.package)
         names = {"base": self.base, "capture_frame": self.capture_frame}
         names["model"] = self.model and from_folder(here, self.model)
         given: dict[str, Any] = {key: name for key, name in names.items() if name}
@@ -220,6 +219,12 @@ class LogOptions(PartOptions, KnownOptions):
 def topics_of(entries: list[str] | None) -> dict[str, str]:
     """Return the topics by kind; InputError without the form KIND=/NAME."""
     return _pairs("--topic", entries, "KIND=/NAME, such as imu=/imu/data")
+
+
+def packages_of(entries: list[str] | None) -> dict[str, str]:
+    """Return the folders of packages by name; InputError without the form NAME=FOLDER."""
+    folders = _pairs("--package", entries, "NAME=FOLDER")
+    return {name: from_folder(Path.cwd(), folder) for name, folder in folders.items()}
 
 
 @contextmanager

@@ -46,7 +46,7 @@ def lock_unlogged(
         shift, change = _effect(spacecraft, k)
         could = (
             f"over its range it moves the spacecraft's centre of mass by {1e3 * shift:.2g} mm and "
-            f"changes its inertia by {100 * change:.2g} %"
+            f"changes its inertia by {100 * change:.3g} %"
         )
         if not (shift <= LARGEST_SHIFT and change <= LARGEST_CHANGE):
             raise InputError(

@@ -162,7 +162,7 @@ def change_of(link: LinkInertia) -> str:
     values = ", ".join(f"{value:.4g}" for value in near)
     return (
         f"link '{link.name}': the inertia [{values}] of the nearest body takes the place of "
-        f"{link.moments.tolist()}, a change of {100 * share:.2g} %"
+        f"{link.moments.tolist()}, a change of {100 * share:.3g} %"
     )
 
 

@@ -1,6 +1,5 @@
 """A model's file, parsed by Drake."""
 
-import logging
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import get_args
@@ -32,6 +31,7 @@ class ModelFile:
         model: the file as the user named it; error messages begin with it.
         path: the absolute path of the file.
         content: what Drake does not report of its files.
+        impossible: the bodies that cannot be.
         is_repaired: whether nearest bodies are in the place of some.
         notes: what is not read or changed, after it was parsed.
 
@@ -55,7 +55,7 @@ class ModelFile:
         self._notes = [*self._check_bodies(repair_bodies)]
         self.is_repaired = bool(self._notes)
         self.notes = tuple[str, ...]()
-        self._copies, self._is_parsed = ModelCopies(self.content, self.path), False
+        self._copies = ModelCopies(self.content, self.path)
 
     def error(self, problem: str) -> InputError:
         """Return an InputError whose message begins with this model."""
@@ -71,6 +71,7 @@ class ModelFile:
             for link in links
             for finding in link.findings()
         ]
+        self.impossible = tuple(finding for _, _, finding in flawed)
         if flawed and repair_bodies is None:
             texts = listed([f"{link.where}{finding}" for _, link, finding in flawed], most=2)
             raise InputError(
@@ -92,8 +93,8 @@ class ModelFile:
     def parse_into(self, plant: MultibodyPlant, base: str | None = None) -> None:
         """Add the model to a plant that is not finalized, and set the plant's gravity to zero.
 
-        What is not read or changed is logged the first time; see `parsing.parse`, which also says
-        what is refused.
+        `notes` then say what is not read or changed; see `parsing.parse`, which also says what is
+        refused.
 
         Args:
             plant: the plant.
@@ -107,9 +108,7 @@ class ModelFile:
         if base is not None:
             body = find_element(plant, "Body", base, self.model)
             notes += filter(None, [free_base(plant, body, self.model)])
-        for note in () if self._is_parsed else notes:
-            logging.getLogger(__name__).warning("%s: %s", self.model, note)
-        self.notes, self._is_parsed = tuple(notes), True
+        self.notes = tuple(notes)
         plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
 
     def finalize(self, plant: MultibodyPlant) -> None:

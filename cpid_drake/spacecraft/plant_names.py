@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Any, TypeVar
 
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Joint, RigidBody
+from pydrake.multibody.tree import Frame, Joint, RigidBody
 
 from cpid_drake.files.errors import InputError
 
@@ -32,9 +32,9 @@ def find_element(plant: MultibodyPlant, kind: str, name: str, where: str) -> Any
 
 
 def unique_names(
-    plant: MultibodyPlant, elements: Sequence[Joint] | Sequence[RigidBody]
+    plant: MultibodyPlant, elements: Sequence[Joint | RigidBody | Frame]
 ) -> tuple[str, ...]:
-    """Return the bare names of joints or bodies where they are unique, else the scoped names."""
+    """Return the bare names of elements where they are unique, else the scoped names."""
     count = Counter(element.name() for element in elements)
     instances = [plant.GetModelInstanceName(element.model_instance()) for element in elements]
     return tuple(

@@ -65,6 +65,7 @@ class Spacecraft:
             is refused by default.
 
     Attributes:
+        file: the model's file, and what is not read or repaired of it.
         plant: finalized, continuous MultibodyPlant of the spacecraft alone, without gravity.
         base: the base body in `plant`.
         capture_frame: C in `plant`.
@@ -97,27 +98,29 @@ class Spacecraft:
         self.model = str(model)
         self._capture_name = capture_frame
         self._read_with = base, capture_frame, dict(packages or {}), repair_bodies
-        self._file = ModelFile(model, package_folders(packages), repair_bodies)
+        self.file = ModelFile(model, package_folders(packages), repair_bodies)
         self.plant = MultibodyPlant(time_step=0.0)
         self.add_alone_to(self.plant)
         self.base = find_element(self.plant, "Body", base, self.model)
         self.capture_frame = find_element(self.plant, "Frame", capture_frame, self.model)
-        joints = movable_joints(self._file, self.plant, self.base, self.capture_frame)
-        mimics, self._locked = self._file.content.mimics, tuple[str, ...]()
+        joints = movable_joints(self.file, self.plant, self.base, self.capture_frame)
+        mimics, self._locked = self.file.content.mimics, tuple[str, ...]()
         self._read_joints(couple_joints(self.plant, joints, mimics, self.model))
         self.mass = self.tree.mass
         if not self.mass > 0:
-            raise self._file.error("the spacecraft model has no mass; give its links inertias")
-        self.implausible = (*oversized(self.tree, self._file.parse_into), *self._file.copied())
+            raise self.file.error("the spacecraft model has no mass; give its links inertias")
+        notes = self.file.notes
+        self.implausible = (*oversized(self.tree, self.file.parse_into), *self.file.copied())
         if self.implausible:
-            texts = listed([str(each) for each in self.implausible], most=3)
-            logging.getLogger(__name__).warning("%s: implausible: %s", self.model, texts)
+            notes += ("implausible: " + listed([str(each) for each in self.implausible], most=3),)
+        for note in notes:
+            logging.getLogger(__name__).warning("%s: %s", self.model, note)
 
     def _read_joints(self, coupling: JointCoupling) -> None:
         """Read the tree and the state's columns of joints that are coupled in this way."""
         self.coupling, nq = coupling, self.plant.num_positions()
         self.joint_names = unique_names(self.plant, coupling.leaders)
-        self.limits = joint_limits(self._file, self.plant, coupling.leaders)
+        self.limits = joint_limits(self.file, self.plant, coupling.leaders)
         self.tree = extract_tree(self.plant, self.base, self.capture_frame, coupling)
         floating = floating_joint(self.plant, self.base)
         q_B, v_B = floating.position_start(), nq + floating.velocity_start()
@@ -147,12 +150,7 @@ class Spacecraft:
     @property
     def path(self) -> Path:
         """Absolute path of the model's file."""
-        return self._file.path
-
-    @property
-    def is_repaired(self) -> bool:
-        """Whether the model has bodies that cannot be, and the nearest ones are in their place."""
-        return self._file.is_repaired
+        return self.file.path
 
     def on_table(self, normal_B: ArrayLike = (0.0, 0.0, 1.0)) -> "Spacecraft":
         """Return the spacecraft on a table, which holds the base's height and tilt.
@@ -218,7 +216,7 @@ class Spacecraft:
         if scene_graph is not None and not plant.geometry_source_is_registered():
             raise InputError("the plant is not registered with the scene graph")
         M_TCo_C = target.to_spatial_inertia()
-        self._file.parse_into(plant, self._read_with[0])
+        self.file.parse_into(plant, self._read_with[0])
         name = TARGET_NAME
         while plant.HasModelInstanceNamed(name):
             name += "_"
@@ -226,9 +224,9 @@ class Spacecraft:
         frame_C = find_element(plant, "Frame", self._capture_name, self.model)
         connect(plant, frame_C, body.body_frame())
         if scene_graph is not None:
-            look = target_visual_model and resolve_model(target_visual_model, self._file.folders)
-            add_target_appearance(plant, body, M_TCo_C, look or None, self._file.folders)
-        self._file.finalize(plant)
+            look = target_visual_model and resolve_model(target_visual_model, self.file.folders)
+            add_target_appearance(plant, body, M_TCo_C, look or None, self.file.folders)
+        self.file.finalize(plant)
         if scene_graph is not None:  # the gripper touches the target, and the grasp is a weld
             switch_contact_off(plant, scene_graph)
         return body
@@ -240,8 +238,8 @@ class Spacecraft:
             InputError: the plant is registered with a SceneGraph and its geometry cannot be read.
 
         """
-        self._file.parse_into(plant, self._read_with[0])
-        self._file.finalize(plant)
+        self.file.parse_into(plant, self._read_with[0])
+        self.file.finalize(plant)
 
     def make_simulation_plant(
         self, target: InertialParameters, connect: Connect = MultibodyPlant.WeldFrames

@@ -135,7 +135,7 @@ def export_target(
             )
         texts = {path: model_text(format, links)}
     else:
-        if spacecraft is not None and spacecraft.is_repaired:
+        if spacecraft is not None and spacecraft.file.is_repaired:
             raise InputError(
                 f"{path}: the spacecraft's bodies are repaired, and directives name its own file: "
                 "choose another format"

@@ -71,7 +71,7 @@ def test_the_nearest_body_takes_the_place_of_one_that_cannot_be(load, ending, ca
     [said] = [each for each in caplog.messages if "nearest body" in each]
     assert "link 'arm'" in said
     assert "a change of " in said
-    assert craft.is_repaired
+    assert craft.file.is_repaired
 
 
 def test_bodies_without_mass_lose_their_inertia(load):
