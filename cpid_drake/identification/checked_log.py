@@ -13,12 +13,12 @@ from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.files.errors import InputError, listed, prefix_errors
 from cpid_drake.identification.planar import common_normal, normal_in_base, placed
-from cpid_drake.identification.unlogged_joints import lock_unlogged
 from cpid_drake.logs.channels import Channel, Seen, look_at
 from cpid_drake.logs.conventions import Findings, check_conventions
 from cpid_drake.logs.log import Log, Samples, with_fixed_joints
 from cpid_drake.logs.noise_estimation import estimate_suite
 from cpid_drake.logs.screening import LONGEST_GAP, as_arrays, screen
+from cpid_drake.logs.unlogged_joints import lock_unlogged
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
@@ -133,8 +133,10 @@ def check_logs(
         InputError: see `check_log`; some logs are of a table and others not, or of another one.
 
     """
-    logs = dict[str, CheckedLog]()
-    spacecraft, fixed = lock_unlogged(spacecraft, data)
+    logs, fixed = dict[str, CheckedLog](), tuple[str, ...]()
+    if not any(isinstance(each, Motion) for each in data.values()):
+        logged = {name for each in data.values() for name in each.joint_names}
+        spacecraft, fixed = lock_unlogged(spacecraft, logged)
     for name, each in data.items():
         progress(f"checking {name}")
         label = name if len(data) > 1 else ""

@@ -53,12 +53,17 @@ class JointCoupling:
         """The joints that lead, in the order of q."""
         return self.joints[: self.count]
 
+    def rest(self, k: int) -> float:
+        """Return the default position of a leading joint, or its limit if that is beyond it."""
+        joint = self.joints[k]
+        low, high = joint.position_lower_limit(), joint.position_upper_limit()
+        return float(np.clip(joint.default_positions()[0], low, high))
+
     def locked(self, columns: Collection[int]) -> "JointCoupling":
-        """Return the coupling with some of the leading joints fixed at their default positions."""
+        """Return the coupling with some of the leading joints fixed, see `rest`."""
         kept = [k for k in range(self.count) if k not in columns]
         rows = [*kept, *columns, *range(self.count, len(self.joints))]
-        fixed = [float(self.joints[k].default_positions()[0]) for k in columns]
-        b = self.b + self.A[:, [*columns]] @ np.array(fixed)
+        b = self.b + self.A[:, [*columns]] @ np.array([self.rest(k) for k in columns])
         joints = tuple(self.joints[k] for k in rows)
         return JointCoupling(joints, len(kept), self.A[rows][:, kept], b[rows])
 

@@ -52,10 +52,13 @@ _ATTRIBUTES = {
 _ONCE = frozenset(("inertial", "inertia", "mass", "origin", "pose", "axis"))
 """Elements of which Drake reads one, if a parent has several."""
 
-_QUANTITIES = (_NUMBERS | _ONCE) - {*_LIMITS}
-"""Names of what changes masses, or the poses of joints and frames."""
+_QUANTITIES = frozenset(("inertial", "origin", "mass", "inertia", "axis", "xyz", "rpy", *MOMENTS))
+"""Names in URDF of what changes masses, or the poses of joints and frames."""
 
 _POSES = frozenset(("pos", "quat", "euler", "axisangle", "xyaxes", "zaxis"))
+
+ALIKE = 0.8
+"""Least similarity, by `difflib`, of a misspelt name and the name that is meant."""
 
 _VECTOR = 3
 """Least count of numbers in one text that may be a pose or an inertia."""
@@ -165,7 +168,7 @@ def may_matter(element: Element, known: Collection[str]) -> str:
 def _like(name: str, names: Collection[str]) -> str:
     """Return which of some names a name, or a word of it, is like, in words; else nothing."""
     for word in (name, *_words(name)):
-        if near := get_close_matches(word, sorted(names), n=1, cutoff=0.75):
+        if near := get_close_matches(word, sorted(names), n=1, cutoff=ALIKE):
             return f"{name} is like {near[0]}" if name != near[0] else name
     return ""
 

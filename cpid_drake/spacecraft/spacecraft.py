@@ -169,7 +169,7 @@ class Spacecraft:
         return other
 
     def locked(self, joints: Collection[str]) -> "Spacecraft":
-        """Return the spacecraft with some of its joints fixed at their default positions."""
+        """Return the spacecraft with some joints fixed at their defaults, within their limits."""
         other, columns = _copied(self), [self.joint_names.index(joint) for joint in joints]
         other._locked += tuple(joints)
         other._read_joints(self.coupling.locked(columns))

@@ -251,6 +251,12 @@ EXTENSIONS = {
     "pose of a sensor": ('<sensor name="imu"><pose>0 0 1 0 0 0</pose></sensor>', ""),
     "a text": ("<description>The arm of 2019, 3 m long</description>", ""),
     "hardware": ("", "<hardware><motor>1</motor></hardware>"),
+    "limits of a driver": (
+        "",
+        '<hardware id="0"><limit lower="-0.1" upper="0.1" vel="3.0" acc="10.0" effort="30.0"/>'
+        '<transform ratio="1.0" offset_pos_cnt="-107603600" torque_per_unit="1.0"/><inputs>'
+        "<load_torque_value>Analog Input 1</load_torque_value></inputs></hardware>",
+    ),
     "interface": ("", "<hardwareInterface>EffortJointInterface</hardwareInterface>"),
     "encoder": ("", '<encoder resolution="4096" counts="65536"/>'),
     "gear": ("", '<gear ratio="100"/>'),
@@ -301,7 +307,7 @@ LOST = {
     "place": ("<offset>0 0 1</offset>", "offset has several numbers"),
     "place by letters": ('<place xyz="1"/>', "xyz"),
     "turn": ('<mounting><rotation w="1" q="0 0 0 1"/></mounting>', "q has several numbers"),
-    "axis": ('<axes z="1"/>', "axes is like "),
+    "axis": ('<axes xyz="0 0 1"/>', "xyz has several numbers"),
 }
 
 

@@ -13,6 +13,7 @@ from cpid_drake.logs.guess.names import (
     unit_of,
     words_of,
 )
+from cpid_drake.logs.unlogged_joints import lock_unlogged
 
 _OTHERS = WORDS["other of joint"] | WORDS["command"]
 
@@ -23,6 +24,10 @@ def find_joints(guess: GuessedMap) -> set[str]:
     names, used = craft.joint_names, set[str]()
     needed = [name for k, name in enumerate(names) if not craft.tree.is_rotor(k)]
     named, rated = dict[str, dict[str, str]](), dict[str, dict[str, str]]()
+    logged = [j for j in names if any(_stem(column, j) is not None for column in free)]
+    if logged:
+        guess.spacecraft, _ = lock_unlogged(craft, logged)
+        needed = [joint for joint in needed if joint in guess.spacecraft.joint_names]
     for column in free:
         for joint in sorted(names, key=len, reverse=True):
             if (stem := _stem(column, joint)) is not None:
