@@ -68,12 +68,14 @@ def free_base(plant: MultibodyPlant, base: RigidBody, where: str) -> str:
         for joint in joints_of(plant)
         if isinstance(joint, QuaternionFloatingJoint) and int(joint.child_body().index()) in tree
     ]
-    is_free = any(joint in holders for joint in inboard)
+    is_free = any(isinstance(joint, QuaternionFloatingJoint) for joint in inboard)
     if not is_free and (holders or (inboard and int(world.index()) not in tree)):
         for joint in holders:
             plant.RemoveJoint(joint)
-        frames = world.body_frame(), base.body_frame()
-        plant.AddJoint(QuaternionFloatingJoint(base.name(), *frames))
+        name, frames = base.name(), (world.body_frame(), base.body_frame())
+        while plant.HasJointNamed(name, base.model_instance()):
+            name += "_"
+        plant.AddJoint(QuaternionFloatingJoint(name, *frames))
     return note
 
 

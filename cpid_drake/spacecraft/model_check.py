@@ -49,7 +49,7 @@ _ATTRIBUTES = {
 }
 """What is read of elements of URDF: Drake ignores other attributes of these without a word."""
 
-_ONCE = frozenset(("inertial", "inertia", "mass", "origin", "pose", "axis"))
+ONCE = frozenset(("inertial", "inertia", "mass", "origin", "pose", "axis"))
 """Elements of which Drake reads one, if a parent has several."""
 
 _QUANTITIES = frozenset(("inertial", "origin", "mass", "inertia", "axis", "xyz", "rpy", *MOMENTS))
@@ -104,7 +104,7 @@ def check_meaning(element: Element, ending: str, where: str) -> Counter[str]:
                 f"out; what is read is {', '.join(sorted(known))}"
             )
         unread[name] += 1
-    for name in _ONCE & set(parts) if ending != ".xml" else ():
+    for name in ONCE & set(parts) if ending != ".xml" else ():
         if parts[name] > 1:
             raise InputError(f"{where}<{tag}> has {parts[name]} <{name}>: only one is read")
     if ending == ".urdf":

@@ -1,13 +1,45 @@
 """Copies of model files for Drake, without what it cannot read and the motion does not need."""
 
 import re
+import shutil
+import weakref
 from collections.abc import Mapping
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import mkdtemp
 from xml.etree.ElementTree import Element
 from xml.sax.saxutils import escape
 
+from cpid_drake.spacecraft.model_check import ONCE, may_matter
 from cpid_drake.spacecraft.model_content import FileContent, ModelContent
+
+_UNDEFINED = re.compile(r"XML Element\[([^]]+)\], child of element\[([^]]+)\], not defined in SDF")
+
+
+def leave_out_undefined(content: ModelContent, said: str) -> bool:
+    """Leave out elements that SDFormat does not define, and say whether there are such.
+
+    Args:
+        content: the files; those elements are left out of their copies, and counted.
+        said: the message of Drake's that names them. Elements that may matter are not left out.
+
+    """
+    found = _UNDEFINED.search(said)
+    if found is None:
+        return False
+    name, parent = found.groups()
+    undefined = {
+        element: file
+        for file in content.files.values()
+        for outer in (file.xml.places if file.xml is not None and file.ending == ".sdf" else ())
+        for element in outer
+        if (outer.tag, element.tag) == (parent, name) and element not in file.whole
+    }
+    if not undefined or any(may_matter(element, ONCE) for element in undefined):
+        return False
+    for element, file in undefined.items():
+        file.whole[element] = ""
+    content.unread[name] += len(undefined)
+    return True
 
 
 class ModelCopies:
@@ -26,7 +58,7 @@ class ModelCopies:
     """
 
     def __init__(self, content: ModelContent, path: Path) -> None:
-        self._files, self._folder = content.files, TemporaryDirectory(prefix="cpid-model-")
+        self._files, self._folder = content.files, ""
         self.originals, self._copies = dict[Path, Path](), dict[Path, Path]()
         # The paths in all MJCF files start at the folder of the first.
         self._changed = {f.main for f in content.files.values() if f.whole or f.heads}
@@ -49,7 +81,10 @@ class ModelCopies:
         changed = {name: copy for name, copy in included.items() if copy in self.originals}
         if not changed and file.main not in self._changed:
             return self._copies.setdefault(path, path)
-        place = Path(self._folder.name, str(len(self.originals)), path.name)
+        if not self._folder:
+            self._folder = mkdtemp(prefix="cpid-model-")
+            weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
+        place = Path(self._folder, str(len(self.originals)), path.name)
         place.parent.mkdir()
         self.originals[place] = path
         place.write_bytes(_text(file, included if file.ending == ".xml" else changed))

@@ -1,5 +1,6 @@
 """A model's file, parsed by Drake."""
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import get_args
@@ -12,7 +13,7 @@ from cpid_drake.files.resources import resolve_model
 from cpid_drake.spacecraft.floating_base import free_base
 from cpid_drake.spacecraft.link_inertia import BodyFinding, Repair, change_of, copied, repair
 from cpid_drake.spacecraft.model_content import read_content
-from cpid_drake.spacecraft.model_copies import ModelCopies
+from cpid_drake.spacecraft.model_copies import ModelCopies, leave_out_undefined
 from cpid_drake.spacecraft.parsing import message_of, parse, summarize_ignored
 from cpid_drake.spacecraft.plant_names import find_element
 
@@ -33,7 +34,7 @@ class ModelFile:
         content: what Drake does not report of its files.
         impossible: the bodies that cannot be.
         is_repaired: whether nearest bodies are in the place of some.
-        notes: what is not read or changed, after it was parsed.
+        notes: what is not read or changed, after it was parsed with a base.
 
     Raises:
         InputError: no such file, an unknown format, or content that Drake must not read (see
@@ -56,6 +57,14 @@ class ModelFile:
         self.is_repaired = bool(self._notes)
         self.notes = tuple[str, ...]()
         self._copies = ModelCopies(self.content, self.path)
+        while any(file.ending == ".sdf" for file in self.content.files.values()):
+            try:
+                self._parse(MultibodyPlant(0.0))
+                break
+            except InputError as error:
+                if not leave_out_undefined(self.content, str(error)):
+                    break  # it is raised where the model is read
+                self._copies = ModelCopies(self.content, self.path)
 
     def error(self, problem: str) -> InputError:
         """Return an InputError whose message begins with this model."""
@@ -93,23 +102,26 @@ class ModelFile:
     def parse_into(self, plant: MultibodyPlant, base: str | None = None) -> None:
         """Add the model to a plant that is not finalized, and set the plant's gravity to zero.
 
-        `notes` then say what is not read or changed; see `parsing.parse`, which also says what is
-        refused.
+        See `parsing.parse` for what is refused.
 
         Args:
             plant: the plant.
-            base: the body that shall float freely; see `free_base`.
+            base: the body that shall float freely, see `free_base`; `notes` then say what is not
+                read or changed. None leaves the bodies as the model has them.
 
         """
-        copies = self._copies
-        ignored = parse(plant, copies.path, self.model, self.folders, copies.original_names)
-        ignored |= self.content.unread
-        notes = [*self._notes, *([summarize_ignored(ignored)] if ignored else [])]
+        ignored = self._parse(plant) | self.content.unread
         if base is not None:
             body = find_element(plant, "Body", base, self.model)
-            notes += filter(None, [free_base(plant, body, self.model)])
-        self.notes = tuple(notes)
+            said = summarize_ignored(ignored) if ignored else ""
+            notes = (*self._notes, said, free_base(plant, body, self.model))
+            self.notes = tuple(filter(None, notes))
         plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
+
+    def _parse(self, plant: MultibodyPlant) -> Counter[str]:
+        """Add the model to a plant; return what Drake ignores."""
+        copies = self._copies
+        return parse(plant, copies.path, self.model, self.folders, copies.original_names)
 
     def finalize(self, plant: MultibodyPlant) -> None:
         """Finalize a plant that holds the model.

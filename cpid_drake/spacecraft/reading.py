@@ -101,6 +101,7 @@ def extract_tree(
         coupling: the movable joints, and which of them are the tree's columns of q.
 
     """
+    leaders = {joint.index() for joint in coupling.leaders}
     adjacent: dict[BodyIndex, list[Joint]] = {}
     for joint in map(plant.get_joint, plant.GetJointIndices()):
         for body in (joint.parent_body(), joint.child_body()):
@@ -141,7 +142,7 @@ def extract_tree(
                     parent=parent,
                     joint=column,
                     multiplier=multiplier,
-                    follows=joint not in coupling.leaders,
+                    follows=joint.index() not in leaders,
                     joint_name="" if isinstance(joint, WeldJoint) else joint.name(),
                     prismatic=isinstance(joint, PrismaticJoint),
                     axis_F=axis,

@@ -72,6 +72,8 @@ def test_bodies_to_correct_are_in_one_table(show):
     large = link("right", 0.01, com="0.1 0 0", **moments(0.1, 0.1, 0.1))
     code, stdout = show(urdf(*PARTS[:4], bad, large, *PARTS[6:]))
     assert code == 4
+    assert "link 'base' is welded to the world" in stdout
+    assert "link 'left': the inertia [" in stdout
     table = stdout.partition("Bodies to correct")[2]
     rows = [line.split(maxsplit=2) for line in table.splitlines() if line.startswith(" ")]
     [impossible] = [row[2] for row in rows if row[:2] == ["left", "impossible"]]

@@ -53,6 +53,11 @@ BASES = {
         ".urdf",
         FREE,
     ),
+    "after a footprint by a joint of the base's name": (
+        on_world("fixed", "footprint").replace('name="w"', 'name="bus"'),
+        ".urdf",
+        FREE,
+    ),
     "after a footprint": (on_world("fixed", "footprint"), ".urdf", FREE),
     "freejoint with a name": (mjcf('<freejoint name="root"/>'), ".xml", mjcf("<freejoint/>")),
     "no freejoint": (mjcf(""), ".xml", mjcf("<freejoint/>")),

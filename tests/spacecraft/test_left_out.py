@@ -297,6 +297,18 @@ def test_misspelt_limits_are_refused(load):
         load(urdf(*GOOD).replace("<limit ", "<limits "), ".urdf", "arm")
 
 
+@pytest.mark.parametrize("parent", ["link", "joint", "inertial", "axis"])
+def test_what_sdf_does_not_define_is_counted_if_it_changes_nothing(load, parent, caplog):
+    """A vendor's elements in SDF: all of a kind are left out together."""
+    text = sdf().replace(f"</{parent}>", f"<hardware>1</hardware></{parent}>")
+    craft = load(text, ".sdf", "arm")
+    assert craft.mass == 18.0
+    assert any("hardware (" in each for each in caplog.messages)
+    wrong = sdf().replace(f"</{parent}>", f"<mas>1</mas><hardware>1</hardware></{parent}>", 1)
+    with pytest.raises(InputError, match=r"XML Element\[mas\], child of element"):
+        load(wrong, ".sdf", "arm")
+
+
 LOST = {
     "mass": ('<mas value="5"/>', "mas is like mass"),
     "mass in another case": ("<Mass>5</Mass>", "Mass is like mass"),
