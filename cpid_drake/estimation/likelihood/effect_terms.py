@@ -291,14 +291,14 @@ def _changes(
     outboard, dynamics = _relative_to_base(motions, trajectories)
     psi, joints = trajectories[0].state.psi, motions[0].joints.coefficients.shape[1]
     which, S = outboard.joint_screws
+    has_followers = len(which) > joints
     yields = motions[0].constants.yields
     if yields:
         which, S = which + outboard.grasp_screws[0], np.dstack([S, outboard.grasp_screws[1]])
-    of_screws = screw_sensitivity(outboard, psi, dynamics, which, S)
-    parts = {
-        name: MotionSensitivity(*map(outboard.by_joint, vars(part).values()))
-        for name, part in zip(("q", "qdot"), of_screws)
-    }
+    parts = dict(zip(("q", "qdot"), screw_sensitivity(outboard, psi, dynamics, which, S)))
+    if has_followers:
+        for name, part in parts.items():
+            parts[name] = MotionSensitivity(*map(outboard.by_joint, vars(part).values()))
     ends = np.cumsum([len(trajectory.w) for trajectory in trajectories])[:-1]
     if yields:
         slopes = [spline_slopes(motion.nodes, motion.times) for motion in motions]
@@ -308,7 +308,8 @@ def _changes(
             each = zip(slopes, np.split(values, ends, axis=-2), strict=True)
             return np.concatenate([D @ part[..., : D.shape[1], :] for D, part in each], axis=-2)
 
-        loads = outboard.by_joint(outboard.loads(which, S, rate(outboard.momentum)))
+        loads = outboard.loads(which, S, rate(outboard.momentum))
+        loads = outboard.by_joint(loads) if has_followers else loads
         by, rates = zip(*(vars(part).values() for part in parts.values())), rate(loads)
         moved = [-(q * loads[:, None] + qdot * rates[:, None]) for q, qdot in by]
         for name, part in parts.items():
