@@ -239,6 +239,7 @@ def rebuilt(old: str, new: str) -> Callable[[], str]:
 
 
 HAND = "m.urdf: line 5: "
+WORLD = "<link name='world'/>" + joint("w", "world", "bus", kind="fixed")
 MODELS = {
     # Not a model.
     "empty": (file("m.urdf", ""), "m.urdf: the file is empty"),
@@ -289,16 +290,33 @@ MODELS = {
     # Structure.
     "joint_type": (file("m.urdf", rebuilt('"revolute"', '"hinge"')), "line 6", "'hinge'"),
     "loop": (file("m.urdf", urdf(rest=joint("j", "hand", "bus"))), "m.urdf: ", "loop"),
-    "mimic": (
-        file("m.urdf", rebuilt('link="upper"/>', 'link="upper"/><mimic joint="wrist"/>')),
-        "mimic",
+    "mimic_of_nothing": (
+        file("m.urdf", rebuilt('link="upper"/>', 'link="upper"/><mimic joint="thumb"/>')),
+        "joint 'shoulder' follows 'thumb' (mimic), and there is no such joint",
+    ),
+    "mimic_of_itself": (
+        file("m.urdf", rebuilt('link="upper"/>', 'link="upper"/><mimic joint="shoulder"/>')),
+        "joint 'shoulder' follows itself",
+    ),
+    "mimic_in_degrees": (
+        file(
+            "m.urdf",
+            rebuilt('link="upper"/>', 'link="upper"/><mimic joint="wrist" offset="3 deg"/>'),
+        ),
+        "line 6: <mimic offset>: 3 deg is not a finite number",
     ),
     "two_roots": (file("m.urdf", urdf(rest=link("loose"))), "not connected", "loose"),
-    "welded_to_world": (
-        file(
-            "m.urdf", urdf(rest="<link name='world'/>" + joint("w", "world", "bus", kind="fixed"))
-        ),
-        "base 'bus' is welded to the world",
+    "welded_at_both_ends": (
+        file("m.urdf", urdf(rest=WORLD + joint("v", "world", "hand", kind="fixed"))),
+        "m.urdf: base 'bus' does not float freely: joint 'v'",
+    ),
+    "on_a_rail": (
+        file("m.urdf", urdf(rest=WORLD.replace("fixed", "prismatic"))),
+        "base 'bus' does not float freely: joint 'w'",
+    ),
+    "beside_a_table": (
+        file("m.urdf", urdf(rest=WORLD + link("table") + joint("t", "world", "table", "fixed"))),
+        "not connected to the base 'bus': table",
     ),
     "no_base": (file("m.urdf", urdf().replace("bus", "body")), "no RigidBody named 'bus'", "body"),
 }
