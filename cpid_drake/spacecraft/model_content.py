@@ -32,7 +32,8 @@ class FileContent:
         path: the file.
         main: the MJCF file that includes this one, at whose folder its paths start; else the file.
         xml: its text; None of directives.
-        includes: the files that it includes, by the element or the URI that names them.
+        includes: the files that it includes, each as often as it does, with the element or the URI
+            that names them.
         meshes: the files of meshes of MJCF, by the elements that name them.
         whole, heads: what is changed in a copy for Drake, see `XmlText.changed`.
 
@@ -41,7 +42,7 @@ class FileContent:
     path: Path
     main: Path
     xml: XmlText | None
-    includes: dict[Element | str, Path] = field(default_factory=dict)
+    includes: list[tuple[Element | str, Path]] = field(default_factory=list)
     meshes: dict[Element, Path] = field(default_factory=dict)
     whole: dict[Element, str] = field(default_factory=dict)
     heads: dict[Element, Mapping[str, str]] = field(default_factory=dict)
@@ -108,7 +109,7 @@ def read_content(path: Path, where: str, folders: Mapping[str, Path]) -> ModelCo
         if file not in found.files:
             main = next((each for each in around if each.suffix.lower() == ".xml"), file)
             found.files[file] = _read(file, main, place, packages, found)
-        for other in found.files[file].includes.values():
+        for _, other in found.files[file].includes:
             visit(other.resolve(), (*around, file))
 
     try:
@@ -129,7 +130,7 @@ def _read(
         content = FileContent(file, main, None)
         for each in LoadModelDirectives(str(file)).directives:
             for one in filter(None, (each.add_model, each.add_directives)):
-                content.includes.update((one.file, path) for path in _behind(one.file, packages))
+                content.includes.extend((one.file, path) for path in _behind(one.file, packages))
         return content
     content = FileContent(file, main, read_xml(file, place))
     assert content.xml is not None
@@ -158,10 +159,10 @@ def _read(
                     "not, or otherwise, in another: give the joints other names"
                 )
         if element.tag == "include" and ending == ".xml":
-            content.includes[element] = main.parent / element.get("file", "")
+            content.includes.append((element, main.parent / element.get("file", "")))
         elif element.tag == "include":
             uri = (element.findtext("uri") or "").strip()
-            content.includes.update((element, path) for path in _behind(uri, packages))
+            content.includes.extend((element, path) for path in _behind(uri, packages))
     if ending == ".urdf":
         joints = {each.get("name") for each in content.xml.root.findall("joint")}
         for each in content.xml.root.findall("transmission"):

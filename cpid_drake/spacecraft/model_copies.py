@@ -77,7 +77,7 @@ class ModelCopies:
         file = self._files.get(path)
         if file is None:
             return path
-        included = {name: self._included(other.resolve()) for name, other in file.includes.items()}
+        included = {name: self._included(other.resolve()) for name, other in file.includes}
         changed = {name: copy for name, copy in included.items() if copy in self.originals}
         if not changed and file.main not in self._changed:
             return self._copies.setdefault(path, path)

@@ -72,7 +72,7 @@ def made(name: str, how: Callable[[Path], object]) -> Callable[[Path], str]:
 
 def urdf(hand: str = link("hand"), rest: str = "", head: str = "") -> str:
     """Return a base with an arm of three joints; `hand` is its last link, in line 5."""
-    links = link("bus", 200), link("upper"), link("fore"), hand
+    links = link("bus", 200, ixx=20.0, iyy=30.0, izz=40.0), link("upper"), link("fore"), hand
     joints = (
         joint("shoulder", "bus", "upper", axis="0 0 1"),
         joint("elbow", "upper", "fore", axis="0 1 0"),
