@@ -20,7 +20,7 @@ Sources: Wahba 1990, Spline Models for Observational Data, ch. 1 and 4.
 """
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from itertools import pairwise
 
@@ -33,7 +33,8 @@ from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.joint_samples import JointSamples, Smoothness, once_weights
 from cpid_drake.estimation.least_squares import loss_weight
 from cpid_drake.estimation.likelihood.joint_motion import DEGREE, ORDER, JointPart
-from cpid_drake.estimation.spectrum import DECLARED, Spectra, added, are_near, spectrum_of
+from cpid_drake.estimation.process import DECLARED_COUNT as DECLARED
+from cpid_drake.estimation.process import Process
 from cpid_drake.files.errors import InputError
 from cpid_drake.sensors.suite import SensorSuite
 
@@ -47,6 +48,9 @@ _FAST = 16.0  # pieces in a second, which follow 5 Hz: with too few, a fast moti
 _REWEIGHTINGS = 6  # at most; outliers look like a rough motion or like noise until they are known
 _TOGETHER = 4096  # rows of the banded matrices that are factorized in one call
 _SAME = 0.05  # change of a weight that does not matter
+_SHAPES = 9, 7  # of τ and of ratios
+_FIRST = (1, 2), (3, 2), (5, 2)  # shapes that are tried first
+_PRICE = 12.0  # of −2 log(evidence): of noise that is not white
 
 
 def smooth_joints(
@@ -64,11 +68,11 @@ def smooth_joints(
     """
     samples = [JointSamples(block, suite) for block in blocks]
     once = once_weights(samples)
-    spectra: Spectra = {}
+    processes: dict[str, Process] = {}
     weights = once
     try:
         for _ in range(_REWEIGHTINGS):
-            samples = [each.with_spectra(spectra) for each in samples]
+            samples = [each.with_processes(processes) for each in samples]
             rate = FINER * _best_rate(samples, weights, once)
             splines = _Splines(samples, rate, weights, once)
             u, noise = splines.best()
@@ -79,14 +83,14 @@ def smooth_joints(
             if not is_same:
                 continue
             smoothness = Smoothness(splines.rate, np.exp(u / 2) * noise, noise)
-            old, spectra = spectra, _spectra(samples, smoothness, before)
-            if are_near(old, spectra, _SAME):
+            old, processes = processes, _processes(splines, u, processes)
+            if old == processes:
                 break
         noise = np.maximum(noise, 1.0)
         c, jerk = splines.solved(u), np.exp(u / 2) * noise
     except np.linalg.LinAlgError as error:
         raise InputError("encoders: too few samples to show how the joints move") from error
-    smoothness = Smoothness(splines.rate, jerk, noise, spectra)
+    smoothness = Smoothness(splines.rate, jerk, noise, processes)
     parts = [
         each.part(smoothness, w).about(c[place])
         for each, w, place in zip(samples, before, splines.places, strict=True)
@@ -103,13 +107,50 @@ def continued(part: JointPart, before: Array) -> JointPart:
     return part.about(c)
 
 
-def _spectra(
-    samples: Sequence[JointSamples], smoothness: Smoothness, weights: Sequence[Array]
-) -> Spectra:
-    """Return the shapes of the spectra, of variance 1, of the joints' sensors without steps."""
-    blocks = [each.sums(smoothness, w) for each, w in zip(samples, weights, strict=True)]
-    found = {name: spectrum_of(sums) for name, sums in added(*blocks).items()}
-    return {name: each / each.sum() for name, each in found.items()}
+def _processes(
+    splines: "_Splines", u: Array, now: Mapping[str, Process]
+) -> dict[str, Process]:
+    """Return the shapes of the noise, of variance 1, of the joints' sensors without steps.
+
+    They have the largest evidence of a grid of τ and of ratios of slow and white variances, if it
+    is much larger than that of white noise: shapes are tried from one to its neighbours.
+    """
+    found = dict(now)
+    times = splines.times
+    for name, t in times.items():
+        step, known = float(np.median(np.diff(t))) if len(t) > 2 else 1.0, {}
+
+        def cost(at: tuple[int, int] | None) -> float:
+            if at not in known:
+                shapes = {n: p for n, p in found.items() if n != name}
+                if at is not None:
+                    shapes[name] = _shape(step, *at)
+                price = 0.0 if at is None else _PRICE
+                known[at] = splines.of(shapes).least_about(u) + price
+            return known[at]
+
+        places = {_shape(step, i, j): (i, j) for i in range(_SHAPES[0]) for j in range(_SHAPES[1])}
+        best = places.get(found.get(name, Process()))
+        tried = [None, *_FIRST] if best is None else [None, best]
+        best = min(tried, key=cost)
+        while best is not None:
+            i, j = best
+            near = [(i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1)]
+            near = [at for at in near if 0 <= at[0] < _SHAPES[0] and 0 <= at[1] < _SHAPES[1]]
+            better = min([best, *near], key=cost)
+            if better == best:
+                break
+            best = better
+        found.pop(name, None)
+        if best is not None:
+            found[name] = _shape(step, *best)
+    return found
+
+
+def _shape(step: float, i: int, j: int) -> Process:
+    """Return one of the shapes: τ from a step on, and slow noise of 0.1 to 100 of the white."""
+    ratio = 0.1 * 10 ** (j / 2)
+    return Process(1 / (1 + ratio), ratio / (1 + ratio), step * 2.0**i, 1)
 
 
 class _Splines:
@@ -132,7 +173,7 @@ class _Splines:
     def __init__(
         self, samples: Sequence[JointSamples], rate: float, weights: list[Array], once: list[Array]
     ) -> None:
-        self.rate, self._weights, self._samples = rate, weights, samples
+        self.rate, self._weights, self._samples, self._once = rate, weights, samples, once
         pieces = [each.pieces(rate) for each in samples]
         begins = [a.end < b.start for a, b in pairwise(samples)]  # behind a gap
         self._free, J = ORDER * (1 + sum(begins)), weights[0].shape[1]
@@ -162,6 +203,7 @@ class _Splines:
         # Without the state at its end, the jerk determines each block by itself.
         own = [np.diag(np.linalg.qr(P[:, :-ORDER], mode="r")) for P in self._P]
         volume = 2 * np.sum(np.log(np.abs(np.concatenate(own))))
+        volume -= sum(each.volume for each in samples)
         self._constant = -volume - 2 * np.sum(np.log(np.concatenate(weights)), axis=0)
         samples_once = np.sum(np.concatenate(once) ** 2, axis=0)
         self._freedom = DECLARED + np.maximum(samples_once - self._free, 0.0)
@@ -176,8 +218,8 @@ class _Splines:
         )
         self._by_left, self._by_jerk = np.zeros((2, *self._c.shape))
         for k, place in enumerate(self.places):
-            once_more = self._samples[k].white(left[k])  # it is symmetric
-            self._by_left[place] += self._A[k].T @ (self._weights[k] * once_more)
+            back = self._samples[k].transposed(left[k])
+            self._by_left[place] += self._A[k].T @ (self._weights[k] * back)
             self._by_jerk[place] += self._P[k].T @ jerk[k]
 
     def _residuals(self, c: Array) -> list[Array]:
@@ -203,6 +245,23 @@ class _Splines:
             good[(failed - 1) // self.size] = False
             M[~good] = np.arange(self._width) == self._width - 1
         return found[0], good
+
+    @property
+    def times(self) -> dict[str, Array]:
+        """Times of the samples of sensors without steps [s], by name."""
+        names = {name for each in self._samples for name in each.times}
+        nothing = np.empty(0)
+        return {n: np.concatenate([s.times.get(n, nothing) for s in self._samples]) for n in names}
+
+    def of(self, processes: Mapping[str, Process]) -> "_Splines":
+        """Return the splines with other noise."""
+        samples = [each.with_processes(processes) for each in self._samples]
+        return _Splines(samples, self.rate, self._weights, self._once)
+
+    def least_about(self, u: Array) -> float:
+        """Return the least −2 log(evidence) of all joints near u = log λ (J,) or smoother."""
+        near = u[:, None] + 3.0 * np.arange(-4, 2)
+        return float(self.values(near).min(axis=1, initial=np.inf).sum())
 
     def values(self, u: Array) -> Array:
         """Return −2 log(evidence) (J, G) at u = log λ (J, G)."""

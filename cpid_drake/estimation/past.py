@@ -1,12 +1,13 @@
 """The blocks before a log's first one: they are behind a window, and marginalized."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from cpid_drake.array import Array
 from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.estimation.likelihood.model import jump_between
 from cpid_drake.estimation.likelihood.motion import TrajectoryState
 
@@ -21,13 +22,14 @@ class Past:
     each other. Source: Huang, Mourikis and Roumeliotis 2010 (first-estimates Jacobians).
 
     Attributes:
-        gaussian: of attitude, p, L, v and joints, then of the table of unknowns.
+        gaussian: of attitude, p, L, v, joints and slow noise, then of the table of unknowns.
         start: the base's state about which it is.
         joints: (ORDER, J) the joints about which it is.
         table: (n,) the values of the table about which it is.
         first: values of target and hardware at which derivatives are taken.
-        shown: what blocks show of the noise, by sensor; see `Whitening.sums`.
-        noise: sum of squares of whitened residuals and degrees of freedom, by sensor.
+        noise: sum of squares of whitened residuals and degrees of freedom, by white force.
+        slow: places of sensors in `edge`.
+        edge: (s,) slow noise about which it is.
 
     """
 
@@ -36,10 +38,42 @@ class Past:
     joints: Array
     table: Array
     first: Mapping[str, Array]
-    shown: Mapping[str, Array]
     noise: Mapping[str, Array]
+    slow: Mapping[str, slice] = field(default_factory=dict)
+    edge: Array = field(default_factory=lambda: np.zeros(0))
 
-    def about(self, start: TrajectoryState, joints: Array, table: Array) -> Gaussian:
-        """Return the Gaussian about other values."""
+    def about(
+        self,
+        start: TrajectoryState,
+        joints: Array,
+        table: Array,
+        slow: Mapping[str, slice],
+        sigma: Array,
+        edge: Array,
+    ) -> Gaussian:
+        """Return the Gaussian about other values; slow noise that is new has its prior."""
         jump, turned = jump_between(self.start, start), (joints - self.joints).T.ravel()
-        return self.gaussian.moved(np.concatenate([jump, turned, table - self.table]))
+        mean = [edge[slow[name]] if name in slow else self.edge[p] for name, p in self.slow.items()]
+        moved = np.concatenate([np.empty(0), *mean]) - self.edge
+        about = self.gaussian.moved(np.concatenate([jump, turned, moved, table - self.table]))
+        if slow == self.slow:
+            return about
+        first, n = 12 + joints.size, about.size
+        end = first + len(self.edge)
+        before = {name: np.arange(p.start, p.stop) + first for name, p in self.slow.items()}
+        nothing = np.full(len(edge), n)  # what is new
+        now = [before.get(name, nothing[place]) for name, place in slow.items()]
+        gone = [columns for name, columns in before.items() if name not in slow]
+        count = sum(map(len, gone))
+        pick = np.concatenate([*gone, np.arange(first), *now, np.arange(end, n)]).astype(int)
+        R = np.column_stack([about.R, np.zeros(n)])[:, pick]
+        prior = np.zeros((int(np.sum(pick == n)), len(pick) + 1))
+        prior[np.arange(len(prior)), np.flatnonzero(pick == n)] = 1.0
+        prior[:, -1] = -edge[pick[count + first :][: len(edge)] == n]
+        sizes = dict(about.sizes)
+        boundary = next(iter(sizes))
+        new = [sigma[place] for name, place in slow.items() if name not in self.slow]
+        rows = np.vstack([np.column_stack([R, about.z]), prior / np.concatenate([np.empty(0), *new])[:, None]])
+        sizes = {"gone": count, **sizes, boundary: first + len(edge)}
+        found = Gaussian.of_rows(sizes, rows, about.rho2)
+        return found.marginal([name for name in sizes if name != "gone"])

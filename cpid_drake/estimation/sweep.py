@@ -26,7 +26,7 @@ from cpid_drake.estimation.likelihood.joint_motion import ORDER
 from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Rolled, Values, first_values, jumped, past_of
-from cpid_drake.estimation.unknowns import BODIES, FASTEST_DRIFT, MOMENTUM, Model
+from cpid_drake.estimation.unknowns import BODIES, FASTEST_DRIFT, MOMENTUM, PSI, Model
 
 EXACT = 1e-9
 """σ of what is conserved, or held while the rest is fitted, as a share of its plausible size."""
@@ -64,11 +64,11 @@ class _Block:
     absorbed: dict[str, float]
 
     @classmethod
-    def of(cls, rolled: Rolled, k: int, own: BlockRows, T: Array) -> "_Block":
-        """Return block k from its rows and its triangle."""
-        assert own.samples is not None
-        part, g = rolled.models[k], len(own.gone)
-        first, residuals = part.kept[0], rolled.residuals[k]
+    def of(
+        cls, part: BlockModel, residuals: Mapping[str, Array], own: BlockRows, T: Array
+    ) -> "_Block":
+        """Return a block from its rows and its triangle."""
+        first, g = part.kept[0], len(own.gone)
         keep = np.concatenate(
             [part.at_end, np.arange(first, first + len(T) - 1 - g - len(part.at_end))]
         )
@@ -148,29 +148,43 @@ def sweep(
     """
     model, at = model.of_log(log.name), dict[int, Gaussian]()
     known = known_at_start(model, log, values) if before is None else before
-    boundary = np.arange(boundary_size(model))
-    walking, pose, joints = len(boundary) + model.walking_columns, boundary[:12], boundary[12:]
     steps = list[_Change | _Block]()
-    linear = linearized(model, log, rolled, values, forward_only=forward_only)
+    linear = linearized(model, log, rolled, values)
     for k, own in enumerate(linear):
-        known, T = _eliminated(rolled.models[k], own, known)
+        part = rolled.models[k].with_slow(log.slow_size)
+        known, T = eliminated(part, own, known)
         if not forward_only:
-            steps.append(_Block.of(rolled, k, own, T))
+            steps.append(_Block.of(part, rolled.residuals[k], own, T))
         at |= {k: known} if k in stops else {}
         if k in carry:
             known = linked(known, f"link {k}|{log.name}", log.link(model, k), rolled.links[k])
-        if k < len(log.walks):
-            columns, now = walking, log.walks[k]
-            sigma = model.walking_sigma * np.sqrt(log.step(k))
-            if k < len(rolled.links) and k not in carry:
-                columns, now = np.append(columns, pose), np.append(now, rolled.links[k])
-                sigma = np.append(sigma, log.link(model, k))
-            if log.gaps[k]:
-                columns, now = np.append(columns, joints), np.append(now, np.zeros(len(joints)))
-                sigma = np.append(sigma, np.full(len(joints), OPEN))
-            known, rows = changed(known, columns, sigma, now)
+        if change := change_at_end(model, log, rolled, k, is_carried=k in carry):
+            known, rows = changed(known, *change)
+            columns, _, now = change
             steps.append(_Change(columns, rows, now, k))
     return Swept(known, steps, at)
+
+
+def change_at_end(
+    model: Model, log: LogState, rolled: Rolled, k: int, *, is_carried: bool = False
+) -> tuple[NDArray[np.intp], Array, Array] | None:
+    """Return the columns that change at the end of block k, σ and present values; None if none.
+
+    One that is carried is no change.
+    """
+    if k >= len(log.walks):
+        return None
+    n = boundary_size(model, log)
+    columns, now = n + model.walking_columns, log.walks[k]
+    sigma = model.walking_sigma * np.sqrt(log.step(k))
+    if k < len(rolled.links) and not is_carried:
+        columns, now = np.append(columns, np.arange(12)), np.append(now, rolled.links[k])
+        sigma = np.append(sigma, log.link(model, k))
+    if log.gaps[k]:
+        joints = np.arange(12, n - log.slow_size)
+        columns, now = np.append(columns, joints), np.append(now, np.zeros(len(joints)))
+        sigma = np.append(sigma, np.full(len(joints), OPEN))
+    return columns, sigma, now
 
 
 def known_at_start(model: Model, log: LogState, values: Values) -> Gaussian:
@@ -182,9 +196,12 @@ def known_at_start(model: Model, log: LogState, values: Values) -> Gaussian:
     model = model.of_log(log.name)
     if log.past is not None:
         return past_of(model, log, values)
-    n, places = boundary_size(model), model.places
+    n, places = boundary_size(model, log), model.places
     rows = np.zeros((n, n + sum(u.size for u in model.table) + 1))
     sigma = np.full(n, OPEN)
+    if log.slow_size:
+        sigma[-log.slow_size :] = log.slow_sigma
+        rows[-log.slow_size :, -1] = -log.edges[0] / log.slow_sigma
     sigma[6:12] = EXACT * np.repeat([model.L_sigma, FASTEST_DRIFT], 3)
     rows[:, :n] = np.diag(1 / sigma)
     rows[6:12, n + places[MOMENTUM].start :][:, :6] = -np.diag(1 / sigma[6:12])
@@ -209,12 +226,14 @@ def back(model: Model, log: LogState, swept: Swept, step: Values, share: float =
     """
     model = model.of_log(log.name)
     g = np.concatenate([step[name] for name in swept.end.places if name != BOUNDARY])
-    n, R, z = boundary_size(model), swept.end.R, swept.end.z
+    n, R, z = boundary_size(model, log), swept.end.R, swept.end.z
+    edges, before = list(log.edges), n - log.slow_size
     x = solve_triangular(R[:n, :n], z[:n] - R[:n, n:] @ g)
     x = np.concatenate([x, g])
     forces, joints = list(log.forces), list(log.joints)
     walks, starts, pulls = list(log.walks), list(log.starts), list(log.pulls)
     k = len(log.blocks)
+    edges[k] = edges[k] + share * x[before:n]
     for each in reversed(swept.steps):
         if isinstance(each, _Change):
             u = each.rows[:, -1] - each.rows[:, :-1] @ x
@@ -234,6 +253,7 @@ def back(model: Model, log: LogState, swept: Swept, step: Values, share: float =
         joints[k] = joints[k].moved(s[part.columns["joints"]])
         x[:n] = whole[part.at_start]
         starts[k] = jumped(starts[k], share * x[:12])
+        edges[k] = edges[k] + share * x[before:n]
     return replace(
         log,
         starts=tuple(starts),
@@ -241,35 +261,40 @@ def back(model: Model, log: LogState, swept: Swept, step: Values, share: float =
         joints=tuple(joints),
         walks=tuple(walks),
         pulls=tuple(pulls),
+        edges=tuple(edges),
     )
 
 
-def linearized(
-    model: Model, log: LogState, rolled: Rolled, values: Values, *, forward_only: bool
-) -> Iterator[BlockRows]:
-    """Yield the rows of all blocks, with those of their samples alone unless only forward.
-
-    The latter are kept in a window, which is short.
-    """
-    whitenings, known = [], list[BlockRows | None]()
-    for k, (part, rest) in enumerate(zip(rolled.models, rolled.residuals, strict=True)):
-        whitenings.append({n: log.whitening(k, n, len(e)) for n, e in rest.items()})
-        rows = rolled.linear.get(part)
-        is_enough = rows is not None and (forward_only or rows.samples is not None)
-        known.append(rows.whitened(part, rest, whitenings[k]) if rows and is_enough else None)
-    new = [k for k, rows in enumerate(known) if rows is None]
-    motions = [rolled.models[k].motion for k in new]
-    at = [rolled.trajectories[k] for k in new]
-    trajectories = with_changes(motions, at, model.known_bodies, values.get(BODIES))
-    blocks = zip(rolled.models, rolled.residuals, known, whitenings, strict=True)
-    for part, rest, rows, whitening in blocks:
-        if rows is None:
-            rows = BlockRows.of(part, next(trajectories), rolled.by_psi, rest, whitening)
-        rolled.linear[part] = rows if log.past is not None else replace(rows, samples=None)
+def linearized(model: Model, log: LogState, rolled: Rolled, values: Values) -> Iterator[BlockRows]:
+    """Yield the rows of all blocks."""
+    for k, linear in enumerate(derivatives(model, log, rolled, values)):
+        part, rest, rows = rolled.models[k], rolled.residuals[k], rolled.rows.get(rolled.models[k])
+        whitening, slow = log.whitenings(k, rest), log.slow_at(k)
+        if rows is None or not rows.is_for(whitening, slow):
+            wide = part.with_slow(log.slow_size)
+            rows = BlockRows.of(wide, linear, rest, whitening, log.slow, slow)
+            rolled.rows[part] = rows
         yield rows
 
 
-def _eliminated(part: BlockModel, own: BlockRows, before: Gaussian) -> tuple[Gaussian, Array]:
+def derivatives(
+    model: Model, log: LogState, rolled: Rolled, values: Values
+) -> Iterator[tuple[Array, Array]]:
+    """Yield the derivatives of samples and end of all blocks, without slow noise."""
+    new = [k for k, part in enumerate(rolled.models) if part not in rolled.linear]
+    motions = [rolled.models[k].motion for k in new]
+    at = [rolled.trajectories[k] for k in new]
+    trajectories = with_changes(motions, at, model.known_bodies, values.get(BODIES))
+    for part in rolled.models:
+        if part not in rolled.linear:
+            J, end = part.jacobian(next(trajectories))
+            psi = part.columns[PSI]
+            J[:, psi], end[:, psi] = J[:, psi] @ rolled.by_psi, end[:, psi] @ rolled.by_psi
+            rolled.linear[part] = J, end
+        yield rolled.linear[part]
+
+
+def eliminated(part: BlockModel, own: BlockRows, before: Gaussian) -> tuple[Gaussian, Array]:
     """Return what is known at the end of a block, and the triangle [R | z] without its start.
 
     With the start x₀ (attitude, p, L, v) and all other columns y, the end is x₁ = E₀ x₀ + E y. So a
@@ -302,7 +327,8 @@ def _eliminated(part: BlockModel, own: BlockRows, before: Gaussian) -> tuple[Gau
     others[n:size, n:] = known[last:, last:]
     T[first:, first:] = updated_information(others[first:, first:], T[first:, first:])
     rho2 = before.rho2 + float(T[-1, -1]) ** 2
-    return replace(before, R=T[gone:-1, gone:-1], z=T[gone:-1, -1], rho2=rho2), T
+    volume = before.volume + float(np.sum(np.log(np.abs(np.diag(T)[:gone]))))
+    return replace(before, R=T[gone:-1, gone:-1], z=T[gone:-1, -1], rho2=rho2, volume=volume), T
 
 
 def changed(
@@ -323,7 +349,8 @@ def changed(
     T = triangle(rows)
     before[:p] = T[m : m + p, m:]
     of_change = solve_triangular(T[:m, :m], T[:m, m:])
-    return replace(known, R=before[:, :-1], z=before[:, -1]), of_change
+    volume = known.volume + float(np.sum(np.log(np.abs(np.diag(T)[:m]))))
+    return replace(known, R=before[:, :-1], z=before[:, -1], volume=volume), of_change
 
 
 def linked(known: Gaussian, name: str, sigma: Array, now: Array) -> Gaussian:
@@ -338,6 +365,6 @@ def linked(known: Gaussian, name: str, sigma: Array, now: Array) -> Gaussian:
     return Gaussian.of_triangle({**known.sizes, name: 12}, T, known.rho2)
 
 
-def boundary_size(model: Model) -> int:
-    """Return the number of entries at a boundary: attitude, p, L, v, joints."""
-    return 12 + ORDER * model.joint_count
+def boundary_size(model: Model, log: LogState) -> int:
+    """Return the number of entries at a boundary: attitude, p, L, v, joints, slow noise."""
+    return 12 + ORDER * model.joint_count + log.slow_size

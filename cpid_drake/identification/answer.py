@@ -60,17 +60,18 @@ def answer_of(
     target = known_target(model, values[PSI], gaussian, count=observed.used.total())
     effects = effects_of(model, values, gaussian, *names)
     # Checks and warnings: what each assumption means for the samples.
-    noise, spectra = dict[str, float](), dict[str, Array]()
+    noise, slow = dict[str, float](), dict[str, tuple[float, float]]()
     warnings, checks = list[str](), list[Check]()
     is_free = momentum is not None and momentum.is_unknown
     for log in fit.logs:
         of_log = f" of {log.name}" if len(names) > 1 else ""
         where = f"{log.name}: " if len(names) > 1 else ""
         noise |= {name + of_log: factor for name, factor in log.noise_factors.items()}
-        own = {**log.spectra, **log.smoothness.spectra}
-        spectra |= {name + of_log: spectrum for name, spectrum in own.items()}
+        own = {**log.processes, **log.smoothness.processes}
+        own = {n: (p.slow / max(p.total, 1.0), p.tau) for n, p in own.items()}
+        slow |= {name + of_log: each for name, each in own.items()}
         warnings += gap_warnings(log, where)
-    warnings += [*noise_warnings(noise, spectra), *change_warnings(observed.changes)]
+    warnings += [*noise_warnings(noise, slow), *change_warnings(observed.changes)]
     for name in names:
         key = model.unknown(MOMENTUM).key(name)
         is_wrong = key in given and key not in question.given

@@ -123,7 +123,9 @@ def _separated(
         alone = log
         if len(fit.logs) > 1:  # a difference between logs must not look like noise
             [own] = fit_logs(model, [log], values=values).logs
-            alone = replace(log, spectra=own.spectra, noise=own.noise, weights=own.weights)
+            alone = own.with_processes(own.processes)
+            alone = replace(log, processes=alone.processes, edges=alone.edges, noise=own.noise)
+            alone = replace(alone, weights=own.weights)
         swept = sweep(model, alone, rolled, values, forward_only=True)
         sources[log.name] = chosen.given(swept.gaussian)
     if prior is not None:
@@ -221,7 +223,8 @@ def cramer_rao_bound(
     held = Gaussian.of_rows({PSI: 10}, np.column_stack([R, R @ psi]))
     fit = fit_logs(replace(model, rows=(held,)), [log])
     [log], [rolled], values = fit.logs, fit.rolled, fit.values
-    log = replace(log, noise={}, spectra={}, weights=tuple({} for _ in log.blocks))  # as declared
+    log = log.with_processes({})  # as declared
+    log = replace(log, noise={}, weights=tuple({} for _ in log.blocks))
     total = prior_of(model, [log], values).add(sweep(model, log, rolled, values).gaussian)
     there = at_momentum(total, values, momentum or TotalMomentum.zero(), log.name)
     there = there.moved(there.solve())  # the vague prior prefers another target than the true one
