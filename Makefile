@@ -1,10 +1,12 @@
 # Each set-up command makes its own environment: `make demo` runs the paper's study, `make test` the
-# quick tests, `make test-slow` the others. PYTHON chooses the interpreter, VENV the folder.
+# quick tests, `make test-slow` the others. PYTHON chooses the interpreter, VENV the folder, TESTS the
+# tests.
 PYTHON ?= python3
 VENV ?= .venv
 OUT ?= out/paper
+TESTS ?= tests
 
-.PHONY: demo test test-slow lint docs benchmark reference reference-compare clean
+.PHONY: demo test test-slow lint docs benchmark clean
 
 demo: $(VENV)/installed
 	$(VENV)/bin/python diagrams/paper/run.py --out $(OUT) --force
@@ -13,10 +15,10 @@ demo: $(VENV)/installed
 PYTEST = OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest --numprocesses auto --dist worksteal
 
 test: $(VENV)/installed-dev
-	$(PYTEST) -m "not slow"
+	$(PYTEST) -m "not slow" $(TESTS)
 
 test-slow: $(VENV)/installed-dev
-	$(PYTEST) -m slow
+	$(PYTEST) -m slow $(TESTS)
 
 lint: $(VENV)/installed-dev
 	$(VENV)/bin/ruff check .
@@ -27,16 +29,9 @@ lint: $(VENV)/installed-dev
 docs: $(VENV)/installed-dev
 	OPENBLAS_NUM_THREADS=1 $(VENV)/bin/sphinx-build -q -W --keep-going -n -d out/doctrees docs out/docs
 
+# The figures of speed; it fails if one is beyond its limit. WRITE=--write renews the page of them.
 benchmark: $(VENV)/installed-dev
-	$(VENV)/bin/python tests/benchmark.py
-
-# About thirty identifications from end to end, with their errors, intervals and verdicts, as
-# tests/reference/table.json; and a new run compared with that file. CASES=a,b runs some of them.
-reference: $(VENV)/installed-dev
-	$(VENV)/bin/python tests/reference/table.py --cases "$(CASES)"
-
-reference-compare: $(VENV)/installed-dev
-	$(VENV)/bin/python tests/reference/table.py --compare --cases "$(CASES)"
+	$(VENV)/bin/python tests/benchmark.py $(WRITE)
 
 $(VENV)/installed: pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed")'

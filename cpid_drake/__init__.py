@@ -26,12 +26,67 @@ The public names, in order of their dependencies:
 - `export_target`: the target as URDF, SDF, MJCF or directives, alone or on the spacecraft;
 - `InputError`: the exception for bad input.
 
-The folders `dynamics`, `logs`, `simulation`, `planning`, `report` and others have public names of
-their own, for studies such as those in `diagrams`.
+Studies such as those in `diagrams` also use the modules of the folders `dynamics`, `logs`,
+`simulation`, `planning` and others, by their names.
 """
 
-import lazy_loader
+from importlib import import_module
 
-# The names are those of __init__.pyi; each is imported when it is first used, since Drake and SciPy
-# take a second to load.
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_MODULES = {
+    "dynamics.inertia": ("InertialParameters",),
+    "dynamics.joint_motion": ("HalfCosine", "JointMotion", "MultiSine", "Spline"),
+    "dynamics.motion": ("Motion",),
+    "dynamics.parameterizations": ("PARAMETER_NAMES", "PARAMETER_UNITS"),
+    "dynamics.total_momentum": ("TotalMomentum",),
+    "dynamics.uncertainty": ("BodyUncertainty",),
+    "files.errors": ("InputError",),
+    "files.resources": ("__version__", "find_scenario", "models_directory", "shipped_scenario"),
+    "identification.identify": ("identify",),
+    "identification.identify_files": ("identify_files",),
+    "identification.parameter": ("ParameterEstimate",),
+    "identification.prior": ("TargetPrior",),
+    "identification.request": ("Request",),
+    "identification.result": ("Identification",),
+    "identification.result_files": ("read_result", "write_result"),
+    "identification.validation": ("validate",),
+    "online.online_identifier": ("OnlineIdentifier",),
+    "logs.column_map": ("ColumnMap",),
+    "logs.conversion": ("from_columns",),
+    "logs.formats": ("read_log", "write_log"),
+    "logs.log": ("Log",),
+    "report.pages.identification": ("write_report",),
+    "sensors.presets": ("load_sensors",),
+    "sensors.suite": ("SensorSuite",),
+    "simulation.scenario_files": ("load_scenario", "load_spacecraft"),
+    "simulation.scenario": ("Scenario",),
+    "simulation.simulation": ("Simulation", "make_simulation"),
+    "systems.spacecraft_sensors": ("SpacecraftSensors",),
+    "spacecraft.target_export": ("export_target",),
+    "spacecraft.reference": ("SpacecraftReference",),
+    "spacecraft.spacecraft": ("Spacecraft",),
+    "spacecraft.spacecraft_file": ("SpacecraftFile",),
+    "systems.joint_controller": ("JointController",),
+    "systems.joint_trajectory": ("JointTrajectory",),
+    "systems.lcm": ("add_lcm",),
+    "systems.momentum_identifier": ("MomentumIdentifier",),
+    "systems.scene_page": ("keep_scene",),
+    "systems.scene_visualizer": ("SceneVisualizer",),
+    "systems.sensor_identifier": ("SensorIdentifier",),
+}
+"""The public names by their modules; their types are in __init__.pyi. A module is imported when one
+of its names is first used, since Drake and SciPy take a second to load."""
+
+_MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
+
+__all__ = sorted(_MODULE_OF)
+
+
+def __getattr__(name: str) -> object:
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
+    value = globals()[name] = getattr(import_module(f"{__name__}.{_MODULE_OF[name]}"), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *__all__]

@@ -14,29 +14,29 @@ from .identification.request import Request
 from .identification.result import Identification
 from .identification.result_files import read_result, write_result
 from .identification.validation import validate
-from .live.identifier import OnlineIdentifier
 from .logs.column_map import ColumnMap
 from .logs.conversion import from_columns as from_columns
-from .logs.files import read_log, write_log
+from .logs.formats import read_log, write_log
 from .logs.log import Log
+from .online.online_identifier import OnlineIdentifier
 from .report.pages.identification import write_report
 from .sensors.presets import load_sensors
 from .sensors.suite import SensorSuite
-from .simulation.files import load_scenario
-from .simulation.schema import Scenario
+from .simulation.scenario import Scenario
+from .simulation.scenario_files import load_scenario, load_spacecraft
 from .simulation.simulation import Simulation, make_simulation
-from .simulation.spacecraft_file import SpacecraftFile, load_spacecraft
-from .simulation.spacecraft_sensors import SpacecraftSensors
-from .spacecraft.export import export_target
 from .spacecraft.reference import SpacecraftReference
 from .spacecraft.spacecraft import Spacecraft
-from .systems.identifier import MomentumIdentifier
+from .spacecraft.spacecraft_file import SpacecraftFile
+from .spacecraft.target_export import export_target
 from .systems.joint_controller import JointController
 from .systems.joint_trajectory import JointTrajectory
 from .systems.lcm import add_lcm
+from .systems.momentum_identifier import MomentumIdentifier
 from .systems.scene_page import keep_scene as keep_scene
 from .systems.scene_visualizer import SceneVisualizer
 from .systems.sensor_identifier import SensorIdentifier
+from .systems.spacecraft_sensors import SpacecraftSensors
 
 __all__ = [
     "PARAMETER_NAMES",

@@ -39,9 +39,10 @@ from cpid_drake import (
     load_sensors,
     shipped_scenario,
 )
-from cpid_drake.dynamics import parameter_scale
-from cpid_drake.planning import Planner, PlanOptions
-from cpid_drake.simulation import HalfCosineMotion
+from cpid_drake.dynamics.parameterizations import parameter_scale
+from cpid_drake.planning.plan_options import PlanOptions
+from cpid_drake.planning.planner import Planner
+from cpid_drake.simulation.joint_motions import HalfCosineMotion
 
 LOG_PERIOD = 0.05  # [s]
 ESTIMATE_PERIOD = 0.5  # [s]

@@ -46,6 +46,6 @@ print(row.replace("z9.4f", ">9").format("", *cpid.PARAMETER_NAMES))
 print(row.format("truth", *tank.to_vector()))
 for time in range(1, 11):
     simulator.AdvanceTo(time)
-    found = identifier.Finish(simulator.get_mutable_context())
+    found = identifier.identification(simulator.get_context())
     print(row.format(f"{time} s", *found.parameters), *found.failures)
 scene.keep("scene.html", wait="--wait" in sys.argv)

@@ -32,14 +32,11 @@ def write_pages() -> None:
 
 
 def names_page() -> Iterator[str]:
-    """Yield the lines of the page that lists all public names, from the stubs."""
+    """Yield the lines of the page that lists all public names, from the stub."""
     yield from _heading("Public names", "=")
-    for stub in [PACKAGE / "__init__.pyi", *sorted(PACKAGE.glob("*/__init__.pyi"))]:
-        module = ".".join(stub.parent.relative_to(ROOT).parts)
-        yield from _heading(f"``{module}``", "-")
-        yield from (".. autosummary::", "   :toctree: .", "")
-        yield from (f"   {module}.{name}" for name in public_names(stub))
-        yield ""
+    yield from (".. autosummary::", "   :toctree: .", "")
+    yield from (f"   cpid_drake.{name}" for name in public_names(PACKAGE / "__init__.pyi"))
+    yield ""
 
 
 def cpid_page() -> Iterator[str]:

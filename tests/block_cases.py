@@ -13,9 +13,9 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.estimation.block import Block, after
 from cpid_drake.estimation.joints import smooth_joints
 from cpid_drake.estimation.likelihood.constants import Constants
-from cpid_drake.estimation.likelihood.joint_motion import JointPart
+from cpid_drake.estimation.likelihood.joint_model import JointPart
 from cpid_drake.estimation.likelihood.model import BlockModel
-from cpid_drake.estimation.likelihood.motion import TrajectoryState
+from cpid_drake.estimation.likelihood.motion_model import TrajectoryState
 from cpid_drake.logs.log import Log
 from cpid_drake.sensors.sensors import (
     SENSORS,

@@ -10,7 +10,7 @@ from sensing_cases import Sines
 from cpid_drake import Scenario, load_scenario, shipped_scenario
 from cpid_drake.dynamics.propagation import propagate
 from cpid_drake.files.resources import models_directory
-from cpid_drake.logs.files import table_of
+from cpid_drake.logs.formats import table_of
 from cpid_drake.logs.log import Log, Samples
 from cpid_drake.sensors.sensors import SENSORS
 

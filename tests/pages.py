@@ -24,7 +24,7 @@ PAGES = (
 """Pages whose output is the same on every machine; the search of a plan follows its rounding."""
 
 ELSEWHERE = "ros2"
-"""A block with this word needs ROS 2 and a second process: `tests/live/test_ros2.py` runs it."""
+"""A block with this word needs ROS 2 and a second process: `tests/online/test_ros2.py` runs it."""
 
 PROGRAMS = {"cpid": "-m cpid_drake", "python": ""}
 BLOCK = re.compile(

@@ -8,9 +8,9 @@ from sensing_cases import FREE, Sines, measured
 
 from cpid_drake import InertialParameters, Spacecraft
 from cpid_drake.logs.log import Log
+from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import AttitudeSensor, JointSensor, VectorSensor
 from cpid_drake.sensors.suite import SensorSuite
-from cpid_drake.simulation.noise import add_noise
 
 TARGET = InertialParameters(
     2.5, [0.18, -0.07, 0.12], [[0.09, 0.01, -0.03], [0.01, 0.08, 0.02], [-0.03, 0.02, 0.07]]

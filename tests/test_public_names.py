@@ -3,7 +3,6 @@
 import ast
 import importlib.metadata
 import inspect
-import pkgutil
 import re
 import subprocess
 import sys
@@ -67,60 +66,34 @@ def test_a_name_loads_its_own_module():
     assert not modules & {"pydrake", "matplotlib"}
 
 
-def rooms() -> dict[str, set[str]]:
-    """Return the public names of each folder of the package that lists some."""
-    files = Path(cpid_drake.__file__).parent.glob("*/__init__.pyi")
-    return {file.parent.name: {each.asname or each.name for each in listed(file)} for file in files}
-
-
-def listed(file: Path) -> list[ast.alias]:
-    nodes = ast.walk(ast.parse(file.read_text()))
-    return [each for node in nodes if isinstance(node, ast.ImportFrom) for each in node.names]
-
-
-def test_every_public_name_of_a_folder_is_there_and_is_no_module_of_it():
-    found = rooms()
-    assert {"dynamics", "simulation", "report"} <= found.keys()
-    for room, names in found.items():
-        folder = importlib.import_module(f"cpid_drake.{room}")
-        modules = {each.name for each in pkgutil.iter_modules(folder.__path__)}
-        assert not names & modules, room
-        for name in names:
-            assert getattr(folder, name) is not None, (room, name)
-
-
-def private_names(text: str) -> list[str]:
-    """Return what a script uses of the package and no list of public names has."""
-    tree, known, own, found = ast.parse(text), rooms(), set(cpid_drake.__all__), []
-    places: dict[str, tuple[str, set[str]]] = {}
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
+def test_the_stub_has_the_types_of_the_public_names():
+    """Each from the module in which it is."""
+    for node in ast.parse((Path(cpid_drake.__file__).parent / "__init__.pyi").read_text()).body:
+        if isinstance(node, ast.ImportFrom):
             for each in node.names:
-                if each.name == "cpid_drake":
-                    places[each.asname or each.name] = ("cpid_drake", own | known.keys())
-                elif each.name.startswith("cpid_drake."):
-                    found.append(each.name)
-        elif isinstance(node, ast.ImportFrom) and (node.module or "").startswith("cpid_drake"):
-            room = node.module.partition(".")[2]
-            public = known.get(room, set()) if room else own | known.keys()
-            found += [f"{node.module}.{n.name}" for n in node.names if n.name not in public]
-            for each in node.names:
-                if not room and each.name in known:
-                    places[each.asname or each.name] = (each.name, known[each.name])
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
-            place, public = places.get(node.value.id, ("", None))
-            if public is not None and node.attr not in public:
-                found.append(f"{place}.{node.attr}")
-    return found
+                module = importlib.import_module(f"cpid_drake.{node.module}")
+                assert getattr(cpid_drake, each.name) is getattr(module, each.name)
+        elif isinstance(node, ast.Assign):
+            names = [*ast.literal_eval(node.value), "__version__"]
+            assert set(cpid_drake.__all__) <= set(names)
 
 
 SCRIPTS = sorted((ROOT / "diagrams").rglob("*.py"))
 
 
-@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: str(path.relative_to(ROOT)))
-def test_the_diagrams_and_studies_use_public_names_only(script):
-    assert not private_names(script.read_text())
+def private_imports(script: Path) -> list[str]:
+    """Return the private names of the package that a script imports."""
+    names = []
+    for node in ast.walk(ast.parse(script.read_text())):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("cpid_drake"):
+            names += [*node.module.split("."), *(alias.name for alias in node.names)]
+    return [name for name in names if name.startswith("_")]
+
+
+def test_the_diagrams_and_studies_use_no_private_names():
+    assert len(SCRIPTS) > 10
+    private = {str(script.relative_to(ROOT)): private_imports(script) for script in SCRIPTS}
+    assert {script: names for script, names in private.items() if names} == {}
 
 
 def test_the_package_knows_nothing_of_the_studies():

@@ -1,6 +1,1 @@
 """Campaigns: many trials of scenarios that vary along axes, in a folder that loses none."""
-
-import lazy_loader
-
-# The names are those of __init__.pyi; each is imported when it is first used.
-__getattr__, _, _ = lazy_loader.attach_stub(__name__, __file__)

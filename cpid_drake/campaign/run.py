@@ -15,13 +15,13 @@ from distributed import Client, LocalCluster, as_completed
 from distributed.scheduler import KilledWorker
 
 from cpid_drake.campaign import store
-from cpid_drake.campaign.schema import CampaignPlan, load_campaign
+from cpid_drake.campaign.campaign_schema import CampaignPlan, load_campaign
 from cpid_drake.campaign.trial import failed_rows, run_chunk, schema_of
 from cpid_drake.files.errors import InputError
 
 CHUNK = 100
-"""Number of trials of a task, which are propagated together: a task costs about 5 ms, is lost whole
-with its worker, and needs memory for its trials."""
+"""Number of trials of a task, which are propagated together: more tasks cost more time of Dask, and
+one is lost whole with its worker, and needs memory for its trials."""
 
 AHEAD = 3
 """Number of tasks of each worker that are submitted: enough to keep it busy, and few to hold."""

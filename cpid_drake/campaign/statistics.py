@@ -18,7 +18,7 @@ from scipy.special import betaincinv, chdtri
 
 from cpid_drake.array import Array
 from cpid_drake.campaign import store
-from cpid_drake.campaign.schema import Axis, CampaignPlan
+from cpid_drake.campaign.campaign_schema import Axis, CampaignPlan
 from cpid_drake.dynamics.parameterizations import SCALE_LENGTH, parameter_scale
 
 CONFIDENCE = 0.95
@@ -184,18 +184,26 @@ def statistics_of(folder: Path) -> Statistics:
 def parts_of(axis: Axis) -> tuple[list[str], Callable[[Any], int]]:
     """Return the names of the parts of an axis, and the function from a value to a part's number.
 
-    A list of numbers counts by its length (its norm).
+    A list of numbers counts by its norm. The parts of a normal distribution reach two σ from the
+    mean, of the number or of the norm's square.
     """
     if axis.numbers is None:
         values = [each if axis.is_number else json.dumps(each) for each in axis.values()]
         names = [f"{each:g}" if axis.is_number else str(each)[:60] for each in values]
         return names, values.index
     low, high = axis.numbers
-    if low.ndim:
-        size = np.linalg.norm(np.maximum(np.abs(low), np.abs(high)))
-        low, high = np.zeros(()), (3 * np.linalg.norm(high) if axis.normal is not None else size)
-    elif axis.normal is not None:
-        low, high = low - 2 * high, low + 2 * high
+    if axis.normal is not None:
+        mean, sigma = axis.normal
+        if mean.ndim:
+            # |x|² has the mean |μ|² + |σ|² and the variance Σ (4 μ² σ² + 2 σ⁴).
+            square = np.sum(mean**2 + sigma**2)
+            spread = 2 * np.sqrt(np.sum(4 * mean**2 * sigma**2 + 2 * sigma**4))
+            low, high = np.sqrt(np.maximum([square - spread, square + spread], 0.0))
+        else:
+            low, high = mean - 2 * sigma, mean + 2 * sigma
+    elif low.ndim:
+        nearest, farthest = np.maximum(low, -high).clip(min=0), np.maximum(-low, high)
+        low, high = np.linalg.norm(nearest), np.linalg.norm(farthest)
     edges = np.linspace(low, high, BINS + 1)
     if axis.log_uniform is not None and low > 0:
         edges = np.geomspace(low, high, BINS + 1)

@@ -1,13 +1,14 @@
 """The folder of a campaign: one Parquet file for each chunk of trials. The folder is the truth."""
 
 import re
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from cpid_drake.campaign.schema import VERSION, CampaignPlan
+from cpid_drake.campaign.campaign_schema import VERSION, CampaignPlan
 from cpid_drake.files.drafts import DRAFT, draft_of, write_errors, write_text
 from cpid_drake.files.errors import InputError
 from cpid_drake.files.resources import __version__
@@ -41,8 +42,8 @@ def open_folder(folder: Path, plan: CampaignPlan, *, resume: bool) -> None:
             raise InputError(f"{folder}: has files that belong to no campaign; give another folder")
         else:
             write_text(folder / PLAN, plan.text)
-        for draft in folder.glob(f"{DRAFT}*"):  # of a process that was killed
-            draft.unlink()
+        for drafts in folder.glob(f"{DRAFT}*"):  # of a process that was killed
+            shutil.rmtree(drafts)
 
 
 def plan_in(folder: Path) -> CampaignPlan:

@@ -11,21 +11,21 @@ import numpy as np
 import pyarrow as pa
 
 from cpid_drake.array import Array
-from cpid_drake.campaign.schema import CampaignPlan, ModelErrors, TrialScenario, plan_of
+from cpid_drake.campaign.campaign_schema import CampaignPlan, ModelErrors, TrialScenario, plan_of
 from cpid_drake.dynamics.kinematics import forward_kinematics
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.rotations import exponentials
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
-from cpid_drake.estimation.one_thread import one_thread
 from cpid_drake.files.checked_yaml import nulls
 from cpid_drake.files.errors import InputError
+from cpid_drake.files.one_thread import one_thread
 from cpid_drake.identification.identify import identify
 from cpid_drake.identification.result import Identification
 from cpid_drake.logs.log import Log, Samples
 from cpid_drake.sensors.presets import load_sensors
 from cpid_drake.sensors.suite import SensorSuite
-from cpid_drake.simulation.schema import Scenario, SpacecraftConfig
+from cpid_drake.simulation.scenario import Scenario, SpacecraftConfig
 from cpid_drake.simulation.simulation import make_simulation
 from cpid_drake.simulation.trials import (
     Case,

@@ -24,11 +24,11 @@ COMMANDS = {
     "export": "Export an identified target as a model: URDF, SDF, MJCF or Drake model directives.",
     "report": "Write the report of an identification or of a simulated run, one HTML page.",
     "view": "Show the simulation of a scenario live in the browser, or write its replay.",
-    "log": "Check logs, find out what their columns mean, and convert them.",
+    "log": "Check logs, and find out what their columns mean.",
     "campaign": "Run many simulated trials, and report their errors.",
     "list": "List the shipped scenarios and sensors, the estimators and their row families.",
 }
-"""The subcommands and what they do; each is an object in the module of its name."""
+"""The subcommands and what they do; each is an object in the module NAME_command."""
 
 EXIT_CODES = {
     0: "success",
@@ -92,7 +92,7 @@ for _flag in ("--install-completion", "--version", "--help"):
     app[_flag].group = app.group_parameters
 for _key, (_name, _help) in enumerate(COMMANDS.items()):
     # Imported when it is used: Drake, SciPy and Matplotlib take a second.
-    app.command(f"cpid_drake.commands.{_name}:{_name}", help=_help, sort_key=_key)
+    app.command(f"cpid_drake.commands.{_name}_command:{_name}", help=_help, sort_key=_key)
 
 
 def _run(arguments: list[str]) -> int:

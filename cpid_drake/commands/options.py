@@ -17,10 +17,9 @@ from rich.console import Console
 
 import cpid_drake as cpid
 from cpid_drake.files.errors import InputError
-from cpid_drake.files.resources import find_scenario
+from cpid_drake.files.resources import find_scenario, from_folder
 from cpid_drake.identification.description import describe
 from cpid_drake.identification.request import sensors_by_log
-from cpid_drake.simulation.files import from_folder
 
 if TYPE_CHECKING:
     FileName = str
@@ -48,7 +47,7 @@ Rate = Annotated[float, Parameter(metavar="HZ", validator=Within(gte=1e-6, lte=1
 Scenario = Annotated[
     FileName, Parameter(help="A scenario file, or the name of a shipped scenario.")
 ]
-LogFile = Annotated[FileName, Parameter(help="CSV, NPZ, Parquet or ROS 2 bag.")]
+LogFile = Annotated[FileName, Parameter(help="CSV, Parquet or ROS 2 bag.")]
 Result = Annotated[Path, Parameter(help="Result file of `cpid identify --json`.")]
 OutFolder = Annotated[
     Path, Parameter(metavar="FOLDER", help="Folder to write; created if it is not there.")
@@ -153,7 +152,7 @@ class KnownOptions(SpacecraftOptions):
         """
         names = ("momentum", "known_bodies", "planar", "prior")
         given = {name: getattr(self, name) for name in names}
-        return self.known().request(telemetry, sensors, **given, **others)
+        return cpid.Request.of(self.known(), telemetry, sensors, **given, **others)
 
 
 @Parameter("*")

@@ -1,6 +1,1 @@
 """Rigid-body dynamics in plain NumPy: inertia, kinematics, momentum and momentum rows."""
-
-import lazy_loader
-
-# The names are those of __init__.pyi; each is imported when it is first used.
-__getattr__, _, _ = lazy_loader.attach_stub(__name__, __file__)

@@ -6,7 +6,7 @@ from typing import Protocol
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from cpid_drake.array import Array
 from cpid_drake.files.errors import InputError
@@ -66,12 +66,16 @@ class HalfCosine:
 
     def evaluate(self, time: ArrayLike) -> Array:
         """Return positions, rates and accelerations (..., 3, J) at times (...)."""
-        time = np.asarray(time, dtype=float)[..., None]
-        phase, w = np.pi * np.clip(time / self.duration, 0.0, 1.0), np.pi / self.duration
-        half, moves = (self.q_final - self.q_initial) / 2, (time >= 0) & (time <= self.duration)
-        q = self.q_initial + half * (1 - np.cos(phase))
-        qdot, qddot = half * w * np.sin(phase) * moves, half * w**2 * np.cos(phase) * moves
-        return np.stack([q, qdot, qddot], axis=-2)
+        time = np.asarray(time, dtype=float)
+        t, w = np.minimum(np.maximum(time, 0.0), self.duration), np.pi / self.duration
+        moves, cosine = t == time, np.cos(w * t)
+        share = np.empty((*time.shape, 3))
+        share[..., 0] = 1 - cosine
+        share[..., 1] = w * np.sin(w * t) * moves
+        share[..., 2] = w**2 * cosine * moves
+        motion = share[..., None] * ((self.q_final - self.q_initial) / 2)
+        motion[..., 0, :] += self.q_initial
+        return motion
 
     def instants(self) -> Array:
         """Return times (N,) from 0 to T that resolve the motion, T/2 included [s]."""
@@ -135,21 +139,38 @@ class MultiSine:
         if problem:
             raise InputError(f"multi-sine motion: {problem}")
 
+    @cached_property
+    def _w(self) -> Array:
+        """Angular frequencies w_k (K,) [rad/s]."""
+        return 2 * np.pi * self.frequencies
+
+    @cached_property
+    def _phasors(self) -> NDArray[np.complex128]:
+        """Factors (K, 3 J) of exp(i w_k t) in the sum and its derivatives, the imaginary parts."""
+        # s⁽ⁿ⁾(t) = Im Σ_k (i w_k)ⁿ a_k exp(i φ_k) exp(i w_k t)
+        phasors = self.amplitudes * np.exp(1j * self.phases)
+        iw = 1j * self._w[:, None]
+        return np.concatenate([phasors, iw * phasors, iw**2 * phasors], axis=1)
+
     def evaluate(self, time: ArrayLike) -> Array:
         """Return positions, rates and accelerations (..., 3, J) at times (...)."""
-        t = np.clip(np.asarray(time, dtype=float)[..., None], 0.0, self.duration)
+        t = np.asarray(time, dtype=float)[..., None]
+        t = np.minimum(np.maximum(t, 0.0), self.duration)
         x = np.minimum(np.minimum(t, self.duration - t) / self.ramp, 1.0)
-        r, rdot, rddot = np.moveaxis(_smooth_step(x, self.ramp), -2, 0)
-        rdot = np.where(t < self.duration / 2, 1.0, -1.0) * rdot
+        durations = np.array([self.ramp, self.duration])
+        steps = _smooth_step(np.concatenate([x, t / self.duration], axis=-1), durations)
+        r, rdot, rddot = steps[..., 0, :1], steps[..., 1, :1], steps[..., 2, :1]
+        rdot = np.where(t < self.duration / 2, rdot, -rdot)
+        sums = (np.exp(1j * self._w * t) @ self._phasors).imag
+        sums = sums.reshape(*t.shape[:-1], 3, self.centre.size)
+        s, sdot = sums[..., 0, :], sums[..., 1, :]
 
-        w = 2 * np.pi * self.frequencies[:, None]
-        angle = w * t[..., None] + self.phases
-        sines, cosines = self.amplitudes * np.sin(angle), self.amplitudes * np.cos(angle)
-        s, sdot, sddot = sines.sum(-2), (w * cosines).sum(-2), -(w**2 * sines).sum(-2)
-        motion = [r * s, rdot * s + r * sdot, rddot * s + 2 * rdot * sdot + r * sddot]
-        motion[0] = motion[0] + self.centre
-        shift = _smooth_step(t / self.duration, self.duration) * self.displacement
-        return np.asarray(np.stack(motion, axis=-2) + shift)
+        # (r s)' = r s' + r' s,  (r s)'' = r s'' + 2 r' s' + r'' s
+        motion = r[..., None] * sums + steps[..., 1:] * self.displacement
+        motion[..., 0, :] += self.centre
+        motion[..., 1, :] += rdot * s
+        motion[..., 2, :] += 2 * rdot * sdot + rddot * s
+        return np.asarray(motion)
 
     def instants(self) -> Array:
         """Return times (N,) from 0 to T that resolve every cycle and both ramps [s].
@@ -241,8 +262,11 @@ def _check(motion: JointMotion, kind: str, **dimensions: int) -> None:
         raise InputError(f"{kind} motion: the duration must be > 0, not {motion.duration}")
 
 
-def _smooth_step(x: Array, time: float) -> Array:
-    """Return (..., 3, 1) the step of `MultiSine` at x = t / time (..., 1), and two derivatives."""
-    step = x**5 * (126 - 420 * x + 540 * x**2 - 315 * x**3 + 70 * x**4)
-    rate, acceleration = 630 * (x * (1 - x)) ** 4, 2520 * (x * (1 - x)) ** 3 * (1 - 2 * x)
-    return np.stack([step, rate / time, acceleration / time**2], axis=-2)
+def _smooth_step(x: Array, time: Array) -> Array:
+    """Return (..., 3, n) steps of `MultiSine` at x = t / time (..., n), and two derivatives."""
+    y = x * (1 - x)
+    motion = np.empty((*x.shape[:-1], 3, x.shape[-1]))
+    motion[..., 0, :] = (x * x) ** 2 * x * (126 + x * (-420 + x * (540 + x * (-315 + x * 70))))
+    motion[..., 1, :] = 630 / time * (y * y) ** 2
+    motion[..., 2, :] = 2520 / time**2 * (y * y * y) * (1 - 2 * x)
+    return motion

@@ -65,7 +65,10 @@ class Motion:
             )
         off = np.abs(np.linalg.norm(self.quaternion_WB, axis=1) - 1) > 1e-3
         if off.any():
-            raise InputError(f"motion: quaternion_WB is not of unit norm in sample {off.argmax()}")
+            raise InputError(
+                f"motion: quaternion_WB is not of unit norm in sample {off.argmax()}: it is no "
+                "attitude yet, or the steps of an integrator are too long"
+            )
 
     def __len__(self) -> int:
         return self.time.size

@@ -14,11 +14,11 @@ from dataclasses import dataclass, field
 from typing import Annotated
 
 import numpy as np
-from annotated_types import Gt, Interval
 
 from cpid_drake.array import Array
 from cpid_drake.dynamics.rotations import cross, rotate, skew
 from cpid_drake.files.checked_yaml import Numbers
+from cpid_drake.files.constraints import Limits
 from cpid_drake.files.errors import InputError
 
 
@@ -38,8 +38,8 @@ class Orbit:
 
     """
 
-    altitude_km: Annotated[float, Interval(gt=0, le=1e6)] | None = None
-    rate: Annotated[float, Gt(0), Interval(le=1.0)] | None = None
+    altitude_km: Annotated[float, Limits(gt=0, le=1e6)] | None = None
+    rate: Annotated[float, Limits(gt=0, le=1)] | None = None
     nadir_W: Annotated[Array, Numbers(3)] = field(
         default_factory=lambda: np.array([0.0, 0.0, -1.0])
     )

@@ -175,11 +175,15 @@ class Parameterization:
     """A vector of ten unknowns in which a row family is linear, and its conversion to π.
 
     `entries` says in the names of parameters what each unknown stands for: the reduced mass for m.
-    `to_parameters` and `from_parameters` take vectors (..., 10), the first also complex ones.
+    In the first `bent` unknowns π is not linear; the first one alone gives the `mass`, infinite at
+    a pole. `to_parameters` and `from_parameters` take vectors (..., 10), the first also complex
+    ones.
     """
 
     name: str
     entries: tuple[str, ...]
+    bent: int
+    mass: Callable[[float], float]
     to_parameters: Callable[[ArrayLike], Array]
     from_parameters: Callable[[ArrayLike], Array]
 
@@ -189,7 +193,7 @@ class Parameterization:
         steps = np.asarray(vector)[..., None, :] + 1j * step * np.eye(10)
         return np.swapaxes(np.imag(self.to_parameters(steps)), -1, -2) / step
 
-    def covariance(self, vector: Array, covariance: Array) -> Array:
+    def covariance(self, vector: Array, root: Array) -> Array:
         """Return the covariance (10, 10) of π, to second order in normal errors of the vector.
 
         With π = J x + ½ xᵀ H x for normal errors x of unit covariance, it is J Jᵀ + ½ tr(H_i H_j):
@@ -198,34 +202,42 @@ class Parameterization:
 
         Args:
             vector: the unknowns; NaN where not known.
-            covariance: (10, 10) of the vector; zero where not known. If it is not finite, no entry
-                of the result is.
+            root: (10, k) a square root of their covariance, root rootᵀ; zero where not known. If it
+                is not finite, no entry of the result is.
 
         """
-        if not np.isfinite(covariance).all():
+        if not np.isfinite(root).all():
             return np.full((10, 10), np.nan)
-        sigma, step = np.sqrt(np.diag(covariance)), 1e-4
-        scale = np.where(sigma > 0, sigma, 1.0)
-        sizes, axes = np.linalg.eigh(covariance / scale / scale[:, None])
-        root = scale[:, None] * axes * np.sqrt(np.maximum(sizes, 0.0))
-        first, *moved = np.nan_to_num(
-            self.jacobian(vector + step * np.vstack([np.zeros(10), root.T, -root.T])) @ root
-        )
-        later, earlier = np.split(np.array(moved), 2)
-        bends = np.swapaxes(later - earlier, 0, 1).reshape(10, -1) / (2 * step)
-        return np.asarray(first @ first.T + bends @ bends.T / 2)
+        n = self.bent
+        P = root[:n] @ root[:n].T
+        step = 1e-4 * np.sqrt(P.diagonal()) + 1e-300
+        points = np.tile(vector, (2 * n + 1, 1))
+        points[1 : n + 1, :n] += np.diag(step)
+        points[n + 1 :, :n] -= np.diag(step)
+        J = self.jacobian(points)
+        J[np.isnan(J)] = 0.0
+        # H_i P for each parameter i, with H in the unknowns in which π is bent.
+        H = (J[1 : n + 1, :, :n] - J[n + 1 :, :, :n]) / (2 * step[:, None, None])
+        HP = H.transpose(1, 0, 2) @ P
+        bends = HP.reshape(10, -1) @ HP.transpose(0, 2, 1).reshape(10, -1).T
+        first = J[0] @ root
+        return np.asarray(first @ first.T + bends / 2)
 
 
 _MOMENTS = ("Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
 EQ18 = Parameterization(
     "eq18",
     ("1/m", "cx", "cy", "cz", *_MOMENTS),
+    1,
+    lambda inverse: 1 / inverse if inverse else np.inf,
     eq18_to_parameters,
     parameters_to_eq18,
 )
 STANDARD = Parameterization(
     "standard",
     ("m", "m·cx", "m·cy", "m·cz", *(f"{name} about C" for name in _MOMENTS)),
+    4,
+    float,
     standard_to_parameters,
     parameters_to_standard,
 )
@@ -248,4 +260,8 @@ def relative_parameterization(known_mass: float) -> Parameterization:
         return standard_to_relative(parameters_to_standard(parameters), known_mass)
 
     entries = ("m", "m·cx", "m·cy", "m·cz", *_MOMENTS)
-    return Parameterization("relative", entries, to_parameters, from_parameters)
+
+    def mass(mu: float) -> float:
+        return known_mass * mu / (known_mass - mu) if mu != known_mass else np.inf
+
+    return Parameterization("relative", entries, 4, mass, to_parameters, from_parameters)

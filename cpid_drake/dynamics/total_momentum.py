@@ -73,6 +73,20 @@ class TotalMomentum:
             raise InputError(f"no momentum '{name}'; choose from zero, unknown")
         return cls.unknown() if name == "unknown" else cls.zero()
 
+    @classmethod
+    def of(cls, given: "TotalMomentum | str | None") -> "TotalMomentum | None":
+        """Return an argument as a momentum, which may be its name; see `named`.
+
+        Raises:
+            InputError: it is neither.
+
+        """
+        if given is None or isinstance(given, TotalMomentum):
+            return given
+        if isinstance(given, str):
+            return cls.named(given)
+        raise InputError(f"momentum must be a TotalMomentum, zero, or unknown, not {given!r:.80}")
+
     @property
     def is_zero(self) -> bool:
         """Whether the momentum is known to be zero."""

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from annotated_types import Ge
 
 from cpid_drake.array import Array
+from cpid_drake.files.constraints import Limits
 
-Size = Annotated[float, Ge(0)]
+Size = Annotated[float, Limits(ge=0)]
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from cpid_drake.estimation.evidence import MOST_CANDIDATES, ModelComparison, Que
 from cpid_drake.estimation.fit import Fit, fit, prior_of
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import FAR, IMPROBABLE
-from cpid_drake.estimation.likelihood.motion import TrajectoryState
+from cpid_drake.estimation.likelihood.motion_model import TrajectoryState
 from cpid_drake.estimation.log_state import LogState, farthest
 from cpid_drake.estimation.roll import Rolled, Values
 from cpid_drake.estimation.sweep import known_at_start, sweep

@@ -20,8 +20,8 @@ import numpy as np
 from cpid_drake.array import Array
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.log_state import LogState
-from cpid_drake.estimation.prior import hardware_prior_of
-from cpid_drake.estimation.prior import prior_of as prior_of
+from cpid_drake.estimation.unknowns_prior import hardware_prior_of
+from cpid_drake.estimation.unknowns_prior import prior_of as prior_of
 from cpid_drake.estimation.roll import Rolled, Values, roll
 from cpid_drake.estimation.start import start_of
 from cpid_drake.estimation.sweep import Swept, back, sweep

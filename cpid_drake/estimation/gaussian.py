@@ -8,17 +8,21 @@ Estimation, ch. II and V.
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import lapack
 
 from cpid_drake.array import Array
 from cpid_drake.estimation.least_squares import (
     DEFAULT_RANK_TOLERANCE,
     KNOWN,
+    residual_variance,
     triangle,
 )
 
+_OPEN = 1e-6  # largest part in combinations that rows do not determine of an entry that is known
 _NEGLIGIBLE = 1e-13  # share of the largest singular value of scaled columns that is rounding error
 
 
@@ -176,44 +180,78 @@ class Gaussian:
 class LeastSquaresSolution:
     """The least-squares solution of A x = b in n unknowns, and measures of its quality.
 
+    With every column scaled to the unit of its unknown, A is U S Vᵀ.
+
     Attributes:
-        estimate: (n,) unknowns; NaN in every entry that the rows do not determine.
-        covariance: (n, n) s² (AᵀA)⁻¹ with s² the residual sum of squares over the degrees of
-            freedom, for rows of equal uncertainty; NaN in rows and columns of undetermined entries,
-            and in all entries if there are no degrees of freedom.
-        spread: (n, n) covariance if combinations that are not determined have their plausible size
-            as σ before the rows; NaN if such sizes are not known.
-        known: what is known: the determined combinations, and those about which something is known,
-            about as much as a unit.
-        rank: number of independent combinations of the unknowns that the rows determine.
-        singular_values: (n,) singular values of the rows with every column scaled to unit length,
-            descending.
-        unidentifiable: (n − rank, n) orthonormal directions, in column-scaled unknowns, along which
-            the unknowns can change without a change of A x.
-        residual_rms: root mean square of A x − b; NaN if the rows themselves are not known.
+        unknowns: number of entries of each unknown.
+        unit: (n,) the unit of each unknown: unknown = unit × column-scaled one.
+        values: (n,) the unknowns, with an arbitrary value of each combination that is not
+            determined.
+        axes: (n, n) Vᵀ.
+        singular_values: (n,) S, descending.
+        rank: number of independent combinations that the rows determine, the first of the axes.
+        is_open: (n,) whether the rows leave an unknown open.
+        sigma: σ of the errors of the rows.
+        root: (n, n) a square root of the covariance, with a plausible size as σ of combinations
+            that are not determined; NaN if the errors of the rows are not known.
         row_count: number of scalar rows without rows of zeros.
-        values: (n,) as `estimate`, with an arbitrary value of each undetermined combination in
-            place of NaN.
-        unit: (n,) the unit of each unknown in `unidentifiable`: unknown = unit × column-scaled one.
+        residual_rms: root mean square of A x − b; NaN if the rows themselves are not known.
+        has_sizes: whether plausible sizes of the unknowns are known.
+        has_noise: whether the errors of the rows are known.
 
     """
 
-    estimate: Array
-    covariance: Array
-    spread: Array
-    known: Gaussian
-    rank: int
-    singular_values: Array
-    unidentifiable: Array
-    residual_rms: float
-    row_count: int
-    values: Array
+    unknowns: Mapping[str, int]
     unit: Array
+    values: Array
+    axes: Array
+    singular_values: Array
+    rank: int
+    is_open: NDArray[np.bool_]
+    root: Array
+    sigma: float = 1.0
+    row_count: int = 0
+    residual_rms: float = np.nan
+    has_sizes: bool = True
+    has_noise: bool = True
+
+    @cached_property
+    def estimate(self) -> Array:
+        """(n,) unknowns; NaN in every entry that the rows do not determine."""
+        return np.where(self.is_open, np.nan, self.values)
+
+    @cached_property
+    def covariance(self) -> Array:
+        """(n, n) s² (AᵀA)⁻¹ with s² the `least_squares.residual_variance`, for rows of equal noise.
+
+        NaN in rows and columns of entries that are not determined, and without known errors.
+        """
+        covariance = self.root @ self.root.T
+        is_open = self.is_open if self.has_noise else np.ones_like(self.is_open)
+        covariance[is_open, :] = covariance[:, is_open] = np.nan
+        return covariance
+
+    @cached_property
+    def spread(self) -> Array:
+        """(n, n) covariance if what is not determined has its plausible size as σ; else NaN."""
+        return self.root @ self.root.T if self.has_sizes else self.covariance
+
+    @cached_property
+    def known(self) -> Gaussian:
+        """What is known: the determined combinations, as equations with unit errors."""
+        A = self.singular_values[: self.rank, None] * self.axes[: self.rank] / self.unit
+        A /= self.sigma
+        return Gaussian.of_rows(self.unknowns, np.column_stack([A, A @ self.values]))
+
+    @property
+    def unidentifiable(self) -> Array:
+        """(n − rank, n) orthonormal directions in column-scaled unknowns that A x does not show."""
+        return self.axes[self.rank :]
 
     @property
     def is_identifiable(self) -> bool:
         """Whether the rows determine every unknown."""
-        return self.rank == self.estimate.size
+        return self.rank == len(self.values)
 
     @property
     def information(self) -> Array:
@@ -251,69 +289,86 @@ def solution_of(
         row_count: number of the rows, for the record.
 
     """
-    moved = target.moved(nominal)
-    U, sizes, axes = np.linalg.svd(moved.R * scale)
-    strong = sizes > max(1 / largest, _NEGLIGIBLE * float(sizes[0]))
-    x = nominal + scale * (axes[strong].T @ ((U.T @ moved.z)[strong] / sizes[strong]))
-    root = (
-        scale[:, None]
-        * axes.T
-        * np.where(strong, 1 / np.maximum(sizes, 1e-300), 1 / np.hypot(1.0, sizes))
-    )
-    spread = root @ root.T
-    covariance = spread.copy()
-    is_large = np.diag(spread) > (largest * scale) ** 2
-    is_open = is_large | (np.linalg.norm(axes[~strong], axis=0) > share)
-    A = sizes[strong, None] * axes[strong] / scale
-    covariance[is_open, :] = covariance[:, is_open] = np.nan
+    z = target.z - target.R @ nominal
+    x, root, sizes, axes, rank, _ = _determined(target.R, z, scale, _NEGLIGIBLE, 1 / largest)
+    is_large = np.einsum("ij,ij->i", root, root) > (largest * scale) ** 2
     return LeastSquaresSolution(
-        estimate=np.where(is_open, np.nan, x),
-        covariance=covariance,
-        spread=spread,
-        known=Gaussian.of_rows(target.sizes, np.column_stack([A, A @ x])),
-        rank=int(strong.sum()),
-        singular_values=sizes,
-        unidentifiable=axes[~strong],
-        residual_rms=np.nan,
+        target.sizes,
+        scale,
+        nominal + x,
+        axes,
+        sizes,
+        rank,
+        is_large | (np.linalg.norm(axes[rank:], axis=0) > share),
+        root,
         row_count=row_count,
-        values=x,
-        unit=scale,
     )
 
 
 def solution_of_rows(rows: Array, row_count: int) -> LeastSquaresSolution:
+    """Return the solution of rows [A | b] (m, n + 1); see `solution_of_triangle`."""
+    return solution_of_triangle(triangle(rows), row_count)
+
+
+def solution_of_triangle(T: Array, row_count: int) -> LeastSquaresSolution:
     """Return the solution of rows of equal noise, which their residuals show.
 
     Columns are scaled to unit length here: nothing is known about plausible sizes.
 
     Args:
-        rows: (m, n + 1) [A | b], or their triangle.
+        T: (n + 1, n + 1) their triangle [R z; 0 ρ].
         row_count: number of the rows that are not zero.
 
     """
-    n = rows.shape[1] - 1
-    target = Gaussian.of_rows({"x": n}, rows)
-    norms = np.linalg.norm(target.R, axis=0)
+    R, z, rho2 = T[:-1, :-1], T[:-1, -1], float(T[-1, -1]) ** 2
+    norms = np.sqrt(np.einsum("ij,ij->j", R, R))
     # A column that is zero up to rounding must not be scaled to unit length.
-    largest = norms.max(initial=0.0) or 1.0
-    scale = 1 / np.where(norms > 1e-12 * largest, norms, largest)
-    size = float(np.linalg.norm(target.R * scale, 2))
-    least = 1 / (DEFAULT_RANK_TOLERANCE * size) if size else np.inf
-    found = solution_of(target, np.zeros(n), scale, largest=least, share=1e-6)
-    squares, freedom = target.cost(found.values), row_count - found.rank
-    variance = squares / freedom if freedom > 0 else np.nan
-    factor = 1 / np.sqrt(variance) if variance > 0 else 1.0
-    known = replace(found.known, R=factor * found.known.R, z=factor * found.known.z)
+    largest = float(norms.max(initial=0.0)) or 1.0
+    norms[norms <= 1e-12 * largest] = largest
+    x, root, sizes, axes, rank, rests = _determined(R, z, 1 / norms, DEFAULT_RANK_TOLERANCE)
+    squares = rho2 + float(rests @ rests)
+    variance = residual_variance(squares, rho2 + float(z @ z), row_count, rank)
+    is_open = np.zeros(len(x), dtype=bool)
+    if rank < len(x):
+        is_open = np.linalg.norm(axes[rank:], axis=0) > _OPEN
     with np.errstate(over="ignore", invalid="ignore"):  # rows of extreme size
-        covariance = variance * found.covariance
-    return replace(
-        found,
-        covariance=covariance,
-        spread=covariance,
-        known=known,
-        residual_rms=np.sqrt(squares / row_count) if row_count > 0 else np.nan,
-        row_count=max(row_count, 0),
+        root *= variance**0.5
+    return LeastSquaresSolution(
+        {"x": len(x)},
+        1 / norms,
+        x,
+        axes,
+        sizes,
+        rank,
+        is_open,
+        root,
+        variance**0.5 if variance > 0 else 1.0,
+        max(row_count, 0),
+        (squares / row_count) ** 0.5 if row_count > 0 else np.nan,
+        has_sizes=False,
     )
+
+
+def _determined(
+    R: Array, z: Array, scale: Array, tolerance: float, least: float = 0.0
+) -> tuple[Array, Array, Array, Array, int, Array]:
+    """Return what R x = z determines in units `scale`, by the decomposition U S Vᵀ of R · scale.
+
+    Returns:
+        x (n,), zero along what is not determined; a root (n, n) of its covariance, with a unit as σ
+        along these; S (n,); Vᵀ (n, n); the number of directions that are determined; and the
+        residuals (n − rank,) of z along the others.
+
+    """
+    U, S, Vt, failed = lapack.dgesdd(R * scale)
+    if failed:
+        raise np.linalg.LinAlgError("rows are not finite")
+    rank = int(np.count_nonzero(max(least, tolerance * float(S[0])) < S))
+    # x = V S⁻¹ Uᵀ z and its root V S⁻¹, along the determined directions.
+    sizes = S.copy()
+    sizes[rank:] = np.hypot(1.0, S[rank:])
+    root, image = scale[:, None] * Vt.T / sizes, z @ U
+    return root[:, :rank] @ image[:rank], root, S, Vt, rank, image[rank:]
 
 
 def places_of(sizes: Mapping[str, int]) -> dict[str, slice]:

@@ -8,8 +8,8 @@ import numpy as np
 
 from cpid_drake.array import Array
 from cpid_drake.estimation.block import Block
-from cpid_drake.estimation.likelihood.joint_motion import JointPart, spline_basis
-from cpid_drake.estimation.likelihood.uniform_spline import GAUSS_LEGENDRE
+from cpid_drake.estimation.least_squares import triangles
+from cpid_drake.estimation.likelihood.joint_model import JointPart, jerk_rows, spline_basis
 from cpid_drake.estimation.process import DECLARED, Alone, Process
 from cpid_drake.logs.log import Samples
 from cpid_drake.sensors.suite import SensorSuite
@@ -66,6 +66,16 @@ class JointSamples:
         nothing = np.empty((0, len(block.samples.joint_names)))
         self.values = np.concatenate([nothing, *values])
 
+    @property
+    def length(self) -> float:
+        """Length of the block [s]."""
+        return round(self.end - self.start, 9)
+
+    @property
+    def positions(self) -> int:
+        """Number of samples of the encoders."""
+        return sum(len(samples) for samples, derivative, _ in self._parts if not derivative)
+
     def pieces(self, rate: float) -> int:
         """Return the number of pieces at this rate [1/s]; no more than samples, as in a gap."""
         return max(1, min(round(rate * (self.end - self.start)), len(self.values)))
@@ -74,14 +84,6 @@ class JointSamples:
         """Return A (N, K) of the samples in units of σ."""
         times = [(np.empty(0), 0, 1.0), *((s.time, d, sigma) for s, d, sigma in self._parts)]
         return np.concatenate([self.basis(pieces, t, d) / sigma for t, d, sigma in times])
-
-    def penalty(self, pieces: int) -> Array:
-        """Return P (3 pieces, K): |P c|² is the integral of the squared jerk."""
-        edges = np.linspace(self.start, self.end, pieces + 1)
-        x, weights = GAUSS_LEGENDRE  # exact for the square of a quadratic
-        half = (self.end - self.start) / pieces / 2
-        at = ((edges[:-1] + edges[1:])[:, None] / 2 + half * x).ravel()
-        return np.sqrt(np.tile(weights * half, pieces))[:, None] * self.basis(pieces, at, 3)
 
     def basis(self, pieces: int, times: Array, derivative: int) -> Array:
         """See `spline_basis`."""
@@ -108,27 +110,15 @@ class JointSamples:
             found[place] = white(values[place])
         return found
 
-    def transposed(self, values: Array) -> Array:
-        """Return what the transpose of `white` makes of values (N, ...)."""
-        found = np.empty(values.shape)
-        for place, white in self._white.values():
-            found[place] = white.transposed(values[place])
-        return found
-
     @property
     def volume(self) -> float:
         """The log of the determinant of the covariance of all samples of a joint."""
         return sum(white.volume for _, white in self._white.values())
 
-    @property
-    def is_white(self) -> bool:
-        """Whether the noise of all sensors is white."""
-        return not any(white.process.slow for _, white in self._white.values())
-
     def part(self, smoothness: Smoothness, weights: Array) -> JointPart:
         """Return what samples of weights (N, J) and the jerk tell, about a motion of zero."""
         pieces = self.pieces(smoothness.rate)
-        P, A = self.penalty(pieces), self.design(pieces)
+        P, A = jerk_rows(self.length, pieces), self.design(pieces)
         jerk = np.column_stack([P, np.zeros(len(P))]) / smoothness.jerk[:, None, None]
         rows = np.dstack([weights[..., None] * A[:, None], weights * self.values])
         data = np.swapaxes(self.white(rows), 0, 1)
@@ -160,9 +150,3 @@ def once_weights(samples: Sequence[JointSamples]) -> list[Array]:
         for (w, each), n in zip(parts, np.split(count, ends), strict=True):
             w[each.stepped[name]] = 1 / np.sqrt(n)
     return weights
-
-
-def triangles(rows: Array) -> Array:
-    """Return the upper triangles (J, n, n) of rows (J, M, n)."""
-    _, M, n = rows.shape
-    return np.asarray(np.linalg.qr(np.pad(rows, ((0, 0), (0, max(n - M, 0)), (0, 0))), mode="r"))

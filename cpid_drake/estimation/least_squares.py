@@ -40,6 +40,13 @@ The samples reduce the variance of a size at least tenfold.
 """
 
 
+INTEGRATION = 1e-5
+"""Residuals below this share of the momentum contradict nothing: integration leaves as much."""
+
+ROUNDING = 1e-8
+"""Least size of the errors of rows, as a share of the rows: less is rounding."""
+
+
 _PANEL = 16  # columns that are eliminated together: the fastest
 
 
@@ -72,10 +79,43 @@ def triangle(rows: Array) -> Array:
     return R if m >= n else np.vstack([R, np.zeros((n - m, n))])
 
 
+def triangles(rows: Array) -> Array:
+    """Return those (..., n, n) of many matrices (..., M, n); see `triangle`."""
+    m, n = rows.shape[-2:]
+    if m < n:
+        rows = np.concatenate([rows, np.zeros((*rows.shape[:-2], n - m, n))], axis=-2)
+    factors, _ = np.linalg.qr(rows, mode="raw")  # mode "r" takes twice as long for small matrices
+    return np.where(_upper(n, n), np.swapaxes(factors, -1, -2)[..., :n, :], 0.0)
+
+
 @lru_cache(maxsize=64)
 def _upper(m: int, n: int) -> NDArray[np.bool_]:
     """Return the entries (m, n) of an upper triangle."""
     return np.triu(np.ones((m, n), dtype=bool))
+
+
+def residual_variance(squares: float, size: float, row_count: int, rank: int) -> float:
+    """Return the variance of the error of a row that the residuals of rows of equal noise show.
+
+    It is the mean square of the residuals. Residuals below `INTEGRATION` are errors of integration,
+    which are alike in all samples and do not cancel: of these it is the sum of squares. The errors
+    of the unknowns are then no larger than their σ, if rows hide as much as they show.
+
+    Args:
+        squares: sum of squares of the residuals.
+        size: sum of squares of the rows' right-hand sides.
+        row_count: number of the rows that are not zero.
+        rank: number of combinations of unknowns that they determine.
+
+    Returns:
+        The variance; NaN without degrees of freedom.
+
+    """
+    freedom = row_count - rank
+    if freedom < 1:
+        return np.nan
+    mean = max(squares, ROUNDING**2 * size) / freedom
+    return mean * row_count if squares <= INTEGRATION**2 * size else mean
 
 
 def describe_unidentifiable(directions: Array, names: Sequence[str]) -> str:

@@ -9,11 +9,11 @@ import numpy as np
 
 from cpid_drake.array import Array
 from cpid_drake.estimation.block import Block, BlockQueue, blocks_of
+from cpid_drake.estimation.gaussian import places_of
 from cpid_drake.estimation.joint_samples import Smoothness
 from cpid_drake.estimation.joints import continued, smooth_joints
-from cpid_drake.estimation.likelihood.joint_motion import ORDER, JointPart
-from cpid_drake.estimation.likelihood.motion import TrajectoryState
-from cpid_drake.estimation.gaussian import places_of
+from cpid_drake.estimation.likelihood.joint_model import ORDER, JointPart
+from cpid_drake.estimation.likelihood.motion_model import TrajectoryState
 from cpid_drake.estimation.past import Past
 from cpid_drake.estimation.process import DECLARED, Innovations, Process
 from cpid_drake.estimation.unknowns import Model

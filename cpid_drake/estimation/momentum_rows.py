@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.array import Array
-from cpid_drake.dynamics.momentum import momentum_samples
+from cpid_drake.dynamics.momentum import MomentumSamples, momentum_samples
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.plane import in_plane
 from cpid_drake.dynamics.rotations import rotate
@@ -28,12 +28,17 @@ def momentum_rows(
     """
     if tree.normal_B is not None:
         telemetry = in_plane(telemetry, tree.normal_B)
-    known = not momentum.is_unknown
-    if known and momentum.v_WScm_W.any():
+    if not momentum.is_unknown and momentum.v_WScm_W.any():
         telemetry = replace(telemetry, v_WB=telemetry.v_WB - momentum.v_WScm_W)
-    samples = momentum_samples(tree, telemetry)
+    return rows_of_samples(tree, momentum_samples(tree, telemetry), family, momentum)
+
+
+def rows_of_samples(
+    tree: KinematicTree, samples: MomentumSamples, family: RowFamily, momentum: TotalMomentum
+) -> Array:
+    """Return the rows of `momentum_rows` from samples in the frame that it describes."""
     rows = family.full_rows(samples, momentum.is_unknown)
-    if known and momentum.L_WScm_W.any():
+    if not momentum.is_unknown and momentum.L_WScm_W.any():
         by_sample = rows.reshape(len(samples), family.rows_per_sample, -1)
         R_CW = np.swapaxes(samples.motion.R_WC, -1, -2)
         by_sample[:, -3:, -1] += rotate(R_CW, momentum.L_WScm_W)

@@ -17,7 +17,7 @@ from cpid_drake.estimation.block_rows import BlockRows
 from cpid_drake.estimation.least_squares import updated_information
 from cpid_drake.estimation.likelihood.model import SLOW
 from cpid_drake.estimation.log_state import LogState
-from cpid_drake.estimation.prior import prior_of
+from cpid_drake.estimation.unknowns_prior import prior_of
 from cpid_drake.estimation.process import DECLARED, Process, proxy
 from cpid_drake.estimation.roll import Rolled, Values
 from cpid_drake.estimation.sweep import (

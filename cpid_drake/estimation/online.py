@@ -17,8 +17,8 @@ from cpid_drake.estimation.block import Block, BlockQueue, blocks_of
 from cpid_drake.estimation.events import fit_with_events, is_explained
 from cpid_drake.estimation.evidence import Question
 from cpid_drake.estimation.fit import Fit, fit, of_first
-from cpid_drake.estimation.likelihood.joint_motion import ORDER
-from cpid_drake.estimation.likelihood.motion import TrajectoryState
+from cpid_drake.estimation.likelihood.joint_model import ORDER
+from cpid_drake.estimation.likelihood.motion_model import TrajectoryState
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.past import Past
 from cpid_drake.estimation.roll import Rolled, first_table

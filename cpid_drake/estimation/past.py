@@ -7,9 +7,9 @@ import numpy as np
 
 from cpid_drake.array import Array
 from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.likelihood.joint_motion import ORDER
+from cpid_drake.estimation.likelihood.joint_model import ORDER
 from cpid_drake.estimation.likelihood.model import jump_between
-from cpid_drake.estimation.likelihood.motion import TrajectoryState
+from cpid_drake.estimation.likelihood.motion_model import TrajectoryState
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,12 @@ from cpid_drake.dynamics.rows import RowFamily
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.least_squares import triangle, updated_information
+from cpid_drake.estimation.least_squares import (
+    ROUNDING,
+    residual_variance,
+    triangle,
+    updated_information,
+)
 from cpid_drake.estimation.momentum_rows import error_square, momentum_columns, momentum_rows
 from cpid_drake.logs.log import Samples, concatenated_samples
 
@@ -25,9 +30,6 @@ _T = TypeVar("_T")
 
 TARGET, MOMENTUM = "target", "momentum"
 """The unknowns of a log's Gaussian."""
-
-ROUNDING = 1e-8
-"""Least size of the errors of rows, as a share of the rows: less is rounding."""
 
 _SAMPLES_AT_ONCE = 2048  # samples of a part, whose arrays fit into a processor's cache
 _MOST_KEPT = 20_000  # samples whose rows are kept for the residuals
@@ -129,8 +131,11 @@ class LogRows:
         T = self.triangle(is_zero=is_zero)
         found = Gaussian.of_rows({MOMENTUM: len(T) - 11, TARGET: 10}, T)
         freedom = self.row_count - found.rank
-        least = ROUNDING**2 * float(np.sum(T[:, -1] ** 2)) / max(self.row_count, 1)
-        s = np.sqrt(max(found.least_cost / freedom if freedom > 0 else 0.0, least, 1e-300))
+        size = float(np.sum(T[:, -1] ** 2))
+        variance = residual_variance(found.least_cost, size, self.row_count, found.rank)
+        if freedom < 1:  # residuals show nothing: rounding
+            variance = ROUNDING**2 * size / max(self.row_count, 1)
+        s = np.sqrt(max(variance, 1e-300))
         return replace(found, R=found.R / s, z=found.z / s, rho2=found.rho2 / s**2), freedom
 
     def misfit(self, x: Array) -> tuple[float, float]:
@@ -146,6 +151,22 @@ class LogRows:
             float(np.sqrt(squares / expected)) if expected > 0 else np.inf,
             float(np.sqrt(squares / size)) if size > 0 else 0.0,
         )
+
+    def bias(self, x: Array, *, is_zero: bool = False) -> Array:
+        """Return the error (10,) of the target's unknowns by the noise inside the rows, on average.
+
+        Least squares solves AᵀA x = Aᵀb, and errors [δA | δb] of the rows add E[δᵀδ] to [A | b]ᵀ
+        [A | b]. To first order, the bias is −(AᵀA)⁻¹ (E[δAᵀδA] x − E[δAᵀδb]).
+
+        Args:
+            x: the unknowns (k + 10,).
+            is_zero: whether the momentum is zero; see `triangle`.
+
+        """
+        R = self.triangle(is_zero=is_zero)[:-1, :-1]
+        added = (self._errors @ np.append(x, -1.0))[self.extra if is_zero else 0 : -1]
+        inverse = np.linalg.pinv(R)
+        return np.asarray(-inverse @ (inverse.T @ added))[-10:]
 
     def residuals(self, x: Array) -> tuple[Samples, Samples]:
         """Return the residuals b − A x at x of the linear and of the angular rows.

@@ -29,7 +29,7 @@ from cpid_drake.dynamics.plane import NORMAL_W, tilt
 from cpid_drake.dynamics.rotations import angular_velocity, rotate, skew
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.likelihood.actuators import thrust_log
-from cpid_drake.estimation.likelihood.motion import TrajectoryState
+from cpid_drake.estimation.likelihood.motion_model import TrajectoryState
 from cpid_drake.estimation.likelihood.thrust import Push, inverse_mass
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Values

@@ -21,8 +21,8 @@ from cpid_drake.array import Array
 from cpid_drake.estimation.block_rows import BlockRows
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import triangle, updated_information
-from cpid_drake.estimation.likelihood.effects import with_changes
-from cpid_drake.estimation.likelihood.joint_motion import ORDER
+from cpid_drake.estimation.likelihood.effect_terms import with_changes
+from cpid_drake.estimation.likelihood.joint_model import ORDER
 from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Rolled, Values, first_values, jumped, past_of

@@ -84,9 +84,7 @@ class TargetCone:
 
         It is linear about ψ, or about a body near it if ψ is outside of the cone.
         """
-        inside = psi
-        while not self.contains(inside):
-            inside = (inside + self.solid) / 2
+        inside = self._inside(psi, 0.5)
         xi, by = self.log_size(inside)
         return Gaussian.of_rows(
             {name: 10}, np.column_stack([by, by @ (inside - psi) - xi]) / LOG_SIZE
@@ -112,13 +110,14 @@ class TargetCone:
             noise: factor by which the rows are less precise.
 
         """
-        psi = self._towards(known.moved(self.solid).solve())
-        now = max(_misfit(known, psi), noise)
-        while True:
-            psi = self._settled(known, psi, now, sigma)
-            if now == noise:
-                return psi
-            now = max(now / _FINER, noise)
+        psi = self._inside(self.solid + known.moved(self.solid).solve(), _SHORTER)
+        now, change = _misfit(known, psi), np.inf
+        # Once ψ stays where it is, rows of any precision leave it there.
+        while now > noise and change > _SAME:
+            before, psi = psi, self._settled(known, psi, now, sigma)
+            change = float(np.abs(self.log_size(psi)[0] - self.log_size(before)[0]).max())
+            now /= _FINER
+        return self._settled(known, psi, noise, sigma)
 
     def start(self, known: Gaussian) -> Array:
         """Return the most probable ψ (10,) with log-sizes N(0, 1) about the plausible solid.
@@ -137,10 +136,17 @@ class TargetCone:
                 return psi
             noise = misfit
 
-    def _towards(self, step: Array) -> Array:
-        """Return the ψ (10,) after a step from the solid, shortened to end inside of the cone."""
+    def _inside(self, psi: Array, share: float) -> Array:
+        """Return ψ (10,), its step from the solid shortened again and again until it is inside.
+
+        Raises an error if ψ is not finite. Any other step becomes so short that it is lost in the
+        digits of the solid, which is inside.
+        """
+        if not np.isfinite(psi).all():
+            raise np.linalg.LinAlgError("the target that they show is not finite")
+        step = psi - self.solid
         while not self.contains(self.solid + step):
-            step = _SHORTER * step
+            step = share * step
         return np.asarray(self.solid + step)
 
     def _settled(self, known: Gaussian, psi: Array, noise: float, sigma: float) -> Array:
@@ -162,7 +168,7 @@ class TargetCone:
             if not fall > 0:
                 break
             psi, A, rest = there, ahead, left
-            if fall < _SETTLED:
+            if fall < max(_SETTLED, _ROUNDING * float(rest @ rest)):
                 break
         return psi
 
@@ -170,11 +176,17 @@ class TargetCone:
 _FLATTEST = 1e-12  # what is flatter than that is rounding
 _SHORTER = 0.95  # is a step that ends outside of the cone, again and again
 _FINER = 3.0  # so much more precise are the rows at each step of a homotopy
+_SAME = 1e-9  # change of log-sizes, of such a step
 _MOST_STEPS, _LEAST_SHARE, _SETTLED = 200, 1e-9, 1e-6  # of such a step; the last in χ²
+_ROUNDING = 1e-12  # share of a sum of squares
 
 
 def _misfit(known: Gaussian, psi: Array) -> float:
-    return float(np.sqrt(np.mean((known.R @ psi - known.z) ** 2)))
+    """Return the RMS of the rows' residuals; raises an error if it is not finite."""
+    misfit = float(np.sqrt(np.mean((known.R @ psi - known.z) ** 2)))
+    if not np.isfinite(misfit):
+        raise np.linalg.LinAlgError("the target that they show is not finite")
+    return misfit
 
 
 def _slopes(at: Array, values: Array, slopes: Array) -> Array:

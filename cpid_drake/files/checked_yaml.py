@@ -1,9 +1,8 @@
 """Conversion of YAML and JSON to dataclasses; their declarations define keys, types and limits.
 
-A dataclass states its limits where it declares its members, with `annotated_types` (such as
-`Annotated[float, Gt(0)]`) and with the annotations of this module. pydantic checks them; this
-module reads the files, limits their size, and writes error messages of one line with the problem,
-its place and the remedy.
+A dataclass states its limits where it declares its members, with `constraints.Limits` and with the
+annotations of this module. pydantic checks them; this module reads the files, limits their size,
+and writes error messages of one line with the problem, its place and the remedy.
 """
 
 import json
@@ -157,16 +156,11 @@ def load_yaml(schema: type[Schema], file: Path, where: str, whole: str) -> Schem
             unknown tags, or values of another type or out of their limits.
 
     """
-    return from_tree(schema, read_yaml(file, where, whole), where, whole)
-
-
-def read_yaml(file: Path, where: str, whole: str) -> object:
-    """Return the tree of a YAML file; the arguments and errors are those of `load_yaml`."""
     with file.open("rb") as stream:
         data = stream.read(LARGEST_FILE + 1)
     if len(data) > LARGEST_FILE:
         raise InputError(f"{where}: larger than {LARGEST_FILE / 1e6:g} MB: not {whole}")
-    return parse_yaml(data, where)
+    return from_tree(schema, parse_yaml(data, where), where, whole)
 
 
 def parse_yaml(data: bytes, where: str) -> object:

@@ -1,7 +1,7 @@
 """Writes files whole: each is written as a draft beside its place, and moved there at the end.
 
 A process that is killed, a full disk or an exception leaves the file that was there before. Only a
-killed process leaves its draft, a hidden file whose name starts with `.cpid-draft`.
+killed process leaves its draft, in a hidden folder whose name starts with `.cpid-draft`.
 """
 
 import os
@@ -9,22 +9,19 @@ import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from uuid import uuid4
+from tempfile import TemporaryDirectory
 
 from cpid_drake.files.errors import InputError
 
-DRAFT = ".cpid-draft"
-"""Beginning of the names of drafts."""
-
-UNFINISHED = "UNFINISHED"
-"""Name of the file in a folder whose files are not all from the same run."""
+DRAFT = ".cpid-draft-"
+"""Beginning of the names of the folders of drafts."""
 
 
 @contextmanager
 def draft_of(path: str | Path) -> Iterator[Path]:
-    """Provide the path of a draft to write; move the draft to `path` at the end.
+    """Provide the path of a draft, alone in its folder; move the draft to `path` at the end.
 
-    The draft has the same ending. If `path` is a link, the file that it refers to is replaced. An
+    The draft has the same name. If `path` is a link, the file that it refers to is replaced. An
     exception inside removes the draft.
 
     Raises:
@@ -35,16 +32,14 @@ def draft_of(path: str | Path) -> Iterator[Path]:
         place = Path(os.path.realpath(path))
         if place.exists() and not os.access(place, os.W_OK):
             raise PermissionError(0, "the file is read-only")
-        draft = place.with_name(_draft_name(place.name))
-        try:
+        with TemporaryDirectory(prefix=DRAFT, dir=place.parent) as beside:
+            draft = Path(beside, place.name)
             yield draft
             if place.exists():
                 shutil.copymode(place, draft)
             with draft.open("rb") as file:  # on the disk before it has its name
                 os.fsync(file.fileno())
             draft.replace(place)
-        finally:
-            draft.unlink(missing_ok=True)
 
 
 def write_text(path: str | Path, text: str) -> None:
@@ -59,59 +54,45 @@ def write_text(path: str | Path, text: str) -> None:
 
 
 @contextmanager
-def draft_folder(folder: str | Path, group: Sequence[str] = ()) -> Iterator[Path]:
+def draft_folder(folder: str | Path, names: Sequence[str] = ()) -> Iterator[Path]:
     """Provide an empty folder for files that belong together; move them into `folder` at the end.
 
-    A new folder appears with all its files. In a folder that exists, the files are moved one after
-    the other; during these moves the folder holds the file `UNFINISHED`. Other files stay.
+    A new folder appears with all its files. From a folder that exists, earlier files are removed
+    before the first new one is moved: files of two runs are never side by side. Other files stay.
 
     Args:
         folder: the place; its parents are created.
-        group: names of the files of a run. Those that are not written are removed from `folder`.
+        names: names of earlier files, besides those of the new ones. The last one shows that the
+            folder is whole: it is removed first, and moved last.
 
     Raises:
-        InputError: a file cannot be written.
+        InputError: a file cannot be written; the earlier files are then unchanged.
 
     """
     with write_errors(folder):
         place = Path(os.path.realpath(folder))
         place.parent.mkdir(parents=True, exist_ok=True)
-        exists = place.is_dir()
-        draft = (place if exists else place.parent) / _draft_name(place.name)
-        draft.mkdir()
-        try:
-            yield draft
-            if not exists:
+        home = place if place.is_dir() else place.parent  # on the same disk as the files' places
+        with TemporaryDirectory(prefix=DRAFT, dir=home) as beside:
+            draft = Path(beside, place.name)
+            draft.mkdir()
+            try:
+                yield draft
+            except InputError as error:  # a file in the draft could not be written
+                raise InputError(str(error).replace(str(draft), str(folder))) from error
+            if not place.exists():
                 draft.replace(place)
                 return
-            files = sorted(draft.iterdir())
-            for file in files:
-                if (place / file.name).is_dir():
-                    raise IsADirectoryError(0, f"{file.name} is a folder")
-            write_text(place / UNFINISHED, "A command was stopped while it moved files of a run.\n")
-            for name in {*group} - {file.name for file in files}:
+            every = {*names, *(file.name for file in draft.iterdir())}
+            order = sorted(every, key=lambda name: (name in names[-1:], name))
+            for name in order:
+                if (place / name).is_dir():
+                    raise IsADirectoryError(0, f"{name} is a folder")
+            for name in reversed(order):
                 (place / name).unlink(missing_ok=True)
-            for file in files:
-                file.replace(place / file.name)
-            (place / UNFINISHED).unlink()
-        except InputError as error:  # a file in the draft could not be written
-            raise InputError(str(error).replace(str(draft), str(folder))) from error
-        finally:
-            shutil.rmtree(draft, ignore_errors=True)
-
-
-def refuse_unfinished(folder: str | Path) -> None:
-    """Refuse a folder whose files are not all from the same run.
-
-    Raises:
-        InputError: `draft_folder` was stopped while it moved the files.
-
-    """
-    if Path(folder, UNFINISHED).exists():
-        raise InputError(
-            f"{folder}: unfinished: its files are from two runs, because a command was stopped "
-            "while it wrote them; write the folder again"
-        )
+            for file in (draft / name for name in order):
+                if file.exists():
+                    file.replace(place / file.name)
 
 
 @contextmanager
@@ -123,7 +104,3 @@ def write_errors(where: str | Path) -> Iterator[None]:
         raise InputError(
             f"{where!s:.200}: cannot write there: {error.strerror or error}"
         ) from error
-
-
-def _draft_name(name: str) -> str:
-    return f"{DRAFT}-{uuid4().hex[:12]}-{name[-40:]}"

@@ -85,6 +85,19 @@ def resolve_model(uri: str | Path, folders: Mapping[str, Path] | None = None) ->
     return path.resolve()
 
 
+def from_folder(folder: Path, path: str) -> str:
+    """Return a path that a file contains; relative paths start at the file's folder.
+
+    Raises:
+        InputError: the path names a user that does not exist.
+
+    """
+    try:
+        return path if "://" in path else str(folder / Path(path).expanduser())
+    except RuntimeError as error:  # the user in ~user does not exist
+        raise InputError(f"{path:.200}: {error}") from error
+
+
 def _folder_of_drake() -> Path:
     from pydrake.multibody.parsing import PackageMap
 

@@ -26,7 +26,7 @@ from cpid_drake.identification.checks import (
     noise_warnings,
 )
 from cpid_drake.identification.chosen_fit import ChosenFit
-from cpid_drake.identification.effects import EffectEstimate
+from cpid_drake.identification.effect_estimates import EffectEstimate
 from cpid_drake.identification.result import Identification
 
 

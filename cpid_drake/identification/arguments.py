@@ -14,7 +14,7 @@ from cpid_drake.files.errors import InputError, choose_from
 from cpid_drake.files.resources import resolve_model
 from cpid_drake.identification.prior import TargetPrior, load_prior, prior_of_result
 from cpid_drake.identification.result import Identification
-from cpid_drake.logs.files import inspect_log, refuse_problems
+from cpid_drake.logs.formats import inspect_log, refuse_problems
 from cpid_drake.logs.log import Log
 from cpid_drake.sensors.presets import load_sensors, sensor_presets
 from cpid_drake.sensors.suite import SensorSuite
@@ -57,18 +57,6 @@ class Arguments:
         """The row family; None for an estimator that uses none."""
         is_unknown = self.momentum is not None and self.momentum.is_unknown
         return None if self.rows is None else row_family(self.rows, is_unknown)
-
-
-def require_spacecraft(given: object) -> None:
-    """Raise an InputError for what is no spacecraft, such as a path."""
-    if isinstance(given, Spacecraft):
-        return
-    model = repr(str(given)) if isinstance(given, PathLike) else "model"
-    raise InputError(
-        f"the spacecraft must be a Spacecraft, not {given!r:.80}: a model alone does not say which "
-        "body is the base and which frame holds the target; give "
-        f"Spacecraft({model}, base=..., capture_frame=...)"
-    )
 
 
 def resolve_logs(
@@ -155,12 +143,6 @@ def resolve_prior(
         "a result, or a file",
         lambda path: load_prior(path, spacecraft, frame),
     )
-
-
-def resolve_momentum(given: TotalMomentum | str | None) -> TotalMomentum | None:
-    """Return a total momentum, also by its name; see `TotalMomentum.named`."""
-    named = TotalMomentum.named
-    return _resolved("momentum", given, TotalMomentum, "zero, or unknown", named)
 
 
 def resolve_planar(given: bool | None) -> bool | None:

@@ -26,7 +26,7 @@ from cpid_drake.files.checked_yaml import Numbers
 from cpid_drake.files.digits import significant, with_half_width
 from cpid_drake.identification.checks import Check
 from cpid_drake.identification.chosen_fit import ChosenFit
-from cpid_drake.identification.effects import EffectEstimate, with_sensors_of
+from cpid_drake.identification.effect_estimates import EffectEstimate, with_sensors_of
 from cpid_drake.sensors.error_kinds import KINDS
 from cpid_drake.sensors.sensors import Gyro
 from cpid_drake.sensors.suite import SensorSuite

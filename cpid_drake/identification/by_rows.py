@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from scipy.special import chdtri
 
 from cpid_drake.array import Array
 from cpid_drake.dynamics.motion import Motion
@@ -20,43 +19,33 @@ from cpid_drake.dynamics.rows import STANDARD_ROWS, RowFamily
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.estimation.gaussian import Gaussian, LeastSquaresSolution, solution_of
-from cpid_drake.estimation.least_squares import KNOWN
+from cpid_drake.estimation.least_squares import INTEGRATION, KNOWN
 from cpid_drake.estimation.rows_fit import TARGET, LogRows
+from cpid_drake.estimation.smoothing import smooth_windows
 from cpid_drake.estimation.unknowns import PSI, Model
-from cpid_drake.files.digits import significant
 from cpid_drake.identification.arguments import Arguments
 from cpid_drake.identification.checked_log import CheckedLog, suites_of
-from cpid_drake.identification.checks import IMPROBABLE, Check, momentum_words
-from cpid_drake.identification.chosen_fit import halves_check
+from cpid_drake.identification.checks import Check, momentum_words
 from cpid_drake.identification.model_sensitivity import with_larger_base
 from cpid_drake.identification.result import Identification
+from cpid_drake.identification.row_checks import (
+    LEAST_SQUARES,
+    bias_check,
+    conservation_check,
+    part_checks,
+)
 from cpid_drake.identification.together import with_sources
 from cpid_drake.logs.log import Log
 from cpid_drake.logs.noise_estimation import has_noise, sample_sigmas
-from cpid_drake.logs.smoothing import smooth_windows
 from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
-
-INTEGRATION = 1e-5
-"""Residuals below this share of the momentum contradict nothing: integration leaves as much."""
-
-LEAST_SQUARES = "least_squares"
-"""The estimator's name."""
-
-MISFIT = "misfit"
-"""Name of the check that rows miss the samples by no more than the samples' own errors."""
 
 _FORCES = (
     "the sensors' file declares forces, and rows assume a constant momentum: identify with "
     "--estimator trajectory_fit"
 )
 _SOME = 100  # samples of a log that show the sensitivity of the estimate, or its noise
-_CAUSE = "the spacecraft, a frame, a sign or a clock is not as assumed, or forces acted"
-_NOISE = (
-    "momentum rows ignore the noise inside of them: the estimate is biased, and its intervals may "
-    "be too narrow; identify with --estimator trajectory_fit"
-)
 _MOMENTA = ("zero", "known", "unknown")
 
 
@@ -100,7 +89,7 @@ def estimate(
     row_count = sum(part.row_count for part in parts.values())
     solution, prior = _solved(arguments, form, reduce(Gaussian.add, sources.values()), row_count)
     if not all(part.has_noise for part in parts.values()):
-        solution = replace(solution, covariance=np.full((10, 10), np.nan))
+        solution = replace(solution, has_noise=False)
     # Sensitivity: the same for a spacecraft of which one body is 1 % larger.
     is_known, at = np.isfinite(form.to_parameters(solution.estimate)), {}
     for name, tree in trees.items():
@@ -314,7 +303,9 @@ def _summarize(
     is_whole = solution.rank == len(tree.unknowns)
     if suite is not None and (suite.disturbances or Disturbances()) != Disturbances():
         checks = (*checks, Check("forces", _FORCES))
-    checks = (*checks, _misfit(min(to_errors, to_rows / INTEGRATION), tree))
+    # The errors of a log are at least as many as the axes of a gyro, whose bias is in all samples.
+    axes = 3 if tree.normal_B is None else 1
+    checks = (*checks, conservation_check(to_rows, to_errors, axes))
     own: dict[str, Any] = {}
     if is_whole and freedom > 0:  # residuals show the errors
         residuals = zip(("linear", "angular"), rows.residuals(x), strict=True)
@@ -322,7 +313,7 @@ def _summarize(
         first, all_rows = (rows.triangle(is_zero=is_zero, is_half=h) for h in (True, False))
         checks += part_checks(first[-11:, -11:], all_rows[-11:, -11:], freedom)
     if log.states is None and to_rows > INTEGRATION:
-        warnings = (*warnings, _NOISE)
+        checks = (*checks, bias_check(solution, rows.bias(x, is_zero=is_zero)))
     if rows.extra and not is_zero:
         own["momentum_estimate"] = x[: rows.extra]
         if whole.rank == rows.extra + len(tree.unknowns):
@@ -349,27 +340,3 @@ def _is_moving(rows: LogRows) -> bool:
     """Return whether exact states have a momentum, and not one of zero."""
     zero, free = (rows.misfit(rows.best(is_zero=each))[1] for each in (True, False))
     return free <= INTEGRATION < zero
-
-
-def _misfit(size: float, tree: KinematicTree) -> Check:
-    """Return the check that the residuals are no larger than the errors of the samples show."""
-    # The errors of a log are at least as many as the axes of a gyro, whose bias is in all samples.
-    axes = 3 if tree.normal_B is None else 1
-    limit = float(np.sqrt(chdtri(axes, IMPROBABLE) / axes))
-    text = f"the momentum balance misses the samples by {significant(size)} times their errors"
-    return Check.of(MISFIT, f"{text}: {_CAUSE}", size, limit)
-
-
-def part_checks(earlier: Array, rows: Array, freedom: int) -> tuple[Check, ...]:
-    """Return the check that earlier samples have the target of all of them, from their triangles.
-
-    Args:
-        earlier, rows: (11, 11) triangles [R | z] of the rows of the first and of all samples.
-        freedom: number of all rows minus that of the unknowns.
-
-    """
-    rests, size = float(rows[-1, -1] ** 2), float(np.sum(rows[:, -1] ** 2))
-    if freedom < 1 or rests <= INTEGRATION**2 * size:
-        return ()
-    first, whole = (Gaussian.of_rows({TARGET: 10}, each) for each in (earlier, rows))
-    return (halves_check(first, whole, _CAUSE, rests=rests, freedom=freedom),)

@@ -27,13 +27,6 @@ SLOWER = 100.0
 is `LONGEST_GAP` without a declared rate."""
 
 
-OLD_ZEROS = (
-    "the sensors' file has errors of zero and no `version: 2`: they are read as not stated, and "
-    "have a plausible size; with `version: 2`, zero means that there is no such error"
-)
-"""The warning about a file in which zero was the default of every error."""
-
-
 @dataclass(frozen=True, eq=False)
 class CheckedLog:
     """Screened samples, joints in the spacecraft's order.
@@ -84,6 +77,10 @@ class CheckedLog:
         """Number of samples by sensor."""
         return {name: len(samples) for name, samples in self.measurements.items()}
 
+    def between(self, start: float, end: float) -> "CheckedLog":
+        """Return the log with the samples of an interval [s] only."""
+        return replace(self, measurements=self.measurements.between(start, end))
+
 
 def suites_of(
     logs: Mapping[str, CheckedLog],
@@ -95,8 +92,7 @@ def suites_of(
     """
     given = {name: log.sensors for name, log in logs.items() if log.sensors is not None}
     if len(given) == len(logs):
-        is_old = any(suite.version == 1 for suite in given.values())
-        return given, (OLD_ZEROS,) * is_old
+        return given, ()
     [suite, *others] = (estimate_suite(log.measurements) for log in logs.values())
     for other in others:
         for name, errors in other.present().items():

@@ -19,6 +19,12 @@ from cpid_drake.estimation.whiteness import MOST_CORRELATED, Whiteness
 from cpid_drake.files.digits import significant
 from cpid_drake.sensors.sensors import SENSORS
 
+CONSERVATION = "conservation of momentum"
+"""Name of the check that residuals of rows are no more than samples and integration explain."""
+
+BIAS = "bias by noise in rows"
+"""Name of the check that noise inside of rows moves no estimate by its σ."""
+
 AGREEMENT, CONVERGENCE, NEAREST = "agreement", "convergence", "distance of the nearest rigid body"
 """Names of the checks that sources have one target, a fit is the best, and a rigid body has it."""
 

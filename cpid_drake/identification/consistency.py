@@ -45,7 +45,7 @@ def checked(result: Identification, tree: KinematicTree) -> Identification:
 def with_nearest_body(result: Identification, tree: KinematicTree) -> Identification:
     """Return an identification with its nearest rigid body, and the check that it is near enough.
 
-    This takes a few milliseconds; the bounds of `checked` take a tenth of a second.
+    The bounds of `checked` take much longer.
     """
     solution, form = result.solution, result.form
     assert solution is not None

@@ -10,13 +10,13 @@ from dataclasses import dataclass, replace
 from cpid_drake.dynamics.rows import ROW_FAMILIES
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.files.errors import InputError, prefix_errors
-from cpid_drake.identification import by_rows, fitted, online
+from cpid_drake.identification import by_rows, fitted, online_answer
 from cpid_drake.identification.arguments import Arguments
-from cpid_drake.identification.by_rows import LEAST_SQUARES
 from cpid_drake.identification.checked_log import CheckedLog
 from cpid_drake.identification.fitted import TRAJECTORY_FIT
-from cpid_drake.identification.online import RECURSIVE_FIT
+from cpid_drake.identification.online_answer import RECURSIVE_FIT
 from cpid_drake.identification.result import Identification
+from cpid_drake.identification.row_checks import LEAST_SQUARES
 from cpid_drake.sensors.sensors import SENSORS
 
 
@@ -59,7 +59,7 @@ ESTIMATORS: dict[str, Estimator] = {
             RECURSIVE_FIT,
             "recursive fit (maximum likelihood, online)",
             "an estimate online from noisy sensors; finds firings of thrusters",
-            online.estimate,
+            online_answer.estimate,
         ),
         Estimator(
             TRAJECTORY_FIT,

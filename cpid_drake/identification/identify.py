@@ -2,23 +2,23 @@
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import chain
 
 import numpy as np
 
+from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.estimation.one_thread import one_thread
 from cpid_drake.files.errors import InputError, prefix_errors
+from cpid_drake.files.one_thread import one_thread
 from cpid_drake.identification.arguments import (
     Arguments,
     LogLike,
     PathLike,
-    require_spacecraft,
     resolve_bodies,
     resolve_logs,
-    resolve_momentum,
     resolve_planar,
     resolve_prior,
     resolve_sensors_by_log,
@@ -36,10 +36,11 @@ from cpid_drake.identification.planar import PROPOSED, could_be_planar
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import SPACECRAFT, Identification
 from cpid_drake.logs.conventions import check_conventions
+from cpid_drake.logs.log import Log
 from cpid_drake.sensors.error_kinds import bodies_of as errors_of_bodies
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite
-from cpid_drake.spacecraft.spacecraft import Spacecraft
+from cpid_drake.spacecraft.spacecraft import Spacecraft, require_spacecraft
 
 THRUST_NOT_USED = (
     "thrusters fired from {} s on, and {} does not use the log of thrust: identify with "
@@ -124,44 +125,101 @@ def identify(
     # Arguments: objects, of names and paths too.
     require_spacecraft(spacecraft)
     data = resolve_logs(data, spacecraft)
-    suites, momentum = resolve_sensors_by_log(sensors, data), resolve_momentum(momentum)
+    suites, momentum = resolve_sensors_by_log(sensors, data), TotalMomentum.of(momentum)
     [suite, *_] = suites.values()
     known_bodies, prior = resolve_bodies(known_bodies), resolve_prior(prior, spacecraft)
     planar = resolve_planar(planar)
+    given = Arguments(spacecraft, estimator, rows, suite, momentum, known_bodies, prior, planar)
+    method, arguments, logs = _prepared(given, data, suites, progress)
+    # Fit and answer.
+    progress("identifying")
+    try:
+        result = _estimated(method, arguments, logs, progress)
+    except (np.linalg.LinAlgError, InputError) as error:
+        raise _explained(error, method, arguments, logs) from error
+    return _with_hints(result, arguments.spacecraft, list(logs.values()), planar)
+
+
+@one_thread
+def identify_parts(
+    given: Arguments,
+    data: Log,
+    ends: Sequence[float],
+    progress: Callable[[str], object] = lambda step: None,
+) -> list[tuple[float, Identification]]:
+    """Return the estimates from growing parts of one log, each with the end of its part.
+
+    The parts are screened with the whole log and have its conventions. Parts that are too short to
+    say anything are left out.
+
+    Args:
+        given: the arguments of `identify`.
+        data: the log.
+        ends: ends of the parts [s]; all start at 0.
+        progress: see `identify`.
+
+    Raises:
+        InputError: see `identify`.
+
+    """
+    method, arguments, logs = _prepared(given, {"log": data}, {"log": given.sensors}, progress)
+    estimates = []
+    for end in ends:
+        progress(f"identifying from the first {end:.4g} s")
+        part = {name: log.between(0.0, end) for name, log in logs.items()}
+        with suppress(InputError, np.linalg.LinAlgError):
+            estimates.append((end, _estimated(method, arguments, part, progress)))
+    return estimates
+
+
+def _prepared(
+    given: Arguments,
+    data: Mapping[str, Motion | Log],
+    suites: Mapping[str, SensorSuite | None],
+    progress: Callable[[str], object],
+) -> tuple[Estimator, Arguments, dict[str, CheckedLog]]:
+    """Return the estimator, its arguments, and the checked logs, which contradict no convention."""
     # Logs: screened samples, and whether a table carries the spacecraft.
-    spacecraft, logs = check_logs(spacecraft, data, suites, planar, progress)
+    spacecraft, logs = check_logs(given.spacecraft, data, suites, given.planar, progress)
     is_planar = spacecraft.tree.normal_B is not None
     # Estimator: the named one, or the best for these logs.
-    method, arguments = choose(
-        Arguments(spacecraft, estimator, rows, suite, momentum, known_bodies, prior, is_planar),
-        logs,
-    )
+    method, arguments = choose(replace(given, spacecraft=spacecraft, planar=is_planar), logs)
     for log in logs.values():
         with prefix_errors(log.label):
             if wrong := with_conventions(log, arguments).conventions.failures:
                 raise InputError("; ".join(wrong))
-    # Fit and answer.
-    progress("identifying")
-    try:
-        result = method.estimate(arguments, logs, progress)
-    except (np.linalg.LinAlgError, InputError) as error:
-        text = str(error)
-        if isinstance(error, np.linalg.LinAlgError):
-            text = (
-                f"{method.name} cannot calculate with these samples ({error}): plot them, and "
-                "compare units with the sensors' file and the model"
-            )
-        said = (log.failures or [_convention(log, spacecraft)] for log in logs.values())
-        causes = "; ".join(dict.fromkeys(filter(None, chain.from_iterable(said))))
-        raise InputError(f"most likely, {causes}: {text}" if causes else text) from error
-    # Result: the answer with what its logs, its body and its assumptions say.
-    tree = spacecraft.tree
-    result = replace(result, is_planar=is_planar, normal_C=tree.normal_C)
+    return method, arguments, logs
+
+
+def _estimated(
+    method: Estimator,
+    arguments: Arguments,
+    logs: Mapping[str, CheckedLog],
+    progress: Callable[[str], object],
+) -> Identification:
+    """Return the answer with what its logs, its body and its assumptions say."""
+    result, tree = method.estimate(arguments, logs, progress), arguments.spacecraft.tree
+    result = replace(result, is_planar=tree.normal_B is not None, normal_C=tree.normal_C)
     result = checked(_with_logs(result, logs, method, arguments), tree)
-    given = (each or SensorSuite() for each in suites.values())
-    if method.uses_rows or errors_of_bodies(known_bodies, *given) is None:
+    suites = (log.sensors or SensorSuite() for log in logs.values())
+    if method.uses_rows or errors_of_bodies(arguments.known_bodies, *suites) is None:
         result = _of_exact_model(result, arguments, logs)
-    return _with_hints(result, spacecraft, list(logs.values()), planar)
+    return result
+
+
+def _explained(
+    error: Exception, method: Estimator, arguments: Arguments, logs: Mapping[str, CheckedLog]
+) -> InputError:
+    """Return the error of an estimator with what most likely causes it."""
+    text = str(error)
+    if isinstance(error, np.linalg.LinAlgError):
+        text = (
+            f"{method.name} cannot calculate with these samples ({error}): plot them, and "
+            "compare units with the sensors' file and the model"
+        )
+    said = (log.failures or [_convention(log, arguments.spacecraft)] for log in logs.values())
+    causes = "; ".join(dict.fromkeys(filter(None, chain.from_iterable(said))))
+    return InputError(f"most likely, {causes}: {text}" if causes else text)
 
 
 def _convention(log: CheckedLog, spacecraft: Spacecraft) -> str:

@@ -3,29 +3,27 @@
 import hashlib
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cpid_drake.files.drafts import refuse_unfinished
+from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.files.resources import __version__, resolve_model
 from cpid_drake.identification.arguments import (
     Arguments,
     resolve_bodies,
-    resolve_momentum,
     resolve_sensors,
 )
 from cpid_drake.identification.checked_log import left_out_warnings
-from cpid_drake.identification.identify import identify
+from cpid_drake.identification.identify import identify, identify_parts
 from cpid_drake.identification.prior import load_prior
 from cpid_drake.identification.request import Request, Source, log_names
 from cpid_drake.identification.result import History, Identification
 from cpid_drake.logs.conversion import LogFile
-from cpid_drake.logs.files import inspect_log, refuse_problems
+from cpid_drake.logs.formats import inspect_log, refuse_problems
 from cpid_drake.logs.log import Log
 
 PARTS_OVER_TIME = 12
@@ -110,13 +108,8 @@ def converge(evidence: Evidence, progress: Callable[[str], None] = lambda step: 
     if result.history is not None:
         return [*result.history(), (end, result)]
     same = replace(inputs, estimator=result.estimator, rows=result.rows, planar=result.is_planar)
-    estimates = []
-    for time in (end * np.arange(1, PARTS_OVER_TIME) / PARTS_OVER_TIME).tolist():
-        progress(f"identifying from the first {time:.4g} of {end:.4g} s")
-        with suppress(InputError):  # too few samples, or nothing moves yet
-            estimate = identify(data=data.between(0.0, time), **vars(same))
-            estimates.append((time, estimate))
-    return [*estimates, (end, result)]
+    ends = (end * np.arange(1, PARTS_OVER_TIME) / PARTS_OVER_TIME).tolist()
+    return [*identify_parts(same, data, ends, progress), (end, result)]
 
 
 def opened_inputs(request: Request, progress: Callable[[str], object]) -> Arguments:
@@ -124,7 +117,7 @@ def opened_inputs(request: Request, progress: Callable[[str], object]) -> Argume
     craft = request.spacecraft
     progress("reading the model")
     spacecraft = craft.make()
-    momentum, sensors = resolve_momentum(request.momentum), resolve_sensors(request.sensors)
+    momentum, sensors = TotalMomentum.of(request.momentum), resolve_sensors(request.sensors)
     bodies = resolve_bodies(request.known_bodies)
     prior = None
     if request.prior is not None:
@@ -140,11 +133,9 @@ def open_log(request: Request, joints: tuple[str, ...]) -> tuple[Source, LogFile
     The log has the samples in the window. Its time starts at the first.
 
     Raises:
-        InputError: the window is empty, has no samples, or the file cannot be read; it is in a
-            folder of a run that is unfinished.
+        InputError: the window is empty, has no samples, or the file cannot be read.
 
     """
-    refuse_unfinished(Path(request.telemetry).parent)
     first = -np.inf if request.start is None else request.start
     last = np.inf if request.end is None else request.end
     # A window of a single time is allowed: a result can come from one sample.

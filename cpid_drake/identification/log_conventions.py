@@ -9,16 +9,19 @@ import numpy as np
 from cpid_drake.dynamics.rows import RELATIVE_ROWS, STANDARD_ROWS
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.files.errors import InputError
+from cpid_drake.files.one_thread import one_thread
 from cpid_drake.identification import by_rows
 from cpid_drake.identification.arguments import Arguments
-from cpid_drake.identification.by_rows import LEAST_SQUARES, MISFIT
 from cpid_drake.identification.checked_log import CheckedLog, check_log
+from cpid_drake.identification.checks import CONSERVATION
 from cpid_drake.identification.estimators import with_method
+from cpid_drake.identification.row_checks import LEAST_SQUARES
 from cpid_drake.logs.conventions import check_conventions
 from cpid_drake.logs.log import Log
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 
+@one_thread
 def check_as_read(log: Log, spacecraft: Spacecraft | None) -> CheckedLog:
     """Return a checked log, with the conventions that it contradicts as it is read.
 
@@ -66,7 +69,7 @@ def _contradicts(log: CheckedLog, arguments: Arguments, rows: str | None) -> boo
     rows_of = replace(arguments, estimator=LEAST_SQUARES, rows=rows, prior=None, momentum=unknown)
     with suppress(np.linalg.LinAlgError, InputError):  # too few samples
         found = by_rows.estimate(with_method(rows_of, logs), logs)
-        misfit, mass = found.check(MISFIT), found.parameters[0]
+        misfit, mass = found.check(CONSERVATION), found.parameters[0]
         is_impossible = rows is not None and mass < -3 * np.sqrt(found.covariance[0, 0])
         return bool(is_impossible or (misfit is not None and not misfit.passed))
     return False

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from annotated_types import Gt, Interval, Le
 
 from cpid_drake.array import Array
 from cpid_drake.dynamics.inertia import InertialParameters
@@ -17,13 +16,14 @@ from cpid_drake.dynamics.parameterizations import (
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.files.checked_yaml import Numbers, load_yaml
+from cpid_drake.files.constraints import Limits
 from cpid_drake.files.errors import InputError
 from cpid_drake.files.resources import resolve_model
 from cpid_drake.identification.result import Combinations, Identification
 from cpid_drake.identification.result_files import read_result
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
-Positive = Annotated[float, Gt(0), Le(1e9)]
+Positive = Annotated[float, Limits(gt=0, le=1e9)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +99,7 @@ class PriorConfig:
     mass: Positive | None = None
     p_CTcm_C: Annotated[Array, Numbers(3)] | None = None
     I_TTcm_C: Annotated[Array, Numbers(3, 3)] | None = None
-    sigma: Annotated[float, Interval(ge=1e-6, le=100)] | None = None
+    sigma: Annotated[float, Limits(ge=1e-6, le=100)] | None = None
     sigma_mass: Positive | None = None
     sigma_p_CTcm_C: Positive | None = None
     sigma_I_TTcm_C: Positive | None = None

@@ -5,10 +5,12 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any, Self
 
 from cpid_drake.files.errors import InputError
 from cpid_drake.files.resources import package_folders, resolve_model
 from cpid_drake.spacecraft.reference import SpacecraftReference
+from cpid_drake.spacecraft.spacecraft_file import EXPLICIT, SpacecraftFile
 
 _OPTIONS = {
     "packages": "package",
@@ -88,6 +90,35 @@ class Request:
     planar: bool | None = None
     known_bodies: str | None = None
     prior: str | None = None
+
+    @classmethod
+    def of(
+        cls, spacecraft: SpacecraftFile, telemetry: str, sensors: str | None = None, **given: Any
+    ) -> Self:
+        """Return the request to identify a log: what is given, else what a spacecraft's file says.
+
+        Args:
+            spacecraft: the file's contents.
+            telemetry: the log's file.
+            sensors: a preset or a file.
+            **given: other fields of `Request`; None for what the file says.
+
+        Raises:
+            InputError: the file lists its sensors itself, and no others are given.
+
+        """
+        sensors = sensors or spacecraft.sensors
+        if sensors == EXPLICIT:
+            raise InputError(
+                "the scenario lists its sensors itself; write them into a file of their own, and "
+                "give it as --sensors"
+            )
+        fields: dict[str, Any] = {"momentum": spacecraft.momentum, "planar": spacecraft.planar}
+        if not spacecraft.known_bodies.is_zero:
+            pairs = vars(spacecraft.known_bodies).items()
+            fields["known_bodies"] = ",".join(f"{key}={value}" for key, value in pairs)
+        fields |= {key: value for key, value in given.items() if value is not None}
+        return cls(telemetry, spacecraft.reference(), sensors=sensors, **fields)
 
     def files(self) -> dict[str, str]:
         """Return the files with hashes in results, by their fields."""

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-from annotated_types import Ge, Gt, Le
 
 from cpid_drake.array import Array
 from cpid_drake.dynamics.inertia import InertialParameters
@@ -18,12 +17,14 @@ from cpid_drake.dynamics.parameterizations import (
 )
 from cpid_drake.estimation.gaussian import LeastSquaresSolution
 from cpid_drake.estimation.least_squares import describe_unidentifiable, quantile_95
+from cpid_drake.estimation.parameters import determined_parameters
 from cpid_drake.files.checked_yaml import InMemory, Numbers
+from cpid_drake.files.constraints import Limits
 from cpid_drake.files.errors import InputError, choose_from
 from cpid_drake.identification.budget import BudgetRow
 from cpid_drake.identification.checks import CONVERGENCE, NEAREST, Check
 from cpid_drake.identification.description import describe, gap, html, summary
-from cpid_drake.identification.effects import EffectEstimate
+from cpid_drake.identification.effect_estimates import EffectEstimate
 from cpid_drake.identification.parameter import ParameterEstimate
 from cpid_drake.identification.request import Source
 from cpid_drake.logs.log import Samples
@@ -46,10 +47,10 @@ TURNS = 4
 NO_MASS = "c and I, because the interval of m contains zero"
 """Why they are not identifiable although the samples determine all unknowns."""
 
-Count = Annotated[int, Ge(0), Le(2**53)]
+Count = Annotated[int, Limits(ge=0, le=2**53)]
 Ten = Annotated[Array, Numbers(10, unknown=True)]
 Intervals = Annotated[Array, Numbers(10, 2, unknown=True)]
-Rank = Annotated[int, Ge(0), Le(10)]
+Rank = Annotated[int, Limits(ge=0, le=10)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +72,7 @@ class Combinations:
     unknowns: str
     values: Annotated[Array, Numbers(10)]
     information: Annotated[Array, Numbers(10, 10)]
-    known_mass: Annotated[float, Gt(0)]
+    known_mass: Annotated[float, Limits(gt=0)]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -196,20 +197,17 @@ class Identification:
             others: all other attributes.
 
         """
-        parameters = form.to_parameters(solution.estimate)
-        # A known parameter depends only on unknowns that are determined.
-        is_known = np.isfinite(solution.estimate)
-        own = np.where(np.outer(is_known, is_known), solution.covariance, 0.0)
-        covariance, is_open = form.covariance(solution.estimate, own), ~np.isfinite(parameters)
-        covariance[is_open, :] = covariance[:, is_open] = np.nan
         freedom = solution.row_count - solution.rank if sensors is None else None
-        intervals = extremes(form, solution.estimate, own, quantile_95(freedom))
-        intervals[0] = np.nan if np.isnan(intervals[0]).any() else intervals[0]
+        quantile = quantile_95(freedom)
+        parameters, covariance, mass = determined_parameters(form, solution, quantile)
+        is_known = ~solution.is_open
+        own = np.where(np.outer(is_known, is_known), solution.covariance, 0.0)
+        intervals = extremes(form, solution.estimate, own, quantile)
+        intervals[0] = mass
         words = describe_unidentifiable(solution.unidentifiable, form.entries)
-        if intervals[0, 0] <= 0 <= intervals[0, 1] and np.isfinite(parameters[1:]).any():
-            intervals[1:], words = np.nan, "; ".join(each for each in (words, NO_MASS) if each)
-        is_open = np.isnan(intervals).any(axis=1) & np.isfinite(np.diag(covariance))
-        parameters[is_open], covariance[is_open], covariance[:, is_open] = np.nan, np.nan, np.nan
+        if mass[0] <= 0 <= mass[1] and not solution.is_open[1:].all():
+            words = "; ".join(each for each in (words, NO_MASS) if each)
+        intervals[np.isnan(parameters)] = np.nan
         return cls(
             parameters=parameters,
             covariance=covariance,

@@ -20,17 +20,15 @@ from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.fit import fit
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.log_state import LogState
-from cpid_drake.estimation.one_thread import one_thread
 from cpid_drake.estimation.roll import Rolled, roll
 from cpid_drake.estimation.sweep import EXACT
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.files.errors import InputError
+from cpid_drake.files.one_thread import one_thread
 from cpid_drake.identification.arguments import (
     PathLike,
-    require_spacecraft,
     resolve_bodies,
     resolve_logs,
-    resolve_momentum,
     resolve_prior,
     resolve_sensors,
 )
@@ -43,7 +41,7 @@ from cpid_drake.logs.column_map import scale_of
 from cpid_drake.logs.log import Log
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite
-from cpid_drake.spacecraft.spacecraft import Spacecraft
+from cpid_drake.spacecraft.spacecraft import Spacecraft, require_spacecraft
 
 FALSE_ALARM = 0.01
 """Probability that the test fails a right target: a user who validates wants its power."""
@@ -158,7 +156,7 @@ def validate(
     given = resolve_logs(data, spacecraft)
     if len(given) > 1:
         raise InputError(f"validate takes one log, not {len(given)}")
-    sensors, momentum = resolve_sensors(sensors), resolve_momentum(momentum)
+    sensors, momentum = resolve_sensors(sensors), TotalMomentum.of(momentum)
     known_bodies, known_target = resolve_bodies(known_bodies), resolve_prior(target, spacecraft)
     if known_target is None:
         raise InputError("there is no target to validate")

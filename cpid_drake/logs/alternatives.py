@@ -23,7 +23,11 @@ from cpid_drake.logs.score import Instants, explain_by_momentum
 UNEXPLAINED_DISTANCE = 0.05
 """Distance of a point from B's origin, in reaches of the arm, that model errors do not explain."""
 
-_LENGTHS, _SPEEDS = ("m", "mm", "cm", "in", "ft"), ("m/s", "mm/s", "cm/s", "in/s", "ft/s")
+LEAST_TRAVEL = 0.1
+"""Travel [rad] that a unit must leave to one of all turning joints: of joints that hardly move, a
+free target explains any motion."""
+
+_LENGTHS, _SPEEDS = ("m", "mm", "cm", "in"), ("m/s", "mm/s", "cm/s", "in/s")
 _ANGLES, _TURNS = ("rad", "deg"), ("rad/s", "deg/s", "rpm")
 _ALL_JOINTS, _ALL_WHEELS = "all turning joints", "all wheels"
 _JOINTS = ("encoders", "joint_rates")
@@ -141,6 +145,9 @@ def _joints(
             if unit == now or label == _ALL_WHEELS:  # the angle of a wheel has no effect
                 continue
             size = np.where(chosen, scale_of(unit) / scale_of(now), 1.0)
+            travel = np.ptp(size * given.values["encoders"], axis=0)
+            if label == _ALL_JOINTS and travel[chosen].max() < LEAST_TRAVEL:
+                continue
             entries = {f"joint_positions.{key}": unit for key in keys}
             yield f"{q} is in {_word(unit)}", given.scaled(size, "encoders"), entries
             if has_rates:

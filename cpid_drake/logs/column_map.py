@@ -10,19 +10,19 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from annotated_types import Gt
 
 from cpid_drake.array import Array
 from cpid_drake.files.checked_yaml import Numbers, Vector, load_yaml
+from cpid_drake.files.constraints import Limits
 from cpid_drake.files.errors import InputError
 from cpid_drake.files.resources import resolve_model
 
-Length = Literal["m", "cm", "mm", "km", "in", "ft"]
+Length = Literal["m", "cm", "mm", "km", "in"]
 Angle = Literal["rad", "mrad", "deg"]
-Speed = Literal["m/s", "cm/s", "mm/s", "km/s", "in/s", "ft/s"]
+Speed = Literal["m/s", "cm/s", "mm/s", "km/s", "in/s"]
 AngularRate = Literal["rad/s", "mrad/s", "deg/s", "rpm"]
-Force = Literal["N", "mN", "lbf"]
-Torque = Literal["N*m", "mN*m", "lbf*ft"]
+Force = Literal["N", "mN"]
+Torque = Literal["N*m", "mN*m"]
 TimeUnit = Literal["s", "ms", "us", "ns", "frame"]
 Order = Literal[
     "wxyz", "xyzw", "rotation_vector", "roll_pitch_yaw", "yaw_pitch_roll", "euler_xyz", "yaw"
@@ -40,7 +40,6 @@ UNITS = {
     "cm": (0.01, "centimetres centimeters"),
     "km": (1e3, "kilometres kilometers"),
     "in": (0.0254, "inches inch"),
-    "ft": (0.3048, "feet"),
     "rad": (1.0, "radians rads"),
     "mrad": (1e-3, "milliradians"),
     "deg": (np.pi / 180, "degrees degree degs ° dps"),
@@ -51,10 +50,8 @@ UNITS = {
     "ns": (1e-9, "nanoseconds nsec nsecs nanos nanosec"),
     "N": (1.0, "newtons"),
     "mN": (1e-3, "millinewtons"),
-    "lbf": (4.4482216152605, "pounds"),
     "N*m": (1.0, ""),
     "mN*m": (1e-3, ""),
-    "lbf*ft": (1.3558179483314004, ""),
 }
 """By unit, its size in SI units and radians, and its names in words, the usual one first."""
 
@@ -88,7 +85,7 @@ class TimeColumn:
 
     column: str = "time"
     unit: TimeUnit = "s"
-    rate: Annotated[float, Gt(0)] | None = None
+    rate: Annotated[float, Limits(gt=0)] | None = None
     epoch: float = 0.0
     nanoseconds: str | None = None
     from_rates: bool = False

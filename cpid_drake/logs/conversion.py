@@ -27,7 +27,7 @@ from cpid_drake.logs.column_map import (
 from cpid_drake.logs.log import THRUST, Log, Samples, with_fixed_joints
 from cpid_drake.logs.noise_estimation import FEWEST
 from cpid_drake.logs.screening import LARGEST, QUATERNION_NORM
-from cpid_drake.logs.table import LogTable
+from cpid_drake.logs.table import LogTable, seconds_of_times
 from cpid_drake.logs.unwrapping import unwrapped
 from cpid_drake.sensors.thrusters import VALVE
 
@@ -61,7 +61,8 @@ def from_columns(columns: Mapping[str, ArrayLike], column_map: ColumnMap | None 
     """Return a log from columns in memory, such as those of a MATLAB file or a data frame.
 
     Args:
-        columns: by name, numbers (N,), NaN for absent samples.
+        columns: by name, numbers (N,), NaN for absent samples; NumPy's dates and durations are
+            times in seconds.
         column_map: what the columns mean; None for the package's own columns.
 
     Raises:
@@ -72,7 +73,7 @@ def from_columns(columns: Mapping[str, ArrayLike], column_map: ColumnMap | None 
     arrays = {}
     for name, column in columns.items():
         try:
-            arrays[name] = np.asarray(column, dtype=float)
+            arrays[name] = seconds_of_times(np.asarray(column)).astype(float)
         except (TypeError, ValueError) as error:
             raise InputError(f"column '{name}' is not made of numbers: {error}") from error
     shapes = {array.shape for array in arrays.values()}
@@ -311,7 +312,7 @@ class _Conversion:
         for name in self._map.named:
             for row, cell in self._table.texts.get(name, {}).items():
                 remedy = "give a number with a decimal point"
-                if cell.lower().lstrip("+-") in ("nan", "inf", "infinity"):
+                if cell.lower().lstrip("+-") in ("inf", "infinity"):
                     remedy = "leave the cell of an absent sample empty"
                 elif name == self._map.time.column and "," not in cell:
                     remedy = "give seconds, or all stamps in the same form of ISO 8601 or hh:mm:ss"

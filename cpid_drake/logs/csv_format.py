@@ -23,6 +23,9 @@ from cpid_drake.logs.table import LogTable, repeated_names, seconds_of_stamps
 _LONGEST_LINE = 1_000_000
 """Longest line of a text file: 10000 columns of 100 digits. A binary file has none."""
 
+ABSENT = ("", "nan", "na", "n/a")
+"""Cells without a sample, in lower case."""
+
 _BLOCK = 20_000
 """Lines that are converted at once: their cells as text take a few tens of megabytes."""
 
@@ -268,13 +271,14 @@ def _split(line: str, separator: str | None) -> list[str]:
 
 
 def _plain(block: list[tuple[int, str]], width: int, separator: str | None) -> Array | None:
-    """Return lines of finite numbers as (n, width), in a third of the time; None for others."""
+    """Return lines of numbers as (n, width), in a third of the time; None for others."""
     try:
         lines = [line for _, line in block]
         values = np.loadtxt(lines, delimiter=separator, comments=None, ndmin=2)
     except ValueError:
         return None
-    return values if values.shape == (len(block), width) and np.isfinite(values).all() else None
+    is_whole = values.shape == (len(block), width) and not np.isinf(values).any()
+    return values if is_whole else None
 
 
 def _cells(
@@ -310,10 +314,10 @@ def _cells(
 
 
 def _numbers(cells: Sequence[str]) -> tuple[Array, dict[int, str]]:
-    """Return the cells of a column as numbers (n,), NaN where they are empty or text; the texts."""
+    """Return the cells of a column as numbers (n,), NaN where absent or text; and the texts."""
     values, texts = np.full(len(cells), np.nan), {}
     for k, cell in enumerate(cells):
-        if not cell:
+        if cell.lower() in ABSENT:
             continue
         try:
             number = float(cell)

@@ -30,6 +30,7 @@ from scipy.spatial.transform import Rotation
 from cpid_drake.array import Array
 from cpid_drake.dynamics.momentum import MomentumSamples, momentum_samples
 from cpid_drake.dynamics.motion import Motion
+from cpid_drake.dynamics.parameterizations import tensor_to_vector, vector_to_tensor
 from cpid_drake.dynamics.rotations import angular_velocity, rotate, skew
 from cpid_drake.dynamics.rows import RELATIVE_ROWS
 from cpid_drake.dynamics.tree import KinematicTree
@@ -45,6 +46,7 @@ COMPARED_LENGTH = 60.0
 """Length of the part of a log that is compared [s]: the one in which the joints move most."""
 
 _MODEL_ERROR = 0.02  # share of the total mass by which errors of the model make a mass impossible
+_OPEN = 1e100  # σ of a number that rows leave open
 _LEAST = 1e-9  # smallest motion [rad, m, rad/s, m/s]
 
 
@@ -223,9 +225,9 @@ def explain_by_momentum(
 
     Returns:
         The comparison, whose residual is the geometric mean of those of the base's motion and of
-        its rotation, and at least 1 if no target with its mass, or no point near the base, can
-        exist; the place (3,) of the point in B [m]; the reach of the arm [m]. None if nothing
-        moves, or nothing can be compared.
+        its rotation, and at least 1 if no target with its mass or inertia, or no point near the
+        base, can exist; the place (3,) of the point in B [m]; the reach of the arm [m]. None if
+        nothing moves, or nothing can be compared.
 
     """
     is_tilted = tree is not None and tree.normal_B is not None and tree.normal_C is None
@@ -258,9 +260,10 @@ def explain_by_momentum(
         max(_rms(e) * sigma / max(size, 1e-300), RESOLUTION)
         for e, sigma, (*_, size) in zip(errors, noise, parts)
     ]
-    is_possible, point_B = True, np.zeros(3)
-    for x, _, sigma in (*alone, together):
-        share, margin = x[0] / samples.mass, 3 * sigma / samples.mass + _MODEL_ERROR
+    is_possible, point_B = not has_spin or _has_inertia(*together[::2], tree), np.zeros(3)
+    for x, _, root in (*alone, together):
+        share = x[0] / samples.mass
+        margin = 3 * np.sqrt(root[0] @ root[0]) / samples.mass + _MODEL_ERROR
         is_possible &= bool(-margin < share < 1 + margin)
     if has_free_point and "position" in given.values and shift is not None:
         point_B = together[0][-3:]
@@ -300,18 +303,37 @@ def _linear(
     return T.reshape(y.size, 4), D.reshape(y.size, -1), (y + known).reshape(-1), size
 
 
-def _least_squares(A: Array, b: Array) -> tuple[Array, Array, float]:
-    """Return the solution, the residuals, and σ of the first entry, infinite if it is open."""
+def _has_inertia(x: Array, root: Array, tree: KinematicTree) -> bool:
+    """Return whether the target's inertia I_* may be positive, with errors of noise and model.
+
+    Else the target takes away the spacecraft's inertia, and explains any motion: of joints that
+    hardly move, as in a wrong unit, nothing else remains.
+    """
+    values, vectors = np.linalg.eigh(vector_to_tensor(x[4:10]))
+    if values[0] >= 0:
+        return True
+    # d(vᵀ I v) of the six entries (11, 12, 13, 22, 23, 33), of which the products count twice.
+    v = vectors[:, 0]
+    weights = tensor_to_vector(np.outer(v, v) * (2.0 - np.eye(3)))
+    margin = 3 * float(np.linalg.norm(weights @ root[4:10]))
+    margin += _MODEL_ERROR * float(np.trace(tree.at_rest.I_BBcm))
+    return bool(values[0] > -margin)
+
+
+def _least_squares(A: Array, b: Array) -> tuple[Array, Array, Array]:
+    """Return the solution x, the residuals, and a root C of the covariance C Cᵀ of x.
+
+    Of directions that the rows leave open, x is zero and σ is `_OPEN`.
+    """
     scale = np.linalg.norm(A, axis=0)
     scale = np.where(scale > 0, scale, 1.0)
     U, s, Vt = np.linalg.svd(A / scale, full_matrices=False)
     kept = s > 1e-7 * s[0]
     x = (Vt[kept].T / s[kept] @ (U[:, kept].T @ b)) / scale
     error = b - A @ x
-    if np.abs(Vt[~kept, 0]).sum() > 1e-6:
-        return x, error, np.inf
     noise = _rms(error) * np.sqrt(b.size / max(b.size - A.shape[1], 1))
-    return x, error, noise * float(np.linalg.norm(Vt[kept, 0] / s[kept])) / scale[0]
+    known, free = noise * Vt[kept].T / s[kept], _OPEN * (np.abs(Vt[~kept]) > 1e-6).T
+    return x, error, np.concatenate([known, free], axis=1) / scale[:, None]
 
 
 def _compared(name: str, rate: str, moved: Array, measured: Array) -> Comparison:

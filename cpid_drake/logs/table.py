@@ -4,6 +4,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,6 +90,13 @@ def seconds_of_stamps(texts: Sequence[str]) -> Array | None:
     if not found[0] or not found[0]["day"]:
         stamps = stamps + _DAY * np.append(0, np.cumsum(np.diff(stamps) < -_DAY // 2))
     return np.asarray((stamps - stamps[0]) / 1e9)
+
+
+def seconds_of_times(times: NDArray[Any]) -> NDArray[Any]:
+    """Return seconds of NumPy's durations, and since the first of its dates; others as they are."""
+    if times.dtype.kind == "M":
+        times = times - times[:1]
+    return times / np.timedelta64(1, "s") if times.dtype.kind == "m" else times
 
 
 def repeated_names(names: Sequence[str], where: str) -> dict[str, str]:

@@ -64,7 +64,7 @@ def predictions(
             progress(f"{name}: {number} of {trials} trials")
         found[name] = replace(
             planner.predict(motion, planner.targets[0]),
-            usage=planner.usage(motion)[0],
+            usage=planner.usage(motion),
             errors=np.reshape(errors, (-1, 10)),
         )
     return found

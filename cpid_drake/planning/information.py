@@ -10,7 +10,7 @@ with Y the relative rows. Attitude sensor, gyro (with a constant bias), position
 sensors measure ξ, δω, δp and its rate; their information is that per second of their samples. What
 follows about ψ when all other unknowns are eliminated is the information about the target. Errors
 of encoders, mountings, delays and the spacecraft's bodies are left out: `Planner.predict`
-contains them in the exact bound, which takes a hundred times as long.
+contains them in the exact bound, which takes much longer.
 """
 
 import numpy as np

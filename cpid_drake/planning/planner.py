@@ -11,9 +11,9 @@ from cpid_drake.array import Array
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.joint_motion import JointMotion, Spline
-from cpid_drake.estimation.one_thread import one_thread
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.files.errors import InputError, choose_from
+from cpid_drake.files.one_thread import one_thread
 from cpid_drake.identification.prior import TargetPrior, load_prior
 from cpid_drake.planning.base_motion import BASE_LIMITS
 from cpid_drake.planning.motion_family import QUANTITIES, MotionFamily
@@ -24,8 +24,8 @@ from cpid_drake.planning.search import Excess, candidates, distance_excess, impr
 from cpid_drake.planning.targets import plausible_targets, prior_information
 from cpid_drake.sensors.presets import load_sensors
 from cpid_drake.sensors.suite import SensorSuite
-from cpid_drake.simulation.files import load_scenario
-from cpid_drake.simulation.schema import Scenario
+from cpid_drake.simulation.scenario import Scenario
+from cpid_drake.simulation.scenario_files import load_scenario
 from cpid_drake.simulation.trials import Case, make_case
 from cpid_drake.spacecraft.clearance import Clearance
 
@@ -56,7 +56,6 @@ class Plan:
         parameters: (F, K) of the planner's family.
         score: the criterion: the largest weighted σ in units of the scale.
         usage: the largest share of each limit that it needs with any target, by the limit's name.
-        base_rotation: the largest rotation of the base with any target [rad].
 
     """
 
@@ -64,7 +63,6 @@ class Plan:
     parameters: Array
     score: float
     usage: dict[str, float]
-    base_rotation: float
 
     @property
     def active(self) -> list[str]:
@@ -118,6 +116,11 @@ class Planner:
         moving = [
             k for k, name in enumerate(names) if name in chosen or not (chosen or tree.is_rotor(k))
         ]
+        if not moving:
+            have = (
+                "whose joints are wheels only; name one by --joint" if names else "without joints"
+            )
+            raise InputError(f"no motion can be planned for a spacecraft {have}")
         start, end = own.evaluate(0.0)[0], own.evaluate(own.duration)[0]
         rates = options.rate_share * limits.rates
         largest = np.stack([rates, np.full(len(names), options.acceleration)])
@@ -281,11 +284,9 @@ class Planner:
         for _ in range(BISECTIONS):
             x = share * parameters
             motion = self.family.make(x)
-            usage, rotation = self.usage(motion)
+            usage = self.usage(motion)
             if max(usage.values()) <= 1 + 1e-9:  # a joint may rest at its limit
-                found = Plan(
-                    motion, x, float(self.objective.sigmas(x[None]).max()), usage, rotation
-                )
+                found = Plan(motion, x, float(self.objective.sigmas(x[None]).max()), usage)
                 least = share
                 if share == 1:
                     break
@@ -296,8 +297,8 @@ class Planner:
             self.best = found
         return found
 
-    def usage(self, motion: JointMotion) -> tuple[dict[str, float], float]:
-        """Return the largest share of each limit that a motion needs; the base's rotation [rad].
+    def usage(self, motion: JointMotion) -> dict[str, float]:
+        """Return the largest share of each limit that a motion needs, by the limit's name.
 
         They are the largest with any of the checked targets; those of efforts are computed in
         Drake's plant, with the targets that need the most.
@@ -318,7 +319,7 @@ class Planner:
             near = self.clearance.approaches(motion.evaluate(motion.instants())[:, 0])
             least = near[0].distance if near else np.inf
             found["distance"] = self.options.clearance / least if least > 0 else np.inf
-        return found, float(lengths[0])
+        return found
 
 
 def load_planner(

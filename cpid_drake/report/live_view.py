@@ -13,7 +13,7 @@ from cpid_drake.dynamics.motion import Motion
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.description import describe
 from cpid_drake.identification.result import Identification
-from cpid_drake.live.identifier import OnlineIdentifier
+from cpid_drake.online.online_identifier import OnlineIdentifier
 from cpid_drake.report.scene import Scene
 from cpid_drake.report.terminal import shown_live
 from cpid_drake.simulation.simulation import Simulation

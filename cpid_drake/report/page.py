@@ -117,7 +117,7 @@ class Report:
             InputError: a file cannot be written; those that were there are then unchanged.
 
         """
-        with draft_folder(folder) as draft:
+        with draft_folder(folder, ["report.html"]) as draft:
             self.save_figures(draft)
             self.write(draft / "report.html")
             for name, text in self.files.items():

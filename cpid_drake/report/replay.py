@@ -11,6 +11,7 @@ from pydrake.systems.framework import Context
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.rows import row_family
+from cpid_drake.estimation.smoothing import smooth
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.by_rows import complete_samples
 from cpid_drake.identification.checked_log import in_joint_order
@@ -18,7 +19,6 @@ from cpid_drake.identification.result import Identification
 from cpid_drake.logs.log import Log
 from cpid_drake.logs.noise_estimation import estimate_suite
 from cpid_drake.logs.screening import screen
-from cpid_drake.logs.smoothing import smooth
 from cpid_drake.report.scene import Scene
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.simulation.simulation import Simulation

@@ -7,12 +7,11 @@ from typing import Any
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.files.checked_yaml import from_tree, load_json
-from cpid_drake.files.drafts import refuse_unfinished
 from cpid_drake.files.errors import InputError
 from cpid_drake.report.page import Section, Table
-from cpid_drake.simulation.files import load_scenario
 from cpid_drake.simulation.limits import LimitCheck
-from cpid_drake.simulation.schema import Scenario
+from cpid_drake.simulation.scenario import Scenario
+from cpid_drake.simulation.scenario_files import load_scenario
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,14 +53,12 @@ def read_run(folder: Path) -> Run:
     """Return the contents of a folder that `cpid simulate` wrote.
 
     Raises:
-        InputError: the folder is unfinished, a file is missing or cut off, or its contents are not
-            those of a run.
+        InputError: a file is missing or cut off, or the contents are not those of a run.
 
     """
-    refuse_unfinished(folder)
     for name in ("run.json", "truth.json", "scenario.yaml", "telemetry.csv"):
         if not (folder / name).is_file():
-            raise InputError(f"{folder}: not a run: there is no {name}")
+            raise InputError(f"{folder}: not a whole run: there is no {name}")
     texts = {name: (folder / f"{name}.json").read_text("utf-8-sig") for name in ("truth", "run")}
     where = f"{folder}/run.json"
     about = from_tree(

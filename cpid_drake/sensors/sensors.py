@@ -11,12 +11,12 @@ from operator import attrgetter
 from typing import Annotated, Self
 
 import numpy as np
-from annotated_types import Ge, Gt, Interval
 
 from cpid_drake.array import Array
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.files.checked_yaml import Numbers
+from cpid_drake.files.constraints import Limits
 from cpid_drake.files.errors import InputError
 
 ARCSECOND = np.pi / (180 * 3600)
@@ -26,10 +26,10 @@ DEGREE_PER_ROOT_HOUR = np.pi / (180 * 60)
 CALIBRATED_GYRO_BIAS = 10.0
 """σ of a gyro's constant bias that is assumed if nothing else is known [°/h]."""
 
-Rate = Annotated[float, Interval(ge=1e-3, le=1e5)]
-Noise = Annotated[float, Ge(0)]
+Rate = Annotated[float, Limits(ge=1e-3, le=1e5)]
+Noise = Annotated[float, Limits(ge=0)]
 
-Stated = Annotated[float | None, Ge(0)]
+Stated = Annotated[float | None, Limits(ge=0)]
 """σ of an error: None if it is not stated, zero if there is no such error."""
 
 # -- the errors of sensors ------------------------------------------------------------------------
@@ -56,7 +56,7 @@ class SensorErrors(ABC):
     delay_ms: Stated = field(default=None, kw_only=True)
     clock_drift_ppm: Stated = field(default=None, kw_only=True)
     dropouts: Noise = field(default=0.0, kw_only=True)
-    dropout_length: Annotated[float, Gt(0)] = field(default=1.0, kw_only=True)
+    dropout_length: Annotated[float, Limits(gt=0)] = field(default=1.0, kw_only=True)
 
     @classmethod
     @abstractmethod
@@ -224,7 +224,7 @@ class JointSensor(_UniformSensor):
 
     rate: Rate = 100.0
     sigma: Noise = 0.0
-    bits: Annotated[int, Interval(ge=0, le=32)] = 0
+    bits: Annotated[int, Limits(ge=0, le=32)] = 0
     zero_mrad: Stated = None
     drift_mrad_per_s: Stated = None
 

@@ -4,11 +4,11 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Interval
 
 from cpid_drake.array import Array
 from cpid_drake.dynamics.orbit import Orbit
 from cpid_drake.files.checked_yaml import check_values
+from cpid_drake.files.constraints import Limits
 from cpid_drake.files.errors import InputError
 from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.sensors import (
@@ -24,7 +24,7 @@ from cpid_drake.sensors.thrusters import Thrusters
 NUMERICAL_SIGMA = 1e-8
 """Smallest σ that estimators assume for a sensor, due to rounding [rad, m, rad/s, m/s]."""
 
-Decimals = Annotated[int, Interval(ge=0, le=15)]
+Decimals = Annotated[int, Limits(ge=0, le=15)]
 
 
 @dataclass
@@ -41,7 +41,6 @@ class SensorSuite:
         thrusters: the valves that the log has columns of; None without.
         unstated: "exact" if errors without a stated σ are zero; None if they may have a plausible
             size, see `error_kinds.with_plausible`.
-        version: of the keys. Before 2, zeros of a file mean "not stated".
 
     """
 
@@ -56,7 +55,6 @@ class SensorSuite:
     disturbances: Disturbances | None = None
     thrusters: Thrusters | None = None
     unstated: Literal["exact"] | None = None
-    version: Literal[1, 2] = 2
 
     def __getitem__(self, name: str) -> SensorErrors:
         """Return the errors of a sensor that is present.
@@ -76,7 +74,7 @@ class SensorSuite:
 
     def exact(self) -> "SensorSuite":
         """Return the sensors of a world that has no other errors than the stated ones."""
-        return replace(self, unstated="exact", version=2)
+        return replace(self, unstated="exact")
 
     @property
     def orbit(self) -> Orbit | None:

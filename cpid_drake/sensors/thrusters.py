@@ -14,9 +14,9 @@ from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Gt
 
 from cpid_drake.files.checked_yaml import Vector
+from cpid_drake.files.constraints import Limits
 from cpid_drake.files.errors import InputError
 from cpid_drake.sensors.sensors import Stated
 
@@ -43,7 +43,7 @@ class Valve:
 
     position: Vector = field(default_factory=lambda: np.zeros(3))
     direction: Vector = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
-    force: Annotated[float, Gt(0)] = 1.0
+    force: Annotated[float, Limits(gt=0)] = 1.0
     force_sigma: Stated = None
     on: Literal["body", "target"] = "body"
     axes: Literal["body", "world"] = "body"

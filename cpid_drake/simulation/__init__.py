@@ -1,6 +1,1 @@
 """A simulated identification: YAML, dataclasses, Diagram and run files."""
-
-import lazy_loader
-
-# The names are those of __init__.pyi; each is imported when it is first used.
-__getattr__, _, _ = lazy_loader.attach_stub(__name__, __file__)

@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 from typing import Annotated
 
 import numpy as np
-from annotated_types import Ge, Gt
 
 from cpid_drake.array import Array
 from cpid_drake.files.checked_yaml import Vector
+from cpid_drake.files.constraints import Limits
 from cpid_drake.logs.log import Samples
 
 
@@ -25,8 +25,8 @@ class Burn:
 
     """
 
-    time: Annotated[float, Ge(0)]
-    duration: Annotated[float, Gt(0)]
+    time: Annotated[float, Limits(ge=0)]
+    duration: Annotated[float, Limits(gt=0)]
     force_B: Vector = field(default_factory=lambda: np.zeros(3))
     p_BF_B: Vector = field(default_factory=lambda: np.zeros(3))
     torque_B: Vector = field(default_factory=lambda: np.zeros(3))

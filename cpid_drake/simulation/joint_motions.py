@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from annotated_types import Gt, MinLen
 
 from cpid_drake.array import Array
 from cpid_drake.dynamics.joint_motion import SPLINE_DEGREE, HalfCosine, MultiSine, Spline
@@ -18,6 +17,7 @@ from cpid_drake.files.checked_yaml import (
     load_yaml,
     tagged,
 )
+from cpid_drake.files.constraints import Limits
 from cpid_drake.files.drafts import draft_of
 from cpid_drake.files.errors import InputError, choose_from, prefix_errors
 from cpid_drake.files.resources import resolve_model
@@ -35,7 +35,7 @@ class HalfCosineMotion:
     `SpacecraftConfig.configuration`.
     """
 
-    duration: Annotated[float, Gt(0)] = 10.0
+    duration: Annotated[float, Limits(gt=0)] = 10.0
     initial: dict[str, float] = field(default_factory=dict)
     final: dict[str, float] = field(default_factory=dict)
 
@@ -66,7 +66,7 @@ class MultiSineMotion:
     or m] move from their centre to this position during the motion; the others end at the centre.
     """
 
-    duration: Annotated[float, Gt(0)] = 10.0
+    duration: Annotated[float, Limits(gt=0)] = 10.0
     ramp: float = 2.0
     frequencies: Entries = field(default_factory=lambda: np.zeros(0))
     centre: dict[str, float] = field(default_factory=dict)
@@ -101,7 +101,7 @@ class SplineMotion:
     joint that is not named keeps its position in `SpacecraftConfig.configuration`.
     """
 
-    duration: Annotated[float, Gt(0)] = 10.0
+    duration: Annotated[float, Limits(gt=0)] = 10.0
     coefficients: dict[str, Entries] = field(default_factory=dict)
 
     def make(self, spacecraft: Spacecraft, default: Configuration) -> Spline:
@@ -142,7 +142,7 @@ class MotionFile:
     `file` is a package:// URI or a path relative to the scenario's folder.
     """
 
-    file: Annotated[str, MinLen(1)]
+    file: Annotated[str, Limits(min_length=1)]
 
     def make(self, spacecraft: Spacecraft, default: Configuration) -> "AnyMotion":
         """Return the motion of this spacecraft's joints; see `HalfCosineMotion.make`.

@@ -35,22 +35,6 @@ class LimitCheck:
     closest: str
     unchecked: tuple[str, ...]
 
-    def facts(self, simulation: Simulation) -> tuple[str, ...]:
-        """Return the verdict on a scenario, and what its simulation contains."""
-        scenario, spacecraft = simulation.scenario, simulation.spacecraft
-        suite, count = simulation.sensors and simulation.sensors.suite, len(self.exceeded)
-        return (
-            "ok" if not count else f"{count} limit{'s' * (count > 1)} exceeded",
-            f"spacecraft of {spacecraft.mass:g} kg with {len(spacecraft.joint_names)} joints",
-            f"target of {simulation.truth.mass:g} kg",
-            f"{type(scenario.joint_motion).__name__} of {simulation.joint_motion.duration:g} s",
-            f"simulation of {scenario.simulation.duration:g} s",
-            f"sensors: {', '.join(suite.present())}" if suite else "no sensors",
-            f"estimator: {scenario.online_estimator}",
-            *([f"closest bodies: {self.closest}"] if self.closest else []),
-            *(f"not checked: {what}" for what in self.unchecked),
-        )
-
 
 def check_limits(simulation: Simulation) -> LimitCheck:
     """Compare a scenario's joint motion with the limits of the spacecraft's model.
@@ -116,7 +100,8 @@ def _distances(simulation: Simulation, times: Array, q: Array) -> tuple[list[str
     """Return sentences about overlaps, the smallest distance, and what is not checked."""
     spacecraft = simulation.spacecraft
     arms = [k for k in range(q.shape[1]) if not spacecraft.tree.is_rotor(k)]
-    moved = np.cumsum(np.abs(np.diff(q[:, arms], axis=0, prepend=q[:1, arms])).max(axis=1))
+    steps = np.abs(np.diff(q[:, arms], axis=0, prepend=q[:1, arms]))
+    moved = np.cumsum(steps.max(axis=1, initial=0.0))  # a craft may have wheels only
     count = int(min(moved[-1] / LARGEST_MOVE, MOST_POSES - 2)) + 2
     instants = np.interp(np.linspace(0.0, moved[-1], count), moved, times)
     try:

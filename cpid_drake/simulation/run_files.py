@@ -13,16 +13,16 @@ from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.files.checked_yaml import dump_yaml, nulls
 from cpid_drake.files.drafts import draft_folder
 from cpid_drake.files.resources import version_of
-from cpid_drake.logs.files import write_log
-from cpid_drake.simulation.files import dump_scenario
+from cpid_drake.logs.formats import write_log
 from cpid_drake.simulation.limits import LimitCheck
+from cpid_drake.simulation.scenario_files import dump_scenario
 from cpid_drake.simulation.simulation import Simulation
 
 RUN_FILES = (
     *("telemetry.csv", "truth.csv", "truth.json"),
     *("scenario.yaml", "sensors.yaml", "run.json"),
 )
-"""Names of the files of a run."""
+"""Names of the files of a run. The last shows that the run is whole."""
 
 
 def write_run(

@@ -25,19 +25,20 @@ from cpid_drake.identification.identify import THRUST_NOT_USED
 from cpid_drake.identification.result import Identification
 from cpid_drake.logs.log import THRUST, Log, Samples
 from cpid_drake.simulation.burns import log_of_burns
-from cpid_drake.simulation.external_forces import ExternalForces
-from cpid_drake.simulation.schema import Scenario
-from cpid_drake.simulation.spacecraft_sensors import (
+from cpid_drake.simulation.scenario import Scenario
+from cpid_drake.spacecraft.spacecraft import Spacecraft
+from cpid_drake.systems.external_forces import ExternalForces
+from cpid_drake.systems.identifier import Identifier
+from cpid_drake.systems.joint_controller import JointController
+from cpid_drake.systems.joint_trajectory import JointTrajectory
+from cpid_drake.systems.momentum_identifier import MomentumIdentifier
+from cpid_drake.systems.plant_state import spacecraft_state
+from cpid_drake.systems.sensor_identifier import SensorIdentifier
+from cpid_drake.systems.spacecraft_sensors import (
     SpacecraftSensors,
     log_samples,
     measurements_from_logs,
 )
-from cpid_drake.spacecraft.spacecraft import Spacecraft
-from cpid_drake.systems.identifier import Identifier, MomentumIdentifier
-from cpid_drake.systems.joint_controller import JointController
-from cpid_drake.systems.joint_trajectory import JointTrajectory
-from cpid_drake.systems.ports import spacecraft_state
-from cpid_drake.systems.sensor_identifier import SensorIdentifier
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,7 +234,7 @@ def make_simulation(scenario: Scenario, *, target: InertialParameters | None = N
             mass.add_to(plant)
 
     spacecraft.add_to(plant, truth, connect=connect)
-    state = spacecraft_state(builder, spacecraft, plant)
+    state = spacecraft_state(builder, spacecraft, plant.get_state_output_port())
 
     source, config = builder.AddSystem(JointTrajectory(motion).source()), scenario.controller
     mass, moment = config.nominal_mass, 0.4 * config.nominal_mass * config.nominal_radius**2

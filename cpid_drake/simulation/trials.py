@@ -23,11 +23,11 @@ from cpid_drake.files.errors import InputError
 from cpid_drake.identification.fitted import cramer_rao_bound
 from cpid_drake.identification.identify import identify
 from cpid_drake.logs.log import THRUST, Log, ideal_log
+from cpid_drake.logs.simulated_noise import add_noise
+from cpid_drake.sensors.simulated_disturbance import SimulatedDisturbance
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.simulation.burns import Burn, log_of_burns
-from cpid_drake.simulation.disturbance import SimulatedDisturbance
-from cpid_drake.simulation.noise import add_noise
-from cpid_drake.simulation.schema import Scenario
+from cpid_drake.simulation.scenario import Scenario
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 

@@ -7,8 +7,10 @@ from numpy.typing import ArrayLike
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.multibody.tree import MultibodyForces
 from pydrake.systems.framework import Context
+from scipy.linalg import lapack
 
-from cpid_drake.array import Array
+from cpid_drake.array import Array, as_slice
+from cpid_drake.files.errors import InputError
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 
@@ -38,8 +40,7 @@ class FreeFloatingDynamics:
         self.plant = plant
         J = spacecraft.columns_in(plant)[spacecraft.state_columns["qdot"]] - plant.num_positions()
         B = np.setdiff1d(np.arange(plant.num_velocities()), J)
-        self._B, self._J = B, J
-        self._BB, self._BJ, self._JJ = np.ix_(B, B), np.ix_(B, J), np.ix_(J, J)
+        self._B, self._J = as_slice(B), as_slice(J)
 
     def generalized_force(
         self,
@@ -57,21 +58,32 @@ class FreeFloatingDynamics:
         Returns:
             The joint efforts [N·m or N] in the order of v; zero on the base.
 
+        Raises:
+            InputError: a body without mass moves on springs.
+
         """
-        plant, B, J = self.plant, self._B, self._J
-        M = plant.CalcMassMatrix(context)
-        applied = MultibodyForces(plant)
-        plant.CalcForceElementsContribution(context, applied)
+        plant, B = self.plant, self._B
+        forces = MultibodyForces(plant)
+        plant.CalcForceElementsContribution(context, forces)
         for force in outside:
             body, world = plant.get_body(force.body_index), plant.world_frame()
             p_W = body.EvalPoseInWorld(context).rotation() @ force.p_BoBq_B
-            body.AddInForce(context, p_W, force.F_Bq_W, world, applied)
-        bias = plant.CalcBiasTerm(context) - plant.CalcGeneralizedForces(context, applied)
-        M_BB, M_BJ, M_JJ = M[self._BB], M[self._BJ], M[self._JJ]
-        a_B = np.linalg.solve(M_BB, -bias[B] - M_BJ @ a_J)
-        force = np.zeros(plant.num_velocities())
-        force[J] = M_BJ.T @ a_B + M_JJ @ a_J + bias[J]
-        return force
+            body.AddInForce(context, p_W, force.F_Bq_W, world, forces)
+        # τ₀ = M [0; a_J] + C − τ_applied
+        vdot = np.zeros(plant.num_velocities())
+        vdot[self._J] = a_J
+        effort = plant.CalcInverseDynamics(context, vdot, forces)
+        # M_BB a_B = −τ₀_B,  τ = τ₀ + M [a_B; 0]
+        M_B = plant.CalcMassMatrix(context)[:, B]
+        _, minus_a_B, failed = lapack.dposv(M_B[B], effort[B])
+        if failed:
+            raise InputError(
+                "the mass matrix of the coordinates without actuators is not positive definite: in "
+                "a model with a compliant wrist the target must have a mass"
+            )
+        effort -= M_B @ minus_a_B
+        effort[B] = 0.0
+        return np.asarray(effort)
 
     def joint_efforts(self, context: Context, states: Array, a_J: Array) -> Array:
         """Return the joint efforts (N, J) [N·m or N] of a motion, in the spacecraft's joint order.

@@ -1,9 +1,9 @@
 """What a parsed plant says of a spacecraft: its names, its tree of joints, and their limits."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from pydrake.math import RigidTransform
@@ -12,7 +12,9 @@ from pydrake.multibody.tree import (
     BodyIndex,
     Frame,
     Joint,
+    ModelInstanceIndex,
     PrismaticJoint,
+    QuaternionFloatingJoint,
     RevoluteJoint,
     RigidBody,
     WeldJoint,
@@ -23,6 +25,8 @@ from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.tree import KinematicTree, TreeBody
 from cpid_drake.files.errors import InputError, listed
 from cpid_drake.spacecraft.model_file import ModelFile
+
+_Element = TypeVar("_Element", RigidBody, Joint)
 
 
 def find_element(plant: MultibodyPlant, kind: str, name: str, where: str) -> Any:
@@ -42,6 +46,66 @@ def find_element(plant: MultibodyPlant, kind: str, name: str, where: str) -> Any
         if where.endswith(".xml"):
             remedy += "; a <site> is not read: write a <body> in its place"
         raise InputError(f"{where}: {text:.400}; {remedy}") from error
+
+
+def find_counterpart(
+    plant: MultibodyPlant,
+    element: _Element,
+    has: Callable[[str, ModelInstanceIndex], bool],
+    get: Callable[[str, ModelInstanceIndex], _Element],
+    instance: ModelInstanceIndex | None = None,
+) -> _Element:
+    """Return the body or joint of another plant that has this one's name.
+
+    Its model instance is the given one, or that of the same name, or the only one that has it.
+
+    Args:
+        plant: the other plant.
+        element: the body or joint.
+        has, get: the other plant's methods that find such an element by name and instance.
+        instance: the model instance; default: any.
+
+    Raises:
+        InputError: there is none, or more than one.
+
+    """
+    name = element.name()
+    scope = element.GetParentPlant().GetModelInstanceName(element.model_instance())
+    instances = [ModelInstanceIndex(k) for k in range(plant.num_model_instances())]
+    among = [k for k in instances if instance in (None, k) and has(name, k)]
+    scopes = [plant.GetModelInstanceName(k) for k in among]
+    if not among:
+        raise InputError(
+            f"the plant has no '{name}' of the spacecraft model: connect the state of a plant of "
+            "the same spacecraft"
+        )
+    if len(among) > 1 and scope not in scopes:
+        raise InputError(
+            f"the plant has '{name}' in {listed(scopes)}: connect its "
+            "get_state_output_port(model_instance) of one of them"
+        )
+    return get(name, among[scopes.index(scope) if scope in scopes else 0])
+
+
+def floating_joint(plant: MultibodyPlant, base: RigidBody) -> QuaternionFloatingJoint:
+    """Return the joint on which a base floats freely in W, with a quaternion as attitude.
+
+    Raises:
+        InputError: the base is on another joint.
+
+    """
+    for joint in map(plant.get_joint, plant.GetJointIndices()):
+        frames = joint.frame_on_parent(), joint.frame_on_child()
+        if (
+            isinstance(joint, QuaternionFloatingJoint)
+            and joint.child_body().index() == base.index()
+            and all(frame.is_body_frame() for frame in frames)
+        ):
+            return joint
+    raise InputError(
+        f"the base '{base.name()}' must float freely in the plant, with a quaternion as attitude "
+        "(QuaternionFloatingJoint from world), not with roll, pitch and yaw or on another joint"
+    )
 
 
 def unique_names(

@@ -1,14 +1,16 @@
 """How files, results and requests name a spacecraft."""
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from annotated_types import MinLen
+from cpid_drake.files.constraints import Limits
+from cpid_drake.files.resources import from_folder
 
 if TYPE_CHECKING:
     from cpid_drake.spacecraft.spacecraft import Spacecraft
 
-Name = Annotated[str, MinLen(1)]
+Name = Annotated[str, Limits(min_length=1)]
 
 
 @dataclass
@@ -41,6 +43,17 @@ class SpacecraftReference:
         return Spacecraft(
             self.model, base=self.base, capture_frame=self.capture_frame, packages=self.packages
         )
+
+    def resolve(self, folder: Path) -> None:
+        """Make the paths absolute; relative ones start at a folder.
+
+        Raises:
+            InputError: a path names a user that does not exist.
+
+        """
+        self.model = from_folder(folder, self.model)
+        places = self.packages.items()
+        self.packages = {name: from_folder(folder, place) for name, place in places}
 
     def reference(self) -> "SpacecraftReference":
         """Return these four entries alone, without those of a derived class."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import BodyIndex, Frame, RevoluteJoint, RigidBody
+from pydrake.multibody.tree import BodyIndex, Frame, ModelInstanceIndex, RevoluteJoint, RigidBody
 from pydrake.systems.framework import Context
 
 from cpid_drake.array import Array
@@ -27,7 +27,9 @@ from cpid_drake.spacecraft.appearance import add_target_appearance
 from cpid_drake.spacecraft.model_file import ModelFile
 from cpid_drake.spacecraft.reading import (
     extract_tree,
+    find_counterpart,
     find_element,
+    floating_joint,
     joint_limits,
     movable_joints,
     unique_names,
@@ -220,36 +222,61 @@ class Spacecraft:
         self.add_to(plant, target, connect=connect)
         return plant
 
-    def columns_in(self, plant: MultibodyPlant) -> NDArray[np.intp]:
+    def columns_in(
+        self, plant: MultibodyPlant, instance: ModelInstanceIndex | None = None
+    ) -> NDArray[np.intp]:
         """Return the columns of a plant's x = [q; v] in the order of the state of `self.plant`.
+
+        The base and the joints are found by their names. Their model instance has the name that it
+        has in `self.plant`, or it is the only one with such a base or joint.
 
         Args:
             plant: a finalized plant with the spacecraft, such as one with a target.
+            instance: the model instance that has the whole spacecraft; default: any.
 
         Raises:
-            InputError: the plant does not have the spacecraft's joints.
+            InputError: the plant lacks the base or a joint, has it more than once, or has it with
+                other coordinates.
 
         """
-        names = {name: column for column, name in enumerate(plant.GetStateNames())}
-        try:
-            return np.array([names[name] for name in self.plant.GetStateNames()])
-        except KeyError as error:
-            raise InputError(
-                f"the plant must have the spacecraft's joints; it has no state {error}"
-            ) from None
+        columns = np.empty(self.plant.num_multibody_states(), dtype=np.intp)
+        base, nq, own_nq = self.base, plant.num_positions(), self.plant.num_positions()
+        B = find_counterpart(plant, base, plant.HasBodyNamed, plant.GetBodyByName, instance)
+        theirs = floating_joint(plant, B)
+        own_q, own_v = base.floating_positions_start(), base.floating_velocities_start_in_v()
+        columns[own_q + np.arange(7)] = theirs.position_start() + np.arange(7)
+        columns[own_nq + own_v + np.arange(6)] = nq + theirs.velocity_start() + np.arange(6)
+        for joint in self._joints:
+            J = find_counterpart(plant, joint, plant.HasJointNamed, plant.GetJointByName, instance)
+            if J.type_name() != joint.type_name():
+                raise InputError(
+                    f"joint '{joint.name()}' must be {joint.type_name()} in the plant, as in the "
+                    f"spacecraft model, not {J.type_name()}"
+                )
+            columns[joint.position_start()] = J.position_start()
+            columns[own_nq + joint.velocity_start()] = nq + J.velocity_start()
+        return columns
 
     # -- states ------------------------------------------------------------------------------
 
     def to_motion(self, time: ArrayLike, states: ArrayLike) -> Motion:
         """Return plant states x = [q; v] (N, nx) at times (N,) [s] as a motion.
 
+        A state that was logged twice at one time counts once: a second call of
+        `Simulator.Initialize` does that.
+
         Raises:
             InputError: the times or states are no valid motion.
 
         """
+        time = np.atleast_1d(np.asarray(time, dtype=float))
         states = np.atleast_2d(np.asarray(states, dtype=float))
+        if len(time) == len(states):
+            is_new = np.ones(len(time), dtype=bool)
+            is_new[1:] = (np.diff(time) != 0) | np.diff(states, axis=0).any(axis=1)
+            time, states = time[is_new], states[is_new]
         parts = {name: states[:, columns] for name, columns in self.state_columns.items()}
-        return Motion(self.joint_names, np.atleast_1d(time), **parts)
+        return Motion(self.joint_names, time, **parts)
 
     def predicted_motion(
         self,
@@ -345,6 +372,18 @@ class Spacecraft:
         )
         P, L = L_WC.translational()[None], L_WC.rotational()[None]
         return MomentumSamples(motion, P, L, p_WKcm[None], self.mass)
+
+
+def require_spacecraft(given: object) -> None:
+    """Raise an InputError for what is no spacecraft, such as a path."""
+    if isinstance(given, Spacecraft):
+        return
+    model = repr(str(given)) if isinstance(given, (str, Path)) else "model"
+    raise InputError(
+        f"the spacecraft must be a Spacecraft, not {given!r:.80}: a model alone does not say which "
+        "body is the base and which frame holds the target; give "
+        f"Spacecraft({model}, base=..., capture_frame=...)"
+    )
 
 
 def _read_again(

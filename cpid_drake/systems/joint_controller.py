@@ -3,7 +3,7 @@
 from typing import Self
 
 import numpy as np
-from pydrake.common.value import Value
+from pydrake.common.value import AbstractValue, Value
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.framework import (
@@ -14,8 +14,10 @@ from pydrake.systems.framework import (
     InputPort,
     OutputPort,
     State,
+    ValueProducer,
 )
 
+from cpid_drake.array import as_slice
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import parameter_scale
 from cpid_drake.files.errors import InputError
@@ -84,7 +86,8 @@ class JointController(SpacecraftSystem):
             parameter (see `parameterizations.parameter_scale`).
 
     Raises:
-        InputError: a gain or the tolerance is not positive, or the target is not a rigid body.
+        InputError: a gain or the tolerance is not positive, or the target is not a rigid body; and,
+            when an effort is computed, the model has a compliant wrist and no target.
 
     """
 
@@ -113,23 +116,33 @@ class JointController(SpacecraftSystem):
         model = MultibodyPlant(time_step=0.0)
         self._target = spacecraft.add_to(model, target or _PLACEHOLDER, connect=connect)
         self._dynamics = FreeFloatingDynamics(spacecraft, model)
-        self._plant_context = self._declare_plant_context(model)
         plant = plant or model
         names = plant.GetStateNames()
-        self._model_columns = np.array([names.index(name) for name in model.GetStateNames()])
-        self._driven = self._model_columns[model.num_positions() :] - plant.num_positions()
-        self._stiffness = natural_frequency**2
-        self._damping = 2 * damping_ratio * natural_frequency
+        state = np.array([names.index(name) for name in model.GetStateNames()])
+        self._model_columns = as_slice(state)
+        self._driven = as_slice(state[model.num_positions() :] - plant.num_positions())
+        self._gains = np.array([natural_frequency**2, 2 * damping_ratio * natural_frequency])
         self._tolerance = tolerance
         columns = spacecraft.columns_in(plant)
-        self._q_columns, self._v_columns = (
-            columns[spacecraft.state_columns[name]] for name in ("q", "qdot")
+        self._joint_columns = np.array(
+            [columns[spacecraft.state_columns[name]] for name in ("q", "qdot")]
         )
 
-        self.DeclareVectorInputPort("state", plant.num_multibody_states())
-        self.DeclareVectorInputPort("desired_motion", 3 * len(self._v_columns))
+        self._state_port = self.DeclareVectorInputPort("state", plant.num_multibody_states())
+        self._desired_port = self.DeclareVectorInputPort(
+            "desired_motion", 3 * len(spacecraft.joint_names)
+        )
         start = target.to_spatial_inertia() if target else SpatialInertia.Zero()
         self._target_index = self.DeclareAbstractState(Value(start))
+        # Any call may overwrite the state of this context; its target is that of the model.
+        self._model_context = self.DeclareCacheEntry(
+            "model_context",
+            ValueProducer(
+                allocate=lambda: AbstractValue.Make(model.CreateDefaultContext()),
+                calc=self._set_target,
+            ),
+            {self.xa_ticket()},
+        )
         if reads_estimate:
             self.DeclareVectorInputPort("covariance", 100)
             self.DeclareAbstractInputPort("spatial_inertia", Value(SpatialInertia.NaN()))
@@ -137,9 +150,10 @@ class JointController(SpacecraftSystem):
             self.DeclarePeriodicUnrestrictedUpdateEvent(
                 period_sec=0.1, offset_sec=0.0, update=self._read_estimate
             )
+        self._forces_port = None
         if knows_forces:
             none = Value([ExternallyAppliedSpatialForce()])
-            self.DeclareAbstractInputPort("spatial_forces", none)
+            self._forces_port = self.DeclareAbstractInputPort("spatial_forces", none)
         self.DeclareVectorOutputPort(
             name="generalized_force",
             size=plant.num_velocities(),
@@ -207,19 +221,18 @@ class JointController(SpacecraftSystem):
     def _model_inertia(self, context: Context) -> SpatialInertia:
         return context.get_abstract_state(self._target_index).get_value()
 
+    def _set_target(self, context: Context, model: AbstractValue) -> None:
+        inertia = self._model_inertia(context)
+        self._target.SetSpatialInertiaInBodyFrame(model.get_mutable_value(), inertia)
+
     def _calc_generalized_force(self, context: Context, output: BasicVector) -> None:
-        state = self.GetInputPort("state").Eval(context)
-        q_d, qdot_d, qddot_d = self.GetInputPort("desired_motion").Eval(context).reshape(3, -1)
-        a_J = (
-            qddot_d
-            + self._damping * (qdot_d - state[self._v_columns])
-            + self._stiffness * (q_d - state[self._q_columns])
-        )
-        model = self._plant_context(context)
-        self._target.SetSpatialInertiaInBodyFrame(model, self._model_inertia(context))
+        state = self._state_port.Eval(context)
+        desired = self._desired_port.Eval(context).reshape(3, -1)
+        # a_J = q̈_d + ω² (q_d − q) + 2ζω (q̇_d − q̇)
+        a_J = desired[2] + self._gains @ (desired[:2] - state[self._joint_columns])
+        model = self._model_context.Eval(context)
         self._dynamics.plant.SetPositionsAndVelocities(model, state[self._model_columns])
-        knows_forces = self.HasInputPort("spatial_forces")
-        outside = self.GetInputPort("spatial_forces").Eval(context) if knows_forces else ()
+        outside = () if self._forces_port is None else self._forces_port.Eval(context)
         force = np.zeros(output.size())
         force[self._driven] = self._dynamics.generalized_force(model, a_J, outside)
         output.SetFromVector(force)

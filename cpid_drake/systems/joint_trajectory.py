@@ -8,9 +8,10 @@ from cpid_drake.dynamics.joint_motion import JointMotion
 
 
 class JointTrajectory(FunctionHandleTrajectory):  # type: ignore[misc]  # no usable stub
-    """A prescribed joint motion: (J, 1) positions [rad or m], with rates and accelerations.
+    """A prescribed joint motion: (3 J, 1) positions [rad or m], then rates, then accelerations.
 
-    Before its start and after its end the joints rest.
+    They are one vector, so that each instant takes one evaluation of the motion. Before its start
+    and after its end the joints rest.
 
     Args:
         motion: the motion.
@@ -19,16 +20,11 @@ class JointTrajectory(FunctionHandleTrajectory):  # type: ignore[misc]  # no usa
     """
 
     def __init__(self, motion: JointMotion, start: float = 0.0) -> None:
-        def derivative(time: float, order: int) -> Array:
-            return motion.evaluate(time - start)[order, :, None]
+        def value(time: float) -> Array:
+            return motion.evaluate(time - start).reshape(-1, 1)
 
-        joints = motion.evaluate(0.0).shape[-1]
-        end = start + motion.duration
-        super().__init__(lambda time: derivative(time, 0), joints, 1, start, end)
-        self.set_derivative(derivative)
+        super().__init__(value, value(start).size, 1, start, start + motion.duration)
 
     def source(self) -> TrajectorySource:
         """Return Drake's source of positions, rates and accelerations (3 J), one after another."""
-        return TrajectorySource(
-            self, output_derivative_order=2, zero_derivatives_beyond_limits=False
-        )
+        return TrajectorySource(self)

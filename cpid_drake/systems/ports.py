@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from typing import Self
 
-import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import (
@@ -14,10 +13,8 @@ from pydrake.systems.framework import (
     OutputPort,
     ValueProducer,
 )
-from pydrake.systems.primitives import MatrixGain
 
 from cpid_drake.files.errors import InputError
-from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 
 class SpacecraftSystem(LeafSystem):  # type: ignore[misc]  # the base has no usable stub
@@ -70,19 +67,3 @@ class SpacecraftSystem(LeafSystem):  # type: ignore[misc]  # the base has no usa
             {self.nothing_ticket()},
         ).Eval
         return evaluate
-
-
-def spacecraft_state(
-    builder: DiagramBuilder, spacecraft: Spacecraft, plant: MultibodyPlant
-) -> OutputPort:
-    """Return the state of the spacecraft alone, without the coordinates of a compliant wrist.
-
-    The builder has the finalized plant of spacecraft and target.
-    """
-    state = plant.get_state_output_port()
-    if state.size() == spacecraft.plant.num_multibody_states():
-        return state
-    selection = builder.AddSystem(MatrixGain(np.eye(state.size())[spacecraft.columns_in(plant)]))
-    selection.set_name("spacecraft_state")
-    builder.Connect(state, selection.get_input_port())
-    return selection.get_output_port()

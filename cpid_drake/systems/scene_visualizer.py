@@ -72,10 +72,14 @@ class SceneVisualizer(SpacecraftSystem):
         self._spacecraft, self._meshcat, self._truth = spacecraft, meshcat, truth
         plant = spacecraft.plant
         self._plant_context = self._declare_plant_context(plant)
-        bodies = [plant.get_body(BodyIndex(k)).body_frame() for k in range(1, plant.num_bodies())]
+        indices = [BodyIndex(k) for k in range(1, plant.num_bodies())]
+        bodies = [plant.get_body(index).body_frame() for index in indices]
         frames, at_rest = [*bodies, spacecraft.capture_frame], plant.CreateDefaultContext()
         places = [frame.CalcPoseInWorld(at_rest).translation() for frame in frames]
-        self._reach = float(np.linalg.norm(places, axis=1).max())
+        # All frames may be at one place: then the mass reaches as far as its radius of gyration.
+        inertia = plant.CalcSpatialInertia(at_rest, plant.world_frame(), indices)
+        gyration = np.sqrt(inertia.get_unit_inertia().get_moments().sum() / 2)
+        self._reach = float(max(np.linalg.norm(places, axis=1).max(), gyration))
         self._names = ["C"]
         self._texts: list[tuple[float, str]] = []
         self._buttons: list[str] = []

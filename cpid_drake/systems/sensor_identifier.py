@@ -10,14 +10,14 @@ from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, Outp
 
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.estimation.one_thread import one_thread
 from cpid_drake.estimation.online import WINDOW, OnlineState
 from cpid_drake.files.errors import InputError
+from cpid_drake.files.one_thread import one_thread
 from cpid_drake.identification.arguments import PathLike, resolve_sensors
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import Identification
-from cpid_drake.live.stream import Stream, StreamState
 from cpid_drake.logs.log import THRUST
+from cpid_drake.online.stream import Stream, StreamState
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.identifier import Identifier, is_number
@@ -53,7 +53,7 @@ class SensorIdentifier(Identifier):
     - `parameters`, `covariance`, `spatial_inertia`, `diagnostics`: as the outputs of
       `MomentumIdentifier`, but the covariance follows from the sensors' noise, and the residual is
       NaN.
-    - the port of the checks (1): 1 if no check of `identification(context)` fails: convergence,
+    - `checks_passed` (1): 1 if no check of `identification(context)` fails: convergence,
       residuals as small and as little correlated as the declared noise, errors no larger than
       declared, samples that were rejected, momentum, and a rigid body that has the estimate.
 
@@ -63,13 +63,13 @@ class SensorIdentifier(Identifier):
 
     In every period it collects the new samples; one of time t, one period after t, because Drake's
     systems read each other's state before the update. A block is solved when every sensor has
-    delivered its samples, or `live.stream.LATENESS` later; samples after that are rejected. Only
+    delivered its samples, or `online.stream.LATENESS` later; samples after that are rejected. Only
     stamps determine the blocks; their zero is arbitrary. `Finish` also solves the incomplete block;
     samples that are due at this instant need `Simulator.AdvancePendingEvents` before.
 
-    The state is one abstract value, which is replaced and never changed. Its size does not grow. An
-    update that solves a block takes some 100 ms of processor time for 12 joints; where the momentum
-    changed, ten times as much.
+    The state is one abstract value, which is replaced and never changed. Its size does not grow.
+    Nearly all of the time is that of updates that solve a block: docs/explanation/speed.md has it
+    for 12 joints. Where the momentum changed, such an update takes several times as long.
 
     Args:
         spacecraft: the spacecraft model.
@@ -132,6 +132,7 @@ class SensorIdentifier(Identifier):
             period_sec=period, offset_sec=0.0, update=self._collect
         )
         self.DeclareForcedUnrestrictedUpdateEvent(self._finish)
+        self.DeclareInitializationUnrestrictedUpdateEvent(self._begin_run)
         self._answers = WeakKeyDictionary[OnlineState, Identification]()
         self._declare_outputs(self.xa_ticket())
 
@@ -179,10 +180,22 @@ class SensorIdentifier(Identifier):
         memory: _Memory = context.get_abstract_state(self._memory_index).get_value()
         return memory
 
+    def _begin_run(self, context: Context, state: State) -> EventStatus:
+        """Refuse a run before the samples of an earlier one: all of it would be late."""
+        now, latest = context.get_time(), self._memory(context).latest
+        if now < latest:
+            raise InputError(
+                f"{self.GetSystemPathname()}: time was set back from {latest:g} s to {now:g} s, "
+                "and samples of earlier times cannot be used: begin a run with a new Context, or "
+                "with SetDefaultContext"
+            )
+        return EventStatus.DidNothing()
+
     @one_thread
     def _collect(self, context: Context, state: State) -> EventStatus:
         """Collect new samples, and process all if a block may be complete."""
-        memory, now = self._with_new_samples(context), context.get_time()
+        now = context.get_time()
+        memory = replace(self._with_new_samples(context), latest=now)
         if now >= memory.due - self._period / 2:
             stream = self._stream.processed(memory.stream)
             memory = replace(memory, stream=stream, due=self._stream.due(stream, now))
@@ -214,7 +227,7 @@ class SensorIdentifier(Identifier):
         return replace(memory, seen=seen, stream=replace(memory.stream, waiting=waiting), due=due)
 
     @one_thread
-    def _solve(self, context: Context) -> Identification:
+    def _identify(self, context: Context) -> Identification:
         stream = self._memory(context).stream
         found = self._answers.get(stream.online)  # most samples leave the fit as it is
         if found is None:
@@ -229,6 +242,8 @@ class _Memory:
     stream: StreamState
     seen: dict[str, float]
     """Time of the latest sample of every sensor [s]."""
+    latest: float = -np.inf
+    """Time of the Context at the latest update [s]."""
     due: float = np.nan
     """Time of the Context at which the next block may be complete [s]; NaN before the first."""
 

@@ -7,8 +7,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from cpid_drake.files import COLORS, INK, Picture, curves, label_axes, legend_below
-from cpid_drake.report import Section
+from cpid_drake.files.pictures import COLORS, INK, Picture, curves, label_axes, legend_below
+from cpid_drake.report.page import Section
 from paper.rounding import RoundedCase
 from paper.scene import render_scenario
 from paper.study import PaperStudy

@@ -15,8 +15,9 @@ from cpid_drake import (
     identify,
     load_sensors,
 )
-from cpid_drake.dynamics import parameter_scale, propagate
-from cpid_drake.identification import log_of_states
+from cpid_drake.dynamics.parameterizations import parameter_scale
+from cpid_drake.dynamics.propagation import propagate
+from cpid_drake.identification.checked_log import log_of_states
 
 _FINEST = 7  # decimals to which splines through the samples of the log follow its joint motion
 _SUITE = "digits6"  # the suite of a state that is known but for rounding

@@ -15,9 +15,12 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from cpid_drake import InputError, find_scenario, load_scenario
-from cpid_drake.files import check_folder
-from cpid_drake.report import Report, Section, print_tables, study_report
-from cpid_drake.simulation import check_limits, files_of
+from cpid_drake.files.overwriting import check_folder
+from cpid_drake.report.page import Report, Section
+from cpid_drake.report.pages.study import study_report
+from cpid_drake.report.terminal import print_tables
+from cpid_drake.simulation.limits import check_limits
+from cpid_drake.simulation.scenario_files import files_of
 from paper import figures, tables
 from paper.study import PaperStudy, run_paper_study, summarize
 from paper.values import EXCITING

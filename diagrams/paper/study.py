@@ -18,8 +18,8 @@ from cpid_drake import (
     identify,
     make_simulation,
 )
-from cpid_drake.dynamics import system_momentum
-from cpid_drake.files import nulls
+from cpid_drake.dynamics.momentum import system_momentum
+from cpid_drake.files.checked_yaml import nulls
 from paper.rounding import (
     RoundedCase,
     exciting_motion,

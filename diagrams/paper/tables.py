@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cpid_drake import PARAMETER_NAMES, PARAMETER_UNITS
-from cpid_drake.report import Section, Table
+from cpid_drake.report.page import Section, Table
 from paper.rounding import RoundedCase, max_relative_error
 from paper.study import PaperStudy
 from paper.values import (

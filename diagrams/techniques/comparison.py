@@ -19,7 +19,7 @@ from cpid_drake import (
     TotalMomentum,
     load_sensors,
 )
-from cpid_drake.simulation import make_case
+from cpid_drake.simulation.trials import make_case
 from techniques import one_joint, rows
 from techniques.force_sensors import ForceSensors
 from techniques.records import FIT, ONLINE, PLANAR, Technique, techniques

@@ -8,7 +8,8 @@ from paper.study import peak_relative_error
 from paper.values import PAPER_TABLE_1
 
 from cpid_drake import HalfCosine, InertialParameters, Motion
-from cpid_drake.dynamics import SCALE_LENGTH, STANDARD, parameter_scale, propagate
+from cpid_drake.dynamics.parameterizations import SCALE_LENGTH, STANDARD, parameter_scale
+from cpid_drake.dynamics.propagation import propagate
 from techniques import network, one_joint
 from techniques.adaptive import simulate_adaptation
 from techniques.forgetting import reactionless_motion

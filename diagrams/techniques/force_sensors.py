@@ -5,16 +5,16 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from annotated_types import Ge, Gt, Len, MinLen
 from numpy.typing import NDArray
 
 from cpid_drake import InputError
-from cpid_drake.files import load_yaml
+from cpid_drake.files.checked_yaml import load_yaml
+from cpid_drake.files.constraints import Limits
 
 Array = NDArray[np.float64]
-Size = Annotated[float, Ge(0)]
-Sizes = Annotated[list[Size], MinLen(1)]
-Pair = Annotated[list[Annotated[float, Gt(0)]], Len(2, 2)]
+Size = Annotated[float, Limits(ge=0)]
+Sizes = Annotated[list[Size], Limits(min_length=1)]
+Pair = Annotated[list[Annotated[float, Limits(gt=0)]], Limits(min_length=2, max_length=2)]
 
 RATE = 100.0
 """Samples per second of these sensors [Hz]: the rate of the encoders of the shipped suites, so that
@@ -39,7 +39,7 @@ class Wrist:
     σ is that of the noise of a sample and that of the zero.
     """
 
-    name: Annotated[str, MinLen(1)]
+    name: Annotated[str, Limits(min_length=1)]
     range: Pair
     noise: Pair
     zero: Pair
@@ -65,7 +65,7 @@ class ForceSensors:
 
     accelerometer: Accelerometer
     joint_torques: Sizes
-    wrists: Annotated[list[Wrist], MinLen(1)]
+    wrists: Annotated[list[Wrist], Limits(min_length=1)]
     calibrations: Sizes = field(default_factory=lambda: [0.0])
 
     def wrist_for(self, wrench: Array) -> Wrist:

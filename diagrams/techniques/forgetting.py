@@ -20,7 +20,9 @@ from scipy.signal import savgol_filter
 from scipy.spatial.transform import Rotation
 
 from cpid_drake import InertialParameters, InputError, Spacecraft
-from cpid_drake.dynamics import BodyDynamics, parameter_scale, relative_parameterization, rotate
+from cpid_drake.dynamics.body_dynamics import BodyDynamics
+from cpid_drake.dynamics.parameterizations import parameter_scale, relative_parameterization
+from cpid_drake.dynamics.rotations import rotate
 from techniques.trial import Trial
 
 Array = NDArray[np.float64]

@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from cpid_drake import JointMotion, Spacecraft
-from cpid_drake.dynamics import (
+from cpid_drake.dynamics.body_dynamics import BodyDynamics
+from cpid_drake.dynamics.parameterizations import (
     STANDARD,
-    BodyDynamics,
     moved_moments,
     standard_to_relative,
     tensor_to_vector,
 )
-from cpid_drake.sensors import Gyro
+from cpid_drake.sensors.sensors import Gyro
 
 Array = NDArray[np.float64]
 

@@ -32,17 +32,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cpid_drake.dynamics import (
-    KinematicTree,
-    Outboard,
-    cross_force,
-    cross_motion,
-    inertia_operator,
-    moved_moments,
-    rotate,
-    skew,
-    tensor_to_vector,
-)
+from cpid_drake.dynamics.outboard import Outboard, cross_force, cross_motion
+from cpid_drake.dynamics.parameterizations import moved_moments, tensor_to_vector
+from cpid_drake.dynamics.rotations import rotate, skew
+from cpid_drake.dynamics.rows import inertia_operator
+from cpid_drake.dynamics.tree import KinematicTree
 
 Array = NDArray[np.float64]
 

@@ -14,17 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake import InertialParameters, InputError, JointMotion, Motion, Spacecraft, Spline
-from cpid_drake.dynamics import (
-    SPLINE_DEGREE,
+from cpid_drake.dynamics.body_dynamics import BodyDynamics
+from cpid_drake.dynamics.joint_motion import SPLINE_DEGREE
+from cpid_drake.dynamics.momentum import momentum_samples
+from cpid_drake.dynamics.parameterizations import (
     STANDARD,
-    BodyDynamics,
-    inertia_operator,
-    momentum_samples,
     parameter_scale,
     relative_parameterization,
-    skew,
     standard_to_relative,
 )
+from cpid_drake.dynamics.rotations import skew
+from cpid_drake.dynamics.rows import inertia_operator
 
 Array = NDArray[np.float64]
 

@@ -13,8 +13,8 @@ from pydrake.systems.framework import (
 )
 
 from cpid_drake import InertialParameters, InputError, Spacecraft
-from cpid_drake.dynamics import STANDARD, parameter_scale
-from cpid_drake.systems import SpacecraftSystem
+from cpid_drake.dynamics.parameterizations import STANDARD, parameter_scale
+from cpid_drake.systems.ports import SpacecraftSystem
 from techniques.newton_euler import ReferenceDynamics, momentum_regressor, skew_consistent_regressor
 
 Array = NDArray[np.float64]

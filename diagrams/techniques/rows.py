@@ -12,19 +12,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake import Motion
-from cpid_drake.dynamics import (
-    ROW_FAMILIES,
+from cpid_drake.dynamics.momentum import momentum_samples
+from cpid_drake.dynamics.parameterizations import (
     SCALE_LENGTH,
     STANDARD,
     Parameterization,
-    momentum_samples,
     parameter_scale,
     relative_parameterization,
-    rotate,
-    skew,
 )
-from cpid_drake.estimation import changed_motion
-from cpid_drake.logs import Samples, regression_spline
+from cpid_drake.dynamics.rotations import rotate, skew
+from cpid_drake.dynamics.rows import ROW_FAMILIES
+from cpid_drake.estimation.momentum_rows import changed_motion
+from cpid_drake.logs.log import Samples
+from cpid_drake.logs.splines import regression_spline
 from techniques.force_sensors import RATE, Accelerometer, ForceSensors
 from techniques.newton_euler import newton_euler_regressor
 from techniques.trial import Trial

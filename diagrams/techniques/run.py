@@ -19,9 +19,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from paper.values import EXCITING
 
 from cpid_drake import InputError, find_scenario, load_scenario
-from cpid_drake.files import check_folder
-from cpid_drake.report import Report, print_tables, study_report
-from cpid_drake.simulation import files_of
+from cpid_drake.files.overwriting import check_folder
+from cpid_drake.report.page import Report
+from cpid_drake.report.pages.study import study_report
+from cpid_drake.report.terminal import print_tables
+from cpid_drake.simulation.scenario_files import files_of
 from techniques import tables
 from techniques.comparison import TechniqueComparison, run_comparison
 from techniques.force_sensors import LABORATORY, load_force_sensors

@@ -5,8 +5,8 @@ from functools import partial
 import numpy as np
 from matplotlib.axes import Axes
 
-from cpid_drake.files import COLORS, INK, Picture, label_axes, legend_below
-from cpid_drake.report import Section, Table
+from cpid_drake.files.pictures import COLORS, INK, Picture, label_axes, legend_below
+from cpid_drake.report.page import Section, Table
 from techniques.claims import CLAIMS, judge
 from techniques.comparison import ONE_JOINT, Cell, TechniqueComparison
 from techniques.records import FIT

@@ -7,28 +7,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake import BodyUncertainty, Log, Motion, SensorSuite, Spacecraft
-from cpid_drake.dynamics import (
+from cpid_drake.dynamics.body_dynamics import BodyDynamics
+from cpid_drake.dynamics.momentum import momentum_samples
+from cpid_drake.dynamics.outboard import Outboard
+from cpid_drake.dynamics.parameterizations import (
     SCALE_LENGTH,
-    BodyDynamics,
-    KinematicTree,
-    Outboard,
-    momentum_samples,
     parameter_scale,
-    perturbed,
     relative_parameterization,
-    rotate,
-    skew,
 )
-from cpid_drake.logs import sample_times, smooth
-from cpid_drake.simulation import (
-    Case,
-    SpacecraftConfig,
-    add_noise,
-    base_trajectory,
-    bound_of,
-    ideal_samples,
-    seeds_of,
-)
+from cpid_drake.dynamics.rotations import rotate, skew
+from cpid_drake.dynamics.sensitivity import perturbed
+from cpid_drake.dynamics.tree import KinematicTree
+from cpid_drake.estimation.smoothing import smooth
+from cpid_drake.logs.log import sample_times
+from cpid_drake.logs.simulated_noise import add_noise
+from cpid_drake.simulation.scenario import SpacecraftConfig
+from cpid_drake.simulation.trials import Case, base_trajectory, bound_of, ideal_samples, seeds_of
 from techniques.force_sensors import RATE
 from techniques.newton_euler import newton_euler_regressor
 

@@ -12,8 +12,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import cpid_drake as cpid
-from cpid_drake.logs import Samples
-from cpid_drake.simulation import add_noise, ideal_samples, make_case
+from cpid_drake.logs.log import Samples
+from cpid_drake.logs.simulated_noise import add_noise
+from cpid_drake.simulation.trials import ideal_samples, make_case
 
 scenario = cpid.load_scenario(cpid.shipped_scenario("free_flyer_payload"))
 spacecraft, truth = scenario.spacecraft.make(), scenario.target_truth()

@@ -4,14 +4,15 @@
 # Ning et al. 2016 identify a captured target from Eq. 18 (PLoS ONE 11(4): e0153604). This tutorial
 # repeats their tables with the same target, and compares the numbers. `make demo` writes the same
 # study as one page, with its figures and a simulation by Drake. Here the motion follows from the
-# conservation of momentum, which takes a second.
+# conservation of momentum, which is fast.
 
 # %%
 import matplotlib.pyplot as plt
 import numpy as np
 
 import cpid_drake as cpid
-from cpid_drake.dynamics import parameter_scale, system_momentum
+from cpid_drake.dynamics.momentum import system_momentum
+from cpid_drake.dynamics.parameterizations import parameter_scale
 
 scenario = cpid.load_scenario(cpid.shipped_scenario("paper"))
 spacecraft, truth = scenario.spacecraft.make(), scenario.target_truth()

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from corpus import TARGET, link, npz, parquet, scenario, urdf, write_good
+from corpus import TARGET, link, parquet, scenario, urdf, write_good
 from corpus import csv as good_csv
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -13,7 +13,7 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from cpid_drake import InputError, Log, Spacecraft, load_scenario
 from cpid_drake.logs.conventions import check_conventions
-from cpid_drake.logs.files import (
+from cpid_drake.logs.formats import (
     inspect_log,
 )
 from cpid_drake.sensors.sensors import SENSORS
@@ -97,7 +97,6 @@ def as_model(path: Path) -> Spacecraft:
     ("name", "make", "read", "count"),
     [
         ("damaged.csv", lambda: SHORT_CSV.encode(), read_fully, 80),
-        ("damaged.npz", npz(), read_fully, 40),
         ("damaged.parquet", parquet(), read_fully, 40),
         ("damaged.mcap", lambda: b"no bag", read_fully, 20),
         ("damaged.yaml", lambda: scenario()().encode(), load_scenario, 20),

@@ -19,7 +19,7 @@ from cpid_drake.files.errors import prefix_errors
 from cpid_drake.identification.result_files import read_result
 
 CASES = cases()
-SLOW = ("million_rows", "npz_bomb", "directives_that_double")
+SLOW = ("million_rows", "directives_that_double")
 READ = [
     pytest.param(case, id=str(case), marks=pytest.mark.slow if case.name in SLOW else ())
     for case in CASES
@@ -133,8 +133,7 @@ def test_nothing_is_fetched_or_read_for_meshes(folder):
 # -- in processes of their own --------------------------------------------------------------------
 
 DANGEROUS = (
-    *("telemetry-device", "telemetry-fifo", "telemetry-npz_bomb", "telemetry-npz_claims_much"),
-    "telemetry-long_line",
+    *("telemetry-device", "telemetry-fifo", "telemetry-long_line"),
     *("model-directives_of_themselves", "model-sdf_of_itself"),
     *("model-mjcf_of_itself", "model-billion_laughs", "model-deep"),
 )

@@ -15,7 +15,7 @@ from pydrake.geometry import Meshcat
 from cpid_drake import make_simulation
 from cpid_drake.commands.main import app
 from cpid_drake.report.live_view import STOP, serve
-from cpid_drake.simulation.files import dump_scenario
+from cpid_drake.simulation.scenario_files import dump_scenario
 
 pytestmark = pytest.mark.slow
 

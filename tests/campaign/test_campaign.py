@@ -1,5 +1,6 @@
 """Campaigns: what varies, the same rows however they are computed, and nothing lost."""
 
+import json
 import pickle
 import re
 
@@ -15,16 +16,16 @@ dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
 
 from cpid_drake.campaign import store  # noqa: E402
+from cpid_drake.campaign.campaign_schema import Axis, ModelErrors, load_campaign  # noqa: E402
 from cpid_drake.campaign.run import run_campaign  # noqa: E402
-from cpid_drake.campaign.schema import Axis, ModelErrors, load_campaign  # noqa: E402
-from cpid_drake.campaign.statistics import statistics_of, verdict  # noqa: E402
+from cpid_drake.campaign.statistics import parts_of, statistics_of, verdict  # noqa: E402
 from cpid_drake.campaign.trial import (  # noqa: E402
     replayed,
     run_chunk,
     schema_of,
     with_sensor_errors,
 )
-from cpid_drake.report.pages.campaign import campaign_report  # noqa: E402
+from cpid_drake.report.pages.campaign_page import campaign_report  # noqa: E402
 
 EXACT = """
 scenario: paper
@@ -160,7 +161,9 @@ def test_a_solid_and_a_tumble_become_inertia_and_momentum(plan):
 
 
 @pytest.mark.parametrize(
-    ("text", "bodies"), [(EXACT, "0.0"), (NOISY, "0.01")], ids=["exact", "noisy and uncertain"]
+    ("text", "bodies"),
+    [(EXACT, "0.0"), pytest.param(NOISY, "0.01", marks=pytest.mark.slow)],
+    ids=["exact", "noisy and uncertain"],
 )
 def test_the_rows_do_not_depend_on_chunks(plan, text, bodies):
     found = plan(text.replace("fixed: {", f"fixed: {{known_bodies.mass: {bodies}, "))
@@ -228,7 +231,8 @@ def test_a_campaign_is_continued_and_its_folder_protected(plan, tmp_path, schedu
     whole = rows(folder, found)
     assert whole == rows(run_chunk(found.text, 0, 4))
     (folder / "trials-000000002-000000003.parquet").unlink()
-    (folder / ".cpid-draft-1-trials").write_text("half")
+    (folder / ".cpid-draft-1").mkdir()
+    (folder / ".cpid-draft-1/trials").write_text("half")
     with pytest.raises(InputError, match="continue it with --resume"):
         run_campaign(found, folder, scheduler=scheduler)
     elsewhere = tmp_path / "moved" / "campaign.yaml"
@@ -312,6 +316,31 @@ def drawn(plan, tmp_path):
         return folder
 
     return write
+
+
+@pytest.mark.parametrize(
+    "axis",
+    [
+        Axis(normal=np.array([5.0, 0.5])),
+        Axis(normal=np.array([[1.0, 2.0, 3.0], [0.1, 0.1, 0.1]])),
+        Axis(normal=np.array([[0.0, 0.0, 0.0], [0.1, 0.2, 0.1]])),
+        Axis(uniform=np.array([[10.0, -11.0], [11.0, -10.0]])),
+        Axis(uniform=np.array([[-1.0, -2.0], [3.0, 1.0]])),
+        Axis(log_uniform=np.array([[1.0, 10.0], [10.0, 1000.0]])),
+    ],
+)
+def test_the_parts_of_an_axis_divide_its_values(axis):
+    """Each value is in the part that names it, the first and the last part have what is beyond."""
+    names, place = parts_of(axis)
+    edges = [tuple(map(float, name.split(" to "))) for name in names]
+    rng, counts = np.random.default_rng(0), np.zeros(len(names))
+    for value in (axis.draw(rng) for _ in range(2000)):
+        k = place(json.dumps(value) if isinstance(value, list) else value)
+        size, counts[k] = np.linalg.norm(value), counts[k] + 1
+        assert k == 0 or size > 0.995 * edges[k][0]
+        assert k == len(names) - 1 or size < 1.005 * edges[k][1]
+    assert (counts > 0).all()
+    assert counts.max() < 0.5 * counts.sum()
 
 
 def test_honest_errors_have_ratio_one_and_95_percent_coverage(drawn):

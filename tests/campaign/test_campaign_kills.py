@@ -18,8 +18,8 @@ dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
 
 from cpid_drake.campaign import store  # noqa: E402
+from cpid_drake.campaign.campaign_schema import load_campaign  # noqa: E402
 from cpid_drake.campaign.run import CONFIG, run_campaign  # noqa: E402
-from cpid_drake.campaign.schema import load_campaign  # noqa: E402
 from cpid_drake.campaign.trial import run_chunk  # noqa: E402
 
 pytestmark = [

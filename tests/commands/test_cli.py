@@ -69,7 +69,7 @@ def test_without_a_command_the_help_is_printed_and_the_usage_is_wrong(cpid, argu
         ("identify log.csv --momentum z", "zero"),
         ("identify my_", "my_log.csv"),
         ("identify log.csv --sensors my_", "my_log.csv"),
-        ("log c", "check convert"),
+        ("log c", "check"),
     ],
 )
 def test_bash_completes_options_values_files_and_commands(cpid, tmp_path, words, found):

@@ -1,4 +1,4 @@
-"""A killed or interrupted process and a full disk leave the old output or the new one, whole."""
+"""A full disk leaves the old output, whole; an interrupt ends a command with one line."""
 
 import os
 import resource

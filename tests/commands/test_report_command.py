@@ -85,7 +85,7 @@ def test_a_run_s_report_has_the_truth_and_figures(cpid, folder):
         (["--result", "result.json", "--base", "bus", "--out", "r.html"], "give no others"),
         (["--out", "r.html"], "give one of LOG, --result FILE and --run FOLDER"),
         ([SAMPLE, "--base", "body", "--out", "r.html"], "give --spacecraft, or all of --model"),
-        (["--run", "empty", "--out", "r.html"], "not a run: there is no run.json"),
+        (["--run", "empty", "--out", "r.html"], "not a whole run: there is no run.json"),
         (["--run", "broken", "--out", "r.html"], "run.json: "),
         (["--result", "result.json", "--out", "empty"], "is a folder; name a file"),
     ],

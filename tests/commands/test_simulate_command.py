@@ -14,9 +14,9 @@ from cpid_drake.commands.main import main
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.files.errors import InputError
 from cpid_drake.files.resources import models_directory
-from cpid_drake.logs.files import read_log
+from cpid_drake.logs.formats import read_log
 from cpid_drake.report.run_folder import read_run
-from cpid_drake.simulation.files import dump_scenario
+from cpid_drake.simulation.scenario_files import dump_scenario
 
 
 @pytest.fixture(scope="module")

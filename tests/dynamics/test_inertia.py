@@ -69,7 +69,7 @@ def test_the_covariance_of_parameters_is_that_of_many_draws(parameterization):
     vector = parameterization.from_parameters(random_body(np.random.default_rng(2)).to_vector())
     rng, sigma = np.random.default_rng(4), np.array([5e-3, *9 * [5e-6]]) * np.abs(vector)
     draws = parameterization.to_parameters(vector + sigma * rng.normal(size=(200_000, 10)))
-    drawn, found = np.cov(draws.T), parameterization.covariance(vector, np.diag(sigma**2))
+    drawn, found = np.cov(draws.T), parameterization.covariance(vector, np.diag(sigma))
     scale = np.sqrt(np.diag(drawn))
     drawn, found = (each / scale / scale[:, None] for each in (drawn, found))
     np.testing.assert_allclose(eigh(found, drawn, eigvals_only=True), 1.0, atol=0.03)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.polynomial import Polynomial
 
 from cpid_drake import HalfCosine, InputError, MultiSine, Spline
 
@@ -63,15 +64,26 @@ def test_the_largest_values_are_at_the_instants(motion):
     np.testing.assert_allclose(found, fine, rtol=2e-3, atol=1e-3)
 
 
+def test_half_a_cosine_is_its_formula():
+    t = np.linspace(0.0, 10.0, 21)[:, None]
+    expected = [0.0, 1.0, -0.5] + np.array([1.0, 0.0, 0.5]) * (1 - np.cos(np.pi * t / 10.0))
+    q = MOTIONS["half cosine"].evaluate(t[:, 0])[:, 0]
+    np.testing.assert_allclose(q, expected, atol=1e-14)
+
+
 # -- sums of sines -------------------------------------------------------------------------------
 
 
-def test_sines_are_the_formula_between_the_ramps():
-    t = np.linspace(2.0, 8.0, 25)[:, None]
+def test_sines_are_the_formula_also_on_the_ramps():
+    """The step s rises with s' = 630 x⁴ (1 − x)⁴: four derivatives vanish at both ends."""
+    step = 630 * Polynomial([0, 0, 0, 0, 1, -4, 6, -4, 1]).integ()
+    t = np.linspace(0.0, 10.0, 51)[:, None]
     first = np.array([0.5, 0.0, -0.2]) * np.sin(2 * np.pi * 0.1 * t + [0.4, 0.0, -1.0])
     second = np.array([0.1, 0.0, 0.3]) * np.sin(2 * np.pi * 0.3 * t + [2.0, 0.0, 0.0])
-    q = make_multi_sine().evaluate(t[:, 0])[:, 0]
-    np.testing.assert_allclose(q, [0.3, -1.0, 0.0] + first + second, atol=1e-14)
+    ramp = step(np.minimum(np.minimum(t, 10.0 - t) / 2.0, 1.0))
+    expected = [0.3, -1.0, 0.0] + step(t / 10.0) * [0.2, 1.0, 0.0] + ramp * (first + second)
+    q = make_multi_sine(displacement=[0.2, 1.0, 0.0]).evaluate(t[:, 0])[:, 0]
+    np.testing.assert_allclose(q, expected, atol=1e-12)
 
 
 @every_sine

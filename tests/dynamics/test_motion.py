@@ -41,8 +41,8 @@ def entry(value):
         ("time", lambda time: time[[0, 2, 1, 3, 4]], "does not increase at sample 2"),
         ("p_WB", lambda values: values[:-1], "'p_WB' must have shape"),
         ("qdot", lambda values: values[:, :-1], "'qdot' must have shape"),
-        ("quaternion_WB", lambda q: 0 * q, "not of unit norm in sample 0$"),
-        ("quaternion_WB", lambda q: 1.01 * q, "not of unit norm in sample 0$"),
+        ("quaternion_WB", lambda q: 0 * q, "not of unit norm in sample 0"),
+        ("quaternion_WB", lambda q: 1.01 * q, "not of unit norm in sample 0"),
     ],
 )
 def test_what_is_no_motion_is_refused_with_its_sample(telemetry, name, change, message):

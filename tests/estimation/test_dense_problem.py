@@ -20,8 +20,8 @@ from cpid_drake.dynamics.sensitivity import perturbed
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.identification.fitted import cramer_rao_bound
+from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import Gyro, JointSensor
-from cpid_drake.simulation.noise import add_noise
 
 SUITE = coarse_suite(gyro=Gyro(20.0, 0.005, 1.0), encoders=JointSensor(50.0, 0.0))
 BODIES = BodyUncertainty(mass=0.02)

@@ -21,8 +21,8 @@ from cpid_drake.estimation.unknowns import MOMENTUM as OF_LOG
 from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.logs.log import Log, Samples
+from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import AttitudeSensor, Gyro, JointSensor
-from cpid_drake.simulation.noise import add_noise
 
 SUITE = coarse_suite()
 

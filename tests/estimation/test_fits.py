@@ -19,10 +19,10 @@ from cpid_drake import InertialParameters, TotalMomentum, identify
 from cpid_drake.estimation.online import run
 from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.identification.fitted import cramer_rao_bound
-from cpid_drake.identification.online import identification_of_state
+from cpid_drake.identification.online_answer import identification_of_state
 from cpid_drake.logs.log import Samples
+from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import JointSensor, VectorSensor
-from cpid_drake.simulation.noise import add_noise
 
 FITS = ("trajectory_fit", "recursive_fit")
 END = 4.0
@@ -180,7 +180,9 @@ def test_encoders_slower_than_the_suite_says_make_no_gaps(case, samples):
 
 
 @pytest.mark.parametrize(
-    ("time", "duration"), [(0.6, 1e-6), (3.4, 0.5)], ids=["at the start", "long"]
+    ("time", "duration"),
+    [(0.6, 1e-6), pytest.param(3.4, 0.5, marks=pytest.mark.slow)],
+    ids=["at the start", "long"],
 )
 def test_a_firing_is_found(tmp_path, skewed_target, time, duration):
     """Within a second, a long one perhaps twice; the covariance of the target holds."""
@@ -223,6 +225,7 @@ class AfterRest:
         return np.array([self.rest])
 
 
+@pytest.mark.slow
 def test_rest_before_the_motion_is_forgotten(case, skewed_target):
     """Nothing is known at rest, and nothing is called a fault after it."""
     motion = AfterRest(case.motion, 4.0, 4.0 + END)

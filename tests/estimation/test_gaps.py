@@ -9,8 +9,8 @@ from sensing_cases import MOMENTUM, Sines, coarse_suite, measured, nees, sigmas,
 from cpid_drake import identify
 from cpid_drake.estimation.block import BlockQueue, blocks_of
 from cpid_drake.logs.log import Log, Samples, concatenated
+from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import JointSensor
-from cpid_drake.simulation.noise import add_noise
 
 SUITE = coarse_suite(encoders=JointSensor(25.0, 1e-5))
 FAST = np.array([60.0, -40.0, 70.0, 1.0, 1.0, -1.0])

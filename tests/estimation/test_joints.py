@@ -4,10 +4,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize_scalar
 
 from cpid_drake.estimation.block import Block, after
 from cpid_drake.estimation.joints import smooth_joints
-from cpid_drake.estimation.likelihood.joint_motion import ORDER
+from cpid_drake.estimation.likelihood.joint_model import ORDER, jerk_rows
+from cpid_drake.estimation.spectrum import DECLARED
 from cpid_drake.files.errors import InputError
 from cpid_drake.logs.log import Log, Samples
 from cpid_drake.sensors.sensors import JointSensor
@@ -107,6 +109,37 @@ def test_a_drawn_jerk_and_its_noise_are_found():
     np.testing.assert_allclose(smoothness.noise, 1, rtol=0.1)
 
 
+def test_smoothness_and_noise_have_the_most_evidence():
+    """By the formula, with dense rows of the whole log."""
+    suite = SensorSuite(encoders=JointSensor(50.0, SIGMA))
+    samples = log(duration=4.0, noise=3.0, rates=False)
+    smoothness, parts = smooth_joints(blocks_of(samples), suite)
+    first = np.cumsum([0, *(part.size - ORDER for part in parts)])
+    n, K, t = len(samples.encoders), first[-1] + ORDER, samples.encoders.time
+    B, P = np.zeros((0, K)), np.zeros((0, K))
+    for part, start in zip(parts, first):
+        for_block = np.eye(K)[start : start + part.size]
+        times = t[(t > part.start) & (t <= part.end)]
+        B = np.vstack([B, part.basis(times) / SIGMA @ for_block])
+        P = np.vstack([P, jerk_rows(part.end - part.start, part.pieces) @ for_block])
+
+    def squares(u, q):
+        rows, target = np.vstack([B, np.exp(-u / 2) * P]), np.append(q / SIGMA, np.zeros(len(P)))
+        rest = target - rows @ np.linalg.lstsq(rows, target, rcond=None)[0]
+        volume = 2 * np.sum(np.log(np.abs(np.diag(np.linalg.qr(rows, mode="r")))))
+        return DECLARED + rest @ rest, volume + (K - ORDER) * u
+
+    def evidence(u, q):
+        S, volume = squares(u, q)
+        return (DECLARED + n - ORDER) * np.log(S) + volume
+
+    for q, jerk, noise in zip(samples.encoders.value.T, smoothness.jerk, smoothness.noise):
+        u = 2 * np.log(jerk / noise)
+        best = minimize_scalar(evidence, bounds=(u - 2, u + 2), method="bounded", args=(q,)).x
+        assert u == pytest.approx(best, abs=0.02)
+        assert noise == pytest.approx(np.sqrt(squares(u, q)[0] / (DECLARED + n - ORDER)), rel=1e-6)
+
+
 @pytest.mark.parametrize("rate", [20.0, 100.0])
 def test_exact_encoders_are_not_called_noisy(rate):
     """The splines are as fine as the motion asks for; too coarse ones leave 10 σ at 20 Hz."""
@@ -192,6 +225,13 @@ def test_samples_that_determine_no_motion_are_refused():
         smooth_joints([Block(-1e-7, 1.0, two)], SUITE)
 
 
+def test_two_samples_behind_a_gap_determine_no_motion():
+    samples = log(duration=4.0, rates=False)
+    blocks = [Block(a, b, after(samples, a, b)) for a, b in ((-1e-7, 1.0), (1.0, 2.0), (3.0, 3.05))]
+    with pytest.raises(InputError, match="too few samples"):
+        smooth_joints(blocks, SUITE)
+
+
 def test_a_pause_of_minutes_is_one_piece_that_disturbs_no_sample():
     given = log(duration=6.0)
     parts = {n: Samples(s.time + 1000.0 * (s.time > 3), s.value) for n, s in given.samples.items()}
@@ -231,6 +271,21 @@ def test_a_fast_motion_is_no_noise(frequency, rate):
     smoothness, parts = smooth_joints(blocks_of(samples), suite)
     np.testing.assert_allclose(smoothness.noise, 1.0, rtol=0.2)
     assert np.abs(evaluated(parts, t) - moving).max() < step
+
+
+@pytest.mark.parametrize("rate", [50.0, 500.0])
+def test_a_joint_at_rest_is_as_smooth_beside_a_fast_one(rate):
+    """Which needs many pieces: in theirs, jerk weighs 1e13 times as much as the samples at rest."""
+    t = np.arange(0.0, 20.0, 1 / rate)
+    angles = np.outer(np.sin(2 * np.pi * 5.0 * t), [0.3, 0.0])
+    step = 2 * np.pi / 2**12
+    suite = SensorSuite(encoders=JointSensor(rate, bits=12))
+    jerk = []
+    for names, columns in (("ab", [0, 1]), ("b", [1])):
+        value = step * np.round(angles[:, columns] / step)
+        samples = Log(tuple(names), {"encoders": Samples(t, value)})
+        jerk.append(smooth_joints(blocks_of(samples), suite)[0].jerk[-1])
+    assert jerk[0] == pytest.approx(jerk[1], rel=0.1)
 
 
 @pytest.mark.parametrize("rate", [50.0, 200.0])

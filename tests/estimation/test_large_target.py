@@ -8,8 +8,8 @@ from sensing_cases import Sines, coarse_suite, measured, true_psi
 
 from cpid_drake import InertialParameters, identify
 from cpid_drake.identification.fitted import cramer_rao_bound
+from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import AttitudeSensor, Gyro, JointSensor, VectorSensor
-from cpid_drake.simulation.noise import add_noise
 
 GYRO = Gyro(100.0, 0.005, 1.0, 0.1)
 SUITE = coarse_suite(gyro=GYRO)

@@ -17,9 +17,9 @@ from cpid_drake.estimation.roll import roll
 from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import BODIES, PSI, Model
 from cpid_drake.identification.answer import at_momentum
-from cpid_drake.identification.online import identification_of_state
+from cpid_drake.identification.online_answer import identification_of_state
 from cpid_drake.logs.log import Log, Samples
-from cpid_drake.simulation.noise import add_noise
+from cpid_drake.logs.simulated_noise import add_noise
 
 SUITE = coarse_suite()
 MOMENTUM = np.array([3.0, -2.0, 4.0, 1.0, 0.5, -1.0])
@@ -144,6 +144,7 @@ def test_samples_that_no_motion_has_are_a_gap(case, model):
     assert found.check("share of outliers").statistic > 0.1
 
 
+@pytest.mark.slow
 def test_stored_blocks_are_few(case, model):
     """At rest nothing becomes known, and nothing is called a change."""
     still = {}

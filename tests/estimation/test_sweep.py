@@ -10,16 +10,16 @@ from sensing_cases import MOMENTUM, coarse_suite
 
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.likelihood.joint_motion import ORDER
+from cpid_drake.estimation.likelihood.joint_model import ORDER
 from cpid_drake.estimation.log_state import LogState, farthest
 from cpid_drake.estimation.roll import jumped, roll
 from cpid_drake.estimation.sweep import back, sweep
 from cpid_drake.estimation.target import psi_about
 from cpid_drake.estimation.unknowns import MOMENTUM as MOMENTUM_OF_LOG
 from cpid_drake.estimation.unknowns import PSI, Model
+from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import AttitudeSensor, Gyro, JointSensor
 from cpid_drake.sensors.suite import Disturbances
-from cpid_drake.simulation.noise import add_noise
 
 JUMP = np.repeat([1e-3, 1e-3, 1.0, 1e-3], 3)
 

@@ -4,21 +4,16 @@ import os
 import stat
 
 import pytest
+from processes import finish, start
 
 from cpid_drake import InputError
-from cpid_drake.files.drafts import (
-    UNFINISHED,
-    draft_folder,
-    draft_of,
-    refuse_unfinished,
-    write_text,
-)
+from cpid_drake.files.drafts import draft_folder, draft_of, write_text
 
-NAMES = ("a.csv", "b.json", "c.yaml")
+NAMES = ("b.csv", "c.yaml", "a.json")
 
 
-def contents(folder) -> dict[str, str]:
-    return {path.name: path.read_text() for path in folder.iterdir()}
+def contents(folder, names="*") -> dict[str, str]:
+    return {path.name: path.read_text() for path in folder.glob(names)}
 
 
 @pytest.mark.parametrize(
@@ -73,47 +68,104 @@ def test_a_folder_keeps_other_files_and_loses_those_of_the_earlier_run(tmp_path)
     for name in (*NAMES, "mine.txt"):
         (tmp_path / name).write_text("old")
     with draft_folder(tmp_path, NAMES) as draft:
-        (draft / "a.csv").write_text("new")
-        (draft / "b.json").write_text("new")
-    assert contents(tmp_path) == {"a.csv": "new", "b.json": "new", "mine.txt": "old"}
+        (draft / "b.csv").write_text("new")
+        (draft / "a.json").write_text("new")
+    assert contents(tmp_path) == {"b.csv": "new", "a.json": "new", "mine.txt": "old"}
 
 
-@pytest.mark.parametrize("failing", range(6))
-def test_a_folder_is_old_or_new_or_unfinished_at_every_instant(failing, tmp_path, monkeypatch):
-    """A process that ends before any of the moves leaves no mixture that is not marked."""
+KILLED = """
+import itertools, os, sys
+from cpid_drake.files.drafts import draft_folder, draft_of
 
-    class Killed(BaseException):
-        """The process ends here."""
+steps, changes = itertools.count(), ("open", "os.mkdir", "os.rename", "os.remove", "os.rmdir")
 
-    for name in NAMES:
+def end_before_one(event, arguments):
+    if event in changes and next(steps) == int(sys.argv[1]):
+        os._exit(9)
+
+sys.addaudithook(end_before_one)
+"""
+FOLDER = """
+with draft_folder("run", ("b.csv", "c.yaml", "a.json")) as draft:
+    for name in ("b.csv", "a.json"):
+        (draft / name).write_text("new")
+"""
+FILE = """
+with draft_of("run/b.csv") as draft:
+    draft.write_text("new")
+"""
+OLD = {**dict.fromkeys(NAMES, "old"), "mine.txt": "old"}
+NEW = {"b.csv": "new", "a.json": "new"}
+
+
+def states_after_kills(program, old, tmp_path):
+    """Yield a folder's visible files after the end of a process before each of its changes.
+
+    The last is that of a process that was not ended.
+    """
+    for step in range(100):
+        place = tmp_path / str(step) / "run"
+        (place if old else place.parent).mkdir(parents=True)
+        for name, text in old.items():
+            (place / name).write_text(text)
+        ended = finish(start("-c", KILLED + program, step, cwd=place.parent))
+        assert ended.returncode in (0, 9), ended.stderr
+        yield contents(place, "[!.]*")
+        if not ended.returncode:
+            return
+
+
+def test_a_killed_process_leaves_the_old_file_or_the_new_one(tmp_path):
+    first, *states, last = states_after_kills(FILE, OLD, tmp_path)
+    assert first == OLD
+    assert last == OLD | {"b.csv": "new"}
+    assert all(state in (first, last) for state in states)
+
+
+def test_a_killed_process_leaves_no_new_folder_or_all_of_it(tmp_path):
+    first, *states, last = states_after_kills(FOLDER, {}, tmp_path)
+    assert (first, last) == ({}, NEW)
+    assert all(state in (first, last) for state in states)
+
+
+def test_a_killed_process_leaves_no_mixture_and_no_part_that_looks_whole(tmp_path):
+    """The last of the names is there only if all are. The next process writes a whole folder."""
+    *states, last = states_after_kills(FOLDER, OLD, tmp_path)
+    assert last == NEW | {"mine.txt": "old"}
+    assert len(states) > 6
+    for state in states:
+        assert state.pop("mine.txt") == "old"
+        assert len({*state.values()}) <= 1
+        assert "a.json" not in state or state in (NEW, dict.fromkeys(NAMES, "old"))
+    for step in range(len(states)):
+        with draft_folder(tmp_path / str(step) / "run", NAMES) as draft:
+            (draft / "a.json").write_text("newer")
+        found = contents(tmp_path / str(step) / "run", "[!.]*")
+        assert found == {"a.json": "newer", "mine.txt": "old"}
+
+
+def test_a_folder_that_cannot_be_written_keeps_its_files(tmp_path):
+    """A new file has the name of a folder that is there."""
+    for name in ("b.csv", "a.json"):
         (tmp_path / name).write_text("old")
-    moves, replace = [], type(tmp_path).replace
-
-    def stop_after(path, target):
-        if len(moves) == failing:
-            raise Killed
-        moves.append(target)
-        return replace(path, target)
+    (tmp_path / "c.yaml").mkdir()
 
     def write():
         with draft_folder(tmp_path, NAMES) as draft:
-            for name in NAMES:
-                (draft / name).write_text("new")
+            (draft / "c.yaml").write_text("new")
 
-    monkeypatch.setattr(type(tmp_path), "replace", stop_after)
-    if failing < 4:  # the marker and three files
-        with pytest.raises(Killed):
-            write()
-    else:
+    with pytest.raises(InputError, match=r"c\.yaml is a folder"):
         write()
-    is_marked = (tmp_path / UNFINISHED).exists()
-    states = {(tmp_path / name).read_text() for name in NAMES}
-    assert is_marked == (1 <= failing < 4)
-    assert len(states) == 1 or is_marked
-    if is_marked:
-        with pytest.raises(InputError, match="unfinished"):
-            refuse_unfinished(tmp_path)
-    monkeypatch.undo()
-    write()
-    refuse_unfinished(tmp_path)
-    assert contents(tmp_path) == dict.fromkeys(NAMES, "new")
+    (tmp_path / "c.yaml").rmdir()
+    assert contents(tmp_path) == {"b.csv": "old", "a.json": "old"}
+
+
+def test_a_file_that_cannot_be_written_in_a_folder_is_named_with_its_place(tmp_path):
+
+    def write():
+        with draft_folder(tmp_path / "run") as draft:
+            write_text(draft / "deep" / "b.csv", "new")
+
+    with pytest.raises(InputError, match=f"{tmp_path}/run/deep/b.csv: cannot write there"):
+        write()
+    assert contents(tmp_path) == {}

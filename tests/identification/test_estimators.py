@@ -16,8 +16,8 @@ from sensing_cases import (
 from cpid_drake import HalfCosine, identify
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.identification.fitted import cramer_rao_bound
+from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import AttitudeSensor, Gyro, JointSensor, VectorSensor
-from cpid_drake.simulation.noise import add_noise
 
 DURATION = 8.0
 
@@ -66,7 +66,9 @@ def test_every_estimator_is_near_and_gives_a_rigid_body(
 # -- what cannot be known -------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("estimator", ["recursive_fit", "trajectory_fit"])
+@pytest.mark.parametrize(
+    "estimator", [pytest.param("recursive_fit", marks=pytest.mark.slow), "trajectory_fit"]
+)
 def test_without_motion_nothing_is_known(craft, skewed_target, estimator):
     """No rank, or a little from noise; nothing comes out that looks like an answer."""
     q = np.array([0.2, 0.1, -0.3, 0.4])
@@ -106,6 +108,7 @@ def assert_tighter(better, worse) -> None:
     assert values[-1] > 0.05
 
 
+@pytest.mark.slow
 def test_more_and_better_sensors_and_longer_data_tighten_the_bound(craft, motion, skewed_target):
     rich = coarse_suite(velocity=VectorSensor(5.0, 2e-4))
     samples = measured(craft, motion, skewed_target, rich)

@@ -9,7 +9,7 @@ from sensing_cases import nees
 
 from cpid_drake import identify, load_scenario, make_simulation, shipped_scenario
 from cpid_drake.sensors.disturbances import Disturbances
-from cpid_drake.simulation.compliant_wrist import CompliantWrist
+from cpid_drake.simulation.flexible import CompliantWrist
 
 pytestmark = pytest.mark.slow
 

@@ -20,8 +20,8 @@ from sensing_cases import (
 from cpid_drake import InputError, identify
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.logs.log import Log, Samples
+from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import JointSensor
-from cpid_drake.simulation.noise import add_noise
 
 DURATION = 8.0
 
@@ -133,7 +133,10 @@ class TestMeasuredLogs:
         attitude = replace(exact.attitude, value=turned.as_quat(scalar_first=True))
         return log.updated({"attitude": attitude})
 
-    @pytest.mark.parametrize("error", ["none", "gyro scale", "zeros"])
+    @pytest.mark.parametrize(
+        "error",
+        ["none", *(pytest.param(e, marks=pytest.mark.slow) for e in ("gyro scale", "zeros"))],
+    )
     def test_they_are_fitted_and_hidden_errors_are_within_the_intervals(
         self, craft, noisy, skewed_target, error
     ):
@@ -152,7 +155,9 @@ class TestMeasuredLogs:
 
 
 class TestNoisyLogs:
-    @pytest.mark.parametrize("estimator", ["trajectory_fit", "recursive_fit"])
+    @pytest.mark.parametrize(
+        "estimator", ["trajectory_fit", pytest.param("recursive_fit", marks=pytest.mark.slow)]
+    )
     def test_noise_can_be_estimated_along(self, craft, motion, skewed_target, estimator):
         suite = coarse_suite()
         suite.gyro.rate = suite.encoders.rate = 50.0
@@ -178,6 +183,7 @@ class TestNoisyLogs:
         assert nees(found, skewed_target) < 30  # χ² of ten, 0.1 %
 
 
+@pytest.mark.slow
 def test_slow_motion_determines_the_same_target(craft, exact, skewed_target):
     slower, rates = 3000.0, ("gyro", "velocity", "joint_rates")
     parts = {

@@ -24,7 +24,7 @@ from cpid_drake.dynamics.parameterizations import parameter_scale
 from cpid_drake.dynamics.sensitivity import perturbed
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.identification.model_sensitivity import ALL_MASSES, BASE_INERTIA, BASE_MASS, LINK
-from cpid_drake.simulation.noise import add_noise
+from cpid_drake.logs.simulated_noise import add_noise
 
 UNCERTAINTY = BodyUncertainty(mass=0.02, com=0.005, inertia=0.04)
 
@@ -48,6 +48,7 @@ def test_an_error_is_as_large_as_its_sigma(craft, suite, skewed_target, uncertai
     assert nees(found, skewed_target) < chi2.isf(1e-3, 10)
 
 
+@pytest.mark.slow
 def test_bodies_with_errors_far_above_their_sigma_fail_a_check(craft, suite, uncertain):
     small = BodyUncertainty(mass=0.001, com=0.00025, inertia=0.002)  # a twentieth
     found = identify(craft, uncertain(4.0), sensors=suite, known_bodies=small)

@@ -10,8 +10,8 @@ from scipy.stats import chi2
 from sensing_cases import Sines, coarse_suite, measured, nees, with_drawn_errors
 
 from cpid_drake import TotalMomentum, identify
+from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import Gyro, JointSensor, VectorSensor
-from cpid_drake.simulation.noise import add_noise
 
 ZERO = TotalMomentum.zero()
 FAST_GYRO = Gyro(50.0, 0.005, 1.0, 0.1)
@@ -125,6 +125,7 @@ def test_intervals_hold(craft, ideal, skewed_target, errors, least):
     assert np.sum(squares) > chi2.ppf(1e-6, 10 * len(squares))
 
 
+@pytest.mark.slow
 def test_noise_slower_than_a_block_widens_the_intervals(craft, ideal, skewed_target):
     """Half of a gyro's noise is correlated over 3 s: no block shows it, its size is as declared."""
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from ordinary_cases import Design, make
-from reference.answers import answer
 from scipy.stats import chi2
+from worlds.answers import answer
 
 pytestmark = pytest.mark.slow
 

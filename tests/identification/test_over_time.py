@@ -5,7 +5,7 @@ import pytest
 from sensing_cases import Sines, coarse_suite, measured, sigmas
 
 from cpid_drake import identify
-from cpid_drake.simulation.noise import add_noise
+from cpid_drake.logs.simulated_noise import add_noise
 
 SUITE = coarse_suite()
 

@@ -12,8 +12,8 @@ from cpid_drake import InputError, identify
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.identification.fitted import cramer_rao_bound
 from cpid_drake.identification.planar import ASSUMED, PROPOSED
+from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.disturbances import Disturbances
-from cpid_drake.simulation.noise import add_noise
 
 TIMES = np.arange(0.0, DURATION, 0.1)
 TRUTH = TARGET.to_vector()[KNOWN]

@@ -11,13 +11,13 @@ from cpid_drake import InertialParameters, Spacecraft, identify, read_log
 from cpid_drake.dynamics.propagation import Wrench, propagate
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.checked_log import check_log
-from cpid_drake.logs.files import inspect_log, write_log
+from cpid_drake.logs.formats import inspect_log, write_log
 from cpid_drake.logs.log import THRUST, ideal_log
+from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.presets import load_sensors
 from cpid_drake.sensors.sensors import AttitudeSensor, Gyro, VectorSensor
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.simulation.burns import Burn, log_of_burns
-from cpid_drake.simulation.noise import add_noise
 
 TARGET = InertialParameters(
     4.0, [0.18, -0.07, 0.12], [[0.19, 0.01, -0.03], [0.01, 0.18, 0.02], [-0.03, 0.02, 0.17]]
@@ -66,7 +66,11 @@ def samples_of(craft, suite):
 
 @pytest.mark.parametrize(
     ("estimator", "is_declared"),
-    [("trajectory_fit", True), ("trajectory_fit", False), ("recursive_fit", True)],
+    [
+        ("trajectory_fit", True),
+        ("trajectory_fit", False),
+        pytest.param("recursive_fit", True, marks=pytest.mark.slow),
+    ],
 )
 def test_a_platform_is_identified_without_encoders(craft, log, estimator, is_declared):
     """Whether or not the sensors are declared; none of them measures joints."""

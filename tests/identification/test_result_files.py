@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from cpid_drake import InputError
 from cpid_drake.identification.budget import BudgetRow
 from cpid_drake.identification.checks import Check
-from cpid_drake.identification.effects import EffectEstimate
+from cpid_drake.identification.effect_estimates import EffectEstimate
 from cpid_drake.identification.request import Request, Source
 from cpid_drake.identification.result import FORMAT, Combinations, Identification
 from cpid_drake.identification.result_files import read_result, write_result

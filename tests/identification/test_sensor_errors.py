@@ -28,9 +28,9 @@ from cpid_drake import Spacecraft, TotalMomentum, identify
 from cpid_drake.dynamics.propagation import Wrench, propagate
 from cpid_drake.identification.fitted import cramer_rao_bound
 from cpid_drake.logs.log import Log, Samples, ideal_log
+from cpid_drake.logs.simulated_noise import SensorNoise, add_noise
 from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.sensors import JointSensor
-from cpid_drake.simulation.noise import SensorNoise, add_noise
 
 PUSH = np.array([1e-3, -5e-4, 0.0])
 HIDDEN = {
@@ -151,11 +151,6 @@ class TestNotStated:
         """Torques that walk hide a small momentum, but do not make it likely."""
         assert found.momentum == "zero"
         assert not any("momentum" in text for text in found.warnings)
-
-    def test_zeros_of_an_old_file_are_said_once_not_to_be_exact(self, craft, log, suite):
-        old = replace(silent(suite), version=1)
-        said = identify(craft, log(), sensors=old).warnings
-        assert sum("version: 2" in text for text in said) == 1
 
     @pytest.mark.slow
     @pytest.mark.parametrize("name", [*HIDDEN])

@@ -10,8 +10,8 @@ from sensing_cases import Sines, coarse_suite, measured, nees, sigmas
 from cpid_drake import InputError, identify
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.files.checked_yaml import dump_yaml
+from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import AttitudeSensor, Gyro, JointSensor
-from cpid_drake.simulation.noise import add_noise
 
 SCALE, ZERO = 3e-3, 2e-3
 """σ of the true errors of a hardware: of the scale of its gyro, and of its joints' zeros [rad]."""
@@ -67,6 +67,7 @@ def found(craft, logs):
 
 
 class TestTwoHardwares:
+    @pytest.mark.slow
     def test_intervals_hold_and_the_logs_agree(self, found, skewed_target):
         assert all(each.passed for each in found)
         total = sum(nees(each, skewed_target) for each in found)
@@ -80,11 +81,14 @@ class TestTwoHardwares:
         agreement = sum(each.check("agreement").statistic for each in found)
         assert agreement < chi2.isf(1e-3, 20 * len(found))
 
-    @pytest.mark.parametrize("seed", SEEDS)
+    @pytest.mark.parametrize(
+        "seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in SEEDS[1:])]
+    )
     def test_as_one_hardware_they_contradict_each_other(self, craft, logs, seed):
         forced = identify(craft, logs(seed), sensors=declared(), momentum="zero")
         assert not forced.check("agreement").passed
 
+    @pytest.mark.slow
     def test_the_errors_of_each_are_found(self, found):
         far = []
         for seed, each in zip(SEEDS, found, strict=True):
@@ -100,6 +104,7 @@ class TestTwoHardwares:
                     assert np.all(effect.sigma < 0.2 * effect.prior_sigma)
         assert np.sum(np.square(far)) < chi2.isf(1e-3, len(far))
 
+    @pytest.mark.slow
     def test_rows_of_the_error_budget_name_the_hardware(self, found):
         names = " ".join(row.name for row in found[0].budget)
         assert "zero of shoulder with the sensors of a" in names
@@ -137,6 +142,7 @@ class TestOneHardware:
         for each in own:
             assert each.sigma[3] == pytest.approx(1e3 * ZERO / np.sqrt(2), rel=1e-2)
 
+    @pytest.mark.slow
     def test_one_may_be_said_in_several_ways(self, craft, logs, tmp_path):
         """By one suite for all logs, the same for each, or one file by any path."""
         pair, path = {name: logs(0)[name] for name in ("a", "b")}, tmp_path / "sensors.yaml"
@@ -159,6 +165,7 @@ class TestOneHardware:
 
 
 class TestBodies:
+    @pytest.mark.slow
     def test_they_are_exact_if_all_sensors_say_so(self, craft, logs):
         pair = {name: logs(0)[name] for name in ("a", "c")}
         both = {"a": declared(), "c": declared()}
@@ -175,6 +182,7 @@ class TestBodies:
         assert np.all(sigmas(open_bodies) > sigmas(exact))
         assert sigmas(open_bodies)[0] > 10 * sigmas(exact)[0]
 
+    @pytest.mark.slow
     def test_all_logs_have_the_same(self, craft, logs):
         """Rows of the budget name a body once, however many hardwares there are."""
         suites = {name: replace(declared(), unstated=None) for name in HARDWARE}

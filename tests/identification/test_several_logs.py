@@ -20,8 +20,8 @@ from sensing_cases import (
 from cpid_drake import InertialParameters, TargetPrior, TotalMomentum, identify, load_sensors
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.identification.result_files import read_result, write_result
+from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import AttitudeSensor, Gyro, JointSensor, VectorSensor
-from cpid_drake.simulation.noise import add_noise
 
 DURATION = 5.0
 TIMES = np.arange(0.0, DURATION, 0.05)
@@ -270,6 +270,7 @@ class TestPrior:
         assert any(text in failure for failure in found.failures)
 
 
+@pytest.mark.slow
 def test_logs_without_sensors_have_the_sensors_of_all(craft, noisy, suite):
     """The first log has no gyro: the order of the logs is no matter."""
     full = noisy(0)

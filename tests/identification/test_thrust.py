@@ -18,11 +18,11 @@ from cpid_drake.estimation.start import start_of
 from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.identification.validation import validate
 from cpid_drake.logs.log import THRUST, Samples, ideal_log
+from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.presets import load_sensors
 from cpid_drake.sensors.thrusters import Thrusters, Valve
 from cpid_drake.simulation.burns import Burn, log_of_burns
-from cpid_drake.simulation.noise import add_noise
 from cpid_drake.simulation.trials import draw, ideal_samples, make_case
 
 BURNS = [
@@ -101,6 +101,7 @@ def test_a_forgotten_momentum_is_estimated_in_a_log_with_thrust():
     assert (np.abs(found.momentum_estimate - momentum) < 4 * sigma).all()
 
 
+@pytest.mark.slow
 def test_valves_that_stay_closed_change_nothing():
     """Forces err only where there are some."""
     idle = Flight("free_flyer_payload", "testbed", [])

@@ -30,8 +30,8 @@ from cpid_drake.identification.checks import Observed, fit_checks
 from cpid_drake.identification.consistency import checked
 from cpid_drake.identification.result import Identification
 from cpid_drake.logs.log import Samples
+from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.suite import SensorSuite
-from cpid_drake.simulation.noise import add_noise
 
 DURATION = 6.0
 KNOWN_SENSORS = {"sample_count": 100, "estimator": "trajectory_fit", "sensors": SensorSuite()}
@@ -84,7 +84,9 @@ class TestBodies:
             form, solution_of(told, psi, 1e6 * np.ones(10)), **KNOWN_SENSORS
         )
 
-    @pytest.mark.parametrize("share", [1e-3, 0.1, 0.3])
+    @pytest.mark.parametrize(
+        "share", [*(pytest.param(each, marks=pytest.mark.slow) for each in (1e-3, 0.1)), 0.3]
+    )
     def test_intervals_are_the_extreme_values_within_what_is_known(self, craft, share):
         """With the mass, all others change, and not in proportion."""
         found = self.weakly_known(craft, share)

@@ -11,7 +11,7 @@ from cpid_drake import InputError, TargetPrior, identify, write_result
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.identification.result import Combinations
 from cpid_drake.identification.validation import validate
-from cpid_drake.simulation.noise import add_noise
+from cpid_drake.logs.simulated_noise import add_noise
 
 SIGMA = np.array([0.3, *3 * [2e-3], *6 * [0.1]])
 """σ of an identified target that a log of 5 s determines better."""

@@ -16,18 +16,25 @@ from sensing_cases import (
     true_telemetry,
 )
 
-from cpid_drake import InputError, identify, load_scenario, read_log, shipped_scenario
+from cpid_drake import (
+    InertialParameters,
+    InputError,
+    identify,
+    load_scenario,
+    read_log,
+    shipped_scenario,
+)
 from cpid_drake.files.resources import models_directory
 from cpid_drake.logs.column_map import ColumnMap, TimeColumn
 from cpid_drake.logs.conventions import check_conventions
 from cpid_drake.logs.conversion import from_columns
-from cpid_drake.logs.files import table_of
+from cpid_drake.logs.formats import table_of
 from cpid_drake.logs.log import Samples
 from cpid_drake.logs.score import MOMENTUM as BY_MOMENTUM
 from cpid_drake.logs.score import explain_by_momentum, instants_of
+from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import AttitudeSensor, JointSensor, VectorSensor
 from cpid_drake.sensors.suite import SensorSuite
-from cpid_drake.simulation.noise import add_noise
 from cpid_drake.simulation.trials import ideal_samples, make_case
 
 TIMES = np.arange(0.0, 6.0, 0.03)
@@ -109,7 +116,7 @@ SPOILED_STATES = {
         lambda c, m: m.joint_rates.value * np.where(np.array(c.joint_names) == "elbow", -1, 1),
     ),
     "velocity is in millimetres per second": ("velocity", lambda c, m: m.velocity.value * 1e3),
-    "velocity is in feet per second": ("velocity", lambda c, m: m.velocity.value / 0.3048),
+    "velocity is in inches per second": ("velocity", lambda c, m: m.velocity.value / 0.0254),
     "velocity is expressed in B's axes": (
         "velocity",
         lambda c, m: attitudes(m, "velocity").inv().apply(m.velocity.value),
@@ -235,7 +242,7 @@ def test_the_convention_of_a_noisy_log_is_named(craft, noisy, words):
     assert words in said(craft.tree, (CONVENTIONS | OF_POSITIONS)[words](noisy))
 
 
-@pytest.mark.parametrize(("unit", "size"), [("ft", 1 / 0.3048), ("cm", 100.0)])
+@pytest.mark.parametrize(("unit", "size"), [("in", 1 / 0.0254), ("cm", 100.0)])
 def test_one_target_for_motion_and_turn_tells_the_unit_of_noisy_positions(craft, draw, unit, size):
     """Each of both alone is explained by some target in another unit, or at another point."""
     suite = replace(SUITE, position=VectorSensor(10.0, 3e-3))
@@ -430,3 +437,16 @@ def test_the_unit_of_a_gyro_without_attitude_is_said_to_be_open(craft, noisy):
     assert check_conventions(noisy, craft.tree).not_compared == ()
     turned = "order and direction of the attitude (no angular velocity to compare with)"
     assert turned in check_conventions(without(noisy, "gyro"), None).not_compared
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_target_that_takes_the_spacecraft_s_inertia_away_explains_nothing(seed):
+    """Of joints in degrees that were radians hardly anything moves, and without positions a target
+    of negative inertia explains any rotation.
+    """
+    craft = load_scenario(shipped_scenario("free_flyer_payload")).spacecraft.make()
+    bag = InertialParameters(8.5, [0.26, 0.02, -0.01], np.diag([0.16, 0.19, 0.25]))
+    suite = coarse_suite(gyro=None, position=None)
+    motion = Sines.drawn(len(craft.joint_names), seed, 10.0)
+    log = add_noise(suite, measured(craft, motion, bag, suite), 4)
+    assert check_conventions(log, craft.tree).better == ()

@@ -15,12 +15,12 @@ from cpid_drake.logs.log import (
     ideal_log,
 )
 from cpid_drake.logs.screening import screen
+from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.presets import load_sensors, sensor_presets
 from cpid_drake.sensors.sensors import (
     SENSORS,
 )
 from cpid_drake.sensors.suite import SensorSuite
-from cpid_drake.simulation.noise import add_noise
 
 JOINTS = ("a", "b")
 NONE_REJECTED = dict.fromkeys(SENSORS, 0)

@@ -11,7 +11,7 @@ from cpid_drake import InertialParameters, Spacecraft, TotalMomentum, identify
 from cpid_drake.dynamics.momentum import momentum_samples
 from cpid_drake.dynamics.rows import RELATIVE_ROWS, ROW_FAMILIES
 from cpid_drake.logs.log import Samples
-from cpid_drake.simulation.noise import add_noise
+from cpid_drake.logs.simulated_noise import add_noise
 
 FAMILIES = pytest.mark.parametrize("family", ROW_FAMILIES.values(), ids=ROW_FAMILIES)
 

@@ -25,7 +25,7 @@ def exciting():
     ("name", "preset"),
     [
         ("paper", "flight"),
-        ("tumbling_capture", "servicer"),
+        pytest.param("tumbling_capture", "servicer", marks=pytest.mark.slow),
         pytest.param("exciting_motion", "coarse", marks=pytest.mark.slow),
         pytest.param("single_arm_wheels", "servicer", marks=pytest.mark.slow),
     ],
@@ -54,6 +54,7 @@ def test_on_a_table_four_parameters_are_determined():
     assert found.shape[-1] == 4
 
 
+@pytest.mark.slow
 def test_a_velocity_sensor_measures_the_rate_of_the_position(exciting):
     suite = replace(exciting.suite, velocity=replace(exciting.suite.position, sigma=1e-6))
     case = replace(exciting.planner.case(exciting.motion, exciting.parameters), suite=suite)

@@ -15,7 +15,6 @@ from cpid_drake import (
     shipped_scenario,
 )
 from cpid_drake.planning.comparison import reference_motions
-from cpid_drake.planning.pareto import front
 from cpid_drake.planning.plan_options import PlanOptions
 from cpid_drake.planning.planner import Planner
 from cpid_drake.simulation.limits import check_limits
@@ -162,19 +161,6 @@ def test_impossible_choices_are_refused(changes, message, scenario):
         Planner(scenario, FLIGHT, replace(SMALL, **changes)).run()
 
 
-@pytest.mark.slow
-def test_a_front_turns_the_base_less_and_less():
-    """Where the motion returns to its start, so that the base need not turn."""
-    scenario = load_scenario(shipped_scenario("exciting_motion"))
-    planner = Planner(scenario, FLIGHT, replace(SMALL, targets=1, iterations=24))
-    plans = front(planner, planner.run())
-    assert len(plans) > 3
-    assert (np.diff([plan.base_rotation for plan in plans]) < 0).all()
-    assert (np.diff([plan.score for plan in plans]) > 0).all()
-    assert plans[-1].base_rotation < 0.3 * plans[0].base_rotation
-    assert all(max(plan.usage.values()) <= 1 + 1e-9 for plan in plans)
-
-
 # -- comparison ------------------------------------------------------------------------------------
 
 
@@ -184,7 +170,7 @@ def test_random_and_broadband_motions_move_as_much_as_the_limits_allow(planner):
     names = ["scenario's motion", "best of 1,000 random", "multi-axis chirp"]
     assert list(found) == [*names, "random binary, smoothed"]
     for name, motion in found.items():
-        usage = max(planner.usage(motion)[0].values())
+        usage = max(planner.usage(motion).values())
         assert name == names[0] or 0.5 < usage <= 1.0
 
 

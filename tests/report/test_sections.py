@@ -8,7 +8,7 @@ from scipy.stats import norm, t
 
 from cpid_drake import InertialParameters
 from cpid_drake.dynamics.parameterizations import STANDARD
-from cpid_drake.estimation.gaussian import Gaussian, LeastSquaresSolution
+from cpid_drake.estimation.gaussian import Gaussian, solution_of
 from cpid_drake.identification.checks import Check
 from cpid_drake.identification.request import Request, Source
 from cpid_drake.identification.result import Identification
@@ -16,7 +16,7 @@ from cpid_drake.planning.prediction import Prediction
 from cpid_drake.report.contents import ReportContents
 from cpid_drake.report.page import Table
 from cpid_drake.report.pages.identification import identification_report
-from cpid_drake.report.plan import motion_table
+from cpid_drake.report.plan_figures import motion_table
 from cpid_drake.report.sections.data import checks_section
 from cpid_drake.report.sections.estimate import logs_section, result_section
 from cpid_drake.sensors.presets import load_sensors
@@ -34,19 +34,8 @@ def found():
     inverse = np.linalg.inv(STANDARD.jacobian(estimate))
     covariance = inverse @ np.diag(SIGMA**2) @ inverse.T
     root = np.linalg.cholesky(np.linalg.inv(covariance)).T
-    solution = LeastSquaresSolution(
-        estimate,
-        covariance,
-        covariance,
-        Gaussian.of_rows({"x": 10}, np.column_stack([root, root @ estimate])),
-        rank=10,
-        singular_values=np.linspace(10.0, 1.0, 10),
-        unidentifiable=np.empty((0, 10)),
-        residual_rms=1.0,
-        row_count=16,
-        values=estimate,
-        unit=np.ones(10),
-    )
+    rows = Gaussian.of_rows({"x": 10}, np.column_stack([root, root @ estimate]))
+    solution = solution_of(rows, estimate, 1e6 * np.ones(10), row_count=16)
     return Identification.of_solution(
         STANDARD,
         solution,

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake import InputError, Motion
 from cpid_drake.logs.log import ideal_log
+from cpid_drake.logs.simulated_noise import SensorNoise, add_noise
 from cpid_drake.sensors.sensors import (
     ARCSECOND,
     SENSORS,
@@ -16,9 +17,8 @@ from cpid_drake.sensors.sensors import (
     JointSensor,
     VectorSensor,
 )
+from cpid_drake.sensors.simulated_disturbance import random_stream
 from cpid_drake.sensors.suite import SensorSuite, check_sensors
-from cpid_drake.simulation.disturbance import random_stream
-from cpid_drake.simulation.noise import SensorNoise, add_noise
 
 JOINTS = ("a", "b")
 DRIFTS = {"attitude": 50.0, "gyro": 90.0, "position": 30.0, "velocity": 20.0, "encoders": 10.0}

@@ -12,6 +12,7 @@ from cpid_drake.logs.log import (
     ideal_log,
     sample_times,
 )
+from cpid_drake.logs.simulated_noise import SensorNoise, add_noise
 from cpid_drake.sensors.sensors import (
     ARCSECOND,
     DEGREE_PER_HOUR,
@@ -23,7 +24,6 @@ from cpid_drake.sensors.sensors import (
     VectorSensor,
 )
 from cpid_drake.sensors.suite import SensorSuite
-from cpid_drake.simulation.noise import SensorNoise, add_noise
 
 JOINTS = ("a", "b")
 COUNT = 20000

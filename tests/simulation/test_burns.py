@@ -11,9 +11,9 @@ from cpid_drake.dynamics.momentum import system_momentum
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.presets import load_sensors
+from cpid_drake.sensors.simulated_disturbance import SimulatedDisturbance
 from cpid_drake.simulation.burns import Burn
-from cpid_drake.simulation.disturbance import SimulatedDisturbance
-from cpid_drake.simulation.schema import DisturbanceConfig
+from cpid_drake.simulation.scenario import DisturbanceConfig
 from cpid_drake.simulation.trials import base_trajectory, draw, ideal_samples, make_case
 
 FORCE, POINT, TORQUE = (

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from cpid_drake.logs.log import Log, Samples
+from cpid_drake.logs.simulated_noise import SensorNoise, add_noise
 from cpid_drake.sensors.sensors import AttitudeSensor, Gyro, VectorSensor
 from cpid_drake.sensors.suite import SensorSuite
-from cpid_drake.simulation.noise import SensorNoise, add_noise
 
 
 @pytest.mark.parametrize("rate", [5.0, 20.0])

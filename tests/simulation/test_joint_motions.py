@@ -5,7 +5,6 @@ import pytest
 import yaml
 
 from cpid_drake import load_scenario, make_simulation, shipped_scenario
-from cpid_drake.simulation.files import dump_scenario, files_of
 from cpid_drake.simulation.joint_motions import (
     MotionFile,
     MultiSineMotion,
@@ -13,6 +12,7 @@ from cpid_drake.simulation.joint_motions import (
     dump_motion,
     load_motion,
 )
+from cpid_drake.simulation.scenario_files import dump_scenario, files_of
 
 SPLINE = SplineMotion(
     5.0, {"capture_arm_joint2": np.array([0.1, 0.1, 0.1, 0.5, -0.3, -0.2, -0.2, -0.2])}

@@ -15,8 +15,8 @@ from cpid_drake import (
 )
 from cpid_drake.files.resources import models_directory
 from cpid_drake.sensors.presets import load_sensors
-from cpid_drake.simulation.files import dump_scenario
 from cpid_drake.simulation.joint_motions import MultiSineMotion
+from cpid_drake.simulation.scenario_files import dump_scenario
 
 
 @pytest.fixture(scope="module")

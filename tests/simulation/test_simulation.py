@@ -22,8 +22,8 @@ from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.sensors import JointSensor
 from cpid_drake.sensors.suite import SensorSuite
-from cpid_drake.simulation.schema import ControllerConfig, DisturbanceConfig
-from cpid_drake.simulation.sprung_mass import SprungMass
+from cpid_drake.simulation.flexible import SprungMass
+from cpid_drake.simulation.scenario import ControllerConfig, DisturbanceConfig
 from cpid_drake.simulation.trials import base_trajectory, make_case
 
 DISTURBANCE = DisturbanceConfig(np.array([4e-3, -3e-3, 2e-3]), np.array([0.01, 0.02, -0.03]))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cpid_drake.simulation.schema import SolidConfig
+from cpid_drake.simulation.scenario import SolidConfig
 
 SIZE = np.array([1.2, 0.5, 0.8])
 

@@ -8,7 +8,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from scipy.spatial.transform import Rotation
 
 from cpid_drake import InertialParameters, InputError, Spacecraft, identify
-from cpid_drake.spacecraft.export import FORMATS, export_target
+from cpid_drake.spacecraft.target_export import FORMATS, export_target
 
 RESOLUTION = 1e-12  # of each quantity's size
 

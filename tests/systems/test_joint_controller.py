@@ -3,17 +3,19 @@
 import numpy as np
 import pytest
 from pydrake.common.value import Value
+from pydrake.math import BsplineBasis
 from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import TrajectorySource
-from pydrake.trajectories import PiecewisePolynomial
+from pydrake.trajectories import BsplineTrajectory
 
 from cpid_drake import (
     HalfCosine,
     InputError,
     JointController,
     JointTrajectory,
+    MultiSine,
     Spline,
     identify,
     load_scenario,
@@ -22,6 +24,7 @@ from cpid_drake import (
 )
 from cpid_drake.dynamics.momentum import system_momentum
 from cpid_drake.dynamics.parameterizations import parameter_scale
+from cpid_drake.simulation.flexible import CompliantWrist
 
 
 @pytest.fixture(scope="module", params=[True, False], ids=["informed", "blind"])
@@ -42,35 +45,59 @@ def joint_errors(simulation, telemetry):
     return telemetry.q - desired[:, 0], telemetry.qdot - desired[:, 1]
 
 
-def test_drakes_trajectories_have_the_same_layout():
-    """Positions, rates, accelerations: either drives a `JointController`."""
-    motion = Spline(np.array([[0.0, 1.0]] * 3 + [[0.4, -0.2]] * 3 + [[0.7, 0.3]] * 3), 4.0)
-    ours = JointTrajectory(motion).source()
-    times = np.linspace(0.0, 4.0, 200)
-    cubic = PiecewisePolynomial.CubicWithContinuousSecondDerivatives(
-        times, motion.evaluate(times)[:, 0].T
-    )
-    drakes = TrajectorySource(cubic, output_derivative_order=2)
-    values = []
-    for source in (ours, drakes):
-        context = source.CreateDefaultContext()
-        context.SetTime(2.3)
-        values.append(source.get_output_port().Eval(context))
-    np.testing.assert_allclose(*values, rtol=0, atol=1e-3)
-    assert np.abs(values[0]).min() > 0.01
+KNOTS = np.array([[0.0, 1.0]] * 3 + [[0.4, -0.2]] * 3 + [[0.7, 0.3]] * 3)
+MOTIONS = {
+    "half cosine": HalfCosine([0.0, 1.0], [2.0, 0.5], 4.0),
+    "sines": MultiSine([0.3, -1.0], [[0.5, -0.2]], [0.4], [[0.4, -1.0]], 1.0, 4.0, [0.2, 1.0]),
+    "spline": Spline(KNOTS, 4.0),
+}
 
 
-def test_a_trajectory_starts_when_it_is_told_and_rests_before_and_after():
-    motion = HalfCosine([0.0], [1.0], 4.0)
-    source = JointTrajectory(motion, start=5.0).source()
-    context = source.CreateDefaultContext()
-    for time in (0.0, 5.0, 6.3, 9.0, 20.0):
+def outputs(source, times):
+    """Return positions, rates and accelerations (N, 3, J) of a source."""
+    context, values = source.CreateDefaultContext(), []
+    for time in times:
         context.SetTime(time)
-        expected = motion.evaluate(time - 5.0).ravel()
-        np.testing.assert_array_equal(source.get_output_port().Eval(context), expected)
+        values.append(source.get_output_port().Eval(context).reshape(3, -1))
+    return np.array(values)
+
+
+@pytest.mark.parametrize("motion", MOTIONS.values(), ids=MOTIONS)
+def test_a_source_moves_when_it_is_told_and_rests_before_and_after(motion):
+    """Rates and accelerations are differences; those of the ends are of the motion between them."""
+    source, start, end, h = JointTrajectory(motion, start=5.0).source(), 5.0, 9.0, 1e-4
+    for time in (5.4, 7.0, 8.7):
+        behind, now, ahead = outputs(source, [time - h, time, time + h])
+        np.testing.assert_allclose((ahead - behind)[:2] / (2 * h), now[1:], atol=1e-6)
+    for time, step in ((start, h), (end, -h)):
+        now, next_, last = outputs(source, [time, time + step, time + 2 * step])
+        inwards = (4 * next_ - 3 * now - last)[:2] / (2 * step)
+        np.testing.assert_allclose(inwards, now[1:], atol=1e-6)
+    first, last = outputs(source, [start, end])[:, 0]
+    before, after = outputs(source, [-1.0, start - 1e-9]), outputs(source, [end + 1e-9, 1e3])
+    np.testing.assert_array_equal(before[:, 0], [first] * 2)
+    np.testing.assert_array_equal(after[:, 0], [last] * 2)
+    assert not before[:, 1:].any()
+    assert not after[:, 1:].any()
+
+
+def test_a_spline_and_drakes_have_the_same_layout_and_values():
+    """Positions, rates, accelerations: either drives a `JointController`."""
+    knots = np.concatenate([np.zeros(5), np.linspace(0.0, 4.0, 5), np.full(5, 4.0)])
+    drakes = TrajectorySource(
+        BsplineTrajectory(BsplineBasis(6, knots), [*KNOTS[:, :, None]]), output_derivative_order=2
+    )
+    times = [-1.0, 0.0, 0.7, 1.0, 2.3, 3.9, 4.0, 4.0 + 1e-9, 7.0]
+    values = outputs(JointTrajectory(MOTIONS["spline"]).source(), times)
+    np.testing.assert_allclose(values, outputs(drakes, times), rtol=0, atol=1e-12)
+
+
+def test_another_trajectory_can_take_the_place_of_the_first():
+    source = JointTrajectory(HalfCosine([0.0], [1.0], 4.0)).source()
     source.UpdateTrajectory(JointTrajectory(HalfCosine([1.0], [-2.0], 3.0), start=20.0))
-    context.SetTime(21.5)
-    np.testing.assert_allclose(source.get_output_port().Eval(context)[0], -0.5, atol=1e-12)
+    [[position, rate, acceleration]] = outputs(source, [21.5])[..., 0]
+    np.testing.assert_allclose([position, rate], [-0.5, -np.pi / 2], atol=1e-12)
+    np.testing.assert_allclose(acceleration, 0.0, atol=1e-12)
 
 
 def test_the_arms_follow_exactly_or_by_feedback(run):
@@ -152,6 +179,19 @@ def test_a_controller_is_wired_to_the_plant_that_it_drives(servicer, paper_targe
 def test_wiring_a_motion_of_other_joints_is_refused(servicer, paper_target):
     with pytest.raises(InputError, match="21 entries, but 'desired_motion' of joint"):
         wired(servicer, paper_target, joints=7)
+
+
+def test_a_model_whose_target_on_springs_has_no_mass_is_refused(servicer, paper_target, inputs):
+    """Nothing says how it accelerates."""
+    wrist = CompliantWrist(np.full(3, 500.0))
+    plant = servicer.make_simulation_plant(paper_target, wrist.connect)
+    controller = JointController(servicer, connect=wrist.connect, plant=plant)
+    context = controller.CreateDefaultContext()
+    state = plant.GetPositionsAndVelocities(plant.CreateDefaultContext())
+    controller.GetInputPort("state").FixValue(context, state)
+    controller.GetInputPort("desired_motion").FixValue(context, inputs[1])
+    with pytest.raises(InputError, match="the target must have a mass"):
+        controller.GetOutputPort("generalized_force").Eval(context)
 
 
 # -- the estimate in the model ------------------------------------------------------------------

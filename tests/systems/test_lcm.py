@@ -34,7 +34,9 @@ def test_states_from_messages_are_rows_and_the_estimate_is_a_message(
 ):
     motion = zero_momentum_motion(skewed_target, 5, seed=8)
     lcm, builder = DrakeLcm("memq://"), DiagramBuilder()
-    identifier = add_lcm(builder, MomentumIdentifier(servicer), lcm=lcm, channel="ARM", period=0.5)
+    identifier = add_lcm(
+        builder, MomentumIdentifier(servicer, period=1.0), lcm=lcm, channel="ARM", period=0.5
+    )
     simulator = Simulator(builder.Build())
     for k, state in enumerate(servicer.to_states(motion)):
         lcm.Publish("ARM_STATE", scope(state, k))
@@ -107,7 +109,7 @@ def test_a_state_that_stays_is_not_counted_again(servicer, skewed_target, zero_m
     """The sender stopped after two samples."""
     motion = zero_momentum_motion(skewed_target, 2, seed=8)
     lcm, builder = DrakeLcm("memq://"), DiagramBuilder()
-    identifier = add_lcm(builder, MomentumIdentifier(servicer), lcm=lcm)
+    identifier = add_lcm(builder, MomentumIdentifier(servicer, period=1.0), lcm=lcm)
     simulator = Simulator(builder.Build())
     for k, state in enumerate(servicer.to_states(motion)):
         lcm.Publish("CPID_STATE", scope(state, k))

@@ -20,12 +20,12 @@ from cpid_drake.estimation.likelihood.constants import (
     ZERO,
     ConstantError,
 )
-from cpid_drake.estimation.likelihood.effects import (
+from cpid_drake.estimation.likelihood.effect_terms import (
     MotionChange,
     write_force,
     write_yielding,
 )
-from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory
+from cpid_drake.estimation.likelihood.motion_model import BaseMotion, Trajectory
 
 Write = Callable[[BaseMotion, Trajectory, float, MotionChange], None]
 """Writes the change of the motion by σ of each entry of an error."""

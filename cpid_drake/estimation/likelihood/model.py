@@ -24,7 +24,7 @@ from cpid_drake.estimation.likelihood.constants import (
     OF_FIRST_ORDER,
     Constants,
 )
-from cpid_drake.estimation.likelihood.effects import (
+from cpid_drake.estimation.likelihood.effect_terms import (
     MotionChange,
     write_bodies,
     write_force,
@@ -33,9 +33,9 @@ from cpid_drake.estimation.likelihood.effects import (
     write_target,
 )
 from cpid_drake.estimation.likelihood.forces import white_forces
-from cpid_drake.estimation.likelihood.joint_motion import ORDER, JointPart
-from cpid_drake.estimation.likelihood.motion import BaseMotion, Trajectory, TrajectoryState
-from cpid_drake.estimation.likelihood.sensors import SensorModel, lateness, model_classes
+from cpid_drake.estimation.likelihood.joint_model import ORDER, JointPart
+from cpid_drake.estimation.likelihood.motion_model import BaseMotion, Trajectory, TrajectoryState
+from cpid_drake.estimation.likelihood.sensor_models import SensorModel, lateness, model_classes
 from cpid_drake.estimation.likelihood.white_reading import WhiteReading
 from cpid_drake.logs.log import Log
 from cpid_drake.sensors.suite import SensorSuite

@@ -15,7 +15,7 @@ GAUSS_LEGENDRE = np.polynomial.legendre.leggauss(3)
 class UniformSpline:
     """The cubic spline through values (N, n) at N equidistant nodes.
 
-    It is that of `scipy.interpolate.CubicSpline`, whose construction takes ten times as long.
+    It is that of `scipy.interpolate.CubicSpline`, whose construction takes much longer.
 
     Attributes:
         c: (4, N − 1, n) coefficients of the powers 3 to 0 in each interval.

@@ -1,14 +1,14 @@
 """Chooses the columns of a log for each quantity by names and values."""
 
-from collections.abc import Collection, Iterable
-from typing import Any, cast
+from collections.abc import Collection
+from typing import Any, cast, get_args
 
 import numpy as np
 
 from cpid_drake.files.errors import InputError
-from cpid_drake.logs.column_map import TimeUnit, scale_of
+from cpid_drake.logs.column_map import Angle, TimeUnit, scale_of
 from cpid_drake.logs.guess.guessed_map import GuessedMap
-from cpid_drake.logs.guess.joints import find_joint_units, find_joints, is_of_base
+from cpid_drake.logs.guess.joint_columns import find_joint_units, find_joints
 from cpid_drake.logs.guess.names import (
     WORDS,
     Group,
@@ -59,13 +59,14 @@ def _find_time(guess: GuessedMap, frame_rate: float | None) -> None:
         is_first = name == next(iter(guess.columns))
         if (ranks or is_first) and increases and not words & WORDS["nanoseconds"]:
             is_other = not ranks or bool(words & WORDS["other clock"])
-            candidates.append((is_other, [*ranks, len(_TIMES)][0], name))
+            # A stamp of one topic is in the rows of this topic only.
+            candidates.append((is_other, -there.size, [*ranks, len(_TIMES)][0], name))
     if not candidates:
         raise InputError(
             "no column can be the time: it increases, and is the first or has a name such as "
             f"'time' or 'stamp'; the columns of numbers are {', '.join([*guess.columns][:12])}"
         )
-    name, time = min(candidates)[2], guess.column_map.time
+    name, time = min(candidates)[-1], guess.column_map.time
     ticks = guess.columns[name][np.isfinite(guess.columns[name])]
     steps = np.diff(ticks)
     step = float(np.median(steps[steps > 0]))
@@ -137,7 +138,8 @@ def _find_attitude(guess: GuessedMap, free: list[str], axes: list[Group]) -> Non
         text = f"four columns {', '.join(given.columns)} of norm 1: a quaternion; {how}"
         guess.say("attitude", text)
         return
-    rolls = _angles(guess, free)
+    no_angle = WORDS["angular_velocity"] | _NO_VECTOR
+    rolls = [group for group in groups_by_angle(free) if not group.words & no_angle]
     rotations = [g for g in axes if g.words & WORDS["rotation"]]
     rotations = [g for g in rotations if "w" not in g.members]
     if rolls:
@@ -145,7 +147,8 @@ def _find_attitude(guess: GuessedMap, free: list[str], axes: list[Group]) -> Non
         if others and _nearness(guess, others[0], ()) == _nearness(guess, group, ()):
             several = " or ".join(g.stem for g in (group, *others))
             text = f"the attitude may be {several} for roll, pitch and yaw"
-            guess.leave_open(text)
+            guess.say("attitude", f"open: {text}")
+            guess.missing.append(f"{text} (attitude.columns)")
             return
         given.columns = [group.members[key] for key in ("roll", "pitch", "yaw")]
         given.order, why = "roll_pitch_yaw", "the names say roll, pitch and yaw"
@@ -158,36 +161,17 @@ def _find_attitude(guess: GuessedMap, free: list[str], axes: list[Group]) -> Non
         why = "three columns of a rotation"
         guess.free.add("attitude.order")
     else:
-        _without_attitude(guess)
+        guess.say("attitude", "no four columns have the norm 1, and none are named as its angles")
+        guess.missing.append("no columns are an attitude (attitude.columns)")
         return
-    unit, size = unit_of(given.columns[0]), guess.largest(given.columns)
-    given.unit = "deg" if unit == "deg" or (unit is None and size > 2 * np.pi) else "rad"
-    named = "the name says so" if unit else f"the largest is {size:.4g}"
-    guess.say("attitude", f"{', '.join(given.columns)}: {why}; in {given.unit}: {named}")
-
-
-def _angles(guess: GuessedMap, names: Iterable[str]) -> list[Group]:
-    """Return the groups of roll, pitch and yaw that may be those of the base."""
-    no_angle = WORDS["angular_velocity"] | _NO_VECTOR
-    return [group for group in groups_by_angle(names) if not group.words & no_angle]
-
-
-def _without_attitude(guess: GuessedMap) -> None:
-    """Leave the attitude open, also if angles that have the names of joints may be it."""
-    if guess.open_joints:
-        return
-    at = guess.column_map.joint_positions.columns
-    joints = {column: joint for joint, column in at.items()}
-    for group in _angles(guess, joints):
-        if not group.words or is_of_base(guess, group.words):
-            angles = {joints[column]: [column] for column in group.members.values()}
-            guess.leave_open_angles(angles)
-            guess.column_map.joint_positions.columns = {
-                joint: column for joint, column in at.items() if joint not in angles
-            }
-            return
-    guess.say("attitude", "no four columns have the norm 1, and none are named as its angles")
-    guess.missing.append("no columns are an attitude (attitude.columns)")
+    unit = unit_of(given.columns[0])
+    if unit in get_args(Angle):
+        given.unit, named = cast(Angle, unit), f"in {unit}: the name says so"
+    else:
+        guess.free.add("attitude.unit")
+        given.unit = "deg" if guess.largest(given.columns) > 2 * np.pi else "rad"
+        named = "the unit follows from the motion"
+    guess.say("attitude", f"{', '.join(given.columns)}: {why}; {named}")
 
 
 def _find_vectors(guess: GuessedMap, free: list[str], axes: list[Group]) -> None:
@@ -199,6 +183,8 @@ def _find_vectors(guess: GuessedMap, free: list[str], axes: list[Group]) -> None
     for key in ("angular_velocity", "velocity", "position"):
         words = WORDS[key]
         choices = [g for g in groups if g.words & words or (key == "position" and g.stem == "*")]
+        if key == "position":  # r is a rotation, too
+            choices = choices or [g for g in groups if "r" in g.words]
         if key == "angular_velocity":
             choices = [g for g in choices if "linear" not in g.words]
         groups = [g for g in groups if g not in choices]

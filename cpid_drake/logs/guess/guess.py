@@ -7,12 +7,14 @@ joints and the clock, the gyro about the attitude, the conservation of momentum 
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
 from cpid_drake.files.errors import InputError, listed
+from cpid_drake.files.one_thread import one_thread
 from cpid_drake.logs.alternatives import alternatives
-from cpid_drake.logs.column_map import ColumnMap, Order, with_entries
+from cpid_drake.logs.column_map import Angle, ColumnMap, Order, with_entries
 from cpid_drake.logs.conventions import (
     AGREES,
     DIFFERS,
@@ -31,7 +33,8 @@ from cpid_drake.logs.score import (
 from cpid_drake.logs.table import LogTable
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
-_ATTITUDE, _CLOCK = {"attitude.order", "attitude.direction"}, {"time.unit"}
+_ATTITUDE = {"attitude.order", "attitude.direction", "attitude.unit"}
+_CLOCK = {"time.unit"}
 _JOINTS, _GYRO_AXES = {"joint_positions.unit", "joint_rates.unit"}, "angular_velocity.R_BS"
 
 _STAGES = (
@@ -44,6 +47,7 @@ _STAGES = (
 groups of keys of which they may change one each."""
 
 
+@one_thread
 def guess_map(
     table: LogTable, spacecraft: Spacecraft, base: str = "", frame_rate: float | None = None
 ) -> GuessedMap:
@@ -61,8 +65,8 @@ def guess_map(
             the message lists the columns.
 
     """
-    texts = {name: next(iter(cells.values())) for name, cells in table.texts.items()}
-    columns = {n: c for n, c in table.columns.items() if n not in texts and np.isfinite(c).any()}
+    numbers = {n: c for n, c in table.columns.items() if n not in table.texts}
+    columns = {name: column for name, column in numbers.items() if np.isfinite(column).any()}
     if not columns:
         raise InputError("the file has no rows of numbers")
     if "1" in columns:
@@ -70,10 +74,8 @@ def guess_map(
             "the file does not name its columns: write a map that names them by their numbers, "
             "such as '1', and check it with `cpid log check --columns`"
         )
-    guess = GuessedMap(columns, texts, spacecraft, base)
+    guess = GuessedMap(columns, spacecraft, base)
     find_columns(guess, frame_rate)
-    if guess.open_joints:  # nothing can be compared without all joints
-        return guess
     _settle_clock(guess)
     explained, given = _settle_conventions(guess), guess.column_map.attitude
     if "time.unit" in guess.free:
@@ -83,6 +85,8 @@ def guess_map(
             f"order and direction of the attitude are not determined: {given.order}, "
             f"{given.direction} are assumed ({explained}) (attitude.order, attitude.direction)"
         )
+    if "attitude.unit" in guess.free:
+        guess.missing.append("the angles of the attitude may be in rad or deg (attitude.unit)")
     if "joint_positions.unit" in guess.free:
         _assume_joint_unit(guess)
     if unused := guess.read(table).ignored:
@@ -180,11 +184,15 @@ def _compared(
     keys = [group & guess.free for group in groups]
     tree, names = guess.spacecraft.tree.lumped, guess.spacecraft.joint_names
     attitude = guess.column_map.attitude
+    # No change of a quaternion gives another order of angles, or another unit.
     orders: tuple[Order, ...] = (attitude.order,)
     if orders == ("rotation_vector",) and any("attitude.order" in group for group in keys):
-        orders = ("rotation_vector", "euler_xyz")  # no change of a quaternion gives the other
-    for order in orders:
-        column_map = replace(guess.column_map, attitude=replace(attitude, order=order))
+        orders = ("rotation_vector", "euler_xyz")
+    units: tuple[Angle, ...] = (attitude.unit,)
+    if any("attitude.unit" in group for group in keys):
+        units = (attitude.unit, "rad" if attitude.unit == "deg" else "deg")
+    for order, unit in product(orders, units):
+        column_map = replace(guess.column_map, attitude=replace(attitude, order=order, unit=unit))
         given = instants_of(replace(guess, column_map=column_map).log)
         for other, log in () if given is None else _options(guess, column_map, given, keys):
             found = compare_momentum(log, tree) if name == MOMENTUM else compare_rates(log, names)

@@ -1,7 +1,7 @@
 """A guess at the map of a log's columns, in the making and at its end."""
 
 import textwrap
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import cast
 
@@ -24,7 +24,6 @@ class GuessedMap:
 
     Attributes:
         columns: the columns of numbers (N,), NaN where a cell is absent.
-        texts: by column of text, its first cell.
         spacecraft: the spacecraft model.
         base: name of the base body.
         column_map: the map so far.
@@ -32,13 +31,10 @@ class GuessedMap:
         missing: what the map lacks or nothing in the log confirms, in words.
         free: keys of conventions about which names and values say nothing.
         time_units: the units of time that the steps allow, if there are several.
-        open_joints: joints whose positions may be an angle of the base instead; neither is in the
-            map.
 
     """
 
     columns: dict[str, Array]
-    texts: dict[str, str]
     spacecraft: Spacecraft
     base: str
     column_map: ColumnMap = field(default_factory=ColumnMap)
@@ -46,23 +42,10 @@ class GuessedMap:
     missing: list[str] = field(default_factory=list)
     free: set[str] = field(default_factory=set)
     time_units: tuple[TimeUnit, ...] = ()
-    open_joints: set[str] = field(default_factory=set)
 
     def say(self, key: str, text: str) -> None:
         """Add a reason for an entry."""
         self.reasons.setdefault(key, []).append(text)
-
-    def leave_open(self, text: str, keys: str = "attitude.columns") -> None:
-        """Leave a choice of columns, of the attitude and of other keys, to the user."""
-        self.say("attitude", f"open: {text}")
-        self.missing.append(f"{text} ({keys})")
-
-    def leave_open_angles(self, angles: Mapping[str, list[str]]) -> None:
-        """Leave open whether columns are the positions of joints, or angles of the base."""
-        self.open_joints |= {*angles}
-        columns = ", ".join(column for each in angles.values() for column in each)
-        text = f"{columns} may be the attitude, or the joints of these names"
-        self.leave_open(text, "attitude.columns, joint_positions.columns")
 
     def largest(self, columns: Iterable[str]) -> float:
         """Return the largest size of a number in columns."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from cpid_drake.logs.column_map import UNIT_OF
 
-_SUFFIXES = UNIT_OF.keys() - {"m", "s", "in", "ft", "N"}  # units that end a name without brackets
+_SUFFIXES = UNIT_OF.keys() - {"m", "s", "in", "N"}  # units that end a name without brackets
 WORDS = {
     meaning: frozenset(words.split())
     for meaning, words in {

@@ -12,7 +12,7 @@ from sensing_cases import MOMENTUM, coarse_suite, true_telemetry
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.momentum import momentum_samples, target_momentum
 from cpid_drake.estimation.block import Block
-from cpid_drake.estimation.likelihood.effects import MotionChange
+from cpid_drake.estimation.likelihood.effect_terms import MotionChange
 from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.sensors import JointSensor

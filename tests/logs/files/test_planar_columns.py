@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from cpid_drake import InputError
 from cpid_drake.logs.column_map import ColumnMap
-from cpid_drake.logs.files import read_log
+from cpid_drake.logs.formats import read_log
 from cpid_drake.logs.noise_estimation import sensor_noise
 
 YAW = np.array([0.1, 0.4, -3.0, 3.5])

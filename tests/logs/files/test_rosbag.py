@@ -8,7 +8,7 @@ import pytest
 
 from cpid_drake import InputError, read_log
 from cpid_drake.dynamics.rotations import rotate
-from cpid_drake.logs.files import inspect_log
+from cpid_drake.logs.formats import inspect_log
 from cpid_drake.sensors.sensors import SENSORS
 
 rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="needs the package rosbags")

@@ -17,19 +17,19 @@ from sensing_cases import (
 from cpid_drake import (
     InertialParameters,
     InputError,
-    Spacecraft,
     load_scenario,
     shipped_scenario,
 )
 from cpid_drake.files.resources import models_directory
 from cpid_drake.logs.column_map import load_column_map
-from cpid_drake.logs.files import read_table, table_of
+from cpid_drake.logs.formats import read_table, table_of
 from cpid_drake.logs.guess.guess import guess_map
+from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.logs.table import LogTable
 from cpid_drake.sensors.sensors import JointSensor, VectorSensor
-from cpid_drake.simulation.noise import add_noise
 
 TARGET = InertialParameters(60.0, [0.5, 0.05, -0.1], [[6, 0, 0], [0, 9, 0], [0, 0, 8]])
+BAG = InertialParameters(8.5, [0.26, 0.02, -0.01], [[0.16, 0, 0], [0, 0.19, 0], [0, 0, 0.25]])
 SUITE = coarse_suite(velocity=VectorSensor(5.0, 1e-4), joint_rates=JointSensor(20.0, 1e-4))
 
 
@@ -90,7 +90,7 @@ def test_the_guessed_map_gives_back_every_sample(craft, log, tmp_path, seed):
     assert replace(guess, column_map=load_column_map(path)).text("A map") == path.read_text()
 
 
-def test_joints_are_found_by_number_and_by_names_in_cells(craft, log):
+def test_joints_are_found_by_number(craft, log):
     columns = in_other_conventions(log, 0)
     joints = log.joint_names
     numbered = {name: column for name, column in columns.items() if not name.startswith("arm/")}
@@ -98,13 +98,19 @@ def test_joints_are_found_by_number_and_by_names_in_cells(craft, log):
         numbered[f"q({k + 1})"] = columns[f"arm/{joint}.position"]
     found = guess_map(LogTable(numbered), craft, "base").column_map.joint_positions.columns
     assert found == {joint: f"q({k + 1})" for k, joint in enumerate(joints)}
-    texts = {f"name{k + 1}": joint for k, joint in enumerate(reversed(joints))}
-    texted = {name: column for name, column in columns.items() if not name.startswith("arm/")}
-    for k, joint in enumerate(reversed(joints)):
-        texted[f"position{k + 1}"] = columns[f"arm/{joint}.position"]
-    table = LogTable(texted, texts={name: {0: text} for name, text in texts.items()})
-    found = guess_map(table, craft, "base").column_map.joint_positions.columns
-    assert found == {joint: f"position{k + 1}" for k, joint in enumerate(reversed(joints))}
+
+
+@pytest.mark.parametrize(("missing", "form"), [(1, "motor/*"), (0, "q:*"), (0, "joint_*")])
+def test_columns_of_names_alike_in_most_joints_are_theirs(craft, log, missing, form):
+    """Whatever comes first in the file; the package's own names, and joints, before others."""
+    columns = in_other_conventions(log, 0)
+    renamed = {f"arm/{joint}.position": form.replace("*", joint) for joint in log.joint_names}
+    others = [f"a_{joint}" for joint in log.joint_names[missing:]]
+    given = {"stamp": columns["stamp"], **{name: columns["pos.x"] for name in others}}
+    given |= {renamed.get(name, name): column for name, column in columns.items()}
+    given = {name: column for name, column in given.items() if not name.endswith("velocity")}
+    found = guess_map(LogTable(given), craft, "base").column_map.joint_positions.columns
+    assert found == {joint: form.replace("*", joint) for joint in log.joint_names}
 
 
 def test_columns_of_the_base_are_preferred_to_those_of_other_bodies(craft, log):
@@ -153,6 +159,44 @@ def test_the_first_column_is_the_time_if_it_increases_and_numbers_are_no_names(c
     numbered = dict(zip(map(str, range(1, 99)), columns.values()))
     with pytest.raises(InputError, match=r"does not name its columns: write a map"):
         guess_map(LogTable(numbered), craft, "base")
+
+
+def test_the_time_is_in_all_rows_and_a_stamp_of_one_topic_is_not(craft, log):
+    columns = in_other_conventions(log, 0)
+    some = np.arange(len(columns["stamp"])) % 3 > 0
+    stamps = np.where(some, np.nan, columns["stamp"] + 5)
+    guess = guess_map(LogTable({"imu/stamp": stamps, **columns}), craft, "base")
+    assert guess.column_map.time.column == "stamp"
+
+
+def test_three_numbers_r_beside_a_quaternion_are_the_position(craft, log):
+    columns = in_other_conventions(log, 1)
+    moved = {f"r_{k}": columns.pop(f"pos.{axis}") for k, axis in enumerate("xyz", 1)}
+    guess = guess_map(LogTable({**columns, **moved}), craft, "base")
+    assert guess.column_map.position.columns == ["r_1", "r_2", "r_3"]
+    both = guess_map(LogTable({**in_other_conventions(log, 1), **moved}), craft, "base")
+    assert both.column_map.position.columns == ["pos.x", "pos.y", "pos.z"]
+
+
+@pytest.mark.parametrize("unit", ["rad", "mrad", "deg", None])
+@pytest.mark.parametrize("turn", [0.0, 8.0])
+def test_the_unit_of_angles_is_that_of_their_names_or_follows_from_the_motion(unit, turn):
+    """Yaw in rad may be beyond a turn."""
+    craft = load_scenario(shipped_scenario("free_flyer_payload")).spacecraft.make()
+    motion, times = Sines.drawn(len(craft.joint_names), 3, 10.0), np.arange(0.0, 10.0, 0.05)
+    states = true_telemetry(craft.tree, craft.joint_names, motion, BAG, times, MOMENTUM / 100)
+    attitude = Rotation.from_quat(states.quaternion_WB, scalar_first=True)
+    angles = np.unwrap(attitude.as_euler("ZYX"), axis=0)[:, ::-1] + [0.0, 0.0, turn]
+    w_B = attitude.inv().apply(states.w_WB)
+    size = {"mrad": 1e3, "deg": 180 / np.pi}.get(unit, 1.0)
+    names = [f"base_{n}" + (f"_{unit}" if unit else "") for n in ("roll", "pitch", "yaw")]
+    columns = {"t": times, **dict(zip(names, size * angles.T))}
+    columns |= {f"gyro.{axis}": values for axis, values in zip("xyz", w_B.T)}
+    columns |= {f"{n}.position": values for n, values in zip(craft.joint_names, states.q.T)}
+    columns |= {f"{n}.velocity": values for n, values in zip(craft.joint_names, states.qdot.T)}
+    guess = guess_map(LogTable(columns), craft, "base")
+    assert guess.column_map.attitude.unit == (unit or "rad")
+    assert not any("attitude" in text for text in guess.missing), guess.missing
 
 
 def columns_at_200_hz(craft):
@@ -221,96 +265,41 @@ def test_exchanged_axes_of_the_gyro_are_found_and_a_foreign_gyro_leaves_the_atti
     assert any("does not rotate at the angular velocity in any convention" in t for t in missing)
 
 
-@pytest.fixture(scope="module")
-def angular(tmp_path_factory):
-    """Return a craft whose joints are yaw, pitch, roll and wrist."""
-    text = (models_directory() / "free_flyer/free_flyer.urdf").read_text()
-    for k, name in enumerate(JOINTS, start=1):
-        text = text.replace(f'"arm_joint{k}"', f'"{name}"')
-    path = tmp_path_factory.mktemp("angular") / "craft.urdf"
-    path.write_text(text)
-    return Spacecraft(path, base="body", capture_frame="capture_point")
+ANGLES = ("yaw", "pitch", "roll")
 
 
-JOINTS = ("yaw", "pitch", "roll", "wrist")
-
-
-def angle_columns(angles, joints, *, quaternion=False):
-    """Return the sample log with forms of names of the base's angles, and of the joints'."""
+def angle_columns(form):
+    """Return the sample log with angles of the base of these names for its quaternion."""
     table = read_table(models_directory() / "telemetry/free_flyer.csv").columns
-    found = {name: table[name] for name in ("time", "x", "y", "z", "bwx", "bwy", "bwz")}
-    names = ("qw", "qx", "qy", "qz")
-    if quaternion:
-        found |= {name: table[name] for name in names}
-    if angles:
-        q = np.stack([table[name] for name in names], axis=1)
-        ypr = Rotation.from_quat(q, scalar_first=True).as_euler("ZYX").T
-        found |= {angles.replace("*", name): v for name, v in zip(JOINTS, ypr, strict=False)}
-    for k, name in enumerate(JOINTS[0 if joints else 3 :], start=1 if joints else 4):
-        found[(joints or "*").replace("*", name)] = table[f"q:arm_joint{k}"]
-    return found
+    q = np.stack([table.pop(name) for name in ("qw", "qx", "qy", "qz")], axis=1)
+    ypr = Rotation.from_quat(q, scalar_first=True).as_euler("ZYX").T
+    return table | {form.replace("*", name): v for name, v in zip(ANGLES, ypr)}
 
 
-@pytest.mark.parametrize(
-    ("angles", "joints"),
-    [
-        ("*", "q:*"),
-        ("*", "joint_*"),
-        ("base_*", "arm_*"),
-        ("base_*", "*"),
-        ("pose.*", "arm.*.angle"),
-    ],
-)
-def test_angles_of_the_base_are_distinguished_from_joints_of_these_names(angular, angles, joints):
-    columns = angle_columns(angles, joints)
-    for given in (columns, dict([next(iter(columns.items())), *reversed(columns.items())])):
-        guess = guess_map(LogTable(given), angular, "body")
-        assert guess.missing == []
-        at, order = guess.column_map, ("roll", "pitch", "yaw")
-        assert at.attitude.columns == [angles.replace("*", name) for name in order]
-        assert at.position.columns == ["x", "y", "z"]
-        assert at.joint_positions.columns == {n: joints.replace("*", n) for n in JOINTS}
+@pytest.fixture(scope="module")
+def flyer():
+    return load_scenario(shipped_scenario("free_flyer_payload")).spacecraft.make()
 
 
-def test_angles_beside_a_quaternion_are_those_of_the_joints(angular):
-    guess = guess_map(LogTable(angle_columns("", "*", quaternion=True)), angular, "body")
+@pytest.mark.parametrize("form", ["*", "body_*", "pose.* [rad]"])
+def test_roll_pitch_and_yaw_are_the_attitude(flyer, form):
+    guess, sample = guess_map(LogTable(angle_columns(form)), flyer, "body"), angle_columns("*")
     assert guess.missing == []
-    assert guess.column_map.attitude.columns == ["qw", "qx", "qy", "qz"]
-    assert guess.column_map.joint_positions.columns == {name: name for name in JOINTS}
+    at = guess.column_map.attitude
+    assert at.columns == [form.replace("*", name) for name in reversed(ANGLES)]
+    ypr = np.stack([sample[name] for name in ANGLES], axis=1)
+    read = Rotation.from_quat(guess.log.attitude.value, scalar_first=True)
+    assert (read * Rotation.from_euler("ZYX", ypr).inv()).magnitude().max() < 1e-6
 
 
-@pytest.mark.parametrize(
-    ("angles", "joints", "said"),
-    [
-        ("*", "", "yaw, pitch, roll may be the attitude, or the joints of these names"),
-        ("*", "arm_*", "yaw, arm_yaw, pitch, arm_pitch, roll, arm_roll may be the attitude, or"),
-    ],
-)
-def test_angles_that_may_be_the_base_s_or_joints_are_left_open(angular, angles, joints, said):
-    """In the draft and in what is missing, and nothing there says that there are none."""
-    columns = angle_columns(angles, joints)
-    columns["wrist"] = columns.pop("arm_wrist", columns.get("wrist"))
-    guess = guess_map(LogTable(columns), angular, "body")
-    assert guess.missing[0].startswith(said)
-    assert guess.missing[0].endswith("(attitude.columns, joint_positions.columns)")
-    assert not any("attitude" in text for text in guess.missing[1:])
-    assert guess.column_map.attitude.columns == []
-    assert guess.column_map.joint_positions.columns == {"wrist": "wrist"}
-    text = " ".join(guess.text().replace("#", "").split())
-    assert f"open: {said}" in text
-    assert "none are named as" not in text
-
-
-def test_two_triples_of_angles_leave_the_attitude_open_unless_one_is_the_base_s():
-    craft = load_scenario(shipped_scenario("free_flyer_payload")).spacecraft.make()
-    columns = angle_columns("s_*", "q:*")
-    columns |= {f"p_{name}": columns[f"q:{name}"] for name in JOINTS[:3]}
-    renamed = {f"q:{name}": f"q:arm_joint{k}" for k, name in enumerate(JOINTS, start=1)}
-    columns = {renamed.get(name, name): values for name, values in columns.items()}
-    guess = guess_map(LogTable(columns), craft, "body")
+def test_two_triples_of_angles_leave_the_attitude_open_unless_one_is_the_base_s(flyer):
+    columns = angle_columns("s_*")
+    columns |= {f"p_{name}": columns[f"s_{name}"][::-1] for name in ANGLES}
+    guess = guess_map(LogTable(columns), flyer, "body")
     assert "the attitude may be s_* or p_* for roll, pitch and yaw" in guess.missing[0]
+    assert "open: the attitude may be" in " ".join(guess.text().replace("#", "").split())
     assert guess.column_map.attitude.columns == []
     of_base = {name.replace("s_", "body "): values for name, values in columns.items()}
-    guess = guess_map(LogTable(of_base), craft, "body")
+    guess = guess_map(LogTable(of_base), flyer, "body")
     assert guess.missing == []
     assert guess.column_map.attitude.columns == ["body roll", "body pitch", "body yaw"]

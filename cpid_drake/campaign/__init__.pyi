@@ -1,3 +1,0 @@
-from .run import run_campaign
-
-__all__ = ["run_campaign"]

@@ -1,0 +1,133 @@
+"""`cpid live`: identification of samples as they arrive."""
+
+from dataclasses import replace
+from typing import Annotated, Any
+
+import numpy as np
+from cyclopts import Parameter
+from cyclopts.validators import Number as Within
+
+import cpid_drake as cpid
+from cpid_drake.commands import options
+from cpid_drake.commands.groups import group
+from cpid_drake.files.errors import InputError
+from cpid_drake.identification.arguments import Arguments
+from cpid_drake.identification.checked_log import in_joint_order
+from cpid_drake.identification.identify_files import open_log, opened_inputs
+from cpid_drake.logs.log import THRUST
+from cpid_drake.online.ros2 import run
+from cpid_drake.online.ros_samples import RosSamples, sources_of
+from cpid_drake.report.live_view import show_replay
+from cpid_drake.report.replay import motion_of
+
+live = group("live")
+
+
+@live.command
+def replay(
+    log: options.LogFile,
+    /,
+    *,
+    chosen: options.KnownOptions = options.KnownOptions(),
+    part: options.PartOptions = options.PartOptions(),
+    sensors: options.LiveSensors | None = None,
+    rate: Annotated[options.Number, Parameter(validator=Within(gte=0.1, lte=1e4))] = 1.0,
+    show: Annotated[bool, Parameter(negative="--no-show")] = True,
+    quiet: options.Quiet = False,
+) -> int:
+    """Feed a log through the online identifier in real time, and show the estimates.
+
+    The end is that of `cpid identify`, with its exit codes.
+
+    Args:
+        rate: Ratio of replayed to real time.
+        show: Draw the spacecraft and the estimate in Meshcat.
+
+    """
+    request = chosen.request_of(log, sensors, **part.reading())
+    inputs, suite = _opened(request)
+    _, file = open_log(request, inputs.spacecraft.joint_names)
+    seen = in_joint_order(file.log, inputs.spacecraft)
+    if seen.errors:
+        raise InputError(f"{log}: {seen.errors[0]}")
+    options.print_warnings(seen.warnings)
+    identifier = _identifier(inputs, suite, reads_thrust=seen.log.has_thrust)
+    # As in `identify`, a sensor without stated errors is not used.
+    used = {*suite.present(), THRUST}
+    stream = [each for each in seen.log.messages() if each[0] in used]
+    drawn = None
+    if show:
+        try:
+            motion = motion_of(seen.log, inputs.spacecraft, suite, np.inf)
+            drawn = inputs.spacecraft, motion
+        except InputError as error:
+            options.print_warnings([f"nothing is drawn: {error}"])
+    found = show_replay(identifier, stream, rate, options.log_console(quiet), drawn)
+    return options.finish(found, quiet)
+
+
+@live.command
+def ros2(
+    ros: list[str] | None = None,
+    /,
+    *,
+    chosen: options.KnownOptions = options.KnownOptions(),
+    sensors: options.LiveSensors | None = None,
+    topic: options.Topics | None = None,
+    thrust_map: options.File | None = None,
+    quiet: options.Quiet = False,
+) -> int:
+    """Run a ROS 2 node that identifies, until it is interrupted.
+
+    It publishes ~/target, ~/target_sigma, ~/estimate and /diagnostics. The end is that of
+    `cpid identify`, with its exit codes.
+
+    Args:
+        ros: After --: arguments of ROS, from --ros-args on.
+        thrust_map: Text file of 6 rows, torque and force about the base's origin, with one number
+            for each entry of a Float64MultiArray of thrust. Default: its entries are these six.
+
+    """
+    request = chosen.request_of("", sensors)
+    topics = {"joints": "/joint_states"} | options.topics_of(topic)
+    inputs, suite = _opened(request)
+    used = sources_of(topics, suite)
+    absent: dict[str, Any] = {name: None for name in suite.present() if name not in used}
+    options.print_warnings(f"no topic measures '{name}': it is not used" for name in absent)
+    matrix = None
+    if thrust_map is not None:
+        try:
+            matrix = np.loadtxt(thrust_map, ndmin=2)
+        except (OSError, ValueError) as error:
+            raise InputError(f"{thrust_map}: not 6 rows of numbers: {error}") from error
+    reads_thrust = THRUST in used
+    identifier = _identifier(
+        inputs, replace(suite, **absent), reads_thrust=reads_thrust, has_budget=True
+    )
+    samples = RosSamples(identifier, topics, thrust_map=matrix)
+    with options.extra("ros2"):
+        found = run(samples, request.spacecraft.capture_frame, ros or ())
+    return options.finish(found, quiet)
+
+
+def _opened(request: "cpid.Request") -> tuple[Arguments, "cpid.SensorSuite"]:
+    """Return the inputs of a request, and its sensors; refuse to go on without them."""
+    inputs = opened_inputs(request, lambda step: None)
+    if inputs.sensors is None:
+        raise InputError("cpid live needs the sensors' errors: give --sensors")
+    craft = inputs.spacecraft.on_table() if request.planar else inputs.spacecraft
+    return replace(inputs, spacecraft=craft), inputs.sensors
+
+
+def _identifier(
+    inputs: Arguments, suite: "cpid.SensorSuite", **others: bool
+) -> "cpid.OnlineIdentifier":
+    """Return an identifier with what is known."""
+    return cpid.OnlineIdentifier(
+        inputs.spacecraft,
+        suite,
+        momentum=inputs.momentum,
+        prior=inputs.prior,
+        known_bodies=inputs.known_bodies,
+        **others,
+    )

@@ -1,5 +1,0 @@
-from .momentum_rows import changed_motion
-
-__all__ = [
-    "changed_motion",
-]

@@ -1,0 +1,389 @@
+"""Motion of the base as a function of the target and other unknowns, and its derivatives.
+
+The joint motion is given; the base's attitude and position follow from conservation of momentum
+(`body_dynamics`). Attitude is integrated over a grid of equal steps by the fourth-order Magnus
+formula, with angular velocities from a cubic spline. Small changes ξ of the attitude (rotations in
+W) obey
+
+    ξ̇ = R J⁻¹ (−Y dψ + Rᵀ dL + Rᵀ (L × ξ)),
+
+so every derivative is available without finite differences. Source: Ning et al. 2016, Eqs. 5 and 9,
+about the system's centre of mass.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from cpid_drake.array import Array
+from cpid_drake.dynamics.body_dynamics import BodyDynamics
+from cpid_drake.dynamics.kinematics import forward_kinematics
+from cpid_drake.dynamics.orbit import Orbit
+from cpid_drake.dynamics.rotations import cross, exponentials, rotate, sines, skew
+from cpid_drake.dynamics.sensitivity import MotionSensitivity
+from cpid_drake.dynamics.tree import KinematicTree
+from cpid_drake.estimation.likelihood.actuators import ThrustLog
+from cpid_drake.estimation.likelihood.attitude_steps import (
+    carried,
+    integrated_attitude,
+    step_angles,
+    step_changes,
+)
+from cpid_drake.estimation.likelihood.constants import DRIFT, TORQUE_B, WHEEL, ZERO, Constants
+from cpid_drake.estimation.likelihood.forces import Force, steady_forces
+from cpid_drake.estimation.likelihood.joint_model import JointPart
+from cpid_drake.estimation.likelihood.thrust import BlockThrust, transition
+from cpid_drake.estimation.likelihood.uniform_spline import (
+    UniformSpline,
+    spline_weights,
+    step_weights,
+)
+from cpid_drake.files.errors import InputError
+
+_STEPS_PER_PIECE = 3.5
+"""Grid steps per piece of the joint motion's splines, so that the grid resolves errors of rates."""
+
+_ROUNDS = 120
+"""Most rounds of Newton's iteration, each of which follows the rotation about a radian farther."""
+
+_MOST_STEPS = 400
+"""Grid steps of a block: one that is longer than 10 s has encoders that show no faster motion."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrajectoryState:
+    """All unknowns that determine the base's motion and the readings of its sensors.
+
+    Attributes:
+        psi: (10,) relative unknowns (μ, μc, I_*).
+        attitude: R_WB at the start.
+        p_Wcm: (3,) the system's centre of mass at the start, in W [m].
+        v_Wcm: (3,) its velocity [m/s].
+        L: (3,) angular momentum about the centre of mass, in W [N·m·s].
+        constants: (k,) constant errors in units of their σ; see `constants.Constants`.
+        forces: (K,) entries of white forces in units of their σ; see `forces`.
+
+    """
+
+    psi: Array
+    attitude: Rotation
+    p_Wcm: Array
+    v_Wcm: Array
+    L: Array
+    constants: Array = field(default_factory=lambda: np.empty(0))
+    forces: Array = field(default_factory=lambda: np.empty(0))
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """The base's motion for one state, at U instants, the first N of which are the grid's nodes.
+
+    Attributes:
+        state: the unknowns.
+        R: (U, 3, 3) attitude R_WB.
+        w: (U, 3) angular velocity, in B [rad/s].
+        inverse: (U, 3, 3) inverse of the system's inertia, in B; see `BodyDynamics.mobility`.
+        spline: w between the nodes.
+        L: (U, 3) angular momentum about the centre of mass, in W, with that of a hidden wheel
+            [N·m·s].
+        travel: (U, 6) what logged thrust adds to position [m] and velocity [m/s] of the centre of
+            mass, in W; None without thrust.
+        by_joints: derivatives of the motion by joint positions and rates; None if not yet needed.
+        by_bodies: those by errors of the spacecraft's bodies, likewise.
+        by_compliance: those by compliances of joints and grasp, likewise.
+
+    """
+
+    state: TrajectoryState
+    R: Array
+    w: Array
+    inverse: Array
+    spline: UniformSpline
+    L: Array
+    travel: Array | None
+    by_joints: tuple[MotionSensitivity, MotionSensitivity] | None = None
+    by_bodies: MotionSensitivity | None = None
+    by_compliance: MotionSensitivity | None = None
+
+    @property
+    def mobility(self) -> Array:
+        """∂ω/∂L (N, 3, 3) at the nodes, of ω in B and L in W."""
+        N = self.spline.c.shape[1] + 1
+        return self.inverse[:N] @ np.swapaxes(self.R[:N], -1, -2)
+
+    def rotations(self, times: Array) -> Array:
+        """Return R_WB (M, 3, 3) at times between the grid's ends, by the formula of whole steps."""
+        k, t, angle = self.spline.since_node(times)
+        angle = angle + t[:, None] ** 2 / 12 * cross(self.w[k], self.spline(times))
+        return np.asarray(self.R[k] @ exponentials(angle))
+
+
+class BaseMotion:
+    """Predicts the base's motion for one joint motion.
+
+    Args:
+        tree: the spacecraft model.
+        joints: its joint motion, from the start to the end of the base's motion.
+        times: (M,) further times in it, at which the spacecraft's dynamics are needed [s].
+        step: longest step of the grid [s]; a joint motion of many pieces makes it shorter.
+        constants: the constant errors, external forces among them.
+        nominal: (k,) their values in units of their σ: by some the joint motion is too large.
+        origin: time at which zeros and clocks that drift have their values [s].
+        orbit, thrust, white: orbit of W's origin and log of thrust, if any, and white forces.
+
+    Attributes:
+        nodes: (N,) times of the grid [s].
+        times: (U,) the N nodes, then the M further times [s].
+        free: ψ with ∂ω/∂L (U, 3, 3) and h (U, 3) of `BodyDynamics`; None if nobody needed them.
+
+    """
+
+    def __init__(
+        self,
+        tree: KinematicTree,
+        joints: JointPart,
+        times: Array,
+        step: float,
+        constants: Constants,
+        nominal: Array,
+        origin: float,
+        orbit: Orbit | None,
+        thrust: ThrustLog | None,
+        white: Sequence[Force],
+    ) -> None:
+        self.tree, self.joints, self.constants, self.origin = tree, joints, constants, origin
+        self.orbit, self.white = orbit, white
+        steady = steady_forces(constants, joints.start, joints.end)
+        self.forces = {force.name: force for force in (*white, *steady)}
+        self._zero, self._drift = (constants.joint_errors(nominal, k) for k in (ZERO, DRIFT))
+        length = joints.end - joints.start
+        step = min(step, length / joints.pieces / _STEPS_PER_PIECE)
+        steps = int(np.clip(np.ceil(length / step), 4, _MOST_STEPS))
+        self.nodes = np.linspace(joints.start, joints.end, steps + 1)
+        self.times, self._log = np.concatenate([self.nodes, times]), thrust
+        self.free: tuple[Array, ...] | None = None
+
+    @cached_property
+    def dynamics(self) -> BodyDynamics:
+        """The spacecraft's dynamics at all times; `effect_terms.relate` computes those of many."""
+        q, qdot = np.moveaxis(self.joint_motion(self.times), 1, 0)
+        return BodyDynamics.at(self.tree, q, qdot)
+
+    @cached_property
+    def grid(self) -> BodyDynamics:
+        """The dynamics at the nodes only."""
+        return self.dynamics.part(slice(0, len(self.nodes)))
+
+    @cached_property
+    def thrust(self) -> BlockThrust | None:
+        """The thrust between the first and the last node; None if there is none."""
+        if self._log is None or not self._log.acts(self.nodes[0], self.nodes[-1]):
+            return None
+        return BlockThrust(
+            self._log,
+            self.nodes,
+            self.times,
+            self.grid,
+            self.interpolation,
+            self.capture_pose,
+            self.orbit,
+        )
+
+    def capture_pose(self, times: Array) -> tuple[Array, Array]:
+        """Return R_BC (M, 3, 3) and p_BC (M, 3) of the capture frame at times (M,)."""
+        q, qdot = np.moveaxis(self.joint_motion(times), 1, 0)
+        _, capture = forward_kinematics(self.tree, q, qdot)
+        return capture.R_WC, capture.p_WC
+
+    def joint_motion(self, times: Array) -> Array:
+        """Return true positions and rates (M, 2, J) of the joints at times (M,) [s]."""
+        samples = self.joints.evaluate(times)
+        samples[:, 0] -= self._zero + (times - self.origin)[:, None] * self._drift
+        samples[:, 1] -= self._drift
+        return samples
+
+    def trajectory(self, state: TrajectoryState) -> Trajectory:
+        """Integrate the base's attitude over the grid.
+
+        Raises:
+            InputError: the system's inertia is not positive definite for this target, or the base
+                rotates by more than about a radian in a step.
+
+        """
+        N, psi = len(self.nodes), state.psi
+        if self.free is None or not np.array_equal(self.free[0], psi):
+            self.free = psi, self.dynamics.mobility(psi), self.dynamics.momentum_at_rest(psi)
+        _, inverse, h = self.free
+        step = self.nodes[1] - self.nodes[0]
+        first = state.attitude.as_matrix()
+        R = np.broadcast_to(first, (N, 3, 3))
+        L = np.broadcast_to(state.L, (len(self.times), 3))
+        wheel = self.constants.value(state.constants, WHEEL)
+        for force in self.forces.values():
+            if force.turns:
+                L = L + force.impulse(self.times) @ self._entries(force, state)
+        if wheel is not None:  # which rotates with the base; L is that of the other bodies
+            h, L = h + wheel, L + first @ wheel
+        J = None if self.orbit is None else self.grid.inertia(state.psi)
+        leak = self.constants.value(state.constants, TORQUE_B)
+        added, pushed, last = np.zeros((N, 3)), None, 0.0
+        # With momentum the velocity depends on the attitude: iterate until the next change, by the
+        # ratio of those before, is rounding error. Where Picard's iteration does not fall fast, it
+        # multiplies rounding errors by the exponential of the rotation: then it is Newton's.
+        for _ in range(_ROUNDS):
+            if self.orbit is not None and J is not None:
+                inertia_W = R @ J @ np.swapaxes(R, -1, -2)
+                added = self.accumulated(self.orbit.torque(inertia_W, self.nodes))
+            if leak is not None:
+                added = self.accumulated(R @ leak) + (added if J is not None else 0.0)
+            total = L[:N] + added
+            if self.thrust is not None:
+                pushed = self.thrust.momentum(R, state.psi)
+                total = total + pushed[:N]
+            w = rotate(inverse[:N], rotate(np.swapaxes(R, -1, -2), total) - h[:N])
+            spline = UniformSpline(self.nodes[0], step, w)
+            if self.thrust is not None:
+                spline = self.thrust.spline(w, inverse[:N], R, state.psi)
+            turned = integrated_attitude(first, step_angles(spline.steps(), w, step))
+            change = float(np.abs(turned - R).max())
+            if change > last / 10 > 0:
+                back = np.swapaxes(R, -1, -2)
+                A = R @ inverse[:N] @ back @ skew(total)
+                miss = np.diff(sines(turned @ back), axis=0)[..., None]
+                turn = carried(A[:-1], A[1:], miss, np.zeros((3, 1)), step)[..., 0]
+                turned = exponentials(turn) @ R
+            R = turned
+            if change**2 <= 1e-12 * max(change, last):
+                break
+            last = change
+        else:
+            raise InputError(f"the base rotates too fast to follow in steps of {step:.3g} s")
+        travel = None
+        if self.thrust is not None:
+            travel = self.thrust.travel(R, state.psi)
+        nodes = Trajectory(state, R, w, inverse, spline, total, travel)
+        times = self.times[N:]
+        if not len(times):
+            return nodes
+        R = np.concatenate([R, nodes.rotations(times)])
+        if J is not None or leak is not None:
+            L = L + np.concatenate([added, self.interpolation(times) @ added])
+        L = L if pushed is None else L + pushed
+        L_B = rotate(np.swapaxes(R, -1, -2), L)
+        return replace(nodes, R=R, w=rotate(inverse, L_B - h), L=L)
+
+    def gradient_by_psi(self, trajectory: Trajectory) -> Array | None:
+        """Return the derivative (U, 3, 10) of L by ψ because of the gravity gradient, in W.
+
+        None without one. The derivative is that at unchanged attitude; see `pose_change`.
+        """
+        if self.orbit is None:
+            return None
+        N = len(self.nodes)
+        R, r_W = trajectory.R[:N], self.orbit.nadir(self.nodes)
+        r = rotate(np.swapaxes(R, -1, -2), r_W)
+        by_psi = skew(r_W) @ R @ self.grid.inertia_regressor(r)
+        added = self.accumulated(3 * self.orbit.n**2 * by_psi)
+        later = self.interpolation(self.times[N:]) @ added.reshape(N, -1)
+        return np.concatenate([added, later.reshape(-1, 3, 10)])
+
+    def accumulated(self, rates: Array) -> Array:
+        """Return the integrals of rates (N, ...) at the nodes from the start to each node."""
+        h = self.nodes[1] - self.nodes[0]
+        steps = h * np.tensordot(step_weights(len(rates)), rates, axes=1)
+        return np.concatenate([np.zeros_like(rates[:1]), np.cumsum(steps, axis=0)])
+
+    def com_motion(self, trajectory: Trajectory, rows: slice) -> Array:
+        """Return position [m] and velocity [m/s] (M, 6) of the centre of mass in W, at instants."""
+        state, times, start = trajectory.state, self.times[rows], self.joints.start
+        first = np.concatenate([state.p_Wcm, state.v_Wcm])
+        found = np.asarray(transition(start, times, self.orbit) @ first)
+        for force in self.forces.values():
+            if not force.turns:
+                both = np.concatenate([force.travel(times), force.impulse(times)], axis=1)
+                found = found + both @ self._entries(force, state)
+        return found if trajectory.travel is None else found + trajectory.travel[rows]
+
+    def _entries(self, force: Force, state: TrajectoryState) -> Array:
+        return (state.forces if force in self.white else state.constants)[force.rows]
+
+    def end(self, trajectory: Trajectory) -> TrajectoryState:
+        """Return the state at the end of a trajectory."""
+        return self.at_node(trajectory, len(self.nodes) - 1)
+
+    def at_node(self, trajectory: Trajectory, k: int) -> TrajectoryState:
+        """Return the state at a node of the grid."""
+        state, L = trajectory.state, trajectory.L[k]
+        wheel = self.constants.value(state.constants, WHEEL)
+        if wheel is not None:
+            L = L - trajectory.R[k] @ wheel
+        p, v = np.split(self.com_motion(trajectory, slice(k, k + 1))[0], 2)
+        return replace(
+            state,
+            attitude=Rotation.from_matrix(trajectory.R[k]),
+            p_Wcm=p,
+            v_Wcm=v,
+            L=L,
+        )
+
+    def pose_change(
+        self, trajectory: Trajectory, w: Array, initial: Array, delay: Array
+    ) -> tuple[Array, Array]:
+        """Integrate ξ̇ = R (w + J⁻¹Rᵀ(L × ξ + λ)) and, with a torque, λ̇ = ∂τ/∂ξ ξ.
+
+        ξ is the change of the attitude, a rotation in W; λ is the change of L because the torque τ
+        of gravity gradient, thrust and leaks changes with the attitude. R w is integrated as the
+        attitude is, the other terms by the trapezoidal rule.
+
+        Args:
+            trajectory: the trajectory to linearize about.
+            w: (N, 3, n) change of the angular velocity at the nodes at unchanged attitude, in B.
+            initial: (3, n) change of the attitude at the start, a rotation in W.
+            delay: (n,) change of the delay of the thrust [s].
+
+        Returns:
+            ξ (N, 3, n), or ξ and λ (N, 6, n) with such a torque; and the total change of
+            the angular velocity (N, 3, n), in B.
+
+        """
+        h, N = self.nodes[1] - self.nodes[0], len(self.nodes)
+        R, L = trajectory.R[:N], trajectory.L[:N]
+        mobility = trajectory.mobility
+        coupling = mobility @ skew(L)
+        A = R @ coupling
+        theta = step_angles(trajectory.spline.steps(), trajectory.w[:N], h)
+        late = trajectory.spline.steps_by_delay()[..., None] * delay
+        turned = step_changes(R, trajectory.w[:N], theta, w, h, late)
+        leak = self.constants.value(trajectory.state.constants, TORQUE_B)
+        if self.orbit is not None or self.thrust is not None or leak is not None:
+            coupling = np.concatenate([coupling, mobility], axis=-1)
+            torque = np.zeros((N, 3, 3))
+            if self.orbit is not None:
+                J = R @ self.grid.inertia(trajectory.state.psi) @ np.swapaxes(R, -1, -2)
+                torque = self.orbit.torque_by_attitude(J, self.nodes)
+            if leak is not None:
+                torque = torque - skew(R @ leak)
+            below = np.concatenate([torque, np.zeros_like(torque)], axis=-1)
+            A = np.concatenate([R @ coupling, below], axis=-2)
+            turned = np.concatenate([turned, np.zeros_like(turned)], axis=-2)
+        first, last = A[:-1], A[1:]
+        if self.thrust is not None:  # it may change within a step: both ends have its mean
+            mean = self.thrust.torque_by_attitude(R, trajectory.state.psi)
+            first, last = first.copy(), last.copy()
+            first[:, 3:, :3] += mean
+            last[:, 3:, :3] += mean
+        start = np.zeros((A.shape[-1], w.shape[-1]))
+        start[:3] = initial
+        change = carried(first, last, turned, start, h)
+        return change, w + coupling @ change
+
+    def interpolation(self, times: Array) -> Array:
+        """Return (M, N) weights of the nodes at times (M,): those of the spline of w.
+
+        The same weights for w and for its derivatives let the errors of the joints' splines, which
+        vary fast, cancel exactly.
+        """
+        return spline_weights(self.nodes, times)

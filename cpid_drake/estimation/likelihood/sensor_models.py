@@ -1,0 +1,367 @@
+"""Sensors of the base: residuals of their samples and derivatives w.r.t. the motion.
+
+`model_classes` chooses the class by the quantity that a sensor measures. If several sensors measure
+one quantity, each of them enters the likelihood with its own samples and noise.
+
+If a table carries the base, only the components in the plane enter: the yaw, the yaw rate, and the
+horizontal components of position and velocity. The others are constants of the table, whatever a
+log contains, and say nothing about the target.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from cpid_drake.array import Array
+from cpid_drake.dynamics.plane import NORMAL_W
+from cpid_drake.dynamics.rotations import cross, exponentials, right_jacobian, rotate, skew
+from cpid_drake.estimation.likelihood.constants import BIAS, CLOCK_DRIFT, DELAY, Constants
+from cpid_drake.estimation.likelihood.effect_terms import MotionChange
+from cpid_drake.estimation.likelihood.motion_model import BaseMotion, Trajectory
+from cpid_drake.estimation.likelihood.uniform_spline import GAUSS_LEGENDRE
+from cpid_drake.files.errors import InputError
+from cpid_drake.logs.log import Log, Samples
+from cpid_drake.logs.screening import LONGEST_DELAY
+from cpid_drake.sensors.sensors import SENSORS, AttitudeSensor, Gyro
+from cpid_drake.sensors.suite import SensorSuite
+
+ENCODERS = "encoders"
+"""The sensor to whose clock the joint motion belongs."""
+
+_STEP = 1e-3
+"""Step of differences in time [s]."""
+
+
+class SensorModel(ABC):
+    """Samples of one sensor with their σ.
+
+    Args:
+        name: name of the sensor.
+        samples: M samples at times within the motion.
+        suite: the sensors' errors.
+        motion: motion of the base.
+        instants: rows of the samples in `BaseMotion.times`, if the sensor needs them there.
+        late: (M,) by how much its stamps are later than those of the encoders [s].
+
+    Attributes:
+        scale: (d,) σ of the components of a sample that enter: 3, or those in a table's plane.
+
+    """
+
+    at_instants = False
+    """Whether the sensor needs the spacecraft's dynamics at its samples."""
+
+    def __init__(
+        self,
+        name: str,
+        samples: Samples,
+        suite: SensorSuite,
+        motion: BaseMotion,
+        instants: slice,
+        late: Array,
+    ) -> None:
+        self.name, self.samples, self.sigmas = name, samples, suite.sigmas(name)
+        self._errors, self._at = suite[name], instants
+        self._motion, self._times = motion, samples.time - late
+        normal = motion.tree.normal_B
+        self._is_planar = normal is not None
+        self._axes = np.eye(3) if normal is None else self._measured(normal)
+        self.scale = np.sqrt(self._axes**2 @ np.broadcast_to(self.sigmas**2, 3))
+
+    def residuals(self, trajectory: Trajectory) -> Array:
+        """Return measured minus predicted values (M, d) in units of σ."""
+        constants, error = self._motion.constants, self._error(trajectory)
+        fast = constants.value(trajectory.state.constants, f"{ENCODERS}.{CLOCK_DRIFT}")
+        if fast is not None:
+            error = error - fast * self._per_second(trajectory)
+        return self.whitened(error[..., None])[..., 0]
+
+    def whitened(self, values: Array) -> Array:
+        """Return the components (M, d, n) in units of σ of values (M, 3, n) in SI units."""
+        if self._is_planar:
+            values = self._axes @ values
+        return values / self.scale[:, None]
+
+    def jacobian(self, trajectory: Trajectory, change: MotionChange, xi: Array) -> Array:
+        """Return the derivative (M, 3, n) of the predicted values, which are in SI units.
+
+        Args:
+            trajectory: the trajectory to linearize about.
+            change: change of the motion by n quantities; its `w` includes the effect of `xi`.
+            xi: (N, 3, n) change of the attitude at the nodes, a rotation in W.
+
+        """
+        if self._is_planar:
+            xi = xi * NORMAL_W[:, None]  # the table holds the tilt
+        return self._derivative(trajectory, change, xi)
+
+    def by_unknowns(self, trajectory: Trajectory) -> dict[str, Array]:
+        """Return the derivatives (M, 3, size) of the readings by unknowns at the same motion.
+
+        They are in SI units, by the names of constant errors in units of their σ. A delay of the
+        encoders means that all other sensors are early. If their clock is fast, so is the motion,
+        whose rates others show as they are.
+        """
+        errors = self._motion.constants.errors
+        by = {f"{self.name}.{kind}": d for kind, d in self._kinds(trajectory).items()}
+        clocks = {f"{name}.{k}" for name in (self.name, ENCODERS) for k in (DELAY, CLOCK_DRIFT)}
+        if clocks & errors.keys():
+            rate = self._rate(trajectory)[..., None]
+            grown = (self.samples.time - self._motion.origin)[:, None, None] * rate
+            by |= {f"{self.name}.{DELAY}": -rate, f"{self.name}.{CLOCK_DRIFT}": -grown}
+            grown = grown + self._per_second(trajectory)[..., None]
+            by |= {f"{ENCODERS}.{DELAY}": rate, f"{ENCODERS}.{CLOCK_DRIFT}": grown}
+        return {name: errors[name].sigma * d for name, d in by.items() if name in errors}
+
+    def _measured(self, normal_B: Array) -> Array:
+        """Return the axes (d, 3) of the components in the plane, in the errors' frame."""
+        return np.eye(3)[:2]
+
+    @abstractmethod
+    def _error(self, trajectory: Trajectory) -> Array: ...
+
+    @abstractmethod
+    def _derivative(self, trajectory: Trajectory, change: MotionChange, xi: Array) -> Array: ...
+
+    @abstractmethod
+    def _rate(self, trajectory: Trajectory) -> Array:
+        """Return the rates of change (M, 3) of the predicted values."""
+
+    def _per_second(self, trajectory: Trajectory) -> Array:
+        """Return what of the predicted values (M, 3) is proportional to the rate of the motion."""
+        return np.zeros((len(self.samples), 3))
+
+    @abstractmethod
+    def _kinds(self, trajectory: Trajectory) -> dict[str, Array]:
+        """Return the derivatives (M, 3, size) w.r.t. constant errors except clocks, by kind."""
+
+    def _constant(self, trajectory: Trajectory, kind: str) -> Array | None:
+        """Return the nominal value of a constant error of this sensor; None without it."""
+        constants = trajectory.state.constants
+        return self._motion.constants.value(constants, f"{self.name}.{kind}")
+
+    @cached_property
+    def _weights(self) -> Array:
+        """Weights (M, N) of the nodes in the values at the samples."""
+        return self._motion.interpolation(self._times)
+
+    def _at_samples(self, at_nodes: Array) -> Array:
+        """Interpolate values (N, 3, ...) at the nodes to the samples' states, (M, 3, ...)."""
+        flat = self._weights @ at_nodes.reshape(len(at_nodes), -1)
+        return np.asarray(flat.reshape(-1, *at_nodes.shape[1:]))
+
+
+class AttitudeModel(SensorModel):
+    """A star tracker; errors are about the axes of its boresight frame."""
+
+    def _measured(self, normal_B: Array) -> Array:
+        assert isinstance(self._errors, AttitudeSensor)
+        return np.asarray((normal_B @ self._errors.R_BS)[None])
+
+    def _error(self, trajectory: Trajectory) -> Array:
+        turned = np.swapaxes(self._predicted(trajectory), -1, -2) @ self._R_WB
+        return np.asarray(Rotation.from_matrix(turned).as_rotvec() @ self._R_BS)
+
+    def _derivative(self, trajectory: Trajectory, change: MotionChange, xi: Array) -> Array:
+        R = self._predicted(trajectory)
+        return self._R_BS.T @ np.swapaxes(R, -1, -2) @ self._at_samples(xi)
+
+    def _rate(self, trajectory: Trajectory) -> Array:
+        return (
+            trajectory.spline(self._times) @ exponentials(self._mounting(trajectory)) @ self._R_BS
+        )
+
+    def _kinds(self, trajectory: Trajectory) -> dict[str, Array]:
+        by = self._R_BS.T @ right_jacobian(self._mounting(trajectory))
+        return {"mounting": np.broadcast_to(by, (len(self.samples), 3, 3))}
+
+    def _mounting(self, trajectory: Trajectory) -> Array:
+        mounting = self._constant(trajectory, "mounting")
+        return np.zeros(3) if mounting is None else mounting
+
+    def _predicted(self, trajectory: Trajectory) -> Array:
+        """Return the attitudes (M, 3, 3) that an exact sensor would measure."""
+        return trajectory.rotations(self._times) @ exponentials(self._mounting(trajectory))
+
+    @cached_property
+    def _R_WB(self) -> Array:
+        """The measured attitudes (M, 3, 3)."""
+        return np.asarray(Rotation.from_quat(self.samples.value, scalar_first=True).as_matrix())
+
+    @cached_property
+    def _R_BS(self) -> Array:
+        assert isinstance(self._errors, AttitudeSensor)
+        return self._errors.R_BS
+
+
+class GyroModel(SensorModel):
+    """A gyro with its bias; one that integrates measures the mean over its sample period."""
+
+    def _measured(self, normal_B: Array) -> Array:
+        return normal_B[None]
+
+    def _error(self, trajectory: Trajectory) -> Array:
+        bias, w = self._constant(trajectory, BIAS), self._mean(trajectory.spline)
+        assert bias is not None
+        return np.asarray(self.samples.value - w @ self._matrix(trajectory).T - bias)
+
+    def _derivative(self, trajectory: Trajectory, change: MotionChange, xi: Array) -> Array:
+        late = self._mean(trajectory.spline.by_delay)
+        by_motion = self._at_samples(change.w[: len(xi)]) + late[..., None] * change.delay
+        return self._matrix(trajectory) @ by_motion
+
+    def _rate(self, trajectory: Trajectory) -> Array:
+        earlier, later = (self._mean(trajectory.spline, step) for step in (-_STEP, _STEP))
+        return (later - earlier) / (2 * _STEP)
+
+    def _per_second(self, trajectory: Trajectory) -> Array:
+        return self._mean(trajectory.spline)
+
+    def _kinds(self, trajectory: Trajectory) -> dict[str, Array]:
+        w = self._mean(trajectory.spline)
+        scale = w[:, :, None] * np.eye(3)
+        measured, true = np.nonzero(~np.eye(3, dtype=bool))  # axes of the six misalignments
+        misalignment = np.zeros((len(w), 3, 6), w.dtype)
+        misalignment[:, measured, np.arange(6)] = w[:, true]
+        bias = np.broadcast_to(np.eye(3), scale.shape)
+        return {BIAS: bias, "scale": scale, "misalignment": misalignment}
+
+    def _matrix(self, trajectory: Trajectory) -> Array:
+        """Return the matrix (3, 3) of scales and misalignments that multiplies w."""
+        scale = self._constant(trajectory, "scale")
+        misalignment = self._constant(trajectory, "misalignment")
+        matrix = np.eye(3) if scale is None else np.eye(3) + np.diag(scale)
+        if misalignment is not None:
+            matrix[~np.eye(3, dtype=bool)] = misalignment
+        return matrix
+
+    @cached_property
+    def _points(self) -> tuple[tuple[float, float], ...]:
+        """Times relative to the stamp at which w is averaged [s], each with its weight."""
+        assert isinstance(self._errors, Gyro)
+        if not self._errors.integrates:
+            return ((0.0, 1.0),)
+        points, weights = GAUSS_LEGENDRE
+        times = (points - 1) / (2 * self._errors.rate)
+        return tuple(zip(times.tolist(), (weights / 2).tolist(), strict=True))
+
+    @cached_property
+    def _weights(self) -> Array:
+        return self._mean(self._motion.interpolation)
+
+    def _mean(self, of: Callable[[Array], Array], later: float = 0.0) -> Array:
+        """Return values at the samples, averaged over the sample period if the gyro integrates."""
+        times = self._times + later
+        return np.asarray(sum(w * of(times + t) for t, w in self._points))
+
+
+class TranslationModel(SensorModel):
+    """A sensor of the position or velocity in W of B's origin, or of a point near it."""
+
+    at_instants = True
+
+    def _arms(self, trajectory: Trajectory, rows: slice) -> tuple[Array, Array, Array]:
+        """Return R_WB, and arms from the point to the centre of mass and their rates, in B."""
+        dynamics, psi = self._motion.dynamics.part(rows), trajectory.state.psi
+        arm, lever_arm = dynamics.com(psi), self._constant(trajectory, "lever_arm")
+        arm = arm if lever_arm is None else arm - lever_arm
+        rate = cross(trajectory.w[rows], arm) + dynamics.com_rate(psi)
+        return trajectory.R[rows], arm, rate
+
+    def _velocity(self, trajectory: Trajectory, rows: slice) -> Array:
+        """Return the velocity (M, 3) of the measured point, in W, at instants."""
+        R, _, rate = self._arms(trajectory, rows)
+        return self._motion.com_motion(trajectory, rows)[:, 3:] - rotate(R, rate)
+
+
+class PositionModel(TranslationModel):
+    """A sensor of the position in W."""
+
+    def _error(self, trajectory: Trajectory) -> Array:
+        R, arm, _ = self._arms(trajectory, self._at)
+        com = self._motion.com_motion(trajectory, self._at)[:, :3]
+        return np.asarray(self.samples.value - (com - rotate(R, arm)))
+
+    def _derivative(self, trajectory: Trajectory, change: MotionChange, xi: Array) -> Array:
+        R, arm, _ = self._arms(trajectory, self._at)
+        turned = skew(rotate(R, arm)) @ self._at_samples(xi)
+        return np.asarray(turned - R @ change.com[self._at] + change.position[self._at])
+
+    def _kinds(self, trajectory: Trajectory) -> dict[str, Array]:
+        return {"lever_arm": trajectory.R[self._at]}
+
+    def _rate(self, trajectory: Trajectory) -> Array:
+        return self._velocity(trajectory, self._at)
+
+
+class VelocityModel(TranslationModel):
+    """A sensor of the velocity in W."""
+
+    def _error(self, trajectory: Trajectory) -> Array:
+        return np.asarray(self.samples.value - self._velocity(trajectory, self._at))
+
+    def _derivative(self, trajectory: Trajectory, change: MotionChange, xi: Array) -> Array:
+        R, arm, rate = self._arms(trajectory, self._at)
+        turned = skew(trajectory.w[self._at]) @ change.com[self._at]
+        late = trajectory.spline.by_delay(self._times)[..., None] * change.delay
+        turned -= skew(arm) @ (self._at_samples(change.w[: len(xi)]) + late)
+        relative = skew(rotate(R, rate)) @ self._at_samples(xi)
+        by_com = R @ (turned + change.com_rate[self._at])
+        return np.asarray(change.velocity[self._at] + relative - by_com)
+
+    def _kinds(self, trajectory: Trajectory) -> dict[str, Array]:
+        return {"lever_arm": trajectory.R[self._at] @ skew(trajectory.w[self._at])}
+
+    def _rate(self, trajectory: Trajectory) -> Array:
+        times, weights = self._times, self._motion.interpolation
+        slope = (weights(times + _STEP) - weights(times - _STEP)) / (2 * _STEP)
+        return np.asarray(slope @ self._velocity(trajectory, slice(0, slope.shape[1])))
+
+    def _per_second(self, trajectory: Trajectory) -> Array:
+        return self._velocity(trajectory, self._at)
+
+
+def lateness(name: str, stamps: Array, constants: Constants, values: Array, origin: float) -> Array:
+    """Return by how much a sensor's stamps (M,) are later than those of the encoders (M,) [s].
+
+    Args:
+        name: of the sensor.
+        stamps: (M,) [s].
+        constants: the constant errors.
+        values: (k,) their values.
+        origin: time at which clocks that drift have their delays [s].
+
+    Raises:
+        InputError: the delay is so long that the motion is not known so far from the block.
+
+    """
+    late = np.zeros(len(stamps))
+    for owner, sign in ((name, 1.0), (ENCODERS, -1.0)):
+        for kind, grows in ((DELAY, 1.0), (CLOCK_DRIFT, stamps - origin)):
+            value = constants.value(values, f"{owner}.{kind}")
+            if value is not None:
+                late = late + sign * value * grows
+    worst = late[np.argmax(np.abs(late))] if len(late) else 0.0
+    if not abs(worst) < LONGEST_DELAY:
+        raise InputError(f"{name}: a delay of {worst:.3g} s cannot be modelled")
+    return late
+
+
+_MODELS: dict[str, type[SensorModel]] = {
+    "attitude": AttitudeModel,
+    "angular velocity": GyroModel,
+    "position": PositionModel,
+    "velocity": VelocityModel,
+}
+
+
+def model_classes(measurements: Log) -> dict[str, type[SensorModel]]:
+    """Return the classes of the base's sensors that have samples, in the order of the table."""
+    return {
+        name: _MODELS[sensor.quantity]
+        for name, sensor in SENSORS.items()
+        if sensor.quantity in _MODELS and len(measurements[name])
+    }

@@ -1,0 +1,221 @@
+"""The online fit of samples as they arrive: screened, cut into blocks, solved block after block."""
+
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from cpid_drake.array import Array
+from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.dynamics.uncertainty import BodyUncertainty
+from cpid_drake.estimation.block import BlockQueue, after
+from cpid_drake.estimation.online import WINDOW, OnlineState, step
+from cpid_drake.estimation.unknowns import Model
+from cpid_drake.files.errors import InputError
+from cpid_drake.identification.arguments import (
+    PathLike,
+    resolve_bodies,
+    resolve_prior,
+    resolve_sensors,
+)
+from cpid_drake.identification.consistency import with_nearest_body
+from cpid_drake.identification.online_answer import identification_of_state, question_of
+from cpid_drake.identification.prior import TargetPrior
+from cpid_drake.identification.result import Identification
+from cpid_drake.logs.log import THRUST, Log, Samples
+from cpid_drake.logs.screening import screen
+from cpid_drake.sensors.sensors import SENSORS
+from cpid_drake.sensors.suite import SensorSuite, check_sensors, require_encoders
+from cpid_drake.spacecraft.spacecraft import Spacecraft, require_spacecraft
+
+LATENESS = 0.5
+"""A block waits at most this time for samples that arrive late [s].
+
+Delays of star trackers and of relative navigation are shorter. The estimate is later by this time
+while a sensor is silent.
+"""
+
+_SHARE_OF_INTERVAL = 0.9  # of a sensor's sampling interval in which no further sample can come
+
+_RETRY = 0.1  # of a block: a block that waits for the end of a gap is asked for so often
+
+Sample = tuple[str, Array]
+"""Name of a sensor and (1 + width,) stamp [s] and value."""
+
+
+@dataclass(frozen=True, eq=False)
+class StreamState:
+    """What is known of a stream: a value that is never changed, only replaced.
+
+    Attributes:
+        queue: samples of the block that is not complete.
+        online: the state of the fit.
+        waiting: samples that are not screened yet.
+        rejected: number of unusable samples, by sensor.
+        screening: what screening remembers.
+        zero: stamp of the first sample [s]; all times in the queue, the fit and the screening are
+            counted from it, because stamps since 1970 would lose digits. NaN before it.
+
+    """
+
+    queue: BlockQueue
+    online: OnlineState
+    waiting: tuple[Sample, ...] = ()
+    rejected: Mapping[str, int] = field(default_factory=dict)
+    screening: Log | None = None
+    zero: float = np.nan
+
+    def __deepcopy__(self, memo: dict[int, object]) -> "StreamState":
+        """Return the value itself, which never changes."""
+        return self
+
+
+class Stream:
+    """How the samples of a spacecraft's sensors are solved as they arrive.
+
+    Args:
+        spacecraft: the spacecraft model.
+        suite: its sensors, or the name of a preset, or a file; so for all other arguments.
+        momentum: the total momentum, zero (default) or unknown.
+        prior: what is known about the target before the first sample; default: nothing.
+        reads_thrust: whether there is a log of thrust.
+        known_bodies: uncertainty of the spacecraft's bodies, of the arm's geometry and of the
+            grasp; default: as `identify`.
+        window: number of blocks that are solved anew with every new one.
+        lateness: a sample may arrive after others that are later by this time [s].
+        in_order: whether the samples of each sensor arrive in the order of their stamps.
+
+    Attributes:
+        suite: the sensors.
+        joint_names: the joints, in the order of joint sensors' values.
+        widths: number of entries of a sample's value, by sensor.
+
+    Raises:
+        InputError: invalid sensors (see `suite.check_sensors`), no encoders, a lateness or a
+            window that is not positive.
+
+    """
+
+    def __init__(
+        self,
+        spacecraft: Spacecraft,
+        suite: SensorSuite | PathLike,
+        *,
+        momentum: TotalMomentum | str | None = None,
+        prior: TargetPrior | Identification | PathLike | None = None,
+        reads_thrust: bool = False,
+        known_bodies: BodyUncertainty | PathLike | None = None,
+        window: float = WINDOW,
+        lateness: float = LATENESS,
+        in_order: bool = False,
+    ) -> None:
+        require_spacecraft(spacecraft)
+        suite, momentum = resolve_sensors(suite) or SensorSuite(), TotalMomentum.of(momentum)
+        known_bodies, prior = resolve_bodies(known_bodies), resolve_prior(prior, spacecraft)
+        check_sensors(suite, "sensors")
+        require_encoders(suite, "sensors")
+        for name, value in (("lateness", lateness), ("window", window)):
+            if not value > 0:
+                raise InputError(f"{name} must be positive, not {value}")
+        model = Model.of(spacecraft.tree, suite, known_bodies, has_thrust=reads_thrust)
+        self._model = replace(model, rows=() if prior is None else (prior.of_psi(model),))
+        self.suite, self.joint_names = suite, spacecraft.joint_names
+        self._momentum = momentum or TotalMomentum.zero()
+        self._window, self._lateness, self._in_order = window, lateness, in_order
+        joints = len(spacecraft.joint_names)
+        self.widths = {name: SENSORS[name].width_of(joints) for name in suite.present()}
+        if reads_thrust:
+            self.widths[THRUST] = 6
+
+    def start(self) -> StreamState:
+        """Return the state before the first sample."""
+        question = question_of(self._model, self._momentum)
+        return StreamState(BlockQueue.of(self.suite), OnlineState(self._window, question))
+
+    def processed(self, state: StreamState, *, is_end: bool = False) -> StreamState:
+        """Return the state after all blocks that are complete.
+
+        Args:
+            state: with the samples that wait.
+            is_end: whether no more samples come, so that nothing waits for them.
+
+        """
+        stamps = [sample[0] for _, sample in state.waiting]
+        zero = float(min(stamps, default=np.nan)) if np.isnan(state.zero) else state.zero
+        newest = max(stamps, default=-np.inf)
+        until = newest if is_end or self._in_order else newest - self._lateness
+        given, waiting = self._log_of(state.waiting, until, zero)
+        until -= zero
+        screened = screen(given, self.suite, state.screening)
+        timely, queue, online = screened.log, state.queue, state.online
+        if not np.isnan(queue.edge):
+            timely = after(timely, queue.edge, np.inf)
+        late = {name: len(s) - len(timely[name]) for name, s in screened.log.items()}
+        if self._in_order:
+            until = self._complete_until(screened.memory)
+        queue, blocks = queue.added(timely, until)
+        for block in blocks:
+            online = step(self._model, online, block)
+        rejected = Counter(state.rejected) + Counter(screened.rejected) + Counter(late)
+        return StreamState(queue, online, waiting, rejected, screened.memory, zero)
+
+    def finished(self, state: StreamState) -> StreamState:
+        """Return the state after all samples, those of the incomplete block included."""
+        state = self.processed(state, is_end=True)
+        for block in state.queue.finished():
+            queue = replace(state.queue, edge=block.end, waiting=None)
+            state = replace(state, queue=queue, online=step(self._model, state.online, block))
+        return state
+
+    def due(self, state: StreamState, newest: float) -> float:
+        """Return the stamp from which on a block may be complete [s].
+
+        Args:
+            state: after processing.
+            newest: the latest stamp [s].
+
+        """
+        queue = state.queue
+        if self._in_order and state.screening:  # as far as all have arrived
+            missing = queue.next_edge - self._complete_until(state.screening)
+            return newest + (queue.length if np.isnan(missing) else max(missing, 0.0))
+        edge = newest + queue.length
+        if not np.isnan(queue.edge):
+            edge = state.zero + queue.next_edge
+        return max(edge + self._lateness, newest + _RETRY * queue.length)
+
+    def identification(self, state: StreamState, *, has_budget: bool = False) -> Identification:
+        """Return the identification of a state, with its error budget if wanted; see `counted`."""
+        joints = self.joint_names if has_budget else None
+        found = identification_of_state(self._model, state.online, self._momentum, joints)
+        if found.momentum_changes:
+            changes = tuple(state.zero + time for time in found.momentum_changes)
+            found = replace(found, momentum_changes=changes)
+        return with_nearest_body(found, self._model.tree)
+
+    def counted(self, found: Identification, state: StreamState) -> Identification:
+        """Return an identification with the samples that were rejected before the fit."""
+        return replace(found, rejected=dict(Counter(state.rejected) + Counter(found.rejected)))
+
+    def _log_of(
+        self, samples: Iterable[Sample], until: float, zero: float
+    ) -> tuple[Log, tuple[Sample, ...]]:
+        """Return the samples up to a stamp in order, with times from `zero` on, and all others."""
+        rows, later = defaultdict(list), list[Sample]()
+        for name, sample in samples:
+            if self._in_order or sample[0] <= until:
+                rows[name].append(sample)
+            else:
+                later.append((name, sample))
+        arrays = {name: np.array(each) for name, each in rows.items()}
+        if not self._in_order:
+            arrays = {n: each[np.argsort(each[:, 0], kind="stable")] for n, each in arrays.items()}
+        parts = {name: Samples(each[:, 0] - zero, each[:, 1:]) for name, each in arrays.items()}
+        return Log(self.joint_names, parts), tuple(later)
+
+    def _complete_until(self, recent: Log) -> float:
+        """Return the time until which the samples of all sensors have arrived in order [s]."""
+        newest, present = recent.interval[1], self.suite.present()
+        complete = min(recent[n].last_time + _SHARE_OF_INTERVAL / present[n].rate for n in present)
+        return min(newest, max(complete, newest - self._lateness))

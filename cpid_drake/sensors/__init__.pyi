@@ -1,5 +1,0 @@
-from .sensors import Gyro
-
-__all__ = [
-    "Gyro",
-]

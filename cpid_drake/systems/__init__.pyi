@@ -1,5 +1,0 @@
-from .ports import SpacecraftSystem
-
-__all__ = [
-    "SpacecraftSystem",
-]

@@ -1,0 +1,32 @@
+"""What nobody states is in the intervals, of logs from a simulator that shares no code."""
+
+import pytest
+from scipy.special import chdtrc
+
+pytest.importorskip("mujoco", reason="needs the package mujoco")
+
+from worlds.hidden import identified
+from worlds.hidden_world import CRAFTS, KINDS, simulate
+
+SEED = 7
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("craft", CRAFTS.values(), ids=CRAFTS)
+def test_a_clean_log_is_identified_to_its_noise(craft):
+    """With nothing hidden and nothing unstated, the errors are as large as their covariance."""
+    log, truth = simulate(craft, KINDS["none"], SEED)
+    found = identified(craft, log, truth, craft.suite().exact())
+    assert found.code == 0, found.said
+    assert found.rank == 10
+    assert chdtrc(10, found.nees) > 1e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["leak5", "gyro", "zeros", "late", "wheel", "base"])
+@pytest.mark.parametrize("craft", CRAFTS.values(), ids=CRAFTS)
+def test_a_hidden_error_of_a_plausible_size_is_in_the_interval(craft, kind):
+    log, truth = simulate(craft, KINDS[kind], SEED)
+    found = identified(craft, log, truth, craft.suite())
+    assert found.code == 0, found.said
+    assert found.worst < 4
