@@ -1,32 +1,24 @@
 """The noise of each sensor, of the largest evidence of all samples of a log.
 
-The evidence of a process is that of the linear fit: all unknowns are integrated, so that what they
-absorb of the noise is no loss (Patterson and Thompson 1971, likelihood of residuals). One sweep
-gives it: it is the χ² of the fit, and the determinants of what is eliminated. Where it is the
-largest is sought from a guess that residuals alone give. The noise changes only if its evidence
-grows, so that there is a fixed point.
+Residuals alone say of which sensors the noise may not be as declared, and where its process is
+sought; from there, quasi-Newton steps climb the evidence of all these sensors together. A process
+stays if its evidence is much larger than that of white noise of any size, and the noise changes
+only if its evidence grows, so that there is a fixed point.
+
+Source: Nocedal and Wright 2006, Numerical Optimization, ch. 6.1 (BFGS).
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from cpid_drake.array import Array
-from cpid_drake.estimation.block_rows import BlockRows
-from cpid_drake.estimation.least_squares import updated_information
-from cpid_drake.estimation.likelihood.model import SLOW
 from cpid_drake.estimation.log_state import LogState
-from cpid_drake.estimation.unknowns_prior import prior_of
+from cpid_drake.estimation.noise_evidence import NoiseEvidence
 from cpid_drake.estimation.process import DECLARED, Process, proxy
 from cpid_drake.estimation.roll import Rolled, Values
-from cpid_drake.estimation.sweep import (
-    change_at_end,
-    changed,
-    derivatives,
-    eliminated,
-    known_at_start,
-)
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.sensors.sensors import SENSORS
 
@@ -37,11 +29,7 @@ RATIOS = np.array([0.1, 1.0, 10.0, 100.0])
 """Variances of slow noise that are tried first, in units of that of the white noise."""
 
 WORTH = 12.0
-"""−2 log(evidence) that noise which is not as declared must gain."""
-
-LEAST = 1e-3, 1e-4, 0.005
-MOST = 1e4, 1e4, 100.0
-"""Limits of variances and of time [s]."""
+"""−2 log(evidence) that slow noise must gain; larger white noise, half of it."""
 
 SAME = 0.3
 """Gain of −2 log(evidence) that does not matter."""
@@ -49,9 +37,11 @@ SAME = 0.3
 FEWEST = 20
 """Residuals that show no more than declared noise."""
 
-STEPS, FARTHEST, FLATTEST, RIDGE = 4, 1.5, 2.0, 3.0
-"""Newton steps to the largest evidence, the longest of one parameter's log, the smallest curvature,
-and the factor of times that are tried before."""
+MOST_STEPS, FARTHEST, FLATTEST = 12, 1.5, 2.0
+"""Steps to the largest evidence, the longest of one entry of `Process.logs`, and the least
+curvature."""
+
+Processes = dict[str, Process]
 
 
 def with_processes(model: Model, log: LogState, rolled: Rolled, values: Values) -> LogState:
@@ -66,23 +56,18 @@ def with_processes(model: Model, log: LogState, rolled: Rolled, values: Values) 
     """
     if log.is_known:
         return log
-    guesses, before = dict[str, tuple[float, Process]](), log.processes
-    for name in [n for n in rolled.all_residuals() if n in SENSORS]:
-        series = _Series.of(log, rolled, name)
-        now = log.processes.get(name)
-        if now is not None:
-            guesses[name] = np.inf, now
-        elif (guess := series.guess()) is not None:
-            guesses[name] = guess
-    for name, (_, guess) in sorted(guesses.items(), key=lambda each: -each[1][0]):
-        series = _Series.of(log, rolled, name)
-        evidence = Evidence(model, log, rolled, values, name, guess.channels)
-        found = _best(evidence, series, log.processes.get(name, DECLARED), guess)
-        processes = {n: p for n, p in log.processes.items() if n != name}
-        if found != DECLARED:
-            processes[name] = found
-        log = log.with_processes(dict(sorted(processes.items())))
-    return replace(log, is_known=are_near(before, log.processes))
+    names = [name for name in rolled.all_residuals() if name in SENSORS]
+    series = {name: _Series.of(log, rolled, name) for name in names}
+    before = log.processes
+    tried = {name: each.guess(before.get(name, DECLARED)) for name, each in series.items()}
+    tried = {name: process for name, process in tried.items() if process != DECLARED}
+    if not tried and not before:
+        return replace(log, is_known=True)
+    search = _Search(NoiseEvidence(model, log, rolled, values), series)
+    found = search.simplified(*search.climbed(tried))
+    if search.cost(before) < search.cost(found) + SAME:
+        found = before
+    return replace(log.with_processes(dict(sorted(found.items()))), is_known=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,32 +91,31 @@ class _Series:
         """Return −2 log(likelihood)."""
         return proxy(self.times, self.rest, process)
 
-    def guess(self) -> tuple[float, Process] | None:
-        """Return the gain of the best process of a grid, and the process; None if small."""
-        size, d = self.rest.size, self.rest.shape[1]
-        if size < FEWEST:
-            return None
-        square = float(np.mean(self.rest**2))
-        declared, best = self.value(DECLARED), Process(max(square, 1.0), channels=d)
-        least = self.value(best)
-        for tau in TAUS:
-            for ratio in RATIOS:
-                white = square / (1 + ratio)
-                each = Process(white, ratio * white, float(tau), d)
-                value = self.value(each)
-                if value < least - (0.0 if best.slow else WORTH / 2):
-                    best, least = each, value
-        gain = declared - least
-        return (gain, best) if gain > WORTH / 2 else None
+    def guess(self, now: Process) -> Process:
+        """Return the process from which the evidence is climbed; as it is now if little differs."""
+        d, square = self.rest.shape[1], float(np.mean(self.rest**2)) if self.rest.size else 0.0
+        if now.slow or self.rest.size < FEWEST:
+            return now
+        white, larger = Process(square, channels=d), Process(max(square, 1.0), channels=d)
+        shapes = [(square / (1 + ratio), float(tau)) for tau in TAUS for ratio in RATIOS]
+        slow = [Process(w, square - w, tau, d) for w, tau in shapes]
+        best = min(slow, key=self.value)
+        if self.value(best) < self.value(white) - WORTH / 2:
+            return best
+        is_larger = self.value(larger) < self.value(now) - WORTH / 2
+        return larger if is_larger else now
 
-    def curvature(self, make: Callable[[Array], Process], x: Array) -> Array:
-        """Return the second derivatives of −2 log(likelihood) by parameters x, made positive."""
-        h, n = 0.2, len(x)
-        step = h * np.eye(n)
-        at = lambda x: self.value(make(x))
+    def curvature(self, process: Process) -> Array:
+        """Return the second derivatives of −2 log(likelihood) by `Process.logs`, made positive."""
+        x, h = process.logs, 0.2
+        step = h * np.eye(len(x))
+
+        def at(x: Array) -> float:
+            return self.value(process.with_logs(x)) + _odds(x)
+
         middle, up = at(x), [at(x + e) for e in step]
-        H = np.empty((n, n))
-        for i in range(n):
+        H = np.empty((len(x), len(x)))
+        for i in range(len(x)):
             H[i, i] = (up[i] + at(x - step[i]) - 2 * middle) / h**2
             for j in range(i):
                 H[i, j] = H[j, i] = (at(x + step[i] + step[j]) - up[i] - up[j] + middle) / h**2
@@ -139,54 +123,73 @@ class _Series:
         return np.asarray(V * np.maximum(np.abs(w), FLATTEST) @ V.T)
 
 
-def _best(evidence: "Evidence", series: _Series, now: Process, guess: Process) -> Process:
-    """Return the process with the largest evidence near a guess, or one that is as good."""
-    d, before = guess.channels, evidence(now)
-    if guess.slow:  # v/τ, the intensity of what is slow, is known better than both
-        x = np.log([guess.white, guess.slow / guess.tau, guess.tau])
-        least, most = np.log([LEAST[0], 1e-9, LEAST[2]]), np.log([MOST[0], 1e9, MOST[2]])
-    else:
-        x, least, most = np.array([np.log(guess.white)]), np.zeros(1), np.log(MOST[:1])
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """The search for the noise of the largest evidence, with the odds of it and its price."""
 
-    def make(x: Array) -> Process:
-        white, *slow = np.exp(np.clip(x, least, most)).tolist()
-        if not slow:
-            return Process(white, channels=d)
-        return Process(white, slow[0] * slow[1], slow[1], d)
+    evidence: NoiseEvidence
+    series: Mapping[str, _Series]
 
-    value = before if guess == now else evidence(make(x))
-    for factor in (1 / RIDGE, RIDGE) if guess.slow else ():  # along the ridge
-        while (tried := evidence(make(there := x + [0, 0, np.log(factor)]))) < value:
-            x, value = there, tried
-    for _ in range(STEPS):
-        H = series.curvature(make, x)
-        h = 0.2 * np.eye(len(x))
-        slope = np.array([evidence(make(x + e)) - value for e in h]) / 0.2 - 0.1 * np.diag(H)
-        step = -np.linalg.solve(H, slope)
-        if -0.5 * float(slope @ step) < SAME:
-            break
-        step *= min(1.0, FARTHEST / float(np.max(np.abs(step))))
-        for share in (1.0, 0.3):
-            there = np.clip(x + share * step, least, most)
-            tried = evidence(make(there))
-            if tried < value:
+    def cost(self, processes: Processes) -> float:
+        """Return −2 log(evidence), and what noise that is not as declared must gain."""
+        prices = sum(_price(each) + _odds(each.logs) for each in processes.values())
+        return self.evidence(processes) + prices
+
+    def _slopes(self, processes: Processes) -> tuple[float, Array]:
+        """Return −2 log(evidence) with the odds, and its derivatives by all `Process.logs`."""
+        value, slopes = self.evidence.with_slopes(processes)
+        parts = [slopes[name] + _by_odds(each.logs) for name, each in processes.items()]
+        value += sum(_odds(each.logs) for each in processes.values())
+        return value, np.concatenate([np.empty(0), *parts])
+
+    def climbed(self, processes: Processes) -> tuple[Processes, float]:
+        """Return the noise of the largest evidence near some, and its cost."""
+        H = block_diag(*(self.series[n].curvature(p) for n, p in processes.items()))
+        value, slope = self._slopes(processes)
+        for _ in range(MOST_STEPS):
+            step = -np.linalg.solve(H, slope)
+            if -0.5 * float(slope @ step) < SAME:
                 break
-        else:
-            break
-        gain, x, value = value - tried, there, tried
-        if gain < SAME:
-            break
-    found = make(x)
-    if found.slow and not now.slow:  # white noise that is smaller is as declared
-        smaller = (Process(white, channels=d) for white in (found.white, found.total))
-        if value > min(map(evidence, smaller)) - WORTH:
-            return now
-    costs = {now: before + _price(now), found: value + _price(found)}
-    if found.slow and now.slow:
-        for simple in (DECLARED, Process(max(found.white, 1.0), channels=d)):
-            costs[simple] = evidence(simple) + _price(simple)
-    best = min(costs, key=lambda each: costs[each])
-    return now if costs[now] < costs[best] + SAME else best
+            step *= min(1.0, FARTHEST / float(np.max(np.abs(step))))
+            there, (tried, after) = _moved(processes, step), (value, slope)
+            for _ in range(4):
+                there = _moved(processes, step)
+                tried, after = self._slopes(there)
+                if tried < value:
+                    break
+                step /= 3
+            else:
+                break
+            y = after - slope
+            if y @ step > 0:
+                Hs = H @ step
+                H = H + np.outer(y, y) / (y @ step) - np.outer(Hs, Hs) / (step @ Hs)
+            gain, processes, value, slope = value - tried, there, tried, after
+            if gain < SAME:
+                break
+        return processes, value + sum(_price(each) for each in processes.values())
+
+    def simplified(self, processes: Processes, cost: float) -> Processes:
+        """Return the noise without processes that gain less than they must."""
+        for name, each in processes.items():
+            others = {n: p for n, p in processes.items() if n != name}
+            tried = [others]
+            if each.slow:
+                tried.append({**others, name: replace(each, white=each.total, slow=0.0)})
+            costs = [self.cost(some) for some in tried]
+            if min(costs) < cost:
+                best = tried[int(np.argmin(costs))]
+                if best.get(name, DECLARED).white < 1:  # white noise that is smaller is as declared
+                    best = others
+                return self.simplified(*self.climbed(best)) if best else best
+        return processes
+
+
+def _moved(processes: Processes, step: Array) -> Processes:
+    """Return processes after a step of all their `Process.logs`."""
+    ends = np.cumsum([len(each.logs) for each in processes.values()])[:-1]
+    parts = zip(processes.items(), np.split(step, ends), strict=True)
+    return {name: each.with_logs(each.logs + own) for (name, each), own in parts}
 
 
 def _price(process: Process) -> float:
@@ -194,89 +197,19 @@ def _price(process: Process) -> float:
     return (WORTH if process.slow else WORTH / 2) if process.white != 1 or process.slow else 0.0
 
 
-def _odds(process: Process) -> float:
-    """Return −2 log(prior) of slow noise: a few σ, in a few seconds or tenths of one."""
-    if not process.slow:
-        return 0.0
-    return float(np.log([process.slow, process.tau]) @ np.log([process.slow, process.tau])) / 4
+def _odds(logs: Array) -> float:
+    """Return −2 log(prior) of a process: a few σ, in a few seconds or tenths of one."""
+    white, *slow = logs.tolist()
+    both = [white, sum(slow), slow[-1]] if slow else [white]
+    return float(np.sum(np.square(both))) / 4
 
 
-class Evidence:
-    """−2 log(evidence) of the noise of one sensor of a log; see `with_processes`.
-
-    Args:
-        model, log, rolled, values: see `with_processes`.
-        name: of the sensor.
-        channels: number of entries of its samples.
-
-    """
-
-    def __init__(
-        self,
-        model: Model,
-        log: LogState,
-        rolled: Rolled,
-        values: Values,
-        name: str,
-        channels: int,
-    ) -> None:
-        self._model, self._log, self._rolled, self._values = model, log, rolled, values
-        self._name, self._channels, self.calls = name, channels, 0
-        self._prior = prior_of(model, [log], values)
-        self._layouts = dict[bool, list[tuple[BlockRows, Array]]]()
-
-    def _layout(self, log: LogState) -> list[tuple[BlockRows, Array]]:
-        """Return the rows of all blocks but those of the sensor, and those."""
-        found, name, rolled = [], self._name, self._rolled
-        for k, linear in enumerate(derivatives(self._model, log, rolled, self._values)):
-            part = rolled.models[k].with_slow(log.slow_size)
-            rest, (J, end) = rolled.residuals[k], linear
-            sizes = [each.size for each in rest.values()]
-            first = sum(sizes[: list(rest).index(name)]) if name in rest else 0
-            own = slice(first, first + (rest[name].size if name in rest else 0))
-            whitening = log.whitenings(k, rest)
-            others = {n: each for n, each in whitening.items() if n != name}
-            left = {n: each for n, each in rest.items() if n != name}
-            linear = np.delete(J, own, axis=0), end
-            rows = BlockRows.of(part, linear, left, others, log.slow, log.slow_at(k))
-            raw = np.zeros((own.stop - own.start, len(rows.order) + 1))
-            raw[:, np.argsort(rows.order)[part.without_slow]] = J[own]
-            if name in rest:
-                raw[:, -1] = rest[name].ravel()
-            found.append((rows, raw.reshape(-1, self._channels, raw.shape[1])))
-        return found
-
-    def __call__(self, process: Process) -> float:
-        """Return −2 log(evidence), up to a constant."""
-        self.calls += 1
-        name, model = self._name, self._model.of_log(self._log.name)
-        log = self._log.with_processes({**self._log.processes, name: process})
-        key = bool(process.slow)
-        if key not in self._layouts:
-            self._layouts[key] = self._layout(log)
-        known, volume = known_at_start(model, log, self._values), 0.0
-        if log.past is None:
-            volume += 2 * float(np.sum(np.log(log.slow_sigma)))
-        place = log.slow.get(name)
-        for k, (others, raw) in enumerate(self._layouts[key]):
-            part = self._rolled.models[k].with_slow(log.slow_size)
-            white = log.whitening(k, name, len(raw))
-            z, slow = white(raw), log.slow_at(k)
-            if place is not None:
-                columns = np.argsort(others.order)[part.columns[SLOW]].reshape(2, -1)
-                for i, j in enumerate(range(place.start, place.stop)):
-                    z[:, i, columns[:, j]] -= white.edges
-                z[:, :, -1] += white.edges @ slow[:, place]
-            rows = np.asfortranarray(z.reshape(-1, z.shape[2]))
-            own = replace(others, T=updated_information(others.T, rows) if len(rows) else others.T)
-            known, _ = eliminated(part, own, known)
-            volume += self._channels * white.volume
-            volume += sum(w.process.channels * w.volume for w in others.whitening.values() if w.extra)
-            if change := change_at_end(model, log, self._rolled, k):
-                known, _ = changed(known, *change)
-        total = known.add(self._prior)
-        volume += 2 * known.volume + 2 * float(np.sum(np.log(np.abs(np.diag(total.R)))))
-        return total.rho2 + volume + _odds(process)
+def _by_odds(logs: Array) -> Array:
+    """Return the derivatives of the odds."""
+    if len(logs) == 1:
+        return np.asarray(logs / 2)
+    white, ratio, tau = logs
+    return np.array([white, ratio + tau, ratio + 2 * tau]) / 2
 
 
 def are_near(some: Mapping[str, Process], others: Mapping[str, Process]) -> bool:

@@ -1,13 +1,12 @@
 """The blocks before a log's first one: they are behind a window, and marginalized."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from cpid_drake.array import Array
 from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.likelihood.joint_model import ORDER
 from cpid_drake.estimation.likelihood.model import jump_between
 from cpid_drake.estimation.likelihood.motion_model import TrajectoryState
 
@@ -66,14 +65,17 @@ class Past:
         gone = [columns for name, columns in before.items() if name not in slow]
         count = sum(map(len, gone))
         pick = np.concatenate([*gone, np.arange(first), *now, np.arange(end, n)]).astype(int)
-        R = np.column_stack([about.R, np.zeros(n)])[:, pick]
-        prior = np.zeros((int(np.sum(pick == n)), len(pick) + 1))
-        prior[np.arange(len(prior)), np.flatnonzero(pick == n)] = 1.0
-        prior[:, -1] = -edge[pick[count + first :][: len(edge)] == n]
-        sizes = dict(about.sizes)
-        boundary = next(iter(sizes))
-        new = [sigma[place] for name, place in slow.items() if name not in self.slow]
-        rows = np.vstack([np.column_stack([R, about.z]), prior / np.concatenate([np.empty(0), *new])[:, None]])
-        sizes = {"gone": count, **sizes, boundary: first + len(edge)}
-        found = Gaussian.of_rows(sizes, rows, about.rho2)
-        return found.marginal([name for name in sizes if name != "gone"])
+        rows = np.column_stack([about.R, np.zeros(n)])[:, pick]
+        is_new = pick == n
+        prior = np.zeros((int(np.sum(is_new)), len(pick) + 1))
+        prior[np.arange(len(prior)), np.flatnonzero(is_new)] = 1.0
+        prior[:, -1] = -edge[is_new[count + first :][: len(edge)]]
+        new = np.concatenate([np.empty(0), *(sigma[p] for n, p in slow.items() if n not in before)])
+        boundary, *others = about.sizes
+        sizes = {"gone": count, boundary: first + len(edge)}
+        sizes |= {name: about.sizes[name] for name in others}
+        both = np.vstack([np.column_stack([rows, about.z]), prior / new[:, None]])
+        found = Gaussian.of_rows(sizes, both, about.rho2)
+        volume = about.volume + float(np.sum(np.log(new)))
+        volume += float(np.sum(np.log(np.abs(np.diag(found.R)[:count]))))
+        return replace(found.marginal([boundary, *others]), volume=volume)

@@ -5,16 +5,16 @@ one, and s has the covariance v exp(−|t − t'|/τ). It is Markov: with the va
 block and s₁ at its end (or at the start of the next block, if a gap is between them) as unknowns,
 nothing else is shared by blocks. At the stamps t₁ … t_M, however uneven they are,
 
-    z_i = (n_i − φ_i n_{i−1}) / √q_i,    φ_i = exp(−(t_i − t_{i−1})/τ),    q_i = v (1 − φ_i²)
+    ε_i = n_i − φ_i n_{i−1},    φ_i = exp(−(t_i − t_{i−1})/τ),    q_i = v (1 − φ_i²)
 
-with n₀ = s₀ and n_{M+1} = s₁ has the covariance 1 + B D Bᵀ, which is tridiagonal: B is the
+with n₀ = s₀ and n_{M+1} = s₁ has the covariance A = Q + B D Bᵀ, which is tridiagonal: B is the
 bidiagonal matrix above without its columns of s₀ and s₁, and D are the variances of e. With its
-Cholesky factor C, which is bidiagonal, C⁻¹z is white: O(M) for M samples. The last of these M + 1
+Cholesky factor C, which is bidiagonal, C⁻¹ε is white: O(M) for M samples. The last of these M + 1
 rows is what is known of s₁ without a later sample.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -51,6 +51,23 @@ class Process:
     def total(self) -> float:
         """Variance of all noise."""
         return self.white + self.slow
+
+    @property
+    def logs(self) -> Array:
+        """Logs of the white variance, and of slow/τ and τ, if there is slow noise.
+
+        slow/τ, the intensity of what is slow, is known better than both.
+        """
+        if not self.slow:
+            return np.log([self.white])
+        return np.log([self.white, self.slow / self.tau, self.tau])
+
+    def with_logs(self, logs: Array) -> "Process":
+        """Return the process with other `logs`."""
+        white, *slow = np.exp(logs).tolist()
+        if not slow:
+            return replace(self, white=white)
+        return replace(self, white=white, slow=slow[0] * slow[1], tau=slow[1])
 
     def within(self, length: float) -> float:
         """Return the variance of all noise in a time [s]; what is slower looks constant in it."""
@@ -92,20 +109,24 @@ class Innovations:
         return 1 if self.process.slow else 0
 
     @cached_property
-    def _factors(self) -> tuple[Array, Array, Array, float]:
-        """φ and 1/√q (M + 1,), the band (2, M + 1) of C, and the log of the determinant."""
-        noise, M = self.process, len(self.times)
+    def _steps(self) -> tuple[Array, Array]:
+        """φ (M + 1,), and D (M + 2,) of s₀, the samples and s₁."""
         dt = np.maximum(np.diff(self.times, prepend=self.start, append=self.end), _LEAST)
-        phi, q = np.exp(-dt / noise.tau), -noise.slow * np.expm1(-2 * dt / noise.tau)
-        D = np.zeros(M + 2)  # of s₀, the samples and s₁
-        D[1:-1] = noise.white / self.weights**2
-        band = np.zeros((2, M + 1))
-        band[0] = 1 + (D[1:] + phi**2 * D[:-1]) / q
-        band[1, :-1] = -phi[1:] * D[1:-1] / np.sqrt(q[1:] * q[:-1])
+        D = np.zeros(len(self.times) + 2)
+        D[1:-1] = self.process.white / self.weights**2
+        return np.exp(-dt / self.process.tau), D
+
+    @cached_property
+    def _root(self) -> Array:
+        """The band (2, M + 1) of C."""
+        phi, D = self._steps
+        band = np.zeros((2, len(phi)))
+        band[0] = self.process.slow * (1 - phi**2) + D[1:] + phi**2 * D[:-1]
+        band[1, :-1] = -phi[1:] * D[1:-1]
         C, info = lapack.dpbtrf(band, lower=1)
         if info:
             raise np.linalg.LinAlgError("noise")
-        return phi, 1 / np.sqrt(q), C, float(2 * np.sum(np.log(C[0])) + np.sum(np.log(q)))
+        return np.asarray(C)
 
     @property
     def volume(self) -> float:
@@ -113,7 +134,7 @@ class Innovations:
         if not self.process.slow:
             variances = self.process.white / self.weights**2
             return float(np.sum(np.log(variances)))
-        return self._factors[-1]
+        return float(2 * np.sum(np.log(self._root[0])))
 
     def __call__(self, values: Array) -> Array:
         """Return white values (M or M + 1, ...) of those (M, ...) in units of the declared σ."""
@@ -121,32 +142,19 @@ class Innovations:
         if not self.process.slow:
             white = (self.weights / np.sqrt(self.process.white))[:, None] * flat
             return np.asarray(white.reshape(values.shape))
-        phi, root, C, _ = self._factors
         z = np.zeros((len(flat) + 1, flat.shape[1]), order="F")
         z[:-1] = flat
-        z[1:] -= phi[1:, None] * flat
-        z *= root[:, None]
-        white = lapack.dtbtrs(C, z, uplo="L")[0] if z.size else z
+        z[1:] -= self._steps[0][1:, None] * flat
+        white = lapack.dtbtrs(self._root, z, uplo="L")[0] if z.size else z
         return np.asarray(white.reshape(-1, *values.shape[1:]))
-
-    def transposed(self, values: Array) -> Array:
-        """Return what the transpose of the rows of samples makes of values (M, ...)."""
-        flat = values.reshape(len(values), int(np.prod(values.shape[1:])))
-        if not self.process.slow:
-            return self(values)
-        phi, root, C, _ = self._factors
-        z = np.zeros((len(flat) + 1, flat.shape[1]), order="F")
-        z[:-1] = flat
-        z = lapack.dtbtrs(C, z, uplo="L", trans="T")[0] * root[:, None] if z.size else z
-        return np.asarray((z[:-1] - phi[1:, None] * z[1:]).reshape(values.shape))
 
     @cached_property
     def edges(self) -> Array:
         """What s₀ and s₁ add to the white values: (M + 1, 2)."""
-        phi, root, C, _ = self._factors
-        z = np.zeros((len(root), 2), order="F")
-        z[0, 0], z[-1, 1] = -phi[0] * root[0], root[-1]
-        return np.asarray(lapack.dtbtrs(C, z, uplo="L")[0])
+        phi = self._steps[0]
+        z = np.zeros((len(phi), 2), order="F")
+        z[0, 0], z[-1, 1] = -phi[0], 1.0
+        return np.asarray(lapack.dtbtrs(self._root, z, uplo="L")[0])
 
     def of(self, rest: Array, start: Array, end: Array) -> Array:
         """Return white residuals (M or M + 1, d) of (M, d), with s at both edges (d,)."""
@@ -154,6 +162,37 @@ class Innovations:
         if self.process.slow:
             white = white + self.edges @ np.stack([start, end])
         return white
+
+    def slopes(self, noise: Array, slow: Array) -> Array:
+        """Return derivatives by `Process.logs` of the sum of squares of white values, and volume.
+
+        With v = A⁻¹ε, those of εᵀA⁻¹ε + log det A are tr((A⁻¹ − vvᵀ) dA) + 2 vᵀdε.
+
+        Args:
+            noise: (M, d, c) samples of d channels, of which the squares are summed over c.
+            slow: (2, d, c) s₀ and s₁.
+
+        """
+        M, d = noise.shape[:2]
+        if not self.process.slow:
+            return np.array([M * d - float(np.sum(self(noise) ** 2))])
+        phi, D = self._steps
+        n = np.concatenate([slow[:1], noise, slow[1:]]).reshape(M + 2, -1)
+        v = lapack.dpbtrs(self._root, n[1:] - phi[:, None] * n[:-1], lower=1)[0]
+        inverse = lapack.dpbtrs(self._root, np.eye(M + 1), lower=1)[0]
+        P = d * np.diag(inverse) - np.einsum("ik,ik->i", v, v)
+        across = d * np.diag(inverse, 1) - np.einsum("ik,ik->i", v[1:], v[:-1])
+
+        def change(by_D: Array, by_q: Array, by_phi: Array) -> float:
+            diagonal = by_q + by_D[1:] + phi**2 * by_D[:-1] + 2 * phi * by_phi * D[:-1]
+            beside = -by_phi[1:] * D[1:-1] - phi[1:] * by_D[1:-1]
+            return float(P @ diagonal + 2 * across @ beside - 2 * by_phi @ lag)
+
+        lag = np.einsum("ik,ik->i", v, n[:-1])
+        by_phi, v_slow = -phi * np.log(phi), self.process.slow  # by log τ
+        q, none = v_slow * (1 - phi**2), np.zeros(len(phi))
+        by_tau = change(0 * D, q - 2 * v_slow * phi * by_phi, by_phi)
+        return np.array([change(D, none, none), change(0 * D, q, none), by_tau])
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,10 +217,6 @@ class Alone:
     def __call__(self, values: Array) -> Array:
         """Return white values (M, ...)."""
         return self._own(values)[: len(self.times)]
-
-    def transposed(self, values: Array) -> Array:
-        """Return what the transpose of this makes of values (M, ...)."""
-        return self._own.transposed(values)
 
     @property
     def volume(self) -> float:

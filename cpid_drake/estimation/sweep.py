@@ -19,8 +19,8 @@ from scipy.linalg import solve_triangular
 
 from cpid_drake.array import Array
 from cpid_drake.estimation.block_rows import BlockRows
+from cpid_drake.estimation.elimination import Change, EndedBlock, changed, eliminated, linked
 from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.least_squares import triangle, updated_information
 from cpid_drake.estimation.likelihood.effect_terms import with_changes
 from cpid_drake.estimation.likelihood.joint_model import ORDER
 from cpid_drake.estimation.likelihood.model import BlockModel
@@ -39,61 +39,6 @@ BOUNDARY = "boundary"
 
 
 @dataclass(frozen=True, eq=False)
-class _Change:
-    """A change of some entries at the end of a block, eliminated; see `changed`."""
-
-    columns: NDArray[np.intp]
-    rows: Array  # [X | z]
-    now: Array
-    block: int
-
-
-@dataclass(frozen=True, eq=False)
-class _Block:
-    """A block, eliminated: what ended with it is z − X keep, with rows [X | z].
-
-    `end` is how its end depends on its start, and `absorbed` how many of a sensor's residuals the
-    unknowns absorb that end with the block.
-    """
-
-    model: BlockModel
-    gone: NDArray[np.intp]
-    keep: NDArray[np.intp]
-    rows: Array
-    end: Array
-    absorbed: dict[str, float]
-
-    @classmethod
-    def of(
-        cls, part: BlockModel, residuals: Mapping[str, Array], own: BlockRows, T: Array
-    ) -> "_Block":
-        """Return a block from its rows and its triangle."""
-        first, g = part.kept[0], len(own.gone)
-        keep = np.concatenate(
-            [part.at_end, np.arange(first, first + len(T) - 1 - g - len(part.at_end))]
-        )
-        start = np.linalg.solve(own.end[:, :12], own.end[:, own.gone])
-        of_gone = own.samples[:, 12 : 12 + g] - own.samples[:, :12] @ start
-        inverse = solve_triangular(T[:g, :g], np.eye(g))
-        leverage = np.sum((of_gone @ inverse) ** 2, axis=1)
-        ends = np.cumsum([each.size for each in residuals.values()])
-        absorbed = {n: float(x.sum()) for n, x in zip(residuals, np.split(leverage, ends))}
-        return cls(part, own.gone, keep, inverse @ T[:g, g:], own.end, absorbed)
-
-    def solved(self, x: Array) -> Array:
-        """Return the steps of all columns of the block's model, given those at its end."""
-        g = len(self.gone)
-        y = np.zeros(g + len(self.keep))
-        y[self.gone], y[self.keep] = self.rows[:, -1] - self.rows[:, :-1] @ x, x
-        step = y[: self.end.shape[1]]
-        first = step[:12].copy()
-        step[:12] = 0.0
-        step[:12] = np.linalg.solve(self.end[:, :12], first - self.end @ step)
-        step[self.model.held] = 0.0
-        return step
-
-
-@dataclass(frozen=True, eq=False)
 class Swept:
     """A linearized log.
 
@@ -106,13 +51,13 @@ class Swept:
     """
 
     end: Gaussian
-    steps: list[_Change | _Block]
+    steps: list[Change | EndedBlock]
     stops: Mapping[int, Gaussian] = field(default_factory=dict)
 
     @property
     def absorbed(self) -> dict[str, float]:
         """How many of a sensor's residuals the blocks' own unknowns absorb, by sensor."""
-        found = [step.absorbed for step in self.steps if isinstance(step, _Block)]
+        found = [step.absorbed for step in self.steps if isinstance(step, EndedBlock)]
         return {n: sum(each.get(n, 0.0) for each in found) for n in set().union(*found)}
 
     @property
@@ -148,20 +93,19 @@ def sweep(
     """
     model, at = model.of_log(log.name), dict[int, Gaussian]()
     known = known_at_start(model, log, values) if before is None else before
-    steps = list[_Change | _Block]()
+    steps = list[Change | EndedBlock]()
     linear = linearized(model, log, rolled, values)
     for k, own in enumerate(linear):
         part = rolled.models[k].with_slow(log.slow_size)
         known, T = eliminated(part, own, known)
         if not forward_only:
-            steps.append(_Block.of(part, rolled.residuals[k], own, T))
+            steps.append(EndedBlock.of(part, rolled.residuals[k], own, T))
         at |= {k: known} if k in stops else {}
         if k in carry:
             known = linked(known, f"link {k}|{log.name}", log.link(model, k), rolled.links[k])
         if change := change_at_end(model, log, rolled, k, is_carried=k in carry):
-            known, rows = changed(known, *change)
-            columns, _, now = change
-            steps.append(_Change(columns, rows, now, k))
+            known, step = changed(known, *change, block=k)
+            steps.append(step)
     return Swept(known, steps, at)
 
 
@@ -235,8 +179,8 @@ def back(model: Model, log: LogState, swept: Swept, step: Values, share: float =
     k = len(log.blocks)
     edges[k] = edges[k] + share * x[before:n]
     for each in reversed(swept.steps):
-        if isinstance(each, _Change):
-            u = each.rows[:, -1] - each.rows[:, :-1] @ x
+        if isinstance(each, Change):
+            u = each.solved(x)
             x[each.columns] -= u
             w = len(model.walking_columns)
             walks[each.block] = walks[each.block] + share * u[:w]
@@ -263,6 +207,35 @@ def back(model: Model, log: LogState, swept: Swept, step: Values, share: float =
         pulls=tuple(pulls),
         edges=tuple(edges),
     )
+
+
+def marginals(
+    model: Model, log: LogState, swept: Swept, known: Gaussian
+) -> Iterator[tuple[int, BlockModel, Array, Array]]:
+    """Yield number and model of each block, from the last to the first, with its marginal.
+
+    That is the mean (n,) of the steps of all columns, and a root (n, ...) of their covariance.
+
+    Args:
+        model: the unknowns.
+        log: the log.
+        swept: its linearization.
+        known: what is known at its end, of all entries that `Swept.end` has, by all rows.
+
+    """
+    root = solve_triangular(known.R, np.eye(known.size))
+    x, k = root @ known.z, len(log.blocks)
+    for each in reversed(swept.steps):
+        if isinstance(each, Change):
+            x[each.columns] -= each.solved(x)
+            root = each.spread(root)
+            continue
+        k -= 1
+        whole, spread = each.solved(x), each.spread(root)
+        n = len(whole)
+        yield k, each.model, whole, spread[:n]
+        x[: len(each.model.at_start)] = whole[each.model.at_start]
+        root = np.linalg.qr(each.at_start(spread).T, mode="r").T
 
 
 def linearized(model: Model, log: LogState, rolled: Rolled, values: Values) -> Iterator[BlockRows]:
@@ -292,77 +265,6 @@ def derivatives(
             J[:, psi], end[:, psi] = J[:, psi] @ rolled.by_psi, end[:, psi] @ rolled.by_psi
             rolled.linear[part] = J, end
         yield rolled.linear[part]
-
-
-def eliminated(part: BlockModel, own: BlockRows, before: Gaussian) -> tuple[Gaussian, Array]:
-    """Return what is known at the end of a block, and the triangle [R | z] without its start.
-
-    With the start x₀ (attitude, p, L, v) and all other columns y, the end is x₁ = E₀ x₀ + E y. So a
-    row A₀ x₀ + A y = b is
-
-        A₀E₀⁻¹ x₁ + (A − A₀E₀⁻¹E) y = b,
-
-    and QR eliminates what ends with the block. Only the first rows of both triangles contain x₀ or
-    what ends: the others remain a triangle.
-    """
-    n, gone = len(own.order), len(own.gone)
-    size = gone + before.size
-    # The result's columns are: what ends, x₁, the joints at the end, and the table; then b.
-    of_block = np.r_[:gone, gone + 12 : n, size]  # places of the block's y and b
-    joints = of_block[np.argsort(own.order)[part.at_start[12:]] - 12]  # those at its start end
-    of_before = np.r_[:12, 12 + joints, 12 + gone + len(part.at_end) : size + 13]  # after x₀
-    # [A₀ | A | b]: the first rows of what is known before, and of the block's own.
-    known, last, first = before.rows, n - gone, gone + 12
-    rows = np.zeros((last + first, 12 + size + 1))
-    rows[:last, of_before] = known[:last]
-    rows[last:, :12], rows[last:, 12 + of_block] = own.T[:first, :12], own.T[:first, 12:]
-    # A₀E₀⁻¹ x₁ + (A − A₀E₀⁻¹E) y = b
-    by_end = rows[:, :12] @ np.linalg.inv(own.end[:, :12])
-    rows[:, 12 + of_block[:-1]] -= by_end @ own.end[:, own.order[12:]]
-    rows[:, 12 + gone : 12 + first] = by_end
-    T = triangle(rows[:, 12:])
-    # The other rows contain neither.
-    others = np.zeros((size + 1, size + 1), order="F")
-    others[np.ix_(of_block[gone:], of_block[gone:])] = own.T[first:, first:]
-    others[n:size, n:] = known[last:, last:]
-    T[first:, first:] = updated_information(others[first:, first:], T[first:, first:])
-    rho2 = before.rho2 + float(T[-1, -1]) ** 2
-    volume = before.volume + float(np.sum(np.log(np.abs(np.diag(T)[:gone]))))
-    return replace(before, R=T[gone:-1, gone:-1], z=T[gone:-1, -1], rho2=rho2, volume=volume), T
-
-
-def changed(
-    known: Gaussian, columns: NDArray[np.intp], sigma: Array, now: Array
-) -> tuple[Gaussian, Array]:
-    """Return what is known after a change u ~ N(0, σ²) of some entries, which is eliminated.
-
-    u has the present value `now`. The entries before are those after it less u: rows R x = z become
-    R x − R_u u = z, and (now + u)/σ = 0 is one more. The second result is [X | z] of u = z − X x.
-    """
-    m, n = len(columns), known.size
-    if not m:
-        return known, np.zeros((0, n + 1))
-    before, p = known.rows, 1 + int(columns.max())  # the first rows contain them
-    rows = np.zeros((m + p, m + n + 1))
-    rows[:m, :m], rows[:m, -1] = np.diag(1 / sigma), -now / sigma
-    rows[m:, :m], rows[m:, m:] = -before[:p, columns], before[:p]
-    T = triangle(rows)
-    before[:p] = T[m : m + p, m:]
-    of_change = solve_triangular(T[:m, :m], T[:m, m:])
-    volume = known.volume + float(np.sum(np.log(np.abs(np.diag(T)[:m]))))
-    return replace(known, R=before[:, :-1], z=before[:, -1], volume=volume), of_change
-
-
-def linked(known: Gaussian, name: str, sigma: Array, now: Array) -> Gaussian:
-    """Return what is known after a change u (12,) of attitude, p, L and v, a further unknown.
-
-    See `changed`. These are the first columns, and u is last: the rows remain a triangle.
-    """
-    n = known.size
-    T = np.zeros((n + 12, n + 13))
-    T[:n, :n], T[:n, n:-1], T[:n, -1] = known.R, -known.R[:, :12], known.z
-    T[n:, n:-1], T[n:, -1] = np.diag(1 / sigma), -now / sigma
-    return Gaussian.of_triangle({**known.sizes, name: 12}, T, known.rho2)
 
 
 def boundary_size(model: Model, log: LogState) -> int:
