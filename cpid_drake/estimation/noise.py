@@ -61,13 +61,14 @@ def with_processes(model: Model, log: LogState, rolled: Rolled, values: Values) 
     before = log.processes
     tried = {name: each.guess(before.get(name, DECLARED)) for name, each in series.items()}
     tried = {name: process for name, process in tried.items() if process != DECLARED}
-    if not tried and not before:
+    tried = {name: process for name, process in before.items() if name not in series} | tried
+    if not tried:
         return replace(log, is_known=True)
     search = _Search(NoiseEvidence(model, log, rolled, values), series)
-    found = search.simplified(*search.climbed(tried))
-    if search.cost(before) < search.cost(found) + SAME:
-        found = before
-    return replace(log.with_processes(dict(sorted(found.items()))), is_known=True)
+    found, cost = search.climbed(tried)
+    if are_near(found, before):
+        return replace(log, is_known=True)
+    return log.with_processes(dict(sorted(search.simplified(found, cost).items())))
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,15 +174,12 @@ class _Search:
         """Return the noise without processes that gain less than they must."""
         for name, each in processes.items():
             others = {n: p for n, p in processes.items() if n != name}
-            tried = [others]
-            if each.slow:
-                tried.append({**others, name: replace(each, white=each.total, slow=0.0)})
-            costs = [self.cost(some) for some in tried]
-            if min(costs) < cost:
-                best = tried[int(np.argmin(costs))]
-                if best.get(name, DECLARED).white < 1:  # white noise that is smaller is as declared
-                    best = others
-                return self.simplified(*self.climbed(best)) if best else best
+            white = {name: replace(each, white=each.total, slow=0.0)} if each.slow else {}
+            if self.cost(others | white) < cost:
+                if not white or each.total < 1:  # white noise that is smaller is as declared
+                    white = {}
+                simple = others | white
+                return self.simplified(*self.climbed(simple)) if simple else simple
         return processes
 
 

@@ -69,7 +69,7 @@ class NoiseEvidence:
             J, _ = self.rolled.linear[self.rolled.models[k]]
             rest, first, moments = self.rolled.residuals[k], 0, np.column_stack([mean, root])
             noise = -J @ moments[part.without_slow]
-            noise[:, 0] += np.concatenate([each.ravel() for each in rest.values()])
+            noise[:, 0] += np.concatenate([np.empty(0), *(each.ravel() for each in rest.values())])
             slow = np.zeros((2, log.slow_size, moments.shape[1]))
             if log.slow_size:
                 slow[:] = moments[part.columns[SLOW]].reshape(slow.shape)
