@@ -20,13 +20,13 @@ import numpy as np
 from cpid_drake.array import Array
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.log_state import LogState
-from cpid_drake.estimation.unknowns_prior import hardware_prior_of
-from cpid_drake.estimation.unknowns_prior import prior_of as prior_of
 from cpid_drake.estimation.roll import Rolled, Values, roll
 from cpid_drake.estimation.start import start_of
 from cpid_drake.estimation.sweep import Swept, back, sweep
 from cpid_drake.estimation.target import LOG_SIZE, TargetCone
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
+from cpid_drake.estimation.unknowns_prior import hardware_prior_of
+from cpid_drake.estimation.unknowns_prior import prior_of as prior_of
 from cpid_drake.estimation.weights import are_same, reweighted
 from cpid_drake.files.errors import InputError
 

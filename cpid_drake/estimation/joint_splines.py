@@ -155,7 +155,9 @@ class JointSplines:
         S = np.sum(np.concatenate(squares, axis=1) ** 2, axis=1)[which, place] + self._left2[joint]
         volume = 2 * np.sum(np.log(np.abs(np.concatenate(sizes, axis=1))), axis=1)
         volume += np.sum(np.log1p(lambdas[:, None] * self._a2[group]), axis=1)
-        values = self._freedom[joint] * np.log(DECLARED_COUNT + S) + volume[which] + self._volume[joint]
+        values = (
+            self._freedom[joint] * np.log(DECLARED_COUNT + S) + volume[which] + self._volume[joint]
+        )
         return np.asarray(values.reshape(u.shape))
 
     def _chain(self, group: Indices, lambdas: Array, joints: Indices) -> Iterator[Array]:

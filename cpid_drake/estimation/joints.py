@@ -20,6 +20,7 @@ Sources: Wahba 1990, Spline Models for Observational Data, ch. 1 and 4.
 """
 
 from collections.abc import Mapping, Sequence
+from functools import cache, partial
 from itertools import pairwise
 
 import numpy as np
@@ -95,9 +96,7 @@ def continued(part: JointPart, before: Array) -> JointPart:
     return part.about(c)
 
 
-def _processes(
-    splines: JointSplines, u: Array, now: Mapping[str, Process]
-) -> dict[str, Process]:
+def _processes(splines: JointSplines, u: Array, now: Mapping[str, Process]) -> dict[str, Process]:
     """Return the shapes of the noise, of variance 1, of the joints' sensors without steps.
 
     They have the largest evidence of a grid of τ and of ratios of slow and white variances, if it
@@ -105,17 +104,8 @@ def _processes(
     """
     found = dict(now)
     for name, step in splines.steps.items():
-        known = dict[tuple[int, int] | None, float]()
-
-        def cost(at: tuple[int, int] | None) -> float:
-            if at not in known:
-                shapes = {n: p for n, p in found.items() if n != name}
-                if at is not None:
-                    shapes[name] = _shape(step, *at)
-                price = 0.0 if at is None else _PRICE
-                known[at] = splines.of(shapes).least_about(u) + price
-            return known[at]
-
+        others = {n: p for n, p in found.items() if n != name}
+        cost = cache(partial(_shape_cost, splines, u, others, name, step))
         places = {_shape(step, i, j): (i, j) for i in range(_SHAPES[0]) for j in range(_SHAPES[1])}
         best = places.get(found.get(name, Process()))
         best = min([None, *(_FIRST if best is None else [best])], key=cost)
@@ -127,10 +117,22 @@ def _processes(
             if better == best:
                 break
             best = better
-        found.pop(name, None)
-        if best is not None:
-            found[name] = _shape(step, *best)
+        found = others if best is None else {**others, name: _shape(step, *best)}
     return found
+
+
+def _shape_cost(
+    splines: JointSplines,
+    u: Array,
+    others: Mapping[str, Process],
+    name: str,
+    step: float,
+    at: tuple[int, int] | None,
+) -> float:
+    """Return −2 log(evidence) of a shape of a sensor's noise beside others; of white without."""
+    if at is None:
+        return splines.of(others).least_about(u)
+    return splines.of({**others, name: _shape(step, *at)}).least_about(u) + _PRICE
 
 
 def _shape(step: float, i: int, j: int) -> Process:

@@ -58,9 +58,7 @@ class NoiseEvidence:
         """Return the value for noise by sensor; all others are as declared."""
         return self._value(self.log.with_processes(processes), with_steps=False)[0]
 
-    def with_slopes(
-        self, processes: Mapping[str, Process]
-    ) -> tuple[float, dict[str, Array]]:
+    def with_slopes(self, processes: Mapping[str, Process]) -> tuple[float, dict[str, Array]]:
         """Return the value, and its derivatives by `Process.logs` of each sensor."""
         log = self.log.with_processes(processes)
         value, swept, known = self._value(log, with_steps=True)

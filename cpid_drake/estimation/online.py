@@ -21,8 +21,8 @@ from cpid_drake.estimation.likelihood.joint_model import ORDER
 from cpid_drake.estimation.likelihood.motion_model import TrajectoryState
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.past import Past
-from cpid_drake.estimation.roll import Rolled, first_table
 from cpid_drake.estimation.process import added
+from cpid_drake.estimation.roll import Rolled, first_table
 from cpid_drake.estimation.start import state_of
 from cpid_drake.estimation.sweep import known_at_start, sweep
 from cpid_drake.estimation.unknowns import BODIES, PSI, Model
@@ -200,11 +200,12 @@ def _marginalized(state: OnlineState, count: int) -> OnlineState:
         rest.edges[0],
     )
     kept = rolled.part(count, len(log.blocks))
-    linear = {part: own for part, own in kept.linear.items() if part in kept.models}
+    derived = {part: own for part, own in kept.linear.items() if part in kept.models}
+    kept = replace(kept, linear=derived, rows={})
     return replace(
         state._observed(gone, rolled),
         settled=(*state.settled, *gone.changes),
-        found=replace(found, logs=[replace(rest, past=past)], rolled=[replace(kept, linear=linear, rows={})]),
+        found=replace(found, logs=[replace(rest, past=past)], rolled=[kept]),
     )
 
 

@@ -211,8 +211,8 @@ class Alone:
     @cached_property
     def _own(self) -> Innovations:
         far = 40 * self.process.tau  # s is stationary before the first sample
-        ends = (self.times[0] - far, self.times[-1] + far) if len(self.times) else (0.0, far)
-        return Innovations(self.times, *ends, np.ones(len(self.times)), self.process)
+        start, end = (self.times[0] - far, self.times[-1] + far) if len(self.times) else (0.0, far)
+        return Innovations(self.times, start, end, np.ones(len(self.times)), self.process)
 
     def __call__(self, values: Array) -> Array:
         """Return white values (M, ...)."""

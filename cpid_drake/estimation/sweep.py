@@ -21,6 +21,7 @@ from cpid_drake.array import Array
 from cpid_drake.estimation.block_rows import BlockRows
 from cpid_drake.estimation.elimination import Change, EndedBlock, changed, eliminated, linked
 from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.least_squares import triangle
 from cpid_drake.estimation.likelihood.effect_terms import with_changes
 from cpid_drake.estimation.likelihood.joint_model import ORDER
 from cpid_drake.estimation.likelihood.model import BlockModel
@@ -235,7 +236,7 @@ def marginals(
         n = len(whole)
         yield k, each.model, whole, spread[:n]
         x[: len(each.model.at_start)] = whole[each.model.at_start]
-        root = np.linalg.qr(each.at_start(spread).T, mode="r").T
+        root = triangle(each.at_start(spread).T).T
 
 
 def linearized(model: Model, log: LogState, rolled: Rolled, values: Values) -> Iterator[BlockRows]:

@@ -15,9 +15,9 @@ from cpid_drake.array import Array
 from cpid_drake.estimation.least_squares import loss_weight
 from cpid_drake.estimation.likelihood.constants import BIAS
 from cpid_drake.estimation.log_state import LogState
-from cpid_drake.estimation.roll import Rolled, Values
 from cpid_drake.estimation.noise import are_near, with_processes
 from cpid_drake.estimation.process import DECLARED, DECLARED_COUNT
+from cpid_drake.estimation.roll import Rolled, Values
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.sensors.sensors import SENSORS
 

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from cpid_drake.array import Array
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.estimation.evidence import NAMED, ModelComparison, Question
@@ -67,9 +66,8 @@ def answer_of(
         of_log = f" of {log.name}" if len(names) > 1 else ""
         where = f"{log.name}: " if len(names) > 1 else ""
         noise |= {name + of_log: factor for name, factor in log.noise_factors.items()}
-        own = {**log.processes, **log.smoothness.processes}
-        own = {n: (p.slow / max(p.total, 1.0), p.tau) for n, p in own.items()}
-        slow |= {name + of_log: each for name, each in own.items()}
+        for name, process in {**log.processes, **log.smoothness.processes}.items():
+            slow[name + of_log] = process.slow / max(process.total, 1.0), process.tau
         warnings += gap_warnings(log, where)
     warnings += [*noise_warnings(noise, slow), *change_warnings(observed.changes)]
     for name in names:

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpid_drake.array import Array
 from cpid_drake.estimation.events import most_changes
 from cpid_drake.estimation.evidence import NAMED
 from cpid_drake.estimation.least_squares import IMPROBABLE as IMPROBABLE

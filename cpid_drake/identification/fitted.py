@@ -24,9 +24,10 @@ from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.files.errors import prefix_errors
 from cpid_drake.identification.answer import answer_of, at_momentum
 from cpid_drake.identification.arguments import Arguments
-from cpid_drake.identification.checked_log import CheckedLog, model_of
+from cpid_drake.identification.checked_log import CheckedLog, model_of, open_model_of
 from cpid_drake.identification.checks import Observed
 from cpid_drake.identification.chosen_fit import ChosenFit
+from cpid_drake.identification.exact_check import exact_checks
 from cpid_drake.identification.model_sensitivity import base_sensitivity
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import History, Identification
@@ -82,9 +83,10 @@ def estimate(
         joints=arguments.spacecraft.joint_names,
         estimator=TRAJECTORY_FIT,
     )
+    opened = open_model_of(arguments.spacecraft.tree, logs, arguments.known_bodies)
     result = replace(
         result,
-        checks=(*result.checks, *chosen.part_checks()),
+        checks=(*result.checks, *chosen.part_checks(), *exact_checks(chosen, opened)),
         warnings=(*warnings, *result.warnings),
     )
     if model.known_bodies is None and fit.converged and result.solution is not None:

@@ -15,7 +15,6 @@ from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.posterior import known_target
 from cpid_drake.estimation.process import Process
-
 from cpid_drake.estimation.start import start_of
 from cpid_drake.estimation.unknowns import MOMENTUM as OF_LOG
 from cpid_drake.estimation.unknowns import PSI, Model

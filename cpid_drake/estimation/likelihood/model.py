@@ -161,7 +161,7 @@ class BlockModel:
     def without_slow(self) -> NDArray[np.intp]:
         """The columns but those of slow noise."""
         first = 12 + self._of_joints.size
-        return np.r_[:first, first + 2 * self.slow : self._width]
+        return np.asarray(np.r_[:first, first + 2 * self.slow : self._width])
 
     def jacobian(self, trajectory: Trajectory) -> tuple[Array, Array]:
         """Return the derivatives (m, n) of the predictions in units of σ, and (12, n) of the end.
