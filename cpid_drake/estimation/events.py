@@ -21,6 +21,7 @@ from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import FAR, IMPROBABLE
 from cpid_drake.estimation.likelihood.motion_model import TrajectoryState
 from cpid_drake.estimation.log_state import LogState, farthest
+from cpid_drake.estimation.noise import with_processes
 from cpid_drake.estimation.roll import Rolled, Values
 from cpid_drake.estimation.sweep import known_at_start, sweep
 from cpid_drake.estimation.unknowns import Model
@@ -46,13 +47,19 @@ def fit_with_events(
 
     """
     model = found.model
+    # Slow noise may be a change in disguise: the noise is what remains of it if all ends are open.
     quiet = [replace(log, noise={}, weights=tuple({} for _ in log.blocks)) for log in found.logs]
+    pairs = zip(quiet, found.rolled, strict=True)
+    quiet = [_with_open_noise(model, *pair, found.values) for pair in pairs]
     changes = _changes(replace(found, logs=quiet), question)
     if all(log.open.issuperset(own) for log, own in zip(quiet, changes, strict=True)):
         return found
     wide = found
     # What a change has bent is no start.
-    now = [log.of_others(model, log.blocks) for log in found.logs]
+    now = [
+        log.of_others(model, log.blocks).with_processes(other.processes)
+        for log, other in zip(found.logs, quiet, strict=True)
+    ]
     for last in (False, True):  # whole blocks, then parts of those beside changes
         logs = [log.opened(range(len(log.blocks) - 1)) for log in now]
         wide = fit(model, logs, values=wide.values, progress=progress)
@@ -66,6 +73,14 @@ def fit_with_events(
         parts = zip(wide.logs, wide.rolled, changes, strict=True)
         now = [_cut(model, *each) for each in parts]
     return fit(model, logs, values=wide.values, progress=progress)
+
+
+def _with_open_noise(model: Model, log: LogState, rolled: Rolled, values: Values) -> LogState:
+    """Return a log with the slow noise that it shows if its momentum changes at all ends."""
+    if not log.slow:
+        return log
+    opened = replace(log.opened(range(len(log.blocks) - 1)), is_known=False)
+    return log.with_processes(with_processes(model, opened, rolled, values).processes)
 
 
 def is_explained(found: Fit) -> bool:

@@ -34,6 +34,10 @@ WORTH = 12.0
 SAME = 0.3
 """Gain of −2 log(evidence) that does not matter."""
 
+MOST_NOISE = 4.0
+"""Ratio of the noise to the declared one above which it is another error; hardware may have three
+times. It is found once, since nothing else will make it noise."""
+
 FEWEST = 20
 """Residuals that show no more than declared noise."""
 
@@ -66,9 +70,11 @@ def with_processes(model: Model, log: LogState, rolled: Rolled, values: Values) 
         return replace(log, is_known=True)
     search = _Search(NoiseEvidence(model, log, rolled, values), series)
     found, cost = search.climbed(tried)
-    if are_near(found, before):
+    if are_near(_topped(found), before):
         return replace(log, is_known=True)
-    return log.with_processes(dict(sorted(search.simplified(found, cost).items())))
+    log = log.with_processes(_topped(search.simplified(found, cost)))
+    is_other = any(each.total > MOST_NOISE**2 for each in log.processes.values())
+    return replace(log, is_known=is_other)
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,6 +187,14 @@ class _Search:
                 simple = others | white
                 return self.simplified(*self.climbed(simple)) if simple else simple
         return processes
+
+
+def _topped(processes: Processes) -> Processes:
+    """Return processes in order, with white noise up to the declared variance."""
+    return {
+        name: replace(each, white=each.white + max(0.0, 1 - each.total))
+        for name, each in sorted(processes.items())
+    }
 
 
 def _moved(processes: Processes, step: Array) -> Processes:

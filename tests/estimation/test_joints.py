@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from cpid_drake.estimation.spectrum import DECLARED
+from cpid_drake.estimation.process import DECLARED_COUNT as DECLARED
 from scipy.optimize import minimize_scalar
 
 from cpid_drake.estimation.block import Block, after
