@@ -8,20 +8,26 @@ near it, and all ends are judged once more. More changes than are probable are a
 no finer cut shows.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 
 import numpy as np
 from scipy.special import pdtrik
 
 from cpid_drake.estimation.block import Block
-from cpid_drake.estimation.evidence import MOST_CANDIDATES, ModelComparison, Question
+from cpid_drake.estimation.evidence import (
+    CHANGE_ODDS,
+    MOST_CANDIDATES,
+    SIZES,
+    ModelComparison,
+    Question,
+)
 from cpid_drake.estimation.fit import Fit, fit, prior_of
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import FAR, IMPROBABLE
 from cpid_drake.estimation.likelihood.motion_model import TrajectoryState
 from cpid_drake.estimation.log_state import LogState, farthest
-from cpid_drake.estimation.noise import with_processes
+from cpid_drake.estimation.noise import noise_cost, with_processes
 from cpid_drake.estimation.roll import Rolled, Values
 from cpid_drake.estimation.sweep import known_at_start, sweep
 from cpid_drake.estimation.unknowns import Model
@@ -72,7 +78,29 @@ def fit_with_events(
             break
         parts = zip(wide.logs, wide.rolled, changes, strict=True)
         now = [_cut(model, *each) for each in parts]
+    now = fit(model, logs, values=wide.values, progress=progress)
+    kept = [_kept(now, *each) for each in zip(now.logs, now.rolled, changes, strict=True)]
+    if not any(kept):
+        return found
+    if all(log.open == own for log, own in zip(now.logs, kept, strict=True)):
+        return now
+    logs = [log.opened(own) for log, own in zip(wide.logs, kept, strict=True)]
     return fit(model, logs, values=wide.values, progress=progress)
+
+
+def _kept(
+    found: Fit, log: LogState, rolled: Rolled, changes: Mapping[int, float]
+) -> frozenset[int]:
+    """Return the first changes, by their evidence, that have the most beside the best noise.
+
+    Noise that is slow and a few changes may explain what many changes do.
+    """
+    ends, costs = list(changes), list[float]()
+    price = 2 * float(np.log(len(SIZES)) - np.log(CHANGE_ODDS))
+    for count in range(len(ends) + 1):
+        some = replace(log.opened(ends[:count]), spans=changes)
+        costs.append(noise_cost(found.model, some, rolled, found.values) + count * price)
+    return log.opened(ends[: int(np.argmin(costs))]).open
 
 
 def _with_open_noise(model: Model, log: LogState, rolled: Rolled, values: Values) -> LogState:
@@ -93,11 +121,11 @@ def most_changes(logs: int) -> int:
     return int(np.ceil(pdtrik(1 - IMPROBABLE, logs)))
 
 
-def _changes(found: Fit, question: Question) -> list[list[int]]:
-    """Return of each log the blocks at whose ends something changed."""
+def _changes(found: Fit, question: Question) -> list[dict[int, float]]:
+    """Return of each log the blocks at whose ends something changed, and how much; see `spans`."""
     model, result = found.model, []
     for log, rolled in zip(found.logs, found.rolled, strict=True):
-        best, count = list[int](), len(log.blocks)
+        best, count = dict[int, float](), len(log.blocks)
         before = known_at_start(model, log, found.values)
         wide = log.opened(range(count - 1))
         for first in range(0, count - 1, MOST_CANDIDATES):
@@ -113,7 +141,8 @@ def _changes(found: Fit, question: Question) -> list[list[int]]:
             carried = sweep(model, *parts, found.values, before=known, forward_only=True).gaussian
             changes = {_name(k, log): part.links[k] for k in ends}
             compared = _compared(own, found, carried, changes, question)
-            best += [first + k for k in ends if _name(k, log) in compared.best]
+            numbers = {_name(k, log): first + k for k in ends if _name(k, log) in compared.best}
+            best |= {numbers[n]: a for n, a in compared.sizes.items() if n in numbers}
             known = known.condition(
                 {_name(k, log): -part.links[k] for k in ends if first + k not in log.open}
             )
@@ -137,7 +166,7 @@ def _compared(
     return question.answer(total, values, candidates)
 
 
-def _cut(model: Model, log: LogState, rolled: Rolled, changes: Sequence[int]) -> LogState:
+def _cut(model: Model, log: LogState, rolled: Rolled, changes: Collection[int]) -> LogState:
     """Return a log whose whole blocks beside the changes are cut into parts.
 
     The parts keep their states.

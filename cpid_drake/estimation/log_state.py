@@ -46,6 +46,7 @@ class LogState:
         forces: of each block: (K,) entries of white forces, in units of their σ.
         walks: of each block but a log's last: (w,) change at its end of the constants that walk.
         open: blocks at whose ends attitude, centre of mass, L and v may change by any amount.
+        spans: σ of changes at some open ends, as shares of `farthest`; 1 of all others.
         gaps: of each block but a log's last: time until the next one begins [s]. Nothing is known
             of the joints in a gap, so that attitude, centre of mass, L and v begin anew behind it.
         pulls: of each block but a log's last: (12,) derivative of half χ² by the change at its end,
@@ -71,6 +72,7 @@ class LogState:
     origin: float
     starts: tuple[TrajectoryState, ...] = ()
     open: frozenset[int] = frozenset()
+    spans: Mapping[int, float] = field(default_factory=dict)
     gaps: tuple[float, ...] = ()
     pulls: tuple[Array, ...] = ()
     weights: tuple[dict[str, Array], ...] = ()
@@ -203,7 +205,9 @@ class LogState:
 
     def _sigma(self, model: Model, k: int, closed: float) -> Array:
         is_open = k in self.open or self.gaps[k]
-        return farthest(model) if is_open else _sizes(model, closed, closed, closed)
+        if is_open:
+            return self.spans.get(k, 1.0) * farthest(model)
+        return _sizes(model, closed, closed, closed)
 
     @property
     def changes(self) -> list[float]:

@@ -8,7 +8,7 @@ only if its evidence grows, so that there is a fixed point.
 Source: Nocedal and Wright 2006, Numerical Optimization, ch. 6.1 (BFGS).
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -60,15 +60,14 @@ def with_processes(model: Model, log: LogState, rolled: Rolled, values: Values) 
     """
     if log.is_known:
         return log
-    names = [name for name in rolled.all_residuals() if name in SENSORS]
-    series = {name: _Series.of(log, rolled, name) for name in names}
-    before = log.processes
-    tried = {name: each.guess(before.get(name, DECLARED)) for name, each in series.items()}
-    tried = {name: process for name, process in tried.items() if process != DECLARED}
-    tried = {name: process for name, process in before.items() if name not in series} | tried
+    evidence = NoiseEvidence(model, log, rolled, values)
+    names, before = rolled.all_residuals(), log.processes
+    residuals = {n: [rest[n] for rest in rolled.residuals if n in rest] for n in names}
+    series = _series(log, rolled, residuals)
+    tried = _guesses(series, before)
     if not tried:
         return replace(log, is_known=True)
-    search = _Search(NoiseEvidence(model, log, rolled, values), series)
+    search = _Search(evidence, series)
     found, cost = search.climbed(tried)
     if are_near(_topped(found), before):
         return replace(log, is_known=True)
@@ -77,22 +76,47 @@ def with_processes(model: Model, log: LogState, rolled: Rolled, values: Values) 
     return replace(log, is_known=is_other)
 
 
+def noise_cost(model: Model, log: LogState, rolled: Rolled, values: Values) -> float:
+    """Return −2 log(evidence) of a log with the best noise, whatever its noise is now.
+
+    See `with_processes`.
+    """
+    evidence = NoiseEvidence(model, log, rolled, values)
+    series = _series(log, rolled, evidence.means())
+    search = _Search(evidence, series)
+    found, cost = search.climbed(_guesses(series, {}))
+    return search.cost(_topped(search.simplified(found, cost)))
+
+
+def _series(
+    log: LogState, rolled: Rolled, residuals: Mapping[str, Sequence[Array]]
+) -> dict[str, "_Series"]:
+    """Return the series of sensors' residuals (M, d) of the blocks that have samples."""
+    found = {}
+    for name in residuals.keys() & SENSORS.keys():
+        blocks = [k for k, rest in enumerate(rolled.residuals) if name in rest]
+        times, near = [], []
+        for k, rest in zip(blocks, residuals[name], strict=True):
+            is_near = log.weights[k].get(name, np.ones(len(rest))) == 1.0
+            times.append(log.blocks[k].samples[name].time[is_near])
+            near.append(rest[is_near])
+        found[name] = _Series(np.concatenate(times), np.concatenate(near))
+    return dict(sorted(found.items()))
+
+
+def _guesses(series: Mapping[str, "_Series"], before: Processes) -> Processes:
+    """Return the processes from which the evidence is climbed."""
+    tried = {name: each.guess(before.get(name, DECLARED)) for name, each in series.items()}
+    tried = {name: process for name, process in tried.items() if process != DECLARED}
+    return {name: process for name, process in before.items() if name not in series} | tried
+
+
 @dataclass(frozen=True, eq=False)
 class _Series:
     """Residuals of a sensor that are not far off: what they show if unknowns are exact."""
 
     times: Array
     rest: Array
-
-    @classmethod
-    def of(cls, log: LogState, rolled: Rolled, name: str) -> "_Series":
-        times, rest = [], []
-        for k, block in enumerate(rolled.residuals):
-            if name in block:
-                near = log.weights[k].get(name, np.ones(len(block[name]))) == 1.0
-                times.append(log.blocks[k].samples[name].time[near])
-                rest.append(block[name][near])
-        return cls(np.concatenate(times), np.concatenate(rest))
 
     def value(self, process: Process) -> float:
         """Return −2 log(likelihood)."""
@@ -151,6 +175,8 @@ class _Search:
 
     def climbed(self, processes: Processes) -> tuple[Processes, float]:
         """Return the noise of the largest evidence near some, and its cost."""
+        if not processes:
+            return processes, self.cost(processes)
         H = block_diag(*(self.series[n].curvature(p) for n, p in processes.items()))
         value, slope = self._slopes(processes)
         for _ in range(MOST_STEPS):
@@ -185,7 +211,7 @@ class _Search:
                 if not white or each.total < 1:  # white noise that is smaller is as declared
                     white = {}
                 simple = others | white
-                return self.simplified(*self.climbed(simple)) if simple else simple
+                return self.simplified(*self.climbed(simple))
         return processes
 
 

@@ -58,6 +58,20 @@ class NoiseEvidence:
         """Return the value for noise by sensor; all others are as declared."""
         return self._value(self.log.with_processes(processes), with_steps=False)[0]
 
+    def means(self) -> dict[str, list[Array]]:
+        """Return the noise (M, d) of each block in the linear fit, if it is as declared."""
+        log = self.log.with_processes({})
+        _, swept, known = self._value(log, with_steps=True)
+        found = dict[str, list[Array]]()
+        for k, part, mean, _ in marginals(self.model.of_log(log.name), log, swept, known):
+            rest, first = self.rolled.residuals[k], 0
+            predicted = self.rolled.linear[self.rolled.models[k]][0] @ mean[part.without_slow]
+            for name, each in rest.items():
+                own = predicted[first : first + each.size].reshape(each.shape)
+                found.setdefault(name, []).insert(0, each - own)
+                first += each.size
+        return found
+
     def with_slopes(self, processes: Mapping[str, Process]) -> tuple[float, dict[str, Array]]:
         """Return the value, and its derivatives by `Process.logs` of each sensor."""
         log = self.log.with_processes(processes)
@@ -89,6 +103,8 @@ class NoiseEvidence:
         volume = 2 * swept.end.volume + 2 * float(np.sum(np.log(np.abs(np.diag(known.R)))))
         if log.past is None:
             volume += 2 * float(np.sum(np.log(log.slow_sigma)))
+        for k in range(len(self.rolled.links)):
+            volume += 2 * float(np.sum(np.log(log.link(self.model, k))))
         for k, rest in enumerate(self.rolled.residuals):
             for name, white in log.whitenings(k, rest).items():
                 if name in SENSORS:

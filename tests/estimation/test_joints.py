@@ -4,12 +4,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from cpid_drake.estimation.process import DECLARED_COUNT as DECLARED
 from scipy.optimize import minimize_scalar
 
 from cpid_drake.estimation.block import Block, after
 from cpid_drake.estimation.joints import smooth_joints
 from cpid_drake.estimation.likelihood.joint_model import ORDER, jerk_rows
+from cpid_drake.estimation.process import DECLARED_COUNT as DECLARED
 from cpid_drake.files.errors import InputError
 from cpid_drake.logs.log import Log, Samples
 from cpid_drake.sensors.sensors import JointSensor
