@@ -31,7 +31,7 @@ from cpid_drake.estimation.joint_samples import JointSamples, Smoothness, once_w
 from cpid_drake.estimation.joint_splines import ENOUGH, JointSplines
 from cpid_drake.estimation.least_squares import loss_weight
 from cpid_drake.estimation.likelihood.joint_model import ORDER, JointPart
-from cpid_drake.estimation.process import Process
+from cpid_drake.estimation.process import EXACT, Process
 from cpid_drake.files.errors import InputError
 from cpid_drake.sensors.suite import SensorSuite
 
@@ -75,7 +75,8 @@ def smooth_joints(
         is_same = max(np.abs(a - b).max(initial=0.0) for a, b in pairs) < _SAME
         if not is_same:
             continue
-        old, processes = processes, _processes(splines, u, processes)
+        is_exact = bool(np.median(noise) < EXACT) if len(noise) else True
+        old, processes = processes, {} if is_exact else _processes(splines, u, processes)
         if old == processes:
             break
     noise = np.maximum(noise, 1.0)

@@ -235,7 +235,7 @@ class LogState:
     @property
     def noise_factors(self) -> dict[str, float]:
         """Size of the noise inside of a block, as factors of the sensors' declared σ."""
-        found = dict(self.noise)
+        found = dict.fromkeys(self.freedom, 1.0) | self.noise
         length = self.blocks[-1].end - self.blocks[0].start
         return found | {n: float(np.sqrt(p.within(length))) for n, p in self.processes.items()}
 

@@ -17,7 +17,7 @@ from scipy.linalg import block_diag
 from cpid_drake.array import Array
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.noise_evidence import NoiseEvidence
-from cpid_drake.estimation.process import DECLARED, Process, proxy
+from cpid_drake.estimation.process import DECLARED, EXACT, Process, proxy
 from cpid_drake.estimation.roll import Rolled, Values
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.sensors.sensors import SENSORS
@@ -125,7 +125,7 @@ class _Series:
     def guess(self, now: Process) -> Process:
         """Return the process from which the evidence is climbed; as it is now if little differs."""
         d, square = self.rest.shape[1], float(np.mean(self.rest**2)) if self.rest.size else 0.0
-        if now.slow or self.rest.size < FEWEST:
+        if now.slow or self.rest.size < FEWEST or square < EXACT**2:
             return now
         white, larger = Process(square, channels=d), Process(max(square, 1.0), channels=d)
         shapes = [(square / (1 + ratio), float(tau)) for tau in TAUS for ratio in RATIOS]

@@ -85,9 +85,9 @@ def test_slow_noise_counts_as_strong_as_it_is(tmp_path, skewed_target, correlati
         samples = samples.updated({"gyro": Samples(exact.time, exact.value + noise)})
         model = Model(case.craft.tree, suite)
         [log] = fit(model, [LogState.of(model, samples)]).logs
-        p = log.processes.get("gyro", Process())
-        slow = p.white + p.slow * 0.2  # changed in the prototype
-        factors.append(np.sqrt(np.mean(slow)))
+        noise = log.processes.get("gyro", Process())
+        rho = np.exp(-1 / 50 / noise.tau)
+        factors.append(np.sqrt(noise.white + noise.slow * (1 + rho) / (1 - rho)))
     assert least <= np.mean(factors) < most
 
 
