@@ -78,12 +78,13 @@ def fit_with_events(
             break
         parts = zip(wide.logs, wide.rolled, changes, strict=True)
         now = [_cut(model, *each) for each in parts]
-    now = fit(model, logs, values=wide.values, progress=progress)
-    kept = [_kept(now, *each) for each in zip(now.logs, now.rolled, changes, strict=True)]
+    changed = fit(model, logs, values=wide.values, progress=progress)
+    parts = zip(changed.logs, changed.rolled, changes, strict=True)
+    kept = [_kept(changed, *each) for each in parts]
     if not any(kept):
         return found
-    if all(log.open == own for log, own in zip(now.logs, kept, strict=True)):
-        return now
+    if all(log.open == own for log, own in zip(changed.logs, kept, strict=True)):
+        return changed
     logs = [log.opened(own) for log, own in zip(wide.logs, kept, strict=True)]
     return fit(model, logs, values=wide.values, progress=progress)
 

@@ -188,18 +188,16 @@ class _Search:
             for _ in range(4):
                 there = _moved(processes, step)
                 tried, after = self._slopes(there)
-                if tried < value:
+                if tried < value + SAME:
                     break
                 step /= 3
-            else:
+            if tried > value - SAME:  # as good, or no better step was found
                 break
             y = after - slope
             if y @ step > 0:
                 Hs = H @ step
                 H = H + np.outer(y, y) / (y @ step) - np.outer(Hs, Hs) / (step @ Hs)
-            gain, processes, value, slope = value - tried, there, tried, after
-            if gain < SAME:
-                break
+            processes, value, slope = there, tried, after
         return processes, value + sum(_price(each) for each in processes.values())
 
     def simplified(self, processes: Processes, cost: float) -> Processes:
@@ -237,17 +235,16 @@ def _price(process: Process) -> float:
 
 def _odds(logs: Array) -> float:
     """Return −2 log(prior) of a process: a few σ, in a few seconds or tenths of one."""
-    white, *slow = logs.tolist()
-    both = [white, sum(slow), slow[-1]] if slow else [white]
-    return float(np.sum(np.square(both))) / 4
+    _, *slow = logs.tolist()
+    return (sum(slow) ** 2 + slow[-1] ** 2) / 4 if slow else 0.0
 
 
 def _by_odds(logs: Array) -> Array:
     """Return the derivatives of the odds."""
     if len(logs) == 1:
-        return np.asarray(logs / 2)
-    white, ratio, tau = logs
-    return np.array([white, ratio + tau, ratio + 2 * tau]) / 2
+        return np.zeros(1)
+    _, ratio, tau = logs
+    return np.array([0.0, ratio + tau, ratio + 2 * tau]) / 2
 
 
 def are_near(some: Mapping[str, Process], others: Mapping[str, Process]) -> bool:
