@@ -64,7 +64,7 @@ def with_processes(model: Model, log: LogState, rolled: Rolled, values: Values) 
     names, before = rolled.all_residuals(), log.processes
     residuals = {n: [rest[n] for rest in rolled.residuals if n in rest] for n in names}
     series = _series(log, rolled, residuals)
-    tried = _guesses(series, before)
+    tried = _guesses(log, series, before)
     if not tried:
         return replace(log, is_known=True)
     search = _Search(evidence, series)
@@ -84,7 +84,7 @@ def noise_cost(model: Model, log: LogState, rolled: Rolled, values: Values) -> f
     evidence = NoiseEvidence(model, log, rolled, values)
     series = _series(log, rolled, evidence.means())
     search = _Search(evidence, series)
-    found, cost = search.climbed(_guesses(series, {}))
+    found, cost = search.climbed(_guesses(log, series, {}))
     return search.cost(_topped(search.simplified(found, cost)))
 
 
@@ -104,9 +104,12 @@ def _series(
     return dict(sorted(found.items()))
 
 
-def _guesses(series: Mapping[str, "_Series"], before: Processes) -> Processes:
+def _guesses(log: LogState, series: Mapping[str, "_Series"], before: Processes) -> Processes:
     """Return the processes from which the evidence is climbed."""
-    tried = {name: each.guess(before.get(name, DECLARED)) for name, each in series.items()}
+    tried = {
+        name: each.guess(before.get(name, DECLARED), log.freedom.get(name, 1.0))
+        for name, each in series.items()
+    }
     tried = {name: process for name, process in tried.items() if process != DECLARED}
     return {name: process for name, process in before.items() if name not in series} | tried
 
@@ -122,8 +125,12 @@ class _Series:
         """Return −2 log(likelihood)."""
         return proxy(self.times, self.rest, process)
 
-    def guess(self, now: Process) -> Process:
-        """Return the process from which the evidence is climbed; as it is now if little differs."""
+    def guess(self, now: Process, freedom: float) -> Process:
+        """Return the process from which the evidence is climbed; as it is now if little differs.
+
+        Unknowns absorb slow noise: residuals that are smaller than they leave declared noise, to a
+        share `freedom` of its variance, may hide it.
+        """
         d, square = self.rest.shape[1], float(np.mean(self.rest**2)) if self.rest.size else 0.0
         if now.slow or self.rest.size < FEWEST or square < EXACT**2:
             return now
@@ -131,7 +138,9 @@ class _Series:
         shapes = [(square / (1 + ratio), float(tau)) for tau in TAUS for ratio in RATIOS]
         slow = [Process(w, square - w, tau, d) for w, tau in shapes]
         best = min(slow, key=self.value)
-        if self.value(best) < self.value(white) - WORTH / 2:
+        ratio = square / freedom
+        is_small = ratio < 1 and self.rest.size * (ratio - 1 - np.log(ratio)) > WORTH / 2
+        if is_small or self.value(best) < self.value(white) - WORTH / 2:
             return best
         is_larger = self.value(larger) < self.value(now) - WORTH / 2
         return larger if is_larger else now

@@ -48,19 +48,19 @@ def reweighted(
     log = _weighted(log, rolled)
     if absorbed is None:
         return log
-    log = with_processes(model, log, rolled, values)
-    model = model.of_log(log.name)
+    own = model.of_log(log.name)
     past, noise, shares = log.past.noise if log.past else {}, {}, {}
     sampled = {f"{name}.{BIAS}" for name in absorbed}
-    biases = sum(each.size for each in model.table if each.name in sampled)
+    biases = sum(each.size for each in own.table if each.name in sampled)
     free = 0 if log.past else 12 + 10 + biases
     for name, rest in rolled.all_residuals().items():
         lost = min(free / rolled.count + absorbed.get(name, 0.0) / rest.size, MOST_LOST)
         shares[name] = 1 - lost
+    log = with_processes(model, replace(log, freedom=shares), rolled, values)
     for name, sums in noise_sums(log, rolled.residuals, shares).items():
         square, freedom = DECLARED_COUNT + past.get(name, 0.0) + sums
         noise[name] = max(1.0, float(np.sqrt(square / freedom)))
-    return replace(log, noise=noise, freedom=shares)
+    return replace(log, noise=noise)
 
 
 def noise_sums(
