@@ -70,7 +70,7 @@ FIGURES = (
     Figure(OUTPUTS, DRAKE, 30, RATIO),
     Figure(OUTPUTS, CALLS, 33.01, COUNT),
     Figure(UPDATE, DRAKE, 1, RATIO),
-    Figure(LOADED, MODULES, 39, COUNT),
+    Figure(LOADED, MODULES, 51, COUNT),
     Figure(ALL_LOADED, MODULES, 700, RATIO),  # Drake's, NumPy's and SciPy's change by version
     Figure(DIAGRAM, DRAKE, 320_000, RATIO),
     Figure(PROPAGATION, DRAKE, 40_000, RATIO),
@@ -85,7 +85,7 @@ FIGURES = (
     Figure(SHIPPED, LINEAR, 23.5, COUNT),
     Figure(SHIPPED, QRS, 126.5, COUNT),
     Figure(IDENTIFY, DRAKE, 120_000, RATIO),
-    Figure(IDENTIFY, CALLS, 59_211, COUNT),
+    Figure(IDENTIFY, CALLS, 59_102, COUNT),
     Figure(IDENTIFY, LINEAR, 90, COUNT),
     Figure(IDENTIFY, QRS, 464, COUNT),
     Figure(HELP, NUMPY, 2.5, RATIO),

@@ -135,9 +135,12 @@ def residuals_of(model: BlockModel, state: TrajectoryState) -> np.ndarray:
     return np.concatenate([s.residuals(trajectory).ravel() for s in model.sensors.values()])
 
 
-def make_case(folder, target, suite, momentum_W=None, duration=DURATION) -> Case:
-    """Return a case with a motion of all joints."""
-    craft, motion = small_craft(folder), Sines.drawn(4, seed=101, duration=duration, size=0.6)
+def make_case(
+    folder, target, suite, momentum_W=None, duration=DURATION, gripper: bool = False
+) -> Case:
+    """Return a case with a motion of all joints; see `small_craft`."""
+    craft = small_craft(folder, gripper=gripper)
+    motion = Sines.drawn(len(craft.joint_names), seed=101, duration=duration, size=0.6)
     samples = measured(craft, motion, target, suite, momentum_W)
     return Case(craft, motion, target, suite, momentum_W, samples)
 

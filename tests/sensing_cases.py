@@ -31,6 +31,16 @@ RPY = (0.3, -0.2, 0.4)
 FREE = {"limits": (-9, 9), "velocity": 5}
 """Limits of joints that no motion reaches."""
 
+
+def mimic(leader: str, multiplier: float = 1.0, offset: float = 0.0) -> str:
+    """Return what makes a joint of URDF follow another one."""
+    return f'<mimic joint="{leader}" multiplier="{multiplier}" offset="{offset}"/></joint>'
+
+
+def _following(text: str, *how) -> str:
+    return text.replace("</joint>", mimic(*how))
+
+
 _PARTS = {
     "arm": (
         link("base", 400.0, com="0.05 -0.02 0.1", **moments(60.0, 70.0, 50.0)),
@@ -49,13 +59,39 @@ _PARTS = {
         joint("spin_x", "base", "wheel_x", "continuous", "1 0 0", "0.2 0.0 -0.3", **FREE),
         joint("spin_y", "base", "wheel_y", "continuous", "0 1 0", "-0.2 0.1 -0.3", **FREE),
     ),
+    "gripper": (
+        link("finger", 2.0, com="0.02 0.1 0.0", **moments(0.02, 0.01, 0.02)),
+        link("thumb", 3.0, com="0.0 0.1 0.1", **moments(0.03, 0.02, 0.02)),
+        link("tip", 1.5, com="0.1 0.0 0.05", **moments(0.01, 0.01, 0.01)),
+        link("strut", 20.0, com="0.0 0.3 0.2", **moments(0.9, 0.8, 0.3)),
+        joint("grip", "hand", "finger", "prismatic", "0 1 0", "0.1 0.1 0.0", **FREE),
+        _following(
+            joint("oppose", "hand", "thumb", "prismatic", "0 1 0", "0.1 -0.1 0.0", **FREE),
+            *("grip", -1.5, 0.03),
+        ),
+        _following(
+            joint("bend", "thumb", "tip", "revolute", "0.6 0 0.8", "0.1 0.0 0.1", **FREE),
+            *("oppose", 2.0, 0.4),
+        ),
+        _following(
+            joint("fold", "base", "strut", "revolute", "0 0.8 0.6", "-0.5 0.0 0.2", **FREE),
+            *("shoulder", -0.5, -0.3),
+        ),
+    ),
 }
 
 
-def small_craft(folder, *, wheels: bool = False) -> Spacecraft:
-    """Return a base with an arm of three turning joints and a sliding one, and reaction wheels."""
+def small_craft(folder, *, wheels: bool = False, gripper: bool = False) -> Spacecraft:
+    """Return a base with an arm of three turning joints and a sliding one, and reaction wheels.
+
+    A gripper has two fingers that slide and a knuckle that turns with them, at the hand, and a boom
+    of the base follows the shoulder: two coordinates more in the plant than in the spacecraft.
+    """
     path = folder / "craft.urdf"
-    parts = "".join([*_PARTS["arm"], *(_PARTS["wheels"] if wheels else ())])
+    parts = [*_PARTS["arm"]]
+    for name, is_there in (("wheels", wheels), ("gripper", gripper)):
+        parts += _PARTS[name] if is_there else ()
+    parts = "".join(parts)
     path.write_text(urdf(parts, name="craft"))
     return Spacecraft(path, base="base", capture_frame="hand")
 

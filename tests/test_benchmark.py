@@ -33,9 +33,9 @@ def test_a_ratio_fails_beyond_twice_its_limit_if_two_repetitions_agree():
     assert len(list(failures([busy, busy]))) == len(RATIOS)
 
 
-@pytest.mark.parametrize("figure", FIGURES, ids=lambda figure: f"{figure.of}, {figure.unit}")
-def test_the_page_has_each_figure_within_its_limit(figure):
+def test_the_page_has_each_figure_within_its_limit():
     page = PAGE.read_text(encoding="utf-8")
-    [cell] = re.findall(rf"^\| {re.escape(figure.of)} \|.*\| (.*) \|$", page, re.M)
-    [value] = re.findall(rf"([\d.,]+) {re.escape(figure.unit)}(?:;|$)", cell)
-    assert not is_beyond(figure, float(value.replace(",", "")))
+    for figure in FIGURES:
+        [cell] = re.findall(rf"^\| {re.escape(figure.of)} \|.*\| (.*) \|$", page, re.M)
+        [value] = re.findall(rf"([\d.,]+) {re.escape(figure.unit)}(?:;|$)", cell)
+        assert not is_beyond(figure, float(value.replace(",", ""))), figure

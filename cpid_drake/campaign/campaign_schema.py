@@ -17,15 +17,9 @@ import numpy as np
 
 from cpid_drake.array import Array
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.files.checked_yaml import (
-    Numbers,
-    Vector,
-    dump_yaml,
-    from_tree,
-    load_yaml,
-    parse_yaml,
-)
-from cpid_drake.files.constraints import Limits
+from cpid_drake.files.checked_yaml import from_tree, load_yaml
+from cpid_drake.files.constraints import Limits, Numbers, Vector
+from cpid_drake.files.dumping import to_tree
 from cpid_drake.files.errors import InputError, choose_from, prefix_errors
 from cpid_drake.files.resources import find_scenario, resolve_model
 from cpid_drake.identification.estimators import methods
@@ -335,12 +329,11 @@ def load_campaign(path: str | Path) -> CampaignPlan:
         source = resolve_model(beside if beside.is_file() else find_scenario(name))
         scenario = load_yaml(TrialScenario, source, name, "a scenario")
         resolve_files(scenario, source.parent)
-    tree = parse_yaml(dump_yaml(scenario).encode(), name)
     named = sorted((p.name, sha256(p.read_bytes()).hexdigest()) for p in files_of(scenario))
     text = {
         "version": VERSION,
-        "campaign": parse_yaml(dump_yaml(campaign).encode(), name),
-        "scenario": tree,
+        "campaign": to_tree(campaign),
+        "scenario": to_tree(scenario),
         "folder": str(file.parent),
         "files": named,
     }

@@ -17,7 +17,7 @@ from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.rotations import exponentials
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
-from cpid_drake.files.checked_yaml import nulls
+from cpid_drake.files.dumping import nulls
 from cpid_drake.files.errors import InputError
 from cpid_drake.files.one_thread import one_thread
 from cpid_drake.identification.identify import identify

@@ -15,6 +15,7 @@ from cpid_drake.identification.arguments import Arguments
 from cpid_drake.identification.checked_log import in_joint_order
 from cpid_drake.identification.identify_files import open_log, opened_inputs
 from cpid_drake.logs.log import THRUST
+from cpid_drake.logs.unlogged_joints import lock_unlogged
 from cpid_drake.online.ros2 import run
 from cpid_drake.online.ros_samples import RosSamples, sources_of
 from cpid_drake.report.live_view import show_replay
@@ -47,10 +48,12 @@ def replay(
     request = chosen.request_of(log, sensors, **part.reading())
     inputs, suite = _opened(request)
     _, file = open_log(request, inputs.spacecraft.joint_names)
-    seen = in_joint_order(file.log, inputs.spacecraft)
+    craft, fixed = lock_unlogged(inputs.spacecraft, file.log.joint_names)
+    inputs = replace(inputs, spacecraft=craft)
+    seen = in_joint_order(file.log, craft)
     if seen.errors:
         raise InputError(f"{log}: {seen.errors[0]}")
-    options.print_warnings(seen.warnings)
+    options.print_warnings((*seen.warnings, *fixed))
     identifier = _identifier(inputs, suite, reads_thrust=seen.log.has_thrust)
     # As in `identify`, a sensor without stated errors is not used.
     used = {*suite.present(), THRUST}

@@ -26,6 +26,7 @@ COMMANDS = {
     "view": "Show the simulation of a scenario live in the browser, or write its replay.",
     "log": "Check logs, and find out what their columns mean.",
     "campaign": "Run many simulated trials, and report their errors.",
+    "spacecraft": "Show what a model file offers as a spacecraft: base, frames, joints, masses.",
     "list": "List the shipped scenarios and sensors, the estimators and their row families.",
 }
 """The subcommands and what they do; each is an object in the module NAME_command."""

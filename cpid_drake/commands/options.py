@@ -99,6 +99,10 @@ class SpacecraftOptions:
     """Frame or link of the model that holds the target."""
     package: Annotated[list[str] | None, Parameter(metavar="NAME=FOLDER")] = None
     """Folder of a package that the model's URIs name; may be repeated."""
+    repair_bodies: Annotated[
+        Literal["nearest"] | None, Parameter(metavar="nearest", show_choices=False)
+    ] = None
+    """Take the nearest body that can be in the place of one that cannot. Default: refuse it."""
 
     def known(self) -> "cpid.SpacecraftFile":
         """Return what is known of the spacecraft from the file and the single options.
@@ -107,15 +111,17 @@ class SpacecraftOptions:
             InputError: the model, its base or its capture frame is missing, or the file is wrong.
 
         """
-        here, folders = Path.cwd(), _pairs("--package", self.package, "NAME=FOLDER")
-        packages = {name: from_folder(here, folder) for name, folder in folders.items()}
+        here, packages = Path.cwd(), packages_of(self.package)
         names = {"base": self.base, "capture_frame": self.capture_frame}
         names["model"] = self.model and from_folder(here, self.model)
         given: dict[str, Any] = {key: name for key, name in names.items() if name}
+        is_whole = len(given) == len(names)
+        if self.repair_bodies is not None:
+            given["repair_bodies"] = self.repair_bodies
         if self.spacecraft is not None:
             found = cpid.load_spacecraft(self.spacecraft)
             return replace(found, **given, packages={**found.packages, **packages})
-        if len(given) < len(names):
+        if not is_whole:
             raise InputError(
                 "a log needs a spacecraft: give --spacecraft, or all of --model, --base and "
                 "--capture-frame"
@@ -213,6 +219,12 @@ class LogOptions(PartOptions, KnownOptions):
 def topics_of(entries: list[str] | None) -> dict[str, str]:
     """Return the topics by kind; InputError without the form KIND=/NAME."""
     return _pairs("--topic", entries, "KIND=/NAME, such as imu=/imu/data")
+
+
+def packages_of(entries: list[str] | None) -> dict[str, str]:
+    """Return the folders of packages by name; InputError without the form NAME=FOLDER."""
+    folders = _pairs("--package", entries, "NAME=FOLDER")
+    return {name: from_folder(Path.cwd(), folder) for name, folder in folders.items()}
 
 
 @contextmanager

@@ -96,7 +96,8 @@ def forward_kinematics(
         b_m = product(R[m], body.p_PF - tree.bodies[m].p_BBcm)
         H_k, rate, slide, R[k] = np.zeros((N, 3)), np.zeros(N), np.zeros(3), R_WF
         if body.joint >= 0:
-            q_k, qdot_k = q[:, body.joint], qdot[:, body.joint]
+            m_k = body.multiplier  # of a joint that follows another
+            q_k, qdot_k = m_k * q[:, body.joint], m_k * qdot[:, body.joint]
             axis = product(R_WF, body.axis_F)
             if body.prismatic:
                 b_m = b_m + axis * q_k[:, None]

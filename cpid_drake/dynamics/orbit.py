@@ -17,8 +17,7 @@ import numpy as np
 
 from cpid_drake.array import Array
 from cpid_drake.dynamics.rotations import cross, rotate, skew
-from cpid_drake.files.checked_yaml import Numbers
-from cpid_drake.files.constraints import Limits
+from cpid_drake.files.constraints import Limits, Numbers
 from cpid_drake.files.errors import InputError
 
 

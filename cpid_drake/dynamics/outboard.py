@@ -97,9 +97,9 @@ class Outboard:
         return np.moveaxis(change, 0, -1), np.moveaxis(self.momentum_by(which, S), 0, -1)
 
     def joint_screw(self, k: int) -> Array:
-        """Return the twist (N, 6) of the joint of body k at unit rate."""
+        """Return the twist (N, 6) of the joint of body k at unit rate of its coordinate."""
         body, R, r = self.tree.bodies[k], self.bodies.R[k], self.bodies.r[k]
-        axis = rotate(R, body.axis_F)
+        axis = rotate(R, body.multiplier * body.axis_F)
         if body.prismatic:
             return np.concatenate([np.zeros_like(axis), axis], axis=-1)
         return np.concatenate([axis, cross(r - rotate(R, body.p_BBcm), axis)], axis=-1)
@@ -110,7 +110,7 @@ class Outboard:
         The force on all bodies outboard of a joint comes through the joint and is the rate of their
         momentum: τ = Sᵀ (dΠ/dt + V ×* Π) with the twist V of the base.
         """
-        return self.loads(*self.joint_screws, rate)
+        return self.by_joint(self.loads(*self.joint_screws, rate))
 
     def loads(self, which: Sequence[int], S: Array, rate: Array) -> Array:
         """Return the loads (N, n) along screws of bodies; see `displaced` and `efforts`."""
@@ -119,10 +119,27 @@ class Outboard:
 
     @cached_property
     def joint_screws(self) -> tuple[list[int], Array]:
-        """The body of each joint, and the joints' screws (N, 6, J)."""
-        moving = sorted(self.tree.jointed, key=lambda k: self.tree.bodies[k].joint)
+        """The n bodies that joints move, by their columns of q, and the joints' screws (N, 6, n).
+
+        Of joints that follow others, n is larger than J; see `by_joint`.
+        """
+        bodies = self.tree.bodies
+        moving = [k for k, body in enumerate(bodies) if body.joint >= 0]
+        moving.sort(key=lambda k: (bodies[k].joint, bodies[k].follows))
         screws = [self.joint_screw(k) for k in moving]
         return moving, np.stack(screws, -1) if screws else np.zeros((len(self.bodies.r[0]), 6, 0))
+
+    def by_joint(self, values: Array) -> Array:
+        """Return values (..., n + m) of `joint_screws`, and of m others, by joint (..., J + m).
+
+        A coordinate moves with all its joints: derivatives by it are sums, and so is its effort.
+        """
+        columns = [self.tree.bodies[k].joint for k in self.joint_screws[0]]
+        firsts = np.flatnonzero(np.diff(columns, prepend=-1))
+        if len(firsts) == len(columns):
+            return values
+        own = np.add.reduceat(values[..., : len(columns)], firsts, axis=-1)
+        return np.concatenate([own, values[..., len(columns) :]], axis=-1)
 
     @cached_property
     def grasp_screws(self) -> tuple[list[int], Array]:

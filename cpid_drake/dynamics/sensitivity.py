@@ -52,7 +52,7 @@ def screw_sensitivity(
 ) -> tuple[MotionSensitivity, MotionSensitivity]:
     """Return the derivatives by displacements along screws, and by their rates.
 
-    Those of `Outboard.joint_screws` are joint positions and joint rates.
+    Those of `Outboard.joint_screws` are joint positions and joint rates; see `Outboard.by_joint`.
 
     Args:
         outboard: the spacecraft's bodies *and* the target, as from `KinematicTree.with_target`.

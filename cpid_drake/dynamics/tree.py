@@ -21,6 +21,9 @@ class TreeBody:
         name: the body's name.
         parent: index of the inboard body in the tree; −1 for the base.
         joint: column of the joint in q, or −1 where the body is welded.
+        multiplier: of that column; the joint's position is their product.
+        follows: whether the joint follows another one, which has the column.
+        joint_name: the joint's own name; empty for a weld.
         prismatic: whether the joint slides along its axis (else it rotates about it).
         axis_F: (3,) unit vector of the joint's axis, the same in F and in B; zero for a weld.
         R_PF, p_PF: pose of F, fixed on the inboard body P.
@@ -33,6 +36,9 @@ class TreeBody:
     name: str
     parent: int = -1
     joint: int = -1
+    multiplier: float = 1.0
+    follows: bool = False
+    joint_name: str = ""
     prismatic: bool = False
     axis_F: Array = field(default_factory=lambda: np.zeros(3))
     R_PF: Array = field(default_factory=lambda: np.eye(3))
@@ -78,8 +84,13 @@ class KinematicTree:
 
     @property
     def jointed(self) -> list[int]:
-        """Indices of the bodies whose joints move."""
-        return [k for k, body in enumerate(self.bodies) if body.joint >= 0]
+        """Indices of the bodies whose joints move and do not follow others."""
+        return [k for k, body in enumerate(self.bodies) if body.joint >= 0 and not body.follows]
+
+    @property
+    def sliding(self) -> set[int]:
+        """Columns of q of the joints that slide."""
+        return {self.bodies[k].joint for k in self.jointed if self.bodies[k].prismatic}
 
     @cached_property
     def lumped(self) -> "KinematicTree":
@@ -155,13 +166,26 @@ class KinematicTree:
         )
         return replace(self, bodies=(*self.bodies, target))
 
+    @property
+    def carrying(self) -> set[int]:
+        """Columns of q of the joints between the base and C, and of those that move with them."""
+        found, k = set[int](), self.capture_body
+        while k >= 0:
+            found.add(self.bodies[k].joint)
+            k = self.bodies[k].parent
+        return found - {-1}
+
     def is_rotor(self, joint: int) -> bool:
         """Return whether a joint's angle has no effect, as for a reaction wheel.
 
         Such a joint rotates a single body, and no other body is attached to that body. Its centre
         of mass is on the axis, and its inertia is symmetric about the axis (to 1e-6 of its size).
+        The same holds for all joints that follow it.
         """
-        [k] = [k for k, body in enumerate(self.bodies) if body.joint == joint]
+        return all(self._is_balanced(k) for k, b in enumerate(self.bodies) if b.joint == joint)
+
+    def _is_balanced(self, k: int) -> bool:
+        """Return whether the rotation of body k alone has no effect."""
         body, axis = self.bodies[k], self.bodies[k].axis_F
         if body.prismatic or k == self.capture_body or any(b.parent == k for b in self.bodies):
             return False

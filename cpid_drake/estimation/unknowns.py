@@ -231,7 +231,7 @@ class Model:
     @property
     def joint_count(self) -> int:
         """Number of joints."""
-        return sum(body.joint >= 0 for body in self.tree.bodies)
+        return len(self.tree.jointed)
 
     @property
     def places(self) -> dict[str, slice]:

@@ -1,145 +1,32 @@
-"""Conversion of YAML and JSON to dataclasses; their declarations define keys, types and limits.
+"""Reads dataclasses from YAML and JSON; their declarations define keys, types and limits.
 
-A dataclass states its limits where it declares its members, with `constraints.Limits` and with the
-annotations of this module. pydantic checks them; this module reads the files, limits their size,
-and writes error messages of one line with the problem, its place and the remedy.
+A dataclass states its limits where it declares its members, with the annotations in `constraints`.
+pydantic checks them. This module reads the files, limits their size, and turns pydantic's errors
+into messages of one line with the problem, its place and the remedy.
 """
 
 import json
 import re
-from collections.abc import Callable, Hashable
-from dataclasses import asdict, dataclass, fields, is_dataclass
+from collections.abc import Hashable
+from dataclasses import fields, is_dataclass
 from functools import cache
-from operator import itemgetter
 from pathlib import Path
 from types import UnionType
-from typing import (
-    TYPE_CHECKING,
-    Annotated,
-    Any,
-    TypeVar,
-    Union,
-    cast,
-    get_args,
-    get_origin,
-    get_type_hints,
-)
+from typing import TYPE_CHECKING, Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
-import numpy as np
 import yaml
-from numpy.typing import ArrayLike
 
-from cpid_drake.array import Array
+from cpid_drake.files.dumping import to_tree
 from cpid_drake.files.errors import InputError, choose_from
 
 if TYPE_CHECKING:  # pydantic takes 0.1 s to import, and only reading a file needs it
     from pydantic import TypeAdapter
-    from pydantic_core import CoreSchema, ErrorDetails
+    from pydantic_core import ErrorDetails
 
 Schema = TypeVar("Schema")
 
 LARGEST_FILE = 1_000_000
 """Largest YAML file [bytes]; a scenario has about 3000."""
-
-
-# -- declarations --------------------------------------------------------------------------------
-
-
-class Numbers:
-    """Annotation of an array: finite numbers of this shape, or of any shape if none is given.
-
-    If `unknown` is true, null is allowed for a number that is not known, and becomes NaN.
-    """
-
-    def __init__(self, *shape: int, unknown: bool = False) -> None:
-        self._shape, self._unknown = shape, unknown
-
-    def __repr__(self) -> str:
-        """Return the annotation as it is written, for signatures."""
-        words = [*map(str, self._shape), *(["unknown=True"] if self._unknown else [])]
-        return f"Numbers({', '.join(words)})"
-
-    def __get_pydantic_core_schema__(self, source: object, handler: object) -> "CoreSchema":
-        """Return pydantic's schema of a list that becomes an array."""
-        from pydantic_core import core_schema
-
-        return core_schema.no_info_plain_validator_function(self._read)
-
-    def _read(self, value: object) -> Array:
-        try:
-            array = np.asarray(value)
-            if self._unknown and array.dtype == object:
-                array = np.asarray(np.where(array == np.array(None), np.nan, array).tolist())
-        except ValueError:  # rows of unequal length
-            array = np.array(None)
-        is_list = array.ndim > 0 and array.dtype.kind in "iuf"
-        if not is_list or (self._shape and array.shape != self._shape):
-            shape = "x".join(map(str, self._shape))
-            raise ValueError(" ".join(f"must be a list of {shape} numbers".split()))
-        if np.isinf(array).any() or (np.isnan(array).any() and not self._unknown):
-            raise ValueError("must be finite numbers")
-        return array.astype(float)
-
-
-Vector = Annotated[Array, Numbers(3)]
-"""Three finite numbers."""
-
-
-@dataclass(frozen=True)
-class InMemory:
-    """Annotation of a member that files do not have. It must have a default."""
-
-    def __get_pydantic_core_schema__(self, source: object, handler: object) -> "CoreSchema":
-        """Return pydantic's schema of nothing."""
-        from pydantic_core import core_schema
-
-        return core_schema.no_info_plain_validator_function(self._refuse)
-
-    def _refuse(self, value: object) -> object:
-        raise ValueError("must be left out")
-
-
-@dataclass(frozen=True)
-class FirstUnlessTagged:
-    """Annotation of a union of dataclasses: the first, unless a YAML tag `!NAME` names another."""
-
-    def __get_pydantic_core_schema__(
-        self, source: object, handler: Callable[[object], "CoreSchema"]
-    ) -> "CoreSchema":
-        """Return pydantic's schema of the union; a tagged mapping is `{tag: mapping}`."""
-        from pydantic_core import core_schema
-
-        first, *others = get_args(source)
-        choices: dict[Any, CoreSchema] = {first.__name__: handler(first)}
-        for kind in others:
-            tag = tag_of(kind)
-            tagged = core_schema.typed_dict_schema(
-                {tag: core_schema.typed_dict_field(handler(kind))}
-            )
-            choices[tag] = core_schema.no_info_after_validator_function(itemgetter(tag), tagged)
-
-        def choose(value: object) -> str:
-            tags = value if isinstance(value, dict) else ()
-            return next((tag for tag in tags if tag in choices), str(first.__name__))
-
-        return core_schema.tagged_union_schema(choices, choose)
-
-
-def tag_of(kind: type) -> str:
-    """Return the YAML tag of a dataclass."""
-    return f"!{kind.__name__}"
-
-
-_TAGS = set[str]()
-
-
-def tagged(kind: type[Schema]) -> type[Schema]:
-    """Declare that a dataclass has a tag in YAML; see `FirstUnlessTagged`."""
-    _TAGS.add(tag_of(kind))
-    return kind
-
-
-# -- reading -------------------------------------------------------------------------------------
 
 
 def load_yaml(schema: type[Schema], file: Path, where: str, whole: str) -> Schema:
@@ -167,7 +54,7 @@ def parse_yaml(data: bytes, where: str) -> object:
     """Return the tree of a YAML text in UTF-8; a tagged mapping becomes `{tag: mapping}`.
 
     Raises:
-        InputError: not YAML, an alias, repeated keys or unknown tags.
+        InputError: not YAML, an alias, repeated keys, or tags of anything but mappings.
 
     """
     try:
@@ -184,7 +71,7 @@ def parse_yaml(data: bytes, where: str) -> object:
 
 
 class _StrictLoader(yaml.SafeLoader):
-    """Refuses unknown tags, aliases, and repeated keys, of which other readers use the last."""
+    """Refuses aliases, and repeated keys, of which other readers use the last; keeps tags."""
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         if self.check_event(yaml.AliasEvent):
@@ -202,9 +89,8 @@ class _StrictLoader(yaml.SafeLoader):
         return {str(key): value for key, value in super().construct_mapping(node, deep).items()}
 
     def construct_tagged(self, tag: str, node: yaml.Node) -> dict[str, Any]:
-        if tag not in _TAGS or not isinstance(node, yaml.MappingNode):
-            known = f"the tags of mappings are {', '.join(sorted(_TAGS)) or 'none'}"
-            raise _at(node, f"unknown tag {tag:.80}; {known}")
+        if not (tag.startswith("!") and isinstance(node, yaml.MappingNode)):
+            raise _at(node, f"the tag {tag:.80} is not read here: leave it out")
         return {tag: self.construct_mapping(node, deep=True)}
 
 
@@ -230,12 +116,10 @@ def load_json(data: bytes, where: str) -> object:
     """
 
     def unique(pairs: list[tuple[str, object]]) -> dict[str, object]:
-        tree: dict[str, object] = {}
-        for name, value in pairs:
-            if name in tree:
-                raise ValueError(f"the key {name!r:.60} is given twice")
-            tree[name] = value
-        return tree
+        names = [name for name, _ in pairs]
+        if len(set(names)) < len(names):
+            raise ValueError(f"the key {max(names, key=names.count)!r:.60} is given twice")
+        return dict(pairs)
 
     def refuse(constant: str) -> None:
         raise ValueError(f"{constant} is no number of JSON; unknown numbers are null")
@@ -258,16 +142,16 @@ def from_tree(schema: type[Schema], tree: object, where: str, whole: str) -> Sch
     """
     from pydantic import ValidationError
 
-    # In strict mode, pydantic accepts a mapping as a dataclass only from JSON.
-    text, kind = json.dumps([tree], default=_plain), cast(Hashable, schema)
+    # In strict mode, pydantic accepts a mapping as a dataclass only from JSON. Dates become text.
+    text, kind = json.dumps([tree], default=str), cast(Hashable, schema)
     try:
         [value] = _adapter(kind).validate_json(text)
         return cast(Schema, value)
     except ValidationError as error:
         # A misspelt key is both unknown and missing: report the unknown key.
         order = {_UNKNOWN_KEY: 0, "missing": 2}
-        found = min(error.errors(), key=lambda each: order.get(each["type"], 1))
-        raise InputError(f"{where}: {_problem(found, schema, whole)}") from error
+        first = min(error.errors(), key=lambda each: order.get(each["type"], 1))
+        raise InputError(f"{where}: {_message(first, schema, whole)}") from error
 
 
 def check_values(value: Any, where: str, whole: str) -> None:
@@ -277,7 +161,7 @@ def check_values(value: Any, where: str, whole: str) -> None:
         InputError: for the same reasons as `from_tree`.
 
     """
-    from_tree(type(value), asdict(value), where, whole)
+    from_tree(type(value), to_tree(value), where, whole)
 
 
 @cache
@@ -290,89 +174,55 @@ def _adapter(schema: Hashable) -> "TypeAdapter[list[Any]]":
     return TypeAdapter(one, config=strict)
 
 
-def _plain(value: object) -> object:
-    """Return a value for JSON: NumPy types become Python types, dates become text."""
-    return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else str(value)
-
-
-# -- writing -------------------------------------------------------------------------------------
-
-
-def dump_yaml(value: Any) -> str:
-    """Return a dataclass as YAML text that `load_yaml` reads."""
-
-    class Dumper(yaml.SafeDumper):
-        def ignore_aliases(self, data: object) -> bool:
-            return True
-
-        def represent_other(self, data: Any) -> yaml.Node:
-            if isinstance(data, np.ndarray):
-                sequence = "tag:yaml.org,2002:seq"
-                return self.represent_sequence(sequence, data.tolist(), flow_style=True)
-            if isinstance(data, np.generic):
-                return self.represent_data(data.item())
-            names = [each.name for each in fields(data)]
-            tag = tag_of(type(data))
-            tag = tag if tag in _TAGS else "tag:yaml.org,2002:map"
-            return self.represent_mapping(tag, {name: getattr(data, name) for name in names})
-
-    Dumper.add_multi_representer(object, Dumper.represent_other)
-    return yaml.dump(value, Dumper=Dumper, sort_keys=False, allow_unicode=True)
-
-
-def nulls(values: ArrayLike) -> Any:
-    """Return numbers for a file, in nested lists: None where `values` are not finite."""
-    values = np.asarray(values, dtype=float)
-    return np.where(np.isfinite(values), values.astype(object), np.array(None)).tolist()
-
-
 # -- error messages ------------------------------------------------------------------------------
-
 
 _UNKNOWN_KEY = "unexpected_keyword_argument"
 _UNITS = (
     "; numbers are written without units: lengths in metres, angles in radians, masses in kg, "
     "times in s"
 )
-_NUMBER_WITH_UNIT = re.compile(r"\s*[-+]?\.?\d[\d.]*\s*[a-zA-Zµ°'\"].*")
+_NUMBER_WITH_UNIT = re.compile(r"'\s*[-+]?\.?\d[\d.]*\s*[a-zA-Zµ°'][^']*'")
 
 
-def _problem(error: "ErrorDetails", schema: type, whole: str) -> str:
+def _message(error: "ErrorDetails", schema: type, whole: str) -> str:
     """Return a message for an error of pydantic's: the place, the problem, and the remedy."""
-    kind, value, place = error["type"], error["input"], error["loc"][1:]
-    key, keys = _locate(schema, place)
+    kind, context = error["type"], error.get("ctx", {})
+    key, keys = _locate(schema, error["loc"][1:])
     if kind == _UNKNOWN_KEY:
-        return f"unknown key '{key:.200}'; {choose_from(place[-1], keys)}"
+        return f"unknown key '{key:.200}'; {choose_from(error['loc'][-1], keys)}"
+    if kind == "union_tag_invalid":
+        tags = re.findall(r"!\w+", context["expected_tags"])
+        return f"{key}: unknown tag {context['tag']:.80}; {choose_from(context['tag'], tags)}"
     if kind in ("missing", "string_too_short"):
         return f"{key} is missing"
-    if isinstance(inner := error.get("ctx", {}).get("error"), InputError):  # of a __post_init__
+    if isinstance(inner := context.get("error"), InputError):  # of a __post_init__
         return f"{key}: {inner}" if key else str(inner)
     text = error["msg"].removeprefix("Value error, ").replace("Input should be", "must be")
-    text = text.replace("an object", "a mapping")
-    if not text.startswith("must "):
+    if not text.startswith("must be "):
         return f"{key or whole}: {text}"
-    words = {None: "null", True: "true", False: "false"}
-    shown = words[value] if value is None or isinstance(value, bool) else f"{value!r:.60}"
-    parts = value if isinstance(value, list) else [value]
-    has_unit = any(isinstance(each, str) and _NUMBER_WITH_UNIT.fullmatch(each) for each in parts)
-    hint = _UNITS if has_unit and kind in ("float_type", "value_error") else ""
-    return f"{key or whole} {text}, not {shown}{hint}"
+    shown = json.dumps(error["input"], ensure_ascii=False).replace('"', "'")
+    has_unit = kind in ("float_type", "value_error") and _NUMBER_WITH_UNIT.search(shown)
+    text = f"{text.replace('an object', 'a mapping')}, not {shown:.60}"
+    return f"{key or whole} {text}{_UNITS if has_unit else ''}"
 
 
 def _locate(schema: type, place: tuple[int | str, ...]) -> tuple[str, list[str]]:
     """Return the key path of an error of pydantic's, and the keys of the section that it is in."""
     key, keys, kind = "", list[str](), schema
     for part in place:
-        is_union = get_origin(kind) in (Union, UnionType)
-        choices = [c for c in (get_args(kind) if is_union else [kind]) if is_dataclass(c)]
-        chosen = [choice for choice in choices if part in (choice.__name__, tag_of(choice))]
+        choices = get_args(kind) if get_origin(kind) in (Union, UnionType) else [kind]
+        chosen = [each for each in choices if part in _names(each)]
         if chosen:  # of a union, pydantic names the choice, then perhaps its tag
             [kind] = chosen
             continue
         key += f"[{part}]" if isinstance(part, int) else f".{part}"
-        if choices:
-            keys = [entry.name for entry in fields(choices[0])]
-            kind = get_type_hints(choices[0]).get(str(part), object)
+        if sections := [each for each in choices if is_dataclass(each)]:
+            keys = [entry.name for entry in fields(sections[0])]
+            kind = get_type_hints(sections[0]).get(str(part), object)
         else:
             kind = next((each for each in get_args(kind)[::-1] if each is not Ellipsis), object)
     return key.strip("."), keys
+
+
+def _names(kind: object) -> tuple[object, ...]:
+    return getattr(kind, "__name__", None), getattr(kind, "yaml_tag", None)

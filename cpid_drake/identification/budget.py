@@ -22,7 +22,7 @@ from cpid_drake.estimation.least_squares import FAR, quantile_95
 from cpid_drake.estimation.likelihood.constants import BIAS
 from cpid_drake.estimation.roll import Values
 from cpid_drake.estimation.unknowns import BODIES, MOMENTUM, PSI, Model, Unknown
-from cpid_drake.files.checked_yaml import Numbers
+from cpid_drake.files.constraints import Numbers
 from cpid_drake.files.digits import significant, with_half_width
 from cpid_drake.identification.checks import Check
 from cpid_drake.identification.chosen_fit import ChosenFit

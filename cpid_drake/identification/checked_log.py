@@ -18,6 +18,7 @@ from cpid_drake.logs.conventions import Findings, check_conventions
 from cpid_drake.logs.log import Log, Samples, with_fixed_joints
 from cpid_drake.logs.noise_estimation import estimate_suite
 from cpid_drake.logs.screening import LONGEST_GAP, as_arrays, screen
+from cpid_drake.logs.unlogged_joints import lock_unlogged
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
@@ -139,17 +140,24 @@ def check_logs(
 ) -> tuple[Spacecraft, dict[str, CheckedLog]]:
     """Return the checked logs of `identify`, and the spacecraft: on a table if they are of one.
 
+    Joints that no log has are fixed; see `lock_unlogged`.
+
     Raises:
         InputError: see `check_log`; some logs are of a table and others not, or of another one.
 
     """
-    logs = {}
+    logs, fixed = dict[str, CheckedLog](), tuple[str, ...]()
+    if not any(isinstance(each, Motion) for each in data.values()):
+        logged = {name for each in data.values() for name in each.joint_names}
+        spacecraft, fixed = lock_unlogged(spacecraft, logged)
     for name, each in data.items():
         progress(f"checking {name}")
         label = name if len(data) > 1 else ""
         with prefix_errors(label):
             log = check_log(spacecraft, each, suites[name], planar)
-        logs[name] = replace(log, sensors=suites[name], label=label)
+        logs[name] = replace(
+            log, sensors=suites[name], label=label, notes=(*log.notes, *(() if logs else fixed))
+        )
     normal_B = common_normal({name: log.normal_B for name, log in logs.items()})
     return (spacecraft if normal_B is None else spacecraft.on_table(normal_B)), logs
 
@@ -281,9 +289,9 @@ def _beyond_limits(spacecraft: Spacecraft, positions: Array) -> Iterator[str]:
     """Yield warnings about positions (N, J) beyond the joints' limits."""
     lowest, highest = positions.min(axis=0, initial=np.inf), positions.max(axis=0, initial=-np.inf)
     low, high = spacecraft.limits.lowest, spacecraft.limits.highest
-    turning = {body.joint for body in spacecraft.tree.bodies if not body.prismatic}
+    turning = {*range(len(low))} - spacecraft.tree.sliding
     moved = np.isfinite(lowest) & np.isfinite(highest)
-    for k in turning - {-1}:
+    for k in turning:
         if moved[k] and high[k] - low[k] <= 2 * np.pi + 0.1:  # whole turns do not count
             turns = np.round((low[k] + high[k] - lowest[k] - highest[k]) / (4 * np.pi))
             lowest[k], highest[k] = np.array([lowest[k], highest[k]]) + 2 * np.pi * turns

@@ -8,7 +8,7 @@ import numpy as np
 from cpid_drake.array import Array
 from cpid_drake.estimation.least_squares import FAR, quantile_95
 from cpid_drake.estimation.likelihood.constants import VALVE_FORCE, ConstantError
-from cpid_drake.files.checked_yaml import Numbers
+from cpid_drake.files.constraints import Numbers
 from cpid_drake.files.digits import with_half_width
 from cpid_drake.sensors.error_kinds import KINDS
 

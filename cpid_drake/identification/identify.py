@@ -40,7 +40,8 @@ from cpid_drake.logs.log import Log
 from cpid_drake.sensors.error_kinds import bodies_of as errors_of_bodies
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite
-from cpid_drake.spacecraft.spacecraft import Spacecraft, require_spacecraft
+from cpid_drake.spacecraft.spacecraft import Spacecraft
+from cpid_drake.spacecraft.spacecraft_argument import require_spacecraft
 
 THRUST_NOT_USED = (
     "thrusters fired from {} s on, and {} does not use the log of thrust: identify with "

@@ -18,6 +18,7 @@ from cpid_drake.identification.estimators import with_method
 from cpid_drake.identification.row_checks import LEAST_SQUARES
 from cpid_drake.logs.conventions import check_conventions
 from cpid_drake.logs.log import Log
+from cpid_drake.logs.unlogged_joints import lock_unlogged
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 
@@ -33,9 +34,11 @@ def check_as_read(log: Log, spacecraft: Spacecraft | None) -> CheckedLog:
         InputError: see `check_log`.
 
     """
-    checked = check_log(spacecraft, log)
     if spacecraft is None:
-        return checked
+        return check_log(None, log)
+    spacecraft, fixed = lock_unlogged(spacecraft, log.joint_names)
+    checked = check_log(spacecraft, log)
+    checked = replace(checked, notes=(*checked.notes, *fixed))
     rows = RELATIVE_ROWS.name, STANDARD_ROWS.name  # without the position, and with it
     return with_conventions(checked, Arguments(spacecraft), rows)
 

@@ -15,8 +15,8 @@ from cpid_drake.dynamics.parameterizations import (
 )
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.unknowns import PSI, Model
-from cpid_drake.files.checked_yaml import Numbers, load_yaml
-from cpid_drake.files.constraints import Limits
+from cpid_drake.files.checked_yaml import load_yaml
+from cpid_drake.files.constraints import Limits, Numbers
 from cpid_drake.files.errors import InputError
 from cpid_drake.files.resources import resolve_model
 from cpid_drake.identification.result import Combinations, Identification

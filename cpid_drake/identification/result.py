@@ -18,8 +18,7 @@ from cpid_drake.dynamics.parameterizations import (
 from cpid_drake.estimation.gaussian import LeastSquaresSolution
 from cpid_drake.estimation.least_squares import describe_unidentifiable, quantile_95
 from cpid_drake.estimation.parameters import determined_parameters
-from cpid_drake.files.checked_yaml import InMemory, Numbers
-from cpid_drake.files.constraints import Limits
+from cpid_drake.files.constraints import InMemory, Limits, Numbers
 from cpid_drake.files.errors import InputError, choose_from
 from cpid_drake.identification.budget import BudgetRow
 from cpid_drake.identification.checks import CONVERGENCE, NEAREST, Check

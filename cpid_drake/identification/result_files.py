@@ -1,15 +1,14 @@
 """The result of an identification as a JSON file."""
 
 import json
-from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
 from pathlib import Path
 
 import numpy as np
 
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
-from cpid_drake.files.checked_yaml import InMemory, from_tree, load_json, nulls
+from cpid_drake.files.checked_yaml import from_tree, load_json
 from cpid_drake.files.drafts import write_text
+from cpid_drake.files.dumping import to_tree
 from cpid_drake.files.errors import InputError
 from cpid_drake.files.resources import resolve_model
 from cpid_drake.identification.result import FORMAT, Identification
@@ -49,27 +48,9 @@ def result_text(result: Identification, where: str) -> str:
         InputError: `read_result` would refuse the file.
 
     """
-    text = json.dumps(_plain(result), indent=2, allow_nan=False) + "\n"
+    text = json.dumps(to_tree(result), indent=2) + "\n"
     _parse(text.encode(), where)
     return text
-
-
-def _plain(value: object) -> object:
-    """Return a part of the tree as mappings, lists and values."""
-    if is_dataclass(value):
-        kept = (key.name for key in fields(value) if not _in_memory(key.type))
-        return {name: _plain(getattr(value, name)) for name in kept}
-    if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, (tuple, list)):
-        return [_plain(item) for item in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    return nulls(value) if isinstance(value, (float, np.ndarray)) else value
-
-
-def _in_memory(kind: object) -> bool:
-    return any(isinstance(note, InMemory) for note in getattr(kind, "__metadata__", ()))
 
 
 def _parse(data: bytes, where: str) -> Identification:

@@ -41,7 +41,8 @@ from cpid_drake.logs.column_map import scale_of
 from cpid_drake.logs.log import Log
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite
-from cpid_drake.spacecraft.spacecraft import Spacecraft, require_spacecraft
+from cpid_drake.spacecraft.spacecraft import Spacecraft
+from cpid_drake.spacecraft.spacecraft_argument import require_spacecraft
 
 FALSE_ALARM = 0.01
 """Probability that the test fails a right target: a user who validates wants its power."""

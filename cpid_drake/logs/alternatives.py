@@ -129,7 +129,7 @@ def _joints(
     rotors, sliding = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
     if tree is not None:
         rotors[:] = [tree.is_rotor(k) for k in range(count)]
-        sliding[[body.joint for body in tree.bodies if body.joint >= 0 and body.prismatic]] = True
+        sliding[[*tree.sliding]] = True
     groups = [(_ALL_JOINTS, ~sliding), (_ALL_WHEELS, rotors)]
     groups += [(name, np.arange(count) == k) for k, name in enumerate(names)]
     for label, chosen in groups:

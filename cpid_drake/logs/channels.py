@@ -75,7 +75,7 @@ def look_at(log: Log, spacecraft: Spacecraft | None = None) -> "Seen":
     if spacecraft is not None:
         names, tree = spacecraft.joint_names, spacecraft.tree
         rotors = {name for k, name in enumerate(names) if tree.is_rotor(k)}
-        sliding = {names[b.joint] for b in tree.bodies if b.joint >= 0 and b.prismatic}
+        sliding = {names[k] for k in tree.sliding}
     seen = Seen(log, rotors, sliding)
     for name in ("attitude", "gyro", "position", "velocity"):
         seen.leave_out_copies(name)

@@ -12,8 +12,8 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from cpid_drake.array import Array
-from cpid_drake.files.checked_yaml import Numbers, Vector, load_yaml
-from cpid_drake.files.constraints import Limits
+from cpid_drake.files.checked_yaml import load_yaml
+from cpid_drake.files.constraints import Limits, Numbers, Vector
 from cpid_drake.files.errors import InputError
 from cpid_drake.files.resources import resolve_model
 

@@ -27,7 +27,8 @@ from cpid_drake.logs.log import THRUST, Log, Samples
 from cpid_drake.logs.screening import screen
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite, check_sensors, require_encoders
-from cpid_drake.spacecraft.spacecraft import Spacecraft, require_spacecraft
+from cpid_drake.spacecraft.spacecraft import Spacecraft
+from cpid_drake.spacecraft.spacecraft_argument import require_spacecraft
 
 LATENESS = 0.5
 """A block waits at most this time for samples that arrive late [s].

@@ -15,8 +15,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from cpid_drake.files.checked_yaml import Vector
-from cpid_drake.files.constraints import Limits
+from cpid_drake.files.constraints import Limits, Vector
 from cpid_drake.files.errors import InputError
 from cpid_drake.sensors.sensors import Stated
 

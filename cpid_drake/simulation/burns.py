@@ -7,8 +7,7 @@ from typing import Annotated
 import numpy as np
 
 from cpid_drake.array import Array
-from cpid_drake.files.checked_yaml import Vector
-from cpid_drake.files.constraints import Limits
+from cpid_drake.files.constraints import Limits, Vector
 from cpid_drake.logs.log import Samples
 
 

@@ -19,10 +19,9 @@ from pydrake.multibody.tree import (
 )
 
 from cpid_drake.dynamics.inertia import InertialParameters
-from cpid_drake.files.checked_yaml import Vector
-from cpid_drake.files.constraints import Limits
+from cpid_drake.files.constraints import Limits, Vector
 from cpid_drake.files.errors import InputError
-from cpid_drake.spacecraft.reading import find_element
+from cpid_drake.spacecraft.plant_names import find_element
 
 
 @dataclass

@@ -4,21 +4,16 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 
 from cpid_drake.array import Array
 from cpid_drake.dynamics.joint_motion import SPLINE_DEGREE, HalfCosine, MultiSine, Spline
-from cpid_drake.files.checked_yaml import (
-    FirstUnlessTagged,
-    Numbers,
-    dump_yaml,
-    load_yaml,
-    tagged,
-)
-from cpid_drake.files.constraints import Limits
+from cpid_drake.files.checked_yaml import load_yaml
+from cpid_drake.files.constraints import FirstUnlessTagged, Limits, Numbers
 from cpid_drake.files.drafts import draft_of
+from cpid_drake.files.dumping import dump_yaml
 from cpid_drake.files.errors import InputError, choose_from, prefix_errors
 from cpid_drake.files.resources import resolve_model
 from cpid_drake.spacecraft.spacecraft import Spacecraft
@@ -54,7 +49,6 @@ class HalfCosineMotion:
         )
 
 
-@tagged
 @dataclass
 class MultiSineMotion:
     """Sums of sines about a configuration, tagged `!MultiSineMotion` in YAML.
@@ -66,6 +60,7 @@ class MultiSineMotion:
     or m] move from their centre to this position during the motion; the others end at the centre.
     """
 
+    yaml_tag: ClassVar = "!MultiSineMotion"
     duration: Annotated[float, Limits(gt=0)] = 10.0
     ramp: float = 2.0
     frequencies: Entries = field(default_factory=lambda: np.zeros(0))
@@ -92,7 +87,6 @@ class MultiSineMotion:
         )
 
 
-@tagged
 @dataclass
 class SplineMotion:
     """Splines of degree 5, tagged `!SplineMotion` in YAML; see `dynamics.joint_motion.Spline`.
@@ -101,6 +95,7 @@ class SplineMotion:
     joint that is not named keeps its position in `SpacecraftConfig.configuration`.
     """
 
+    yaml_tag: ClassVar = "!SplineMotion"
     duration: Annotated[float, Limits(gt=0)] = 10.0
     coefficients: dict[str, Entries] = field(default_factory=dict)
 
@@ -134,7 +129,6 @@ def _table(
     return table
 
 
-@tagged
 @dataclass
 class MotionFile:
     """The joint motion in a file, tagged `!MotionFile` in YAML; see `load_motion`.
@@ -142,6 +136,7 @@ class MotionFile:
     `file` is a package:// URI or a path relative to the scenario's folder.
     """
 
+    yaml_tag: ClassVar = "!MotionFile"
     file: Annotated[str, Limits(min_length=1)]
 
     def make(self, spacecraft: Spacecraft, default: Configuration) -> "AnyMotion":

@@ -71,7 +71,7 @@ def _joints_beyond(
 ) -> list[str]:
     """Return a sentence for each joint and limit that is exceeded; arrays are (N,) and (N, J)."""
     limits, found = spacecraft.limits, []
-    sliding = {body.joint for body in spacecraft.tree.bodies if body.prismatic}
+    sliding = spacecraft.tree.sliding
     for k, joint in enumerate(spacecraft.joint_names):
         length, force = ("m", "N") if k in sliding else ("rad", "N·m")
         low, high, rate, effort = (

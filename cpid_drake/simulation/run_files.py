@@ -10,8 +10,8 @@ import numpy as np
 from pydrake.systems.framework import Context
 
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
-from cpid_drake.files.checked_yaml import dump_yaml, nulls
 from cpid_drake.files.drafts import draft_folder
+from cpid_drake.files.dumping import dump_yaml, nulls
 from cpid_drake.files.resources import version_of
 from cpid_drake.logs.formats import write_log
 from cpid_drake.simulation.limits import LimitCheck

@@ -13,8 +13,7 @@ from cpid_drake.array import Array
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import inertia_of_second_moment
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.files.checked_yaml import FirstUnlessTagged, Numbers, Vector
-from cpid_drake.files.constraints import Limits
+from cpid_drake.files.constraints import FirstUnlessTagged, Limits, Numbers, Vector
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.prior import PriorConfig
 from cpid_drake.sensors.presets import load_sensors

@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from cpid_drake.files.checked_yaml import dump_yaml, from_tree, load_yaml, parse_yaml
+from cpid_drake.files.checked_yaml import from_tree, load_yaml, parse_yaml
+from cpid_drake.files.dumping import dump_yaml
 from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.files.resources import (
     find_scenario,

@@ -307,8 +307,9 @@ def _flexible(
     compliance = 1e-6 * scenario.simulation.joint_compliance_urad
     if not compliance:
         return {}
-    v = spacecraft.columns_in(plant)[spacecraft.state_columns["qdot"]] - plant.num_positions()
-    efforts = builder.AddSystem(MatrixGain(np.eye(plant.num_velocities())[v]))
+    v = spacecraft.columns_in(plant)[spacecraft.joint_columns[1]] - plant.num_positions()
+    gain = spacecraft.coupling.A.T @ np.eye(plant.num_velocities())[v]
+    efforts = builder.AddSystem(MatrixGain(gain))
     efforts.set_name("joint_efforts")
     builder.Connect(controller.GetOutputPort("generalized_force"), efforts.get_input_port())
     return {"joint_compliance": compliance, "efforts": efforts.get_output_port()}

@@ -6,7 +6,9 @@ from pathlib import Path
 import numpy as np
 from pydrake.geometry import (
     AddContactMaterial,
+    CollisionFilterDeclaration,
     Ellipsoid,
+    GeometrySet,
     ProximityProperties,
     Rgba,
     Role,
@@ -18,8 +20,7 @@ from pydrake.multibody.tree import BodyIndex, RigidBody, SpatialInertia
 
 from cpid_drake.array import Array
 from cpid_drake.files.errors import InputError
-from cpid_drake.spacecraft.model_file import check_model
-from cpid_drake.spacecraft.parsing import message_of, parse
+from cpid_drake.spacecraft.model_file import ModelFile
 
 OPACITY = 0.5
 """Of a target, so that an estimate inside of it is seen."""
@@ -63,15 +64,10 @@ def add_target_appearance(
         grey = [0.6, 0.6, 0.62, OPACITY]
         plant.RegisterVisualGeometry(body, X_CE, Ellipsoid(*semi_diameters), "ellipsoid", grey)
         return
-    check_model(visual_model, str(visual_model), folders)
-    scene_graph = SceneGraph()
-    model = MultibodyPlant(time_step=0.0)
+    file, model, scene_graph = ModelFile(visual_model, folders), MultibodyPlant(0.0), SceneGraph()
     model.RegisterAsSourceForSceneGraph(scene_graph)
-    parse(model, visual_model, str(visual_model), folders)
-    try:
-        model.Finalize()
-    except (RuntimeError, ValueError, SystemExit) as error:
-        raise InputError(f"{visual_model}: {message_of(error, visual_model)}") from error
+    file.parse_into(model)
+    file.finalize(model)
     if model.num_bodies() == 1 or model.num_velocities() > 6:
         raise InputError(f"{visual_model}: a target is one rigid body, without joints")
     context, inspector = model.CreateDefaultContext(), scene_graph.model_inspector()
@@ -100,3 +96,11 @@ def add_target_appearance(
                     color.update(a=OPACITY * color.a())
                     material.UpdateProperty("phong", "diffuse", color)
                 plant.RegisterVisualGeometry(body, instance)
+
+
+def switch_contact_off(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:
+    """Let no bodies of a finalized plant touch each other."""
+    bodies = (plant.get_body(BodyIndex(k)) for k in range(plant.num_bodies()))
+    shapes = [g for each in bodies for g in plant.GetCollisionGeometriesForBody(each)]
+    filters = CollisionFilterDeclaration().ExcludeWithin(GeometrySet(shapes))
+    scene_graph.collision_filter_manager().Apply(filters)

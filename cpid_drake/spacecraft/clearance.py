@@ -18,7 +18,7 @@ from pydrake.systems.framework import DiagramBuilder
 from cpid_drake.array import Array
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.files.errors import InputError
-from cpid_drake.spacecraft.reading import unique_names
+from cpid_drake.spacecraft.plant_names import unique_names
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
 _INFLUENCE = 0.05
@@ -75,7 +75,7 @@ class Clearance:
             zip((body.index() for body in self._bodies), unique_names(plant, self._bodies))
         )
         self._near = self._compare_all_but_neighbours()
-        self._columns = spacecraft.state_columns["q"]
+        self._columns, self._coupling = spacecraft.joint_columns[0], spacecraft.coupling
         self._context = builder.Build().CreateDefaultContext()
         self.shapeless = tuple(
             self._names[body.index()]
@@ -106,7 +106,7 @@ class Clearance:
         frame, least = query.inspector().GetFrameId, np.inf
         q = plant.GetPositions(context)
         for k, joints in enumerate(positions):
-            q[self._columns] = joints
+            q[self._columns] = self._coupling.positions(joints)
             plant.SetPositions(context, q)
             for pair in _computed(query.ComputeSignedDistancePairwiseClosestPoints, max(least, 0)):
                 bodies = frozenset(

@@ -38,7 +38,8 @@ class FreeFloatingDynamics:
 
     def __init__(self, spacecraft: Spacecraft, plant: MultibodyPlant) -> None:
         self.plant = plant
-        J = spacecraft.columns_in(plant)[spacecraft.state_columns["qdot"]] - plant.num_positions()
+        J = spacecraft.columns_in(plant)[spacecraft.joint_columns[1]] - plant.num_positions()
+        self._coupling = spacecraft.coupling
         B = np.setdiff1d(np.arange(plant.num_velocities()), J)
         self._B, self._J = as_slice(B), as_slice(J)
 
@@ -52,7 +53,7 @@ class FreeFloatingDynamics:
 
         Args:
             context: a context of the plant with the state.
-            a_J: (J,) accelerations of the joints [rad/s² or m/s²].
+            a_J: (n,) accelerations of all joints of `Spacecraft.coupling` [rad/s² or m/s²].
             outside: forces from outside.
 
         Returns:
@@ -97,5 +98,6 @@ class FreeFloatingDynamics:
         efforts = np.zeros(np.shape(a_J))
         for k, (state, acceleration) in enumerate(zip(states, a_J, strict=True)):
             self.plant.SetPositionsAndVelocities(context, state)
-            efforts[k] = self.generalized_force(context, acceleration)[self._J]
+            force = self.generalized_force(context, self._coupling.rates(acceleration))
+            efforts[k] = self._coupling.efforts(force[self._J])
         return efforts

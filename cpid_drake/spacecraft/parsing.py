@@ -7,7 +7,7 @@ joint or a frame is an error here; the rest, such as friction, is said once in o
 import logging
 import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from pydrake.multibody.parsing import Parser
@@ -70,9 +70,20 @@ def make_parser(plant: MultibodyPlant, folders: Mapping[str, Path]) -> Parser:
 
 
 def parse(
-    plant: MultibodyPlant, path: Path, where: str, folders: Mapping[str, Path]
+    plant: MultibodyPlant,
+    path: Path,
+    where: str,
+    folders: Mapping[str, Path],
+    named: Callable[[str], str] = str,
 ) -> Counter[str]:
     """Add the models of a file to a plant that is not finalized; messages begin with `where`.
+
+    Args:
+        plant: the plant.
+        path: the file.
+        where: the file's name in messages.
+        folders: see `ModelFile`.
+        named: returns a message of Drake's with the files' names that the user knows.
 
     Returns:
         How often Drake ignored an element that has no mass, joint or frame, by its name.
@@ -81,6 +92,7 @@ def parse(
         InputError: Drake cannot read the file, or ignores or replaces what may have one.
 
     """
+    original = Path(named(str(path)))
     said, logger = _Said(), logging.getLogger("drake")
     before = logger.handlers, logger.propagate, logger.level
     logger.handlers, logger.propagate = [said], False
@@ -88,7 +100,7 @@ def parse(
     try:
         make_parser(plant, folders).AddModels(path)
     except (RuntimeError, ValueError, SystemExit) as error:
-        raise InputError(f"{where}: {message_of(error, path)}") from error
+        raise InputError(f"{where}: {message_of(named(str(error)), original)}") from error
     finally:
         logger.handlers, logger.propagate = before[:2]
         logger.setLevel(before[2])
@@ -98,7 +110,7 @@ def parse(
             ignored[name] += 1
             continue
         text = _IGNORED.sub(r"'\g<name>\g<element>' of <\g<parent>\g<of>> is not read", message)
-        text = message_of(text, path).rstrip(".")
+        text = message_of(named(text), original).rstrip(".")
         raise InputError(
             f"{where}: {text:.300}; a mass, a joint or a frame may be "
             "lost: write it in another way in a copy of the file, or take it out"

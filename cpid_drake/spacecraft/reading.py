@@ -1,20 +1,18 @@
 """What a parsed plant says of a spacecraft: its names, its tree of joints, and their limits."""
 
-from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
+from pydrake.common.eigen_geometry import AngleAxis
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
     BodyIndex,
     Frame,
     Joint,
-    ModelInstanceIndex,
     PrismaticJoint,
-    QuaternionFloatingJoint,
     RevoluteJoint,
     RigidBody,
     WeldJoint,
@@ -23,101 +21,17 @@ from pydrake.multibody.tree import (
 from cpid_drake.array import Array
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.tree import KinematicTree, TreeBody
-from cpid_drake.files.errors import InputError, listed
+from cpid_drake.files.errors import InputError, choose_from, listed
+from cpid_drake.spacecraft.floating_base import connected, joints_of
+from cpid_drake.spacecraft.mimic_joints import JointCoupling
 from cpid_drake.spacecraft.model_file import ModelFile
 
-_Element = TypeVar("_Element", RigidBody, Joint)
-
-
-def find_element(plant: MultibodyPlant, kind: str, name: str, where: str) -> Any:
-    """Return the "Body" or "Frame" of this name, bare or scoped as `instance::name`.
-
-    Raises:
-        InputError: there is none, or more than one; the message begins with `where`.
-
-    """
-    scope, _, bare = name.rpartition("::")
-    find = getattr(plant, f"Get{kind}ByName")
-    try:
-        return find(bare, plant.GetModelInstanceByName(scope)) if scope else find(name)
-    except RuntimeError as error:
-        text = str(error).partition("(): ")[2]
-        remedy = "scope a name as INSTANCE::NAME"
-        if where.endswith(".xml"):
-            remedy += "; a <site> is not read: write a <body> in its place"
-        raise InputError(f"{where}: {text:.400}; {remedy}") from error
-
-
-def find_counterpart(
-    plant: MultibodyPlant,
-    element: _Element,
-    has: Callable[[str, ModelInstanceIndex], bool],
-    get: Callable[[str, ModelInstanceIndex], _Element],
-    instance: ModelInstanceIndex | None = None,
-) -> _Element:
-    """Return the body or joint of another plant that has this one's name.
-
-    Its model instance is the given one, or that of the same name, or the only one that has it.
-
-    Args:
-        plant: the other plant.
-        element: the body or joint.
-        has, get: the other plant's methods that find such an element by name and instance.
-        instance: the model instance; default: any.
-
-    Raises:
-        InputError: there is none, or more than one.
-
-    """
-    name = element.name()
-    scope = element.GetParentPlant().GetModelInstanceName(element.model_instance())
-    instances = [ModelInstanceIndex(k) for k in range(plant.num_model_instances())]
-    among = [k for k in instances if instance in (None, k) and has(name, k)]
-    scopes = [plant.GetModelInstanceName(k) for k in among]
-    if not among:
-        raise InputError(
-            f"the plant has no '{name}' of the spacecraft model: connect the state of a plant of "
-            "the same spacecraft"
-        )
-    if len(among) > 1 and scope not in scopes:
-        raise InputError(
-            f"the plant has '{name}' in {listed(scopes)}: connect its "
-            "get_state_output_port(model_instance) of one of them"
-        )
-    return get(name, among[scopes.index(scope) if scope in scopes else 0])
-
-
-def floating_joint(plant: MultibodyPlant, base: RigidBody) -> QuaternionFloatingJoint:
-    """Return the joint on which a base floats freely in W, with a quaternion as attitude.
-
-    Raises:
-        InputError: the base is on another joint.
-
-    """
-    for joint in map(plant.get_joint, plant.GetJointIndices()):
-        frames = joint.frame_on_parent(), joint.frame_on_child()
-        if (
-            isinstance(joint, QuaternionFloatingJoint)
-            and joint.child_body().index() == base.index()
-            and all(frame.is_body_frame() for frame in frames)
-        ):
-            return joint
-    raise InputError(
-        f"the base '{base.name()}' must float freely in the plant, with a quaternion as attitude "
-        "(QuaternionFloatingJoint from world), not with roll, pitch and yaw or on another joint"
-    )
-
-
-def unique_names(
-    plant: MultibodyPlant, elements: Sequence[Joint] | Sequence[RigidBody]
-) -> tuple[str, ...]:
-    """Return the bare names of joints or bodies where they are unique, else the scoped names."""
-    count = Counter(element.name() for element in elements)
-    instances = [plant.GetModelInstanceName(element.model_instance()) for element in elements]
-    return tuple(
-        element.name() if count[element.name()] == 1 else f"{instance}::{element.name()}"
-        for element, instance in zip(elements, instances, strict=True)
-    )
+_LINES = (
+    '<inertial><mass value="M"/><inertia ixx="A" iyy="A" izz="C" ixy="0" ixz="0" iyz="0"/>'
+    "</inertial>",
+    "<inertial><mass>M</mass><inertia><ixx>A</ixx><iyy>A</iyy><izz>C</izz></inertia></inertial>",
+)
+"""The lines that a link without inertia lacks, in URDF and in SDF."""
 
 
 def movable_joints(
@@ -126,32 +40,34 @@ def movable_joints(
     """Return the revolute and prismatic joints of a finalized plant, in the order of q.
 
     Raises:
-        InputError: the base is welded to the world or does not float, a body is not connected to
-            it, C is fixed in the world, a joint is of a type that is not supported,
-            or a body that joints move has a geometry and no inertia.
+        InputError: the base does not float, a body with a mass is not connected to it, C is fixed
+            in the world, a joint is of a type that is not supported, or a body that joints move has
+            a geometry and no inertia.
 
     """
-    joints = [plant.get_joint(k) for k in plant.GetJointIndices()]
-    floating = [plant.get_body(k) for k in plant.GetFloatingBaseBodies()]
-    loose = [body for body in floating if body.index() != base.index()]
-    if plant.IsAnchored(base):
+    joints = joints_of(plant)
+    tree = {body.index(): body for body, _ in connected(plant, base)}
+    own = [j for j in joints if j.parent_body().index() in tree and j.child_body().index() in tree]
+    path = [*connected(plant, base)][-1][1]  # after Finalize one leads to the world
+    if path[0].num_velocities() != 6:
         raise model.error(
-            f"base '{base.name()}' is welded to the world; a spacecraft's base must be free. Take "
-            "that weld out of a copy of the file (MJCF: add a freejoint); to put an arm on a base, "
-            "write model directives (.dmd.yaml): add_model the base, add_model the arm, add_weld "
-            "with parent BASE::LINK and child ARM::FIRST_LINK"
+            f"base '{base.name()}' does not float freely: joint '{path[-1].name()}' holds it in "
+            'the world; take that joint out of a copy of the file, or write type="floating"'
         )
-    if len(loose) == len(floating):
-        names = listed(sorted(body.name() for body in floating)) or "none"
-        raise model.error(f"'{base.name()}' is not the floating base; free bodies are: {names}")
+    others = [plant.get_body(BodyIndex(k)) for k in range(1, plant.num_bodies())]
+    others = [body for body in others if body.index() not in tree]
+    loose = [body for body in others if body.default_mass() > 0 or not plant.IsAnchored(body)]
     if loose:
         names = listed(sorted(body.name() for body in loose))
-        raise model.error(f"bodies not connected to the base '{base.name()}': {names}")
+        raise model.error(
+            f"bodies not connected to the base '{base.name()}': {names}; join them to it, or take "
+            "them out of a copy of the file"
+        )
     if plant.IsAnchored(capture_frame.body()):
         raise model.error(f"capture frame '{capture_frame.name()}' is fixed in the world")
 
-    movable = [joint for joint in joints if isinstance(joint, (RevoluteJoint, PrismaticJoint))]
-    for joint in joints:
+    movable = [joint for joint in own if isinstance(joint, (RevoluteJoint, PrismaticJoint))]
+    for joint in own:
         of_base = joint.child_body().index() == base.index() and joint.num_velocities() == 6
         if not (of_base or isinstance(joint, (RevoluteJoint, PrismaticJoint, WeldJoint))):
             raise model.error(
@@ -159,18 +75,19 @@ def movable_joints(
                 "prismatic and fixed joints are supported"
             )
     for body in (body for joint in movable for body in (joint.parent_body(), joint.child_body())):
-        welded, hollow = plant.GetBodiesWeldedTo(body), model.hollow
+        welded, hollow = plant.GetBodiesWeldedTo(body), model.content.hollow
         named = [each.name() for each in welded if each.name() in hollow]
         if named and not any(b.default_mass() > 0 and b.name() not in hollow for b in welded):
             raise model.error(
-                f"link '{named[0]}' moves and has a geometry but no <inertial>: give it a mass and "
-                "an inertia"
+                f"link '{named[0]}' moves and has a geometry but no <inertial>; write in it "
+                f"{_LINES[model.path.suffix == '.sdf']} with its mass M and its moments A and C; a "
+                "wheel of radius r and width w about z has C = M r²/2 and A = C/2 + M w²/12"
             )
     return sorted(movable, key=lambda joint: joint.position_start())
 
 
 def extract_tree(
-    plant: MultibodyPlant, base: RigidBody, capture_frame: Frame, joints: Sequence[Joint]
+    plant: MultibodyPlant, base: RigidBody, capture_frame: Frame, coupling: JointCoupling
 ) -> KinematicTree:
     """Return the tree of a finalized plant, from the base outwards.
 
@@ -181,10 +98,10 @@ def extract_tree(
         plant: holds one tree of revolute, prismatic and weld joints on `base`.
         base: body B.
         capture_frame: frame C, fixed on a body of the tree.
-        joints: the movable joints in the order of the tree's columns of q.
+        coupling: the movable joints, and which of them are the tree's columns of q.
 
     """
-    column = {joint.index(): k for k, joint in enumerate(joints)}
+    leaders = {joint.index() for joint in coupling.leaders}
     adjacent: dict[BodyIndex, list[Joint]] = {}
     for joint in map(plant.get_joint, plant.GetJointIndices()):
         for body in (joint.parent_body(), joint.child_body()):
@@ -209,15 +126,26 @@ def extract_tree(
                 axis = joint.revolute_axis()
             else:
                 axis = joint.translation_axis()
+            axis = axis if forward else -axis
+            column, multiplier, offset = -1, 1.0, 0.0
+            if not isinstance(joint, WeldJoint):
+                column, multiplier, offset = coupling.of(joint)
+            if isinstance(joint, RevoluteJoint) and offset:
+                X_MF = X_MF @ RigidTransform(AngleAxis(offset, axis), np.zeros(3))
+            elif offset:
+                X_MF = X_MF @ RigidTransform(offset * axis)
             found[outboard.index()] = (len(bodies), X_MB)
             bodies.append(
                 _tree_body(
                     outboard,
                     X_MB,
                     parent=parent,
-                    joint=column.get(joint.index(), -1),
+                    joint=column,
+                    multiplier=multiplier,
+                    follows=joint.index() not in leaders,
+                    joint_name="" if isinstance(joint, WeldJoint) else joint.name(),
                     prismatic=isinstance(joint, PrismaticJoint),
-                    axis_F=axis if forward else -axis,
+                    axis_F=axis,
                     R_PF=X_MF.rotation().matrix(),
                     p_PF=X_MF.translation(),
                 )
@@ -264,7 +192,8 @@ def joint_limits(model: ModelFile, plant: MultibodyPlant, joints: Sequence[Joint
     actuators = [plant.get_joint_actuator(k) for k in plant.GetJointActuatorIndices()]
     stated = {each.joint().index(): each.effort_limit() for each in actuators}
     efforts = [
-        stated.get(joint.index()) or model.efforts.get(joint.name()) or np.inf for joint in joints
+        stated.get(joint.index()) or model.content.efforts.get(joint.name()) or np.inf
+        for joint in joints
     ]
     return JointLimits(
         lowest=np.array([joint.position_lower_limit() for joint in joints]),
@@ -272,3 +201,29 @@ def joint_limits(model: ModelFile, plant: MultibodyPlant, joints: Sequence[Joint
         rates=np.array([joint.velocity_upper_limits()[0] for joint in joints]),
         efforts=np.array(efforts),
     )
+
+
+def positions_of(
+    angles: Mapping[str, float],
+    names: Sequence[str],
+    limits: JointLimits,
+    sliding: set[int],
+    where: str,
+) -> Array:
+    """Return q (J,) of joints; see `Spacecraft.configuration`."""
+    q = np.zeros(len(names))
+    for name, value in angles.items():
+        if name not in names:
+            raise InputError(f"{where}: no joint '{name}'; {choose_from(name, names)}")
+        if not np.isfinite(value):
+            raise InputError(f"{where}: {name} = {value:g} is not a finite number")
+        k = names.index(name)
+        low, high, radians = limits.lowest[k], limits.highest[k], np.radians(value)
+        turns = k not in sliding and abs(value) > 2 * np.pi
+        if turns and not low <= value <= high and low <= radians <= high:
+            raise InputError(
+                f"{where}: {name} = {value:g} is outside [{low:g}, {high:g}]; angles are in "
+                f"radians: {value:g} degrees are {radians:.4g}"
+            )
+        q[k] = value
+    return q

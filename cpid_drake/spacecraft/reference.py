@@ -1,8 +1,8 @@
 """How files, results and requests name a spacecraft."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cpid_drake.files.constraints import Limits
 from cpid_drake.files.resources import from_folder
@@ -22,6 +22,7 @@ class SpacecraftReference:
         base: name of its base body.
         capture_frame: name of the frame C that holds the target.
         packages: folders, by name, of packages that the model's URIs refer to.
+        repair_bodies: "nearest" to take the nearest body in the place of one that cannot be.
 
     """
 
@@ -29,6 +30,7 @@ class SpacecraftReference:
     base: Name
     capture_frame: Name
     packages: dict[str, str] = field(default_factory=dict)
+    repair_bodies: Literal["nearest"] | None = None
 
     def make(self) -> "Spacecraft":
         """Return the spacecraft.
@@ -41,7 +43,11 @@ class SpacecraftReference:
         from cpid_drake.spacecraft.spacecraft import Spacecraft
 
         return Spacecraft(
-            self.model, base=self.base, capture_frame=self.capture_frame, packages=self.packages
+            self.model,
+            base=self.base,
+            capture_frame=self.capture_frame,
+            packages=self.packages,
+            repair_bodies=self.repair_bodies,
         )
 
     def resolve(self, folder: Path) -> None:
@@ -56,5 +62,6 @@ class SpacecraftReference:
         self.packages = {name: from_folder(folder, place) for name, place in places}
 
     def reference(self) -> "SpacecraftReference":
-        """Return these four entries alone, without those of a derived class."""
-        return SpacecraftReference(self.model, self.base, self.capture_frame, self.packages)
+        """Return these five entries alone, without those of a derived class."""
+        names = (field.name for field in fields(SpacecraftReference))
+        return SpacecraftReference(**{name: getattr(self, name) for name in names})

@@ -1,16 +1,16 @@
 """What a model file describes of a spacecraft: a free base, a tree of joints and C."""
 
-from collections.abc import Callable, Mapping
-from copy import copy
+import logging
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, SceneGraph
+from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import BodyIndex, Frame, ModelInstanceIndex, RevoluteJoint, RigidBody
+from pydrake.multibody.tree import Frame, ModelInstanceIndex, RigidBody
 from pydrake.systems.framework import Context
 
 from cpid_drake.array import Array
@@ -21,18 +21,21 @@ from cpid_drake.dynamics.momentum import MomentumSamples
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.propagation import propagate
 from cpid_drake.files.digits import significant
-from cpid_drake.files.errors import InputError, choose_from, listed
+from cpid_drake.files.errors import InputError, listed
 from cpid_drake.files.resources import package_folders, resolve_model
-from cpid_drake.spacecraft.appearance import add_target_appearance
+from cpid_drake.spacecraft.appearance import add_target_appearance, switch_contact_off
+from cpid_drake.spacecraft.floating_base import floating_joint
+from cpid_drake.spacecraft.link_inertia import Repair
+from cpid_drake.spacecraft.mimic_joints import JointCoupling, couple_joints
 from cpid_drake.spacecraft.model_file import ModelFile
+from cpid_drake.spacecraft.plant_columns import counterpart_columns
+from cpid_drake.spacecraft.plant_names import find_element, unique_names
+from cpid_drake.spacecraft.plausibility import oversized
 from cpid_drake.spacecraft.reading import (
     extract_tree,
-    find_counterpart,
-    find_element,
-    floating_joint,
     joint_limits,
     movable_joints,
-    unique_names,
+    positions_of,
 )
 
 Connect = Callable[[MultibodyPlant, Frame, Frame], object]
@@ -58,15 +61,21 @@ class Spacecraft:
         capture_frame: name of a frame or body C, fixed on a body that the joints move; its origin
             is the capture point.
         packages: folders, by package name, of other packages that the model's URIs refer to.
+        repair_bodies: "nearest" to take the nearest body in the place of one that cannot be, which
+            is refused by default.
 
     Attributes:
+        file: the model's file, and what is not read or repaired of it.
         plant: finalized, continuous MultibodyPlant of the spacecraft alone, without gravity.
         base: the base body in `plant`.
         capture_frame: C in `plant`.
-        joint_names: the movable joints in the order of q.
+        joint_names: the movable joints in the order of q, without those that follow others (mimic).
+        coupling: how other joints follow these.
+        joint_columns: (2, n) columns of x with positions and rates of all joints of `coupling`.
         limits: limits of these joints.
         tree: the same spacecraft as NumPy arrays, for computations on many samples at once.
         mass: total mass [kg].
+        implausible: bodies that can be, but hardly are those of this spacecraft.
         state_columns: columns of the plant state x = [q; v] that hold the members of `Motion`,
             by their names: `quaternion_WB`, `p_WB`, `w_WB`, `v_WB`, `q` and `qdot`.
 
@@ -84,41 +93,54 @@ class Spacecraft:
         base: str,
         capture_frame: str,
         packages: Mapping[str, str | Path] | None = None,
+        repair_bodies: Repair | None = None,
     ) -> None:
         self.model = str(model)
         self._capture_name = capture_frame
-        self._read_with = base, capture_frame, dict(packages or {})
-        self._file = ModelFile(model, package_folders(packages))
+        self._read_with = base, capture_frame, dict(packages or {}), repair_bodies
+        self.file = ModelFile(model, package_folders(packages), repair_bodies)
         self.plant = MultibodyPlant(time_step=0.0)
         self.add_alone_to(self.plant)
         self.base = find_element(self.plant, "Body", base, self.model)
         self.capture_frame = find_element(self.plant, "Frame", capture_frame, self.model)
-        self._joints = movable_joints(self._file, self.plant, self.base, self.capture_frame)
-        self.joint_names = unique_names(self.plant, self._joints)
-        self.limits = joint_limits(self._file, self.plant, self._joints)
-        self.tree = extract_tree(self.plant, self.base, self.capture_frame, self._joints)
+        joints = movable_joints(self.file, self.plant, self.base, self.capture_frame)
+        mimics, self._locked = self.file.content.mimics, tuple[str, ...]()
+        self._read_joints(couple_joints(self.plant, joints, mimics, self.model))
         self.mass = self.tree.mass
         if not self.mass > 0:
-            raise self._file.error("the spacecraft model has no mass; give its links inertias")
+            raise self.file.error("the spacecraft model has no mass; give its links inertias")
+        notes = self.file.notes
+        self.implausible = (*oversized(self.tree, self.file.parse_into), *self.file.copied())
+        if self.implausible:
+            notes += ("implausible: " + listed([str(each) for each in self.implausible], most=3),)
+        for note in notes:
+            logging.getLogger(__name__).warning("%s: %s", self.model, note)
 
-        nq = self.plant.num_positions()
-        q_B = self.base.floating_positions_start()
-        v_B = nq + self.base.floating_velocities_start_in_v()
+    def _read_joints(self, coupling: JointCoupling) -> None:
+        """Read the tree and the state's columns of joints that are coupled in this way."""
+        self.coupling, nq = coupling, self.plant.num_positions()
+        self.joint_names = unique_names(self.plant, coupling.leaders)
+        self.limits = joint_limits(self.file, self.plant, coupling.leaders)
+        self.tree = extract_tree(self.plant, self.base, self.capture_frame, coupling)
+        floating = floating_joint(self.plant, self.base)
+        q_B, v_B = floating.position_start(), nq + floating.velocity_start()
         self.state_columns = {
             "quaternion_WB": np.arange(q_B, q_B + 4),
             "p_WB": np.arange(q_B + 4, q_B + 7),
             "w_WB": np.arange(v_B, v_B + 3),
             "v_WB": np.arange(v_B + 3, v_B + 6),
-            "q": np.array([joint.position_start() for joint in self._joints], dtype=int),
-            "qdot": np.array([nq + joint.velocity_start() for joint in self._joints], dtype=int),
         }
+        starts = [(j.position_start(), nq + j.velocity_start()) for j in coupling.joints]
+        self.joint_columns = np.array(starts, dtype=int).reshape(-1, 2).T
+        leading = self.joint_columns[:, : coupling.count]
+        self.state_columns |= {"q": leading[0], "qdot": leading[1]}
 
     def __reduce__(self) -> tuple[Callable[..., "Spacecraft"], tuple[Any, ...]]:
         """Return what it was read from: a plant cannot be pickled."""
-        return _read_again, (self.model, *self._read_with, self.tree.normal_B)
+        return _read_again, (self.model, *self._read_with, self.tree.normal_B, self._locked)
 
     def __repr__(self) -> str:
-        base, capture_frame, _ = self._read_with
+        base, capture_frame, *_ = self._read_with
         table = "" if self.tree.normal_B is None else "; on a table"
         return (
             f"Spacecraft({self.path.name}: base {base}, capture frame {capture_frame}, "
@@ -128,7 +150,7 @@ class Spacecraft:
     @property
     def path(self) -> Path:
         """Absolute path of the model's file."""
-        return self._file.path
+        return self.file.path
 
     def on_table(self, normal_B: ArrayLike = (0.0, 0.0, 1.0)) -> "Spacecraft":
         """Return the spacecraft on a table, which holds the base's height and tilt.
@@ -142,8 +164,16 @@ class Spacecraft:
 
         """
         normal = np.asarray(normal_B, dtype=float)
-        other = copy(self)
+        other = _copied(self)
         other.tree = replace(self.tree, normal_B=normal / np.linalg.norm(normal))
+        return other
+
+    def locked(self, joints: Collection[str]) -> "Spacecraft":
+        """Return the spacecraft with some joints fixed at their defaults, within their limits."""
+        other, columns = _copied(self), [self.joint_names.index(joint) for joint in joints]
+        other._locked += tuple(joints)
+        other._read_joints(self.coupling.locked(columns))
+        other.tree = replace(other.tree, normal_B=self.tree.normal_B)
         return other
 
     # -- plants ------------------------------------------------------------------------------
@@ -186,7 +216,7 @@ class Spacecraft:
         if scene_graph is not None and not plant.geometry_source_is_registered():
             raise InputError("the plant is not registered with the scene graph")
         M_TCo_C = target.to_spatial_inertia()
-        self._file.parse_into(plant)
+        self.file.parse_into(plant, self._read_with[0])
         name = TARGET_NAME
         while plant.HasModelInstanceNamed(name):
             name += "_"
@@ -194,14 +224,11 @@ class Spacecraft:
         frame_C = find_element(plant, "Frame", self._capture_name, self.model)
         connect(plant, frame_C, body.body_frame())
         if scene_graph is not None:
-            look = target_visual_model and resolve_model(target_visual_model, self._file.folders)
-            add_target_appearance(plant, body, M_TCo_C, look or None, self._file.folders)
-        self._file.finalize(plant)
+            look = target_visual_model and resolve_model(target_visual_model, self.file.folders)
+            add_target_appearance(plant, body, M_TCo_C, look or None, self.file.folders)
+        self.file.finalize(plant)
         if scene_graph is not None:  # the gripper touches the target, and the grasp is a weld
-            bodies = (plant.get_body(BodyIndex(k)) for k in range(plant.num_bodies()))
-            shapes = [g for each in bodies for g in plant.GetCollisionGeometriesForBody(each)]
-            filters = CollisionFilterDeclaration().ExcludeWithin(GeometrySet(shapes))
-            scene_graph.collision_filter_manager().Apply(filters)
+            switch_contact_off(plant, scene_graph)
         return body
 
     def add_alone_to(self, plant: MultibodyPlant) -> None:
@@ -211,8 +238,8 @@ class Spacecraft:
             InputError: the plant is registered with a SceneGraph and its geometry cannot be read.
 
         """
-        self._file.parse_into(plant)
-        self._file.finalize(plant)
+        self.file.parse_into(plant, self._read_with[0])
+        self.file.finalize(plant)
 
     def make_simulation_plant(
         self, target: InertialParameters, connect: Connect = MultibodyPlant.WeldFrames
@@ -239,23 +266,7 @@ class Spacecraft:
                 other coordinates.
 
         """
-        columns = np.empty(self.plant.num_multibody_states(), dtype=np.intp)
-        base, nq, own_nq = self.base, plant.num_positions(), self.plant.num_positions()
-        B = find_counterpart(plant, base, plant.HasBodyNamed, plant.GetBodyByName, instance)
-        theirs = floating_joint(plant, B)
-        own_q, own_v = base.floating_positions_start(), base.floating_velocities_start_in_v()
-        columns[own_q + np.arange(7)] = theirs.position_start() + np.arange(7)
-        columns[own_nq + own_v + np.arange(6)] = nq + theirs.velocity_start() + np.arange(6)
-        for joint in self._joints:
-            J = find_counterpart(plant, joint, plant.HasJointNamed, plant.GetJointByName, instance)
-            if J.type_name() != joint.type_name():
-                raise InputError(
-                    f"joint '{joint.name()}' must be {joint.type_name()} in the plant, as in the "
-                    f"spacecraft model, not {J.type_name()}"
-                )
-            columns[joint.position_start()] = J.position_start()
-            columns[own_nq + joint.velocity_start()] = nq + J.velocity_start()
-        return columns
+        return counterpart_columns(self.plant, self.base, self.coupling.joints, plant, instance)
 
     # -- states ------------------------------------------------------------------------------
 
@@ -328,6 +339,9 @@ class Spacecraft:
         states = np.zeros((len(motion), self.plant.num_multibody_states()))
         for name, columns in self.state_columns.items():
             states[:, columns] = getattr(motion, name)
+        q, qdot = self.joint_columns
+        states[:, q] = self.coupling.positions(motion.q)
+        states[:, qdot] = self.coupling.rates(motion.qdot)
         return states
 
     def configuration(self, angles: Mapping[str, float], where: str) -> Array:
@@ -342,23 +356,7 @@ class Spacecraft:
                 the joint's limits that is within them if it is in degrees.
 
         """
-        q = np.zeros(len(self.joint_names))
-        for name, value in angles.items():
-            if name not in self.joint_names:
-                choices = choose_from(name, self.joint_names)
-                raise InputError(f"{where}: no joint '{name}'; {choices}")
-            if not np.isfinite(value):
-                raise InputError(f"{where}: {name} = {value:g} is not a finite number")
-            k = self.joint_names.index(name)
-            low, high, radians = self.limits.lowest[k], self.limits.highest[k], np.radians(value)
-            turns = isinstance(self._joints[k], RevoluteJoint) and abs(value) > 2 * np.pi
-            if turns and not low <= value <= high and low <= radians <= high:
-                raise InputError(
-                    f"{where}: {name} = {value:g} is outside [{low:g}, {high:g}]; angles are in "
-                    f"radians: {value:g} degrees are {radians:.4g}"
-                )
-            q[k] = value
-        return q
+        return positions_of(angles, self.joint_names, self.limits, self.tree.sliding, where)
 
     def momentum_sample(self, context: Context) -> MomentumSamples:
         """Return one momentum sample (N = 1) of a context of `plant`, computed by Drake."""
@@ -374,16 +372,11 @@ class Spacecraft:
         return MomentumSamples(motion, P, L, p_WKcm[None], self.mass)
 
 
-def require_spacecraft(given: object) -> None:
-    """Raise an InputError for what is no spacecraft, such as a path."""
-    if isinstance(given, Spacecraft):
-        return
-    model = repr(str(given)) if isinstance(given, (str, Path)) else "model"
-    raise InputError(
-        f"the spacecraft must be a Spacecraft, not {given!r:.80}: a model alone does not say which "
-        "body is the base and which frame holds the target; give "
-        f"Spacecraft({model}, base=..., capture_frame=...)"
-    )
+def _copied(spacecraft: Spacecraft) -> Spacecraft:
+    """Return a spacecraft with the same plant; `copy.copy` would read the file again."""
+    other = Spacecraft.__new__(Spacecraft)
+    vars(other).update(vars(spacecraft))
+    return other
 
 
 def _read_again(
@@ -391,8 +384,12 @@ def _read_again(
     base: str,
     capture_frame: str,
     packages: Mapping[str, str | Path],
+    repair_bodies: Repair | None,
     normal_B: Array | None,
+    locked: tuple[str, ...],
 ) -> Spacecraft:
     """Return a spacecraft that was pickled."""
-    found = Spacecraft(model, base=base, capture_frame=capture_frame, packages=packages)
+    names = {"base": base, "capture_frame": capture_frame}
+    found = Spacecraft(model, **names, packages=packages, repair_bodies=repair_bodies)
+    found = found.locked(locked)
     return found if normal_B is None else found.on_table(normal_B)

@@ -45,6 +45,7 @@ class Link:
         body: mass, centre of mass and inertia in L; None without mass.
         kind: "revolute", "prismatic" or "fixed"; empty for the first link, which is free.
         limits: lowest and highest position, and largest rate; infinite for none.
+        mimic: the joint that the joint follows, and its multiplier; None if it follows none.
 
     """
 
@@ -56,6 +57,7 @@ class Link:
     X_PL: RigidTransform = field(default_factory=RigidTransform)
     axis_L: Array | None = None
     limits: tuple[float, float, float] = (-np.inf, np.inf, np.inf)
+    mimic: tuple[str, float] | None = None
 
     @property
     def finite_limits(self) -> list[tuple[str, float]]:
@@ -125,8 +127,19 @@ def export_target(
 
     if format != "drake-yaml":
         links = [target] if spacecraft is None else _links(spacecraft, target)
+        followers = [link.joint for link in links if link.mimic is not None]
+        if followers and format != "urdf":
+            raise InputError(
+                f"{path}: joint '{followers[0]}' follows another one (mimic), which is written in "
+                "format urdf or drake-yaml only"
+            )
         texts = {path: model_text(format, links)}
     else:
+        if spacecraft is not None and spacecraft.file.is_repaired:
+            raise InputError(
+                f"{path}: the spacecraft's bodies are repaired, and directives name its own file: "
+                "choose another format"
+            )
         beside = path.with_name(f"{path.name.removesuffix(ending)}_{name}.urdf")
         texts = {path: _directives(beside, name, spacecraft), beside: model_text("urdf", [target])}
     for place, text in texts.items():
@@ -222,6 +235,11 @@ def _links(spacecraft: Spacecraft, target: Link) -> list[Link]:
             kind, name = "prismatic" if body.prismatic else "revolute", spacecraft.joint_names[k]
             ends = float(limits.lowest[k]), float(limits.highest[k]), float(limits.rates[k])
             link = replace(link, joint=name, kind=kind, axis_L=body.axis_F, limits=ends)
+        if body.follows and k >= 0:
+            m = body.multiplier
+            low, high = sorted(m * end for end in link.limits[:2]) if m else (0.0, 0.0)
+            ends = low, high, abs(m) * link.limits[2]
+            link = replace(link, joint=body.joint_name, limits=ends, mimic=(name, m))
         links.append(link)
     X_BC = RigidTransform(RotationMatrix(tree.R_BC), tree.p_BC)
     parent, X_PL = links[tree.capture_body].name, X_BC

@@ -19,6 +19,7 @@ from cpid_drake.dynamics.plane import NORMAL_W
 from cpid_drake.dynamics.rotations import cross, rotate
 from cpid_drake.logs.log import Samples
 from cpid_drake.sensors.simulated_disturbance import WALK_PERIOD, SimulatedDisturbance
+from cpid_drake.spacecraft.floating_base import floating_joint
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.ports import SpacecraftSystem
 
@@ -88,6 +89,7 @@ class ExternalForces(SpacecraftSystem):
         self._thrust_scale, self._normal_B = thrust_scale, spacecraft.tree.normal_B
         # The spacecraft is the plant's first model, so its bodies have the same indices.
         self._base = plant.get_body(spacecraft.base.index())
+        self._first_velocity = floating_joint(plant, self._base).velocity_start()
         self._mass = plant.CalcTotalMass(plant.CreateDefaultContext())
         bodies = [plant.get_body(BodyIndex(k)) for k in range(1, plant.num_bodies())]
         self._bodies = [body for body in bodies if body.default_mass() != 0]
@@ -190,7 +192,7 @@ class ExternalForces(SpacecraftSystem):
         V_WB = self._base.EvalSpatialVelocityInWorld(scratch)
         place = np.array([*np.cross(NORMAL_W, normal_W)[:2], z])
         rate = np.array([*V_WB.rotational()[:2], V_WB.translational()[2]])
-        held = self._base.floating_velocities_start_in_v() + np.array([0, 1, 5])
+        held = self._first_velocity + np.array([0, 1, 5])
         inertia = self._plant.CalcMassMatrix(scratch)[np.ix_(held, held)]
         w = 2 * np.pi * TABLE_FREQUENCY
         x, y, lift = -inertia @ (w**2 * place + 2 * w * rate)

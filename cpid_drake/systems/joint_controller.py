@@ -124,9 +124,7 @@ class JointController(SpacecraftSystem):
         self._gains = np.array([natural_frequency**2, 2 * damping_ratio * natural_frequency])
         self._tolerance = tolerance
         columns = spacecraft.columns_in(plant)
-        self._joint_columns = np.array(
-            [columns[spacecraft.state_columns[name]] for name in ("q", "qdot")]
-        )
+        self._joint_columns, self._coupling = columns[spacecraft.joint_columns], spacecraft.coupling
 
         self._state_port = self.DeclareVectorInputPort("state", plant.num_multibody_states())
         self._desired_port = self.DeclareVectorInputPort(
@@ -227,7 +225,8 @@ class JointController(SpacecraftSystem):
 
     def _calc_generalized_force(self, context: Context, output: BasicVector) -> None:
         state = self._state_port.Eval(context)
-        desired = self._desired_port.Eval(context).reshape(3, -1)
+        coupling, given = self._coupling, self._desired_port.Eval(context).reshape(3, -1)
+        desired = np.stack([coupling.positions(given[0]), *coupling.rates(given[1:])])
         # a_J = q̈_d + ω² (q_d − q) + 2ζω (q̇_d − q̇)
         a_J = desired[2] + self._gains @ (desired[:2] - state[self._joint_columns])
         model = self._model_context.Eval(context)

@@ -20,7 +20,8 @@ from cpid_drake.estimation.least_squares import quantile_95, updated_information
 from cpid_drake.estimation.momentum_rows import momentum_columns, rows_of_samples
 from cpid_drake.estimation.parameters import determined_parameters
 from cpid_drake.files.errors import InputError, prefix_errors
-from cpid_drake.spacecraft.spacecraft import Spacecraft, require_spacecraft
+from cpid_drake.spacecraft.spacecraft import Spacecraft
+from cpid_drake.spacecraft.spacecraft_argument import require_spacecraft
 from cpid_drake.systems.identifier import Estimate, Identifier, is_number
 from cpid_drake.systems.plant_state import require_conservation, spacecraft_state
 

@@ -22,7 +22,8 @@ from cpid_drake.logs.log import Log, Samples, first_sample
 from cpid_drake.logs.simulated_noise import SensorNoise
 from cpid_drake.sensors.sensors import SENSORS, SensorErrors
 from cpid_drake.sensors.suite import SensorSuite, check_sensors, require_encoders
-from cpid_drake.spacecraft.spacecraft import Spacecraft, require_spacecraft
+from cpid_drake.spacecraft.spacecraft import Spacecraft
+from cpid_drake.spacecraft.spacecraft_argument import require_spacecraft
 from cpid_drake.systems.ports import SpacecraftSystem
 
 

@@ -19,7 +19,7 @@ from cpid_drake import (
     make_simulation,
 )
 from cpid_drake.dynamics.momentum import system_momentum
-from cpid_drake.files.checked_yaml import nulls
+from cpid_drake.files.dumping import nulls
 from paper.rounding import (
     RoundedCase,
     exciting_motion,

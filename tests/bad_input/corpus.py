@@ -239,6 +239,7 @@ def rebuilt(old: str, new: str) -> Callable[[], str]:
 
 
 HAND = "m.urdf: line 5: "
+WORLD = "<link name='world'/>" + joint("w", "world", "bus", kind="fixed")
 MODELS = {
     # Not a model.
     "empty": (file("m.urdf", ""), "m.urdf: the file is empty"),
@@ -289,16 +290,33 @@ MODELS = {
     # Structure.
     "joint_type": (file("m.urdf", rebuilt('"revolute"', '"hinge"')), "line 6", "'hinge'"),
     "loop": (file("m.urdf", urdf(rest=joint("j", "hand", "bus"))), "m.urdf: ", "loop"),
-    "mimic": (
-        file("m.urdf", rebuilt('link="upper"/>', 'link="upper"/><mimic joint="wrist"/>')),
-        "mimic",
+    "mimic_of_nothing": (
+        file("m.urdf", rebuilt('link="upper"/>', 'link="upper"/><mimic joint="thumb"/>')),
+        "joint 'shoulder' follows 'thumb' (mimic), and there is no such joint",
+    ),
+    "mimic_of_itself": (
+        file("m.urdf", rebuilt('link="upper"/>', 'link="upper"/><mimic joint="shoulder"/>')),
+        "joint 'shoulder' follows itself",
+    ),
+    "mimic_in_degrees": (
+        file(
+            "m.urdf",
+            rebuilt('link="upper"/>', 'link="upper"/><mimic joint="wrist" offset="3 deg"/>'),
+        ),
+        "line 6: <mimic offset>: 3 deg is not a finite number",
     ),
     "two_roots": (file("m.urdf", urdf(rest=link("loose"))), "not connected", "loose"),
-    "welded_to_world": (
-        file(
-            "m.urdf", urdf(rest="<link name='world'/>" + joint("w", "world", "bus", kind="fixed"))
-        ),
-        "base 'bus' is welded to the world",
+    "welded_at_both_ends": (
+        file("m.urdf", urdf(rest=WORLD + joint("v", "world", "hand", kind="fixed"))),
+        "m.urdf: base 'bus' does not float freely: joint 'v'",
+    ),
+    "on_a_rail": (
+        file("m.urdf", urdf(rest=WORLD.replace("fixed", "prismatic"))),
+        "base 'bus' does not float freely: joint 'w'",
+    ),
+    "beside_a_table": (
+        file("m.urdf", urdf(rest=WORLD + link("table") + joint("t", "world", "table", "fixed"))),
+        "not connected to the base 'bus': table",
     ),
     "no_base": (file("m.urdf", urdf().replace("bus", "body")), "no RigidBody named 'bus'", "body"),
 }
@@ -358,6 +376,22 @@ SCENARIOS = {
         scenario("capture_arm_joint1: -0.8", "capture_arm_joint1: -46"),
         "joint_motion.final: capture_arm_joint1 = -46 is outside [-3.1, 3.1]; angles are in",
     ),
+    "com_of_two": (
+        scenario("[0.4330127, 0.0, 0.0]", "[0.43, 0.0]"),
+        "target.p_CTcm_C must be a list of 3 numbers, not [0.43, 0.0]",
+    ),
+    "com_nan": (
+        scenario("[0.4330127, 0.0, 0.0]", "[.nan, 0.0, 0.0]"),
+        "CTcm_C must be finite numbers",
+    ),
+    "key_of_a_tag": (
+        scenario("joint_motion:\n", "joint_motion: !MultiSineMotion\n  amps: {}\n"),
+        "unknown key 'joint_motion.amps'; did you mean 'ramp'? choose from duration, ramp, freq",
+    ),
+    "tag_misspelt": (
+        scenario("joint_motion:", "joint_motion: !MultiSinMotion"),
+        "joint_motion: unknown tag !MultiSinMotion; did you mean '!MultiSineMotion'?",
+    ),
     "many_logged": (scenario("log_period: 0.0625", "log_period: 1e-7"), "more than 1000000 times"),
     "suite_and_list": (
         added("sensors: {suite: flight, explicit: {encoders: {}}}"),
@@ -383,7 +417,10 @@ SCENARIOS = {
 
 SENSORS = {
     "sigma_nan": ("encoders: {sigma: .nan}", "encoders.sigma"),
-    "sigma_unit": ("encoders: {sigma: 1 mm}", "encoders.sigma must be a valid number, not '1 mm'"),
+    "sigma_unit": (
+        "encoders: {sigma: 1 mm}",
+        "encoders.sigma must be a valid number, not '1 mm'; numbers are written without units",
+    ),
     "misspelt": ("encoder: {bits: 20}", "unknown key 'encoder'; did you mean 'encoders'?"),
 }
 
@@ -429,11 +466,10 @@ EXPORTS = {
 def cases() -> list[Case]:
     found = [Case(name, "telemetry", make, says) for name, (make, *says) in TELEMETRY.items()]
     found += [Case(name, "model", make, says) for name, (make, *says) in MODELS.items()]
-    for kind in ("scenario", "sensors"):
-        found += [
-            Case(name, kind, file("s.yaml", content), ("s.yaml: ", *says))
-            for name, (content, *says) in YAML.items()
-        ]
+    found += [
+        Case(name, "scenario", file("s.yaml", content), ("s.yaml: ", *says))
+        for name, (content, *says) in YAML.items()
+    ]
     for kind, texts in (("scenario", SCENARIOS), ("sensors", SENSORS)):
         found += [
             Case(f"{name}_in_it", kind, file("s.yaml", content), ("s.yaml: ", *says))

@@ -91,7 +91,6 @@ def rows(folder_or_table, plan=None):
         ("uniform: [50, 150]", "log_uniform: [0, 50]", "the ends of log_uniform must be > 0"),
         ("uniform: [50, 150]", "normal: [100, -1]", "must not be negative"),
         ("uniform: [50, 150]", "one_of: [heavy]", "target.mass must be a valid number"),
-        ("simulation.duration: 4.0", "simulation.duration: -4.0", "duration must be greater"),
         (
             "simulation.duration",
             "sensors.suite: flihgt, simulation.duration",

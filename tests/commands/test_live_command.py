@@ -10,18 +10,13 @@ SENSORS = ("--sensors", SENSORS_OF_SAMPLE)
 CRAFT = ("--spacecraft", "free_flyer_payload")
 
 
-def test_it_ends_with_the_answer_of_identify(cpid):
+def test_it_ends_with_the_target_of_the_log(cpid):
+    """Of 8.5 kg, printed as `cpid identify` prints it."""
     code, live, said = cpid("live", "replay", SAMPLE, *CRAFT, *SENSORS, "--rate", 1000, "--no-show")
-    other_code, whole, _ = cpid("identify", SAMPLE, *CRAFT, *SENSORS)
-    assert code == other_code == 0
-
-    def mass(text: str) -> list[float]:
-        [row] = re.findall(r"^ +m +(\S+) +\[(\S+), (\S+)\] +kg", text, re.M)
-        return [float(each) for each in row]
-
-    estimate, low, high = mass(live)
-    other, *_ = mass(whole)
-    assert abs(estimate - other) < 0.1 * (high - low) / 4
+    assert code == 0
+    [row] = re.findall(r"^ +m +(\S+) +\[(\S+), (\S+)\] +kg", live, re.M)
+    estimate, low, high = map(float, row)
+    assert low < 8.5 < high < 1.02 * estimate
     assert "4004 samples, 0 rejected" in said
     assert re.search(r" s late\n", said)  # what follows begins a line
     assert "recursive_fit" in live
@@ -38,7 +33,6 @@ def test_it_keeps_the_time_of_the_log(cpid):
     ("given", "says"),
     [
         (FREE_FLYER, "give --sensors"),
-        ((*CRAFT, *SENSORS, "--rows", "eq18"), "--rows"),
         ((*CRAFT, *SENSORS, "--estimator", "trajectory_fit"), "--estimator"),
         ((*CRAFT, *SENSORS, "--from", "100"), "free_flyer.csv"),
     ],

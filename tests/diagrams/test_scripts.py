@@ -59,7 +59,6 @@ def test_it_identifies_all_ten_parameters(ran, script):
     ("study", "arguments", "cause"),
     [
         ("paper", [], "--out"),
-        ("paper", ["--out", "x", "--scenario", "pape"], "did you mean 'paper'?"),
         ("techniques", ["air_bearing", "--out", "x"], "floats freely"),
         ("techniques", ["tumbling_capture", "--out", "x"], "without momentum"),
         ("techniques", ["--out", "x", "--force-sensors", "no.yaml"], "no.yaml: no such file"),

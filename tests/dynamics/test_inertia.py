@@ -135,7 +135,7 @@ def test_consistency_does_not_depend_on_the_frame(paper_target):
         ).is_physically_consistent()
 
 
-@pytest.mark.parametrize("violation", [1e-12, 1e-9, 1e-6, 1e-3, 1.0])
+@pytest.mark.parametrize("violation", [1e-12, 1e-6, 1.0])
 def test_a_small_violation_costs_a_small_change(paper_target, violation):
     vector = paper_target.to_vector() + violation * np.array([0, 0, 0, 0, -1, 1, 0, 0, 0, 1])
     raw = InertialParameters.from_vector(vector)
@@ -178,7 +178,6 @@ def test_a_body_nearest_to_one_of_negative_mass_has_some_mass():
         ((1.0, [0, np.inf, 0], np.eye(3)), "finite"),
         ((1.0, [0, 0, 0], [[1, 2, 0], [0, 1, 0], [0, 0, 1]]), "symmetric"),
         ((1.0, [0, 0, 0], [[1, 1e-6, 0], [0, 1, 0], [0, 0, 1]]), "symmetric"),
-        (("heavy", [0, 0, 0], np.eye(3)), "numbers"),
     ],
 )
 def test_bad_values_are_refused(values, message):

@@ -27,7 +27,7 @@ def make_multi_sine(**changes) -> MultiSine:
     return MultiSine(**arguments | changes)
 
 
-SINES = {ramp: make_multi_sine(ramp=ramp) for ramp in (0.5, 2.0, 5.0)}
+SINES = {ramp: make_multi_sine(ramp=ramp) for ramp in (0.5, 5.0)}
 MOTIONS = {
     "half cosine": HalfCosine([0.0, 1.0, -0.5], [2.0, 1.0, 0.5], duration=10.0),
     **{f"sines, ramp {ramp}": motion for ramp, motion in SINES.items()},

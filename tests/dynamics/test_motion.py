@@ -59,7 +59,7 @@ def test_euler_angles_are_yaw_pitch_roll():
     np.testing.assert_allclose(found, [angles], atol=1e-14)
 
 
-@pytest.mark.parametrize("decimals", [0, 1, 3, 6, 9, 12])
+@pytest.mark.parametrize("decimals", [0, 6, 12])
 def test_rounding_moves_numbers_by_half_a_unit_of_the_last_place(decimals):
     telemetry = make(200, seed=1)
     rounded = telemetry.rounded(decimals)

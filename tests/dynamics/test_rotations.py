@@ -1,7 +1,6 @@
 """Rotations: every function agrees with SciPy's `Rotation`, or with a derivative of it."""
 
 import numpy as np
-import pytest
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.dynamics.rotations import (
@@ -29,11 +28,11 @@ def test_a_product_with_a_constant_is_the_product_of_each_sample():
     np.testing.assert_allclose(product(R, constant), R @ constant, rtol=0, atol=1e-15)
 
 
-@pytest.mark.parametrize("size", [0.0, 1e-9, 9e-4, 1.1e-3, 0.1, 0.5, 3.0, 3.14])
-def test_exponentials_agree_with_scipy(size):
-    axis = np.array([0.6, -0.48, 0.64])
-    R = exponentials(size * axis)
-    np.testing.assert_allclose(R, Rotation.from_rotvec(size * axis).as_matrix(), atol=1e-15)
+def test_exponentials_agree_with_scipy():
+    sizes = np.array([0.0, 1e-9, 9e-4, 1.1e-3, 0.1, 0.5, 3.0, 3.14])
+    turns = sizes[:, None] * [0.6, -0.48, 0.64]
+    found = exponentials(turns)
+    np.testing.assert_allclose(found, Rotation.from_rotvec(turns).as_matrix(), atol=1e-15)
 
 
 def test_quaternions_of_any_norm_rotate_as_scipys():

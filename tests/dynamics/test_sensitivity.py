@@ -52,9 +52,17 @@ def craft(tmp_path_factory):
     return small_craft(tmp_path_factory.mktemp("craft"), wheels=True)
 
 
-@pytest.fixture(scope="module", params=["servicer", "craft"])
+@pytest.fixture(scope="module")
+def gripper(tmp_path_factory):
+    return small_craft(tmp_path_factory.mktemp("gripper"), gripper=True)
+
+
+@pytest.fixture(scope="module", params=["servicer", "craft", "gripper"])
 def case(request, skewed_target):
-    """The servicer's joints all turn; the small craft has a sliding one, wheels, and C askew."""
+    """The servicer's joints all turn; the small craft has a sliding one, wheels, and C askew.
+
+    Of the one with a gripper, joints follow others.
+    """
     craft = request.getfixturevalue(request.param)
     tree = craft.tree
     if request.param == "craft":
@@ -85,9 +93,12 @@ def assert_is_derivative(sensitivity, column, ahead, behind, step) -> None:
 
 
 def test_by_joints(case):
-    by_position, by_rate = screw_sensitivity(
-        case.outboard, case.psi, case.dynamics, *case.outboard.joint_screws
+    each = screw_sensitivity(case.outboard, case.psi, case.dynamics, *case.outboard.joint_screws)
+    by_position, by_rate = (
+        replace(by, **{name: case.outboard.by_joint(part) for name, part in vars(by).items()})
+        for by in each
     )
+    assert by_rate.w.shape == (N, 3, len(case.joint_names))
     step = 1e-5
     for j, unit in enumerate(np.eye(len(case.joint_names))):
         moved = [case.solved(case.tree, case.q + s * unit, case.qdot) for s in (step, -step)]

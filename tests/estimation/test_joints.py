@@ -261,7 +261,7 @@ def test_joints_are_elsewhere_behind_a_gap():
 
 
 @pytest.mark.parametrize("rate", [50.0, 500.0])
-@pytest.mark.parametrize("frequency", [0.1, 1.0, 2.0, 5.0])
+@pytest.mark.parametrize("frequency", [0.1, 5.0])
 def test_a_fast_motion_is_no_noise(frequency, rate):
     """Beside a joint at rest, and in steps of an encoder of 12 bits."""
     step, t = 2 * np.pi / 2**12, np.arange(0.0, 10.0, 1 / rate)

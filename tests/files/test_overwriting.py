@@ -21,11 +21,10 @@ def refusal(path, *inputs, force=False) -> str:
     return str(caught.value)
 
 
-@pytest.mark.parametrize("force", [False, True])
 @pytest.mark.parametrize(
     "name", ["log.csv", "./x/../log.csv", "soft.json", "hard.json", "soft/log.csv"]
 )
-def test_an_input_is_never_an_output(name, force, folder):
+def test_an_input_is_never_an_output(name, folder):
     (folder / "x").mkdir()
     if name == "soft/log.csv":
         (folder / "soft").symlink_to(".")
@@ -33,7 +32,7 @@ def test_an_input_is_never_an_output(name, force, folder):
         (folder / "soft.json").symlink_to("log.csv")
     elif name == "hard.json":
         os.link("log.csv", "hard.json")
-    assert "is the input" in refusal(folder / name, folder / "log.csv", force=force)
+    assert "is the input" in refusal(folder / name, folder / "log.csv", force=True)
 
 
 def test_files_of_a_bag_are_inputs_but_a_page_beside_them_is_not(folder):

@@ -16,7 +16,6 @@ from cpid_drake import (
     validate,
 )
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.sensors.suite import SensorSuite
 
 
 @pytest.fixture
@@ -61,15 +60,9 @@ WRONG = {
     "an array": ({"data": np.zeros((9, 9))}, "path of a log, not ndarray: `from_columns`"),
     "nothing of a name": ({"data": {"first": None}}, "'first' must be a Log.*not NoneType"),
     "no such preset": ({"sensors": "magic"}, "choose from air_bearing.*or give a file"),
-    "a class": (
-        {"sensors": SensorSuite},
-        "sensors must be a SensorSuite, a preset, or a file, not",
-    ),
     "no such momentum": ({"momentum": "none"}, "no momentum 'none'; choose from zero, unknown"),
     "a vector": ({"momentum": np.zeros(3)}, "momentum must be a TotalMomentum, zero, or unknown"),
-    "no such bodies": ({"known_bodies": "magic"}, "magic: no such file"),
     "a number": ({"known_bodies": 0.01}, "known_bodies must be a BodyUncertainty, a text"),
-    "no such prior": ({"prior": "cad.yaml"}, "cad.yaml: no such file"),
     "a mass": ({"prior": 8.5}, "prior must be a TargetPrior, a result, or a file, not 8.5"),
     "a word": ({"planar": "yes"}, "planar must be a bool, or None, not 'yes'"),
 }

@@ -9,7 +9,7 @@ from sensing_cases import Sines, coarse_suite, measured, nees, sigmas
 
 from cpid_drake import InputError, identify
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.files.checked_yaml import dump_yaml
+from cpid_drake.files.dumping import dump_yaml
 from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import AttitudeSensor, Gyro, JointSensor
 

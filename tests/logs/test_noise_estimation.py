@@ -24,8 +24,7 @@ def test_a_few_samples_show_no_noise(count):
         noise_level(Samples(np.arange(float(count)), np.zeros((count, 3))))
 
 
-@pytest.mark.parametrize("size", [1e-5, 1e-4, 1.0, 3e3])
-@pytest.mark.parametrize("decimals", [1, 3, 6, 9])
+@pytest.mark.parametrize(("size", "decimals"), [(1e-5, 3), (1e-4, 9), (1.0, 1), (3e3, 6)])
 def test_the_last_decimal_of_rounded_numbers_is_found(size, decimals):
     values = size * np.random.default_rng(1).normal(size=(200, 3))
     assert rounding(values) < 1e-9  # all digits, however small the numbers are

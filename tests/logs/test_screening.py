@@ -164,7 +164,7 @@ def test_noise_and_jitter_larger_than_given_are_not_spikes():
     assert screen(noisy, suite).rejected == NONE_REJECTED
 
 
-@pytest.mark.parametrize("decimals", [3, 4, 5, 6])
+@pytest.mark.parametrize("decimals", [3, 6])
 def test_rounding_in_a_file_is_not_a_stuck_sensor(decimals):
     """Rounded samples repeat themselves at rest, even if the suite says nothing of it."""
     suite = replace(load_sensors("flight"), attitude=None)
@@ -199,15 +199,14 @@ def rejects_exactly(measurements, suite, name, rows) -> None:
     np.testing.assert_array_equal(result.log[name].time, expected)
 
 
-@pytest.mark.parametrize("size", [3000.0, 1e5])
 @pytest.mark.parametrize("motion", [slow, rest, firings], ids=lambda motion: motion.__name__)
 @pytest.mark.parametrize("name", ["attitude", "gyro", "position", "encoders"])
-def test_spikes_are_rejected_and_their_neighbours_are_not(name, motion, size):
+def test_spikes_are_rejected_and_their_neighbours_are_not(name, motion):
     suite = load_sensors("flight")
     measurements = recorded(suite, motion)
     rows = np.array([0.12, 0.23, 0.41, 0.66, 0.8]) * len(measurements[name])
     rows = rows.astype(int)
-    rejects_exactly(with_spikes(measurements, suite, name, size, rows), suite, name, rows)
+    rejects_exactly(with_spikes(measurements, suite, name, 3000.0, rows), suite, name, rows)
 
 
 @pytest.mark.parametrize(
@@ -243,8 +242,9 @@ def stuck(measurements, name, rows, entries=slice(None)) -> Log:
     return measurements.updated({name: Samples(measurements[name].time, value)})
 
 
-@pytest.mark.parametrize("motion", [slow, rest], ids=lambda motion: motion.__name__)
-@pytest.mark.parametrize("name", ["attitude", "gyro", "position"])
+@pytest.mark.parametrize(
+    ("name", "motion"), [("attitude", rest), ("gyro", slow), ("position", rest)]
+)
 def test_a_noisy_sensor_that_repeats_itself_is_stuck(name, motion):
     """Even at rest: noise never repeats itself. The first of the equal samples is good."""
     suite = load_sensors("flight")
@@ -276,8 +276,7 @@ def test_a_clock_that_stands_still_costs_its_samples_only():
     assert in_chunks(damaged, suite, np.arange(0.5, 10, 0.5))[1]["gyro"] == 50
 
 
-@pytest.mark.parametrize("wild", [5000.0, 1e300, -1e9])
-@pytest.mark.parametrize("row", [0, 49, 999])
+@pytest.mark.parametrize(("wild", "row"), [(5000.0, 0), (1e300, 49), (-1e9, 999)])
 def test_one_wild_stamp_costs_one_sample_at_any_place_in_a_chunk(wild, row):
     """Also if it is the last of its chunk, or the first of all."""
     suite = load_sensors("flight")
@@ -341,8 +340,7 @@ def test_good_samples_survive(perfect, suite):
         np.testing.assert_allclose(result.log[name].value, samples.value, atol=1e-15)
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf])
-@pytest.mark.parametrize("name", SENSORS)
+@pytest.mark.parametrize(("name", "bad"), [("attitude", np.nan), ("encoders", np.inf)])
 def test_samples_that_are_not_finite_are_left_out(perfect, name, bad):
     samples = getattr(perfect, name)
     time, value = samples.time.copy(), samples.value.copy()

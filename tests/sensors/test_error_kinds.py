@@ -9,7 +9,7 @@ from planar_cases import planar_craft
 from cpid_drake import SensorSuite, load_sensors
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.likelihood.constants import constant_errors
-from cpid_drake.files.checked_yaml import dump_yaml
+from cpid_drake.files.dumping import dump_yaml
 from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.error_kinds import KINDS, bodies_of, with_plausible
 from cpid_drake.sensors.sensors import SENSORS

@@ -53,7 +53,7 @@ def perfect() -> Log:
 # -- statistics ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("boresight", [[0.0, 0.0, 1.0], [0.0, -3.0, 0.0], [1.0, 2.0, -0.5]])
+@pytest.mark.parametrize("boresight", [[0.0, 0.0, 1.0], [1.0, 2.0, -0.5]])
 def test_a_star_tracker_errs_more_about_its_boresight(boresight):
     sensor = AttitudeSensor(
         cross_boresight_arcsec=2.0, boresight_arcsec=20.0, boresight_B=np.array(boresight)
@@ -137,7 +137,7 @@ def test_vector_and_joint_sensors_have_white_noise():
     assert np.abs(off_diagonal).max() < 4.5 / np.sqrt(COUNT)
 
 
-@pytest.mark.parametrize("bits", [1, 12, 17, 20])
+@pytest.mark.parametrize("bits", [1, 17])
 def test_encoders_round_to_their_step(bits):
     suite = SensorSuite(encoders=JointSensor(bits=bits))
     step = 2 * np.pi / 2**bits
@@ -179,8 +179,7 @@ def test_sigmas_say_what_samples_are_off_by(perfect):
 # -- rates and times -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("rate", [0.1, 7.0, 333.3])
-@pytest.mark.parametrize("duration", [0.3, 1.0, 10.0, 60.0])
+@pytest.mark.parametrize(("rate", "duration"), [(0.1, 0.3), (0.1, 60.0), (7.0, 1.0), (333.3, 10.0)])
 def test_samples_come_at_the_rate_from_zero_to_the_end(rate, duration):
     times = sample_times(rate, duration)
     assert times[0] == 0.0

@@ -81,7 +81,7 @@ def tagged(paper_yaml, write):
     return make
 
 
-def test_sines_arrive_at_the_joints_they_are_for(tagged, servicer):
+def test_sines_arrive_at_the_joints_they_are_for(tagged, servicer, tmp_path):
     scenario = load_scenario(tagged({}))
     assert isinstance(scenario.joint_motion, MultiSineMotion)
     motion = scenario.make_joint_motion(servicer)
@@ -95,6 +95,10 @@ def test_sines_arrive_at_the_joints_they_are_for(tagged, servicer):
     )
     np.testing.assert_array_equal(motion.phases, [0.5 * first, -1.0 * first])
     make_simulation(scenario)
+    text = dump_scenario(scenario)
+    assert "joint_motion: !MultiSineMotion\n" in text
+    (tmp_path / "again.yaml").write_text(text)
+    assert repr(load_scenario(tmp_path / "again.yaml")) == repr(scenario)
 
 
 def test_joints_that_a_motion_does_not_name_stand_as_the_spacecraft_is_configured(

@@ -126,13 +126,6 @@ REFUSED = {
         "<replicate> in <body>",
         "in another way",
     ),
-    "attach": (
-        mjcf(OWN + '<attach model="h" body="hand" prefix="h_"/>'),
-        "<attach> in <body>",
-        "take it out",
-    ),
-    "composite": (mjcf(OWN + '<composite type="cable" count="4 1 1"/>'), "<composite>", "line 1"),
-    "flexcomp": (mjcf(OWN + '<flexcomp name="f" count="3 3 1"/>'), "<flexcomp>", "line 1"),
     "box from to": (mjcf(geom('type="box" fromto="0 0 0 .5 0 0" size=".05"')), "fromto", "lost"),
     "ellipsoid from to": (
         mjcf(geom('type="ellipsoid" fromto="0 0 0 .5 0 0" size=".05"')),
@@ -224,12 +217,12 @@ OTHERS = {
         ".urdf",
         "<inertial> has 2 <mass>",
     ),
+    "two masses in SDF": (sdf("<mass>3</mass>"), ".sdf", "<inertial> has 2 <mass>"),
     "added mass": (
         sdf("<fluid_added_mass><xx>1</xx></fluid_added_mass>"),
         ".sdf",
         "<fluid_added_mass> is not read",
     ),
-    "two masses in SDF": (sdf("<mass>3</mass>"), ".sdf", "<inertial> has 2 <mass>"),
 }
 
 
@@ -238,6 +231,97 @@ def test_what_urdf_and_sdf_lose_in_silence_is_refused(load, name):
     text, ending, says = OTHERS[name]
     with pytest.raises(InputError) as caught:
         load(text, ending, "arm")
+    assert says in str(caught.value)
+
+
+EXTENSIONS = {
+    "of a simulator": ("<self_collide>false</self_collide>", ""),
+    "friction": ("<mu1>0.8</mu1>", ""),
+    "shape of a filter": (
+        '<self_filter><origin xyz="0 0 1"/><geometry><box size="1 1 1"/></geometry></self_filter>',
+        "",
+    ),
+    "pose of a sensor": ('<sensor name="imu"><pose>0 0 1 0 0 0</pose></sensor>', ""),
+    "a text": ("<description>The arm of 2019, 3 m long</description>", ""),
+    "hardware": ("", "<hardware><motor>1</motor></hardware>"),
+    "limits of a driver": (
+        "",
+        '<hardware id="0"><limit lower="-0.1" upper="0.1" vel="3.0" acc="10.0" effort="30.0"/>'
+        '<transform ratio="1.0" offset_pos_cnt="-107603600" torque_per_unit="1.0"/><inputs>'
+        "<load_torque_value>Analog Input 1</load_torque_value></inputs></hardware>",
+    ),
+    "interface": ("", "<hardwareInterface>EffortJointInterface</hardwareInterface>"),
+    "encoder": ("", '<encoder resolution="4096" counts="65536"/>'),
+    "gear": ("", '<gear ratio="100"/>'),
+    "standard": ("", '<calibration rising="0.1"/><safety_controller k_velocity="10"/>'),
+}
+
+
+@pytest.mark.parametrize("name", EXTENSIONS)
+def test_an_element_that_changes_no_body_or_joint_is_counted(load, name, caplog):
+    """Other readers of URDF ignore it: masses and the motion are those of the file without it."""
+    in_link, in_joint = EXTENSIONS[name]
+    text = changed("</link>", f"{in_link}</link>").replace("</joint>", f"{in_joint}</joint>")
+    with_it, without = load(text, ".urdf", "arm"), load(urdf(*GOOD), ".urdf", "arm")
+    assert with_it.mass == without.mass
+    for ours, theirs in zip(with_it.tree.bodies, without.tree.bodies, strict=True):
+        np.testing.assert_array_equal(ours.I_BBcm, theirs.I_BBcm)
+        np.testing.assert_array_equal(ours.p_PF, theirs.p_PF)
+    [said] = [each for each in caplog.messages if "not read, and without effect" in each]
+    assert said.endswith(" (1)")
+
+
+def test_a_transmission_of_no_joint_is_counted(load, caplog):
+    """Published parts of robots have those of the whole; Drake refuses them."""
+    names = "".join(
+        f'<transmission name="t{name}"><type>transmission_interface/SimpleTransmission</type>'
+        f'<joint name="{name}"><hardwareInterface>x</hardwareInterface></joint>'
+        f'<actuator name="a{name}"><mechanicalReduction>1</mechanicalReduction></actuator>'
+        "</transmission>"
+        for name in ("j", "gone")
+    )
+    craft = load(urdf(*GOOD, names), ".urdf", "arm")
+    assert craft.limits.efforts[0] == 10
+    assert any("transmission of no joint (1)" in each for each in caplog.messages)
+
+
+def test_misspelt_limits_are_refused(load):
+    with pytest.raises(InputError, match="limits is like limit"):
+        load(urdf(*GOOD).replace("<limit ", "<limits "), ".urdf", "arm")
+
+
+@pytest.mark.parametrize("parent", ["link", "joint", "inertial", "axis"])
+def test_what_sdf_does_not_define_is_counted_if_it_changes_nothing(load, parent, caplog):
+    """A vendor's elements in SDF: all of a kind are left out together."""
+    text = sdf().replace(f"</{parent}>", f"<hardware>1</hardware></{parent}>")
+    craft = load(text, ".sdf", "arm")
+    assert craft.mass == 18.0
+    assert any("hardware (" in each for each in caplog.messages)
+    wrong = sdf().replace(f"</{parent}>", f"<mas>1</mas><hardware>1</hardware></{parent}>", 1)
+    with pytest.raises(InputError, match=r"XML Element\[mas\], child of element"):
+        load(wrong, ".sdf", "arm")
+
+
+LOST = {
+    "mass": ('<mas value="5"/>', "mas is like mass"),
+    "mass in another case": ("<Mass>5</Mass>", "Mass is like mass"),
+    "inertia": ('<intertia ixx="1"/>', "intertia is like inertia"),
+    "second mass": ('<payload><mass value="5"/></payload>', "mass"),
+    "inertia of a rotor": ("<rotor_inertia>0.01</rotor_inertia>", "rotor_inertia is like inertia"),
+    "moment inside": ('<body><parts ixx="1"/></body>', "ixx"),
+    "place": ("<offset>0 0 1</offset>", "offset has several numbers"),
+    "place by letters": ('<place xyz="1"/>', "xyz"),
+    "turn": ('<mounting><rotation w="1" q="0 0 0 1"/></mounting>', "q has several numbers"),
+    "axis": ('<axes xyz="0 0 1"/>', "xyz has several numbers"),
+}
+
+
+@pytest.mark.parametrize("name", LOST)
+@pytest.mark.parametrize("parent", ["link", "joint", "inertial"])
+def test_an_unknown_element_that_may_be_a_mass_or_a_pose_is_refused(load, name, parent):
+    inner, says = LOST[name]
+    with pytest.raises(InputError, match="a mass, a joint or a pose may be lost") as caught:
+        load(changed(f"</{parent}>", f"{inner}</{parent}>"), ".urdf", "arm")
     assert says in str(caught.value)
 
 
@@ -260,14 +344,64 @@ def test_what_does_not_matter_is_said_once(load, caplog):
     )
 
 
-@pytest.mark.parametrize("mesh", ["missing.obj", "there.stl"])
-def test_a_mesh_of_mjcf_that_cannot_be_read_is_named(tmp_path, mesh):
-    """There a body may take its mass from the mesh: Drake does not go on without it."""
+DRAWN = '<geom type="mesh" mesh="t"/>'
+
+
+def asset(file: str, name: str = ' name="t"') -> str:
+    return f'<asset><mesh{name} file="{file}"/></asset>'
+
+
+MESHES = {
+    "absent": mjcf(OWN + DRAWN, asset("missing.obj")),
+    "in a folder": mjcf(OWN + DRAWN, f'<compiler meshdir="parts"/>{asset("missing.obj")}'),
+    "another format": mjcf(OWN + DRAWN, asset("there.stl")),
+    "named by its file": mjcf(OWN + DRAWN, asset("t.stl", "")),
+    "not used": mjcf(OWN, asset("missing.obj")),
+    "of two bodies": mjcf(OWN + DRAWN, asset("missing.obj"), bus=BUS + DRAWN),
+    "in the world": mjcf(OWN, asset("missing.obj")).replace("<worldbody>", f"<worldbody>{DRAWN}"),
+    "in an included file": mjcf(OWN + DRAWN, '<include file="meshes.xml"/>'),
+}
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_a_mesh_without_a_part_in_a_mass_may_be_absent(load, tmp_path, name, caplog):
+    """All masses are explicit: the model is that without the mesh, and one line says so."""
     (tmp_path / "there.stl").touch()
-    file = tmp_path / "model.xml"
-    file.write_text(
-        f'<mujoco model="r"><asset><mesh name="m" file="{mesh}"/></asset><worldbody>'
-        '<body name="hull"><freejoint/><geom type="mesh" mesh="m"/></body></worldbody></mujoco>'
+    (tmp_path / "meshes.xml").write_text(f"<mujocoinclude>{asset('missing.obj')}</mujocoinclude>")
+    craft, other = load(MESHES[name]), load(mjcf())
+    assert craft.mass == other.mass
+    np.testing.assert_array_equal(craft.tree.at_rest.I_BBcm, other.tree.at_rest.I_BBcm)
+    assert sum("mesh that is absent or no .obj (1)" in text for text in caplog.messages) == 1
+
+
+CUBE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
+
+
+def test_a_mesh_that_is_there_has_its_mass_beside_one_that_is_absent(load, tmp_path):
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts/there.obj").write_text(CUBE)
+    two = '<asset><mesh name="t" file="missing.obj"/><mesh file="there.obj"/></asset>'
+    text = mjcf(
+        '<geom type="mesh" mesh="there"/>', f'<compiler meshdir="parts"/>{two}', bus=BUS + DRAWN
     )
-    with pytest.raises(InputError, match=f"mesh.*{mesh}"):
-        Spacecraft(file, base="hull", capture_frame="hull")
+    assert load(text).mass == pytest.approx(50 + 1000 / 6)  # water's density
+
+
+MASS_OF_MESH = {
+    "absent": mjcf(DRAWN, asset("missing.obj")),
+    "another format": mjcf(DRAWN, asset("there.stl")),
+    "masses from all geoms": mjcf(
+        OWN + DRAWN, '<compiler inertiafromgeom="true"/>' + asset("missing.obj")
+    ),
+    "by default": mjcf(
+        OWN + '<geom class="d"/>',
+        f'<default><default class="d">{DRAWN}</default></default>{asset("missing.obj")}',
+    ),
+}
+
+
+@pytest.mark.parametrize("name", MASS_OF_MESH)
+def test_a_mesh_that_may_be_a_mass_must_be_there(load, tmp_path, name):
+    (tmp_path / "there.stl").touch()
+    with pytest.raises(InputError, match=r"line 1: <.*may take its mass from mesh 't', whose file"):
+        load(MASS_OF_MESH[name])

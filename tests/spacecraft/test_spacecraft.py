@@ -159,12 +159,10 @@ def test_a_joint_that_points_towards_the_base_agrees_with_drake(load, kind):
     assert_drake_agrees(load(sdf(*parts), ".sdf", capture_frame="hand"))
 
 
-def test_a_base_that_is_a_child_in_the_file_is_not_the_floating_one(load, refusal):
-    """Drake lets the parent float: the message says so, and named as base it is read right."""
+def test_a_base_that_is_a_child_in_the_file_floats(load):
+    """The model's tree begins at the arm; seen from either end, momentum is Drake's."""
     text = sdf(s_link("base"), s_link("arm", pose=ARM_POSE), s_joint("j", "arm", "base"))
-    message = refusal(text, ".sdf")
-    assert "'base' is not the floating base" in message
-    assert message.endswith("arm")
+    assert_drake_agrees(load(text, ".sdf"))
     assert_drake_agrees(load(text, ".sdf", base="arm", capture_frame="base"))
 
 
@@ -246,6 +244,11 @@ def test_a_moving_link_with_a_geometry_needs_an_inertia(refusal, load):
     parts = link("base", 50.0), link("arm"), joint("j", "base", "arm")
     moving = urdf(*parts, hollow, joint("k", "arm", "tube"))
     assert "link 'tube' moves and has a geometry but no <inertial>" in refusal(moving)
+    wheel = '<inertial><mass value="2"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    says = refusal(moving).replace('"M"', '"2"').replace('"A"', '"1"').replace('"C"', '"1"')
+    assert f"write in it {wheel}</inertial>" in says
+    filled = moving.replace(hollow, hollow.replace(box, f"{wheel}</inertial>{box}"))
+    assert load(filled).mass == pytest.approx(62.0)
     # A cover that is fixed to a link, and a link between two joints, have no mass of their own.
     load(urdf(*parts, hollow, joint("k", "arm", "tube", "fixed")), capture_frame="arm")
     between = '<link name="tube"/>', link("hand"), joint("k", "arm", "tube")

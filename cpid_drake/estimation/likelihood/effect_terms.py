@@ -217,7 +217,8 @@ def inertia_changes(
     outboard = Outboard.at(_with_target(tree, psi, grid), q, 0 * q, *turning)
     J = -grid.inertia(psi)
     if errors_of_q:
-        by_q = J @ screw_sensitivity(outboard, psi, grid, *outboard.joint_screws)[0].w
+        each = screw_sensitivity(outboard, psi, grid, *outboard.joint_screws)[0].w
+        by_q = J @ outboard.by_joint(each)
         elapsed = (motion.nodes[nodes] - motion.origin)[:, None, None]
         for e in errors_of_q:
             found[e.name] = -e.sigma * (by_q if e.kind == ZERO else elapsed * by_q)
@@ -290,10 +291,14 @@ def _changes(
     outboard, dynamics = _relative_to_base(motions, trajectories)
     psi, joints = trajectories[0].state.psi, motions[0].joints.coefficients.shape[1]
     which, S = outboard.joint_screws
+    has_followers = len(which) > joints
     yields = motions[0].constants.yields
     if yields:
         which, S = which + outboard.grasp_screws[0], np.dstack([S, outboard.grasp_screws[1]])
     parts = dict(zip(("q", "qdot"), screw_sensitivity(outboard, psi, dynamics, which, S)))
+    if has_followers:
+        for name, part in parts.items():
+            parts[name] = MotionSensitivity(*map(outboard.by_joint, vars(part).values()))
     ends = np.cumsum([len(trajectory.w) for trajectory in trajectories])[:-1]
     if yields:
         slopes = [spline_slopes(motion.nodes, motion.times) for motion in motions]
@@ -304,6 +309,7 @@ def _changes(
             return np.concatenate([D @ part[..., : D.shape[1], :] for D, part in each], axis=-2)
 
         loads = outboard.loads(which, S, rate(outboard.momentum))
+        loads = outboard.by_joint(loads) if has_followers else loads
         by, rates = zip(*(vars(part).values() for part in parts.values())), rate(loads)
         moved = [-(q * loads[:, None] + qdot * rates[:, None]) for q, qdot in by]
         for name, part in parts.items():

@@ -8,7 +8,7 @@ from typing import cast
 import numpy as np
 
 from cpid_drake.array import Array
-from cpid_drake.files.checked_yaml import dump_yaml
+from cpid_drake.files.dumping import dump_yaml
 from cpid_drake.logs.channels import look_at
 from cpid_drake.logs.column_map import ColumnMap, TimeUnit
 from cpid_drake.logs.conversion import LogFile, read_columns

@@ -13,6 +13,7 @@ from cpid_drake.logs.guess.names import (
     unit_of,
     words_of,
 )
+from cpid_drake.logs.unlogged_joints import lock_unlogged
 
 _OTHERS = WORDS["other of joint"] | WORDS["command"]
 
@@ -23,6 +24,10 @@ def find_joints(guess: GuessedMap) -> set[str]:
     names, used = craft.joint_names, set[str]()
     needed = [name for k, name in enumerate(names) if not craft.tree.is_rotor(k)]
     named, rated = dict[str, dict[str, str]](), dict[str, dict[str, str]]()
+    logged = [j for j in names if any(_stem(column, j) is not None for column in free)]
+    if logged:
+        guess.spacecraft, _ = lock_unlogged(craft, logged)
+        needed = [joint for joint in needed if joint in guess.spacecraft.joint_names]
     for column in free:
         for joint in sorted(names, key=len, reverse=True):
             if (stem := _stem(column, joint)) is not None:
@@ -124,7 +129,7 @@ def find_joint_units(guess: GuessedMap) -> None:
     craft, at = guess.spacecraft, guess.column_map.joint_positions
     rate_at = guess.column_map.joint_rates
     names, low, high = craft.joint_names, craft.limits.lowest, craft.limits.highest
-    slides = {names[b.joint] for b in craft.tree.bodies if b.joint >= 0 and b.prismatic}
+    slides = {names[k] for k in craft.tree.sliding}
     for joint in slides & at.columns.keys():
         k, column = names.index(joint), at.columns[joint]
         far = guess.largest([column]) > 2 * max(abs(low[k]), abs(high[k]))

@@ -1,30 +1,268 @@
-"""The page of a campaign, with its tables as CSV and the scenarios of its worst trials."""
+"""The page of a campaign: tables, which are CSV files too, figures, and the worst trials."""
 
+import shlex
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
-from cpid_drake.campaign.statistics import Statistics
+import numpy as np
+from matplotlib.axes import Axes
+
+from cpid_drake.campaign.statistics import CONFIDENCE, Statistics, Tally, clopper_pearson, verdict
 from cpid_drake.campaign.trial import replayed
-from cpid_drake.report import campaign_tables
-from cpid_drake.report.page import Report
+from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
+from cpid_drake.files.digits import significant
+from cpid_drake.files.pictures import COLORS, INK, WIDE, Picture, label_axes, legend_below
+from cpid_drake.report.page import Report, Section, Table
 from cpid_drake.report.pages.study import study_report
 from cpid_drake.simulation.scenario_files import dump_scenario
+
+LEGEND = (
+    "Scale: the true mass, 0.5 m, and the trace of I. Bound: Cramér-Rao, with an "
+    "exact spacecraft model and all thrust. NEES / n: squared error in units of the "
+    "covariance, for each known parameter; 1 if the covariance is right, ! outside the 95 % "
+    "band. Behind the coverage, its 95 % interval. Bias / spread: the largest of the parameters."
+)
+"""The explanation of the tables of errors."""
+
+MOST_POINTS = 12
+"""Largest number of points of the grids with a table of their own; files have all."""
 
 
 def campaign_report(found: Statistics, folder: Path) -> Report:
     """Return the report of the campaign in a folder."""
-    campaign, sections = found.plan.campaign, campaign_tables.sections(found)
+    campaign = found.plan.campaign
     subtitle = (
         f"Scenario {campaign.scenario}, {found.done} of {found.plan.total} trials, seed "
         f"{campaign.seed}"
     )
-    points = [campaign_tables.errors(found, point) for point in range(len(found.plan.points))]
+    points = [errors(found, point) for point in range(len(found.plan.points))]
     tables = {f"errors-{point}": table for point, table in enumerate(points)}
-    for each in (campaign_tables.requirements, campaign_tables.checks, campaign_tables.failures,
-                 campaign_tables.axes, campaign_tables.worst):  # fmt: skip
+    for each in (requirements, checks, failures, axes, worst):
         tables[each.__name__] = each(found)
     files = {f"{name}.csv": table.csv() for name, table in tables.items()}
     for number in {each.trial for cases in found.worst.values() for each in cases}:
-        files[campaign_tables.scenario_name(number)] = dump_scenario(replayed(found.plan, number))
+        files[scenario_name(number)] = dump_scenario(replayed(found.plan, number))
     facts = [("Scenario", campaign.scenario), ("Campaign", found.plan.hash)]
     words = ["cpid", "campaign", "report", str(folder)]
-    return study_report("Campaign", subtitle, sections, facts, words, files)
+    return study_report("Campaign", subtitle, sections(found), facts, words, files)
+
+
+def sections(found: Statistics) -> list[Section]:
+    """Return the sections of a campaign's page."""
+    points = [errors(found, point) for point in range(len(found.plan.points))[:MOST_POINTS]]
+    result = [
+        Section("Requirements", tables=[requirements(found)]),
+        Section("Errors", texts=[LEGEND], tables=points, pictures=_pictures(found)),
+        Section("Checks", tables=[checks(found), failures(found)]),
+        Section("Axes", tables=[axes(found)], pictures=_axis_pictures(found)),
+        Section("Worst cases", tables=[worst(found)]),
+        Section("Drake's simulation", texts=[compared(found)]),
+    ]
+    if not found.plan.campaign.requirements:
+        result = result[1:]
+    result = [replace(each, tables=[t for t in each.tables if t.rows]) for each in result]
+    return [each for each in result if each.tables or each.texts]
+
+
+def requirements(found: Statistics) -> Table:
+    """Return the verdict on each requirement, for each point and estimator."""
+    heads = ["", "estimator", "error at most", "in trials", "met in", "at least", "verdict"]
+    rows = []
+    for (point, estimator), tally in sorted(found.by_point.items()):
+        for name, each in found.plan.campaign.requirements.items():
+            text, low = verdict(tally.met[name], tally.trials, each.probability)
+            shares = [f"{tally.met[name]} of {tally.trials}", f"{100 * low:.4g} %", text]
+            limit = f"{each.limit:g} m" if name == "com" else f"{100 * each.limit:g} %"
+            where = _where(found, point)
+            rows.append(
+                [f"{name} {where}", estimator, limit, f"{100 * each.probability:g} %", *shares]
+            )
+    note = "At least: the share with a probability of 95 % (one-sided, Clopper and Pearson)."
+    return Table(
+        heads, rows, "Requirements", f"{note} A trial without an estimate does not meet them."
+    )
+
+
+def errors(found: Statistics, point: int) -> Table:
+    """Return error over bound, NEES and coverage of every estimator in a point of the grids."""
+    names = found.plan.campaign.estimators
+    tallies = [found.by_point.get((point, name), Tally()) for name in names]
+    bound = next((t for t in tallies if t.bounded.any()), Tally()).beside_bound()[1]
+    has_bound, rows = bool(np.isfinite(bound).any()), []
+    for i, name in enumerate(PARAMETER_NAMES):
+        shown = [t.over_bound()[i] if has_bound else 100 * t.rms()[i] for t in tallies]
+        rows.append([name, _number(100 * bound[i]), *map(_number, shown)])
+    rows += [
+        ["NEES / n", "1", *map(_nees, tallies)],
+        ["95 % coverage", "95 %", *map(_coverage, tallies)],
+        ["bias / spread", "0", *(_number(_bias(t)) for t in tallies)],
+        ["largest error, % of scale", "", *(_number(100 * _size(t)) for t in tallies)],
+        ["without estimate", "", *(f"{t.failed} of {t.trials}" for t in tallies)],
+    ]
+    heads = ["", "bound, % of scale", *(name.replace("_", " ") for name in names)]
+    what = "RMS error over Cramér-Rao bound" if has_bound else "RMS error, % of scale"
+    caption = f"{what}, {tallies[0].trials} trials {_where(found, point)}".strip()
+    problems = "; ".join(f"{n}: {t.problem}" for n, t in zip(names, tallies) if t.problem)
+    return Table(heads, rows, f"{caption}, seed {found.plan.campaign.seed}", problems)
+
+
+def checks(found: Statistics) -> Table:
+    """Return how often the checks are right, for each estimator over all points."""
+    rows = []
+    for name in found.plan.campaign.estimators:
+        tallies = [t for (_, own), t in found.by_point.items() if own == name]
+        count = {
+            key: sum(t.verdicts[key] for t in tallies)
+            for key in ((True, True), (True, False), (False, False), (False, True))
+        }
+        rows.append([name, *map(str, count.values()), str(sum(t.failed for t in tallies))])
+    heads = [
+        "",
+        "passed, right",
+        "passed, wrong",
+        "failed rightly",
+        "failed wrongly",
+        "no estimate",
+    ]
+    note = "Wrong: by its own covariance, an error as large has a probability below 0.001."
+    return Table(heads, rows, "Checks", note)
+
+
+def failures(found: Statistics) -> Table:
+    """Return how often each check failed, rightly and wrongly, over all points."""
+    counts: dict[tuple[str, str], list[int]] = {}
+    for (_, estimator), tally in found.by_point.items():
+        for (name, is_right), count in tally.checks.items():
+            counts.setdefault((estimator, name), [0, 0])[is_right] += count
+    rows = [[check, name, *map(str, count)] for (name, check), count in sorted(counts.items())]
+    return Table(["", "estimator", "rightly", "wrongly"], rows, "Failed checks")
+
+
+def axes(found: Statistics) -> Table:
+    """Return the errors in each part of each axis."""
+    rows = [
+        [f"{axis}: {part}", estimator, str(t.trials), str(t.failed), _number(100 * _size(t)),
+         _nees(t), _coverage(t)]
+        for (axis, part, estimator), t in found.by_axis.items() if t.trials
+    ]  # fmt: skip
+    heads = ["", "estimator", "trials", "without estimate", "error, % of scale", "NEES / n"]
+    return Table([*heads, "95 % coverage"], rows, "RMS of the largest error along each axis")
+
+
+def worst(found: Statistics) -> Table:
+    """Return the trials with the largest errors, and the command that shows each in Meshcat."""
+    rows = [
+        [str(each.trial), name, _number(100 * each.error), _number(each.nees),
+         each.failed_checks or "passed", shlex.join(["cpid", "view", scenario_name(each.trial)])]
+        for name, cases in found.worst.items() for each in cases
+    ]  # fmt: skip
+    heads = ["trial", "estimator", "error, % of scale", "NEES", "checks", "in this folder"]
+    note = "The scenarios have the trial's target, momentum, motion and noise."
+    return Table(heads, rows, "Worst cases", note)
+
+
+def scenario_name(trial: int) -> str:
+    """Return the name of the file of a trial's scenario in the folder of its campaign."""
+    return f"trial-{trial:09d}.yaml"
+
+
+def compared(found: Statistics) -> str:
+    """Return a sentence on how the propagated trials compare with Drake's simulation."""
+    if not found.compared:
+        return (
+            "No trial was repeated with Drake's plant. The propagator takes "
+            f"{1e3 * found.truth_seconds:.3g} ms of the processor for a trial."
+        )
+    ratio = found.drake_seconds / found.truth_seconds
+    return (
+        f"{found.compared} of {found.done} trials were repeated with Drake's plant of the nominal "
+        f"spacecraft: the base's pose differs by at most {found.position:.2g} m and "
+        f"{found.angle:.2g} rad. Drake takes {found.drake_seconds:.3g} s of the processor for a "
+        f"trial, the propagator {1e3 * found.truth_seconds:.3g} ms, {ratio:.0f} times less."
+    )
+
+
+def _where(found: Statistics, point: int) -> str:
+    values = found.plan.points[point]
+    return "".join(f"{key} {value} " for key, value in values.items()).strip()
+
+
+def _size(tally: Tally) -> float:
+    return float(np.sqrt(tally.scaled / tally.good)) if tally.good else np.nan
+
+
+def _bias(tally: Tally) -> float:
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = tally.error / tally.known
+        spread = np.sqrt(np.maximum(tally.rms() ** 2 - mean**2, 1e-300))
+        ratio = np.abs(mean) / spread
+    return float(np.nanmax(ratio)) if tally.good > 1 else np.nan
+
+
+def _nees(tally: Tally) -> str:
+    if not tally.freedom:
+        return "–"
+    (low, high), value = tally.nees_band(), tally.nees / tally.freedom
+    return significant(value, 3) + ("" if low <= value <= high else " !")
+
+
+def _coverage(tally: Tally) -> str:
+    inside, known = tally.inside.sum(), tally.known.sum()
+    if not known:
+        return "–"
+    # The parameters of a trial are not independent: as many as there are trials are counted.
+    count = inside / known * tally.good
+    low, high = clopper_pearson(count, tally.good, (1 - CONFIDENCE) / 2)
+    return f"{100 * inside / known:.0f} % ({100 * low:.0f}–{100 * high:.0f})"
+
+
+def _number(value: float) -> str:
+    if not np.isfinite(value):
+        return "–"
+    return f"{value:.2g}" if value < 1 else f"{value:.2f}" if value < 10 else f"{value:.0f}"
+
+
+def _pictures(found: Statistics) -> list[Picture]:
+    points = range(len(found.plan.points))[:MOST_POINTS]
+    return [
+        Picture(f"Errors {_where(found, k)}".strip(), partial(_draw_errors, found, k), WIDE)
+        for k in points
+    ]
+
+
+def _draw_errors(found: Statistics, point: int, axes: Axes) -> None:
+    names, bounds = found.plan.campaign.estimators, list[np.ndarray]()
+    for k, name in enumerate(names):
+        tally = found.by_point.get((point, name), Tally())
+        x = np.arange(10) - 0.4 + (k + 0.5) * 0.8 / len(names)
+        error, bound = tally.beside_bound()
+        axes.plot(x, 100 * error, "o", label=name, color=COLORS[k % 6], markersize=5)
+        bounds += [bound] if np.isfinite(bound).any() else []
+    if bounds:
+        left, right = np.arange(10) - 0.42, np.arange(10) + 0.42
+        axes.hlines(100 * bounds[0], left, right, color=INK, label="bound")
+    axes.set_yscale("log")
+    label_axes(axes, f"RMS error {_where(found, point)}", "", "% of scale (m, 0.5 m, trace of I)")
+    axes.set_xticks(np.arange(10), PARAMETER_NAMES)
+    axes.grid(axis="x", visible=False)
+    axes.set_xlim(-0.6, 9.6)
+    legend_below(axes, 6)
+
+
+def _axis_pictures(found: Statistics) -> list[Picture]:
+    return [
+        Picture(f"Error along {key}", partial(_draw_axis, found, key), WIDE)
+        for key in found.plan.campaign.axes
+    ]
+
+
+def _draw_axis(found: Statistics, key: str, axes: Axes) -> None:
+    parts = list(dict.fromkeys(part for axis, part, _ in found.by_axis if axis == key))
+    for k, name in enumerate(found.plan.campaign.estimators):
+        sizes = [100 * _size(found.by_axis[key, part, name]) for part in parts]
+        axes.plot(np.arange(len(parts)), sizes, "o-", label=name, color=COLORS[k % 6])
+    axes.set_yscale("log")
+    label_axes(axes, f"RMS of the largest error along {key}", key, "% of scale")
+    axes.set_xticks(np.arange(len(parts)), parts, rotation=20, ha="right")
+    axes.legend()

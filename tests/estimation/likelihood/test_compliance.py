@@ -23,14 +23,15 @@ SIZE = 1e-6
 """Compliance [rad/(N·m) or m/N]."""
 
 
-@pytest.fixture(scope="module")
-def case(tmp_path_factory, skewed_target):
+@pytest.fixture(scope="module", params=[False, True], ids=["arm", "gripper"])
+def case(tmp_path_factory, skewed_target, request):
     each = 1e6 * SIZE
     forces = Disturbances(
         joint_compliance_urad=each, compliance_urad=each, translational_compliance_um=each
     )
     suite = coarse_suite(disturbances=forces, encoders=JointSensor(100.0, 1e-8))
-    return make_case(tmp_path_factory.mktemp("craft"), skewed_target, suite, MOMENTUM)
+    folder = tmp_path_factory.mktemp("craft")
+    return make_case(folder, skewed_target, suite, MOMENTUM, gripper=request.param)
 
 
 @pytest.fixture(scope="module")
@@ -52,9 +53,9 @@ def loads(case):
     R_CW = Rotation.from_matrix(known.motion.R_WC).inv()
     load = np.hstack([efforts, R_CW.apply(moment), R_CW.apply(force)])
     return {
-        "joint_compliance": CubicSpline(times, load[:, :4]),
-        "compliance": CubicSpline(times, load[:, 4:7]),
-        "translational_compliance": CubicSpline(times, load[:, 7:]),
+        "joint_compliance": CubicSpline(times, load[:, :-6]),
+        "compliance": CubicSpline(times, load[:, -6:-3]),
+        "translational_compliance": CubicSpline(times, load[:, -3:]),
     }
 
 
@@ -73,7 +74,8 @@ def test_what_yields_moves_the_base_as_joints_do_that_have_moved(case, loads, ki
     L_B = np.einsum("nji,nj->ni", trajectory.R, trajectory.L)
     tree = case.craft.tree.with_target(case.target.to_standard_vector())
     for axis in range(width):
-        last = replace(tree.bodies[-1], joint=4, axis_F=np.eye(3)[axis % 3])
+        joints = q.shape[1]
+        last = replace(tree.bodies[-1], joint=joints, axis_F=np.eye(3)[axis % 3])
         last = replace(last, prismatic=kind == "translational_compliance")
         at_joint = kind == "joint_compliance"
         flexible = tree if at_joint else replace(tree, bodies=(*tree.bodies[:-1], last))
@@ -82,7 +84,7 @@ def test_what_yields_moves_the_base_as_joints_do_that_have_moved(case, loads, ki
             at = []
             for k, x in enumerate((q, qdot)):
                 bend = -s * load(times, k)[:, axis]
-                bent = x + np.eye(4)[axis] * bend[:, None] if at_joint else np.c_[x, bend]
+                bent = x + np.eye(joints)[axis] * bend[:, None] if at_joint else np.c_[x, bend]
                 at.append(bent)
             relative = BodyDynamics.at(flexible, *at)
             w, _ = relative.base_twist(np.zeros(10), L_B)

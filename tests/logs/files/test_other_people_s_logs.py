@@ -144,9 +144,8 @@ def motive(unit, scale=1.0, shift=""):
     return top + "\n" + "\n".join(lines) + "\n"
 
 
-@pytest.mark.parametrize("shift", ["", ","])
 @pytest.mark.parametrize(
-    ("unit", "short", "scale"), [("Meters", "m", 1), ("Millimeters", "mm", 1e3)]
+    ("unit", "short", "scale", "shift"), [("Meters", "m", 1, ","), ("Millimeters", "mm", 1e3, "")]
 )
 def test_exports_of_motive_are_read_with_their_units(tmp_path, shift, unit, short, scale):
     path = write(tmp_path, motive(unit, scale, shift))
@@ -234,8 +233,7 @@ def test_a_second_log_is_one_problem(tmp_path):
     np.testing.assert_array_equal(found.log.gyro.time, columns()["time"])
 
 
-@pytest.mark.parametrize("start", [1_767_225_600.0, 400_000.0])
-@pytest.mark.parametrize("kind", ["csv", "parquet"])
+@pytest.mark.parametrize(("start", "kind"), [(1_767_225_600.0, "csv"), (400_000.0, "parquet")])
 def test_stamps_of_single_precision_are_named(tmp_path, start, kind):
     given = columns() | {"time": single(start).astype(float)}
     content = csv_of(given) if kind == "csv" else parquet_of(single(start))

@@ -178,8 +178,9 @@ def test_three_numbers_r_beside_a_quaternion_are_the_position(craft, log):
     assert both.column_map.position.columns == ["pos.x", "pos.y", "pos.z"]
 
 
-@pytest.mark.parametrize("unit", ["rad", "mrad", "deg", None])
-@pytest.mark.parametrize("turn", [0.0, 8.0])
+@pytest.mark.parametrize(
+    ("unit", "turn"), [("rad", 8.0), ("mrad", 0.0), ("deg", 0.0), (None, 0.0), (None, 8.0)]
+)
 def test_the_unit_of_angles_is_that_of_their_names_or_follows_from_the_motion(unit, turn):
     """Yaw in rad may be beyond a turn."""
     craft = load_scenario(shipped_scenario("free_flyer_payload")).spacecraft.make()
