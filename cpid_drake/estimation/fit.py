@@ -2,8 +2,8 @@
 
 Gauss-Newton steps on the sum of all logs' sweeps: target, hardware, momenta and forces, starts,
 biases and joint motion move together, and the target stays inside of its cone. A share of a step is
-taken if χ² would not fall by all of it. Samples that are far off weigh less; each sensor has a
-spectrum and a factor, which come from the residuals once steps are small. Before, the samples
+taken if χ² would not fall by all of it. Samples that are far off weigh less; the noise of each
+sensor comes from the evidence of the residuals once steps are small. Before, the samples
 are no more precise beside the hardware's priors than their residuals are small: else errors of the
 hardware would explain, by thousands of their σ, what is wrong with the start. A prior, or another
 result, is one more Gaussian in the sum.

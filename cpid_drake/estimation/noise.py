@@ -22,10 +22,10 @@ from cpid_drake.estimation.roll import Rolled, Values
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.sensors.sensors import SENSORS
 
-TAUS = 0.02 * 3.0 ** np.arange(7)
+TAUS = 0.02 * 4.0 ** np.arange(6)
 """Times of slow noise that are tried first [s]."""
 
-RATIOS = np.array([0.1, 1.0, 10.0, 100.0])
+RATIOS = np.array([0.2, 5.0])
 """Variances of slow noise that are tried first, in units of that of the white noise."""
 
 WORTH = 12.0

@@ -201,7 +201,7 @@ def _marginalized(state: OnlineState, count: int) -> OnlineState:
     )
     kept = rolled.part(count, len(log.blocks))
     derived = {part: own for part, own in kept.linear.items() if part in kept.models}
-    kept = replace(kept, linear=derived, rows={})
+    kept = replace(kept, linear=derived)
     return replace(
         state._observed(gone, rolled),
         settled=(*state.settled, *gone.changes),

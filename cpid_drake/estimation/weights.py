@@ -22,7 +22,7 @@ from cpid_drake.estimation.unknowns import Model
 from cpid_drake.sensors.sensors import SENSORS
 
 SAME = 1e-2
-"""Change of a weight or of a noise factor, or share of a spectrum, that does not matter."""
+"""Change of a weight or of a noise factor that does not matter."""
 
 MOST_LOST = 0.9
 """Share of a sensor's residuals that unknowns absorb at most: else none would show the noise."""
@@ -35,7 +35,7 @@ def reweighted(
     values: Values,
     absorbed: dict[str, float] | None,
 ) -> LogState:
-    """Return a log with the weights, spectra and noise factors that its residuals show.
+    """Return a log with the weights and noise that its residuals show.
 
     Args:
         model: the unknowns.
@@ -113,7 +113,7 @@ def _weighted(log: LogState, rolled: Rolled) -> LogState:
 
 
 def are_same(logs: Sequence[LogState], others: Sequence[LogState]) -> bool:
-    """Return whether logs have nearly the same weights, spectra and noise factors."""
+    """Return whether logs have nearly the same weights and noise."""
     for log, other in zip(logs, others, strict=True):
         if not are_near(log.processes, other.processes):
             return False

@@ -7,7 +7,7 @@ these is an unknown for once, beside all others and given the noise. If it is ze
 the number of its entries (Rao 1948, score test; the fit is linear here).
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -27,17 +27,17 @@ from cpid_drake.identification.effect_estimates import EffectEstimate
 _LEAST = 1e-4  # information in units of plausible sizes: what is seen less tells nothing
 
 
-def exact_checks(chosen: ChosenFit, wide: Model | None) -> tuple[Check, ...]:
+def exact_checks(chosen: ChosenFit, opened: Callable[[], Model | None]) -> tuple[Check, ...]:
     """Return the check of errors that are held exact; none without slow noise, or without such.
 
     Args:
         chosen: a fit.
-        wide: its unknowns, and those that are held exact; None if there are none.
+        opened: returns its unknowns and those that are held exact; None if there are none.
 
     """
     fit = chosen.fit
     slow = [(log, name) for log in fit.logs for name in log.slow]
-    if wide is None or not slow:
+    if not slow or (wide := opened()) is None:
         return ()
     known = _with_exact(chosen, replace(wide, rows=fit.model.rows))
     new = [name for name in known.places if name not in fit.gaussian.places]

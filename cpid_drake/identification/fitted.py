@@ -83,7 +83,7 @@ def estimate(
         joints=arguments.spacecraft.joint_names,
         estimator=TRAJECTORY_FIT,
     )
-    opened = open_model_of(arguments.spacecraft.tree, logs, arguments.known_bodies)
+    opened = partial(open_model_of, arguments.spacecraft.tree, logs, arguments.known_bodies)
     result = replace(
         result,
         checks=(*result.checks, *chosen.part_checks(), *exact_checks(chosen, opened)),
