@@ -27,7 +27,8 @@ from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import FAR, IMPROBABLE
 from cpid_drake.estimation.likelihood.motion_model import TrajectoryState
 from cpid_drake.estimation.log_state import LogState, farthest
-from cpid_drake.estimation.noise import noise_cost, with_processes
+from cpid_drake.estimation.noise import cost_of, noise_cost
+from cpid_drake.estimation.noise_evidence import NoiseEvidence
 from cpid_drake.estimation.roll import Rolled, Values
 from cpid_drake.estimation.sweep import known_at_start, sweep
 from cpid_drake.estimation.unknowns import Model
@@ -53,19 +54,17 @@ def fit_with_events(
 
     """
     model = found.model
-    # Slow noise may be a change in disguise: the noise is what remains of it if all ends are open.
+    # Slow noise may be a change in disguise, and changes may be slow noise.
     quiet = [replace(log, noise={}, weights=tuple({} for _ in log.blocks)) for log in found.logs]
-    pairs = zip(quiet, found.rolled, strict=True)
-    quiet = [_with_open_noise(model, *pair, found.values) for pair in pairs]
-    changes = _changes(replace(found, logs=quiet), question)
-    if all(log.open.issuperset(own) for log, own in zip(quiet, changes, strict=True)):
+    declared = [log.with_processes({}) for log in quiet]
+    changes = _changes(replace(found, logs=declared), question)
+    parts = zip(quiet, found.rolled, changes, strict=True)
+    kept = [_kept(found, *each, _cost_with_either) for each in parts]
+    if all(log.open.issuperset(own) for log, own in zip(quiet, kept, strict=True)):
         return found
     wide = found
     # What a change has bent is no start.
-    now = [
-        log.of_others(model, log.blocks).with_processes(other.processes)
-        for log, other in zip(found.logs, quiet, strict=True)
-    ]
+    now = [log.of_others(model, log.blocks) for log in found.logs]
     for last in (False, True):  # whole blocks, then parts of those beside changes
         logs = [log.opened(range(len(log.blocks) - 1)) for log in now]
         wide = fit(model, logs, values=wide.values, progress=progress)
@@ -80,7 +79,7 @@ def fit_with_events(
         now = [_cut(model, *each) for each in parts]
     changed = fit(model, logs, values=wide.values, progress=progress)
     parts = zip(changed.logs, changed.rolled, changes, strict=True)
-    kept = [_kept(changed, *each) for each in parts]
+    kept = [_kept(changed, *each, noise_cost) for each in parts]
     if not any(kept):
         return found
     if all(log.open == own for log, own in zip(changed.logs, kept, strict=True)):
@@ -90,26 +89,30 @@ def fit_with_events(
 
 
 def _kept(
-    found: Fit, log: LogState, rolled: Rolled, changes: Mapping[int, float]
+    found: Fit,
+    log: LogState,
+    rolled: Rolled,
+    changes: Mapping[int, float],
+    cost: Callable[[Model, LogState, Rolled, Values], float],
 ) -> frozenset[int]:
-    """Return the first changes, by their evidence, that have the most beside the best noise.
+    """Return the first changes, by their evidence, that have the most beside the noise.
 
-    Noise that is slow and a few changes may explain what many changes do.
+    A change inside of a block is one at both of its ends: two more that are no better are the last.
     """
     ends, costs = list(changes), list[float]()
     price = 2 * float(np.log(len(SIZES)) - np.log(CHANGE_ODDS))
     for count in range(len(ends) + 1):
+        if costs and count > 2 + int(np.argmin(costs)):
+            break
         some = replace(log.opened(ends[:count]), spans=changes)
-        costs.append(noise_cost(found.model, some, rolled, found.values) + count * price)
+        costs.append(cost(found.model, some, rolled, found.values) + count * price)
     return log.opened(ends[: int(np.argmin(costs))]).open
 
 
-def _with_open_noise(model: Model, log: LogState, rolled: Rolled, values: Values) -> LogState:
-    """Return a log with the slow noise that it shows if its momentum changes at all ends."""
-    if not log.slow:
-        return log
-    opened = replace(log.opened(range(len(log.blocks) - 1)), is_known=False)
-    return log.with_processes(with_processes(model, opened, rolled, values).processes)
+def _cost_with_either(model: Model, log: LogState, rolled: Rolled, values: Values) -> float:
+    """Return −2 log(evidence) with the noise that a log has, or with declared noise."""
+    evidence = NoiseEvidence(model, log, rolled, values)
+    return min(cost_of(evidence, log.processes), cost_of(evidence, {}))
 
 
 def is_explained(found: Fit) -> bool:

@@ -2,8 +2,8 @@
 
 Residuals alone say of which sensors the noise may not be as declared, and where its process is
 sought; from there, quasi-Newton steps climb the evidence of all these sensors together. A process
-stays if its evidence is much larger than that of white noise of any size, and the noise changes
-only if its evidence grows, so that there is a fixed point.
+stays if its evidence is much larger than that of white noise of any size. The noise is sought at
+the fit with declared noise, and once more at the fit with its own.
 
 Source: Nocedal and Wright 2006, Numerical Optimization, ch. 6.1 (BFGS).
 """
@@ -22,7 +22,7 @@ from cpid_drake.estimation.roll import Rolled, Values
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.sensors.sensors import SENSORS
 
-TAUS = 0.02 * 4.0 ** np.arange(6)
+TAUS = 0.02 * 8.0 ** np.arange(4)
 """Times of slow noise that are tried first [s]."""
 
 RATIOS = np.array([0.2, 5.0])
@@ -33,10 +33,6 @@ WORTH = 12.0
 
 SAME = 0.3
 """Gain of −2 log(evidence) that does not matter."""
-
-MOST_NOISE = 4.0
-"""Ratio of the noise to the declared one above which it is another error; hardware may have three
-times. It is found once, since nothing else will make it noise."""
 
 FEWEST = 20
 """Residuals that show no more than declared noise."""
@@ -71,9 +67,13 @@ def with_processes(model: Model, log: LogState, rolled: Rolled, values: Values) 
     found, cost = search.climbed(tried)
     if are_near(_topped(found), before):
         return replace(log, is_known=True)
-    log = log.with_processes(_topped(search.simplified(found, cost)))
-    is_other = any(each.total > MOST_NOISE**2 for each in log.processes.values())
-    return replace(log, is_known=is_other)
+    found = _topped(search.simplified(found, cost))
+    return replace(log.with_processes(found), is_known=bool(before))
+
+
+def cost_of(evidence: NoiseEvidence, processes: Mapping[str, Process]) -> float:
+    """Return −2 log(evidence), with the odds of noise and what it must gain if not as declared."""
+    return evidence(processes) + sum(_price(p) + _odds(p.logs) for p in processes.values())
 
 
 def noise_cost(model: Model, log: LogState, rolled: Rolled, values: Values) -> float:
@@ -132,7 +132,7 @@ class _Series:
         share `freedom` of its variance, may hide it.
         """
         d, square = self.rest.shape[1], float(np.mean(self.rest**2)) if self.rest.size else 0.0
-        if now.slow or self.rest.size < FEWEST or square < EXACT**2:
+        if now.slow or self.rest.size < FEWEST or square < EXACT**4:
             return now
         white, larger = Process(square, channels=d), Process(max(square, 1.0), channels=d)
         shapes = [(square / (1 + ratio), float(tau)) for tau in TAUS for ratio in RATIOS]
@@ -171,9 +171,8 @@ class _Search:
     series: Mapping[str, _Series]
 
     def cost(self, processes: Processes) -> float:
-        """Return −2 log(evidence), and what noise that is not as declared must gain."""
-        prices = sum(_price(each) + _odds(each.logs) for each in processes.values())
-        return self.evidence(processes) + prices
+        """See `cost_of`."""
+        return cost_of(self.evidence, processes)
 
     def _slopes(self, processes: Processes) -> tuple[float, Array]:
         """Return −2 log(evidence) with the odds, and its derivatives by all `Process.logs`."""

@@ -77,7 +77,7 @@ class Process:
 DECLARED = Process()
 """The noise that a sensor declares."""
 
-EXACT = 0.3
+EXACT = 0.5
 """Residuals below this share of the declared σ are errors of the model, and tell no noise."""
 
 DECLARED_COUNT = 10.0

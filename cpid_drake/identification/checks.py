@@ -14,7 +14,6 @@ import numpy as np
 from cpid_drake.estimation.events import most_changes
 from cpid_drake.estimation.evidence import NAMED
 from cpid_drake.estimation.least_squares import IMPROBABLE as IMPROBABLE
-from cpid_drake.estimation.noise import MOST_NOISE
 from cpid_drake.estimation.whiteness import MOST_CORRELATED, Whiteness
 from cpid_drake.files.digits import significant
 from cpid_drake.sensors.sensors import SENSORS
@@ -27,6 +26,9 @@ BIAS = "bias by noise in rows"
 
 AGREEMENT, CONVERGENCE, NEAREST = "agreement", "convergence", "distance of the nearest rigid body"
 """Names of the checks that sources have one target, a fit is the best, and a rigid body has it."""
+
+MOST_NOISE = 4.0
+"""Ratio of the noise to the given one above which a check fails; hardware may have three times."""
 
 SEEN = 1.1
 """Factor of the noise from which a warning says so."""

@@ -1,4 +1,4 @@
-"""Spectra of noise: what is white, what is slow, and what a target's error is beside its σ."""
+"""Noise of sensors: what is white, what is slow, and what a target's error is beside its σ."""
 
 from functools import partial
 
@@ -12,6 +12,7 @@ from cpid_drake.estimation.events import fit_with_events
 from cpid_drake.estimation.evidence import Question
 from cpid_drake.estimation.fit import fit
 from cpid_drake.estimation.log_state import LogState
+from cpid_drake.estimation.noise_evidence import NoiseEvidence
 from cpid_drake.estimation.process import Innovations, Process
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.sensors.sensors import Gyro, JointSensor, VectorSensor
@@ -124,3 +125,20 @@ def test_a_firing_in_slow_noise_is_found(case):
     assert found.converged
     assert 1 <= len(log.changes) <= 2
     assert min(abs(each - time) for each in log.changes) < 0.5
+
+
+def test_slopes_are_those_of_the_evidence(case):
+    """One pass backward finds what differences of the evidence show, for all sensors at once."""
+    model = Model(case.craft.tree, SUITE)
+    found = fit(model, [LogState.of(model, spoiled(case.samples, half, 0))])
+    [log], [rolled] = found.logs, found.rolled
+    evidence = NoiseEvidence(model, log, rolled, found.values)
+    noise = {"gyro": Process(0.6, 0.9, 0.4), "position": Process(0.7, 0.2, 0.1)}
+    noise["attitude"] = Process(1.3)
+    value, slopes = evidence.with_slopes(noise)
+    assert value == pytest.approx(evidence(noise))
+    for name, process in noise.items():
+        for k, h in enumerate(1e-3 * np.eye(len(process.logs))):
+            up, down = (process.with_logs(process.logs + s * h) for s in (1, -1))
+            change = evidence({**noise, name: up}) - evidence({**noise, name: down})
+            assert slopes[name][k] == pytest.approx(change / 2e-3, rel=1e-4, abs=1e-3)
