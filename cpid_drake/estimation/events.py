@@ -29,7 +29,7 @@ from cpid_drake.estimation.likelihood.motion_model import TrajectoryState
 from cpid_drake.estimation.log_state import LogState, farthest
 from cpid_drake.estimation.noise import cost_of, noise_cost
 from cpid_drake.estimation.noise_evidence import NoiseEvidence
-from cpid_drake.estimation.roll import Rolled, Values
+from cpid_drake.estimation.roll import Rolled, Values, roll
 from cpid_drake.estimation.sweep import known_at_start, sweep
 from cpid_drake.estimation.unknowns import Model
 
@@ -58,10 +58,20 @@ def fit_with_events(
     quiet = [replace(log, noise={}, weights=tuple({} for _ in log.blocks)) for log in found.logs]
     declared = [log.with_processes({}) for log in quiet]
     changes = _changes(replace(found, logs=declared), question)
-    parts = zip(quiet, found.rolled, changes, strict=True)
-    kept = [_kept(found, *each, _cost_with_either) for each in parts]
-    if all(log.open.issuperset(own) for log, own in zip(quiet, kept, strict=True)):
+    if all(log.open.issuperset(own) for log, own in zip(quiet, changes, strict=True)):
         return found
+    if any(log.slow for log in quiet):
+        parts = zip(quiet, found.rolled, changes, strict=True)
+        cut = [_cut(model, *each) for each in parts]
+        finer = replace(found, logs=cut, rolled=[roll(model, log, found.values) for log in cut])
+        ends = zip(cut, finer.rolled, _changes(finer, question), strict=True)
+        cut = [log.with_processes(other.processes) for log, other in zip(cut, quiet, strict=True)]
+        kept = [
+            _kept(finer, log, rolled, own, _cost_with_either)
+            for log, (_, rolled, own) in zip(cut, ends, strict=True)
+        ]
+        if not any(kept):
+            return found
     wide = found
     # What a change has bent is no start.
     now = [log.of_others(model, log.blocks) for log in found.logs]
