@@ -67,7 +67,7 @@ def fit_with_events(
         ends = zip(cut, finer.rolled, _changes(finer, question), strict=True)
         cut = [log.with_processes(other.processes) for log, other in zip(cut, quiet, strict=True)]
         kept = [
-            _kept(finer, log, rolled, own, _cost_with_either)
+            _kept(finer, log, rolled, own, question, _cost_with_either)
             for log, (_, rolled, own) in zip(cut, ends, strict=True)
         ]
         if not any(kept):
@@ -89,7 +89,7 @@ def fit_with_events(
         now = [_cut(model, *each) for each in parts]
     changed = fit(model, logs, values=wide.values, progress=progress)
     parts = zip(changed.logs, changed.rolled, changes, strict=True)
-    kept = [_kept(changed, *each, noise_cost) for each in parts]
+    kept = [_kept(changed, *each, question, noise_cost) for each in parts]
     if not any(kept):
         return found
     if all(log.open == own for log, own in zip(changed.logs, kept, strict=True)):
@@ -103,6 +103,7 @@ def _kept(
     log: LogState,
     rolled: Rolled,
     changes: Mapping[int, float],
+    question: Question,
     cost: Callable[[Model, LogState, Rolled, Values], float],
 ) -> frozenset[int]:
     """Return the first changes, by their evidence, that have the most beside the noise.
@@ -114,7 +115,9 @@ def _kept(
     for count in range(len(ends) + 1):
         if costs and count > 2 + int(np.argmin(costs)):
             break
-        some = replace(log.opened(ends[:count]), spans=changes)
+        alone = replace(found, logs=[log.with_processes({})], rolled=[rolled])
+        [spans] = _changes(alone, question, ends[:count]) if count else [{}]
+        some = replace(log.opened(ends[:count]), spans=spans)
         costs.append(cost(found.model, some, rolled, found.values) + count * price)
     return log.opened(ends[: int(np.argmin(costs))]).open
 
@@ -135,16 +138,22 @@ def most_changes(logs: int) -> int:
     return int(np.ceil(pdtrik(1 - IMPROBABLE, logs)))
 
 
-def _changes(found: Fit, question: Question) -> list[dict[int, float]]:
-    """Return of each log the blocks at whose ends something changed, and how much; see `spans`."""
+def _changes(
+    found: Fit, question: Question, among: Collection[int] | None = None
+) -> list[dict[int, float]]:
+    """Return of each log the blocks at whose ends something changed, and how much; see `spans`.
+
+    Of some ends `among` which alone something can change, all are returned.
+    """
     model, result = found.model, []
     for log, rolled in zip(found.logs, found.rolled, strict=True):
         best, count = dict[int, float](), len(log.blocks)
         before = known_at_start(model, log, found.values)
-        wide = log.opened(range(count - 1))
+        wide = log.opened(range(count - 1) if among is None else among)
         for first in range(0, count - 1, MOST_CANDIDATES):
             last = min(first + MOST_CANDIDATES, count - 1)
             ends = [k for k in range(last - first) if not log.gaps[first + k]]
+            ends = [k for k in ends if among is None or first + k in among]
             later = slice(last, min(last + LATER + 1, count))
             own, part = wide.part(first, last), rolled.part(first, last)
             parts = own, part
@@ -155,7 +164,8 @@ def _changes(found: Fit, question: Question) -> list[dict[int, float]]:
             carried = sweep(model, *parts, found.values, before=known, forward_only=True).gaussian
             changes = {_name(k, log): part.links[k] for k in ends}
             compared = _compared(own, found, carried, changes, question)
-            numbers = {_name(k, log): first + k for k in ends if _name(k, log) in compared.best}
+            acting = compared.best if among is None else compared.sizes
+            numbers = {_name(k, log): first + k for k in ends if _name(k, log) in acting}
             best |= {numbers[n]: a for n, a in compared.sizes.items() if n in numbers}
             known = known.condition(
                 {_name(k, log): -part.links[k] for k in ends if first + k not in log.open}
