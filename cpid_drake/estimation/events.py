@@ -27,8 +27,7 @@ from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import FAR, IMPROBABLE
 from cpid_drake.estimation.likelihood.motion_model import TrajectoryState
 from cpid_drake.estimation.log_state import LogState, farthest
-from cpid_drake.estimation.noise import cost_of, noise_cost
-from cpid_drake.estimation.noise_evidence import NoiseEvidence
+from cpid_drake.estimation.noise import noise_cost
 from cpid_drake.estimation.roll import Rolled, Values, roll
 from cpid_drake.estimation.sweep import known_at_start, sweep
 from cpid_drake.estimation.unknowns import Model
@@ -67,7 +66,7 @@ def fit_with_events(
         ends = zip(cut, finer.rolled, _changes(finer, question), strict=True)
         cut = [log.with_processes(other.processes) for log, other in zip(cut, quiet, strict=True)]
         kept = [
-            _kept(finer, log, rolled, own, question, _cost_with_either)
+            _kept(finer, log, rolled, own, question)
             for log, (_, rolled, own) in zip(cut, ends, strict=True)
         ]
         if not any(kept):
@@ -89,7 +88,7 @@ def fit_with_events(
         now = [_cut(model, *each) for each in parts]
     changed = fit(model, logs, values=wide.values, progress=progress)
     parts = zip(changed.logs, changed.rolled, changes, strict=True)
-    kept = [_kept(changed, *each, question, noise_cost) for each in parts]
+    kept = [_kept(changed, *each, question) for each in parts]
     if not any(kept):
         return found
     if all(log.open == own for log, own in zip(changed.logs, kept, strict=True)):
@@ -104,7 +103,6 @@ def _kept(
     rolled: Rolled,
     changes: Mapping[int, float],
     question: Question,
-    cost: Callable[[Model, LogState, Rolled, Values], float],
 ) -> frozenset[int]:
     """Return the first changes, by their evidence, that have the most beside the noise.
 
@@ -118,14 +116,8 @@ def _kept(
         alone = replace(found, logs=[log.with_processes({})], rolled=[rolled])
         [spans] = _changes(alone, question, ends[:count]) if count else [{}]
         some = replace(log.opened(ends[:count]), spans=spans)
-        costs.append(cost(found.model, some, rolled, found.values) + count * price)
+        costs.append(noise_cost(found.model, some, rolled, found.values) + count * price)
     return log.opened(ends[: int(np.argmin(costs))]).open
-
-
-def _cost_with_either(model: Model, log: LogState, rolled: Rolled, values: Values) -> float:
-    """Return −2 log(evidence) with the noise that a log has, or with declared noise."""
-    evidence = NoiseEvidence(model, log, rolled, values)
-    return min(cost_of(evidence, log.processes), cost_of(evidence, {}))
 
 
 def is_explained(found: Fit) -> bool:
