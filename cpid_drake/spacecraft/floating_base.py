@@ -1,7 +1,7 @@
 """The base as the body that floats: a model may weld it to the world, or begin at another link."""
 
+from collections import defaultdict
 from collections.abc import Iterator
-from itertools import pairwise
 
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Joint, QuaternionFloatingJoint, RigidBody, WeldJoint
@@ -19,22 +19,25 @@ def connected(plant: MultibodyPlant, body: RigidBody) -> Iterator[tuple[RigidBod
 
     The last is the world, if a joint leads to it; none is reached through the world.
     """
-    joints, world = joints_of(plant), plant.world_body().index()
+    beside = defaultdict[int, list[tuple[RigidBody, Joint]]](list)
+    for joint in joints_of(plant):
+        ends = joint.parent_body(), joint.child_body()
+        for near, far in (ends, ends[::-1]):
+            beside[int(near.index())].append((far, joint))
+    world = plant.world_body().index()
     paths: dict[int, list[Joint]] = {int(body.index()): []}
     queue, last = [body], list[tuple[RigidBody, list[Joint]]]()
     for inner in queue:
         path = paths[int(inner.index())]
         yield inner, path
-        for joint in joints:
-            ends = joint.parent_body(), joint.child_body()
-            for near, far in pairwise((*ends, ends[0])):
-                if near.index() != inner.index() or int(far.index()) in paths:
-                    continue
-                paths[int(far.index())] = [*path, joint]
-                if far.index() == world:
-                    last = [(far, [*path, joint])]
-                else:
-                    queue.append(far)
+        for far, joint in beside[int(inner.index())]:
+            if int(far.index()) in paths:
+                continue
+            paths[int(far.index())] = [*path, joint]
+            if far.index() == world:
+                last = [(far, [*path, joint])]
+            else:
+                queue.append(far)
     yield from last
 
 

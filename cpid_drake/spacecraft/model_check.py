@@ -80,15 +80,15 @@ def check_numbers(element: Element, ending: str, where: str) -> None:
                 )
 
 
-def check_meaning(element: Element, ending: str, where: str) -> Counter[str]:
+def check_meaning(element: Element, ending: str, where: str) -> list[str]:
     """Refuse what Drake would ignore or read as something else, without a word.
 
     Returns:
-        How often it ignores a child that changes no mass, joint or frame, by its name.
+        The names of the children that it ignores and that change no mass, joint or frame.
 
     """
     tag, parts = element.tag, Counter(part.tag for part in element)
-    unread = Counter[str]()
+    unread = list[str]()
     known = _CHILDREN.get((ending, tag), parts)
     if tag == "joint" and "child" not in parts:  # of a transmission, or of ros2_control
         known = parts
@@ -103,7 +103,7 @@ def check_meaning(element: Element, ending: str, where: str) -> Counter[str]:
                 f"{reason}: write what it makes in another way in a copy of the file, or take it "
                 f"out; what is read is {', '.join(sorted(known))}"
             )
-        unread[name] += 1
+        unread.append(name)
     for name in ONCE & set(parts) if ending != ".xml" else ():
         if parts[name] > 1:
             raise InputError(f"{where}<{tag}> has {parts[name]} <{name}>: only one is read")

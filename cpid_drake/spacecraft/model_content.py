@@ -140,7 +140,8 @@ def _read(
     links = found.links[file] = list[LinkInertia]()
     for element, at in places.items():
         parts, name, line = {part.tag for part in element}, element.get("name", ""), at.line
-        found.unread.update(check_meaning(element, ending, f"{place}: line {line}: "))
+        if unread := check_meaning(element, ending, f"{place}: line {line}: "):
+            found.unread.update(unread)
         if element.tag in ("link", "body"):
             links += link_inertias(element, ending, f"{place}: line {line}: ")
         if element.tag == "link" and "inertial" not in parts:

@@ -45,10 +45,10 @@ def movable_joints(
             a geometry and no inertia.
 
     """
-    joints = joints_of(plant)
-    tree = {body.index(): body for body, _ in connected(plant, base)}
+    joints, found = joints_of(plant), [*connected(plant, base)]
+    tree = {body.index() for body, _ in found}
     own = [j for j in joints if j.parent_body().index() in tree and j.child_body().index() in tree]
-    path = [*connected(plant, base)][-1][1]  # after Finalize one leads to the world
+    path = found[-1][1]  # after Finalize one leads to the world
     if path[0].num_velocities() != 6:
         raise model.error(
             f"base '{base.name()}' does not float freely: joint '{path[-1].name()}' holds it in "
