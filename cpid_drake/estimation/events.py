@@ -8,20 +8,27 @@ near it, and all ends are judged once more. More changes than are probable are a
 no finer cut shows.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 
 import numpy as np
 from scipy.special import pdtrik
 
 from cpid_drake.estimation.block import Block
-from cpid_drake.estimation.evidence import MOST_CANDIDATES, ModelComparison, Question
+from cpid_drake.estimation.evidence import (
+    CHANGE_ODDS,
+    MOST_CANDIDATES,
+    SIZES,
+    ModelComparison,
+    Question,
+)
 from cpid_drake.estimation.fit import Fit, fit, prior_of
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import FAR, IMPROBABLE
 from cpid_drake.estimation.likelihood.motion_model import TrajectoryState
 from cpid_drake.estimation.log_state import LogState, farthest
-from cpid_drake.estimation.roll import Rolled, Values
+from cpid_drake.estimation.noise import noise_cost
+from cpid_drake.estimation.roll import Rolled, Values, roll
 from cpid_drake.estimation.sweep import known_at_start, sweep
 from cpid_drake.estimation.unknowns import Model
 
@@ -46,10 +53,24 @@ def fit_with_events(
 
     """
     model = found.model
+    # Slow noise may be a change in disguise, and changes may be slow noise.
     quiet = [replace(log, noise={}, weights=tuple({} for _ in log.blocks)) for log in found.logs]
-    changes = _changes(replace(found, logs=quiet), question)
+    declared = [log.with_processes({}) for log in quiet]
+    changes = _changes(replace(found, logs=declared), question)
     if all(log.open.issuperset(own) for log, own in zip(quiet, changes, strict=True)):
         return found
+    if any(log.slow for log in quiet):
+        parts = zip(quiet, found.rolled, changes, strict=True)
+        cut = [_cut(model, *each) for each in parts]
+        finer = replace(found, logs=cut, rolled=[roll(model, log, found.values) for log in cut])
+        ends = zip(cut, finer.rolled, _changes(finer, question), strict=True)
+        cut = [log.with_processes(other.processes) for log, other in zip(cut, quiet, strict=True)]
+        kept = [
+            _kept(finer, log, rolled, own, question)
+            for log, (_, rolled, own) in zip(cut, ends, strict=True)
+        ]
+        if not any(kept):
+            return found
     wide = found
     # What a change has bent is no start.
     now = [log.of_others(model, log.blocks) for log in found.logs]
@@ -65,7 +86,38 @@ def fit_with_events(
             break
         parts = zip(wide.logs, wide.rolled, changes, strict=True)
         now = [_cut(model, *each) for each in parts]
+    changed = fit(model, logs, values=wide.values, progress=progress)
+    parts = zip(changed.logs, changed.rolled, changes, strict=True)
+    kept = [_kept(changed, *each, question) for each in parts]
+    if not any(kept):
+        return found
+    if all(log.open == own for log, own in zip(changed.logs, kept, strict=True)):
+        return changed
+    logs = [log.opened(own) for log, own in zip(wide.logs, kept, strict=True)]
     return fit(model, logs, values=wide.values, progress=progress)
+
+
+def _kept(
+    found: Fit,
+    log: LogState,
+    rolled: Rolled,
+    changes: Mapping[int, float],
+    question: Question,
+) -> frozenset[int]:
+    """Return the first changes, by their evidence, that have the most beside the noise.
+
+    A change inside of a block is one at both of its ends: two more that are no better are the last.
+    """
+    ends, costs = list(changes), list[float]()
+    price = 2 * float(np.log(len(SIZES)) - np.log(CHANGE_ODDS))
+    for count in range(len(ends) + 1):
+        if costs and count > 2 + int(np.argmin(costs)):
+            break
+        alone = replace(found, logs=[log.with_processes({})], rolled=[rolled])
+        [spans] = _changes(alone, question, ends[:count]) if count else [{}]
+        some = replace(log.opened(ends[:count]), spans=spans)
+        costs.append(noise_cost(found.model, some, rolled, found.values) + count * price)
+    return log.opened(ends[: int(np.argmin(costs))]).open
 
 
 def is_explained(found: Fit) -> bool:
@@ -78,16 +130,22 @@ def most_changes(logs: int) -> int:
     return int(np.ceil(pdtrik(1 - IMPROBABLE, logs)))
 
 
-def _changes(found: Fit, question: Question) -> list[list[int]]:
-    """Return of each log the blocks at whose ends something changed."""
+def _changes(
+    found: Fit, question: Question, among: Collection[int] | None = None
+) -> list[dict[int, float]]:
+    """Return of each log the blocks at whose ends something changed, and how much; see `spans`.
+
+    Of some ends `among` which alone something can change, all are returned.
+    """
     model, result = found.model, []
     for log, rolled in zip(found.logs, found.rolled, strict=True):
-        best, count = list[int](), len(log.blocks)
+        best, count = dict[int, float](), len(log.blocks)
         before = known_at_start(model, log, found.values)
-        wide = log.opened(range(count - 1))
+        wide = log.opened(range(count - 1) if among is None else among)
         for first in range(0, count - 1, MOST_CANDIDATES):
             last = min(first + MOST_CANDIDATES, count - 1)
             ends = [k for k in range(last - first) if not log.gaps[first + k]]
+            ends = [k for k in ends if among is None or first + k in among]
             later = slice(last, min(last + LATER + 1, count))
             own, part = wide.part(first, last), rolled.part(first, last)
             parts = own, part
@@ -98,7 +156,9 @@ def _changes(found: Fit, question: Question) -> list[list[int]]:
             carried = sweep(model, *parts, found.values, before=known, forward_only=True).gaussian
             changes = {_name(k, log): part.links[k] for k in ends}
             compared = _compared(own, found, carried, changes, question)
-            best += [first + k for k in ends if _name(k, log) in compared.best]
+            acting = compared.best if among is None else compared.sizes
+            numbers = {_name(k, log): first + k for k in ends if _name(k, log) in acting}
+            best |= {numbers[n]: a for n, a in compared.sizes.items() if n in numbers}
             known = known.condition(
                 {_name(k, log): -part.links[k] for k in ends if first + k not in log.open}
             )
@@ -122,7 +182,7 @@ def _compared(
     return question.answer(total, values, candidates)
 
 
-def _cut(model: Model, log: LogState, rolled: Rolled, changes: Sequence[int]) -> LogState:
+def _cut(model: Model, log: LogState, rolled: Rolled, changes: Collection[int]) -> LogState:
     """Return a log whose whole blocks beside the changes are cut into parts.
 
     The parts keep their states.

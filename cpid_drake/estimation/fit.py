@@ -2,8 +2,8 @@
 
 Gauss-Newton steps on the sum of all logs' sweeps: target, hardware, momenta and forces, starts,
 biases and joint motion move together, and the target stays inside of its cone. A share of a step is
-taken if χ² would not fall by all of it. Samples that are far off weigh less; each sensor has a
-spectrum and a factor, which come from the residuals once steps are small. Before, the samples
+taken if χ² would not fall by all of it. Samples that are far off weigh less; the noise of each
+sensor comes from the evidence of the residuals once steps are small. Before, the samples
 are no more precise beside the hardware's priors than their residuals are small: else errors of the
 hardware would explain, by thousands of their σ, what is wrong with the start. A prior, or another
 result, is one more Gaussian in the sum.
@@ -19,13 +19,14 @@ import numpy as np
 
 from cpid_drake.array import Array
 from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.least_squares import loss_weight
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Rolled, Values, roll
 from cpid_drake.estimation.start import start_of
 from cpid_drake.estimation.sweep import Swept, back, sweep
 from cpid_drake.estimation.target import LOG_SIZE, TargetCone
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
+from cpid_drake.estimation.unknowns_prior import hardware_prior_of
+from cpid_drake.estimation.unknowns_prior import prior_of as prior_of
 from cpid_drake.estimation.weights import are_same, reweighted
 from cpid_drake.files.errors import InputError
 
@@ -166,7 +167,7 @@ def _best(
         else:  # errors of the derivatives, if it is so small
             return replace(now, converged=settled and step.square < LINEAR)
         excess = there.cost - step.least
-        is_known = held is not None or all(log.shown for log in there.logs)
+        is_known = held is not None or all(log.freedom for log in there.logs)
         if settled and is_known and is_close:
             return replace(there, converged=True)
         before = there.logs
@@ -285,52 +286,6 @@ def of_first(model: Model, log: LogState, rolled: Rolled, values: Values) -> Rol
         return rolled
     first = roll(model, log, {**values, **log.past.first})
     return replace(first, residuals=rolled.residuals, links=rolled.links)
-
-
-def prior_of(
-    model: Model,
-    logs: Sequence[LogState],
-    values: Values,
-    weighed_at: Values | None = None,
-) -> Gaussian:
-    """Return what is known without samples, about the present values.
-
-    See `hardware_prior_of`.
-    """
-    prior = hardware_prior_of(model, logs, values, weighed_at)
-    return prior.add(model.cone.prior(PSI, values[PSI]))
-
-
-def hardware_prior_of(
-    model: Model,
-    logs: Sequence[LogState],
-    values: Values,
-    weighed_at: Values | None = None,
-) -> Gaussian:
-    """Return what is known without samples but the target's sizes, about the present values.
-
-    Args:
-        model, logs, values: see `fit`.
-        weighed_at: values from which priors with heavy tails get their weights, which stay during
-            a step as those of the samples do; default: the present values.
-
-    """
-    weighed_at = values if weighed_at is None else weighed_at
-    sizes, R, z = {}, [], []
-    for name, (_, unknown) in model.unknowns_of(log.name for log in logs).items():
-        if unknown.walk or unknown.name == PSI:  # the prior of what walks is in the sweep
-            continue
-        sizes[name], sigma = unknown.size, unknown.sigma
-        if unknown.may_fail:
-            sigma = sigma / loss_weight(weighed_at[name])
-        R.append(1 / sigma)
-        z.append((unknown.mean - values[name]) / sigma)
-    diagonal = np.concatenate([np.empty(0), *R])
-    right = np.concatenate([np.empty(0), *z])
-    prior = Gaussian.of_rows(sizes, np.column_stack([np.diag(diagonal), right]))
-    for row in model.rows:
-        prior = prior.add(row.moved(np.concatenate([values[name] for name in row.places])))
-    return prior
 
 
 def _cost(found: Fit, logs: Sequence[LogState], weighed_at: Values) -> float:

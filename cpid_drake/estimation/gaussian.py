@@ -35,6 +35,7 @@ class Gaussian:
         R: (n, n) upper triangle.
         z: (n,) right-hand side.
         rho2: sum of squares at the mean.
+        volume: log of the determinant of what was eliminated in a sweep.
 
     """
 
@@ -42,6 +43,7 @@ class Gaussian:
     R: Array
     z: Array
     rho2: float = 0.0
+    volume: float = 0.0
 
     @classmethod
     def of_rows(cls, sizes: Mapping[str, int], rows: Array, rho2: float = 0.0) -> "Gaussian":

@@ -1,8 +1,8 @@
 """The samples of the joints' own sensors in one block, as rows of the coefficients of splines."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from cpid_drake.array import Array
 from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.least_squares import triangles
 from cpid_drake.estimation.likelihood.joint_model import JointPart, jerk_rows, spline_basis
-from cpid_drake.estimation.spectrum import WHITE, Spectra, Whitening
+from cpid_drake.estimation.process import DECLARED, Alone, Process
 from cpid_drake.logs.log import Samples
 from cpid_drake.sensors.suite import SensorSuite
 
@@ -25,14 +25,14 @@ class Smoothness:
         rate: pieces of the splines in a second.
         jerk: (J,) size s of the jerk's white noise [rad/s³·√s or m/s³·√s].
         noise: (J,) factor f of the sensors' declared σ; 1 if they are better than declared.
-        spectra: shapes of their noise, of variance 1, by sensor.
+        processes: shapes of their noise, of variance 1, by sensor; none if it is white.
 
     """
 
     rate: float
     jerk: Array
     noise: Array
-    spectra: Spectra = field(default_factory=dict)
+    processes: Mapping[str, Process] = field(default_factory=dict)
 
 
 class JointSamples:
@@ -48,14 +48,14 @@ class JointSamples:
     def __init__(self, block: Block, suite: SensorSuite) -> None:
         self.start, self.end = block.start, block.end
         self._parts: list[tuple[Samples, int, float]] = []
-        self._white = dict[str, tuple[slice, Whitening]]()
+        self._white = dict[str, tuple[slice, Alone]]()
         for derivative, name in enumerate(_NAMES):
             own = block.samples[name]
             if name in suite.present() and len(own):
                 before = sum(len(each) for each, _, _ in self._parts)
                 self._parts.append((own, derivative, float(suite.sigmas(name)[0])))
                 place = slice(before, before + len(own))
-                self._white[name] = place, Whitening.of(own.time, WHITE, np.ones(len(own)))
+                self._white[name] = place, Alone(own.time)
         self.stepped, first = dict[str, slice](), 0
         for name in _NAMES:
             count = len(block.samples[name]) if name in suite.present() else 0
@@ -89,14 +89,19 @@ class JointSamples:
         """See `spline_basis`."""
         return spline_basis(self.start, self.end, pieces, times, derivative)
 
-    def with_spectra(self, spectra: Spectra) -> "JointSamples":
+    def with_processes(self, processes: Mapping[str, Process]) -> "JointSamples":
         """Return the samples with other noise."""
         found = copy(self)
         found._white = {
-            name: (place, replace(white, spectrum=spectra.get(name, WHITE)))
+            name: (place, Alone(white.times, processes.get(name, DECLARED)))
             for name, (place, white) in self._white.items()
         }
         return found
+
+    @property
+    def times(self) -> dict[str, Array]:
+        """Times of the samples of sensors without steps [s], by name."""
+        return {n: white.times for n, (_, white) in self._white.items() if n not in self.stepped}
 
     def white(self, values: Array) -> Array:
         """Return whitened values (N, ...) of all samples."""
@@ -105,21 +110,10 @@ class JointSamples:
             found[place] = white(values[place])
         return found
 
-    def sums(self, smoothness: Smoothness, weights: Array) -> Spectra:
-        """Return what the samples show of the noise, by sensor, with both ends open."""
-        part = self.part(smoothness, weights)
-        A = self.white(weights[..., None] * self.design(part.pieces)[:, None])
-        A, r = A / smoothness.noise[:, None], self.white(weights * self.values) / smoothness.noise
-        Q = np.einsum("njk,jkl->njl", A, np.linalg.pinv(part.rows))
-        rest = r - np.einsum("njk,jk->nj", Q, part.target)
-        found = {}
-        for name, (place, white) in self._white.items():
-            if name in self.stepped:  # the error of steps is none of time
-                continue
-            joints = [slice(j, j + 1) for j in range(Q.shape[1])]
-            each = [white.sums(Q[place, j], rest[place, j]) for j in joints]
-            found[name] = np.sum(each, axis=0)
-        return found
+    @property
+    def volume(self) -> float:
+        """The log of the determinant of the covariance of all samples of a joint."""
+        return sum(white.volume for _, white in self._white.values())
 
     def part(self, smoothness: Smoothness, weights: Array) -> JointPart:
         """Return what samples of weights (N, J) and the jerk tell, about a motion of zero."""

@@ -14,7 +14,7 @@ Sources: Demmler and Reinsch 1975, Oscillation matrices with spline smoothing; B
 Factorization Methods for Discrete Sequential Estimation, ch. V.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby, pairwise
@@ -26,7 +26,7 @@ from cpid_drake.array import Array
 from cpid_drake.estimation.joint_samples import JointSamples
 from cpid_drake.estimation.least_squares import triangles
 from cpid_drake.estimation.likelihood.joint_model import ORDER, edge_coordinates
-from cpid_drake.estimation.spectrum import DECLARED
+from cpid_drake.estimation.process import DECLARED_COUNT, Process
 
 Indices = NDArray[np.intp]
 
@@ -56,7 +56,7 @@ class JointSplines:
         weights: Sequence[Array],
         once: Sequence[Array],
     ) -> None:
-        self.rate, self._samples = rate, samples
+        self.rate, self._samples, self._weights, self._once = rate, samples, weights, once
         groups = dict[bytes, int]()
         columns = zip(*(w.T for w in weights), strict=True)
         keys = [b"".join(w.tobytes() for w in column) for column in columns]
@@ -67,8 +67,29 @@ class JointSplines:
         self._is_first, self._is_last = is_first, [*is_first[1:], True]
         self._left2 = np.sum([block.left2 for block in self._blocks], axis=0)
         self._volume = -2 * np.sum(np.log(np.concatenate(weights)), axis=0)
+        self._volume += sum(block.volume for block in samples)
         samples_once = np.sum(np.concatenate(once) ** 2, axis=0)
-        self._freedom = DECLARED + np.maximum(samples_once - ORDER * sum(is_first), 0.0)
+        self._freedom = DECLARED_COUNT + np.maximum(samples_once - ORDER * sum(is_first), 0.0)
+
+    @property
+    def steps(self) -> dict[str, float]:
+        """Usual time between two samples [s] of the sensors without steps."""
+        times = [(name, t) for each in self._samples for name, t in each.times.items()]
+        names = dict.fromkeys(name for name, t in times if len(t) > 1)
+        return {
+            n: float(np.median(np.concatenate([np.diff(t) for name, t in times if name == n])))
+            for n in names
+        }
+
+    def of(self, processes: Mapping[str, Process]) -> "JointSplines":
+        """Return the splines with other noise."""
+        samples = [each.with_processes(processes) for each in self._samples]
+        return JointSplines(samples, self.rate, self._weights, self._once)
+
+    def least_about(self, u: Array) -> float:
+        """Return the least −2 log(evidence) of all joints near u = log λ (J,), or smoother."""
+        near = self._values(u[:, None] + 3.0 * np.arange(-4, 2))
+        return float(near.min(axis=1, initial=np.inf).sum())
 
     @cached_property
     def on_grid(self) -> Array:
@@ -109,7 +130,7 @@ class JointSplines:
             c = block.coefficients(self._group, lambdas, np.concatenate([v, x], axis=1))
             x = c[:, :ORDER]
             coefficients.append(c[..., 0].T)
-        return coefficients[::-1], np.sqrt((DECLARED + S) / self._freedom)
+        return coefficients[::-1], np.sqrt((DECLARED_COUNT + S) / self._freedom)
 
     def residuals(self, coefficients: Sequence[Array]) -> list[Array]:
         """Return what coefficients (K, J) leave of the samples (N, J) of each block."""
@@ -134,7 +155,9 @@ class JointSplines:
         S = np.sum(np.concatenate(squares, axis=1) ** 2, axis=1)[which, place] + self._left2[joint]
         volume = 2 * np.sum(np.log(np.abs(np.concatenate(sizes, axis=1))), axis=1)
         volume += np.sum(np.log1p(lambdas[:, None] * self._a2[group]), axis=1)
-        values = self._freedom[joint] * np.log(DECLARED + S) + volume[which] + self._volume[joint]
+        values = (
+            self._freedom[joint] * np.log(DECLARED_COUNT + S) + volume[which] + self._volume[joint]
+        )
         return np.asarray(values.reshape(u.shape))
 
     def _chain(self, group: Indices, lambdas: Array, joints: Indices) -> Iterator[Array]:

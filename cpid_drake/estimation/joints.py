@@ -19,7 +19,8 @@ the coefficients that have a jerk.
 Sources: Wahba 1990, Spline Models for Observational Data, ch. 1 and 4.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import cache, partial
 from itertools import pairwise
 
 import numpy as np
@@ -30,7 +31,7 @@ from cpid_drake.estimation.joint_samples import JointSamples, Smoothness, once_w
 from cpid_drake.estimation.joint_splines import ENOUGH, JointSplines
 from cpid_drake.estimation.least_squares import loss_weight
 from cpid_drake.estimation.likelihood.joint_model import ORDER, JointPart
-from cpid_drake.estimation.spectrum import Spectra, added, are_near, spectrum_of
+from cpid_drake.estimation.process import EXACT, Process
 from cpid_drake.files.errors import InputError
 from cpid_drake.sensors.suite import SensorSuite
 
@@ -40,6 +41,9 @@ FINER = 2
 _FAST = 16.0  # pieces in a second, which follow 5 Hz: with too few, a fast motion looks like noise
 _REWEIGHTINGS = 6  # at most; outliers look like a rough motion or like noise until they are known
 _SAME = 0.05  # change of a weight that does not matter
+_SHAPES = 9, 7  # of τ and of ratios
+_FIRST = (1, 2), (3, 2), (5, 2)  # shapes that are tried first
+_PRICE = 12.0  # of −2 log(evidence): of noise that is not white
 
 
 def smooth_joints(
@@ -58,10 +62,10 @@ def smooth_joints(
     samples = [JointSamples(block, suite) for block in blocks]
     _require_enough(samples)
     once = once_weights(samples)
-    spectra: Spectra = {}
+    processes: dict[str, Process] = {}
     weights = once
     for _ in range(_REWEIGHTINGS):
-        samples = [each.with_spectra(spectra) for each in samples]
+        samples = [each.with_processes(processes) for each in samples]
         splines = _best_splines(samples, weights, once)
         u = splines.best()
         coefficients, noise = splines.solved(u)
@@ -71,12 +75,12 @@ def smooth_joints(
         is_same = max(np.abs(a - b).max(initial=0.0) for a, b in pairs) < _SAME
         if not is_same:
             continue
-        smoothness = Smoothness(splines.rate, np.exp(u / 2) * noise, noise)
-        old, spectra = spectra, _spectra(samples, smoothness, before)
-        if are_near(old, spectra, _SAME):
+        is_exact = bool(np.median(noise) < EXACT) if len(noise) else True
+        old, processes = processes, {} if is_exact else _processes(splines, u, processes)
+        if old == processes:
             break
     noise = np.maximum(noise, 1.0)
-    smoothness = Smoothness(splines.rate, np.exp(u / 2) * noise, noise, spectra)
+    smoothness = Smoothness(splines.rate, np.exp(u / 2) * noise, noise, processes)
     parts = [
         each.part(smoothness, w).about(c)
         for each, w, c in zip(samples, before, coefficients, strict=True)
@@ -93,13 +97,49 @@ def continued(part: JointPart, before: Array) -> JointPart:
     return part.about(c)
 
 
-def _spectra(
-    samples: Sequence[JointSamples], smoothness: Smoothness, weights: Sequence[Array]
-) -> Spectra:
-    """Return the shapes of the spectra, of variance 1, of the joints' sensors without steps."""
-    blocks = [each.sums(smoothness, w) for each, w in zip(samples, weights, strict=True)]
-    found = {name: spectrum_of(sums) for name, sums in added(*blocks).items()}
-    return {name: each / each.sum() for name, each in found.items()}
+def _processes(splines: JointSplines, u: Array, now: Mapping[str, Process]) -> dict[str, Process]:
+    """Return the shapes of the noise, of variance 1, of the joints' sensors without steps.
+
+    They have the largest evidence of a grid of τ and of ratios of slow and white variances, if it
+    is much larger than that of white noise: shapes are tried from one to its neighbours.
+    """
+    found = dict(now)
+    for name, step in splines.steps.items():
+        others = {n: p for n, p in found.items() if n != name}
+        cost = cache(partial(_shape_cost, splines, u, others, name, step))
+        places = {_shape(step, i, j): (i, j) for i in range(_SHAPES[0]) for j in range(_SHAPES[1])}
+        best = places.get(found.get(name, Process()))
+        best = min([None, *(_FIRST if best is None else [best])], key=cost)
+        while best is not None:
+            i, j = best
+            near = [(i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1)]
+            near = [at for at in near if 0 <= at[0] < _SHAPES[0] and 0 <= at[1] < _SHAPES[1]]
+            better = min([best, *near], key=cost)
+            if better == best:
+                break
+            best = better
+        found = others if best is None else {**others, name: _shape(step, *best)}
+    return found
+
+
+def _shape_cost(
+    splines: JointSplines,
+    u: Array,
+    others: Mapping[str, Process],
+    name: str,
+    step: float,
+    at: tuple[int, int] | None,
+) -> float:
+    """Return −2 log(evidence) of a shape of a sensor's noise beside others; of white without."""
+    if at is None:
+        return splines.of(others).least_about(u)
+    return splines.of({**others, name: _shape(step, *at)}).least_about(u) + _PRICE
+
+
+def _shape(step: float, i: int, j: int) -> Process:
+    """Return one of the shapes: τ from a step on, and slow noise of 0.1 to 100 of the white."""
+    ratio = 0.1 * 10 ** (j / 2)
+    return Process(1 / (1 + ratio), ratio / (1 + ratio), step * 2.0**i, 1)
 
 
 def _best_splines(

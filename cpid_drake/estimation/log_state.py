@@ -1,6 +1,6 @@
 """A log cut into blocks, and the present values of what belongs to this log alone."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
@@ -9,12 +9,13 @@ import numpy as np
 
 from cpid_drake.array import Array
 from cpid_drake.estimation.block import Block, BlockQueue, blocks_of
+from cpid_drake.estimation.gaussian import places_of
 from cpid_drake.estimation.joint_samples import Smoothness
 from cpid_drake.estimation.joints import continued, smooth_joints
 from cpid_drake.estimation.likelihood.joint_model import ORDER, JointPart
 from cpid_drake.estimation.likelihood.motion_model import TrajectoryState
 from cpid_drake.estimation.past import Past
-from cpid_drake.estimation.spectrum import WHITE, Spectra, Whitening
+from cpid_drake.estimation.process import DECLARED, Innovations, Process
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.files.errors import InputError
 from cpid_drake.logs.log import Log, Samples
@@ -45,15 +46,17 @@ class LogState:
         forces: of each block: (K,) entries of white forces, in units of their σ.
         walks: of each block but a log's last: (w,) change at its end of the constants that walk.
         open: blocks at whose ends attitude, centre of mass, L and v may change by any amount.
+        spans: σ of changes at some open ends, as shares of `farthest`; 1 of all others.
         gaps: of each block but a log's last: time until the next one begins [s]. Nothing is known
             of the joints in a gap, so that attitude, centre of mass, L and v begin anew behind it.
         pulls: of each block but a log's last: (12,) derivative of half χ² by the change at its end,
             which is zero, if the end is closed.
         weights: of each block: (M,) weights of a sensor's samples.
-        spectra: of each sensor's noise.
-        shown: of each block: what it shows of the noise, see `block_noise`; none before it is
-            known.
-        noise: factors of its σ: what the model leaves beside noise.
+        processes: of each sensor whose noise is not as declared.
+        edges: (s,) slow noise of these sensors, in units of their declared σ, at the start of each
+            block and at the end of the last.
+        is_known: whether the processes have been sought at a fit with noise of their own.
+        noise: factors of the σ of white forces.
         freedom: degrees of freedom of one residual that is not far off, by sensor; none before the
             noise is known.
         past: what is known before the first block; None if it is the first of all.
@@ -69,11 +72,13 @@ class LogState:
     origin: float
     starts: tuple[TrajectoryState, ...] = ()
     open: frozenset[int] = frozenset()
+    spans: Mapping[int, float] = field(default_factory=dict)
     gaps: tuple[float, ...] = ()
     pulls: tuple[Array, ...] = ()
     weights: tuple[dict[str, Array], ...] = ()
-    spectra: Spectra = field(default_factory=dict)
-    shown: tuple[Spectra, ...] = ()
+    processes: dict[str, Process] = field(default_factory=dict)
+    edges: tuple[Array, ...] = ()
+    is_known: bool = False
     noise: dict[str, float] = field(default_factory=dict)
     freedom: dict[str, float] = field(default_factory=dict)
     past: Past | None = None
@@ -109,7 +114,18 @@ class LogState:
         gaps = tuple(later.start - block.end for block, later in pairwise(blocks))
         parts = tuple(joints)
         own = smoothness, walks, forces, blocks[0].start, starts
-        return cls(name, blocks, parts, *own, gaps=gaps, pulls=pulls, weights=weights, past=past)
+        edges = tuple(np.zeros(0) for _ in range(len(blocks) + 1))
+        return cls(
+            name,
+            blocks,
+            parts,
+            *own,
+            gaps=gaps,
+            pulls=pulls,
+            weights=weights,
+            past=past,
+            edges=edges,
+        )
 
     @classmethod
     def of(cls, model: Model, samples: Log | Iterable[Log], name: str = "log") -> "LogState":
@@ -129,7 +145,9 @@ class LogState:
         """Return a log of other blocks with the same past; see `of_blocks`."""
         fresh = LogState.of_blocks(model, blocks, self.name, starts, past=self.past)
         fresh = replace(fresh, origin=self.origin)
-        return replace(fresh, spectra=self.spectra, noise=self.noise) if self.past else fresh
+        if not self.past:
+            return fresh
+        return replace(fresh.with_processes(self.processes), noise=self.noise)
 
     def extended(self, model: Model, block: Block, start: TrajectoryState) -> "LogState":
         """Return the log with one more block; with a past, joints of the others stay as they are.
@@ -152,7 +170,8 @@ class LogState:
             gaps=(*self.gaps, gap),
             pulls=(*self.pulls, np.zeros(12)),
             weights=(*self.weights, {}),
-            shown=(),
+            edges=(*self.edges, self.edges[-1]),
+            is_known=False,
         )
 
     def opened(self, ends: Iterable[int]) -> "LogState":
@@ -186,7 +205,9 @@ class LogState:
 
     def _sigma(self, model: Model, k: int, closed: float) -> Array:
         is_open = k in self.open or self.gaps[k]
-        return farthest(model) if is_open else _sizes(model, closed, closed, closed)
+        if is_open:
+            return self.spans.get(k, 1.0) * farthest(model)
+        return _sizes(model, closed, closed, closed)
 
     @property
     def changes(self) -> list[float]:
@@ -214,13 +235,40 @@ class LogState:
     @property
     def noise_factors(self) -> dict[str, float]:
         """Size of the noise inside of a block, as factors of the sensors' declared σ."""
-        found = dict(self.noise)
-        for name, spectrum in self.spectra.items():
-            times = max((block.samples[name].time for block in self.blocks), key=len)
-            if len(times) > 1:
-                power = Whitening.of(times, spectrum, np.ones(len(times))).power[1:]
-                found[name] = found.get(name, 1.0) * float(np.sqrt(np.mean(power)))
-        return found
+        found = dict.fromkeys(self.freedom, 1.0) | self.noise
+        length = self.blocks[-1].end - self.blocks[0].start
+        return found | {n: float(np.sqrt(p.within(length))) for n, p in self.processes.items()}
+
+    @property
+    def slow(self) -> dict[str, slice]:
+        """Places of sensors with slow noise in `edges`."""
+        return places_of({n: p.size for n, p in self.processes.items() if p.slow})
+
+    @property
+    def slow_size(self) -> int:
+        """Number of entries of slow noise."""
+        return sum(process.size for process in self.processes.values())
+
+    @property
+    def slow_sigma(self) -> Array:
+        """(s,) their σ."""
+        return np.array([p.slow**0.5 for p in self.processes.values() for _ in range(p.size)])
+
+    def slow_at(self, k: int) -> Array:
+        """Return slow noise (2, s) at both edges of block k."""
+        return np.stack(self.edges[k : k + 2])
+
+    def with_processes(self, processes: Mapping[str, Process]) -> "LogState":
+        """Return the log with other noise; slow noise that was there keeps its values."""
+        made = replace(self, processes=dict(processes))
+        old, edges = self.slow, list[Array]()
+        for edge in self.edges:
+            parts = [
+                edge[old[n]] if n in old else np.zeros(p.stop - p.start)
+                for n, p in made.slow.items()
+            ]
+            edges.append(np.concatenate([np.empty(0), *parts]))
+        return replace(made, edges=tuple(edges))
 
     def part(self, first: int, end: int) -> "LogState":
         """Return the blocks from `first` up to `end`, with what changes behind the last of them."""
@@ -233,21 +281,38 @@ class LogState:
             "starts",
             "gaps",
             "pulls",
-            "shown",
         )
         parts: dict[str, Any] = {name: getattr(self, name)[first:end] for name in lists}
+        parts["edges"] = self.edges[first : end + 1]
         ends = frozenset(k - first for k in self.open if first <= k < end)
         return replace(self, open=ends, past=None if first else self.past, **parts)
 
     def whitened(self, k: int, sensor: str, rest: Array) -> Array:
-        """Return white residuals of those (M, d) of a sensor in block k."""
-        return self.whitening(k, sensor, len(rest))(rest)
+        """Return white residuals (M, d) of those (M, d) of a sensor in block k."""
+        return self.rows_of(k, {sensor: rest})[sensor][: len(rest)]
 
-    def whitening(self, k: int, sensor: str, count: int) -> Whitening:
+    def rows_of(self, k: int, rest: Mapping[str, Array]) -> dict[str, Array]:
+        """Return white residuals of those (M, d) in block k, and of the links of slow noise."""
+        slow, places, found = self.slow_at(k), self.slow, {}
+        for name, white in self.whitenings(k, rest).items():
+            own = rest.get(name, np.zeros((0, white.process.channels)))
+            found[name] = white.of(own, *slow[:, places.get(name, slice(0))])
+        return found
+
+    def whitenings(self, k: int, rest: Mapping[str, Array]) -> dict[str, Innovations]:
+        """Return what makes the residuals of block k white, and links slow noise."""
+        counts = {name: len(each) for name, each in rest.items()}
+        counts = {**counts, **{name: 0 for name in self.slow if name not in counts}}
+        return {name: self.whitening(k, name, count) for name, count in counts.items()}
+
+    def whitening(self, k: int, sensor: str, count: int) -> Innovations:
         """Return what makes the residuals of a sensor, or of a white force, in block k white."""
-        times = self.blocks[k].samples[sensor].time if sensor in SENSORS else np.zeros(count)
-        weights = self.weights[k].get(sensor, np.ones(count)) / self.noise.get(sensor, 1.0)
-        return Whitening.of(times, self.spectra.get(sensor, WHITE), weights)
+        block = self.blocks[k]
+        times = block.samples[sensor].time if sensor in SENSORS and count else np.zeros(count)
+        weights = self.weights[k].get(sensor, np.ones(count))[:count] / self.noise.get(sensor, 1.0)
+        end = block.start + (self.step(k) if k < len(self.gaps) else block.length)
+        process = self.processes.get(sensor, DECLARED)
+        return Innovations(times, block.start, end, weights, process)
 
 
 def farthest(model: Model) -> Array:

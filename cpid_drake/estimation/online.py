@@ -21,8 +21,8 @@ from cpid_drake.estimation.likelihood.joint_model import ORDER
 from cpid_drake.estimation.likelihood.motion_model import TrajectoryState
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.past import Past
+from cpid_drake.estimation.process import added
 from cpid_drake.estimation.roll import Rolled, first_table
-from cpid_drake.estimation.spectrum import added
 from cpid_drake.estimation.start import state_of
 from cpid_drake.estimation.sweep import known_at_start, sweep
 from cpid_drake.estimation.unknowns import BODIES, PSI, Model
@@ -183,7 +183,6 @@ def _marginalized(state: OnlineState, count: int) -> OnlineState:
     linear = of_first(model, log, rolled, values).part(0, count)
     before = known_at_start(model, log, values)
     known = sweep(model, gone, linear, values, before=before, forward_only=True).end
-    shown = added(log.past.shown if log.past else {}, *gone.shown)
     own = noise_sums(gone, rolled.residuals[:count], log.freedom)
     noise = added(log.past.noise if log.past else {}, own)
     about: Mapping[str, Array]
@@ -196,15 +195,17 @@ def _marginalized(state: OnlineState, count: int) -> OnlineState:
         rest.joints[0].coefficients[:ORDER],
         first_table(model, rest, values),
         about,
-        shown,
         noise,
+        log.slow,
+        rest.edges[0],
     )
     kept = rolled.part(count, len(log.blocks))
-    rows = {part: own for part, own in kept.linear.items() if part in kept.models}
+    derived = {part: own for part, own in kept.linear.items() if part in kept.models}
+    kept = replace(kept, linear=derived)
     return replace(
         state._observed(gone, rolled),
         settled=(*state.settled, *gone.changes),
-        found=replace(found, logs=[replace(rest, past=past)], rolled=[replace(kept, linear=rows)]),
+        found=replace(found, logs=[replace(rest, past=past)], rolled=[kept]),
     )
 
 

@@ -1,7 +1,7 @@
 """The blocks before a log's first one: they are behind a window, and marginalized."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -21,13 +21,14 @@ class Past:
     each other. Source: Huang, Mourikis and Roumeliotis 2010 (first-estimates Jacobians).
 
     Attributes:
-        gaussian: of attitude, p, L, v and joints, then of the table of unknowns.
+        gaussian: of attitude, p, L, v, joints and slow noise, then of the table of unknowns.
         start: the base's state about which it is.
         joints: (ORDER, J) the joints about which it is.
         table: (n,) the values of the table about which it is.
         first: values of target and hardware at which derivatives are taken.
-        shown: what blocks show of the noise, by sensor; see `Whitening.sums`.
-        noise: sum of squares of whitened residuals and degrees of freedom, by sensor.
+        noise: sum of squares of whitened residuals and degrees of freedom, by white force.
+        slow: places of sensors in `edge`.
+        edge: (s,) slow noise about which it is.
 
     """
 
@@ -36,10 +37,45 @@ class Past:
     joints: Array
     table: Array
     first: Mapping[str, Array]
-    shown: Mapping[str, Array]
     noise: Mapping[str, Array]
+    slow: Mapping[str, slice] = field(default_factory=dict)
+    edge: Array = field(default_factory=lambda: np.zeros(0))
 
-    def about(self, start: TrajectoryState, joints: Array, table: Array) -> Gaussian:
-        """Return the Gaussian about other values."""
+    def about(
+        self,
+        start: TrajectoryState,
+        joints: Array,
+        table: Array,
+        slow: Mapping[str, slice],
+        sigma: Array,
+        edge: Array,
+    ) -> Gaussian:
+        """Return the Gaussian about other values; slow noise that is new has its prior."""
         jump, turned = jump_between(self.start, start), (joints - self.joints).T.ravel()
-        return self.gaussian.moved(np.concatenate([jump, turned, table - self.table]))
+        mean = [edge[slow[name]] if name in slow else self.edge[p] for name, p in self.slow.items()]
+        moved = np.concatenate([np.empty(0), *mean]) - self.edge
+        about = self.gaussian.moved(np.concatenate([jump, turned, moved, table - self.table]))
+        if slow == self.slow:
+            return about
+        first, n = 12 + joints.size, about.size
+        end = first + len(self.edge)
+        before = {name: np.arange(p.start, p.stop) + first for name, p in self.slow.items()}
+        nothing = np.full(len(edge), n)  # what is new
+        now = [before.get(name, nothing[place]) for name, place in slow.items()]
+        gone = [columns for name, columns in before.items() if name not in slow]
+        count = sum(map(len, gone))
+        pick = np.concatenate([*gone, np.arange(first), *now, np.arange(end, n)]).astype(int)
+        rows = np.column_stack([about.R, np.zeros(n)])[:, pick]
+        is_new = pick == n
+        prior = np.zeros((int(np.sum(is_new)), len(pick) + 1))
+        prior[np.arange(len(prior)), np.flatnonzero(is_new)] = 1.0
+        prior[:, -1] = -edge[is_new[count + first :][: len(edge)]]
+        new = np.concatenate([np.empty(0), *(sigma[p] for n, p in slow.items() if n not in before)])
+        boundary, *others = about.sizes
+        sizes = {"gone": count, boundary: first + len(edge)}
+        sizes |= {name: about.sizes[name] for name in others}
+        both = np.vstack([np.column_stack([rows, about.z]), prior / new[:, None]])
+        found = Gaussian.of_rows(sizes, both, about.rho2)
+        volume = about.volume + float(np.sum(np.log(new)))
+        volume += float(np.sum(np.log(np.abs(np.diag(found.R)[:count]))))
+        return replace(found.marginal([boundary, *others]), volume=volume)

@@ -34,7 +34,8 @@ class Rolled:
             its end to the start of the next; zero if a gap is between them.
         joints: sum of squares of the rows of joints and of what walks.
         start: sum of squares of what is known at its start.
-        linear: the rows of blocks, as far as they have been linearized about these values.
+        linear: derivatives of samples and ends of blocks, as far as they have been linearized.
+        rows: their rows, as they were last needed.
         by_psi: (10, 10) derivative of ψ about the spacecraft's present mass by the target's
             coordinates.
 
@@ -48,7 +49,8 @@ class Rolled:
     joints: float
     start: float
     by_psi: Array
-    linear: dict[BlockModel, BlockRows] = field(default_factory=dict)
+    linear: dict[BlockModel, tuple[Array, Array]] = field(default_factory=dict)
+    rows: dict[BlockModel, BlockRows] = field(default_factory=dict)
 
     def part(self, first: int, end: int) -> "Rolled":
         """Return the prediction of the blocks from `first` up to `end`."""
@@ -76,19 +78,22 @@ class Rolled:
 
         """
         links = sum(log.link_cost(model, k, u) for k, u in enumerate(self.links))
-        return self.start + links + self.cost_inside(log, step)
+        slow = 0.0 if log.past else float(np.sum((log.edges[0] / log.slow_sigma) ** 2))
+        return self.start + slow + links + self.cost_inside(log, step)
 
     def cost_inside(self, log: LogState, step: Values | None = None) -> float:
         """Return the sum of squares of the rows of a log's blocks alone; see `cost`."""
         total = self.joints
         for k, block in enumerate(self.residuals):
+            changed = dict(block)
             for name, rest in block.items():
                 sensor = self.models[k].sensors[name]
                 if step and isinstance(sensor, WhiteReading):
                     for effect, by in sensor.by_unknowns(self.trajectories[k]).items():
                         by = by @ self.by_psi if effect == PSI else by
                         rest = rest - by @ step[effect] if effect in step else rest
-                total += float(np.sum(log.whitened(k, name, rest) ** 2))
+                    changed[name] = rest
+            total += sum(float(np.sum(each**2)) for each in log.rows_of(k, changed).values())
         return total
 
     def all_residuals(self) -> dict[str, Array]:
@@ -173,9 +178,13 @@ def roll(model: Model, log: LogState, values: Values, before: Rolled | None = No
         if k + 1 < len(log.blocks):
             is_gap = log.gaps[k] > 0
             links.append(np.zeros(12) if is_gap else jump_between(ends[k], log.starts[k + 1]))
-    linear = {part: rows for part, rows in before.linear.items() if part in known} if before else {}
+    linear, rows = {}, {}
+    if before:
+        linear = {part: each for part, each in before.linear.items() if part in known}
+        rows = {part: each for part, each in before.rows.items() if part in known}
     start = _start_cost(model, log, values)
-    return Rolled(models, trajectories, residuals, ends, links, cost, start, by_psi, linear)
+    found = models, trajectories, residuals, ends, links, cost, start, by_psi, linear, rows
+    return Rolled(*found)
 
 
 def _is_same(state: TrajectoryState, other: TrajectoryState) -> bool:
@@ -188,7 +197,8 @@ def past_of(model: Model, log: LogState, values: Values) -> Gaussian:
     """Return the Gaussian of a log's past, about the present values at the log's start."""
     assert log.past is not None
     joints = log.joints[0].coefficients[:ORDER]
-    return log.past.about(log.starts[0], joints, first_table(model, log, values))
+    slow = log.slow, log.slow_sigma, log.edges[0]
+    return log.past.about(log.starts[0], joints, first_table(model, log, values), *slow)
 
 
 def first_table(model: Model, log: LogState, values: Values) -> Array:

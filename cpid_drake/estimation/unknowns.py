@@ -219,11 +219,14 @@ class Model:
         """Return the unknown of this name."""
         return next(unknown for unknown in self.table if unknown.name == name)
 
+    def force_sizes(self, start: float, end: float) -> dict[str, int]:
+        """Return the numbers of entries of white forces, by name, in a block from start to end."""
+        is_planar = self.tree.normal_B is not None
+        return {f.name: f.size for f in white_forces(self.suite, start, end, is_planar)}
+
     def no_forces(self, start: float, end: float) -> Array:
         """Return white forces (K,) of zero in a block from start to end [s]."""
-        is_planar = self.tree.normal_B is not None
-        forces = white_forces(self.suite, start, end, is_planar)
-        return np.zeros(sum(force.size for force in forces))
+        return np.zeros(sum(self.force_sizes(start, end).values()))
 
     @property
     def joint_count(self) -> int:

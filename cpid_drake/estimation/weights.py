@@ -1,7 +1,7 @@
 """Weights of samples and the noise of sensors, as the residuals show them.
 
-Samples that are far off weigh less, by the loss of `least_squares.loss_weight`. The spectrum of a
-sensor's noise is what blocks alone show. What the model leaves beside it is a factor of 1 or more.
+Samples that are far off weigh less, by the loss of `least_squares.loss_weight`. The noise of
+sensors is that of the largest evidence; see `noise`. White forces have a factor of 1 or more.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,18 +12,17 @@ import numpy as np
 from scipy.special import chdtri
 
 from cpid_drake.array import Array
-from cpid_drake.estimation.block_noise import with_spectra
 from cpid_drake.estimation.least_squares import loss_weight
 from cpid_drake.estimation.likelihood.constants import BIAS
 from cpid_drake.estimation.log_state import LogState
+from cpid_drake.estimation.noise import are_near, with_processes
+from cpid_drake.estimation.process import DECLARED, DECLARED_COUNT
 from cpid_drake.estimation.roll import Rolled, Values
-from cpid_drake.estimation.spectrum import DECLARED, WHITE, are_near
 from cpid_drake.estimation.unknowns import Model
-from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.sensors.sensors import SENSORS
 
 SAME = 1e-2
-"""Change of a weight or of a noise factor, or share of a spectrum, that does not matter."""
+"""Change of a weight or of a noise factor that does not matter."""
 
 MOST_LOST = 0.9
 """Share of a sensor's residuals that unknowns absorb at most: else none would show the noise."""
@@ -36,7 +35,7 @@ def reweighted(
     values: Values,
     absorbed: dict[str, float] | None,
 ) -> LogState:
-    """Return a log with the weights, spectra and noise factors that its residuals show.
+    """Return a log with the weights and noise that its residuals show.
 
     Args:
         model: the unknowns.
@@ -49,21 +48,19 @@ def reweighted(
     log = _weighted(log, rolled)
     if absorbed is None:
         return log
-    log = with_spectra(model, log, rolled, values)
-    model = model.of_log(log.name)
+    own = model.of_log(log.name)
     past, noise, shares = log.past.noise if log.past else {}, {}, {}
     sampled = {f"{name}.{BIAS}" for name in absorbed}
-    biases = sum(each.size for each in model.table if each.name in sampled)
+    biases = sum(each.size for each in own.table if each.name in sampled)
     free = 0 if log.past else 12 + 10 + biases
-    white = _white(log, rolled.residuals)
     for name, rest in rolled.all_residuals().items():
         lost = min(free / rolled.count + absorbed.get(name, 0.0) / rest.size, MOST_LOST)
-        time = whiteness(white[name]).correlation_time if name in SENSORS else 1.0
-        shares[name] = (1 - lost) / time
+        shares[name] = 1 - lost
+    log = with_processes(model, replace(log, freedom=shares), rolled, values)
     for name, sums in noise_sums(log, rolled.residuals, shares).items():
-        square, freedom = DECLARED + past.get(name, 0.0) + sums
+        square, freedom = DECLARED_COUNT + past.get(name, 0.0) + sums
         noise[name] = max(1.0, float(np.sqrt(square / freedom)))
-    return replace(log, noise=noise, freedom=shares)
+    return replace(log, noise=noise)
 
 
 def noise_sums(
@@ -83,7 +80,7 @@ def noise_sums(
     return {
         name: np.array([np.sum(white[name] ** 2), white[name].size * share])
         for name, share in freedom.items()
-        if name in white
+        if name in white and name not in SENSORS
     }
 
 
@@ -103,7 +100,8 @@ def _weighted(log: LogState, rolled: Rolled) -> LogState:
     weights = [dict(each) for each in log.weights]
     for name, rest in rolled.all_residuals().items():
         if name in SENSORS:  # a force is no outlier
-            w = weights_of(rest, float(np.sqrt(np.sum(log.spectra.get(name, WHITE)))))
+            process = log.processes.get(name, DECLARED)
+            w = weights_of(rest, float(np.sqrt(max(process.total, 1.0))))
         else:
             w = np.ones(len(rest))
         ends = np.cumsum([len(block[name]) for block in rolled.residuals if name in block])[:-1]
@@ -115,9 +113,9 @@ def _weighted(log: LogState, rolled: Rolled) -> LogState:
 
 
 def are_same(logs: Sequence[LogState], others: Sequence[LogState]) -> bool:
-    """Return whether logs have nearly the same weights, spectra and noise factors."""
+    """Return whether logs have nearly the same weights and noise."""
     for log, other in zip(logs, others, strict=True):
-        if not are_near(log.spectra, other.spectra, SAME):
+        if not are_near(log.processes, other.processes):
             return False
         parts: Any = [(log.noise, other.noise), *zip(log.weights, other.weights, strict=True)]
         for before, after in parts:

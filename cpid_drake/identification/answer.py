@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from cpid_drake.array import Array
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.estimation.evidence import NAMED, ModelComparison, Question
@@ -60,17 +59,17 @@ def answer_of(
     target = known_target(model, values[PSI], gaussian, count=observed.used.total())
     effects = effects_of(model, values, gaussian, *names)
     # Checks and warnings: what each assumption means for the samples.
-    noise, spectra = dict[str, float](), dict[str, Array]()
+    noise, slow = dict[str, float](), dict[str, tuple[float, float]]()
     warnings, checks = list[str](), list[Check]()
     is_free = momentum is not None and momentum.is_unknown
     for log in fit.logs:
         of_log = f" of {log.name}" if len(names) > 1 else ""
         where = f"{log.name}: " if len(names) > 1 else ""
         noise |= {name + of_log: factor for name, factor in log.noise_factors.items()}
-        own = {**log.spectra, **log.smoothness.spectra}
-        spectra |= {name + of_log: spectrum for name, spectrum in own.items()}
+        for name, process in {**log.processes, **log.smoothness.processes}.items():
+            slow[name + of_log] = process.slow / max(process.total, 1.0), process.tau
         warnings += gap_warnings(log, where)
-    warnings += [*noise_warnings(noise, spectra), *change_warnings(observed.changes)]
+    warnings += [*noise_warnings(noise, slow), *change_warnings(observed.changes)]
     for name in names:
         key = model.unknown(MOMENTUM).key(name)
         is_wrong = key in given and key not in question.given

@@ -112,6 +112,19 @@ def model_of(
     return Model.of(tree, suites, known_bodies, has_thrust=has_thrust), warnings
 
 
+def open_model_of(
+    tree: KinematicTree, logs: Mapping[str, CheckedLog], known_bodies: BodyUncertainty | None
+) -> Model | None:
+    """Return the unknowns if no error is exact that nobody states; None if none is."""
+    suites, _ = suites_of(logs)
+    if all(suite.unstated != "exact" for suite in suites.values()):
+        return None
+    made = {id(suite): replace(suite, unstated=None) for suite in suites.values()}
+    has_thrust = any(log.measurements.has_thrust for log in logs.values())
+    opened = {name: made[id(suite)] for name, suite in suites.items()}
+    return Model.of(tree, opened, known_bodies, has_thrust=has_thrust)
+
+
 def log_of_states(telemetry: Motion) -> CheckedLog:
     """Return exact states as the samples of ideal sensors, all at the same times."""
     samples = {n: Samples(telemetry.time, SENSORS[n].ideal(telemetry)) for n in SENSORS}

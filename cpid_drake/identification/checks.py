@@ -11,11 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpid_drake.array import Array
 from cpid_drake.estimation.events import most_changes
 from cpid_drake.estimation.evidence import NAMED
 from cpid_drake.estimation.least_squares import IMPROBABLE as IMPROBABLE
-from cpid_drake.estimation.spectrum import slow_part
 from cpid_drake.estimation.whiteness import MOST_CORRELATED, Whiteness
 from cpid_drake.files.digits import significant
 from cpid_drake.sensors.sensors import SENSORS
@@ -191,10 +189,13 @@ def momentum_words(
     return (f"{text}; the intervals include it",), ()
 
 
-def noise_warnings(factors: Mapping[str, float], spectra: Mapping[str, Array]) -> tuple[str, ...]:
+def noise_warnings(
+    factors: Mapping[str, float], slow: Mapping[str, tuple[float, float]]
+) -> tuple[str, ...]:
     """Return the warnings about noise that is larger than declared, and that is not white.
 
-    Factors of the noise and its spectra are by sensor or by "sensor of log".
+    Factors of the noise, and the share of slow noise with its time [s], are by sensor or by "sensor
+    of log".
     """
     said = list[str]()
     seen = {name: factor for name, factor in factors.items() if factor > SEEN}
@@ -202,7 +203,6 @@ def noise_warnings(factors: Mapping[str, float], spectra: Mapping[str, Array]) -
     if parts:
         text = "the residuals are larger than the declared noise"
         said.append(f"{text}: {', '.join(parts)} the given σ was assumed")
-    slow = {name: slow_part(spectrum) for name, spectrum in spectra.items()}
     parts = [
         f"{100 * share:.0f} % of the {label_of(name)}'s over {significant(time)} s"
         for name, (share, time) in slow.items()

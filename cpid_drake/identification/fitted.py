@@ -24,9 +24,10 @@ from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.files.errors import prefix_errors
 from cpid_drake.identification.answer import answer_of, at_momentum
 from cpid_drake.identification.arguments import Arguments
-from cpid_drake.identification.checked_log import CheckedLog, model_of
+from cpid_drake.identification.checked_log import CheckedLog, model_of, open_model_of
 from cpid_drake.identification.checks import Observed
 from cpid_drake.identification.chosen_fit import ChosenFit
+from cpid_drake.identification.exact_check import exact_checks
 from cpid_drake.identification.model_sensitivity import base_sensitivity
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import History, Identification
@@ -82,9 +83,10 @@ def estimate(
         joints=arguments.spacecraft.joint_names,
         estimator=TRAJECTORY_FIT,
     )
+    opened = partial(open_model_of, arguments.spacecraft.tree, logs, arguments.known_bodies)
     result = replace(
         result,
-        checks=(*result.checks, *chosen.part_checks()),
+        checks=(*result.checks, *chosen.part_checks(), *exact_checks(chosen, opened)),
         warnings=(*warnings, *result.warnings),
     )
     if model.known_bodies is None and fit.converged and result.solution is not None:
@@ -123,7 +125,9 @@ def _separated(
         alone = log
         if len(fit.logs) > 1:  # a difference between logs must not look like noise
             [own] = fit_logs(model, [log], values=values).logs
-            alone = replace(log, spectra=own.spectra, noise=own.noise, weights=own.weights)
+            alone = own.with_processes(own.processes)
+            alone = replace(log, processes=alone.processes, edges=alone.edges, noise=own.noise)
+            alone = replace(alone, weights=own.weights)
         swept = sweep(model, alone, rolled, values, forward_only=True)
         sources[log.name] = chosen.given(swept.gaussian)
     if prior is not None:
@@ -221,7 +225,8 @@ def cramer_rao_bound(
     held = Gaussian.of_rows({PSI: 10}, np.column_stack([R, R @ psi]))
     fit = fit_logs(replace(model, rows=(held,)), [log])
     [log], [rolled], values = fit.logs, fit.rolled, fit.values
-    log = replace(log, noise={}, spectra={}, weights=tuple({} for _ in log.blocks))  # as declared
+    log = log.with_processes({})  # as declared
+    log = replace(log, noise={}, weights=tuple({} for _ in log.blocks))
     total = prior_of(model, [log], values).add(sweep(model, log, rolled, values).gaussian)
     there = at_momentum(total, values, momentum or TotalMomentum.zero(), log.name)
     there = there.moved(there.solve())  # the vague prior prefers another target than the true one

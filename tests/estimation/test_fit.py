@@ -14,7 +14,7 @@ from cpid_drake.estimation.fit import fit
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.posterior import known_target
-from cpid_drake.estimation.spectrum import Whitening
+from cpid_drake.estimation.process import Process
 from cpid_drake.estimation.start import start_of
 from cpid_drake.estimation.unknowns import MOMENTUM as OF_LOG
 from cpid_drake.estimation.unknowns import PSI, Model
@@ -85,8 +85,9 @@ def test_slow_noise_counts_as_strong_as_it_is(tmp_path, skewed_target, correlati
         samples = samples.updated({"gyro": Samples(exact.time, exact.value + noise)})
         model = Model(case.craft.tree, suite)
         [log] = fit(model, [LogState.of(model, samples)]).logs
-        slow = Whitening.of(exact.time[:50], log.spectra["gyro"], np.ones(50)).power[1:4]
-        factors.append(np.sqrt(np.mean(slow)))
+        noise = log.processes.get("gyro", Process())
+        rho = np.exp(-1 / 50 / noise.tau)
+        factors.append(np.sqrt(noise.white + noise.slow * (1 + rho) / (1 - rho)))
     assert least <= np.mean(factors) < most
 
 

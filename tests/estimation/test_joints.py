@@ -9,7 +9,7 @@ from scipy.optimize import minimize_scalar
 from cpid_drake.estimation.block import Block, after
 from cpid_drake.estimation.joints import smooth_joints
 from cpid_drake.estimation.likelihood.joint_model import ORDER, jerk_rows
-from cpid_drake.estimation.spectrum import DECLARED
+from cpid_drake.estimation.process import DECLARED_COUNT as DECLARED
 from cpid_drake.files.errors import InputError
 from cpid_drake.logs.log import Log, Samples
 from cpid_drake.sensors.sensors import JointSensor

@@ -1,6 +1,7 @@
 """The likelihood of the samples in one block of time: residuals and their derivatives."""
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import replace
 from functools import partial
 
@@ -41,6 +42,9 @@ from cpid_drake.sensors.suite import SensorSuite
 
 STEP = 0.025
 """Longest step of the grid on which the base's attitude is integrated [s]."""
+
+SLOW = "slow"
+"""Name of the columns of slow noise; see `process`."""
 
 Write = Callable[[BaseMotion, Trajectory, MotionChange], None]
 """Writes the change of the motion by the quantities of an effect."""
@@ -122,16 +126,42 @@ class BlockModel:
         if known_bodies is not None:
             count = known_bodies.count(tree.wheels, J)
             effects["bodies"] = count, partial(write_bodies, known_bodies, errors)
-        self.columns = places_of({name: size for name, (size, _) in effects.items()})
+        self._sizes = {name: size for name, (size, _) in effects.items()}
+        self.columns = places_of(self._sizes)
         self.effects = {name: write for name, (_, write) in effects.items() if write is not None}
         self._places = places_of({name: effects[name][0] for name in self.effects})
         self._width = sum(size for size, _ in effects.values())
         self._with_rates = "velocity" in classes
-        of_joints = np.arange(12, 12 + K * J).reshape(J, K)
-        self.at_start, self.at_end = (
-            np.concatenate([np.arange(12), of_joints[:, ends].ravel()])
-            for ends in (slice(ORDER), slice(-ORDER, None))
-        )
+        self._of_joints = np.arange(12, 12 + K * J).reshape(J, K)
+        self.slow = 0
+        self.at_start, self.at_end = self._ends(0)
+
+    def _ends(self, slow: int) -> list[NDArray[np.intp]]:
+        last = 12 + self._of_joints.size + np.arange(2 * slow).reshape(2, slow)
+        return [
+            np.concatenate([np.arange(12), self._of_joints[:, ends].ravel(), own])
+            for ends, own in zip((slice(ORDER), slice(-ORDER, None)), last, strict=True)
+        ]
+
+    def with_slow(self, slow: int) -> "BlockModel":
+        """Return the model with so many entries of slow noise at both of its edges.
+
+        Their columns, those of the start and those of the end, follow those of the joints.
+        """
+        if slow == self.slow:
+            return self
+        made, sizes = copy(self), self._sizes
+        first = {"start": 12, "joints": sizes["joints"], SLOW: 2 * slow}
+        made.columns = places_of({**first, **{n: s for n, s in sizes.items() if n not in first}})
+        made.slow, made._width = slow, sum(sizes.values()) + 2 * slow
+        made.at_start, made.at_end = made._ends(slow)
+        return made
+
+    @property
+    def without_slow(self) -> NDArray[np.intp]:
+        """The columns but those of slow noise."""
+        first = 12 + self._of_joints.size
+        return np.asarray(np.r_[:first, first + 2 * self.slow : self._width])
 
     def jacobian(self, trajectory: Trajectory) -> tuple[Array, Array]:
         """Return the derivatives (m, n) of the predictions in units of σ, and (12, n) of the end.

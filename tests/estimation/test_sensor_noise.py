@@ -1,4 +1,4 @@
-"""Spectra of noise: what is white, what is slow, and what a target's error is beside its σ."""
+"""Noise of sensors: what is white, what is slow, and what a target's error is beside its σ."""
 
 from functools import partial
 
@@ -12,7 +12,8 @@ from cpid_drake.estimation.events import fit_with_events
 from cpid_drake.estimation.evidence import Question
 from cpid_drake.estimation.fit import fit
 from cpid_drake.estimation.log_state import LogState
-from cpid_drake.estimation.spectrum import TAUS, WHITE, Whitening
+from cpid_drake.estimation.noise_evidence import NoiseEvidence
+from cpid_drake.estimation.process import Innovations, Process
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.sensors.sensors import Gyro, JointSensor, VectorSensor
 
@@ -71,25 +72,25 @@ def nees(case, found):
 
 @pytest.mark.parametrize("jitter", [0.0, 0.2])
 def test_whitened_noise_is_white(jitter):
-    """Of variance 1, and neighbours do not know of each other."""
-    rng, tau, q = np.random.default_rng(0), TAUS[3], 3.0
-    spectrum, made = WHITE + q * (np.arange(len(WHITE)) == 4), []
-    for _ in range(300):
-        times = 0.02 * (np.arange(50) + jitter * rng.uniform(-1, 1, 50))
-        slow = gauss_markov(rng, times, (50, 3), tau)
-        noise = np.sqrt(q) * slow + rng.standard_normal((50, 3))
-        made.append(Whitening.of(times, spectrum, np.ones(50))(noise))
-    x = np.array(made)
-    assert np.mean(x**2) == pytest.approx(1, abs=0.03)
-    for lag in (1, 2, 5, 20):
-        assert abs(np.mean(x[:, lag:] * x[:, :-lag])) < 0.03
-    assert np.var(x.mean(axis=1)) * 50 == pytest.approx(1, abs=0.15)
+    """The covariance of whitened samples and of the state at the end is 1, at any stamps."""
+    rng, noise = np.random.default_rng(0), Process(0.7, 2.0, 0.3)
+    times = np.sort(0.02 * (np.arange(50) + jitter * rng.uniform(-1, 1, 50)) + 0.02)
+    weights = rng.uniform(0.3, 1.0, 50)
+    own = Innovations(times, 0.0, 1.1, weights, noise)
+    at = np.array([0.0, *times, 1.1])
+    K = 2.0 * np.exp(-np.abs(at[:, None] - at) / 0.3)
+    S = K[1:, 1:] - np.outer(K[1:, 0], K[1:, 0]) / 2.0
+    S[:50, :50] += np.diag(0.7 / weights**2)
+    W = np.column_stack([own(np.eye(50)), own.edges[:, 1]])
+    np.testing.assert_allclose(W @ S @ W.T, np.eye(51), atol=1e-12)
+    np.testing.assert_allclose(W @ K[1:, 0] / 2.0, -own.edges[:, 0], atol=1e-12)
+    assert own.volume == pytest.approx(np.linalg.slogdet(S)[1])
 
 
 def test_white_noise_is_not_called_slow(case):
     for seed in range(3):
         [log] = fitted(case, spoiled(case.samples, white, seed)).logs
-        assert not any(each[1:].any() for each in log.spectra.values())
+        assert not any(each.slow for each in log.processes.values())
         np.testing.assert_allclose(list(log.noise_factors.values()), 1, rtol=0.12)
 
 
@@ -101,7 +102,7 @@ def test_noise_is_no_smaller_than_declared(case, share):
         return np.sqrt(share) * rng.standard_normal(shape)
 
     [log] = fitted(case, spoiled(case.samples, smaller, 0)).logs
-    assert all(np.sum(each) >= 0.999 for each in log.spectra.values())
+    assert all(each.total >= 0.999 for each in log.processes.values())
 
 
 @pytest.mark.parametrize("kept", [None, 0.8], ids=["all", "four of five"])
@@ -111,9 +112,9 @@ def test_intervals_hold_with_noise_half_of_which_is_slow(case, kept):
     squares = [nees(case, each) for each in found]
     assert chi2.ppf(0.01, 10) < np.median(squares) < 20
     for each in found:
-        gyro = each.logs[0].spectra["gyro"]
-        assert 0.6 < np.sum(gyro) < 2.0
-        assert np.sum(gyro[1:]) > 0.2
+        gyro = each.logs[0].processes["gyro"]
+        assert 0.6 < gyro.total < 2.0
+        assert gyro.slow > 0.2
 
 
 def test_a_firing_in_slow_noise_is_found(case):
@@ -124,3 +125,20 @@ def test_a_firing_in_slow_noise_is_found(case):
     assert found.converged
     assert 1 <= len(log.changes) <= 2
     assert min(abs(each - time) for each in log.changes) < 0.5
+
+
+def test_slopes_are_those_of_the_evidence(case):
+    """One pass backward finds what differences of the evidence show, for all sensors at once."""
+    model = Model(case.craft.tree, SUITE)
+    found = fit(model, [LogState.of(model, spoiled(case.samples, half, 0))])
+    [log], [rolled] = found.logs, found.rolled
+    evidence = NoiseEvidence(model, log, rolled, found.values)
+    noise = {"gyro": Process(0.6, 0.9, 0.4), "position": Process(0.7, 0.2, 0.1)}
+    noise["attitude"] = Process(1.3)
+    value, slopes = evidence.with_slopes(noise)
+    assert value == pytest.approx(evidence(noise))
+    for name, process in noise.items():
+        for k, h in enumerate(1e-3 * np.eye(len(process.logs))):
+            up, down = (process.with_logs(process.logs + s * h) for s in (1, -1))
+            change = evidence({**noise, name: up}) - evidence({**noise, name: down})
+            assert slopes[name][k] == pytest.approx(change / 2e-3, rel=1e-4, abs=1e-3)

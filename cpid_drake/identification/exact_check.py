@@ -1,0 +1,100 @@
+"""The check that no error that is held exact explains what looks like slow noise.
+
+An error of the model that nobody declares, such as axes of a gyro or zeros of joints, leaves
+residuals that change slowly, as the motion does; so does slow noise. But noise does not know how
+the craft moves. Where slow noise was found although `unstated: exact` holds errors at zero, each of
+these is an unknown for once, beside all others and given the noise. If it is zero, it reduces χ² by
+the number of its entries (Rao 1948, score test; the fit is linear here).
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import numpy as np
+from scipy.special import chdtri
+
+from cpid_drake.array import Array
+from cpid_drake.estimation.fit import prior_of
+from cpid_drake.estimation.gaussian import Gaussian, places_of
+from cpid_drake.estimation.log_state import LogState
+from cpid_drake.estimation.roll import roll
+from cpid_drake.estimation.sweep import sweep
+from cpid_drake.estimation.unknowns import Model
+from cpid_drake.identification.checks import IMPROBABLE, Check, label_of
+from cpid_drake.identification.chosen_fit import ChosenFit
+from cpid_drake.identification.effect_estimates import EffectEstimate
+
+_LEAST = 1e-4  # information in units of plausible sizes: what is seen less tells nothing
+
+
+def exact_checks(chosen: ChosenFit, opened: Callable[[], Model | None]) -> tuple[Check, ...]:
+    """Return the check of errors that are held exact; none without slow noise, or without such.
+
+    Args:
+        chosen: a fit.
+        opened: returns its unknowns and those that are held exact; None if there are none.
+
+    """
+    fit = chosen.fit
+    slow = [(log, name) for log in fit.logs for name in log.slow]
+    if not slow or (wide := opened()) is None:
+        return ()
+    known = _with_exact(chosen, replace(wide, rows=fit.model.rows))
+    new = [name for name in known.places if name not in fit.gaussian.places]
+    if not new:
+        return ()
+    given = known.marginal(new)
+    H, b = given.R.T @ given.R - np.eye(given.size), given.R.T @ given.z  # without their priors
+    compared = {}
+    for name, place in given.places.items():
+        sizes, V = np.linalg.eigh(H[place, place])
+        seen = sizes > _LEAST
+        gain = float(np.sum((V.T @ b[place])[seen] ** 2 / sizes[seen]))
+        compared[name] = gain, float(chdtri(max(np.sum(seen), 1), IMPROBABLE / len(new)))
+    name = max(compared, key=lambda each: compared[each][0] / compared[each][1])
+    log, unknown = wide.unknowns_of(log.name for log in fit.logs)[name]
+    place = given.places[name]
+    covariance = np.linalg.inv(H[place, place] + np.eye(unknown.size))
+    error = wide.of_log(log).constants.errors.get(unknown.name)
+    what = "a body, the place of a joint or the grasp is not as the model says"
+    if error is not None:
+        size, sigma = covariance @ b[place], np.sqrt(np.diag(covariance))
+        what = EffectEstimate.of(error, size, sigma).describe()
+    sensors = dict.fromkeys(label_of(sensor) for _, sensor in slow)
+    sentence = (
+        f"what looks like slow noise of the {' and of the '.join(sensors)} follows the motion as "
+        f"an error that `unstated: exact` excludes: {what}; state what the hardware can have"
+    )
+    return (Check.of("errors held exact", sentence, *compared[name]),)
+
+
+def _with_exact(chosen: ChosenFit, wide: Model) -> Gaussian:
+    """Return what is known of all unknowns and of those that are held exact, about the values."""
+    fit, names = chosen.fit, [log.name for log in chosen.fit.logs]
+    values = wide.start(names) | fit.values
+    known = prior_of(wide, fit.logs, values)
+    for log in fit.logs:
+        widened = _widened(log, fit.model.of_log(log.name), wide.of_log(log.name))
+        rolled = roll(wide, widened, values)
+        known = known.add(sweep(wide, widened, rolled, values, forward_only=True).gaussian)
+    return chosen.given(known)
+
+
+def _widened(log: LogState, model: Model, wide: Model) -> LogState:
+    """Return a log with the walks and white forces of a wider model; new ones are zero."""
+    own = {unknown.name: unknown.size for unknown in model.walking}
+    new = {unknown.name: unknown.size for unknown in wide.walking}
+    forces = [
+        _renamed(each, model.force_sizes(*ends), wide.force_sizes(*ends))
+        for block, each in zip(log.blocks, log.forces, strict=True)
+        for ends in [(block.start, block.end)]
+    ]
+    walks = tuple(_renamed(walk, own, new) for walk in log.walks)
+    return replace(log, walks=walks, forces=tuple(forces))
+
+
+def _renamed(values: Array, own: Mapping[str, int], new: Mapping[str, int]) -> Array:
+    """Return values (n,) of entries of other names and sizes; those that are new are zero."""
+    places = places_of(own)
+    parts = [values[places[n]] if n in places else np.zeros(size) for n, size in new.items()]
+    return np.concatenate([np.empty(0), *parts])
