@@ -27,7 +27,7 @@ from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import FAR, IMPROBABLE
 from cpid_drake.estimation.likelihood.motion_model import TrajectoryState
 from cpid_drake.estimation.log_state import LogState, farthest
-from cpid_drake.estimation.noise import noise_cost
+from cpid_drake.estimation.noise import with_best_noise
 from cpid_drake.estimation.roll import Rolled, Values, roll
 from cpid_drake.estimation.sweep import known_at_start, sweep
 from cpid_drake.estimation.unknowns import Model
@@ -59,15 +59,15 @@ def fit_with_events(
     changes = _changes(replace(found, logs=declared), question)
     if all(log.open.issuperset(own) for log, own in zip(quiet, changes, strict=True)):
         return found
-    if any(log.slow for log in quiet):
+    sizes = [process.total for log in quiet for process in log.processes.values()]
+    if any(log.slow for log in quiet) and max(sizes) < FAR**2:  # else the fit is no start
         parts = zip(quiet, found.rolled, changes, strict=True)
         cut = [_cut(model, *each) for each in parts]
         finer = replace(found, logs=cut, rolled=[roll(model, log, found.values) for log in cut])
         ends = zip(cut, finer.rolled, _changes(finer, question), strict=True)
-        cut = [log.with_processes(other.processes) for log, other in zip(cut, quiet, strict=True)]
         kept = [
-            _kept(finer, log, rolled, own, question)
-            for log, (_, rolled, own) in zip(cut, ends, strict=True)
+            _kept(finer, log.with_processes(other.processes), rolled, own, question)
+            for other, (log, rolled, own) in zip(found.logs, ends, strict=True)
         ]
         if not any(kept):
             return found
@@ -79,7 +79,8 @@ def fit_with_events(
         wide = fit(model, logs, values=wide.values, progress=progress)
         if not is_explained(wide):
             return found  # changes do not explain the samples
-        changes = _changes(wide, question)
+        plain = [log.with_processes({}) for log in wide.logs]
+        changes = _changes(replace(wide, logs=plain), question)
         logs = [log.opened(each) for log, each in zip(wide.logs, changes, strict=True)]
         count = sum(len(log.changes) for log in logs)
         if last or not 0 < count <= most_changes(len(logs)):
@@ -87,8 +88,11 @@ def fit_with_events(
         parts = zip(wide.logs, wide.rolled, changes, strict=True)
         now = [_cut(model, *each) for each in parts]
     changed = fit(model, logs, values=wide.values, progress=progress)
-    parts = zip(changed.logs, changed.rolled, changes, strict=True)
-    kept = [_kept(changed, *each, question) for each in parts]
+    parts = zip(found.logs, changed.logs, changed.rolled, changes, strict=True)
+    kept = [
+        _kept(changed, log.with_processes(before.processes), *each, question)
+        for before, log, *each in parts
+    ]
     if not any(kept):
         return found
     if all(log.open == own for log, own in zip(changed.logs, kept, strict=True)):
@@ -106,17 +110,18 @@ def _kept(
 ) -> frozenset[int]:
     """Return the first changes, by their evidence, that have the most beside the noise.
 
-    A change inside of a block is one at both of its ends: two more that are no better are the last.
+    The noise is sought from that of the log, with one change after the other. A change inside of a block is one at both of its ends: two more that are no better are the last.
     """
-    ends, costs = list(changes), list[float]()
+    ends, costs, noise = list(changes), list[float](), log
     price = 2 * float(np.log(len(SIZES)) - np.log(CHANGE_ODDS))
     for count in range(len(ends) + 1):
         if costs and count > 2 + int(np.argmin(costs)):
             break
         alone = replace(found, logs=[log.with_processes({})], rolled=[rolled])
         [spans] = _changes(alone, question, ends[:count]) if count else [{}]
-        some = replace(log.opened(ends[:count]), spans=spans)
-        costs.append(noise_cost(found.model, some, rolled, found.values) + count * price)
+        some = replace(noise.opened(ends[:count]), spans=spans)
+        noise, cost = with_best_noise(found.model, some, rolled, found.values)
+        costs.append(cost + count * price)
     return log.opened(ends[: int(np.argmin(costs))]).open
 
 

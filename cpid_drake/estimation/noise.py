@@ -1,11 +1,12 @@
 """The noise of each sensor, of the largest evidence of all samples of a log.
 
 Residuals alone say of which sensors the noise may not be as declared, and where its process is
-sought; from there, quasi-Newton steps climb the evidence of all these sensors together. A process
+sought; from there, Fisher scoring climbs the evidence of all these sensors together. A process
 stays if its evidence is much larger than that of white noise of any size. The noise is sought at
 the fit with declared noise, and once more at the fit with its own.
 
-Source: Nocedal and Wright 2006, Numerical Optimization, ch. 6.1 (BFGS).
+Sources: Harvey 1989, Forecasting, Structural Time Series Models and the Kalman Filter, ch. 3.4.5
+(scoring); Whittle 1953, Estimation and information in stationary time series.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,6 +26,9 @@ from cpid_drake.sensors.sensors import SENSORS
 TAUS = 0.02 * 8.0 ** np.arange(4)
 """Times of slow noise that are tried first [s]."""
 
+USUAL_TAU = 0.45
+"""Their geometric mean [s]."""
+
 RATIOS = np.array([0.2, 5.0])
 """Variances of slow noise that are tried first, in units of that of the white noise."""
 
@@ -38,7 +42,7 @@ FEWEST = 20
 """Residuals that show no more than declared noise."""
 
 MOST_STEPS, FARTHEST, FLATTEST = 12, 1.5, 2.0
-"""Steps to the largest evidence, the longest of one entry of `Process.logs`, and the least
+"""Steps to the largest evidence, the longest of one entry of `Process.coordinates`, and the least
 curvature."""
 
 Processes = dict[str, Process]
@@ -65,27 +69,32 @@ def with_processes(model: Model, log: LogState, rolled: Rolled, values: Values) 
         return replace(log, is_known=True)
     search = _Search(evidence, series)
     found, cost = search.climbed(tried)
-    if are_near(_topped(found), before):
+    if are_near(found, before):
         return replace(log, is_known=True)
-    found = _topped(search.simplified(found, cost))
+    found = search.simplified(found, cost)
     return replace(log.with_processes(found), is_known=bool(before))
 
 
 def cost_of(evidence: NoiseEvidence, processes: Mapping[str, Process]) -> float:
     """Return −2 log(evidence), with the odds of noise and what it must gain if not as declared."""
-    return evidence(processes) + sum(_price(p) + _odds(p.logs) for p in processes.values())
+    return evidence(processes) + sum(_price(p) + _odds(p) for p in processes.values())
 
 
-def noise_cost(model: Model, log: LogState, rolled: Rolled, values: Values) -> float:
-    """Return −2 log(evidence) of a log with the best noise, whatever its noise is now.
+def with_best_noise(
+    model: Model, log: LogState, rolled: Rolled, values: Values
+) -> tuple[LogState, float]:
+    """Return a log with the best noise, near its own or what its samples show, and its cost.
 
-    See `with_processes`.
+    See `cost_of`.
     """
     evidence = NoiseEvidence(model, log, rolled, values)
-    series = _series(log, rolled, evidence.means())
-    search = _Search(evidence, series)
-    found, cost = search.climbed(_guesses(log, series, {}))
-    return search.cost(_topped(search.simplified(found, cost)))
+    search = _Search(evidence, _series(log, rolled, evidence.means()))
+    starts = log.processes, _guesses(log, search.series, {})
+    found, cost = search.climbed(min(starts, key=search.cost))
+    if found == log.processes:
+        return log, cost
+    found = search.simplified(found, cost)
+    return log.with_processes(found), search.cost(found)
 
 
 def _series(
@@ -135,8 +144,8 @@ class _Series:
         if now.slow or self.rest.size < FEWEST or square < EXACT**4:
             return now
         white, larger = Process(square, channels=d), Process(max(square, 1.0), channels=d)
-        shapes = [(square / (1 + ratio), float(tau)) for tau in TAUS for ratio in RATIOS]
-        slow = [Process(w, square - w, tau, d) for w, tau in shapes]
+        shapes = [(ratio, float(tau)) for tau in TAUS for ratio in RATIOS]
+        slow = [Process(square / (1 + r), square * r / (1 + r), tau, d) for r, tau in shapes]
         best = min(slow, key=self.value)
         ratio = square / freedom
         is_small = ratio < 1 and self.rest.size * (ratio - 1 - np.log(ratio)) > WORTH / 2
@@ -145,22 +154,22 @@ class _Series:
         is_larger = self.value(larger) < self.value(now) - WORTH / 2
         return larger if is_larger else now
 
-    def curvature(self, process: Process) -> Array:
-        """Return the second derivatives of −2 log(likelihood) by `Process.logs`, made positive."""
-        x, h = process.logs, 0.2
-        step = h * np.eye(len(x))
+    def information(self, process: Process) -> Array:
+        """Return the Fisher information on `Process.coordinates` of −2 log(likelihood).
 
-        def at(x: Array) -> float:
-            return self.value(process.with_logs(x)) + _odds(x)
-
-        middle, up = at(x), [at(x + e) for e in step]
-        H = np.empty((len(x), len(x)))
-        for i in range(len(x)):
-            H[i, i] = (up[i] + at(x - step[i]) - 2 * middle) / h**2
-            for j in range(i):
-                H[i, j] = H[j, i] = (at(x + step[i] + step[j]) - up[i] - up[j] + middle) / h**2
-        w, V = np.linalg.eigh(H)
-        return np.asarray(V * np.maximum(np.abs(w), FLATTEST) @ V.T)
+        It is Σ ∂log S/∂θ ∂log S/∂θᵀ over all frequencies, with the spectrum S (Whittle 1953).
+        """
+        N, tau = len(self.times), process.tau
+        turn = np.cos(2 * np.pi * np.arange(N) / N)
+        dt = (self.times[-1] - self.times[0]) / (N - 1)
+        phi = np.exp(-dt / tau)
+        far = 1 + phi**2 - 2 * phi * turn
+        slow = process.slow * (1 - phi**2) / far
+        by_phi = -2 * phi / (1 - phi**2) - 2 * (phi - turn) / far
+        by_white = np.full(N, process.white_slope)
+        by = np.stack([by_white, slow, slow * (1 + by_phi * phi * dt / tau)])
+        by = by[: len(process.coordinates)] / (process.white + slow)
+        return np.asarray(process.channels * by @ by.T)
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,18 +184,18 @@ class _Search:
         return cost_of(self.evidence, processes)
 
     def _slopes(self, processes: Processes) -> tuple[float, Array]:
-        """Return −2 log(evidence) with the odds, and its derivatives by all `Process.logs`."""
+        """Return −2 log(evidence) with the odds, and its derivatives by all `Process.coordinates`."""
         value, slopes = self.evidence.with_slopes(processes)
-        parts = [slopes[name] + _by_odds(each.logs) for name, each in processes.items()]
-        value += sum(_odds(each.logs) for each in processes.values())
+        parts = [slopes[name] + _by_odds(each) for name, each in processes.items()]
+        value += sum(_odds(each) for each in processes.values())
         return value, np.concatenate([np.empty(0), *parts])
 
     def climbed(self, processes: Processes) -> tuple[Processes, float]:
         """Return the noise of the largest evidence near some, and its cost."""
         if not processes:
             return processes, self.cost(processes)
-        H = block_diag(*(self.series[n].curvature(p) for n, p in processes.items()))
         value, slope = self._slopes(processes)
+        H = self._curvature(processes, slope)
         for _ in range(MOST_STEPS):
             step = -np.linalg.solve(H, slope)
             if -0.5 * float(slope @ step) < SAME:
@@ -201,12 +210,26 @@ class _Search:
                 step /= 3
             if tried > value - SAME:  # as good, or no better step was found
                 break
-            y = after - slope
-            if y @ step > 0:
-                Hs = H @ step
-                H = H + np.outer(y, y) / (y @ step) - np.outer(Hs, Hs) / (step @ Hs)
+            H = self._curvature(there, after)
+            s, y = _coordinates(there) - _coordinates(processes), after - slope
+            if y @ s > 0:  # unknowns absorb most of what samples tell of this direction
+                Hs = H @ s
+                H = H + np.outer(y, y) / (y @ s) - np.outer(Hs, Hs) / (s @ Hs)
             processes, value, slope = there, tried, after
         return processes, value + sum(_price(each) for each in processes.values())
+
+    def _curvature(self, processes: Processes, slope: Array) -> Array:
+        """Return what samples without unknowns would tell of all `Process.coordinates`.
+
+        Where white noise is least, its slope is zero, and the evidence falls by its square.
+        """
+        parts, first = list[Array](), 0
+        for name, each in processes.items():
+            H = self.series[name].information(each) + FLATTEST * np.eye(len(each.coordinates))
+            H[0, 0] += max(0.0, float(slope[first])) * each.white_bend / each.white_slope
+            parts.append(H)
+            first += len(H)
+        return block_diag(*parts)
 
     def simplified(self, processes: Processes, cost: float) -> Processes:
         """Return the noise without processes that gain less than they must."""
@@ -221,19 +244,16 @@ class _Search:
         return processes
 
 
-def _topped(processes: Processes) -> Processes:
-    """Return processes in order, with white noise up to the declared variance."""
-    return {
-        name: replace(each, white=each.white + max(0.0, 1 - each.total))
-        for name, each in sorted(processes.items())
-    }
+def _coordinates(processes: Processes) -> Array:
+    """Return the `Process.coordinates` of all processes."""
+    return np.concatenate([each.coordinates for each in processes.values()])
 
 
 def _moved(processes: Processes, step: Array) -> Processes:
-    """Return processes after a step of all their `Process.logs`."""
-    ends = np.cumsum([len(each.logs) for each in processes.values()])[:-1]
+    """Return processes after a step of all their `Process.coordinates`."""
+    ends = np.cumsum([len(each.coordinates) for each in processes.values()])[:-1]
     parts = zip(processes.items(), np.split(step, ends), strict=True)
-    return {name: each.with_logs(each.logs + own) for (name, each), own in parts}
+    return {name: each.with_coordinates(each.coordinates + own) for (name, each), own in parts}
 
 
 def _price(process: Process) -> float:
@@ -241,18 +261,19 @@ def _price(process: Process) -> float:
     return (WORTH if process.slow else WORTH / 2) if process.white != 1 or process.slow else 0.0
 
 
-def _odds(logs: Array) -> float:
-    """Return −2 log(prior) of a process: a few σ, in a few seconds or tenths of one."""
-    _, *slow = logs.tolist()
-    return (sum(slow) ** 2 + slow[-1] ** 2) / 4 if slow else 0.0
+def _odds(process: Process) -> float:
+    """Return −2 log(prior) of a process: a few σ, in a time near the middle of all `TAUS`."""
+    if not process.slow:
+        return 0.0
+    return float(np.log(process.slow) ** 2 + np.log(process.tau / USUAL_TAU) ** 2) / 4
 
 
-def _by_odds(logs: Array) -> Array:
-    """Return the derivatives of the odds."""
-    if len(logs) == 1:
+def _by_odds(process: Process) -> Array:
+    """Return the derivatives of the odds by `Process.coordinates`."""
+    if not process.slow:
         return np.zeros(1)
-    _, ratio, tau = logs
-    return np.array([0.0, ratio + tau, ratio + 2 * tau]) / 2
+    slow, tau = np.log(process.slow), np.log(process.tau / USUAL_TAU)
+    return np.array([0.0, slow, slow + tau]) / 2
 
 
 def are_near(some: Mapping[str, Process], others: Mapping[str, Process]) -> bool:

@@ -73,10 +73,10 @@ class NoiseEvidence:
         return found
 
     def with_slopes(self, processes: Mapping[str, Process]) -> tuple[float, dict[str, Array]]:
-        """Return the value, and its derivatives by `Process.logs` of each sensor."""
+        """Return the value, and its derivatives by `Process.coordinates` of each sensor."""
         log = self.log.with_processes(processes)
         value, swept, known = self._value(log, with_steps=True)
-        slopes = {name: np.zeros(len(each.logs)) for name, each in processes.items()}
+        slopes = {name: np.zeros(len(each.coordinates)) for name, each in processes.items()}
         for k, part, mean, root in marginals(self.model.of_log(log.name), log, swept, known):
             J, _ = self.rolled.linear[self.rolled.models[k]]
             rest, first, moments = self.rolled.residuals[k], 0, np.column_stack([mean, root])

@@ -53,21 +53,35 @@ class Process:
         return self.white + self.slow
 
     @property
-    def logs(self) -> Array:
-        """Logs of the white variance, and of slow/τ and τ, if there is slow noise.
+    def coordinates(self) -> Array:
+        """Coordinates in which the evidence of a process is nearly quadratic.
 
-        slow/τ, the intensity of what is slow, is known better than both.
+        They are x with √(white − least) = sinh(x)/2, which is log at large noise and linear in the
+        σ where there may be no more, and the logs of slow/τ and τ, if there is slow noise. slow/τ,
+        the intensity of what is slow, is known better than both.
         """
+        white = np.arcsinh(2 * np.sqrt(max(self.white - LEAST_WHITE, 1e-4)))
         if not self.slow:
-            return np.log([self.white])
-        return np.log([self.white, self.slow / self.tau, self.tau])
+            return np.array([white])
+        return np.array([white, np.log(self.slow / self.tau), np.log(self.tau)])
 
-    def with_logs(self, logs: Array) -> "Process":
-        """Return the process with other `logs`."""
-        white, *slow = np.exp(logs).tolist()
+    def with_coordinates(self, coordinates: Array) -> "Process":
+        """Return the process with other `coordinates`."""
+        x, *slow = coordinates.tolist()
+        white = LEAST_WHITE + np.sinh(x) ** 2 / 4
         if not slow:
             return replace(self, white=white)
-        return replace(self, white=white, slow=slow[0] * slow[1], tau=slow[1])
+        return replace(self, white=white, slow=np.exp(sum(slow)), tau=np.exp(slow[1]))
+
+    @property
+    def white_slope(self) -> float:
+        """Derivative of the white variance by its coordinate."""
+        return float(np.sinh(2 * self.coordinates[0]) / 4)
+
+    @property
+    def white_bend(self) -> float:
+        """Second derivative of the white variance by its coordinate."""
+        return float(np.cosh(2 * self.coordinates[0]) / 2)
 
     def within(self, length: float) -> float:
         """Return the variance of all noise in a time [s]; what is slower looks constant in it."""
@@ -79,6 +93,12 @@ DECLARED = Process()
 
 EXACT = 0.5
 """Residuals below this share of the declared σ are errors of the model, and tell no noise."""
+
+LEAST_WHITE = 0.03
+"""Variance of white noise that each sensor has, in units of the declared one.
+
+Errors of the model may be as large; noise without it would weigh differences of neighbours only.
+"""
 
 DECLARED_COUNT = 10.0
 """The declared σ of a sensor counts as much as so many samples."""
@@ -167,7 +187,7 @@ class Innovations:
         return white
 
     def slopes(self, noise: Array, slow: Array) -> Array:
-        """Return derivatives by `Process.logs` of the sum of squares of white values, and volume.
+        """Return derivatives by `Process.coordinates` of the sum of squares of white values, and volume.
 
         With v = A⁻¹ε, those of εᵀA⁻¹ε + log det A are tr((A⁻¹ − vvᵀ) dA) + 2 vᵀdε.
 
@@ -177,8 +197,9 @@ class Innovations:
 
         """
         M, d = noise.shape[:2]
+        by_white = self.process.white_slope / self.process.white  # d log(white)/dx
         if not self.process.slow:
-            return np.array([M * d - float(np.sum(self(noise) ** 2))])
+            return by_white * np.array([M * d - float(np.sum(self(noise) ** 2))])
         phi, D = self._steps
         n = np.concatenate([slow[:1], noise, slow[1:]]).reshape(M + 2, -1)
         v = lapack.dpbtrs(self._root, n[1:] - phi[:, None] * n[:-1], lower=1)[0]
@@ -192,10 +213,11 @@ class Innovations:
             return float(P @ diagonal + 2 * across @ beside - 2 * by_phi @ lag)
 
         lag = np.einsum("ik,ik->i", v, n[:-1])
-        by_phi, v_slow = -phi * np.log(phi), self.process.slow  # by log τ
+        by_phi = -phi * np.log(np.maximum(phi, 1e-300))  # by log τ
+        v_slow = self.process.slow
         q, none = v_slow * (1 - phi**2), np.zeros(len(phi))
         by_tau = change(0 * D, q - 2 * v_slow * phi * by_phi, by_phi)
-        return np.array([change(D, none, none), change(0 * D, q, none), by_tau])
+        return np.array([change(by_white * D, none, none), change(0 * D, q, none), by_tau])
 
 
 @dataclass(frozen=True, eq=False)

@@ -76,7 +76,7 @@ def test_noise_that_the_joints_absorb_is_counted(case):
 def test_slow_noise_counts_as_strong_as_it_is(tmp_path, skewed_target, correlation, least, most):
     """First-order Gauss-Markov noise is √3 times as strong if it is slow, as the motion is."""
     suite = replace(SUITE, gyro=Gyro(50.0, 0.005, 1.0), encoders=JointSensor(50.0, 1e-5))
-    case, factors = make_case(tmp_path, skewed_target, suite, None), []
+    case, factors = make_case(tmp_path, skewed_target, suite, None, 12.0), []
     exact, sigma, rng = case.samples.gyro, suite.sigmas("gyro"), np.random.default_rng(0)
     for seed in range(2):
         white = sigma * rng.standard_normal((len(exact) + 50, 3)) * np.sqrt(1 - correlation**2)

@@ -138,7 +138,7 @@ def test_slopes_are_those_of_the_evidence(case):
     value, slopes = evidence.with_slopes(noise)
     assert value == pytest.approx(evidence(noise))
     for name, process in noise.items():
-        for k, h in enumerate(1e-3 * np.eye(len(process.logs))):
-            up, down = (process.with_logs(process.logs + s * h) for s in (1, -1))
+        for k, h in enumerate(1e-3 * np.eye(len(process.coordinates))):
+            up, down = (process.with_coordinates(process.coordinates + s * h) for s in (1, -1))
             change = evidence({**noise, name: up}) - evidence({**noise, name: down})
             assert slopes[name][k] == pytest.approx(change / 2e-3, rel=1e-4, abs=1e-3)
