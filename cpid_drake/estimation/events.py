@@ -66,8 +66,8 @@ def fit_with_events(
         finer = replace(found, logs=cut, rolled=[roll(model, log, found.values) for log in cut])
         ends = zip(cut, finer.rolled, _changes(finer, question), strict=True)
         kept = [
-            _kept(finer, log.with_processes(other.processes), rolled, own, question)
-            for other, (log, rolled, own) in zip(found.logs, ends, strict=True)
+            _kept(finer, log.with_processes(before.processes), rolled, own, question)
+            for before, (log, rolled, own) in zip(found.logs, ends, strict=True)
         ]
         if not any(kept):
             return found
@@ -88,10 +88,10 @@ def fit_with_events(
         parts = zip(wide.logs, wide.rolled, changes, strict=True)
         now = [_cut(model, *each) for each in parts]
     changed = fit(model, logs, values=wide.values, progress=progress)
-    parts = zip(found.logs, changed.logs, changed.rolled, changes, strict=True)
+    ends = zip(changed.logs, changed.rolled, changes, strict=True)
     kept = [
-        _kept(changed, log.with_processes(before.processes), *each, question)
-        for before, log, *each in parts
+        _kept(changed, log.with_processes(before.processes), rolled, own, question)
+        for before, (log, rolled, own) in zip(found.logs, ends, strict=True)
     ]
     if not any(kept):
         return found
@@ -110,7 +110,8 @@ def _kept(
 ) -> frozenset[int]:
     """Return the first changes, by their evidence, that have the most beside the noise.
 
-    The noise is sought from that of the log, with one change after the other. A change inside of a block is one at both of its ends: two more that are no better are the last.
+    The noise is sought from that of the log, with one change after the other. A change inside of a
+    block is one at both of its ends: two more that are no better are the last.
     """
     ends, costs, noise = list(changes), list[float](), log
     price = 2 * float(np.log(len(SIZES)) - np.log(CHANGE_ODDS))

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -239,12 +240,12 @@ class LogState:
         length = self.blocks[-1].end - self.blocks[0].start
         return found | {n: float(np.sqrt(p.within(length))) for n, p in self.processes.items()}
 
-    @property
+    @cached_property
     def slow(self) -> dict[str, slice]:
         """Places of sensors with slow noise in `edges`."""
         return places_of({n: p.size for n, p in self.processes.items() if p.slow})
 
-    @property
+    @cached_property
     def slow_size(self) -> int:
         """Number of entries of slow noise."""
         return sum(process.size for process in self.processes.values())
@@ -301,9 +302,11 @@ class LogState:
 
     def whitenings(self, k: int, rest: Mapping[str, Array]) -> dict[str, Innovations]:
         """Return what makes the residuals of block k white, and links slow noise."""
-        counts = {name: len(each) for name, each in rest.items()}
-        counts = {**counts, **{name: 0 for name in self.slow if name not in counts}}
-        return {name: self.whitening(k, name, count) for name, count in counts.items()}
+        found = {name: self.whitening(k, name, len(each)) for name, each in rest.items()}
+        for name in self.slow:
+            if name not in rest:
+                found[name] = self.whitening(k, name, 0)
+        return found
 
     def whitening(self, k: int, sensor: str, count: int) -> Innovations:
         """Return what makes the residuals of a sensor, or of a white force, in block k white."""

@@ -184,7 +184,7 @@ class _Search:
         return cost_of(self.evidence, processes)
 
     def _slopes(self, processes: Processes) -> tuple[float, Array]:
-        """Return −2 log(evidence) with the odds, and its derivatives by all `Process.coordinates`."""
+        """Return −2 log(evidence) with the odds, and its derivatives by all coordinates."""
         value, slopes = self.evidence.with_slopes(processes)
         parts = [slopes[name] + _by_odds(each) for name, each in processes.items()]
         value += sum(_odds(each) for each in processes.values())
@@ -197,7 +197,7 @@ class _Search:
         value, slope = self._slopes(processes)
         H = self._curvature(processes, slope)
         for _ in range(MOST_STEPS):
-            step = -np.linalg.solve(H, slope)
+            step = np.asarray(-np.linalg.solve(H, slope))
             if -0.5 * float(slope @ step) < SAME:
                 break
             step *= min(1.0, FARTHEST / float(np.max(np.abs(step))))
@@ -229,7 +229,7 @@ class _Search:
             H[0, 0] += max(0.0, float(slope[first])) * each.white_bend / each.white_slope
             parts.append(H)
             first += len(H)
-        return block_diag(*parts)
+        return np.asarray(block_diag(*parts))
 
     def simplified(self, processes: Processes, cost: float) -> Processes:
         """Return the noise without processes that gain less than they must."""

@@ -187,9 +187,11 @@ class Innovations:
         return white
 
     def slopes(self, noise: Array, slow: Array) -> Array:
-        """Return derivatives by `Process.coordinates` of the sum of squares of white values, and volume.
+        """Return the derivatives of χ² of white values, and of the volume, by coordinates.
 
-        With v = A⁻¹ε, those of εᵀA⁻¹ε + log det A are tr((A⁻¹ − vvᵀ) dA) + 2 vᵀdε.
+        See `Process.coordinates`. With v = A⁻¹ε, those of εᵀA⁻¹ε + log det A are
+
+            tr((A⁻¹ − vvᵀ) dA) + 2 vᵀdε.
 
         Args:
             noise: (M, d, c) samples of d channels, of which the squares are summed over c.
