@@ -3,15 +3,16 @@
 An error of the model that nobody declares, such as axes of a gyro or zeros of joints, leaves
 residuals that change slowly, as the motion does; so does slow noise. But noise does not know how
 the craft moves. Where slow noise was found although `unstated: exact` holds errors at zero, each of
-these is an unknown for once, beside all others and given the noise. If it is zero, it reduces χ² by
-the number of its entries (Rao 1948, score test; the fit is linear here).
+these is an unknown for once, beside all others and given the noise, with the prior of what hardware
+has. The evidence says whether it is zero.
+
+Source: Kass and Raftery 1995, Bayes factors (2 ln B > 6 is strong evidence).
 """
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import chdtri
 
 from cpid_drake.array import Array
 from cpid_drake.estimation.fit import prior_of
@@ -20,11 +21,12 @@ from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import roll
 from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import Model
-from cpid_drake.identification.checks import IMPROBABLE, Check, label_of
+from cpid_drake.identification.checks import Check, label_of
 from cpid_drake.identification.chosen_fit import ChosenFit
 from cpid_drake.identification.effect_estimates import EffectEstimate
 
-_LEAST = 1e-4  # information in units of plausible sizes: what is seen less tells nothing
+STRONG = 6.0
+"""−2 log(evidence) that an error must gain to be the cause: odds of twenty."""
 
 
 def exact_checks(chosen: ChosenFit, opened: Callable[[], Model | None]) -> tuple[Check, ...]:
@@ -45,13 +47,8 @@ def exact_checks(chosen: ChosenFit, opened: Callable[[], Model | None]) -> tuple
         return ()
     given = known.marginal(new)
     H, b = given.R.T @ given.R - np.eye(given.size), given.R.T @ given.z  # without their priors
-    compared = {}
-    for name, place in given.places.items():
-        sizes, V = np.linalg.eigh(H[place, place])
-        seen = sizes > _LEAST
-        gain = float(np.sum((V.T @ b[place])[seen] ** 2 / sizes[seen]))
-        compared[name] = gain, float(chdtri(max(np.sum(seen), 1), IMPROBABLE / len(new)))
-    name = max(compared, key=lambda each: compared[each][0] / compared[each][1])
+    gains = {name: _gain(H[place, place], b[place]) for name, place in given.places.items()}
+    name = max(gains, key=lambda each: gains[each])
     log, unknown = wide.unknowns_of(log.name for log in fit.logs)[name]
     place = given.places[name]
     covariance = np.linalg.inv(H[place, place] + np.eye(unknown.size))
@@ -65,7 +62,13 @@ def exact_checks(chosen: ChosenFit, opened: Callable[[], Model | None]) -> tuple
         f"what looks like slow noise of the {' and of the '.join(sensors)} follows the motion as "
         f"an error that `unstated: exact` excludes: {what}; state what the hardware can have"
     )
-    return (Check.of("errors held exact", sentence, *compared[name]),)
+    return (Check.of("errors held exact", sentence, gains[name], STRONG),)
+
+
+def _gain(H: Array, b: Array) -> float:
+    """Return by how much −2 log(evidence) falls with an error of unit prior and its rows."""
+    precision = H + np.eye(len(b))
+    return float(b @ np.linalg.solve(precision, b) - np.linalg.slogdet(precision)[1])
 
 
 def _with_exact(chosen: ChosenFit, wide: Model) -> Gaussian:
