@@ -121,7 +121,8 @@ def _kept(
         alone = replace(found, logs=[log.with_processes({})], rolled=[rolled])
         [spans] = _changes(alone, question, ends[:count]) if count else [{}]
         some = replace(noise.opened(ends[:count]), spans=spans)
-        noise, cost = with_best_noise(found.model, some, rolled, found.values)
+        before = costs[-1] if costs else np.inf
+        noise, cost = with_best_noise(found.model, some, rolled, found.values, before)
         costs.append(cost + count * price)
     return log.opened(ends[: int(np.argmin(costs))]).open
 

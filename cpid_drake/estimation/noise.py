@@ -61,9 +61,7 @@ def with_processes(model: Model, log: LogState, rolled: Rolled, values: Values) 
     if log.is_known:
         return log
     evidence = NoiseEvidence(model, log, rolled, values)
-    names, before = rolled.all_residuals(), log.processes
-    residuals = {n: [rest[n] for rest in rolled.residuals if n in rest] for n in names}
-    series = _series(log, rolled, residuals)
+    before, series = log.processes, _series(log, rolled, _residuals(rolled))
     tried = _guesses(log, series, before)
     if not tried:
         return replace(log, is_known=True)
@@ -81,20 +79,38 @@ def cost_of(evidence: NoiseEvidence, processes: Mapping[str, Process]) -> float:
 
 
 def with_best_noise(
-    model: Model, log: LogState, rolled: Rolled, values: Values
+    model: Model, log: LogState, rolled: Rolled, values: Values, before: float
 ) -> tuple[LogState, float]:
-    """Return a log with the best noise, near its own or what its samples show, and its cost.
+    """Return a log with the best noise near its own, and its cost; see `cost_of`.
 
-    See `cost_of`.
+    With changes that are open, it may be another that their samples show, if that costs less than
+    without them.
+
+    Args:
+        model: the unknowns.
+        log: a log.
+        rolled: its prediction at the values.
+        values: of all unknowns.
+        before: the cost with fewer changes.
+
     """
-    evidence = NoiseEvidence(model, log, rolled, values)
-    search = _Search(evidence, _series(log, rolled, evidence.means()))
-    starts = log.processes, _guesses(log, search.series, {})
-    found, cost = search.climbed(min(starts, key=search.cost))
+    evidence, start = NoiseEvidence(model, log, rolled, values), log.processes
+    shown = evidence.means() if log.open else _residuals(rolled)
+    search = _Search(evidence, _series(log, rolled, shown))
+    if log.open:
+        guessed = _guesses(log, search.series, {})
+        start = guessed if search.cost(guessed) < before else start
+    found, cost = search.climbed(start)
     if found == log.processes:
         return log, cost
     found = search.simplified(found, cost)
     return log.with_processes(found), search.cost(found)
+
+
+def _residuals(rolled: Rolled) -> dict[str, list[Array]]:
+    """Return the residuals (M, d) of the blocks that have samples, by sensor."""
+    names = sorted({name for rest in rolled.residuals for name in rest})
+    return {n: [rest[n] for rest in rolled.residuals if n in rest] for n in names}
 
 
 def _series(
