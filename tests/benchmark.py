@@ -27,8 +27,8 @@ from processes import ROOT, finish, start
 
 import cpid_drake as cpid
 from cpid_drake.dynamics.propagation import propagate
-from cpid_drake.estimation.block_rows import BlockRows
 from cpid_drake.estimation.least_squares import triangle, updated_information
+from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.logs.log import ideal_log
 from cpid_drake.logs.simulated_noise import add_noise
 
@@ -123,7 +123,7 @@ def medians(
 
 
 COUNTED = {
-    BlockRows.of.__func__.__code__: (LINEAR,),
+    BlockModel.jacobian.__code__: (LINEAR,),
     triangle.__code__: (QRS,),
     updated_information.__code__: (QRS,),
 }

@@ -42,6 +42,10 @@ LINEAR = 0.1
 """`about` needs no step with a smaller χ²: a third of σ. Nor does a fit of which no share of a step
 reduces χ²: what is of first order has no derivatives by other unknowns."""
 
+BENT, MOST_KEPT = 3e-4, 100.0
+"""Derivatives stay after a step if χ² differs from that of a linear fit by less than this share of
+the step, squared, in σ, and the step is not larger: they are wrong by a share of √BENT of it."""
+
 GOOD, POOR = 0.75, 0.25
 """The share of a step that is taken doubles, up to all of it, if it reduces χ² by more than this
 part of what a linear fit predicts, and is halved if by less."""
@@ -167,6 +171,9 @@ def _best(
         else:  # errors of the derivatives, if it is so small
             return replace(now, converged=settled and step.square < LINEAR)
         excess = there.cost - step.least
+        if _is_linear(step.square, excess):
+            for before, after in zip(now.rolled, there.rolled, strict=True):
+                after.take_derivatives(before)
         is_known = held is not None or all(log.freedom for log in there.logs)
         if settled and is_known and is_close:
             return replace(there, converged=True)
@@ -180,6 +187,11 @@ def _best(
             return replace(there, converged=True)
         now = there
     return now
+
+
+def _is_linear(square: float, excess: float) -> bool:
+    """Return whether derivatives before a step hold after it: χ² is as a linear fit predicts."""
+    return abs(excess) < BENT * max(square, 1.0) and square < MOST_KEPT
 
 
 def _misfit(now: Fit) -> float:

@@ -63,6 +63,12 @@ class Rolled:
             links=self.links[first:end],
         )
 
+    def take_derivatives(self, other: "Rolled") -> None:
+        """Take the derivatives of the blocks of a prediction nearby, as far as they are known."""
+        for own, before in zip(self.models, other.models, strict=True):
+            if own not in self.linear and before in other.linear:
+                self.linear[own] = other.linear[before]
+
     @property
     def count(self) -> int:
         """Number of all residuals."""
