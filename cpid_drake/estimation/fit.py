@@ -278,12 +278,11 @@ def _next(share: float, gain: float) -> float:
 
 def _linear(now: Fit) -> Fit:
     """Return a fit with the Gaussian about its values."""
-    logs = zip(now.logs, now.rolled, strict=True)
-    model = now.model
-    swept = [
-        sweep(model, log, of_first(model, log, rolled, now.values), now.values)
-        for log, rolled in logs
-    ]
+    model, swept = now.model, list[Swept]()
+    for log, rolled in zip(now.logs, now.rolled, strict=True):
+        first = of_first(model, log, rolled, now.values)
+        swept.append(sweep(model, log, first, now.values))
+        rolled.take_derivatives(first)
     known = _weighed(hardware_prior_of(model, now.logs, now.values), now.misfit)
     seen = reduce(Gaussian.add, [each.gaussian for each in swept], known)
     return replace(now, seen=seen, swept=swept)
@@ -295,6 +294,8 @@ def of_first(model: Model, log: LogState, rolled: Rolled, values: Values) -> Rol
     See `Past`.
     """
     if log.past is None or not any(unknown.scope == "hardware" for unknown in model.table):
+        return rolled
+    if all(part in rolled.linear for part in rolled.models):  # those of a sweep before
         return rolled
     first = roll(model, log, {**values, **log.past.first})
     return replace(first, residuals=rolled.residuals, links=rolled.links)

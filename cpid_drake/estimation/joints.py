@@ -66,7 +66,7 @@ def smooth_joints(
     weights = once
     for _ in range(_REWEIGHTINGS):
         samples = [each.with_processes(processes) for each in samples]
-        splines = _best_splines(samples, weights, once)
+        splines = _best_splines(samples, weights, once, processes)
         u = splines.best()
         coefficients, noise = splines.solved(u)
         loss = [loss_weight(left / noise) for left in splines.residuals(coefficients)]
@@ -143,11 +143,15 @@ def _shape(step: float, i: int, j: int) -> Process:
 
 
 def _best_splines(
-    samples: Sequence[JointSamples], weights: Sequence[Array], once: Sequence[Array]
+    samples: Sequence[JointSamples],
+    weights: Sequence[Array],
+    once: Sequence[Array],
+    processes: Mapping[str, Process],
 ) -> JointSplines:
     """Return splines with `FINER` times the pieces with the most evidence, or fewer if as good.
 
-    More than `_FAST` pieces in a second are tried as long as they have more.
+    More than `_FAST` pieces in a second are tried as long as they have more, and more than noise
+    has that is not white: it looks like a fast motion.
     """
     usual = float(np.median([block.end - block.start for block in samples]))
     most = float(np.median([len(block.values) for block in samples])) / 2  # samples show no more
@@ -156,12 +160,22 @@ def _best_splines(
         splines[pieces] = JointSplines(samples, pieces / usual, weights, once)
         value = float(splines[pieces].on_grid.min(axis=1).sum())
         if value < least - ENOUGH:
+            if splines[pieces].rate > _FAST and value > _noisy(splines[best], processes):
+                break
             best, least = pieces, value
         elif splines[pieces].rate >= _FAST:
             break
         pieces *= 2
     finer = FINER * best
     return splines.get(finer) or JointSplines(samples, finer / usual, weights, once)
+
+
+def _noisy(splines: JointSplines, processes: Mapping[str, Process]) -> float:
+    """Return −2 log(evidence) of splines with the noise that they leave."""
+    u = splines.best()
+    found = _processes(splines, u, processes)
+    price = _PRICE * len(found.keys() - processes.keys())
+    return splines.of(found).least_about(u) + price
 
 
 def _require_enough(samples: Sequence[JointSamples]) -> None:
