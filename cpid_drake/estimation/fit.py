@@ -172,8 +172,8 @@ def _best(
             return replace(now, converged=settled and step.square < LINEAR)
         excess = there.cost - step.least
         if _is_linear(step.square, excess):
-            for before, after in zip(now.rolled, there.rolled, strict=True):
-                after.take_derivatives(before)
+            for rolled, after in zip(now.rolled, there.rolled, strict=True):
+                after.take_derivatives(rolled)
         is_known = held is not None or all(log.freedom for log in there.logs)
         if settled and is_known and is_close:
             return replace(there, converged=True)
