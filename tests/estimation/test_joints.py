@@ -5,6 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
+from scipy.signal import lfilter
 
 from cpid_drake.estimation.block import Block, after
 from cpid_drake.estimation.joints import smooth_joints
@@ -271,6 +272,21 @@ def test_a_fast_motion_is_no_noise(frequency, rate):
     smoothness, parts = smooth_joints(blocks_of(samples), suite)
     np.testing.assert_allclose(smoothness.noise, 1.0, rtol=0.2)
     assert np.abs(evaluated(parts, t) - moving).max() < step
+
+
+@pytest.mark.parametrize(("frequency", "rho"), [(0.3, 0.9), (10.0, 0.0)])
+def test_correlated_noise_of_fast_encoders_is_no_motion_and_a_vibration_is(frequency, rho):
+    """At 1 kHz, noise with a time of 10 ms looks like a vibration."""
+    rng, t = np.random.default_rng(0), np.arange(0.0, 6.0, 1e-3)
+    moving = 0.01 * np.sin(2 * np.pi * frequency * t)[:, None]
+    fresh = SIGMA * np.sqrt(1 - rho**2) * rng.standard_normal((len(t) + 100, 1))
+    noise = lfilter([1.0], [1.0, -rho], fresh, axis=0)[100:]
+    suite = SensorSuite(encoders=JointSensor(1000.0, SIGMA))
+    samples = Log(("a",), {"encoders": Samples(t, moving + noise)})
+    smoothness, parts = smooth_joints(blocks_of(samples), suite)
+    assert bool(smoothness.processes) == (rho > 0)
+    assert (smoothness.rate > 32) == (frequency > 5)
+    assert np.sqrt(np.mean((evaluated(parts, t) - moving) ** 2)) < 0.7 * SIGMA
 
 
 @pytest.mark.parametrize("rate", [50.0, 500.0])
