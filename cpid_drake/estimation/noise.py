@@ -175,7 +175,9 @@ class _Series:
 
         It is Σ ∂log S/∂θ ∂log S/∂θᵀ over all frequencies, with the spectrum S (Whittle 1953).
         """
-        N, tau = len(self.times), process.tau
+        N, tau, size = len(self.times), process.tau, len(process.coordinates)
+        if N < 2:
+            return np.zeros((size, size))
         turn = np.cos(2 * np.pi * np.arange(N) / N)
         dt = (self.times[-1] - self.times[0]) / (N - 1)
         phi = np.exp(-dt / tau)
@@ -184,7 +186,7 @@ class _Series:
         by_phi = -2 * phi / (1 - phi**2) - 2 * (phi - turn) / far
         by_white = np.full(N, process.white_slope)
         by = np.stack([by_white, slow, slow * (1 + by_phi * phi * dt / tau)])
-        by = by[: len(process.coordinates)] / (process.white + slow)
+        by = by[:size] / (process.white + slow)
         return np.asarray(process.channels * by @ by.T)
 
 
@@ -239,9 +241,10 @@ class _Search:
 
         Where white noise is least, its slope is zero, and the evidence falls by its square.
         """
-        parts, first = list[Array](), 0
+        parts, first, silent = list[Array](), 0, _Series(np.empty(0), np.empty((0, 3)))
         for name, each in processes.items():
-            H = self.series[name].information(each) + FLATTEST * np.eye(len(each.coordinates))
+            H = self.series.get(name, silent).information(each)
+            H = H + FLATTEST * np.eye(len(H))
             H[0, 0] += max(0.0, float(slope[first])) * each.white_bend / each.white_slope
             parts.append(H)
             first += len(H)
