@@ -23,6 +23,7 @@ from scipy.linalg import lapack
 from cpid_drake.array import Array
 
 _LEAST = 1e-6  # time between two stamps [s]
+_LEAST_WEIGHT = 1e-5  # beside slow noise: rounding errors of larger variances hide those of others
 
 
 @dataclass(frozen=True)
@@ -136,7 +137,7 @@ class Innovations:
         """φ (M + 1,), and D (M + 2,) of s₀, the samples and s₁."""
         dt = np.maximum(np.diff(self.times, prepend=self.start, append=self.end), _LEAST)
         D = np.zeros(len(self.times) + 2)
-        D[1:-1] = self.process.white / self.weights**2
+        D[1:-1] = self.process.white / np.maximum(self.weights, _LEAST_WEIGHT) ** 2
         return np.exp(-dt / self.process.tau), D
 
     @cached_property
