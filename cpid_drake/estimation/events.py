@@ -59,8 +59,9 @@ def fit_with_events(
     changes = _changes(replace(found, logs=declared), question)
     if all(log.open.issuperset(own) for log, own in zip(quiet, changes, strict=True)):
         return found
-    sizes = [process.total for log in quiet for process in log.processes.values()]
-    if any(log.slow for log in quiet) and max(sizes) < FAR**2:  # else the fit is no start
+    slow = [p.total for log in quiet for p in log.processes.values() if p.slow]
+    is_noise = max(slow, default=0.0) < FAR**2  # else the fit is no start, and changes come first
+    if slow and is_noise:
         parts = zip(quiet, found.rolled, changes, strict=True)
         cut = [_cut(model, *each) for each in parts]
         finer = replace(found, logs=cut, rolled=[roll(model, log, found.values) for log in cut])
@@ -94,7 +95,7 @@ def fit_with_events(
         for before, (log, rolled, own) in zip(found.logs, ends, strict=True)
     ]
     if not any(kept):
-        return found
+        return found if is_noise else changed
     if all(log.open == own for log, own in zip(changed.logs, kept, strict=True)):
         return changed
     logs = [log.opened(own) for log, own in zip(wide.logs, kept, strict=True)]
