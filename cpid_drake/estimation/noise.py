@@ -26,8 +26,8 @@ from cpid_drake.sensors.sensors import SENSORS
 TAUS = 0.02 * 8.0 ** np.arange(4)
 """Times of slow noise that are tried first [s]."""
 
-USUAL_TAU = 0.45
-"""Their geometric mean [s]."""
+USUAL_TAU = float(np.sqrt(TAUS[0] * TAUS[-1]))
+"""The middle of their logs [s]."""
 
 RATIOS = np.array([0.2, 5.0])
 """Variances of slow noise that are tried first, in units of that of the white noise."""
@@ -73,16 +73,12 @@ def with_processes(model: Model, log: LogState, rolled: Rolled, values: Values) 
     return replace(log.with_processes(found), is_known=bool(before))
 
 
-def cost_of(evidence: NoiseEvidence, processes: Mapping[str, Process]) -> float:
-    """Return −2 log(evidence), with the odds of noise and what it must gain if not as declared."""
-    return evidence(processes) + sum(_price(p) + _odds(p) for p in processes.values())
-
-
 def with_best_noise(
     model: Model, log: LogState, rolled: Rolled, values: Values, before: float
 ) -> tuple[LogState, float]:
-    """Return a log with the best noise near its own, and its cost; see `cost_of`.
+    """Return a log with the best noise near its own, and its cost.
 
+    The cost is −2 log(evidence), with the odds of noise and what it must gain if not as declared.
     With changes that are open, it may be another that their samples show, if that costs less than
     without them.
 
@@ -198,8 +194,8 @@ class _Search:
     series: Mapping[str, _Series]
 
     def cost(self, processes: Processes) -> float:
-        """See `cost_of`."""
-        return cost_of(self.evidence, processes)
+        """Return −2 log(evidence), with the odds of noise and what it must gain."""
+        return self.evidence(processes) + sum(_price(p) + _odds(p) for p in processes.values())
 
     def _slopes(self, processes: Processes) -> tuple[float, Array]:
         """Return −2 log(evidence) with the odds, and its derivatives by all coordinates."""

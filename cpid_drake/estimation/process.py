@@ -127,11 +127,6 @@ class Innovations:
         """Return whether another one does the same."""
         return self.process == other.process and np.array_equal(self.weights, other.weights)
 
-    @property
-    def extra(self) -> int:
-        """Number of rows beside those of samples: one, if an end of the block is linked."""
-        return 1 if self.process.slow else 0
-
     @cached_property
     def _steps(self) -> tuple[Array, Array]:
         """φ (M + 1,), and D (M + 2,) of s₀, the samples and s₁."""
