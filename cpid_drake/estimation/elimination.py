@@ -16,7 +16,7 @@ from scipy.linalg import solve_triangular
 from cpid_drake.array import Array
 from cpid_drake.estimation.block_rows import BlockRows
 from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.least_squares import triangle, updated_information
+from cpid_drake.estimation.least_squares import sum_of_triangles, triangle, updated_information
 from cpid_drake.estimation.likelihood.model import BlockModel
 
 
@@ -139,20 +139,22 @@ def eliminated(part: BlockModel, own: BlockRows, before: Gaussian) -> tuple[Gaus
     joints = of_block[np.argsort(own.order)[part.at_start[12:]] - 12]  # those at its start end
     of_before = np.r_[:12, 12 + joints, 12 + gone + len(part.at_end) : size + 13]  # after x₀
     # [A₀ | A | b]: the first rows of what is known before, and of the block's own.
-    known, last, first = before.rows, n - gone, gone + 12
-    rows = np.zeros((last + first, 12 + size + 1))
-    rows[:last, of_before] = known[:last]
-    rows[last:, :12], rows[last:, 12 + of_block] = own.T[:first, :12], own.T[:first, 12:]
+    known, boundary, first = before.rows, len(part.at_end), gone + 12
+    rows = np.zeros((boundary + first, 12 + size + 1))
+    rows[:boundary, of_before] = known[:boundary]
+    rows[boundary:, :12], rows[boundary:, 12 + of_block] = own.T[:first, :12], own.T[:first, 12:]
     # A₀E₀⁻¹ x₁ + (A − A₀E₀⁻¹E) y = b
     by_end = rows[:, :12] @ np.linalg.inv(own.end[:, :12])
     rows[:, 12 + of_block[:-1]] -= by_end @ own.end[:, own.order[12:]]
     rows[:, 12 + gone : 12 + first] = by_end
-    T = triangle(rows[:, 12:])
-    # The other rows contain neither.
-    others = np.zeros((size + 1, size + 1), order="F")
-    others[np.ix_(of_block[gone:], of_block[gone:])] = own.T[first:, first:]
-    others[n:size, n:] = known[last:, last:]
-    T[first:, first:] = updated_information(others[first:, first:], T[first:, first:])
+    ended = triangle(rows[:, 12:])[: boundary + first]
+    # The other rows of both contain neither: they remain triangles.
+    others, places = np.zeros((2, size + 1 - gone, size + 1 - gone)), of_block[gone:] - gone
+    others[0][np.ix_(places, places)] = own.T[first:, first:]
+    others[1, boundary:-1, boundary:] = known[boundary:, boundary:]
+    T = np.zeros((size + 1, size + 1))
+    T[:gone] = ended[:gone]
+    T[gone:, gone:] = updated_information(sum_of_triangles(*others), ended[gone:, gone:])
     rho2 = before.rho2 + float(T[-1, -1]) ** 2
     volume = before.volume + float(np.sum(np.log(np.abs(np.diag(T)[:gone]))))
     return replace(before, R=T[gone:-1, gone:-1], z=T[gone:-1, -1], rho2=rho2, volume=volume), T

@@ -29,7 +29,7 @@ from cpid_drake.estimation.likelihood.motion_model import TrajectoryState
 from cpid_drake.estimation.log_state import LogState, farthest
 from cpid_drake.estimation.noise import with_best_noise
 from cpid_drake.estimation.roll import Rolled, Values, roll
-from cpid_drake.estimation.sweep import known_at_start, sweep
+from cpid_drake.estimation.sweep import known_at_start, linearize, sweep
 from cpid_drake.estimation.unknowns import Model
 
 LATER = 8
@@ -149,6 +149,7 @@ def _changes(
     for log, rolled in zip(found.logs, found.rolled, strict=True):
         best, count = dict[int, float](), len(log.blocks)
         before = known_at_start(model, log, found.values)
+        linearize(model.of_log(log.name), log, rolled, found.values)
         wide = log.opened(range(count - 1) if among is None else among)
         for first in range(0, count - 1, MOST_CANDIDATES):
             last = min(first + MOST_CANDIDATES, count - 1)

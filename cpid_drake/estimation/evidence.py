@@ -46,6 +46,9 @@ MOMENTUM_ODDS, CHANGE_ODDS, WRONG_ODDS = 1 / 10, 1 / 40, 1 / 100
 at the end of one block, and that a momentum is not as given. A size that the samples do not
 determine would otherwise look as likely as none."""
 
+POSSIBLE = 0.3
+"""Odds of a change beside no other, from which all sets are compared."""
+
 _NEGLIGIBLE = 1e-6  # probability of a set that does not count in the average
 
 
@@ -148,6 +151,10 @@ class Question:
         given = self.given
         if not given:
             return self
+        own = gaussian.marginal(given)
+        apart = np.concatenate([given[name] - values[name] for name in own.places])
+        if 0.5 * (own.cost(apart) - own.least_cost) + np.log(WRONG_ODDS) < 0:
+            return self  # no evidence is larger than the ratio of likelihoods
         about = np.concatenate([values[n] - given.get(n, 0.0) for n in gaussian.places])
         candidates = dict.fromkeys(given, model.unknown(MOMENTUM).sigma)
         kept = [name for name in gaussian.places if name not in candidates]
@@ -309,20 +316,14 @@ class _Sets:
         return float(np.sqrt(weights @ SIZES**2 / weights.sum()))
 
     def _gains(self, names: Sequence[str], free: Sequence[str]) -> dict[str, Array]:
-        """Return the evidence for each candidate beside free ones, for each of `SIZES`.
-
-        With H and b about one candidate, those beside it eliminated, and H = V diag(h) Vᵀ, it is
-        ½ Σ (a Vᵀb)²/(1 + a² h) − ½ Σ log(1 + a² h) − log(len(SIZES)).
-        """
+        """Return the evidence for each candidate beside free ones, for each of `SIZES`."""
         _, index, L = self.evidence(free, self.size)
         by_free = solve_triangular(L, np.column_stack([self.H[index], self.b[index]]), lower=True)
-        found, a2 = {}, SIZES[:, None] ** 2
+        found = {}
         for name in names:
             own = self.places[name]
-            h, V = np.linalg.eigh(self.H[np.ix_(own, own)] - by_free[:, own].T @ by_free[:, own])
-            b = V.T @ (self.b[own] - by_free[:, own].T @ by_free[:, -1])
-            size = 1 + a2 * np.maximum(h, 0.0)
-            found[name] = 0.5 * np.sum(a2 * b**2 / size - np.log(size), axis=1) - np.log(len(SIZES))
+            H = self.H[np.ix_(own, own)] - by_free[:, own].T @ by_free[:, own]
+            found[name] = _gain(H, self.b[own] - by_free[:, own].T @ by_free[:, -1])
         return found
 
     def kept(self, index: NDArray[np.intp], L: Array) -> tuple[Array, Array]:
@@ -331,3 +332,28 @@ class _Sets:
         mean = self.at_zero - G @ cho_solve((L, True), self.b[index])
         half = solve_triangular(L, G.T, lower=True)
         return mean, self.covariance_k + half.T @ half
+
+
+def _gain(H: Array, b: Array) -> Array:
+    """Return the evidence for a candidate, for each of `SIZES`, of samples that tell H and b of it.
+
+    With H = V diag(h) Vᵀ it is ½ Σ (a Vᵀb)²/(1 + a² h) − ½ Σ log(1 + a² h) − log(len(SIZES)).
+    """
+    (h, V), a2 = np.linalg.eigh(H), SIZES[:, None] ** 2
+    size = 1 + a2 * np.maximum(h, 0.0)
+    gain = 0.5 * np.sum(a2 * (V.T @ b) ** 2 / size - np.log(size), axis=1)
+    return np.asarray(gain - np.log(len(SIZES)))
+
+
+def is_possible_change(gaussian: Gaussian, sigma: Array) -> bool:
+    """Return whether one of some changes of momentum, beside no other, has odds of `POSSIBLE`.
+
+    Args:
+        gaussian: of the changes themselves, their priors N(0, σ²) included.
+        sigma: (12,) of each.
+
+    """
+    R = gaussian.R * np.tile(sigma, len(gaussian.places))
+    H, b = R.T @ R - np.eye(len(R)), R.T @ gaussian.z
+    gains = [_gain(H[own, own], b[own]).max() for own in gaussian.places.values()]
+    return bool(max(gains) + np.log(CHANGE_ODDS) > np.log(POSSIBLE))

@@ -67,6 +67,7 @@ class Fit:
         rolled: the logs, predicted at these values.
         seen: of x − values, without the target's prior, which is not linear.
         swept: the logs, linearized about these values, if a step from there may follow.
+        ends: of each log: what is known at its end, as `Swept.end`, linear since the last step.
         cost: χ² of all rows.
         sweeps: number of linearizations.
         converged: whether no step would change anything by more than `CLOSE` says.
@@ -80,6 +81,7 @@ class Fit:
     rolled: list[Rolled]
     seen: Gaussian
     swept: list[Swept] = field(default_factory=list)
+    ends: list[Gaussian] = field(default_factory=list)
     cost: float = 0.0
     sweeps: int = 0
     converged: bool = False
@@ -98,6 +100,7 @@ def fit(
     values: Values | None = None,
     before: Rolled | None = None,
     progress: Callable[[str], object] = lambda step: None,
+    most: int = MOST_SWEEPS,
 ) -> Fit:
     """Fit all unknowns to all samples of some logs.
 
@@ -108,6 +111,7 @@ def fit(
         before: a prediction of some blocks of the one log at these values; see `roll`.
         progress: called before every sweep but the first with a description; if it returns False,
             the fit ends without having converged.
+        most: so does it after so many sweeps.
 
     Raises:
         InputError: no motion can be predicted for the start.
@@ -119,7 +123,7 @@ def fit(
     rolled = [roll(model, log, values, before) for log in logs]
     now = Fit(model, values, logs, rolled, hardware_prior_of(model, logs, values))
     settled = all(log.freedom for log in logs)
-    return _best(now if settled else _reweighted(now), progress)
+    return _best(now if settled else _reweighted(now), progress, most=most)
 
 
 def about(found: Fit, held: Values) -> Fit:
@@ -150,11 +154,12 @@ def _best(
     progress: Callable[[str], object] = lambda step: None,
     held: Values | None = None,
     close: float = CLOSE,
+    most: int = MOST_SWEEPS,
 ) -> Fit:
     """Return the best fit near one; its weights follow the residuals if nothing is held."""
     share, misfit = 1.0, np.inf
     settled = held is not None or all(log.freedom for log in now.logs)
-    while now.sweeps < MOST_SWEEPS:
+    while now.sweeps < most:
         text = f"fitting: sweep {now.sweeps + 1}, χ² {now.cost:.6g}"
         if now.sweeps and progress(text) is False:
             break
@@ -169,7 +174,8 @@ def _best(
             if there is not None and (gain > 0 or is_close):
                 break
         else:  # errors of the derivatives, if it is so small
-            return replace(now, converged=settled and step.square < LINEAR)
+            ends = [each.end for each in now.swept]
+            return replace(now, ends=ends, converged=settled and step.square < LINEAR)
         excess = there.cost - step.least
         if _is_linear(step.square, excess):
             for rolled, after in zip(now.rolled, there.rolled, strict=True):
@@ -266,7 +272,12 @@ class _Step:
 
     def taken(self, now: Fit, share: float) -> Fit | None:
         """Return the fit after a share of the step; None if no motion can be predicted there."""
-        return _moved(now, share * self.step, _after(now, self.step, share))
+        there = _moved(now, share * self.step, _after(now, self.step, share))
+        if there is None:
+            return None
+        parts = {name: self.step[place] for name, place in now.gaussian.places.items()}
+        ends = [each.end.moved(share * each.step(parts)) for each in now.swept]
+        return replace(there, ends=ends)
 
 
 def _next(share: float, gain: float) -> float:
@@ -278,27 +289,11 @@ def _next(share: float, gain: float) -> float:
 
 def _linear(now: Fit) -> Fit:
     """Return a fit with the Gaussian about its values."""
-    model, swept = now.model, list[Swept]()
-    for log, rolled in zip(now.logs, now.rolled, strict=True):
-        first = of_first(model, log, rolled, now.values)
-        swept.append(sweep(model, log, first, now.values))
-        rolled.take_derivatives(first)
+    model, parts = now.model, zip(now.logs, now.rolled, strict=True)
+    swept = [sweep(model, log, rolled, now.values) for log, rolled in parts]
     known = _weighed(hardware_prior_of(model, now.logs, now.values), now.misfit)
     seen = reduce(Gaussian.add, [each.gaussian for each in swept], known)
     return replace(now, seen=seen, swept=swept)
-
-
-def of_first(model: Model, log: LogState, rolled: Rolled, values: Values) -> Rolled:
-    """Return a prediction with the derivatives at the first values of target and hardware.
-
-    See `Past`.
-    """
-    if log.past is None or not any(unknown.scope == "hardware" for unknown in model.table):
-        return rolled
-    if all(part in rolled.linear for part in rolled.models):  # those of a sweep before
-        return rolled
-    first = roll(model, log, {**values, **log.past.first})
-    return replace(first, residuals=rolled.residuals, links=rolled.links)
 
 
 def _cost(found: Fit, logs: Sequence[LogState], weighed_at: Values) -> float:

@@ -12,17 +12,19 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import lapack
+from scipy.linalg import lapack, solve_triangular
 
 from cpid_drake.array import Array
 from cpid_drake.estimation.least_squares import (
     DEFAULT_RANK_TOLERANCE,
     KNOWN,
     residual_variance,
+    sum_of_triangles,
     triangle,
 )
 
 _OPEN = 1e-6  # largest part in combinations that rows do not determine of an entry that is known
+_DETERMINED = 1e-6  # share of each column that others leave of it: no direction is open
 _NEGLIGIBLE = 1e-13  # share of the largest singular value of scaled columns that is rounding error
 
 
@@ -88,14 +90,18 @@ class Gaussian:
         sizes = self.sizes | other.sizes
         places = places_of(sizes)
         n = sum(sizes.values())
-        rows = np.zeros((self.size + other.size, n + 1))
-        first = 0
-        for part in (self, other):
-            columns = np.concatenate([np.r_[places[name]] for name in part.places] or [[]])
-            block = rows[first : first + part.size]
-            block[:, columns.astype(int)], block[:, n] = part.R, part.z
-            first += part.size
-        return Gaussian.of_rows(sizes, rows, self.rho2 + other.rho2)
+        both, is_ordered = np.zeros((2, n + 1, n + 1)), True
+        for part, rows in zip((self, other), both, strict=True):
+            columns = np.concatenate(
+                [np.empty(0, np.intp), *(np.r_[places[k]] for k in part.places)]
+            )
+            is_ordered &= bool(np.all(np.diff(columns) > 0))
+            rows[np.ix_(columns, columns)], rows[columns, n] = part.R, part.z
+        rho2 = self.rho2 + other.rho2
+        if not is_ordered:
+            return Gaussian.of_rows(sizes, both.reshape(-1, n + 1), rho2)
+        T = sum_of_triangles(*both)  # both are triangles
+        return Gaussian.of_triangle(sizes, T[:-1], rho2 + float(T[-1, -1]) ** 2)
 
     def marginal(self, names: Iterable[str]) -> "Gaussian":
         """Return the distribution of some unknowns, whatever the others are.
@@ -109,19 +115,25 @@ class Gaussian:
         sizes = {name: self.sizes[name] for name in names}
         if np.array_equal(order, np.arange(self.size)):
             return Gaussian.of_triangle(sizes, self.rows[gone:, gone:], self.rho2)
-        T = triangle(np.column_stack([self.R[:, order], self.z]))
+        same = min(int(np.argmax(order != np.arange(self.size))), gone)  # a triangle before
+        T = triangle(np.column_stack([self.R[same:, order[same:]], self.z[same:]]))
         rho2 = self.rho2 + float(T[-1, -1]) ** 2
-        return Gaussian.of_triangle(sizes, T[gone:-1, gone:], rho2)
+        return Gaussian.of_triangle(sizes, T[gone - same : -1, gone - same :], rho2)
 
     def condition(self, values: Mapping[str, ArrayLike]) -> "Gaussian":
         """Return the distribution of the others if some unknowns have the given values."""
+        if not values:
+            return self
         b = self.z.copy()
         for name, value in values.items():
             place = self.places[name]
             b -= self.R[:, place] @ np.broadcast_to(value, place.stop - place.start)
         sizes = {name: size for name, size in self.sizes.items() if name not in values}
         rows = np.column_stack([self.R[:, self.indices(sizes)], b])
-        return Gaussian.of_rows(sizes, rows, self.rho2)
+        same = min(self.places[name].start for name in values)  # a triangle before
+        T = triangle(rows[same:, same:])
+        rows = np.vstack([rows[:same], np.pad(T[:-1], ((0, 0), (same, 0)))])
+        return Gaussian.of_triangle(sizes, rows, self.rho2 + float(T[-1, -1]) ** 2)
 
     def moved(self, step: Array) -> "Gaussian":
         """Return the distribution of x − step for a step (n,)."""
@@ -158,6 +170,8 @@ class Gaussian:
         """Return the mean (n,), with zero along what nothing determines."""
         scale = np.linalg.norm(self.R, axis=0)
         scale[scale == 0] = 1.0
+        if np.min(np.abs(np.diag(self.R)) / scale, initial=1.0) > _DETERMINED:
+            return np.asarray(solve_triangular(self.R, self.z))
         U, s, Vt = np.linalg.svd(self.R / scale, full_matrices=False)
         known = s > _NEGLIGIBLE * s.max(initial=0.0)
         return np.asarray(Vt[known].T @ ((U.T @ self.z)[known] / s[known]) / scale)

@@ -47,13 +47,14 @@ _PRICE = 12.0  # of −2 log(evidence): of noise that is not white
 
 
 def smooth_joints(
-    blocks: Sequence[Block], suite: SensorSuite
+    blocks: Sequence[Block], suite: SensorSuite, known: Smoothness | None = None
 ) -> tuple[Smoothness, list[JointPart]]:
     """Return the smoothness of a log's joints, and their smoothed motion in successive blocks.
 
     Args:
         blocks: successive blocks of one log.
         suite: the sensors' errors.
+        known: the smoothness of most of these blocks, with the noise from which it is sought.
 
     Raises:
         InputError: the samples are too few.
@@ -62,11 +63,11 @@ def smooth_joints(
     samples = [JointSamples(block, suite) for block in blocks]
     _require_enough(samples)
     once = once_weights(samples)
-    processes: dict[str, Process] = {}
+    processes: dict[str, Process] = {**known.processes} if known else {}
     weights = once
     for _ in range(_REWEIGHTINGS):
         samples = [each.with_processes(processes) for each in samples]
-        splines = _best_splines(samples, weights, once, processes)
+        splines = _best_splines(samples, weights, once, processes, known.rate if known else 0.0)
         u = splines.best()
         coefficients, noise = splines.solved(u)
         loss = [loss_weight(left / noise) for left in splines.residuals(coefficients)]
@@ -147,16 +148,19 @@ def _best_splines(
     weights: Sequence[Array],
     once: Sequence[Array],
     processes: Mapping[str, Process],
+    rate: float,
 ) -> JointSplines:
     """Return splines with `FINER` times the pieces with the most evidence, or fewer if as good.
 
     More than `_FAST` pieces in a second are tried as long as they have more, and more than noise
-    has that is not white: it looks like a fast motion.
+    has that is not white: it looks like a fast motion. They are no fewer than at a rate that is
+    known [1/s].
     """
     usual = float(np.median([block.end - block.start for block in samples]))
     most = float(np.median([len(block.values) for block in samples])) / 2  # samples show no more
-    splines, best, least, pieces = dict[int, JointSplines](), 1, np.inf, 1
-    while pieces == 1 or pieces <= most:
+    first = max(1, round(rate * usual / FINER))
+    splines, best, least, pieces = dict[int, JointSplines](), first, np.inf, first
+    while pieces == first or pieces <= most:
         splines[pieces] = JointSplines(samples, pieces / usual, weights, once)
         value = float(splines[pieces].on_grid.min(axis=1).sum())
         if value < least - ENOUGH:

@@ -65,6 +65,12 @@ def updated_information(information: Array, augmented_rows: Array) -> Array:
     return np.asarray(updated)
 
 
+def sum_of_triangles(some: Array, other: Array) -> Array:
+    """Return the triangle (n, n) of the rows of two upper triangles."""
+    n = min(_PANEL, len(some))
+    return np.asarray(lapack.dtpqrt(len(some), n, some, other)[0])
+
+
 def triangle(rows: Array) -> Array:
     """Return R (n, n) of the QR decomposition of rows (M, n); M may be smaller than n.
 

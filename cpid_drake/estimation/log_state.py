@@ -28,6 +28,9 @@ CLOSED = 1e-8
 JUDGED = 1e-5
 """The same for the χ² by which a step is judged; see `LogState.link_cost`."""
 
+RECENT = 3
+"""Behind a past, so many of the last blocks show how smooth the joints of one more are."""
+
 FARTHEST = 0.5, 1.0, 1.0
 """σ of a change at an open end: of attitude [rad], centre of mass [m] and its velocity [m/s]."""
 
@@ -153,12 +156,14 @@ class LogState:
     def extended(self, model: Model, block: Block, start: TrajectoryState) -> "LogState":
         """Return the log with one more block; with a past, joints of the others stay as they are.
 
-        The joints' motion is as smooth as that of all its blocks.
+        The joints' motion is as smooth as that of all its blocks, or with a past of the last ones.
         """
         blocks, gap = (*self.blocks, block), block.start - self.blocks[-1].end
-        smoothness, joints = smooth_joints(blocks, model.suite)
-        if self.past is not None:
-            part, last = joints[-1], self.joints[-1].coefficients[-ORDER:]
+        if self.past is None:
+            smoothness, joints = smooth_joints(blocks, model.suite)
+        else:
+            smoothness, recent = smooth_joints(blocks[-RECENT:], model.suite, self.smoothness)
+            part, last = recent[-1], self.joints[-1].coefficients[-ORDER:]
             joints = [*self.joints, part if gap else continued(part, last)]
         return replace(
             self,
@@ -287,6 +292,17 @@ class LogState:
         parts["edges"] = self.edges[first : end + 1]
         ends = frozenset(k - first for k in self.open if first <= k < end)
         return replace(self, open=ends, past=None if first else self.past, **parts)
+
+    def followed(self, model: Model, other: "LogState") -> "LogState":
+        """Return the blocks and then those of a log that goes on at their closed end."""
+        lists = ("blocks", "joints", "forces", "weights", "starts")
+        parts: dict[str, Any] = {n: (*getattr(self, n), *getattr(other, n)) for n in lists}
+        ends = {"walks": np.zeros(len(model.walking_columns)), "gaps": 0.0, "pulls": np.zeros(12)}
+        for name, between in ends.items():
+            parts[name] = (*getattr(self, name), between, *getattr(other, name))
+        parts["edges"] = (*self.edges, *other.edges[1:])
+        parts["open"] = self.open | {len(self.blocks) + k for k in other.open}
+        return replace(other, past=self.past, origin=self.origin, **parts)
 
     def whitened(self, k: int, sensor: str, rest: Array) -> Array:
         """Return white residuals (M, d) of those (M, d) of a sensor in block k."""

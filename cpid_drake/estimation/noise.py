@@ -14,8 +14,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import block_diag
+from scipy.special import fdtrc
 
 from cpid_drake.array import Array
+from cpid_drake.estimation.least_squares import IMPROBABLE
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.noise_evidence import NoiseEvidence
 from cpid_drake.estimation.process import DECLARED, EXACT, Process, proxy
@@ -61,7 +63,7 @@ def with_processes(model: Model, log: LogState, rolled: Rolled, values: Values) 
     if log.is_known:
         return log
     evidence = NoiseEvidence(model, log, rolled, values)
-    before, series = log.processes, _series(log, rolled, _residuals(rolled))
+    before, series = log.processes, _series(log, rolled.residuals)
     tried = _guesses(log, series, before)
     if not tried:
         return replace(log, is_known=True)
@@ -91,8 +93,8 @@ def with_best_noise(
 
     """
     evidence, start = NoiseEvidence(model, log, rolled, values), log.processes
-    shown = evidence.means() if log.open else _residuals(rolled)
-    search = _Search(evidence, _series(log, rolled, shown))
+    shown = evidence.means() if log.open else rolled.residuals
+    search = _Search(evidence, _series(log, shown))
     if log.open:
         guessed = _guesses(log, search.series, {})
         start = guessed if search.cost(guessed) < before else start
@@ -103,26 +105,42 @@ def with_best_noise(
     return log.with_processes(found), search.cost(found)
 
 
-def _residuals(rolled: Rolled) -> dict[str, list[Array]]:
-    """Return the residuals (M, d) of the blocks that have samples, by sensor."""
-    names = sorted({name for rest in rolled.residuals for name in rest})
-    return {n: [rest[n] for rest in rolled.residuals if n in rest] for n in names}
+def is_as_before(log: LogState, residuals: Sequence[Mapping[str, Array]]) -> bool:
+    """Return whether the residuals (M, d) of a log's last block show the noise of those before.
+
+    No more is asked of noise that is not as declared than that its innovations are as large.
+    """
+    series = _series(log, residuals)
+    if _guesses(log, series, log.processes) != log.processes:
+        return False
+    for name in residuals[-1].keys() & SENSORS.keys():
+        squares, counts = np.zeros(2), np.zeros(2)
+        for k, rest in enumerate(residuals):
+            if name in rest:
+                is_last = k == len(residuals) - 1
+                squares[int(is_last)] += np.sum(log.whitened(k, name, rest[name]) ** 2)
+                counts[int(is_last)] += rest[name].size * log.freedom.get(name, 1.0)
+        if counts.min() < FEWEST or squares.max() < EXACT**4:
+            continue
+        before, last = squares / counts
+        larger = float(fdtrc(*counts[::-1], last / before))
+        if min(larger, 1 - larger) < IMPROBABLE / 2:
+            return False
+    return True
 
 
-def _series(
-    log: LogState, rolled: Rolled, residuals: Mapping[str, Sequence[Array]]
-) -> dict[str, "_Series"]:
+def _series(log: LogState, residuals: Sequence[Mapping[str, Array]]) -> dict[str, "_Series"]:
     """Return the series of sensors' residuals (M, d) of the blocks that have samples."""
     found = {}
-    for name in residuals.keys() & SENSORS.keys():
-        blocks = [k for k, rest in enumerate(rolled.residuals) if name in rest]
+    for name in sorted({name for rest in residuals for name in rest} & SENSORS.keys()):
         times, near = [], []
-        for k, rest in zip(blocks, residuals[name], strict=True):
-            is_near = log.weights[k].get(name, np.ones(len(rest))) == 1.0
-            times.append(log.blocks[k].samples[name].time[is_near])
-            near.append(rest[is_near])
+        for k, block in enumerate(residuals):
+            if name in block:
+                is_near = log.weights[k].get(name, np.ones(len(block[name]))) == 1.0
+                times.append(log.blocks[k].samples[name].time[is_near])
+                near.append(block[name][is_near])
         found[name] = _Series(np.concatenate(times), np.concatenate(near))
-    return dict(sorted(found.items()))
+    return found
 
 
 def _guesses(log: LogState, series: Mapping[str, "_Series"], before: Processes) -> Processes:

@@ -58,18 +58,18 @@ class NoiseEvidence:
         """Return the value for noise by sensor; all others are as declared."""
         return self._value(self.log.with_processes(processes), with_steps=False)[0]
 
-    def means(self) -> dict[str, list[Array]]:
+    def means(self) -> list[dict[str, Array]]:
         """Return the noise (M, d) of each block in the linear fit, if it is as declared."""
         log = self.log.with_processes({})
         _, swept, known = self._value(log, with_steps=True)
-        found = dict[str, list[Array]]()
+        found = list[dict[str, Array]]()
         for k, part, mean, _ in marginals(self.model.of_log(log.name), log, swept, known):
-            rest, first = self.rolled.residuals[k], 0
+            own, first = dict[str, Array](), 0
             predicted = self.rolled.linear[self.rolled.models[k]][0] @ mean[part.without_slow]
-            for name, each in rest.items():
-                own = predicted[first : first + each.size].reshape(each.shape)
-                found.setdefault(name, []).insert(0, each - own)
+            for name, each in self.rolled.residuals[k].items():
+                own[name] = each - predicted[first : first + each.size].reshape(each.shape)
                 first += each.size
+            found.insert(0, own)
         return found
 
     def with_slopes(self, processes: Mapping[str, Process]) -> tuple[float, dict[str, Array]]:

@@ -12,20 +12,21 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from cpid_drake.array import Array
-from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.estimation.block import Block, BlockQueue, blocks_of
 from cpid_drake.estimation.events import fit_with_events, is_explained
 from cpid_drake.estimation.evidence import Question
-from cpid_drake.estimation.fit import Fit, fit, of_first
+from cpid_drake.estimation.fit import Fit, fit
+from cpid_drake.estimation.following import WELL_KNOWN, ahead_of, followed, joined
 from cpid_drake.estimation.likelihood.joint_model import ORDER
 from cpid_drake.estimation.likelihood.motion_model import TrajectoryState
+from cpid_drake.estimation.linearity import inertia_error
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.past import Past
 from cpid_drake.estimation.process import added
 from cpid_drake.estimation.roll import Rolled, first_table
 from cpid_drake.estimation.start import state_of
-from cpid_drake.estimation.sweep import known_at_start, sweep
-from cpid_drake.estimation.unknowns import BODIES, PSI, Model
+from cpid_drake.estimation.sweep import known_at_start, linearize, sweep
+from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.estimation.weights import noise_sums
 from cpid_drake.estimation.whiteness import LagSums
 from cpid_drake.files.errors import InputError
@@ -40,8 +41,8 @@ WINDOW = 4
 LONGEST = 8
 """As many blocks stay until the target is well known."""
 
-WELL_KNOWN = 1e-3
-"""Relative error of the system's inertia from which a block is linear about the target."""
+MOST_SWEEPS = 8
+"""Most sweeps of a window with one more block: more do not help if something changed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +54,8 @@ class OnlineState:
         question: what is compared with changes of the momentum; see `fit_with_events`.
         waiting: blocks that no fit explains yet.
         found: the fit of the last blocks; None before the first.
+        earlier: those of blocks before them in the window; see `following`.
+        ahead: what is known ahead of them; None if one more is solved together with the window.
         settled: times at which the momentum changed [s], before the window.
         used, rejected: number of samples, and of those that weigh less or not at all, by sensor,
             before the window.
@@ -64,6 +67,8 @@ class OnlineState:
     question: Question = field(default_factory=lambda: Question({}, {}))
     waiting: tuple[Block, ...] = ()
     found: Fit | None = None
+    earlier: tuple[Fit, ...] = ()
+    ahead: Past | None = None
     settled: tuple[float, ...] = ()
     used: Mapping[str, int] = field(default_factory=dict)
     rejected: Mapping[str, int] = field(default_factory=dict)
@@ -72,13 +77,19 @@ class OnlineState:
     @property
     def events(self) -> tuple[float, ...]:
         """Times at which the momentum changed [s]."""
-        return self.settled if self.found is None else (*self.settled, *self.found.logs[0].changes)
+        return (*self.settled, *(time for fit in self.fits for time in fit.logs[0].changes))
+
+    @property
+    def fits(self) -> tuple[Fit, ...]:
+        """The fits of the window."""
+        return () if self.found is None else (*self.earlier, self.found)
 
     def observed(self) -> "OnlineState":
         """Return the state with the numbers of samples and the residuals of the window, too."""
-        return (
-            self if self.found is None else self._observed(self.found.logs[0], self.found.rolled[0])
-        )
+        state = self
+        for each in self.fits:
+            state = state._observed(each.logs[0], each.rolled[0])
+        return state
 
     def _observed(self, log: LogState, rolled: Rolled) -> "OnlineState":
         """Return the state with those of the blocks of a log."""
@@ -106,6 +117,8 @@ def step(model: Model, state: OnlineState, block: Block) -> OnlineState:
 
     """
     blocks = (*state.waiting, block)
+    if len(blocks) == 1 and (more := _one_more(state, block)):
+        return more
     try:
         found = _fitted(model, state, blocks)
         asked = state.question.without_contradicted(found.gaussian, found.values, model)
@@ -115,10 +128,35 @@ def step(model: Model, state: OnlineState, block: Block) -> OnlineState:
     if found is None or not (found.converged or is_explained(found)):
         first = 1 - LONGEST if state.found is None else len(blocks)
         return replace(_without(state, blocks[:first][-1:]), waiting=blocks[first:])
-    state = replace(state, waiting=(), found=replace(found, swept=[]))
+    ahead = ahead_of(found, found.ends[0]) if found.converged else None
+    found = replace(found, swept=[], ends=[])
+    state = replace(state, waiting=(), found=found, earlier=(), ahead=ahead)
     while count := _leaving(state):
         state = _marginalized(state, count)
     return state
+
+
+def _one_more(state: OnlineState, block: Block) -> OnlineState | None:
+    """Return the state after one more block, solved alone; None if the window has to be solved."""
+    if state.ahead is None or np.isinf(state.window) or not len(block.samples.attitude):
+        return None
+    log = joined(state.fits)
+    if log.past is None or block.start > log.blocks[-1].end:
+        return None
+    more = followed(state.fits, state.ahead, block, state.question)
+    if more is None:
+        return None
+    found, ahead = more
+    last = state.fits[-1]
+    last = replace(last, rolled=[replace(each, linear={}, rows={}) for each in last.rolled])
+    fits, end = [*state.earlier, last], block.end
+    usual = max(each.length for each in log.blocks)
+    while fits and (end - fits[0].logs[0].blocks[-1].end) / usual > state.window - 1e-3:
+        gone = fits.pop(0)
+        [log], [rolled] = gone.logs, gone.rolled
+        state = replace(state._observed(log, rolled), settled=(*state.settled, *log.changes))
+    found = replace(found, swept=[], ends=[])
+    return replace(state, found=found, earlier=tuple(fits), ahead=ahead)
 
 
 def run(model: Model, stream: Iterable[Log], state: OnlineState | None = None) -> OnlineState:
@@ -140,9 +178,9 @@ def _fitted(model: Model, state: OnlineState, blocks: Sequence[Block]) -> Fit:
     """Return the fit of the blocks of the window and of one more."""
     if state.found is None:
         return fit(model, [LogState.of_blocks(model, blocks, NAME)])
-    [log] = state.found.logs
-    log = log.extended(model, blocks[-1], _start(state.found, blocks[-1]))
-    return fit(model, [log], values=state.found.values, before=state.found.rolled[0])
+    log = joined(state.fits).extended(model, blocks[-1], _start(state.found, blocks[-1]))
+    before = None if state.earlier else state.found.rolled[0]
+    return fit(model, [log], values=state.found.values, before=before, most=MOST_SWEEPS)
 
 
 def _start(found: Fit, block: Block) -> TrajectoryState:
@@ -180,8 +218,8 @@ def _marginalized(state: OnlineState, count: int) -> OnlineState:
     found, [log], [rolled] = state.found, state.found.logs, state.found.rolled
     model, values = found.model, found.values
     gone, rest = log.part(0, count), log.part(count, len(log.blocks))
-    linear = of_first(model, log, rolled, values).part(0, count)
-    before = known_at_start(model, log, values)
+    linearize(model.of_log(log.name), log, rolled, values)
+    before, linear = known_at_start(model, log, values), rolled.part(0, count)
     known = sweep(model, gone, linear, values, before=before, forward_only=True).end
     own = noise_sums(gone, rolled.residuals[:count], log.freedom)
     noise = added(log.past.noise if log.past else {}, own)
@@ -207,43 +245,3 @@ def _marginalized(state: OnlineState, count: int) -> OnlineState:
         settled=(*state.settled, *gone.changes),
         found=replace(found, logs=[replace(rest, past=past)], rolled=[kept]),
     )
-
-
-def change_beyond_linear(found: Fit) -> float:
-    """Return the relative change d of the system's inertia since it was well known.
-
-    It is 0 if its second-order effect d² is below the error of the inertia.
-    """
-    [log], psi = found.logs, found.values[PSI]
-    if log.past is None:
-        return 0.0
-    B = _by_inertia(found)
-    change = float(np.linalg.norm(B @ (psi - log.past.first[PSI])) / len(B) ** 0.25)
-    return change if change**2 > inertia_error(found) else 0.0
-
-
-def inertia_error(found: Fit) -> float:
-    """Return the relative error of the system's inertia about its centre of mass.
-
-    It is the root mean square of Wᵀ δJ W, with J = W⁻ᵀW⁻¹, along the axes that can rotate. Errors
-    of the spacecraft's bodies, which stay uncertain for ever, are not in it.
-    """
-    exact = {BODIES: 0.0} if BODIES in found.gaussian.places else {}
-    covariance = found.gaussian.condition(exact).marginal([PSI]).covariance()
-    B = _by_inertia(found)
-    return float(np.sqrt(np.trace(B @ covariance @ B.T) / np.sqrt(len(B))))
-
-
-def _by_inertia(found: Fit) -> Array:
-    """Return the derivative (9, 10) of Wᵀ J W by ψ at the end of a log; (1, 10) on a table."""
-    tree, psi = found.model.tree, found.values[PSI]
-    q = found.logs[0].joints[-1].coefficients[-ORDER][None]
-    dynamics = BodyDynamics.at(tree, q, np.zeros_like(q))
-    J, none = dynamics.inertia(psi)[0], dynamics.inertia(np.zeros(10))[0]
-    normal_B = tree.normal_B
-    if normal_B is None:
-        W = np.linalg.inv(np.linalg.cholesky(J)).T
-    else:
-        W = normal_B[:, None] / np.sqrt(normal_B @ J @ normal_B)
-    by = W.T @ (dynamics.inertia(np.eye(10))[:, 0] - none) @ W
-    return np.asarray(by.reshape(10, -1).T)

@@ -21,7 +21,8 @@ class Past:
     each other. Source: Huang, Mourikis and Roumeliotis 2010 (first-estimates Jacobians).
 
     Attributes:
-        gaussian: of attitude, p, L, v, joints and slow noise, then of the table of unknowns.
+        gaussian: of attitude, p, L, v, joints and slow noise, then of the table of unknowns, and
+            of changes of momentum that are still in question.
         start: the base's state about which it is.
         joints: (ORDER, J) the joints about which it is.
         table: (n,) the values of the table about which it is.
@@ -54,7 +55,8 @@ class Past:
         jump, turned = jump_between(self.start, start), (joints - self.joints).T.ravel()
         mean = [edge[slow[name]] if name in slow else self.edge[p] for name, p in self.slow.items()]
         moved = np.concatenate([np.empty(0), *mean]) - self.edge
-        about = self.gaussian.moved(np.concatenate([jump, turned, moved, table - self.table]))
+        step = np.concatenate([jump, turned, moved, table - self.table])
+        about = self.gaussian.moved(np.pad(step, (0, self.gaussian.size - len(step))))
         if slow == self.slow:
             return about
         first, n = 12 + joints.size, about.size

@@ -26,7 +26,7 @@ from cpid_drake.estimation.likelihood.effect_terms import with_changes
 from cpid_drake.estimation.likelihood.joint_model import ORDER
 from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.estimation.log_state import LogState
-from cpid_drake.estimation.roll import Rolled, Values, first_values, jumped, past_of
+from cpid_drake.estimation.roll import Rolled, Values, first_values, jumped, past_of, roll
 from cpid_drake.estimation.unknowns import BODIES, FASTEST_DRIFT, MOMENTUM, PSI, Model
 
 EXACT = 1e-9
@@ -60,6 +60,12 @@ class Swept:
         """How many of a sensor's residuals the blocks' own unknowns absorb, by sensor."""
         found = [step.absorbed for step in self.steps if isinstance(step, EndedBlock)]
         return {n: sum(each.get(n, 0.0) for each in found) for n in set().union(*found)}
+
+    def step(self, others: Values) -> Array:
+        """Return the step of all entries of `end`, given that of all but the boundary's."""
+        g = np.concatenate([others[name] for name in self.end.places if name != BOUNDARY])
+        n, R, z = self.end.size - len(g), self.end.R, self.end.z
+        return np.concatenate([solve_triangular(R[:n, :n], z[:n] - R[:n, n:] @ g), g])
 
     @property
     def gaussian(self) -> Gaussian:
@@ -170,11 +176,8 @@ def back(model: Model, log: LogState, swept: Swept, step: Values, share: float =
 
     """
     model = model.of_log(log.name)
-    g = np.concatenate([step[name] for name in swept.end.places if name != BOUNDARY])
-    n, R, z = boundary_size(model, log), swept.end.R, swept.end.z
+    n, x = boundary_size(model, log), swept.step(step)
     edges, before = list(log.edges), n - log.slow_size
-    x = solve_triangular(R[:n, :n], z[:n] - R[:n, n:] @ g)
-    x = np.concatenate([x, g])
     forces, joints = list(log.forces), list(log.joints)
     walks, starts, pulls = list(log.walks), list(log.starts), list(log.pulls)
     k = len(log.blocks)
@@ -254,18 +257,31 @@ def linearized(model: Model, log: LogState, rolled: Rolled, values: Values) -> I
 def derivatives(
     model: Model, log: LogState, rolled: Rolled, values: Values
 ) -> Iterator[tuple[Array, Array]]:
-    """Yield the derivatives of samples and end of all blocks, without slow noise."""
+    """Yield the derivatives of samples and end of all blocks, without slow noise.
+
+    Behind a past they are those at the first values of target and hardware; see `Past`.
+    """
     new = [k for k, part in enumerate(rolled.models) if part not in rolled.linear]
-    motions = [rolled.models[k].motion for k in new]
-    at = [rolled.trajectories[k] for k in new]
-    trajectories = with_changes(motions, at, model.known_bodies, values.get(BODIES))
-    for part in rolled.models:
+    at, has_hardware = rolled, any(unknown.scope == "hardware" for unknown in model.table)
+    if new and log.past is not None and has_hardware:
+        values = {**values, **log.past.first}
+        at = roll(model, log, values)
+    motions = [at.models[k].motion for k in new]
+    trajectories = [at.trajectories[k] for k in new]
+    with_all = with_changes(motions, trajectories, model.known_bodies, values.get(BODIES))
+    for part, there in zip(rolled.models, at.models, strict=True):
         if part not in rolled.linear:
-            J, end = part.jacobian(next(trajectories))
-            psi = part.columns[PSI]
-            J[:, psi], end[:, psi] = J[:, psi] @ rolled.by_psi, end[:, psi] @ rolled.by_psi
+            J, end = there.jacobian(next(with_all))
+            psi = there.columns[PSI]
+            J[:, psi], end[:, psi] = J[:, psi] @ at.by_psi, end[:, psi] @ at.by_psi
             rolled.linear[part] = J, end
         yield rolled.linear[part]
+
+
+def linearize(model: Model, log: LogState, rolled: Rolled, values: Values) -> None:
+    """Give a prediction the derivatives of all blocks, before parts of it are swept."""
+    for _ in derivatives(model, log, rolled, values):
+        pass
 
 
 def boundary_size(model: Model, log: LogState) -> int:

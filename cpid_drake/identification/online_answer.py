@@ -7,8 +7,9 @@ from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.estimation.evidence import Question
 from cpid_drake.estimation.fit import prior_of
+from cpid_drake.estimation.linearity import change_beyond_linear
 from cpid_drake.estimation.online import NAME as LOG
-from cpid_drake.estimation.online import OnlineState, change_beyond_linear, run
+from cpid_drake.estimation.online import OnlineState, run
 from cpid_drake.estimation.posterior import known_target
 from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.files.errors import InputError

@@ -1,0 +1,58 @@
+"""How far a fit is linear about its target: error and change of the system's inertia."""
+
+import numpy as np
+
+from cpid_drake.array import Array
+from cpid_drake.dynamics.body_dynamics import BodyDynamics
+from cpid_drake.estimation.fit import Fit
+from cpid_drake.estimation.likelihood.joint_model import ORDER
+from cpid_drake.estimation.unknowns import BODIES, PSI
+
+SECOND_ORDER = 0.02
+"""Share of its error by which a relative change of the system's inertia, squared, is negligible."""
+
+
+def inertia_error(found: Fit) -> float:
+    """Return the relative error of the system's inertia about its centre of mass.
+
+    It is the root mean square of Wᵀ δJ W, with J = W⁻ᵀW⁻¹, along the axes that can rotate. Errors
+    of the spacecraft's bodies, which stay uncertain for ever, are not in it.
+    """
+    exact = {BODIES: 0.0} if BODIES in found.gaussian.places else {}
+    covariance = found.gaussian.condition(exact).marginal([PSI]).covariance()
+    B = _by_inertia(found)
+    return float(np.sqrt(np.trace(B @ covariance @ B.T) / np.sqrt(len(B))))
+
+
+def inertia_change(found: Fit, psi: Array) -> float:
+    """Return the relative change d of the system's inertia from that with another target ψ (10,).
+
+    What is linear about that target is wrong by d².
+    """
+    B = _by_inertia(found)
+    return float(np.linalg.norm(B @ (found.values[PSI] - psi)) / len(B) ** 0.25)
+
+
+def change_beyond_linear(found: Fit) -> float:
+    """Return the relative change d of the system's inertia since it was well known.
+
+    It is 0 if its second-order effect d² is below the error of the inertia.
+    """
+    [log] = found.logs
+    change = 0.0 if log.past is None else inertia_change(found, log.past.first[PSI])
+    return change if change**2 > inertia_error(found) else 0.0
+
+
+def _by_inertia(found: Fit) -> Array:
+    """Return the derivative (9, 10) of Wᵀ J W by ψ at the end of a log; (1, 10) on a table."""
+    tree, psi = found.model.tree, found.values[PSI]
+    q = found.logs[0].joints[-1].coefficients[-ORDER][None]
+    dynamics = BodyDynamics.at(tree, q, np.zeros_like(q))
+    J, none = dynamics.inertia(psi)[0], dynamics.inertia(np.zeros(10))[0]
+    normal_B = tree.normal_B
+    if normal_B is None:
+        W = np.linalg.inv(np.linalg.cholesky(J)).T
+    else:
+        W = normal_B[:, None] / np.sqrt(normal_B @ J @ normal_B)
+    by = W.T @ (dynamics.inertia(np.eye(10))[:, 0] - none) @ W
+    return np.asarray(by.reshape(10, -1).T)
