@@ -177,7 +177,7 @@ def _best(
             ends = [each.end for each in now.swept]
             return replace(now, ends=ends, converged=settled and step.square < LINEAR)
         excess = there.cost - step.least
-        if _is_linear(step.square, excess):
+        if _is_one(now) or _is_linear(step.square, excess):
             for rolled, after in zip(now.rolled, there.rolled, strict=True):
                 after.take_derivatives(rolled)
         is_known = held is not None or all(log.freedom for log in there.logs)
@@ -198,6 +198,11 @@ def _best(
 def _is_linear(square: float, excess: float) -> bool:
     """Return whether derivatives before a step hold after it: χ² is as a linear fit predicts."""
     return abs(excess) < BENT * max(square, 1.0) and square < MOST_KEPT
+
+
+def _is_one(now: Fit) -> bool:
+    """Return whether it is of one block behind a past; see `following`."""
+    return all(log.past is not None and len(log.blocks) == 1 for log in now.logs)
 
 
 def _misfit(now: Fit) -> float:

@@ -127,11 +127,11 @@ def _changes(known: Gaussian) -> list[str]:
 
 def _is_as_before(found: Fit, fits: Sequence[Fit]) -> bool:
     """Return whether fits before are linear about the values of this one, with the same noise."""
-    [log], error = found.logs, inertia_error(found)
+    [log], targets = found.logs, np.array([each.values[PSI] for each in fits])
+    if np.max(inertia_change(found, targets)) ** 2 > SECOND_ORDER * inertia_error(found):
+        return False
     for each in fits:
         [before] = each.logs
-        if inertia_change(found, each.values[PSI]) ** 2 > SECOND_ORDER * error:
-            return False
         for name in {*log.noise, *before.noise}:
             ratio = log.noise.get(name, 1.0) / before.noise.get(name, 1.0)
             if abs(np.log(ratio)) > SAME_NOISE:
@@ -147,8 +147,9 @@ def _known_at_end(found: Fit, changes: Gaussian) -> Gaussian:
     assert log.past is not None
     log = replace(log, past=replace(log.past, gaussian=changes))
     before = past_of(model, log, values)
-    linear = replace(rolled, linear={}, rows={})
-    return sweep(model, log, linear, values, before=before, forward_only=True).end
+    if found.sweeps > 1:  # its derivatives are those of the first sweep
+        rolled = replace(rolled, linear={}, rows={})
+    return sweep(model, log, rolled, values, before=before, forward_only=True).end
 
 
 def _may_change(found: Fit, known: Gaussian, question: Question) -> bool:

@@ -24,13 +24,14 @@ def inertia_error(found: Fit) -> float:
     return float(np.sqrt(np.trace(B @ covariance @ B.T) / np.sqrt(len(B))))
 
 
-def inertia_change(found: Fit, psi: Array) -> float:
-    """Return the relative change d of the system's inertia from that with another target ψ (10,).
+def inertia_change(found: Fit, psi: Array) -> Array:
+    """Return the relative changes d (...,) of the system's inertia from other targets ψ (..., 10).
 
-    What is linear about that target is wrong by d².
+    What is linear about such a target is wrong by d².
     """
     B = _by_inertia(found)
-    return float(np.linalg.norm(B @ (found.values[PSI] - psi)) / len(B) ** 0.25)
+    step = (found.values[PSI] - psi) @ B.T
+    return np.asarray(np.linalg.norm(step, axis=-1) / len(B) ** 0.25)
 
 
 def change_beyond_linear(found: Fit) -> float:
@@ -39,7 +40,7 @@ def change_beyond_linear(found: Fit) -> float:
     It is 0 if its second-order effect d² is below the error of the inertia.
     """
     [log] = found.logs
-    change = 0.0 if log.past is None else inertia_change(found, log.past.first[PSI])
+    change = 0.0 if log.past is None else float(inertia_change(found, log.past.first[PSI]))
     return change if change**2 > inertia_error(found) else 0.0
 
 

@@ -110,9 +110,10 @@ def is_as_before(log: LogState, residuals: Sequence[Mapping[str, Array]]) -> boo
 
     No more is asked of noise that is not as declared than that its innovations are as large.
     """
-    series = _series(log, residuals)
-    if _guesses(log, series, log.processes) != log.processes:
-        return False
+    for name, each in _series(log, residuals).items():
+        now = log.processes.get(name, DECLARED)
+        if each.guess(now, log.freedom.get(name, 1.0), WORTH) != now:
+            return False
     for name in residuals[-1].keys() & SENSORS.keys():
         squares, counts = np.zeros(2), np.zeros(2)
         for k, rest in enumerate(residuals):
@@ -164,8 +165,8 @@ class _Series:
         """Return −2 log(likelihood)."""
         return proxy(self.times, self.rest, process)
 
-    def guess(self, now: Process, freedom: float) -> Process:
-        """Return the process from which the evidence is climbed; as it is now if little differs.
+    def guess(self, now: Process, freedom: float, worth: float = WORTH / 2) -> Process:
+        """Return the process from which the evidence is climbed; as now if it is worth less.
 
         Unknowns absorb slow noise: residuals that are smaller than they leave declared noise, to a
         share `freedom` of its variance, may hide it.
@@ -178,10 +179,10 @@ class _Series:
         slow = [Process(square / (1 + r), square * r / (1 + r), tau, d) for r, tau in shapes]
         best = min(slow, key=self.value)
         ratio = square / freedom
-        is_small = ratio < 1 and self.rest.size * (ratio - 1 - np.log(ratio)) > WORTH / 2
-        if is_small or self.value(best) < self.value(white) - WORTH / 2:
+        is_small = ratio < 1 and self.rest.size * (ratio - 1 - np.log(ratio)) > worth
+        if is_small or self.value(best) < self.value(white) - worth:
             return best
-        is_larger = self.value(larger) < self.value(now) - WORTH / 2
+        is_larger = self.value(larger) < self.value(now) - worth
         return larger if is_larger else now
 
     def information(self, process: Process) -> Array:

@@ -131,28 +131,69 @@ def roll(model: Model, log: LogState, values: Values, before: Rolled | None = No
 
     """
     model = model.of_log(log.name)
-    tree = model.tree_with(values.get(BODIES))
-    psi, by_psi = psi_about(values[PSI], model.mass, tree.mass)
-    last = constants_of(model, log, values)
-    walking, sigma = model.walking_columns, model.walking_sigma
-    cost, links = 0.0, list[Array]()
-    # of each block: what is still to come
-    later = np.cumsum([np.zeros(len(walking)), *reversed(log.walks)], axis=0)[::-1]
-    models, firsts = list[BlockModel](), list[TrajectoryState]()
-    done: Any = ()
+    models, moved, by_psi = motions_of(model, log, values, before)
+    known = dict[BlockModel, Any]()
     if before:
         done = zip(before.models, before.trajectories, before.residuals, before.ends, strict=True)
-    by_joints = {each[0].motion.joints: each for each in done}
-    known = dict[BlockModel, Any]()
+        known = {part: rolled for part, *rolled in done if part in models}
+    new = [k for k, part in enumerate(models) if part not in known]
+    motions, fresh = [models[k].motion for k in new], [moved[k] for k in new]
+    changes = with_changes(motions, fresh) if model.constants.yields else fresh
+    for k, trajectory, change in zip(new, fresh, changes, strict=True):
+        part = models[k]
+        bent, shifted = part.bent(change)
+        own = {n: s.residuals(trajectory) - bent.get(n, 0.0) for n, s in part.sensors.items()}
+        known[part] = trajectory, own, jumped(part.motion.end(trajectory), shifted)
+    trajectories, residuals, ends = (list(each) for each in zip(*(known[part] for part in models)))
+    cost, links = 0.0, list[Array]()
+    for k, part in enumerate(models):
+        cost += float(np.sum(part.motion.joints.rest**2))
+        if k < len(log.walks):
+            cost += float(np.sum((log.walks[k] / model.walking_sigma) ** 2)) / log.step(k)
+        if k + 1 < len(log.blocks):
+            is_gap = log.gaps[k] > 0
+            links.append(np.zeros(12) if is_gap else jump_between(ends[k], log.starts[k + 1]))
+    linear, rows = {}, {}
+    if before:
+        linear = {part: each for part, each in before.linear.items() if part in known}
+        rows = {part: each for part, each in before.rows.items() if part in known}
+    start = _start_cost(model, log, values)
+    found = models, trajectories, residuals, ends, links, cost, start, by_psi, linear, rows
+    return Rolled(*found)
+
+
+def motions_of(
+    model: Model, log: LogState, values: Values, before: Rolled | None = None
+) -> tuple[list[BlockModel], list[Trajectory], Array]:
+    """Return models and trajectories of all blocks, and the derivative `Rolled.by_psi`.
+
+    Args:
+        model: the unknowns of the log.
+        log: the log.
+        values: of the unknowns.
+        before: see `roll`.
+
+    Raises:
+        InputError: no rigid body has these values.
+
+    """
+    tree = model.tree_with(values.get(BODIES))
+    psi, by_psi = psi_about(values[PSI], model.mass, tree.mass)
+    last, walking = constants_of(model, log, values), model.walking_columns
+    # of each block: what is still to come
+    later = np.cumsum([np.zeros(len(walking)), *reversed(log.walks)], axis=0)[::-1]
+    models, trajectories, firsts = list[BlockModel](), dict[int, Trajectory](), {}
+    done = zip(before.models, before.trajectories, strict=True) if before else ()
+    by_joints = {part.motion.joints: (part, trajectory) for part, trajectory in done}
     for k, (block, joints) in enumerate(zip(log.blocks, log.joints, strict=True)):
         constants = last.copy()
         constants[walking] -= later[k]
-        firsts.append(replace(log.starts[k], psi=psi, constants=constants, forces=log.forces[k]))
+        first = replace(log.starts[k], psi=psi, constants=constants, forces=log.forces[k])
         if joints in by_joints:
-            part, *rolled = by_joints[joints]
-            if part.motion.tree is tree and _is_same(rolled[0].state, firsts[k]):
-                known[part] = rolled
+            part, trajectory = by_joints[joints]
+            if part.motion.tree is tree and _is_same(trajectory.state, first):
                 models.append(part)
+                trajectories[k] = trajectory
                 continue
         part = BlockModel(
             tree,
@@ -166,31 +207,10 @@ def roll(model: Model, log: LogState, values: Values, before: Rolled | None = No
             origin=log.origin,
         )
         models.append(part)
-    new = [k for k, part in enumerate(models) if part not in known]
-    motions = [models[k].motion for k in new]
-    relate(motions, psi)
-    fresh = [motion.trajectory(firsts[k]) for k, motion in zip(new, motions, strict=True)]
-    changes = with_changes(motions, fresh) if model.constants.yields else fresh
-    for k, trajectory, change in zip(new, fresh, changes, strict=True):
-        part = models[k]
-        bent, moved = part.bent(change)
-        own = {n: s.residuals(trajectory) - bent.get(n, 0.0) for n, s in part.sensors.items()}
-        known[part] = trajectory, own, jumped(part.motion.end(trajectory), moved)
-    trajectories, residuals, ends = (list(each) for each in zip(*(known[part] for part in models)))
-    for k, part in enumerate(models):
-        cost += float(np.sum(part.motion.joints.rest**2))
-        if k < len(log.walks):
-            cost += float(np.sum((log.walks[k] / sigma) ** 2)) / log.step(k)
-        if k + 1 < len(log.blocks):
-            is_gap = log.gaps[k] > 0
-            links.append(np.zeros(12) if is_gap else jump_between(ends[k], log.starts[k + 1]))
-    linear, rows = {}, {}
-    if before:
-        linear = {part: each for part, each in before.linear.items() if part in known}
-        rows = {part: each for part, each in before.rows.items() if part in known}
-    start = _start_cost(model, log, values)
-    found = models, trajectories, residuals, ends, links, cost, start, by_psi, linear, rows
-    return Rolled(*found)
+        firsts[k] = first
+    relate([models[k].motion for k in firsts], psi)
+    trajectories |= {k: models[k].motion.trajectory(first) for k, first in firsts.items()}
+    return models, [trajectories[k] for k in range(len(models))], by_psi
 
 
 def _is_same(state: TrajectoryState, other: TrajectoryState) -> bool:

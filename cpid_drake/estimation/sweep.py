@@ -26,7 +26,7 @@ from cpid_drake.estimation.likelihood.effect_terms import with_changes
 from cpid_drake.estimation.likelihood.joint_model import ORDER
 from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.estimation.log_state import LogState
-from cpid_drake.estimation.roll import Rolled, Values, first_values, jumped, past_of, roll
+from cpid_drake.estimation.roll import Rolled, Values, first_values, jumped, motions_of, past_of
 from cpid_drake.estimation.unknowns import BODIES, FASTEST_DRIFT, MOMENTUM, PSI, Model
 
 EXACT = 1e-9
@@ -262,18 +262,18 @@ def derivatives(
     Behind a past they are those at the first values of target and hardware; see `Past`.
     """
     new = [k for k, part in enumerate(rolled.models) if part not in rolled.linear]
-    at, has_hardware = rolled, any(unknown.scope == "hardware" for unknown in model.table)
+    models, trajectories, by_psi = rolled.models, rolled.trajectories, rolled.by_psi
+    has_hardware = any(unknown.scope == "hardware" for unknown in model.table)
     if new and log.past is not None and has_hardware:
         values = {**values, **log.past.first}
-        at = roll(model, log, values)
-    motions = [at.models[k].motion for k in new]
-    trajectories = [at.trajectories[k] for k in new]
-    with_all = with_changes(motions, trajectories, model.known_bodies, values.get(BODIES))
-    for part, there in zip(rolled.models, at.models, strict=True):
+        models, trajectories, by_psi = motions_of(model, log, values)
+    motions, at = [models[k].motion for k in new], [trajectories[k] for k in new]
+    bent = with_changes(motions, at, model.known_bodies, values.get(BODIES))
+    for part, there in zip(rolled.models, models, strict=True):
         if part not in rolled.linear:
-            J, end = there.jacobian(next(with_all))
+            J, end = there.jacobian(next(bent))
             psi = there.columns[PSI]
-            J[:, psi], end[:, psi] = J[:, psi] @ at.by_psi, end[:, psi] @ at.by_psi
+            J[:, psi], end[:, psi] = J[:, psi] @ by_psi, end[:, psi] @ by_psi
             rolled.linear[part] = J, end
         yield rolled.linear[part]
 

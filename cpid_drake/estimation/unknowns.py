@@ -33,6 +33,8 @@ FASTEST_DRIFT = 10.0
 PSI, BODIES, MOMENTUM = "psi", "bodies", "momentum"
 """Names of the unknowns of the target, of errors of the spacecraft, and of a log's momentum."""
 
+_TREES = 4  # spacecraft models with errors that are kept
+
 Scope = Literal["log", "hardware", "target"]
 
 
@@ -259,7 +261,17 @@ class Model:
         """Return the spacecraft model with errors (c,) of its bodies, in units of σ."""
         if self.known_bodies is None or errors is None or not np.any(errors):
             return self.tree
-        return with_errors(self.tree, self.known_bodies, errors)
+        key, made = errors.tobytes(), self._trees
+        if key not in made:
+            made[key] = with_errors(self.tree, self.known_bodies, errors)
+            for old in [*made][:-_TREES]:
+                del made[old]
+        return made[key]
+
+    @cached_property
+    def _trees(self) -> dict[bytes, KinematicTree]:
+        """The last spacecraft models with errors."""
+        return {}
 
     def start(self, logs: list[str]) -> dict[str, Array]:
         """Return the mean of all unknowns of some logs before the first sample."""

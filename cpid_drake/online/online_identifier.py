@@ -63,7 +63,6 @@ class OnlineIdentifier:
         self._state, self._waiting = state, list(state.waiting)
         self._due = self.stream.due(state, self._newest)
 
-    @one_thread
     def add(self, sensor: str, time: float, value: ArrayLike) -> None:
         """Add a sample.
 
@@ -94,7 +93,8 @@ class OnlineIdentifier:
             if np.isnan(self._due):
                 self._due = self.stream.due(self._state, self._newest)
             if self._newest >= self._due:
-                self._process(self.stream.processed(self.state))
+                with one_thread:
+                    self._process(self.stream.processed(self.state))
 
     @one_thread
     def estimate(self) -> Identification:
