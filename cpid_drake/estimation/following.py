@@ -21,7 +21,7 @@ from cpid_drake.estimation.evidence import Question, is_possible_change
 from cpid_drake.estimation.fit import Fit, fit
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.likelihood.joint_model import ORDER
-from cpid_drake.estimation.linearity import SECOND_ORDER, inertia_change, inertia_error
+from cpid_drake.estimation.linearity import WELL_KNOWN, inertia_error, is_linear
 from cpid_drake.estimation.log_state import LogState, farthest
 from cpid_drake.estimation.noise import is_as_before
 from cpid_drake.estimation.past import Past
@@ -41,9 +41,6 @@ MOST_SWEEPS = 4
 
 SAME_NOISE = 0.15
 """Relative change of the size of white forces for which blocks before need not be solved anew."""
-
-WELL_KNOWN = 1e-3
-"""Relative error of the system's inertia from which a block is linear about the target."""
 
 _CHANGE = "change at "  # name of an unknown change, before its time [s]
 
@@ -128,7 +125,7 @@ def _changes(known: Gaussian) -> list[str]:
 def _is_as_before(found: Fit, fits: Sequence[Fit]) -> bool:
     """Return whether fits before are linear about the values of this one, with the same noise."""
     [log], targets = found.logs, np.array([each.values[PSI] for each in fits])
-    if np.max(inertia_change(found, targets)) ** 2 > SECOND_ORDER * inertia_error(found):
+    if not is_linear(found, targets):
         return False
     for each in fits:
         [before] = each.logs

@@ -8,6 +8,9 @@ from cpid_drake.estimation.fit import Fit
 from cpid_drake.estimation.likelihood.joint_model import ORDER
 from cpid_drake.estimation.unknowns import BODIES, PSI
 
+WELL_KNOWN = 5e-3
+"""Relative error of the system's inertia from which derivatives at one target serve for ever."""
+
 SECOND_ORDER = 0.02
 """Share of its error by which a relative change of the system's inertia, squared, is negligible."""
 
@@ -32,6 +35,15 @@ def inertia_change(found: Fit, psi: Array) -> Array:
     B = _by_inertia(found)
     step = (found.values[PSI] - psi) @ B.T
     return np.asarray(np.linalg.norm(step, axis=-1) / len(B) ** 0.25)
+
+
+def is_linear(found: Fit, psi: Array) -> bool:
+    """Return whether what is linear about other targets ψ (n, 10) is so about that of a fit.
+
+    The error says by how much the inertia may change in the future.
+    """
+    error, change = inertia_error(found), float(np.max(inertia_change(found, psi)))
+    return error < WELL_KNOWN and change**2 < SECOND_ORDER * error
 
 
 def change_beyond_linear(found: Fit) -> float:

@@ -16,10 +16,10 @@ from cpid_drake.estimation.block import Block, BlockQueue, blocks_of
 from cpid_drake.estimation.events import fit_with_events, is_explained
 from cpid_drake.estimation.evidence import Question
 from cpid_drake.estimation.fit import Fit, fit
-from cpid_drake.estimation.following import WELL_KNOWN, ahead_of, followed, joined
+from cpid_drake.estimation.following import ahead_of, followed, joined
 from cpid_drake.estimation.likelihood.joint_model import ORDER
 from cpid_drake.estimation.likelihood.motion_model import TrajectoryState
-from cpid_drake.estimation.linearity import inertia_error
+from cpid_drake.estimation.linearity import WELL_KNOWN, inertia_error, is_linear
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.past import Past
 from cpid_drake.estimation.process import added
@@ -39,7 +39,7 @@ WINDOW = 4
 """Default length of the window, in blocks."""
 
 LONGEST = 8
-"""As many blocks stay until the target is well known."""
+"""As many blocks stay while a fit is not linear about the target of the one before."""
 
 MOST_SWEEPS = 8
 """Most sweeps of a window with one more block: more do not help if something changed."""
@@ -129,9 +129,12 @@ def step(model: Model, state: OnlineState, block: Block) -> OnlineState:
         first = 1 - LONGEST if state.found is None else len(blocks)
         return replace(_without(state, blocks[:first][-1:]), waiting=blocks[first:])
     ahead = ahead_of(found, found.ends[0]) if found.converged else None
-    found = replace(found, swept=[], ends=[])
+    found, before = replace(found, swept=[], ends=[]), state.found
     state = replace(state, waiting=(), found=found, earlier=(), ahead=ahead)
-    while count := _leaving(state):
+    longest = max(LONGEST, state.window)
+    if before is not None and is_linear(found, before.values[PSI]):
+        longest = state.window
+    while count := _leaving(state, longest):
         state = _marginalized(state, count)
     return state
 
@@ -200,16 +203,14 @@ def _without(state: OnlineState, blocks: Sequence[Block]) -> OnlineState:
     return replace(state, rejected=rejected)
 
 
-def _leaving(state: OnlineState) -> int:
+def _leaving(state: OnlineState, longest: float) -> int:
     """Return how many blocks leave the window: two together, if one change opened both ends."""
     assert state.found is not None
-    found, [log] = state.found, state.found.logs
+    [log] = state.found.logs
     count = 2 if {0, 1} <= log.open else 1
     usual = max(block.length for block in log.blocks)
     left = (log.blocks[-1].end - log.blocks[min(count, len(log.blocks)) - 1].end) / usual
-    if left < state.window - 1e-3:
-        return 0
-    return count if left >= LONGEST - 1e-3 or inertia_error(found) < WELL_KNOWN else 0
+    return count if left >= longest - 1e-3 else 0
 
 
 def _marginalized(state: OnlineState, count: int) -> OnlineState:
@@ -225,7 +226,7 @@ def _marginalized(state: OnlineState, count: int) -> OnlineState:
     noise = added(log.past.noise if log.past else {}, own)
     about: Mapping[str, Array]
     about = {u.name: values[u.name] for u in model.table if u.scope != "log"}
-    if log.past and inertia_error(found) < WELL_KNOWN:  # the past says little
+    if log.past and inertia_error(found) < WELL_KNOWN:  # the past says little before
         about = log.past.first
     past = Past(
         replace(known, rho2=0.0),
