@@ -44,7 +44,8 @@ reduces χ²: what is of first order has no derivatives by other unknowns."""
 
 BENT, MOST_KEPT = 3e-4, 100.0
 """Derivatives stay after a step if χ² differs from that of a linear fit by less than this share of
-the step, squared, in σ, and the step is not larger: they are wrong by a share of √BENT of it."""
+the step, squared, in σ, and the step is not larger: they are wrong by a share of √BENT of it. So do
+they after a step of less than σ: what bends within σ is not Gaussian with any derivatives."""
 
 GOOD, POOR = 0.75, 0.25
 """The share of a step that is taken doubles, up to all of it, if it reduces χ² by more than this
@@ -197,7 +198,7 @@ def _best(
 
 def _is_linear(square: float, excess: float) -> bool:
     """Return whether derivatives before a step hold after it: χ² is as a linear fit predicts."""
-    return abs(excess) < BENT * max(square, 1.0) and square < MOST_KEPT
+    return square < 1.0 or (abs(excess) < BENT * square and square < MOST_KEPT)
 
 
 def _is_one(now: Fit) -> bool:
