@@ -124,7 +124,8 @@ def fit(
     rolled = [roll(model, log, values, before) for log in logs]
     now = Fit(model, values, logs, rolled, hardware_prior_of(model, logs, values))
     settled = all(log.freedom for log in logs)
-    return _best(now if settled else _reweighted(now), progress, most=most)
+    close = LINEAR if _is_one(now) else CLOSE  # what is left of a step stays in the next past
+    return _best(now if settled else _reweighted(now), progress, close=close, most=most)
 
 
 def about(found: Fit, held: Values) -> Fit:
@@ -305,12 +306,12 @@ def _linear(now: Fit) -> Fit:
 def _cost(found: Fit, logs: Sequence[LogState], weighed_at: Values) -> float:
     """Return the sum of squares of all rows at the values of a fit; see `link_cost`."""
     model, values = found.model, found.values
-    prior = _weighed(hardware_prior_of(model, found.logs, values, weighed_at), found.misfit)
-    prior = prior.add(model.cone.prior(PSI, values[PSI]))
+    hardware = _weighed(hardware_prior_of(model, found.logs, values, weighed_at), found.misfit)
+    priors = hardware, model.cone.prior(PSI, values[PSI])
     step = {} if weighed_at is values else {n: value - weighed_at[n] for n, value in values.items()}
     parts = zip(logs, found.rolled, strict=True)
     samples = sum(r.cost(model, log, step) for log, r in parts)
-    return samples + prior.cost(np.zeros(prior.size))
+    return samples + sum(prior.cost(np.zeros(prior.size)) for prior in priors)
 
 
 def _best_step(now: Fit, held: Values) -> tuple[Array, float]:
