@@ -2,14 +2,17 @@
 
 The fit of one more block behind a Gaussian of all others is the fit of all blocks, if these are
 linear about the new values, if the noise is as before, and if nothing changed between blocks. So it
-is a filter, while these conditions hold; else the window of the last blocks is solved anew. A
-change of momentum at one of the last ends is an unknown of its own in the past, which is
-conditioned on zero: how much samples behind the end ask for it needs no other fit.
+is a filter, while these conditions hold; else the window of the last blocks is solved anew.
+
+A change of momentum at one of the last ends is an unknown of its own in the past, which is
+conditioned on zero. How much the samples behind an end ask for it needs no other fit. If they may
+ask, parts of the new block are fitted with all their ends open: what was before it was explained.
+Of these ends and the last ones, those at which something changed stay open.
 
 Source: Bierman 1977, ch. V (square-root information filter).
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from functools import reduce
 
@@ -27,6 +30,7 @@ from cpid_drake.estimation.noise import is_as_before
 from cpid_drake.estimation.past import Past
 from cpid_drake.estimation.process import added
 from cpid_drake.estimation.roll import past_of
+from cpid_drake.estimation.start import state_of
 from cpid_drake.estimation.sweep import BOUNDARY, boundary_size, sweep
 from cpid_drake.estimation.unknowns import PSI
 from cpid_drake.estimation.unknowns_prior import prior_of
@@ -37,7 +41,10 @@ LINKS = 3
 """Changes at so many of the last ends are in question."""
 
 MOST_SWEEPS = 4
-"""Most sweeps of one block: else the window is solved."""
+"""Most sweeps of one block, and of its parts: else the window is solved."""
+
+WIDE_SWEEPS = 10
+"""Most sweeps of its parts with all their ends open."""
 
 SAME_NOISE = 0.15
 """Relative change of the size of white forces for which blocks before need not be solved anew."""
@@ -47,8 +54,8 @@ _CHANGE = "change at "  # name of an unknown change, before its time [s]
 
 def followed(
     fits: Sequence[Fit], ahead: Past, block: Block, question: Question
-) -> tuple[Fit, Past] | None:
-    """Return the fit of one more block alone, and what is known ahead of it; None if it is none.
+) -> tuple[tuple[Fit, ...], Past] | None:
+    """Return the fits with that of one more block, and what is known ahead of it; None if none is.
 
     Args:
         fits: of the blocks of the window, each of those behind the past of the next.
@@ -58,15 +65,17 @@ def followed(
 
     """
     try:
-        found, changes = _one_more(fits, ahead, block)
-        if not found.converged or not _is_as_before(found, fits):
-            return None
-        known = _known_at_end(found, changes)
-        if _may_change(found, known, question):
-            return None
+        known = _known_before(fits, ahead)
+        found = _fitted(fits[-1], _following(fits, ahead, [block]), known)
+        if found.converged:
+            if not is_linear(found, np.array([each.values[PSI] for each in fits])):
+                return None
+            end = _known_at_end(found, known)
+            if _has_noise_of(fits, found) and not _may_change(found, end, question):
+                return (*fits, found), ahead_of(found, end)
+        return _with_changes(fits, ahead, known, block, question)
     except (InputError, np.linalg.LinAlgError):
         return None
-    return found, ahead_of(found, known)
 
 
 def joined(fits: Sequence[Fit]) -> LogState:
@@ -100,53 +109,123 @@ def ahead_of(found: Fit, known: Gaussian) -> Past:
     )
 
 
-def _one_more(fits: Sequence[Fit], ahead: Past, block: Block) -> tuple[Fit, Gaussian]:
-    """Return the fit of one more block, and its past with the changes that are in question."""
-    last, before = fits[-1], joined(fits)
-    model, values = last.model, last.values
-    sigma = model.walking_sigma * np.sqrt(before.blocks[-1].length)
-    walking = boundary_size(model, before) + model.walking_columns
+def _known_before(fits: Sequence[Fit], ahead: Past) -> Gaussian:
+    """Return what is known at the start of the next block, with the changes in question."""
+    model, [log], names = fits[-1].model, fits[-1].logs, [_name(each) for each in fits[-LINKS:]]
+    sigma = model.walking_sigma * np.sqrt(log.blocks[-1].length)
+    walking = boundary_size(model, log) + model.walking_columns
     known = changed(ahead.gaussian, walking, sigma, np.zeros(len(sigma)), block=0)[0]
-    past = replace(ahead, gaussian=known.condition(dict.fromkeys(_changes(known), 0.0)))
-    log = replace(before, past=past).extended(model, block, ahead.start)
-    log = replace(log.part(len(before.blocks), len(log.blocks)), past=past, is_known=True)
-    found = fit(model, [log], values=values, most=MOST_SWEEPS)
-    gone = _changes(known)[: 1 - LINKS]
-    known = known.condition(dict.fromkeys(gone, 0.0))
-    name = f"{_CHANGE}{block.start}"
-    return found, linked(known, name, farthest(model), np.zeros(12))
+    known = known.condition({n: 0.0 for n in _in_question(known) if n not in names})
+    return linked(known, names[-1], farthest(model), np.zeros(12))
 
 
-def _changes(known: Gaussian) -> list[str]:
+def _following(fits: Sequence[Fit], ahead: Past, blocks: Sequence[Block]) -> LogState:
+    """Return the log of blocks that follow."""
+    log, model = joined(fits), fits[-1].model
+    count, log = len(log.blocks), replace(log, past=ahead)
+    for block in blocks:
+        log = log.extended(model, block, ahead.start)
+    return replace(log.part(count, len(log.blocks)), past=ahead, is_known=True)
+
+
+def _fitted(
+    before: Fit,
+    log: LogState,
+    known: Gaussian,
+    acting: Collection[str] = (),
+    *,
+    most: int = MOST_SWEEPS,
+) -> Fit:
+    """Return the fit of a log that follows another, with some of the changes in question."""
+    assert log.past is not None
+    past = known.marginal(name for name in known.places if name not in acting)
+    past = past.condition(dict.fromkeys(_in_question(past), 0.0))
+    log = replace(log, past=replace(log.past, gaussian=past))
+    return fit(before.model, [log], values=before.values, most=most)
+
+
+def _with_changes(
+    fits: Sequence[Fit], ahead: Past, known: Gaussian, block: Block, question: Question
+) -> tuple[tuple[Fit, ...], Past] | None:
+    """Return the result of `followed` if something changed, at the last ends or in the block."""
+    log, model, psi = _following(fits, ahead, block.cut()), fits[-1].model, fits[-1].values[PSI]
+    if log.slow:  # which changes are noise, only the noise of the window tells
+        return None
+    count = len(log.blocks)
+    starts = [state_of(model, log.part(k, k + 1), psi) for k in range(count)]  # not bent by it
+    log = replace(log, starts=tuple(starts)).opened(range(count - 1))
+    wide = _fitted(fits[-1], log, known, [_name(fits[-1])], most=WIDE_SWEEPS)
+    if not wide.converged:
+        return None
+    acting = _acting(wide, known, question)
+    inner = [k for k in range(count - 1) if f"link {k}|{log.name}" in acting]
+    [log] = wide.logs
+    found = _fitted(wide, log.opened(inner), known, acting)
+    if not (acting and found.converged and _has_noise_of(fits, found)):
+        return None
+    known = known.marginal(name for name in known.places if name not in acting)
+    opened = tuple(_opened_at_end(each) if _name(each) in acting else each for each in fits)
+    return (*opened, found), ahead_of(found, _known_at_end(found, known))
+
+
+def _acting(wide: Fit, known: Gaussian, question: Question) -> tuple[str, ...]:
+    """Return the changes that act, of those in question and those inside of a block."""
+    model, [log], [rolled], values = wide.model, wide.logs, wide.rolled, wide.values
+    carry = range(len(log.blocks) - 1)
+    before = _past_with(wide, known)
+    end = sweep(model, log, rolled, values, carry=carry, before=before, forward_only=True).end
+    total = end.marginal(name for name in end.places if name != BOUNDARY)
+    total = prior_of(model, [log], values).add(total)
+    asked = question.without_contradicted(wide.gaussian, values, model)
+    changes = {name: np.zeros(12) for name in _in_question(known)}
+    changes |= {f"link {k}|{log.name}": rolled.links[k] for k in carry}
+    sigma = dict.fromkeys(changes, farthest(model))
+    return asked.answer(total, values | changes, sigma).best
+
+
+def _opened_at_end(found: Fit) -> Fit:
+    """Return a fit that is open at its end."""
+    [log] = found.logs
+    return replace(found, logs=[replace(log, open=log.open | {len(log.blocks) - 1})])
+
+
+def _name(found: Fit) -> str:
+    """Return the name of a change at the end of a fit."""
+    return f"{_CHANGE}{found.logs[0].blocks[-1].end}"
+
+
+def _in_question(known: Gaussian) -> list[str]:
     """Return the names of the changes that are in question."""
     return [name for name in known.places if name.startswith(_CHANGE)]
 
 
-def _is_as_before(found: Fit, fits: Sequence[Fit]) -> bool:
-    """Return whether fits before are linear about the values of this one, with the same noise."""
-    [log], targets = found.logs, np.array([each.values[PSI] for each in fits])
-    if not is_linear(found, targets):
-        return False
+def _has_noise_of(fits: Sequence[Fit], found: Fit) -> bool:
+    """Return whether a fit has the noise of those before."""
+    [log], window = found.logs, [*fits, found]
     for each in fits:
         [before] = each.logs
         for name in {*log.noise, *before.noise}:
             ratio = log.noise.get(name, 1.0) / before.noise.get(name, 1.0)
             if abs(np.log(ratio)) > SAME_NOISE:
                 return False
-    window = [*fits, found]
     residuals = [rest for each in window for rest in each.rolled[0].residuals]
     return is_as_before(joined(window), residuals)
 
 
-def _known_at_end(found: Fit, changes: Gaussian) -> Gaussian:
-    """Return what is known at the end of the block, if the past has the changes in question."""
-    model, [log], [rolled], values = found.model, found.logs, found.rolled, found.values
+def _past_with(found: Fit, known: Gaussian) -> Gaussian:
+    """Return what is known at the start of a fit about its values, with changes in question."""
+    [log] = found.logs
     assert log.past is not None
-    log = replace(log, past=replace(log.past, gaussian=changes))
-    before = past_of(model, log, values)
-    if found.sweeps > 1:  # its derivatives are those of the first sweep
+    log = replace(log, past=replace(log.past, gaussian=known))
+    return past_of(found.model, log, found.values)
+
+
+def _known_at_end(found: Fit, known: Gaussian) -> Gaussian:
+    """Return what is known at the end of the block, if its past has the changes in question."""
+    [log], [rolled], before = found.logs, found.rolled, _past_with(found, known)
+    if found.sweeps > 1:  # its derivatives may be those of the first sweep
         rolled = replace(rolled, linear={}, rows={})
-    return sweep(model, log, rolled, values, before=before, forward_only=True).end
+    return sweep(found.model, log, rolled, found.values, before=before, forward_only=True).end
 
 
 def _may_change(found: Fit, known: Gaussian, question: Question) -> bool:
@@ -158,6 +237,6 @@ def _may_change(found: Fit, known: Gaussian, question: Question) -> bool:
     zero = dict.fromkeys(asked.candidates, np.zeros(6))
     for momenta in (asked.given, *([zero] if zero else [])):
         about = total.condition({name: each - values[name] for name, each in momenta.items()})
-        if is_possible_change(about.marginal(_changes(about)), farthest(model)):
+        if is_possible_change(about.marginal(_in_question(about)), farthest(model)):
             return True
     return False

@@ -149,12 +149,11 @@ def _one_more(state: OnlineState, block: Block) -> OnlineState | None:
     more = followed(state.fits, state.ahead, block, state.question)
     if more is None:
         return None
-    found, ahead = more
-    last = state.fits[-1]
-    last = replace(last, rolled=[replace(each, linear={}, rows={}) for each in last.rolled])
-    fits, end = [*state.earlier, last], block.end
+    [*fits, found], ahead = more
+    last = fits[-1]
+    fits[-1] = replace(last, rolled=[replace(each, linear={}, rows={}) for each in last.rolled])
     usual = max(each.length for each in log.blocks)
-    while fits and (end - fits[0].logs[0].blocks[-1].end) / usual > state.window - 1e-3:
+    while fits and (block.end - fits[0].logs[0].blocks[-1].end) / usual > state.window - 1e-3:
         gone = fits.pop(0)
         [log], [rolled] = gone.logs, gone.rolled
         state = replace(state._observed(log, rolled), settled=(*state.settled, *log.changes))
