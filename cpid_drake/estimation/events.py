@@ -26,7 +26,7 @@ from cpid_drake.estimation.fit import Fit, fit, prior_of
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import FAR, IMPROBABLE
 from cpid_drake.estimation.likelihood.motion_model import TrajectoryState
-from cpid_drake.estimation.log_state import LogState, farthest
+from cpid_drake.estimation.log_state import CHANGE, LogState, farthest
 from cpid_drake.estimation.noise import with_best_noise
 from cpid_drake.estimation.roll import Rolled, Values, roll
 from cpid_drake.estimation.sweep import known_at_start, linearize, sweep
@@ -163,15 +163,15 @@ def _changes(
             ).end
             parts = log.part(later.start, later.stop), rolled.part(later.start, later.stop)
             carried = sweep(model, *parts, found.values, before=known, forward_only=True).gaussian
-            changes = {_name(k, log): part.links[k] for k in ends}
+            changes = {log.change(k): part.links[k] for k in ends}
             compared = _compared(own, found, carried, changes, question)
             acting = compared.best if among is None else compared.sizes
-            numbers = {_name(k, log): first + k for k in ends if _name(k, log) in acting}
+            numbers = {log.change(k): first + k for k in ends if log.change(k) in acting}
             best |= {numbers[n]: a for n, a in compared.sizes.items() if n in numbers}
             known = known.condition(
-                {_name(k, log): -part.links[k] for k in ends if first + k not in log.open}
+                {log.change(k): -part.links[k] for k in ends if first + k not in log.open}
             )
-            before = known.marginal(n for n in known.places if not n.startswith("link "))
+            before = known.marginal(n for n in known.places if not n.startswith(CHANGE))
         result.append(best)
     return result
 
@@ -212,7 +212,3 @@ def _cut(model: Model, log: LogState, rolled: Rolled, changes: Collection[int]) 
         ends |= {len(blocks) - 1} if k in log.open else set()
     cut = log.of_others(model, blocks, tuple(starts))
     return replace(cut, open=frozenset(ends))
-
-
-def _name(k: int, log: LogState) -> str:
-    return f"link {k}|{log.name}"

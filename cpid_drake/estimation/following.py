@@ -15,27 +15,31 @@ Source: Bierman 1977, ch. V (square-root information filter).
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from functools import reduce
+from itertools import pairwise
 
 import numpy as np
 
 from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.elimination import changed, linked
+from cpid_drake.estimation.events import is_explained
 from cpid_drake.estimation.evidence import Question, is_possible_change
 from cpid_drake.estimation.fit import Fit, fit
 from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.least_squares import FAR
 from cpid_drake.estimation.likelihood.joint_model import ORDER
 from cpid_drake.estimation.linearity import WELL_KNOWN, inertia_error, is_linear
-from cpid_drake.estimation.log_state import LogState, farthest
+from cpid_drake.estimation.log_state import CHANGE, LogState, farthest
 from cpid_drake.estimation.noise import is_as_before
 from cpid_drake.estimation.past import Past
 from cpid_drake.estimation.process import added
-from cpid_drake.estimation.roll import past_of
+from cpid_drake.estimation.roll import past_of, roll
 from cpid_drake.estimation.start import state_of
 from cpid_drake.estimation.sweep import BOUNDARY, boundary_size, sweep
 from cpid_drake.estimation.unknowns import PSI
 from cpid_drake.estimation.unknowns_prior import prior_of
 from cpid_drake.estimation.weights import noise_sums
 from cpid_drake.files.errors import InputError
+from cpid_drake.sensors.sensors import SENSORS
 
 LINKS = 3
 """Changes at so many of the last ends are in question."""
@@ -43,13 +47,14 @@ LINKS = 3
 MOST_SWEEPS = 4
 """Most sweeps of one block, and of its parts: else the window is solved."""
 
+FEWEST_FAR = 3
+"""Samples of a sensor that are far off behind a change, more than those that are not."""
+
 WIDE_SWEEPS = 10
 """Most sweeps of its parts with all their ends open."""
 
 SAME_NOISE = 0.15
 """Relative change of the size of white forces for which blocks before need not be solved anew."""
-
-_CHANGE = "change at "  # name of an unknown change, before its time [s]
 
 
 def followed(
@@ -67,13 +72,16 @@ def followed(
     try:
         known = _known_before(fits, ahead)
         found = _fitted(fits[-1], _following(fits, ahead, [block]), known)
-        if found.converged:
+        unchanged = None
+        if found.converged and is_explained(found):
             if not is_linear(found, np.array([each.values[PSI] for each in fits])):
                 return None
-            end = _known_at_end(found, known)
-            if _has_noise_of(fits, found) and not _may_change(found, end, question):
-                return (*fits, found), ahead_of(found, end)
-        return _with_changes(fits, ahead, known, block, question)
+            if _has_noise_of(fits, found):
+                end = _known_at_end(found, known)
+                unchanged = (*fits, found), ahead_of(found, end)
+                if not _may_change(found, end, question):
+                    return unchanged
+        return _with_changes(fits, ahead, known, block, question) or unchanged
     except (InputError, np.linalg.LinAlgError):
         return None
 
@@ -111,12 +119,13 @@ def ahead_of(found: Fit, known: Gaussian) -> Past:
 
 def _known_before(fits: Sequence[Fit], ahead: Past) -> Gaussian:
     """Return what is known at the start of the next block, with the changes in question."""
-    model, [log], names = fits[-1].model, fits[-1].logs, [_name(each) for each in fits[-LINKS:]]
+    model, [log] = fits[-1].model, fits[-1].logs
     sigma = model.walking_sigma * np.sqrt(log.blocks[-1].length)
     walking = boundary_size(model, log) + model.walking_columns
     known = changed(ahead.gaussian, walking, sigma, np.zeros(len(sigma)), block=0)[0]
-    known = known.condition({n: 0.0 for n in _in_question(known) if n not in names})
-    return linked(known, names[-1], farthest(model), np.zeros(12))
+    recent = {log.change(k) for each in fits[-LINKS:] for log in each.logs for k in _all(log)}
+    known = known.condition({n: 0.0 for n in _in_question(known) if n not in recent})
+    return linked(known, _at_end(fits[-1]), farthest(model), np.zeros(12))
 
 
 def _following(fits: Sequence[Fit], ahead: Past, blocks: Sequence[Block]) -> LogState:
@@ -145,58 +154,93 @@ def _fitted(
 
 
 def _with_changes(
-    fits: Sequence[Fit], ahead: Past, known: Gaussian, block: Block, question: Question
+    fits: Sequence[Fit],
+    ahead: Past,
+    known: Gaussian,
+    block: Block,
+    question: Question,
 ) -> tuple[tuple[Fit, ...], Past] | None:
     """Return the result of `followed` if something changed, at the last ends or in the block."""
-    log, model, psi = _following(fits, ahead, block.cut()), fits[-1].model, fits[-1].values[PSI]
+    last, parts, is_at_start = fits[-1], *_parts(fits, ahead, block)
+    log, inner = _following(fits, ahead, parts), range(len(parts) - 1)
     if log.slow:  # which changes are noise, only the noise of the window tells
         return None
-    count = len(log.blocks)
-    starts = [state_of(model, log.part(k, k + 1), psi) for k in range(count)]  # not bent by it
-    log = replace(log, starts=tuple(starts)).opened(range(count - 1))
-    wide = _fitted(fits[-1], log, known, [_name(fits[-1])], most=WIDE_SWEEPS)
-    if not wide.converged:
+    starts = [ahead.start, *log.starts[1:]]
+    for k in range(0 if is_at_start else 1, len(parts)):  # what a change has bent is no start
+        starts[k] = state_of(last.model, log.part(k, k + 1), last.values[PSI])
+    log = replace(log, starts=tuple(starts)).opened(inner)
+    wide = _fitted(last, log, known, [_at_end(last)] if is_at_start else [], most=WIDE_SWEEPS)
+    if not (wide.converged and is_explained(wide)):
         return None
     acting = _acting(wide, known, question)
-    inner = [k for k in range(count - 1) if f"link {k}|{log.name}" in acting]
-    [log] = wide.logs
-    found = _fitted(wide, log.opened(inner), known, acting)
-    if not (acting and found.converged and _has_noise_of(fits, found)):
+    opened = [k for k in inner if log.change(k) in acting]
+    found = _fitted(wide, wide.logs[0].opened(opened), known, acting)
+    if not (acting and found.converged and is_explained(found) and _has_noise_of(fits, found)):
         return None
     known = known.marginal(name for name in known.places if name not in acting)
-    opened = tuple(_opened_at_end(each) if _name(each) in acting else each for each in fits)
-    return (*opened, found), ahead_of(found, _known_at_end(found, known))
+    end = _known_at_end(found, known, carry=[k for k in inner if k not in opened])
+    return (*(_opened(each, acting) for each in fits), found), ahead_of(found, end)
+
+
+def _parts(fits: Sequence[Fit], ahead: Past, block: Block) -> tuple[list[Block], bool]:
+    """Return parts of a block in which something changed, and whether it may be at the start.
+
+    They are those before and from the first sample from which on a sensor is far off what is
+    predicted for the block; if none is, a few equal parts.
+    """
+    log, values = _following(fits, ahead, [block]), fits[-1].values
+    [rest], begins = roll(fits[-1].model, log, values).residuals, list[float]()
+    for name, each in rest.items():
+        if name in SENSORS and len(each):
+            is_far = np.sqrt(np.mean(each**2, axis=1)) > FAR
+            score = np.cumsum(np.where(is_far, 1, -1)[::-1])[::-1]  # far ones less others
+            first, times = int(np.argmax(score)), block.samples[name].time
+            if score[first] >= FEWEST_FAR:
+                edge = np.mean(times[first - 1 : first + 1]) if first else block.start
+                begins.append(float(edge))
+    if not begins:
+        return block.cut(), True
+    if min(begins) == block.start:
+        return [block], True
+    edges = [block.start, min(begins), block.end]
+    return [block.part(a, b) for a, b in pairwise(edges)], False
 
 
 def _acting(wide: Fit, known: Gaussian, question: Question) -> tuple[str, ...]:
     """Return the changes that act, of those in question and those inside of a block."""
     model, [log], [rolled], values = wide.model, wide.logs, wide.rolled, wide.values
-    carry = range(len(log.blocks) - 1)
-    before = _past_with(wide, known)
-    end = sweep(model, log, rolled, values, carry=carry, before=before, forward_only=True).end
-    total = end.marginal(name for name in end.places if name != BOUNDARY)
+    inner = range(len(log.blocks) - 1)
+    total = _known_at_end(wide, known, carry=inner)
+    total = total.marginal(name for name in total.places if name != BOUNDARY)
     total = prior_of(model, [log], values).add(total)
     asked = question.without_contradicted(wide.gaussian, values, model)
     changes = {name: np.zeros(12) for name in _in_question(known)}
-    changes |= {f"link {k}|{log.name}": rolled.links[k] for k in carry}
+    changes |= {log.change(k): rolled.links[k] for k in inner}
     sigma = dict.fromkeys(changes, farthest(model))
     return asked.answer(total, values | changes, sigma).best
 
 
-def _opened_at_end(found: Fit) -> Fit:
-    """Return a fit that is open at its end."""
+def _opened(found: Fit, changes: Collection[str]) -> Fit:
+    """Return a fit that is open at the ends of some changes."""
     [log] = found.logs
-    return replace(found, logs=[replace(log, open=log.open | {len(log.blocks) - 1})])
+    ends = {k for k in _all(log) if log.change(k) in changes}
+    return replace(found, logs=[replace(log, open=log.open | ends)])
 
 
-def _name(found: Fit) -> str:
+def _all(log: LogState) -> range:
+    """Return the numbers of all blocks."""
+    return range(len(log.blocks))
+
+
+def _at_end(found: Fit) -> str:
     """Return the name of a change at the end of a fit."""
-    return f"{_CHANGE}{found.logs[0].blocks[-1].end}"
+    [log] = found.logs
+    return log.change(len(log.blocks) - 1)
 
 
 def _in_question(known: Gaussian) -> list[str]:
     """Return the names of the changes that are in question."""
-    return [name for name in known.places if name.startswith(_CHANGE)]
+    return [name for name in known.places if name.startswith(CHANGE)]
 
 
 def _has_noise_of(fits: Sequence[Fit], found: Fit) -> bool:
@@ -209,23 +253,21 @@ def _has_noise_of(fits: Sequence[Fit], found: Fit) -> bool:
             if abs(np.log(ratio)) > SAME_NOISE:
                 return False
     residuals = [rest for each in window for rest in each.rolled[0].residuals]
-    return is_as_before(joined(window), residuals)
+    freedom = [each.logs[0].freedom for each in window for _ in each.logs[0].blocks]
+    return is_as_before(joined(window), residuals, freedom, len(log.blocks))
 
 
-def _past_with(found: Fit, known: Gaussian) -> Gaussian:
-    """Return what is known at the start of a fit about its values, with changes in question."""
-    [log] = found.logs
+def _known_at_end(found: Fit, known: Gaussian, carry: Collection[int] = ()) -> Gaussian:
+    """Return what is known at the end of a fit, if its past has the changes in question.
+
+    Changes at the ends of some of its blocks are further ones.
+    """
+    model, [log], [rolled], values = found.model, found.logs, found.rolled, found.values
     assert log.past is not None
-    log = replace(log, past=replace(log.past, gaussian=known))
-    return past_of(found.model, log, found.values)
-
-
-def _known_at_end(found: Fit, known: Gaussian) -> Gaussian:
-    """Return what is known at the end of the block, if its past has the changes in question."""
-    [log], [rolled], before = found.logs, found.rolled, _past_with(found, known)
+    before = past_of(model, replace(log, past=replace(log.past, gaussian=known)), values)
     if found.sweeps > 1:  # its derivatives may be those of the first sweep
         rolled = replace(rolled, linear={}, rows={})
-    return sweep(found.model, log, rolled, found.values, before=before, forward_only=True).end
+    return sweep(model, log, rolled, values, carry=carry, before=before, forward_only=True).end
 
 
 def _may_change(found: Fit, known: Gaussian, question: Question) -> bool:

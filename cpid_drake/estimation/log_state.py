@@ -31,6 +31,9 @@ JUDGED = 1e-5
 RECENT = 3
 """Behind a past, so many of the last blocks show how smooth the joints of one more are."""
 
+CHANGE = "change at "
+"""Beginning of the name of an unknown change of momentum; see `LogState.change`."""
+
 FARTHEST = 0.5, 1.0, 1.0
 """σ of a change at an open end: of attitude [rad], centre of mass [m] and its velocity [m/s]."""
 
@@ -190,6 +193,10 @@ class LogState:
     def step(self, k: int) -> float:
         """Return the time [s] from the start of block k, not a log's last, to that of the next."""
         return self.blocks[k].length + self.gaps[k]
+
+    def change(self, k: int) -> str:
+        """Return the name of the change at the end of block k, if it is an unknown of its own."""
+        return f"{CHANGE}{self.blocks[k].end} s|{self.name}"
 
     def link(self, model: Model, k: int) -> Array:
         """Return σ (12,) of a change of attitude, centre of mass, L and v at the end of block k."""

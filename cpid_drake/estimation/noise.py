@@ -105,28 +105,39 @@ def with_best_noise(
     return log.with_processes(found), search.cost(found)
 
 
-def is_as_before(log: LogState, residuals: Sequence[Mapping[str, Array]]) -> bool:
-    """Return whether the residuals (M, d) of a log's last block show the noise of those before.
+def is_as_before(
+    log: LogState,
+    residuals: Sequence[Mapping[str, Array]],
+    freedom: Sequence[Mapping[str, float]],
+    last: int,
+) -> bool:
+    """Return whether the residuals of a log's last blocks show the noise of those before.
 
     No more is asked of noise that is not as declared than that its innovations are as large.
+
+    Args:
+        log: with the noise.
+        residuals: (M, d) of each block, by sensor.
+        freedom: of each block: degrees of freedom of one residual.
+        last: number of the last blocks.
+
     """
-    for name, each in _series(log, residuals).items():
-        now = log.processes.get(name, DECLARED)
-        if each.guess(now, log.freedom.get(name, 1.0), WORTH) != now:
-            return False
-    for name in residuals[-1].keys() & SENSORS.keys():
-        squares, counts = np.zeros(2), np.zeros(2)
+    for name, series in _series(log, residuals).items():
+        squares, counts, sizes = np.zeros(2), np.zeros(2), np.zeros(2)
         for k, rest in enumerate(residuals):
             if name in rest:
-                is_last = k == len(residuals) - 1
-                squares[int(is_last)] += np.sum(log.whitened(k, name, rest[name]) ** 2)
-                counts[int(is_last)] += rest[name].size * log.freedom.get(name, 1.0)
-        if counts.min() < FEWEST or squares.max() < EXACT**4:
-            continue
-        before, last = squares / counts
-        larger = float(fdtrc(*counts[::-1], last / before))
-        if min(larger, 1 - larger) < IMPROBABLE / 2:
+                which = int(k >= len(residuals) - last)
+                squares[which] += np.sum(log.whitened(k, name, rest[name]) ** 2)
+                counts[which] += rest[name].size * freedom[k].get(name, 1.0)
+                sizes[which] += rest[name].size
+        now, share = log.processes.get(name, DECLARED), float(counts.sum() / sizes.sum())
+        if series.guess(now, share, WORTH) != now:
             return False
+        if counts.min() >= FEWEST and squares.max() > EXACT**4:
+            before, after = squares / counts
+            larger = float(fdtrc(*counts[::-1], after / before))
+            if min(larger, 1 - larger) < IMPROBABLE / 2:
+                return False
     return True
 
 

@@ -91,7 +91,8 @@ def sweep(
         log: the log.
         rolled: its prediction at these values.
         values: the values.
-        carry: the blocks whose changes at the end remain unknowns of the result, "link k".
+        carry: the blocks whose changes at the end remain unknowns of the result, named as
+            `LogState.change` says.
         before: what is known at the start, as `Swept.end`; default: the priors of a log's start,
             or its past.
         forward_only: leave out what `back` needs: a quarter of a megabyte a block.
@@ -109,7 +110,7 @@ def sweep(
             steps.append(EndedBlock.of(part, rolled.residuals[k], own, T))
         at |= {k: known} if k in stops else {}
         if k in carry:
-            known = linked(known, f"link {k}|{log.name}", log.link(model, k), rolled.links[k])
+            known = linked(known, log.change(k), log.link(model, k), rolled.links[k])
         if change := change_at_end(model, log, rolled, k, is_carried=k in carry):
             known, step = changed(known, *change, block=k)
             steps.append(step)
