@@ -72,16 +72,16 @@ def followed(
     try:
         known = _known_before(fits, ahead)
         found = _fitted(fits[-1], _following(fits, ahead, [block]), known)
-        unchanged = None
-        if found.converged and is_explained(found):
-            if not is_linear(found, np.array([each.values[PSI] for each in fits])):
-                return None
-            if _has_noise_of(fits, found):
-                end = _known_at_end(found, known)
-                unchanged = (*fits, found), ahead_of(found, end)
-                if not _may_change(found, end, question):
-                    return unchanged
-        return _with_changes(fits, ahead, known, block, question) or unchanged
+        if not (found.converged and is_explained(found)):
+            parts = _parts_beside_change(fits, ahead, block)
+            return _with_changes(fits, ahead, known, parts, question)
+        if not is_linear(found, np.array([each.values[PSI] for each in fits])):
+            return None
+        if _has_noise_of(fits, found):
+            end = _known_at_end(found, known)
+            if not _may_change(found, end, question):
+                return (*fits, found), ahead_of(found, end)
+        return _with_changes(fits, ahead, known, block.cut(), question)
     except (InputError, np.linalg.LinAlgError):
         return None
 
@@ -123,7 +123,9 @@ def _known_before(fits: Sequence[Fit], ahead: Past) -> Gaussian:
     sigma = model.walking_sigma * np.sqrt(log.blocks[-1].length)
     walking = boundary_size(model, log) + model.walking_columns
     known = changed(ahead.gaussian, walking, sigma, np.zeros(len(sigma)), block=0)[0]
-    recent = {log.change(k) for each in fits[-LINKS:] for log in each.logs for k in _all(log)}
+    recent = {
+        log.change(k) for each in fits[-LINKS:] for log in each.logs for k in range(len(log.blocks))
+    }
     known = known.condition({n: 0.0 for n in _in_question(known) if n not in recent})
     return linked(known, _at_end(fits[-1]), farthest(model), np.zeros(12))
 
@@ -154,39 +156,41 @@ def _fitted(
 
 
 def _with_changes(
-    fits: Sequence[Fit],
-    ahead: Past,
-    known: Gaussian,
-    block: Block,
-    question: Question,
+    fits: Sequence[Fit], ahead: Past, known: Gaussian, parts: Sequence[Block], question: Question
 ) -> tuple[tuple[Fit, ...], Past] | None:
-    """Return the result of `followed` if something changed, at the last ends or in the block."""
-    last, parts, is_at_start = fits[-1], *_parts(fits, ahead, block)
-    log, inner = _following(fits, ahead, parts), range(len(parts) - 1)
+    """Return the result of `followed` if something changed between parts of a block or before.
+
+    If it changed earlier, or before equal parts, it may have been inside of the block before: then
+    it is none.
+    """
+    last, log, inner = fits[-1], _following(fits, ahead, parts), range(len(parts) - 1)
     if log.slow:  # which changes are noise, only the noise of the window tells
         return None
-    starts = [ahead.start, *log.starts[1:]]
+    is_at_start, starts = len(parts) != 2, [ahead.start, *log.starts[1:]]
     for k in range(0 if is_at_start else 1, len(parts)):  # what a change has bent is no start
         starts[k] = state_of(last.model, log.part(k, k + 1), last.values[PSI])
     log = replace(log, starts=tuple(starts)).opened(inner)
     wide = _fitted(last, log, known, [_at_end(last)] if is_at_start else [], most=WIDE_SWEEPS)
     if not (wide.converged and is_explained(wide)):
         return None
-    acting = _acting(wide, known, question)
+    acting, possible = _acting(wide, known, question), {log.change(k) for k in inner}
+    if not acting or not possible.union([] if inner else [_at_end(last)]).issuperset(acting):
+        return None
     opened = [k for k in inner if log.change(k) in acting]
     found = _fitted(wide, wide.logs[0].opened(opened), known, acting)
-    if not (acting and found.converged and is_explained(found) and _has_noise_of(fits, found)):
+    if not (found.converged and is_explained(found) and _has_noise_of(fits, found)):
         return None
     known = known.marginal(name for name in known.places if name not in acting)
     end = _known_at_end(found, known, carry=[k for k in inner if k not in opened])
-    return (*(_opened(each, acting) for each in fits), found), ahead_of(found, end)
+    last = last if inner else _opened_at_end(last)
+    return (*fits[:-1], last, found), ahead_of(found, end)
 
 
-def _parts(fits: Sequence[Fit], ahead: Past, block: Block) -> tuple[list[Block], bool]:
-    """Return parts of a block in which something changed, and whether it may be at the start.
+def _parts_beside_change(fits: Sequence[Fit], ahead: Past, block: Block) -> list[Block]:
+    """Return the parts of a block before and behind a change.
 
-    They are those before and from the first sample from which on a sensor is far off what is
-    predicted for the block; if none is, a few equal parts.
+    Behind it a sensor is far off what is predicted for the block. If none is, the parts are equal;
+    if one is from the start on, it is the whole block.
     """
     log, values = _following(fits, ahead, [block]), fits[-1].values
     [rest], begins = roll(fits[-1].model, log, values).residuals, list[float]()
@@ -199,11 +203,9 @@ def _parts(fits: Sequence[Fit], ahead: Past, block: Block) -> tuple[list[Block],
                 edge = np.mean(times[first - 1 : first + 1]) if first else block.start
                 begins.append(float(edge))
     if not begins:
-        return block.cut(), True
-    if min(begins) == block.start:
-        return [block], True
-    edges = [block.start, min(begins), block.end]
-    return [block.part(a, b) for a, b in pairwise(edges)], False
+        return block.cut()
+    edges = sorted({block.start, min(begins), block.end})
+    return [block.part(a, b) for a, b in pairwise(edges)]
 
 
 def _acting(wide: Fit, known: Gaussian, question: Question) -> tuple[str, ...]:
@@ -220,16 +222,10 @@ def _acting(wide: Fit, known: Gaussian, question: Question) -> tuple[str, ...]:
     return asked.answer(total, values | changes, sigma).best
 
 
-def _opened(found: Fit, changes: Collection[str]) -> Fit:
-    """Return a fit that is open at the ends of some changes."""
+def _opened_at_end(found: Fit) -> Fit:
+    """Return a fit that is open at its end."""
     [log] = found.logs
-    ends = {k for k in _all(log) if log.change(k) in changes}
-    return replace(found, logs=[replace(log, open=log.open | ends)])
-
-
-def _all(log: LogState) -> range:
-    """Return the numbers of all blocks."""
-    return range(len(log.blocks))
+    return replace(found, logs=[replace(log, open=log.open | {len(log.blocks) - 1})])
 
 
 def _at_end(found: Fit) -> str:
