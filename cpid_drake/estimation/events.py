@@ -163,13 +163,13 @@ def _changes(
             ).end
             parts = log.part(later.start, later.stop), rolled.part(later.start, later.stop)
             carried = sweep(model, *parts, found.values, before=known, forward_only=True).gaussian
-            changes = {log.change(k): part.links[k] for k in ends}
+            changes = {own.change(k): part.links[k] for k in ends}
             compared = _compared(own, found, carried, changes, question)
             acting = compared.best if among is None else compared.sizes
-            numbers = {log.change(k): first + k for k in ends if log.change(k) in acting}
+            numbers = {own.change(k): first + k for k in ends if log.change(k) in acting}
             best |= {numbers[n]: a for n, a in compared.sizes.items() if n in numbers}
             known = known.condition(
-                {log.change(k): -part.links[k] for k in ends if first + k not in log.open}
+                {own.change(k): -part.links[k] for k in ends if first + k not in log.open}
             )
             before = known.marginal(n for n in known.places if not n.startswith(CHANGE))
         result.append(best)

@@ -157,15 +157,14 @@ class LogState:
         return replace(fresh.with_processes(self.processes), noise=self.noise)
 
     def extended(self, model: Model, block: Block, start: TrajectoryState) -> "LogState":
-        """Return the log with one more block.
+        """Return the log with one more block; with a past, joints of the others stay as they are.
 
-        Joints of the others stay as they are, but without a past where finer splines are needed.
-        They are as smooth as those of all blocks, or with a past of the last ones.
+        The joints' motion is as smooth as that of all its blocks, or with a past of the last ones.
         """
         blocks, gap = (*self.blocks, block), block.start - self.blocks[-1].end
         recent, known = blocks if self.past is None else blocks[-RECENT:], self.smoothness
         smoothness, joints = smooth_joints(recent, model.suite, known)
-        if self.past is not None or smoothness.rate == known.rate:
+        if self.past is not None:
             part, last = joints[-1], self.joints[-1].coefficients[-ORDER:]
             joints = [*self.joints, part if gap else continued(part, last)]
         return replace(
