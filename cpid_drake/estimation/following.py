@@ -193,18 +193,20 @@ def _parts_beside_change(fits: Sequence[Fit], ahead: Past, block: Block) -> list
     if one is from the start on, it is the whole block.
     """
     log, values = _following(fits, ahead, [block]), fits[-1].values
-    [rest], begins = roll(fits[-1].model, log, values).residuals, list[float]()
+    [rest], near, far = roll(fits[-1].model, log, values).residuals, list[float](), list[float]()
     for name, each in rest.items():
         if name in SENSORS and len(each):
             is_far = np.sqrt(np.mean(each**2, axis=1)) > FAR
             score = np.cumsum(np.where(is_far, 1, -1)[::-1])[::-1]  # far ones less others
-            first, times = int(np.argmax(score)), block.samples[name].time
+            first, times = int(np.argmax(score)), [block.start, *block.samples[name].time.tolist()]
             if score[first] >= FEWEST_FAR:
-                edge = np.mean(times[first - 1 : first + 1]) if first else block.start
-                begins.append(float(edge))
-    if not begins:
+                near.append(times[first])
+                far.append(times[first + 1])
+    if not far:
         return block.cut()
-    edges = sorted({block.start, min(begins), block.end})
+    before = max(time for time in near if time < min(far))
+    edge = block.start if before == block.start else (before + min(far)) / 2
+    edges = sorted({block.start, edge, block.end})
     return [block.part(a, b) for a, b in pairwise(edges)]
 
 

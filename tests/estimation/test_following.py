@@ -1,0 +1,98 @@
+"""Blocks that are solved alone, behind what is known: they give what the fit of all samples gives.
+
+From the sixth block on, a log of `case` is solved so.
+"""
+
+from itertools import islice
+
+import numpy as np
+import pytest
+from block_cases import fired, make_case
+from sensing_cases import coarse_suite
+
+from cpid_drake.dynamics.total_momentum import TotalMomentum
+from cpid_drake.dynamics.uncertainty import BodyUncertainty
+from cpid_drake.estimation.block import BlockQueue, blocks_of
+from cpid_drake.estimation.fit import fit
+from cpid_drake.estimation.log_state import LogState
+from cpid_drake.estimation.online import OnlineState, run, step
+from cpid_drake.estimation.unknowns import PSI, Model
+from cpid_drake.identification.answer import at_momentum
+from cpid_drake.identification.online_answer import identification_of_state
+from cpid_drake.logs.log import Samples
+from cpid_drake.logs.simulated_noise import add_noise
+
+SUITE = coarse_suite()
+MOMENTUM = np.array([3.0, -2.0, 4.0, 1.0, 0.5, -1.0])
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory, skewed_target):
+    return make_case(tmp_path_factory.mktemp("craft"), skewed_target, SUITE, None, 14.0)
+
+
+@pytest.fixture(scope="module")
+def model(case):
+    return Model(case.craft.tree, SUITE)
+
+
+@pytest.fixture(scope="module")
+def uncertain(case):
+    """Unknowns with errors of the spacecraft, whose derivatives stay at their first values."""
+    bodies = BodyUncertainty(mass=0.01, inertia=0.01, grasp_mm=2.0)
+    return Model.of(case.craft.tree, SUITE, bodies)
+
+
+def target(found):
+    """Return ψ and its covariance."""
+    known = at_momentum(found.gaussian, found.values, TotalMomentum.zero(), "online")
+    known = known.marginal([PSI])
+    return found.values[PSI] + known.solve(), known.covariance()
+
+
+@pytest.mark.parametrize("name", ["model", "uncertain"])
+def test_blocks_alone_are_the_fit_of_all_samples(case, name, request):
+    model = request.getfixturevalue(name)
+    samples = add_noise(SUITE, case.samples, 1)
+    state, whole = run(model, [samples]), fit(model, [LogState.of(model, samples, "online")])
+    assert not state.events
+    psi, covariance = target(state.found)
+    expected, of_all = target(whole)
+    sigma = np.sqrt(np.diag(of_all))
+    assert np.abs((psi - expected) / sigma).max() < 0.1
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance)), sigma, rtol=0.02)
+
+
+def test_what_is_asked_of_a_state_does_not_change_what_follows(case, uncertain):
+    """An identification makes derivatives of its own, which later blocks must not take."""
+    samples, states = add_noise(SUITE, case.samples, 1), [OnlineState(), OnlineState()]
+    for k, block in enumerate(islice(blocks_of(BlockQueue.of(SUITE), [samples]), 9)):
+        states = [step(uncertain, state, block) for state in states]
+        if k > 3:
+            identification_of_state(uncertain, states[1], TotalMomentum.zero())
+    for one, other in zip(*(target(state.found) for state in states), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize(("size", "time"), [(1.0, 9.37), (0.3, 9.02), (0.01, 9.37), (0.001, 9.37)])
+def test_a_change_is_found_where_it_is(case, model, size, time):
+    """One that samples show at once, to their step; a small one to a third of a block."""
+    state = run(model, [add_noise(SUITE, fired(case, time, size * MOMENTUM), 3)])
+    assert len(state.events) == 1
+    assert abs(state.events[0] - time) < (0.06 if size > 0.005 else 0.34)
+    assert case.nees(*target(state.found)) < 30
+    assert identification_of_state(model, state, TotalMomentum.zero()).passed
+
+
+def test_noise_that_grows_is_seen(case, model):
+    """By a factor of three from 8 s on, of all sensors: intervals hold, and nothing changed."""
+    samples, loud = add_noise(SUITE, case.samples, 1), {}
+    for name, each in samples.items():
+        if name in ("gyro", "position"):
+            error = each.value - case.samples[name].value
+            value = each.value + 2 * (each.time > 8.0)[:, None] * error
+            loud[name] = Samples(each.time, value)
+    state = run(model, [samples.updated(loud)])
+    assert state.events == ()
+    assert case.nees(*target(state.found)) < 30
+    assert state.found.logs[0].processes["gyro"].total > 4
