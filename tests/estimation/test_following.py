@@ -3,8 +3,6 @@
 From the sixth block on, a log of `case` is solved so.
 """
 
-from itertools import islice
-
 import numpy as np
 import pytest
 from block_cases import fired, make_case
@@ -12,10 +10,9 @@ from sensing_cases import coarse_suite
 
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.estimation.block import BlockQueue, blocks_of
 from cpid_drake.estimation.fit import fit
 from cpid_drake.estimation.log_state import LogState
-from cpid_drake.estimation.online import OnlineState, run, step
+from cpid_drake.estimation.online import run
 from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.identification.answer import at_momentum
 from cpid_drake.identification.online_answer import identification_of_state
@@ -61,17 +58,6 @@ def test_blocks_alone_are_the_fit_of_all_samples(case, name, request):
     sigma = np.sqrt(np.diag(of_all))
     assert np.abs((psi - expected) / sigma).max() < 0.1
     np.testing.assert_allclose(np.sqrt(np.diag(covariance)), sigma, rtol=0.02)
-
-
-def test_what_is_asked_of_a_state_does_not_change_what_follows(case, uncertain):
-    """An identification makes derivatives of its own, which later blocks must not take."""
-    samples, states = add_noise(SUITE, case.samples, 1), [OnlineState(), OnlineState()]
-    for k, block in enumerate(islice(blocks_of(BlockQueue.of(SUITE), [samples]), 9)):
-        states = [step(uncertain, state, block) for state in states]
-        if k > 3:
-            identification_of_state(uncertain, states[1], TotalMomentum.zero())
-    for one, other in zip(*(target(state.found) for state in states), strict=True):
-        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize(("size", "time"), [(1.0, 9.37), (0.3, 9.02), (0.01, 9.37), (0.001, 9.37)])
