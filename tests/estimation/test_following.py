@@ -60,7 +60,7 @@ def test_blocks_alone_are_the_fit_of_all_samples(case, name, request):
     np.testing.assert_allclose(np.sqrt(np.diag(covariance)), sigma, rtol=0.02)
 
 
-@pytest.mark.parametrize(("size", "time"), [(1.0, 9.37), (0.3, 9.02), (0.01, 9.37), (0.001, 9.37)])
+@pytest.mark.parametrize(("size", "time"), [(1.0, 9.37), (0.3, 9.02), (0.01, 9.37), (0.0005, 9.0)])
 def test_a_change_is_found_where_it_is(case, model, size, time):
     """One that samples show at once, to their step; a small one to a third of a block."""
     state = run(model, [add_noise(SUITE, fired(case, time, size * MOMENTUM), 3)])
@@ -71,14 +71,14 @@ def test_a_change_is_found_where_it_is(case, model, size, time):
 
 
 def test_noise_that_grows_is_seen(case, model):
-    """By a factor of three from 8 s on, of all sensors: intervals hold, and nothing changed."""
+    """By a factor of 1.6 from 8 s on, of gyro and position: nothing changed."""
     samples, loud = add_noise(SUITE, case.samples, 1), {}
     for name, each in samples.items():
         if name in ("gyro", "position"):
             error = each.value - case.samples[name].value
-            value = each.value + 2 * (each.time > 8.0)[:, None] * error
+            value = each.value + 0.6 * (each.time > 8.0)[:, None] * error
             loud[name] = Samples(each.time, value)
     state = run(model, [samples.updated(loud)])
     assert state.events == ()
     assert case.nees(*target(state.found)) < 30
-    assert state.found.logs[0].processes["gyro"].total > 4
+    assert state.found.logs[0].processes["gyro"].total > 1.8
