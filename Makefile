@@ -6,7 +6,7 @@ VENV ?= .venv
 OUT ?= out/paper
 TESTS ?= tests
 
-.PHONY: demo test test-slow test-ros2 lint docs benchmark clean
+.PHONY: demo test test-slow test-ros2 lint docs benchmark benchmark-long clean
 
 demo: $(VENV)/installed
 	$(VENV)/bin/python diagrams/paper/run.py --out $(OUT) --force
@@ -41,6 +41,10 @@ docs: $(VENV)/installed-dev
 # The figures of speed; it fails if one is beyond its limit. WRITE=--write renews the page of them.
 benchmark: $(VENV)/installed-dev
 	$(VENV)/bin/python tests/benchmark.py $(WRITE)
+
+# Whether a step online costs after half an hour what it costs after a minute. Not a part of .ci/run.
+benchmark-long: $(VENV)/installed-dev
+	$(VENV)/bin/python tests/benchmark_long.py
 
 $(VENV)/installed: pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed")'

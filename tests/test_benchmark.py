@@ -4,6 +4,7 @@ import re
 
 import pytest
 from benchmark import COUNT, FIGURES, PAGE, RATIO, failures, is_beyond
+from benchmark_long import FACTORS, growth
 
 COUNTS = [figure for figure in FIGURES if figure.kind == COUNT]
 RATIOS = [figure for figure in FIGURES if figure.kind == RATIO]
@@ -39,3 +40,11 @@ def test_the_page_has_each_figure_within_its_limit():
         [cell] = re.findall(rf"^\| {re.escape(figure.of)} \|.*\| (.*) \|$", page, re.M)
         [value] = re.findall(rf"([\d.,]+) {re.escape(figure.unit)}(?:;|$)", cell)
         assert not is_beyond(figure, float(value.replace(",", ""))), figure
+
+
+@pytest.mark.parametrize("figure", FACTORS)
+def test_a_figure_that_grows_over_the_minutes_fails(figure):
+    for factor, fails in ((0.99 * FACTORS[figure], False), (1.01 * FACTORS[figure], True)):
+        [(line, is_grown)] = growth({figure: ([9.0, 1.0, 1.0], [factor, factor, 9.0])})
+        assert line.startswith(figure)
+        assert is_grown == fails
