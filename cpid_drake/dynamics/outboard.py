@@ -67,7 +67,10 @@ class Outboard:
     @property
     def inboard_of_target(self) -> list[int]:
         """Indices of the bodies from the target, the last body of the tree, to the base."""
-        chain = [len(self.tree.bodies) - 1]
+        return self._inboard_of(len(self.tree.bodies) - 1)
+
+    def _inboard_of(self, k: int) -> list[int]:
+        chain = [k]
         while chain[-1] > 0:
             chain.append(self.tree.bodies[chain[-1]].parent)
         return chain
@@ -95,6 +98,20 @@ class Outboard:
         change = cross_force(S, self.momentum[list(which)])
         change -= self.momentum_by(which, cross_motion(S, inboard))
         return np.moveaxis(change, 0, -1), np.moveaxis(self.momentum_by(which, S), 0, -1)
+
+    def by_screws(self, which: Sequence[int], S: Array) -> Array:
+        """Return the momentum I S (N, 6, n) of bodies that move along screws; see `displaced`."""
+        return np.moveaxis(self.momentum_by(which, np.moveaxis(S, -1, 0)), 0, -1)
+
+    def inertia_along(self, which: Sequence[int], S: Array) -> Array:
+        """Return Sᵢᵀ I Sⱼ (N, n, n) with the inertia I of all bodies that both screws displace.
+
+        The arguments are those of `displaced`.
+        """
+        each = np.swapaxes(self.by_screws(which, S), 1, 2) @ S
+        is_inboard = np.array([np.isin(which, self._inboard_of(k)) for k in which])
+        other = np.where(is_inboard.T, np.swapaxes(each, 1, 2), 0.0)
+        return np.where(is_inboard, each, other)
 
     def joint_screw(self, k: int) -> Array:
         """Return the twist (N, 6) of the joint of body k at unit rate of its coordinate."""

@@ -138,7 +138,8 @@ def roll(model: Model, log: LogState, values: Values, before: Rolled | None = No
         known = {part: rolled for part, *rolled in done if part in models}
     new = [k for k, part in enumerate(models) if part not in known]
     motions, fresh = [models[k].motion for k in new], [moved[k] for k in new]
-    changes = with_changes(motions, fresh) if model.constants.yields else fresh
+    yields = model.constants.yields
+    changes = with_changes(motions, fresh, is_bent_alone=True) if yields else fresh
     for k, trajectory, change in zip(new, fresh, changes, strict=True):
         part = models[k]
         bent, shifted = part.bent(change)

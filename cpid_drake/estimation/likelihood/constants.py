@@ -158,6 +158,14 @@ class Constants:
         """Whether joints or grasp are flexible."""
         return any(error.kind in YIELDING for error in self.errors.values())
 
+    def yielding(self, constants: Array, joint_count: int) -> Array:
+        """Return the compliances (J + 6,) of the joints and of the grasp [SI units]."""
+        parts = list[Array]()
+        for name, size in zip(YIELDING, (joint_count, 3, 3), strict=True):
+            own = self.value(constants, name)
+            parts.append(np.zeros(size) if own is None else own)
+        return np.concatenate(parts)
+
     @property
     def of_thrust(self) -> list[str]:
         """Names of the errors that change the thrust, of one entry each."""

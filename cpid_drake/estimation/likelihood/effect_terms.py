@@ -6,7 +6,7 @@ motion is a matter of their sensors. To model a further effect, write a function
 it to `model.BlockModel`.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -105,13 +105,15 @@ def write_start(motion: BaseMotion, trajectory: Trajectory, change: MotionChange
 
 def write_joints(motion: BaseMotion, trajectory: Trajectory, change: MotionChange) -> None:
     """Write that of errors of the coefficients of the joints' splines, joint after joint."""
-    bases = [motion.joints.basis(motion.times, order)[:, None, None] for order in range(2)]
-    by_q, by_qdot = joint_changes(motion, trajectory)
+    changes = joint_changes(motion, trajectory)
+    orders = range(len(changes))
+    bases = [motion.joints.basis(motion.times, order)[:, None, None] for order in orders]
 
     def by_errors(name: str, count: int) -> Array:
-        each = (getattr(by, name)[:count, ..., None] for by in (by_q, by_qdot))
-        q, qdot = (by * basis[:count] for by, basis in zip(each, bases, strict=True))
-        q += qdot
+        each = [getattr(by, name)[:count, ..., None] for by in changes]
+        q = each[0] * bases[0][:count]
+        for by, basis in zip(each[1:], bases[1:], strict=True):
+            q += by * basis[:count]
         return np.asarray(q.reshape(*q.shape[:2], np.prod(q.shape[2:])))
 
     U, rates = len(motion.times), len(change.com_rate)
@@ -246,14 +248,9 @@ def relate(motions: Sequence[BaseMotion], psi: Array) -> None:
             motion.free = psi, inverse[start:end], h[start:end]
 
 
-def joint_changes(
-    motion: BaseMotion, trajectory: Trajectory
-) -> tuple[MotionSensitivity, MotionSensitivity]:
-    """Return the derivatives of the motion with respect to joint positions and joint rates."""
-    if trajectory.by_joints is None:
-        found = _changes([motion], [trajectory])[0]
-        return found["q"], found["qdot"]
-    return trajectory.by_joints
+def joint_changes(motion: BaseMotion, trajectory: Trajectory) -> tuple[MotionSensitivity, ...]:
+    """Return the derivatives of the motion by joint positions and rates; see `Trajectory`."""
+    return trajectory.by_joints or _by_joints(_changes([motion], [trajectory])[0])
 
 
 def with_changes(
@@ -261,21 +258,30 @@ def with_changes(
     trajectories: Sequence[Trajectory],
     uncertainty: BodyUncertainty | None = None,
     errors: Array | None = None,
+    *,
+    is_bent_alone: bool = False,
 ) -> Iterator[Trajectory]:
     """Yield trajectories of one target with their derivatives by joints and bodies, in few calls.
 
-    The uncertainty and the present errors are those of `write_bodies`.
+    The uncertainty and the present errors are those of `write_bodies`. If nothing but the
+    compliances' is needed, those by what changes with them are left out.
     """
     for k in range(0, len(motions), TOGETHER):
         some = trajectories[k : k + TOGETHER]
-        found = _changes(motions[k : k + TOGETHER], some, uncertainty, errors)
+        own = motions[k : k + TOGETHER]
+        found = _changes(own, some, uncertainty, errors, is_bent_alone=is_bent_alone)
         for trajectory, by in zip(some, found, strict=True):
             yield replace(
                 trajectory,
-                by_joints=(by["q"], by["qdot"]),
+                by_joints=_by_joints(by),
                 by_bodies=by.get("bodies"),
                 by_compliance=by.get("compliance"),
             )
+
+
+def _by_joints(by: Mapping[str, MotionSensitivity]) -> tuple[MotionSensitivity, ...]:
+    """Return the derivatives by the joints' positions and their derivatives in time."""
+    return tuple([by[name] for name in ("q", "qdot", "qddot", "jerk") if name in by])
 
 
 def _changes(
@@ -283,10 +289,13 @@ def _changes(
     trajectories: Sequence[Trajectory],
     uncertainty: BodyUncertainty | None = None,
     errors: Array | None = None,
+    *,
+    is_bent_alone: bool = False,
 ) -> list[dict[str, MotionSensitivity]]:
     """Return the derivatives by joint positions and rates and, if not exact, compliances, bodies.
 
-    The compliances are those of the joints, then of the grasp about and along C's axes.
+    The compliances are those of the joints, then of the grasp about and along C's axes. What
+    yields makes the motion depend on the joints' accelerations and jerks, too.
     """
     outboard, dynamics = _relative_to_base(motions, trajectories)
     psi, joints = trajectories[0].state.psi, motions[0].joints.coefficients.shape[1]
@@ -312,9 +321,13 @@ def _changes(
         loads = outboard.by_joint(loads) if has_followers else loads
         by, rates = zip(*(vars(part).values() for part in parts.values())), rate(loads)
         moved = [-(q * loads[:, None] + qdot * rates[:, None]) for q, qdot in by]
+        faster = dict[str, MotionSensitivity]()
+        if not is_bent_alone:
+            sizes = motions[0].constants.yielding(trajectories[0].state.constants, joints)
+            faster = _by_faster_joints(outboard, which, S, sizes, parts) if sizes.any() else {}
         for name, part in parts.items():
             parts[name] = MotionSensitivity(*(each[..., :joints] for each in vars(part).values()))
-        parts["compliance"] = MotionSensitivity(*moved)
+        parts |= {"compliance": MotionSensitivity(*moved), **faster}
     if uncertainty is not None:
         wheels = motions[0].tree.wheels
         present = np.zeros(uncertainty.count(wheels, joints)) if errors is None else errors
@@ -327,6 +340,35 @@ def _changes(
         {name: MotionSensitivity(*each) for name, each in zip(split, one)}
         for one in zip(*split.values(), strict=True)
     ]
+
+
+def _by_faster_joints(
+    outboard: Outboard,
+    which: Sequence[int],
+    S: Array,
+    sizes: Array,
+    parts: Mapping[str, MotionSensitivity],
+) -> dict[str, MotionSensitivity]:
+    """Return the derivatives by accelerations and jerks of the joints, because of what yields.
+
+    A load changes with an acceleration by the inertia of what is free to float. What changes with
+    rates is left out: it is smaller by the ratio of a rate to the bandwidth of the joints' splines.
+
+    Args:
+        outboard: motion of all bodies.
+        which, S: bodies (n + 6,) and screws (N, 6, n + 6) of joints and grasp.
+        sizes: (J + 6,) compliances of joints and grasp.
+        parts: derivatives by positions and rates of joints and grasp.
+
+    """
+    J, n, (q, qdot) = len(sizes) - 6, len(which) - 6, (parts["q"], parts["qdot"])
+    base = np.concatenate([qdot.w, qdot.v], axis=1)[..., :J]
+    own = outboard.by_joint(outboard.inertia_along(which, S)[..., :n])
+    carried = np.swapaxes(outboard.by_screws(which, S), 1, 2) @ base
+    load = np.swapaxes(outboard.by_joint(np.swapaxes(own + carried, 1, 2)), 1, 2)
+    bent = -sizes[:, None] * load
+    moved = (MotionSensitivity(*[each @ bent for each in vars(by).values()]) for by in (q, qdot))
+    return dict(zip(("qddot", "jerk"), moved))
 
 
 def write_change(

@@ -91,7 +91,8 @@ class Trajectory:
             [N·m·s].
         travel: (U, 6) what logged thrust adds to position [m] and velocity [m/s] of the centre of
             mass, in W; None without thrust.
-        by_joints: derivatives of the motion by joint positions and rates; None if not yet needed.
+        by_joints: derivatives of the motion by joint positions and rates and, if something yields,
+            by their second and third derivatives; None if not yet needed.
         by_bodies: those by errors of the spacecraft's bodies, likewise.
         by_compliance: those by compliances of joints and grasp, likewise.
 
@@ -104,7 +105,7 @@ class Trajectory:
     spline: UniformSpline
     L: Array
     travel: Array | None
-    by_joints: tuple[MotionSensitivity, MotionSensitivity] | None = None
+    by_joints: tuple[MotionSensitivity, ...] | None = None
     by_bodies: MotionSensitivity | None = None
     by_compliance: MotionSensitivity | None = None
 

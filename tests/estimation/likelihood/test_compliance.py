@@ -19,6 +19,9 @@ from cpid_drake.sensors.sensors import JointSensor
 from cpid_drake.spacecraft.free_floating import FreeFloatingDynamics
 
 START, END = 1.0, 2.5
+STIFFEST = 300.0
+"""Compliances in units of `SIZE` at which errors of the joints' acceleration matter."""
+
 SIZE = 1e-6
 """Compliance [rad/(N·m) or m/N]."""
 
@@ -96,3 +99,32 @@ def test_what_yields_moves_the_base_as_joints_do_that_have_moved(case, loads, ki
             is_inside = np.abs(times[: len(exact)] - (START + END) / 2) < 0.5
             assert error[is_inside].max() < 1e-3
             assert error.max() < 0.03  # the samples of one block tell little about its ends
+
+
+def test_the_joints_errors_change_the_loads_too(case):
+    """The derivatives by the joints' splines are those of the predictions, with what yields."""
+    samples = case.block(START, END).samples
+    joints = joints_of(Block(START, END, samples), case.suite)
+    state, rng = case.state(START), np.random.default_rng(7)
+    bends = STIFFEST * rng.uniform(0.5, 1.0, len(state.constants))
+    state = replace(state, constants=bends)
+
+    def predicted(coefficients):
+        part = joints.about(coefficients)
+        model = BlockModel(case.craft.tree, part, samples, case.suite, None, 0.0125)
+        trajectory = model.motion.trajectory(state)
+        bent = model.bent(trajectory)[0]
+        own = {n: bent.get(n, 0.0) - s.residuals(trajectory) for n, s in model.sensors.items()}
+        return model, trajectory, np.concatenate([each.ravel() for each in own.values()])
+
+    model, trajectory, _ = predicted(joints.coefficients)
+    step = rng.normal(size=joints.coefficients.shape) * 1e-6
+    ahead, behind = (predicted(joints.coefficients + s * step)[2] for s in (1, -1))
+    expected = (ahead - behind) / 2
+    J, _ = model.jacobian(trajectory)
+    rigid, _ = model.jacobian(replace(trajectory, state=replace(state, constants=0 * bends)))
+    place = model.columns["joints"]
+    found, without = (each[:, place] @ step.T.ravel() for each in (J, rigid))
+    error, bent = (np.linalg.norm(each - expected) for each in (found, without))
+    assert bent > 0.1 * np.linalg.norm(expected)
+    assert error < 0.1 * bent
