@@ -44,10 +44,7 @@ reduces χ²: what is of first order has no derivatives by other unknowns."""
 
 BENT, MOST_KEPT = 3e-4, 100.0
 """Derivatives stay after a step if χ² differs from that of a linear fit by less than this share of
-the step, squared, in σ, and the step is not larger: they are wrong by a share of √BENT of it. So do
-they after a step of less than σ, if it reduces χ² as it should: along what only priors hold, such
-a step is of thousands of σ of the samples, and what is wrong there by a share of it may be all of
-the slope that is left."""
+the step, squared, in σ, and the step is not larger: they are wrong by a share of √BENT of it."""
 
 GOOD, POOR = 0.75, 0.25
 """The share of a step that is taken doubles, up to all of it, if it reduces χ² by more than this
@@ -181,7 +178,7 @@ def _best(
             ends = [each.end for each in now.swept]
             return replace(now, ends=ends, converged=settled and step.square < LINEAR)
         excess = there.cost - step.least
-        if _is_one(now) or _is_linear(step.square, excess, gain):
+        if _is_one(now) or _is_linear(step.square, excess):
             for rolled, after in zip(now.rolled, there.rolled, strict=True):
                 after.take_derivatives(rolled)
         is_known = held is not None or all(log.freedom for log in there.logs)
@@ -199,10 +196,8 @@ def _best(
     return now
 
 
-def _is_linear(square: float, excess: float, gain: float) -> bool:
+def _is_linear(square: float, excess: float) -> bool:
     """Return whether derivatives before a step hold after it: χ² is as a linear fit predicts."""
-    if square < 1.0 and gain > GOOD:
-        return True
     return abs(excess) < BENT * max(square, 1.0) and square < MOST_KEPT
 
 

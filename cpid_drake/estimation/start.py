@@ -141,7 +141,7 @@ def _states(
         p = np.column_stack([np.interp(motion.time, motion.time[is_seen], x[is_seen]) for x in p.T])
     p = np.nan_to_num(p)
     v = motion.v + rotate(R, np.cross(w, com) + dynamics.com_rate(psi))
-    v = np.where(np.isfinite(v).any(axis=0), v, 0.0)
+    L, v = (np.where(np.isfinite(each).any(axis=0), each, 0.0) for each in (L, v))
     if not _changes(log):
         L, v = (np.broadcast_to(np.nanmean(each, axis=0), each.shape) for each in (L, v))
     v = np.nan_to_num(v)
