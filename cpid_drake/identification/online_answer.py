@@ -16,7 +16,7 @@ from cpid_drake.files.errors import InputError
 from cpid_drake.identification.answer import answer_of
 from cpid_drake.identification.arguments import Arguments
 from cpid_drake.identification.checked_log import CheckedLog, model_of
-from cpid_drake.identification.checks import Check, Observed
+from cpid_drake.identification.checks import CONVERGENCE, Check, Observed
 from cpid_drake.identification.result import Identification
 
 RECURSIVE_FIT = "recursive_fit"
@@ -27,6 +27,10 @@ NOT_LINEAR = (
     "linear about the target; use the trajectory fit"
 )
 """The failed check if the first blocks were linearized about another target."""
+
+
+NO_FIT = "no fit of the {:.3g} s of samples so far explains them"
+"""The failed check while no fit is found."""
 
 
 def question_of(model: Model, momentum: TotalMomentum | None) -> Question:
@@ -53,6 +57,8 @@ def identification_of_state(
         values = model.start([LOG])
         nothing = known_target(model, values[PSI], prior_of(model, [], values))
         form, assumed = relative_parameterization(model.mass), momentum or TotalMomentum.zero()
+        waiting = sum(block.length for block in state.waiting)
+        failed = [Check(CONVERGENCE, NO_FIT.format(waiting))] if waiting else []
         return Identification.of_solution(
             form,
             nothing,
@@ -61,6 +67,7 @@ def identification_of_state(
             estimator=RECURSIVE_FIT,
             momentum=assumed.name,
             momentum_changes=(),
+            checks=tuple(failed),
         )
     everything = state.observed()
     tests = {name: sums.whiteness for name, sums in everything.lags.items()}
