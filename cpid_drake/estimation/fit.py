@@ -158,7 +158,7 @@ def _best(
     most: int = MOST_SWEEPS,
 ) -> Fit:
     """Return the best fit near one; its weights follow the residuals if nothing is held."""
-    share, misfit = 1.0, np.inf
+    share, misfit, is_one = 1.0, np.inf, _is_one(now)
     settled = held is not None or all(log.freedom for log in now.logs)
     while now.sweeps < most:
         text = f"fitting: sweep {now.sweeps + 1}, χ² {now.cost:.6g}"
@@ -178,7 +178,7 @@ def _best(
             ends = [each.end for each in now.swept]
             return replace(now, ends=ends, converged=settled and step.square < LINEAR)
         excess = there.cost - step.least
-        if _is_one(now) or _is_linear(step.square, excess):
+        if is_one or _is_linear(step.square, excess):
             for rolled, after in zip(now.rolled, there.rolled, strict=True):
                 after.take_derivatives(rolled)
         is_known = held is not None or all(log.freedom for log in there.logs)
@@ -203,7 +203,8 @@ def _is_linear(square: float, excess: float) -> bool:
 
 def _is_one(now: Fit) -> bool:
     """Return whether it is of one block behind a past; see `following`."""
-    return all(log.past is not None and len(log.blocks) == 1 for log in now.logs)
+    [log, *others] = now.logs
+    return log.past is not None and len(log.blocks) == 1 and not others
 
 
 def _misfit(now: Fit) -> float:
