@@ -16,6 +16,8 @@ from cpid_drake.estimation.likelihood.constants import Constants
 from cpid_drake.estimation.likelihood.joint_model import JointPart
 from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.estimation.likelihood.motion_model import TrajectoryState
+from cpid_drake.estimation.unknowns import PSI
+from cpid_drake.identification.answer import at_momentum
 from cpid_drake.logs.log import Log
 from cpid_drake.sensors.sensors import (
     SENSORS,
@@ -35,6 +37,8 @@ ADDED = (
 )
 CONSTANT = Gyro(10.0, 0.02, 2.0)
 WALKING = Gyro(20.0, 0.005, 1.0, 5.0)
+MOMENTUM = np.array([3.0, -2.0, 4.0, 1.0, 0.5, -1.0])
+"""Of a strong firing."""
 
 
 @dataclass
@@ -154,6 +158,14 @@ def fired(case: Case, time, momentum_W, duration=1e-6) -> Log:
     parts = R_WB.inv().apply([momentum_W[3:], torque_W]) / duration
     burn = Burn(time, duration, force_B=parts[0], torque_B=parts[1])
     return trials.ideal_samples(replace(trial, burns=(burn,), logs_thrust=False), tree, names)
+
+
+def target_of(found):
+    """Return ψ of a fit of one log without momentum, and its covariance."""
+    [log] = found.logs
+    known = at_momentum(found.gaussian, found.values, TotalMomentum.zero(), log.name)
+    known = known.marginal([PSI])
+    return found.values[PSI] + known.solve(), known.covariance()
 
 
 def trial_of(case: Case) -> trials.Case:

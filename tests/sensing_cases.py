@@ -235,3 +235,12 @@ def with_drawn_errors(suite: SensorSuite, ideal: Log, draw) -> Log:
             value = each.value + error
         samples[name] = Samples(each.time, value)
     return ideal.updated(samples)
+
+
+def gauss_markov(rng, times, shape, tau):
+    """Return noise (N, d) of variance 1 at any times, by its own recursion."""
+    noise = rng.standard_normal(shape)
+    for k in range(1, len(times)):
+        rho = np.exp(-(times[k] - times[k - 1]) / tau)
+        noise[k] = rho * noise[k - 1] + np.sqrt(1 - rho**2) * noise[k]
+    return noise

@@ -166,7 +166,7 @@ def _changes(
             changes = {own.change(k): part.links[k] for k in ends}
             compared = _compared(own, found, carried, changes, question)
             acting = compared.best if among is None else compared.sizes
-            numbers = {own.change(k): first + k for k in ends if log.change(k) in acting}
+            numbers = {own.change(k): first + k for k in ends if own.change(k) in acting}
             best |= {numbers[n]: a for n, a in compared.sizes.items() if n in numbers}
             known = known.condition(
                 {own.change(k): -part.links[k] for k in ends if first + k not in log.open}

@@ -35,6 +35,7 @@ def answer_of(
     momentum: TotalMomentum | None,
     observed: Observed,
     *,
+    logs: Sequence[LogState] = (),
     joints: Sequence[str] | None,
     estimator: str,
 ) -> tuple[Identification, ChosenFit]:
@@ -45,6 +46,7 @@ def answer_of(
         question: what is asked about the momentum of its logs, which is `momentum` if it is given.
         momentum: see `identify.identify`.
         observed: of all samples.
+        logs: whose noise and gaps are judged; default: those of the fit.
         joints: names of the joints, for the error budget; None for no budget.
         estimator: name of the estimator.
 
@@ -62,7 +64,7 @@ def answer_of(
     noise, slow = dict[str, float](), dict[str, tuple[float, float]]()
     warnings, checks = list[str](), list[Check]()
     is_free = momentum is not None and momentum.is_unknown
-    for log in fit.logs:
+    for log in logs or fit.logs:
         of_log = f" of {log.name}" if len(names) > 1 else ""
         where = f"{log.name}: " if len(names) > 1 else ""
         noise |= {name + of_log: factor for name, factor in log.noise_factors.items()}

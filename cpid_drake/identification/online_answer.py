@@ -7,6 +7,7 @@ from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.estimation.evidence import Question
 from cpid_drake.estimation.fit import prior_of
+from cpid_drake.estimation.following import joined
 from cpid_drake.estimation.linearity import change_beyond_linear
 from cpid_drake.estimation.online import NAME as LOG
 from cpid_drake.estimation.online import OnlineState, run
@@ -76,9 +77,8 @@ def identification_of_state(
         (LOG, n): (far.get(n, 0), far.get(n, 0) + used.get(n, 0)) for n in model.suite.present()
     }
     observed = Observed(tests, counts, tuple(sorted(state.events)))
-    result, _ = answer_of(
-        state.found, state.question, momentum, observed, joints=joints, estimator=RECURSIVE_FIT
-    )
+    asked, window = (state.question, momentum, observed), [joined(state.fits)]
+    result, _ = answer_of(state.found, *asked, logs=window, joints=joints, estimator=RECURSIVE_FIT)
     change = change_beyond_linear(state.found)
     if not change:
         return result

@@ -5,22 +5,23 @@ From the sixth block on, a log of `case` is solved so.
 
 import numpy as np
 import pytest
-from block_cases import fired, make_case
-from sensing_cases import coarse_suite
+from block_cases import MOMENTUM, fired, make_case, target_of
+from sensing_cases import coarse_suite, gauss_markov
 
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
+from cpid_drake.estimation.block import BlockQueue, blocks_of
+from cpid_drake.estimation.events import fit_with_events
+from cpid_drake.estimation.evidence import Question
 from cpid_drake.estimation.fit import fit
 from cpid_drake.estimation.log_state import LogState
-from cpid_drake.estimation.online import run
-from cpid_drake.estimation.unknowns import PSI, Model
-from cpid_drake.identification.answer import at_momentum
+from cpid_drake.estimation.online import OnlineState, run, step
+from cpid_drake.estimation.unknowns import Model
 from cpid_drake.identification.online_answer import identification_of_state
 from cpid_drake.logs.log import Samples
 from cpid_drake.logs.simulated_noise import add_noise
 
 SUITE = coarse_suite()
-MOMENTUM = np.array([3.0, -2.0, 4.0, 1.0, 0.5, -1.0])
 
 
 @pytest.fixture(scope="module")
@@ -40,21 +41,14 @@ def uncertain(case):
     return Model.of(case.craft.tree, SUITE, bodies)
 
 
-def target(found):
-    """Return ψ and its covariance."""
-    known = at_momentum(found.gaussian, found.values, TotalMomentum.zero(), "online")
-    known = known.marginal([PSI])
-    return found.values[PSI] + known.solve(), known.covariance()
-
-
 @pytest.mark.parametrize("name", ["model", "uncertain"])
 def test_blocks_alone_are_the_fit_of_all_samples(case, name, request):
     model = request.getfixturevalue(name)
     samples = add_noise(SUITE, case.samples, 1)
     state, whole = run(model, [samples]), fit(model, [LogState.of(model, samples, "online")])
     assert not state.events
-    psi, covariance = target(state.found)
-    expected, of_all = target(whole)
+    psi, covariance = target_of(state.found)
+    expected, of_all = target_of(whole)
     sigma = np.sqrt(np.diag(of_all))
     assert np.abs((psi - expected) / sigma).max() < 0.1
     np.testing.assert_allclose(np.sqrt(np.diag(covariance)), sigma, rtol=0.02)
@@ -66,7 +60,7 @@ def test_a_change_is_found_where_it_is(case, model, size, time):
     state = run(model, [add_noise(SUITE, fired(case, time, size * MOMENTUM), 3)])
     assert len(state.events) == 1
     assert abs(state.events[0] - time) < (0.06 if size > 0.005 else 0.34)
-    assert case.nees(*target(state.found)) < 30
+    assert case.nees(*target_of(state.found)) < 30
     assert identification_of_state(model, state, TotalMomentum.zero()).passed
 
 
@@ -80,5 +74,30 @@ def test_noise_that_grows_is_seen(case, model):
             loud[name] = Samples(each.time, value)
     state = run(model, [samples.updated(loud)])
     assert state.events == ()
-    assert case.nees(*target(state.found)) < 30
+    assert case.nees(*target_of(state.found)) < 30
     assert state.found.logs[0].processes["gyro"].total > 1.4
+
+
+def test_a_short_last_block_does_not_hide_slow_noise(case, model):
+    """How large noise is counts over the window: within a tenth of a second it is small."""
+    samples, rng = add_noise(SUITE, case.samples, 1), np.random.default_rng(3)
+    time, value = samples["gyro"].time, samples["gyro"].value
+    sigma = 3 * np.std(value - case.samples["gyro"].value)
+    slow = sigma * gauss_markov(rng, time, value.shape, 3.0)
+    samples = samples.updated({"gyro": Samples(time, value + slow)})
+    *blocks, last = blocks_of(BlockQueue.of(SUITE), [samples.between(0.0, 9.0)])
+    states = [OnlineState()]
+    for block in (*blocks, last.part(last.start, last.start + 0.21)):
+        states.append(step(model, states[-1], block))
+    before, after = (identification_of_state(model, s, None).noise["gyro"] for s in states[-2:])
+    assert before > 2
+    assert after == pytest.approx(before, rel=0.2)
+
+
+def test_a_change_late_in_a_long_log_is_found_by_all_samples(case, model):
+    """Ends of blocks are compared in groups: this one is in the second."""
+    samples = add_noise(SUITE, fired(case, 13.02, 0.1 * MOMENTUM), 3)
+    whole = fit(model, [LogState.of(model, samples, "online")])
+    found = fit_with_events(whole, Question.of(model, ["online"], TotalMomentum.zero()))
+    assert np.abs(np.subtract(found.logs[0].changes, [13.02])).max() < 0.34
+    assert case.nees(*target_of(found)) < 30

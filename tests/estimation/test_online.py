@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from block_cases import fired, make_case
+from block_cases import MOMENTUM, fired, make_case, target_of
 from sensing_cases import coarse_suite
 
 from cpid_drake.dynamics.total_momentum import TotalMomentum
@@ -19,13 +19,11 @@ from cpid_drake.estimation.online import LONGEST, OnlineState, run, step
 from cpid_drake.estimation.roll import roll
 from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import BODIES, PSI, Model
-from cpid_drake.identification.answer import at_momentum
 from cpid_drake.identification.online_answer import identification_of_state
 from cpid_drake.logs.log import Log, Samples
 from cpid_drake.logs.simulated_noise import add_noise
 
 SUITE = coarse_suite()
-MOMENTUM = np.array([3.0, -2.0, 4.0, 1.0, 0.5, -1.0])
 
 
 @pytest.fixture(scope="module")
@@ -38,26 +36,20 @@ def model(case):
     return Model(case.craft.tree, SUITE)
 
 
-def target(gaussian, values, log="online", momentum=None):
-    """Return ψ and its covariance."""
-    found = at_momentum(gaussian, values, momentum or TotalMomentum.zero(), log).marginal([PSI])
-    return values[PSI] + found.solve(), found.covariance()
-
-
 @pytest.mark.parametrize(("size", "time"), [(1.0, 4.37), (0.01, 4.0), (0.01, 4.37), (0.001, 4.37)])
 def test_a_change_of_any_size_leaves_the_target_right(case, model, size, time):
     """A fit that does not know of it is confidently wrong."""
     samples = add_noise(SUITE, fired(case, time, size * MOMENTUM), 3)
     state = run(model, [samples])
     assert not state.waiting
-    assert case.nees(*target(state.found.gaussian, state.found.values)) < 30
+    assert case.nees(*target_of(state.found)) < 30
     if size < 0.01:
         return
     assert len(state.events) == 1
     assert abs(state.events[0] - time) < 0.5
     if size == 0.01:
         deaf = fit(model, [LogState.of(model, samples)])
-        assert case.nees(*target(deaf.gaussian, deaf.values, "log")) > 60
+        assert case.nees(*target_of(deaf)) > 60
 
 
 def test_blocks_that_are_linear_about_another_target_fail_a_check(case, model):
@@ -112,7 +104,7 @@ def test_a_sensor_that_fails_is_not_used_any_more(case, model):
     size = 100 * float(np.std(gyro.value - case.samples["gyro"].value))
     value = gyro.value + size * (gyro.time > 4.0)[:, None] * rng.normal(size=gyro.value.shape)
     state = run(model, [samples.updated({"gyro": Samples(gyro.time, value)})])
-    assert case.nees(*target(state.found.gaussian, state.found.values)) < 30
+    assert case.nees(*target_of(state.found)) < 30
     found = identification_of_state(model, state, TotalMomentum.zero())
     assert not found.check("share of outliers").passed
 
@@ -126,7 +118,7 @@ def test_samples_that_no_motion_has_are_a_gap(case, model):
     state = run(model, [samples.updated({"encoders": Samples(encoders.time, value)})])
     assert state.events == ()
     assert state.rejected["encoders"] >= wrong.sum()
-    assert case.nees(*target(state.found.gaussian, state.found.values)) < 30
+    assert case.nees(*target_of(state.found)) < 30
     found = identification_of_state(model, state, TotalMomentum.zero())
     assert found.check("share of outliers").statistic > 0.1
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from block_cases import fired, make_case
 from scipy.stats import chi2
-from sensing_cases import coarse_suite, with_drawn_errors
+from sensing_cases import coarse_suite, gauss_markov, with_drawn_errors
 
 from cpid_drake.estimation.events import fit_with_events
 from cpid_drake.estimation.evidence import Question
@@ -23,15 +23,6 @@ SUITE = coarse_suite(
     encoders=JointSensor(50.0, 1e-5),
 )
 AT_REST = Question({}, {f"{MOMENTUM}|log": np.zeros(6)})
-
-
-def gauss_markov(rng, times, shape, tau):
-    """Return noise (N, d) of variance 1 at any times, by its own recursion."""
-    noise = rng.standard_normal(shape)
-    for k in range(1, len(times)):
-        rho = np.exp(-(times[k] - times[k - 1]) / tau)
-        noise[k] = rho * noise[k - 1] + np.sqrt(1 - rho**2) * noise[k]
-    return noise
 
 
 def half(rng, times, shape):
