@@ -27,7 +27,7 @@ from cpid_drake.estimation.fit import Fit, fit
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import FAR
 from cpid_drake.estimation.likelihood.joint_model import ORDER
-from cpid_drake.estimation.linearity import WELL_KNOWN, inertia_error, is_linear
+from cpid_drake.estimation.linearity import is_linear, linear_at
 from cpid_drake.estimation.log_state import CHANGE, LogState, farthest
 from cpid_drake.estimation.noise import is_as_before
 from cpid_drake.estimation.past import Past
@@ -101,16 +101,13 @@ def ahead_of(found: Fit, known: Gaussian) -> Past:
 
     """
     model, [log], [rolled], values = found.model, found.logs, found.rolled, found.values
-    first = {u.name: values[u.name] for u in model.table if u.scope != "log"}
-    if log.past and inertia_error(found) < WELL_KNOWN:  # the past says little before
-        first = {**log.past.first}
     own = noise_sums(log, rolled.residuals, log.freedom)
     return Past(
         replace(known, rho2=0.0),
         rolled.ends[-1],
         log.joints[-1].coefficients[-ORDER:],
         np.concatenate([values[u.key(log.name)] for u in model.table]),
-        first,
+        linear_at(found),
         added(log.past.noise if log.past else {}, own),
         log.slow,
         log.edges[-1],

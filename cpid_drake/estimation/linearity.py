@@ -6,6 +6,7 @@ from cpid_drake.array import Array
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.estimation.fit import Fit
 from cpid_drake.estimation.likelihood.joint_model import ORDER
+from cpid_drake.estimation.roll import Values
 from cpid_drake.estimation.unknowns import BODIES, PSI
 
 WELL_KNOWN = 5e-3
@@ -35,6 +36,15 @@ def inertia_change(found: Fit, psi: Array) -> Array:
     B = _by_inertia(found)
     step = (found.values[PSI] - psi) @ B.T
     return np.asarray(np.linalg.norm(step, axis=-1) / len(B) ** 0.25)
+
+
+def linear_at(found: Fit) -> Values:
+    """Return the values of target and hardware at which later blocks have their derivatives."""
+    [log], values = found.logs, found.values
+    if log.past is not None and inertia_error(found) < WELL_KNOWN:
+        return {**log.past.first}
+    # Its past, if it has one, says little.
+    return {u.name: values[u.name] for u in found.model.table if u.scope != "log"}
 
 
 def is_linear(found: Fit, psi: Array) -> bool:

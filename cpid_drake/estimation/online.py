@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cpid_drake.array import Array
 from cpid_drake.estimation.block import Block, BlockQueue, blocks_of
 from cpid_drake.estimation.events import fit_with_events, is_explained
 from cpid_drake.estimation.evidence import Question
@@ -19,7 +18,7 @@ from cpid_drake.estimation.fit import Fit, fit
 from cpid_drake.estimation.following import ahead_of, followed, joined
 from cpid_drake.estimation.likelihood.joint_model import ORDER
 from cpid_drake.estimation.likelihood.motion_model import TrajectoryState
-from cpid_drake.estimation.linearity import WELL_KNOWN, inertia_error, is_linear
+from cpid_drake.estimation.linearity import is_linear, linear_at
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.past import Past
 from cpid_drake.estimation.process import added
@@ -223,16 +222,12 @@ def _marginalized(state: OnlineState, count: int) -> OnlineState:
     known = sweep(model, gone, linear, values, before=before, forward_only=True).end
     own = noise_sums(gone, rolled.residuals[:count], log.freedom)
     noise = added(log.past.noise if log.past else {}, own)
-    about: Mapping[str, Array]
-    about = {u.name: values[u.name] for u in model.table if u.scope != "log"}
-    if log.past and inertia_error(found) < WELL_KNOWN:  # the past says little before
-        about = log.past.first
     past = Past(
         replace(known, rho2=0.0),
         rest.starts[0],
         rest.joints[0].coefficients[:ORDER],
         first_table(model, rest, values),
-        about,
+        linear_at(found),
         noise,
         log.slow,
         rest.edges[0],
