@@ -307,11 +307,12 @@ def _cost(found: Fit, logs: Sequence[LogState], weighed_at: Values) -> float:
     """Return the sum of squares of all rows at the values of a fit; see `link_cost`."""
     model, values = found.model, found.values
     hardware = _weighed(hardware_prior_of(model, found.logs, values, weighed_at), found.misfit)
-    priors = hardware, model.cone.prior(PSI, values[PSI])
+    sizes = model.cone.prior(PSI, values[PSI])
     step = {} if weighed_at is values else {n: value - weighed_at[n] for n, value in values.items()}
     parts = zip(logs, found.rolled, strict=True)
     samples = sum(r.cost(model, log, step) for log, r in parts)
-    return samples + sum(prior.cost(np.zeros(prior.size)) for prior in priors)
+    priors = hardware.cost(np.zeros(hardware.size)) + sizes.cost(np.zeros(sizes.size))
+    return samples + priors
 
 
 def _best_step(now: Fit, held: Values) -> tuple[Array, float]:
