@@ -28,8 +28,8 @@ from cpid_drake.estimation.least_squares import FAR, IMPROBABLE
 from cpid_drake.estimation.likelihood.motion_model import TrajectoryState
 from cpid_drake.estimation.log_state import CHANGE, LogState, farthest
 from cpid_drake.estimation.noise import with_best_noise
-from cpid_drake.estimation.roll import Rolled, Values, roll
-from cpid_drake.estimation.sweep import known_at_start, linearize, sweep
+from cpid_drake.estimation.roll import Rolled, Values, linearize, roll
+from cpid_drake.estimation.sweep import known_at_start, sweep
 from cpid_drake.estimation.unknowns import Model
 
 LATER = 8

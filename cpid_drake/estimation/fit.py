@@ -141,7 +141,7 @@ def about(found: Fit, held: Values) -> Fit:
     step = _Step.of(found, held)
     if step.square < LINEAR or not found.converged:  # else it has no best values to go to
         return replace(found, swept=[])
-    now = found if found.swept else _linear(found)
+    now = found if found.swept else _linear(found, renews=False)
     there, none = step.taken(now, 1.0), {name: 0.0 * value for name, value in held.items()}
     if there is None:
         return replace(found, converged=False)
@@ -165,7 +165,9 @@ def _best(
         if now.sweeps and progress(text) is False:
             break
         misfit = 1.0 if settled else min(misfit, _misfit(now))
-        now = replace(_linear(replace(now, misfit=misfit)), sweeps=now.sweeps + 1)
+        now = replace(
+            _linear(replace(now, misfit=misfit), renews=not settled), sweeps=now.sweeps + 1
+        )
         step = _Step.of(now, held)
         is_close = step.square < close
         for _ in range(_REJECTED):
@@ -294,13 +296,15 @@ def _next(share: float, gain: float) -> float:
     return share / 2 if gain < POOR else share
 
 
-def _linear(now: Fit) -> Fit:
-    """Return a fit with the Gaussian about its values."""
-    model, parts = now.model, zip(now.logs, now.rolled, strict=True)
-    swept = [sweep(model, log, rolled, now.values) for log, rolled in parts]
+def _linear(now: Fit, *, renews: bool) -> Fit:
+    """Return a fit with the Gaussian about its values; of first order is what it was, or anew."""
+    model, values, parts = now.model, now.values, list(zip(now.logs, now.rolled, strict=True))
+    if renews:
+        parts = [(log, rolled.renewed(model, log, values)) for log, rolled in parts]
+    swept = [sweep(model, log, rolled, values) for log, rolled in parts]
     known = _weighed(hardware_prior_of(model, now.logs, now.values), now.misfit)
     seen = reduce(Gaussian.add, [each.gaussian for each in swept], known)
-    return replace(now, seen=seen, swept=swept)
+    return replace(now, rolled=[rolled for _, rolled in parts], seen=seen, swept=swept)
 
 
 def _cost(found: Fit, logs: Sequence[LogState], weighed_at: Values) -> float:
@@ -349,7 +353,8 @@ def _moved(now: Fit, step: Array, logs: Sequence[LogState]) -> Fit | None:
         if log.past is None:
             values[f"{MOMENTUM}|{log.name}"] = np.concatenate([first.L, first.v_Wcm])
     try:
-        rolled = [roll(now.model, log, values) for log in logs]
+        pairs = zip(logs, now.rolled, strict=True)
+        rolled = [roll(now.model, log, values, near=near) for log, near in pairs]
     except (InputError, np.linalg.LinAlgError):
         return None
     seen = now.seen.moved(step)

@@ -22,9 +22,9 @@ from cpid_drake.estimation.linearity import is_linear, linear_at
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.past import Past
 from cpid_drake.estimation.process import added
-from cpid_drake.estimation.roll import Rolled, first_table
+from cpid_drake.estimation.roll import Rolled, first_table, linearize
 from cpid_drake.estimation.start import state_of
-from cpid_drake.estimation.sweep import known_at_start, linearize, sweep
+from cpid_drake.estimation.sweep import known_at_start, sweep
 from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.estimation.weights import noise_sums
 from cpid_drake.estimation.whiteness import LagSums

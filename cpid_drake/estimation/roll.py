@@ -1,5 +1,6 @@
 """Prediction of a log: the samples of all blocks at given values of all unknowns."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -28,6 +29,7 @@ class Rolled:
 
     Attributes:
         models, trajectories: of each block.
+        rigid: of each block without what is of first order: residuals, by sensor, and its end.
         residuals: of each block: (M, d) in units of the declared σ, by sensor.
         ends: of each block.
         links: of each block but the last: (12,) change of attitude, centre of mass, L and v from
@@ -36,6 +38,8 @@ class Rolled:
         start: sum of squares of what is known at its start.
         linear: derivatives of samples and ends of blocks, as far as they have been linearized.
         rows: their rows, as they were last needed.
+        bends: the derivatives (m, n) and (12, n) by errors of first order with which these are in
+            the prediction, as far as they are known.
         by_psi: (10, 10) derivative of ψ about the spacecraft's present mass by the target's
             coordinates.
 
@@ -43,6 +47,7 @@ class Rolled:
 
     models: list[BlockModel]
     trajectories: list[Trajectory]
+    rigid: list[tuple[dict[str, Array], TrajectoryState]]
     residuals: list[dict[str, Array]]
     ends: list[TrajectoryState]
     links: list[Array]
@@ -51,6 +56,7 @@ class Rolled:
     by_psi: Array
     linear: dict[BlockModel, tuple[Array, Array]] = field(default_factory=dict)
     rows: dict[BlockModel, BlockRows] = field(default_factory=dict)
+    bends: dict[BlockModel, tuple[Array, Array]] = field(default_factory=dict)
 
     def part(self, first: int, end: int) -> "Rolled":
         """Return the prediction of the blocks from `first` up to `end`."""
@@ -58,6 +64,7 @@ class Rolled:
             self,
             models=self.models[first:end],
             trajectories=self.trajectories[first:end],
+            rigid=self.rigid[first:end],
             residuals=self.residuals[first:end],
             ends=self.ends[first:end],
             links=self.links[first:end],
@@ -68,6 +75,35 @@ class Rolled:
         for own, before in zip(self.models, other.models, strict=True):
             if own not in self.linear and before in other.linear:
                 self.linear[own] = other.linear[before]
+
+    def renewed(self, model: Model, log: LogState, values: Values) -> "Rolled":
+        """Return the prediction with what is of first order by its own derivatives."""
+        if not self.bends or all(part in self.linear for part in self.models):
+            return self
+        found = replace(self, bends={})
+        linearize(model.of_log(log.name), log, found, values)
+        return found.bent(log, found)
+
+    def bent(self, log: LogState, near: "Rolled") -> "Rolled":
+        """Return it with what is of first order, by derivatives of a prediction nearby."""
+        residuals, ends, bends = list[dict[str, Array]](), list[TrajectoryState](), {}
+        for k, (rest, end) in enumerate(self.rigid):
+            part, other = self.models[k], near.models[k]
+            step = part.first_order(self.trajectories[k].state)
+            if len(step) and other in near.linear:
+                bends[part] = J, by_end = part.bends(*near.linear[other])
+                firsts = np.cumsum([own.size for own in rest.values()])[:-1]
+                moved = np.split(J @ step, firsts)
+                parts = zip(rest.items(), moved, strict=True)
+                rest = {name: own - by.reshape(own.shape) for (name, own), by in parts}
+                end = jumped(end, by_end @ step)
+            residuals.append(rest)
+            ends.append(end)
+        links = [
+            jump_between(end, start) if not gap else np.zeros(12)
+            for end, start, gap in zip(ends[:-1], log.starts[1:], log.gaps, strict=True)
+        ]
+        return replace(self, residuals=residuals, ends=ends, links=links, bends=bends)
 
     @property
     def count(self) -> int:
@@ -114,7 +150,13 @@ def constants_of(model: Model, log: LogState, values: Values) -> Array:
     return np.concatenate([np.empty(0), *parts])
 
 
-def roll(model: Model, log: LogState, values: Values, before: Rolled | None = None) -> Rolled:
+def roll(
+    model: Model,
+    log: LogState,
+    values: Values,
+    before: Rolled | None = None,
+    near: Rolled | None = None,
+) -> Rolled:
     """Predict all samples of a log.
 
     Every block begins at its own start, so that what a step is wrong by in one block does not grow
@@ -125,6 +167,8 @@ def roll(model: Model, log: LogState, values: Values, before: Rolled | None = No
         log: the log.
         values: of the unknowns.
         before: a prediction of some of the blocks, which is kept where nothing has changed.
+        near: one of all blocks, with derivatives: what is of first order is by these; default: by
+            those at the values.
 
     Raises:
         InputError: no rigid body has these values.
@@ -134,32 +178,61 @@ def roll(model: Model, log: LogState, values: Values, before: Rolled | None = No
     models, moved, by_psi = motions_of(model, log, values, before)
     known = dict[BlockModel, Any]()
     if before:
-        done = zip(before.models, before.trajectories, before.residuals, before.ends, strict=True)
+        done = zip(before.models, before.trajectories, before.rigid, strict=True)
         known = {part: rolled for part, *rolled in done if part in models}
-    new = [k for k, part in enumerate(models) if part not in known]
-    motions, fresh = [models[k].motion for k in new], [moved[k] for k in new]
-    changes = with_changes(motions, fresh) if model.constants.yields else fresh
-    for k, trajectory, change in zip(new, fresh, changes, strict=True):
-        part = models[k]
-        bent, shifted = part.bent(change)
-        own = {n: s.residuals(trajectory) - bent.get(n, 0.0) for n, s in part.sensors.items()}
-        known[part] = trajectory, own, jumped(part.motion.end(trajectory), shifted)
-    trajectories, residuals, ends = (list(each) for each in zip(*(known[part] for part in models)))
-    cost, links = 0.0, list[Array]()
+    for part, trajectory in zip(models, moved, strict=True):
+        if part not in known:
+            rest = {name: sensor.residuals(trajectory) for name, sensor in part.sensors.items()}
+            known[part] = trajectory, (rest, part.motion.end(trajectory))
+    trajectories, rigid = (list(each) for each in zip(*(known[part] for part in models)))
+    cost = 0.0
     for k, part in enumerate(models):
         cost += float(np.sum(part.motion.joints.rest**2))
         if k < len(log.walks):
             cost += float(np.sum((log.walks[k] / model.walking_sigma) ** 2)) / log.step(k)
-        if k + 1 < len(log.blocks):
-            is_gap = log.gaps[k] > 0
-            links.append(np.zeros(12) if is_gap else jump_between(ends[k], log.starts[k + 1]))
     linear, rows = {}, {}
     if before:
         linear = {part: each for part, each in before.linear.items() if part in known}
         rows = {part: each for part, each in before.rows.items() if part in known}
     start = _start_cost(model, log, values)
-    found = models, trajectories, residuals, ends, links, cost, start, by_psi, linear, rows
-    return Rolled(*found)
+    found = Rolled(models, trajectories, rigid, [], [], [], cost, start, by_psi, linear, rows)
+    pairs = zip(models, trajectories, strict=True)
+    if near is None and any(part.first_order(each.state).any() for part, each in pairs):
+        linearize(model, log, found, values)
+    return found.bent(log, near or found)
+
+
+def derivatives(
+    model: Model, log: LogState, rolled: Rolled, values: Values
+) -> Iterator[tuple[Array, Array]]:
+    """Yield the derivatives of samples and end of all blocks, without slow noise.
+
+    Behind a past they are those at the first values of target and hardware; see `Past`. Those by
+    errors of first order are those of the prediction.
+    """
+    new = [k for k, part in enumerate(rolled.models) if part not in rolled.linear]
+    models, trajectories, by_psi = rolled.models, rolled.trajectories, rolled.by_psi
+    has_hardware = any(unknown.scope == "hardware" for unknown in model.table)
+    if new and log.past is not None and has_hardware:
+        values = {**values, **log.past.first}
+        models, trajectories, by_psi = motions_of(model, log, values)
+    motions, at = [models[k].motion for k in new], [trajectories[k] for k in new]
+    bent = with_changes(motions, at, model.known_bodies, values.get(BODIES))
+    for part, there in zip(rolled.models, models, strict=True):
+        if part not in rolled.linear:
+            J, end = there.jacobian(next(bent))
+            psi = there.columns[PSI]
+            J[:, psi], end[:, psi] = J[:, psi] @ by_psi, end[:, psi] @ by_psi
+            if part in rolled.bends:
+                J[:, part.of_first_order], end[:, part.of_first_order] = rolled.bends[part]
+            rolled.linear[part] = J, end
+        yield rolled.linear[part]
+
+
+def linearize(model: Model, log: LogState, rolled: Rolled, values: Values) -> None:
+    """Give a prediction the derivatives of all blocks, before parts of it are swept."""
+    for _ in derivatives(model, log, rolled, values):
+        pass
 
 
 def motions_of(

@@ -22,12 +22,18 @@ from cpid_drake.estimation.block_rows import BlockRows
 from cpid_drake.estimation.elimination import Change, EndedBlock, changed, eliminated, linked
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import triangle
-from cpid_drake.estimation.likelihood.effect_terms import with_changes
 from cpid_drake.estimation.likelihood.joint_model import ORDER
 from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.estimation.log_state import LogState
-from cpid_drake.estimation.roll import Rolled, Values, first_values, jumped, motions_of, past_of
-from cpid_drake.estimation.unknowns import BODIES, FASTEST_DRIFT, MOMENTUM, PSI, Model
+from cpid_drake.estimation.roll import (
+    Rolled,
+    Values,
+    derivatives,
+    first_values,
+    jumped,
+    past_of,
+)
+from cpid_drake.estimation.unknowns import FASTEST_DRIFT, MOMENTUM, Model
 
 EXACT = 1e-9
 """σ of what is conserved, or held while the rest is fitted, as a share of its plausible size."""
@@ -253,36 +259,6 @@ def linearized(model: Model, log: LogState, rolled: Rolled, values: Values) -> I
             rows = BlockRows.of(wide, linear, rest, whitening, log.slow, slow)
             rolled.rows[part] = rows
         yield rows
-
-
-def derivatives(
-    model: Model, log: LogState, rolled: Rolled, values: Values
-) -> Iterator[tuple[Array, Array]]:
-    """Yield the derivatives of samples and end of all blocks, without slow noise.
-
-    Behind a past they are those at the first values of target and hardware; see `Past`.
-    """
-    new = [k for k, part in enumerate(rolled.models) if part not in rolled.linear]
-    models, trajectories, by_psi = rolled.models, rolled.trajectories, rolled.by_psi
-    has_hardware = any(unknown.scope == "hardware" for unknown in model.table)
-    if new and log.past is not None and has_hardware:
-        values = {**values, **log.past.first}
-        models, trajectories, by_psi = motions_of(model, log, values)
-    motions, at = [models[k].motion for k in new], [trajectories[k] for k in new]
-    bent = with_changes(motions, at, model.known_bodies, values.get(BODIES))
-    for part, there in zip(rolled.models, models, strict=True):
-        if part not in rolled.linear:
-            J, end = there.jacobian(next(bent))
-            psi = there.columns[PSI]
-            J[:, psi], end[:, psi] = J[:, psi] @ by_psi, end[:, psi] @ by_psi
-            rolled.linear[part] = J, end
-        yield rolled.linear[part]
-
-
-def linearize(model: Model, log: LogState, rolled: Rolled, values: Values) -> None:
-    """Give a prediction the derivatives of all blocks, before parts of it are swept."""
-    for _ in derivatives(model, log, rolled, values):
-        pass
 
 
 def boundary_size(model: Model, log: LogState) -> int:

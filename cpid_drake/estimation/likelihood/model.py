@@ -201,33 +201,21 @@ class BlockModel:
         end[fixed, fixed] = 1.0
         return rows, end
 
-    def bent(self, trajectory: Trajectory) -> tuple[dict[str, Array], Array]:
-        """Return what is of first order adds to the readings and to the state at the block's end.
+    @property
+    def of_first_order(self) -> NDArray[np.intp]:
+        """The columns of errors of first order: of what yields, and of an acceleration in B."""
+        places = [self.columns[name] for name in OF_FIRST_ORDER if name in self.effects]
+        return np.concatenate([np.empty(0, dtype=np.intp), *(np.r_[each] for each in places)])
 
-        That is a flexible grasp, or a force that rotates with the base: the trajectory has neither.
+    def bends(self, J: Array, by_end: Array) -> tuple[Array, Array]:
+        """Return the columns of errors of first order of derivatives; see `jacobian`."""
+        return J[:, self.of_first_order], by_end[:, self.of_first_order]
 
-        Returns:
-            (M, d) in units of σ, by sensor, and (12,) change of attitude, centre of mass, L and v.
-            Nothing and zero without such errors.
-
-        """
-        flexible = [name for name in OF_FIRST_ORDER if name in self.effects]
-        readings, end = dict[str, Array](), np.zeros(12)
-        if not flexible:
-            return readings, end
-        constants = self.motion.constants
-        change = self._no_change(1)
-        for name in flexible:
-            value = trajectory.state.constants[constants.place(name)]
-            each = self._no_change(len(value))
-            self.effects[name](self.motion, trajectory, each)
-            for part in ("w", "com", "com_rate", "position", "velocity", "L"):
-                getattr(change, part)[..., 0] += getattr(each, part) @ value
-        rows, by = self._response(trajectory, change)
-        readings = {n: self.sensors[n].whitened(part)[..., 0] for n, part in rows.items()}
-        end, held = by[:, 0], self.held
-        end[held[held < len(end)]] = 0.0
-        return readings, end
+    def first_order(self, state: TrajectoryState) -> Array:
+        """Return the values (n,) of the errors of first order, in units of their σ."""
+        names = [name for name in OF_FIRST_ORDER if name in self.effects]
+        places = [self.motion.constants.place(name) for name in names]
+        return np.concatenate([np.empty(0), *(state.constants[place] for place in places)])
 
     def _no_change(self, n: int) -> MotionChange:
         return MotionChange.zeros(self.motion, n, with_rates=self._with_rates)
