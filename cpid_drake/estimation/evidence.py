@@ -25,7 +25,7 @@ from scipy.linalg import cho_solve, cholesky, solve_triangular
 
 from cpid_drake.array import Array
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.gaussian import Gaussian, indices_of
 from cpid_drake.estimation.unknowns import MOMENTUM, Model
 
 SIZES = 10.0 ** np.arange(1, -7, -1)
@@ -204,7 +204,7 @@ class _Sets:
         self.names = [name for name in gaussian.places if name in candidates]
         both = gaussian.marginal([*kept, *self.names])
         self.kept_sizes = {name: both.sizes[name] for name in kept}
-        n = len(both.indices(kept))
+        n = len(indices_of(both.places, kept))
         sigma = np.concatenate([np.empty(0), *(candidates[name] for name in self.names)])
         scale = np.concatenate([1 / np.linalg.norm(both.R[:, :n], axis=0), sigma])
         R = both.R * scale
@@ -216,7 +216,7 @@ class _Sets:
         self.covariance_k = inverse @ inverse.T
         C = R[n:, n:]
         self.H, self.b = C.T @ C - np.eye(len(sigma)), C.T @ both.z[n:]
-        self.places = {name: both.indices([name]) - n for name in self.names}
+        self.places = {name: indices_of(both.places, [name]) - n for name in self.names}
         self.size: dict[str, float] = {}
 
     def evidence(

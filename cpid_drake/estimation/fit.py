@@ -18,7 +18,7 @@ from functools import cached_property, reduce
 import numpy as np
 
 from cpid_drake.array import Array
-from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.gaussian import Gaussian, indices_of
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Rolled, Values, roll
 from cpid_drake.estimation.start import start_of
@@ -158,17 +158,16 @@ def _best(
     most: int = MOST_SWEEPS,
 ) -> Fit:
     """Return the best fit near one; its weights follow the residuals if nothing is held."""
-    share, misfit, is_one = 1.0, np.inf, _is_one(now)
+    share, misfit, is_one, renews, last = 1.0, np.inf, _is_one(now), True, np.inf
     settled = held is not None or all(log.freedom for log in now.logs)
     while now.sweeps < most:
         text = f"fitting: sweep {now.sweeps + 1}, χ² {now.cost:.6g}"
         if now.sweeps and progress(text) is False:
             break
         misfit = 1.0 if settled else min(misfit, _misfit(now))
-        now = replace(
-            _linear(replace(now, misfit=misfit), renews=not settled), sweeps=now.sweeps + 1
-        )
-        step = _Step.of(now, held)
+        now = _linear(replace(now, misfit=misfit), renews=renews and not settled)
+        now, step = replace(now, sweeps=now.sweeps + 1), _Step.of(now, held)
+        renews, last = renews and step.before < last, step.before  # else two states may take turns
         is_close = step.square < close
         for _ in range(_REJECTED):
             there = step.taken(now, share)
@@ -329,7 +328,7 @@ def _best_step(now: Fit, held: Values) -> tuple[Array, float]:
     free, step, steps = seen.condition(held), np.zeros(seen.size), dict(held)
     steps[PSI] = cone.most_probable(free.marginal([PSI]).moved(-psi)) - psi
     others = free.condition({PSI: steps[PSI]})
-    step[seen.indices(others.places)] = others.solve()
+    step[indices_of(seen.places, others.places)] = others.solve()
     for name, value in steps.items():
         step[seen.places[name]] = value
     prior = cone.log_size(psi + steps[PSI])[0] / LOG_SIZE

@@ -80,11 +80,6 @@ class Gaussian:
         """Number of entries of each unknown."""
         return {name: place.stop - place.start for name, place in self.places.items()}
 
-    def indices(self, names: Iterable[str]) -> NDArray[np.intp]:
-        """Return the columns of some unknowns, in this order."""
-        parts = [np.arange(self.places[n].start, self.places[n].stop) for n in names]
-        return np.concatenate([np.empty(0, np.intp), *parts])
-
     def add(self, other: "Gaussian") -> "Gaussian":
         """Return what both say together; unknowns of one name are the same unknown."""
         sizes = self.sizes | other.sizes
@@ -110,8 +105,8 @@ class Gaussian:
         """
         names = list(names)
         others = [name for name in self.places if name not in names]
-        order = np.concatenate([self.indices(others), self.indices(names)])
-        gone = self.size - len(self.indices(names))
+        order = np.concatenate([indices_of(self.places, others), indices_of(self.places, names)])
+        gone = self.size - len(indices_of(self.places, names))
         sizes = {name: self.sizes[name] for name in names}
         if np.array_equal(order, np.arange(self.size)):
             return Gaussian.of_triangle(sizes, self.rows[gone:, gone:], self.rho2)
@@ -129,7 +124,7 @@ class Gaussian:
             place = self.places[name]
             b -= self.R[:, place] @ np.broadcast_to(value, place.stop - place.start)
         sizes = {name: size for name, size in self.sizes.items() if name not in values}
-        rows = np.column_stack([self.R[:, self.indices(sizes)], b])
+        rows = np.column_stack([self.R[:, indices_of(self.places, sizes)], b])
         same = min(self.places[name].start for name in values)  # a triangle before
         T = triangle(rows[same:, same:])
         rows = np.vstack([rows[:same], np.pad(T[:-1], ((0, 0), (same, 0)))])
@@ -383,6 +378,12 @@ def _determined(
     sizes[rank:] = np.hypot(1.0, S[rank:])
     root, image = scale[:, None] * Vt.T / sizes, z @ U
     return root[:, :rank] @ image[:rank], root, S, Vt, rank, image[rank:]
+
+
+def indices_of(places: Mapping[str, slice], names: Iterable[str]) -> NDArray[np.intp]:
+    """Return the columns of some unknowns, in this order."""
+    parts = [np.arange(places[n].start, places[n].stop) for n in names]
+    return np.concatenate([np.empty(0, np.intp), *parts])
 
 
 def places_of(sizes: Mapping[str, int]) -> dict[str, slice]:

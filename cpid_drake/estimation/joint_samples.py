@@ -23,7 +23,8 @@ class Smoothness:
 
     Attributes:
         rate: pieces of the splines in a second.
-        jerk: (J,) size s of the jerk's white noise [rad/s³·√s or m/s³·√s].
+        jerk: (J,) usual size s of the jerk's white noise [rad/s³·√s or m/s³·√s].
+        roughness: (J,) that of the roughest block, as a multiple of it; 1 or more.
         noise: (J,) factor f of the sensors' declared σ; 1 if they are better than declared.
         processes: shapes of their noise, of variance 1, by sensor; none if it is white.
 
@@ -31,6 +32,7 @@ class Smoothness:
 
     rate: float
     jerk: Array
+    roughness: Array
     noise: Array
     processes: Mapping[str, Process] = field(default_factory=dict)
 
@@ -119,7 +121,8 @@ class JointSamples:
         """Return what samples of weights (N, J) and the jerk tell, about a motion of zero."""
         pieces = self.pieces(smoothness.rate)
         P, A = jerk_rows(self.length, pieces), self.design(pieces)
-        jerk = np.column_stack([P, np.zeros(len(P))]) / smoothness.jerk[:, None, None]
+        size = smoothness.jerk * smoothness.roughness
+        jerk = np.column_stack([P, np.zeros(len(P))]) / size[:, None, None]
         rows = np.dstack([weights[..., None] * A[:, None], weights * self.values])
         data = np.swapaxes(self.white(rows), 0, 1)
         both = np.concatenate([jerk, data / smoothness.noise[:, None, None]], axis=1)

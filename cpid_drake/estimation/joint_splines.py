@@ -112,12 +112,17 @@ class JointSplines:
             u = np.take_along_axis(at, k, 1)[:, 0] + step * np.clip(shift, -1, 1)
         return u
 
-    def solved(self, u: Array) -> tuple[list[Array], Array]:
-        """Return the coefficients (K, J) of each block, and the noise (J,), at u = log λ (J,)."""
+    def solved(self, u: Array) -> tuple[list[Array], Array, Array]:
+        """Return coefficients (K, J) of each block, noise and roughness (J,), at u = log λ (J,).
+
+        The roughness is the largest jerk of a block, as a multiple of its size. It is the root of
+        the mean square of as many entries as the samples show (MacKay 1992).
+        """
         lambdas, joints = np.exp(u), np.arange(len(u))[:, None]
         chain = list(self._chain(self._group, lambdas, joints))
         S = self._left2 + sum(R[:, -1, -1] ** 2 for R in chain)
-        coefficients = list[Array]()
+        coefficients, roughness = list[Array](), np.ones(len(u))
+        noise = np.sqrt((DECLARED_COUNT + S) / self._freedom)
         x: Array = np.empty((0, ORDER, 1))
         blocks = zip(self._blocks[::-1], chain[::-1], self._is_last[::-1], strict=True)
         for block, R, is_last in blocks:
@@ -127,10 +132,14 @@ class JointSplines:
                 )
             rest = R[:, :ORDER, -1:] - R[:, :ORDER, ORDER:_EDGES] @ x
             v = np.sqrt(lambdas)[:, None, None] * np.linalg.solve(R[:, :ORDER, :ORDER], rest)
-            c = block.coefficients(self._group, lambdas, np.concatenate([v, x], axis=1))
+            z, c = block.coefficients(self._group, lambdas, np.concatenate([v, x], axis=1))
             x = c[:, :ORDER]
             coefficients.append(c[..., 0].T)
-        return coefficients[::-1], np.sqrt((DECLARED_COUNT + S) / self._freedom)
+            seen = lambdas[:, None] * block.a[self._group] ** 2
+            square = np.sum(z**2, axis=(1, 2)) + np.sum(v**2, axis=(1, 2))
+            square /= lambdas * noise**2 * (ORDER + np.sum(seen / (1 + seen), axis=1))
+            roughness = np.maximum(roughness, np.sqrt(square))
+        return coefficients[::-1], noise, roughness
 
     def residuals(self, coefficients: Sequence[Array]) -> list[Array]:
         """Return what coefficients (K, J) leave of the samples (N, J) of each block."""
@@ -218,13 +227,13 @@ class _BlockRows:
         """(3, 6) the state at the start by v and x."""
         return self.T[:ORDER, -_EDGES:]
 
-    def coefficients(self, group: Indices, lambdas: Array, edges: Array) -> Array:
-        """Return c (J, K, 1) at λ (J,), with v and x (J, 6, 1)."""
+    def coefficients(self, group: Indices, lambdas: Array, edges: Array) -> tuple[Array, Array]:
+        """Return z (J, m, 1), turned back, and c (J, K, 1) at λ (J,), with v and x (J, 6, 1)."""
         a, factor = self.a[group][..., None], lambdas[:, None, None]
         m = a.shape[1]
         rest = self.targets[:, :m, None] - self.edges[group, :m] @ edges
         z = self.turn[group] @ (factor * a / (1 + factor * a**2) * rest)
-        return np.asarray(self.T @ np.concatenate([z, edges], axis=1))
+        return z, np.asarray(self.T @ np.concatenate([z, edges], axis=1))
 
 
 def _block_rows(

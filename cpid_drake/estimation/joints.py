@@ -8,8 +8,10 @@ With samples q at times t, the rows of all its coefficients c are
     P c = 0 / s           |P c|² = ∫ jerk² dt: the jerk is white noise of size s
 
 so the jerk's prior bridges missing samples with the uncertainty that they leave. The number of
-pieces, s and f have the largest marginal likelihood (evidence). With λ = s²/f², ν = `DECLARED` and
-M = BᵀB + PᵀP/λ, for n samples and K coefficients of the whole log,
+pieces, s and f have the largest marginal likelihood (evidence). But a motion is not as rough all
+the time: where its acceleration steps, a jerk of the usual size leaves errors of its rates that
+only a gyro feels. So s in the rows is that of the roughest block. With λ = s²/f², ν = `DECLARED`
+and M = BᵀB + PᵀP/λ, for n samples and K coefficients of the whole log,
 
     −2 log(evidence) = (ν + n − d) log(ν + S) + log det M + (K − d) log λ − log det PᵀP
 
@@ -69,7 +71,7 @@ def smooth_joints(
         samples = [each.with_processes(processes) for each in samples]
         splines = _best_splines(samples, weights, once, processes, known.rate if known else 0.0)
         u = splines.best()
-        coefficients, noise = splines.solved(u)
+        coefficients, noise, roughness = splines.solved(u)
         loss = [loss_weight(left / noise) for left in splines.residuals(coefficients)]
         before, weights = weights, [w * o for w, o in zip(loss, once, strict=True)]
         pairs = zip(before, weights, strict=True)
@@ -80,8 +82,10 @@ def smooth_joints(
         old, processes = processes, {} if is_exact else _processes(splines, u, processes)
         if old == processes:
             break
+    coefficients, _, _ = splines.solved(u + 2 * np.log(roughness))
     noise = np.maximum(noise, 1.0)
-    smoothness = Smoothness(splines.rate, np.exp(u / 2) * noise, noise, processes)
+    jerk = np.exp(u / 2) * noise
+    smoothness = Smoothness(splines.rate, jerk, roughness, noise, processes)
     parts = [
         each.part(smoothness, w).about(c)
         for each, w, c in zip(samples, before, coefficients, strict=True)

@@ -86,17 +86,22 @@ class Rolled:
 
     def bent(self, log: LogState, near: "Rolled") -> "Rolled":
         """Return it with what is of first order, by derivatives of a prediction nearby."""
-        residuals, ends, bends = list[dict[str, Array]](), list[TrajectoryState](), {}
+        residuals, ends = list[dict[str, Array]](), list[TrajectoryState]()
+        bends = dict[BlockModel, tuple[Array, Array]]()
+        entries = self.models[0].motion.constants.first_order
         for k, (rest, end) in enumerate(self.rigid):
             part, other = self.models[k], near.models[k]
-            step = part.first_order(self.trajectories[k].state)
-            if len(step) and other in near.linear:
-                bends[part] = J, by_end = part.bends(*near.linear[other])
-                firsts = np.cumsum([own.size for own in rest.values()])[:-1]
-                moved = np.split(J @ step, firsts)
+            if len(entries) and other in near.linear:
+                J, by_end = (each[:, part.of_first_order] for each in near.linear[other])
+                bends[part] = J, by_end
+                x, sizes = (
+                    self.trajectories[k].state.constants[entries],
+                    map(np.size, rest.values()),
+                )
+                moved = np.split(J @ x, np.cumsum([0, *sizes]))[1 : len(rest) + 1]
                 parts = zip(rest.items(), moved, strict=True)
                 rest = {name: own - by.reshape(own.shape) for (name, own), by in parts}
-                end = jumped(end, by_end @ step)
+                end = jumped(end, by_end @ x)
             residuals.append(rest)
             ends.append(end)
         links = [
@@ -196,8 +201,8 @@ def roll(
         rows = {part: each for part, each in before.rows.items() if part in known}
     start = _start_cost(model, log, values)
     found = Rolled(models, trajectories, rigid, [], [], [], cost, start, by_psi, linear, rows)
-    pairs = zip(models, trajectories, strict=True)
-    if near is None and any(part.first_order(each.state).any() for part, each in pairs):
+    first_order = model.constants.first_order
+    if near is None and any(each.state.constants[first_order].any() for each in trajectories):
         linearize(model, log, found, values)
     return found.bent(log, near or found)
 

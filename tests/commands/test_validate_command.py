@@ -66,10 +66,10 @@ def test_a_mass_wrong_by_forty_sigma_is_noticed(cpid, refusal):
     write_result("wrong.json", wrong)
     assert "set `combinations` to null" in refusal("validate", "wrong.json", "second.csv")
     write_result("wrong.json", replace(wrong, combinations=None))
-    code, stdout, _ = cpid("validate", "wrong.json", "second.csv", "--json", "v.json")
+    code, stdout, _ = cpid("validate", "wrong.json", "second.csv", "--json", "w.json")
     assert code == 4
     assert stdout.startswith("not valid: the log's own estimate differs")
-    found = json.loads(Path("v.json").read_text())
+    found = json.loads(Path("w.json").read_text())
     assert not found["is_valid"]
     assert found["probability"] < 1e-6
 

@@ -60,24 +60,50 @@ def evaluated(parts, times, derivative=0):
     return np.concatenate(values)
 
 
+def dense(parts, j):
+    """Return rows, right-hand side and each block's columns of one joint in all blocks."""
+    first = np.cumsum([0, *(part.size - ORDER for part in parts)])
+    columns = [slice(start, start + part.size) for part, start in zip(parts, first)]
+    rows = np.zeros((sum(part.size for part in parts), first[-1] + ORDER))
+    done = 0
+    for part, place in zip(parts, columns):
+        rows[done : done + part.size, place] = part.rows[j]
+        done += part.size
+    return rows, np.concatenate([part.target[j] for part in parts]), columns
+
+
 def test_blocks_that_follow_each_other_are_one_least_squares_problem():
     """With positions, rates and accelerations in common."""
-    blocks = blocks_of(log(duration=4.0))
-    _, parts = smooth_joints(blocks, SUITE)
-    sizes = [part.size for part in parts]
-    first = np.cumsum([0, *(size - ORDER for size in sizes)])
-    n = first[-1] + ORDER
+    _, parts = smooth_joints(blocks_of(log(duration=4.0)), SUITE)
     for j in range(3):
-        A, b = [], []
-        for part, start in zip(parts, first):
-            rows = np.zeros((part.size, n))
-            rows[:, start : start + part.size] = part.rows[j]
-            A.append(rows)
-            b.append(part.target[j])
-        c = np.linalg.lstsq(np.vstack(A), np.concatenate(b), rcond=None)[0]
-        for part, start in zip(parts, first):
-            expected = c[start : start + part.size]
-            np.testing.assert_allclose(part.coefficients[:, j], expected, atol=1e-3 * SIGMA)
+        rows, target, columns = dense(parts, j)
+        c = np.linalg.lstsq(rows, target, rcond=None)[0]
+        for part, place in zip(parts, columns):
+            np.testing.assert_allclose(part.coefficients[:, j], c[place], atol=1e-3 * SIGMA)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_roughest_block_says_how_rough_a_motion_is(seed):
+    """Half a cosine between two rests; with the usual jerk the rate at its start is 11 σ off."""
+    rng, t, w, sigma = np.random.default_rng(seed), np.arange(0, 8, 0.01), np.pi / 2.34, 1e-5
+
+    def turn(times, derivative=0):
+        phase = w * np.clip(np.asarray(times) - 2.03, 0.0, np.pi / w)
+        return 0.3 * w * np.sin(phase) if derivative else 0.3 * (1 - np.cos(phase))
+
+    noisy = turn(t) + sigma * rng.standard_normal(len(t))
+    samples = Log(("a",), {"encoders": Samples(t, noisy[:, None])})
+    suite = SensorSuite(encoders=JointSensor(100.0, sigma))
+    _, parts = smooth_joints(blocks_of(samples), suite)
+    rows, _, columns = dense(parts, 0)
+    covariance, worst = np.linalg.inv(rows.T @ rows), 0.0
+    for part, place in zip(parts, columns):
+        at = np.linspace(part.start + 1e-6, part.end, 100)
+        basis = part.basis(at, 1)
+        spread = np.sqrt(np.einsum("ti,ij,tj->t", basis, covariance[place, place], basis))
+        error = basis @ part.coefficients[:, 0] - turn(at, 1)
+        worst = max(worst, np.abs(error / spread)[(at > 0.2) & (at < 7.8)].max())
+    assert worst < 10
 
 
 @pytest.mark.parametrize("noise", [1.0, 3.0])

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from sensing_cases import MOMENTUM, coarse_suite
 
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.gaussian import Gaussian, indices_of
 from cpid_drake.estimation.likelihood.joint_model import ORDER
 from cpid_drake.estimation.log_state import LogState, farthest
 from cpid_drake.estimation.roll import jumped, roll
@@ -229,8 +229,8 @@ def test_a_sweep_is_one_dense_problem(problem):
     _, total = swept_with_priors(model, log, values)
     n = sum(u.size for u in model.table if u.name != MOMENTUM_OF_LOG)
     names = [u.key(log.name) for u in model.table]
-    found, P = total.solve()[total.indices(names)], total.covariance()
-    P = P[np.ix_(total.indices(names), total.indices(names))]
+    found, P = total.solve()[indices_of(total.places, names)], total.covariance()
+    P = P[np.ix_(indices_of(total.places, names), indices_of(total.places, names))]
     dense_places = np.r_[np.arange(n), n + 6 : n + 12]  # L and v at the start are the momentum
     sigma = np.sqrt(np.diag(covariance)[dense_places])
     np.testing.assert_allclose(np.sqrt(np.diag(P)), sigma, rtol=2e-3)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cpid_drake.array import Array
-from cpid_drake.estimation.gaussian import places_of
+from cpid_drake.estimation.gaussian import indices_of, places_of
 from cpid_drake.sensors.error_kinds import KINDS, ErrorKind
 from cpid_drake.sensors.sensors import Gyro
 from cpid_drake.sensors.suite import SensorSuite
@@ -128,6 +128,8 @@ class Constants:
     Attributes:
         errors: the constant errors by name.
         size: length of the vector.
+        of_first_order: names of those of first order.
+        first_order: (n,) their places in the vector.
 
     """
 
@@ -135,6 +137,8 @@ class Constants:
         self.errors = {error.name: error for error in errors}
         self.size = sum(error.size for error in errors)
         self._places = places_of({error.name: error.size for error in errors})
+        self.of_first_order = tuple(name for name in OF_FIRST_ORDER if name in self.errors)
+        self.first_order = indices_of(self._places, self.of_first_order)
 
     @classmethod
     def of(cls, suite: SensorSuite, joint_count: int) -> "Constants":

@@ -13,17 +13,14 @@ from cpid_drake.dynamics.plane import HELD
 from cpid_drake.dynamics.rotations import skew
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.estimation.gaussian import places_of
+from cpid_drake.estimation.gaussian import indices_of, places_of
 from cpid_drake.estimation.likelihood.actuators import thrust_log
 from cpid_drake.estimation.likelihood.constant_effects import (
     by_joint_errors,
     moves,
     write_constant,
 )
-from cpid_drake.estimation.likelihood.constants import (
-    OF_FIRST_ORDER,
-    Constants,
-)
+from cpid_drake.estimation.likelihood.constants import Constants
 from cpid_drake.estimation.likelihood.effect_terms import (
     MotionChange,
     write_bodies,
@@ -203,19 +200,8 @@ class BlockModel:
 
     @property
     def of_first_order(self) -> NDArray[np.intp]:
-        """The columns of errors of first order: of what yields, and of an acceleration in B."""
-        places = [self.columns[name] for name in OF_FIRST_ORDER if name in self.effects]
-        return np.concatenate([np.empty(0, dtype=np.intp), *(np.r_[each] for each in places)])
-
-    def bends(self, J: Array, by_end: Array) -> tuple[Array, Array]:
-        """Return the columns of errors of first order of derivatives; see `jacobian`."""
-        return J[:, self.of_first_order], by_end[:, self.of_first_order]
-
-    def first_order(self, state: TrajectoryState) -> Array:
-        """Return the values (n,) of the errors of first order, in units of their σ."""
-        names = [name for name in OF_FIRST_ORDER if name in self.effects]
-        places = [self.motion.constants.place(name) for name in names]
-        return np.concatenate([np.empty(0), *(state.constants[place] for place in places)])
+        """The columns of errors of first order; see `Constants`."""
+        return indices_of(self.columns, self.motion.constants.of_first_order)
 
     def _no_change(self, n: int) -> MotionChange:
         return MotionChange.zeros(self.motion, n, with_rates=self._with_rates)
