@@ -62,7 +62,8 @@ class LogState:
         processes: of each sensor whose noise is not as declared.
         edges: (s,) slow noise of these sensors, in units of their declared σ, at the start of each
             block and at the end of the last.
-        is_known: whether the processes have been sought at a fit with noise of their own.
+        is_known: whether the processes have been sought at a fit with noise of their own, or where
+            there are none.
         noise: factors of the σ of white forces.
         freedom: degrees of freedom of one residual that is not far off, by sensor; none before the
             noise is known.

@@ -72,7 +72,8 @@ def with_processes(model: Model, log: LogState, rolled: Rolled, values: Values) 
     if are_near(found, before):
         return replace(log, is_known=True)
     found = search.simplified(found, cost)
-    return replace(log.with_processes(found), is_known=bool(before))
+    is_known = bool(before) or are_near(found, before)
+    return replace(log.with_processes(found), is_known=is_known)
 
 
 def with_best_noise(
