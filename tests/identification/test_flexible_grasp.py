@@ -8,6 +8,10 @@ from scipy.stats import chi2
 from sensing_cases import nees
 
 from cpid_drake import identify, load_scenario, make_simulation, shipped_scenario
+from cpid_drake.estimation.fit import fit
+from cpid_drake.estimation.log_state import LogState
+from cpid_drake.estimation.roll import roll
+from cpid_drake.estimation.unknowns import Model
 from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.simulation.flexible import CompliantWrist
 
@@ -92,3 +96,16 @@ def test_a_declared_compliance_is_estimated(flexible):
     assert (np.abs(effect.value - 1e6 * compliance) < 4 * effect.sigma + 2e4 * compliance).all()
     error = found.parameters - simulation.truth.to_vector()
     assert (np.abs(error) < 4 * np.sqrt(np.diag(found.covariance))).all()
+
+
+def test_the_loads_are_those_of_the_motion_that_is_found(flexible):
+    """The fit holds them before its last steps; here they are computed anew."""
+    _, simulation, measurements, _ = flexible
+    suite = replace(simulation.scenario.make_suite(), unstated=None)
+    model = Model.of(simulation.spacecraft.tree, suite)
+    found = fit(model, [LogState.of(model, measurements)])
+    assert found.converged
+    held = found.rolled[0].all_residuals()
+    anew = roll(model, found.logs[0], found.values).all_residuals()
+    for name, residuals in anew.items():
+        np.testing.assert_allclose(held[name], residuals, rtol=0, atol=0.05)
