@@ -165,8 +165,9 @@ def _best(
         if now.sweeps and progress(text) is False:
             break
         misfit = 1.0 if settled else min(misfit, _misfit(now))
-        now = _linear(replace(now, misfit=misfit), renews=renews and not settled)
-        now, step = replace(now, sweeps=now.sweeps + 1), _Step.of(now, held)
+        now = replace(now, misfit=misfit, sweeps=now.sweeps + 1)
+        now = _linear(now, renews=renews and not settled)
+        step = _Step.of(now, held)
         renews, last = renews and step.before < last, step.before  # else two states may take turns
         is_close = step.square < close
         for _ in range(_REJECTED):
