@@ -50,6 +50,10 @@ GOOD, POOR = 0.75, 0.25
 """The share of a step that is taken doubles, up to all of it, if it reduces χ² by more than this
 part of what a linear fit predicts, and is halved if by less."""
 
+HALF = 0.5
+"""So much of derivatives by loads is made anew once χ² does not fall: the loads follow the motion
+that is fitted with them, and by all of it two states would take turns."""
+
 MOST_SWEEPS = 30
 """The fit ends without an answer after so many sweeps."""
 
@@ -141,7 +145,7 @@ def about(found: Fit, held: Values) -> Fit:
     step = _Step.of(found, held)
     if step.square < LINEAR or not found.converged:  # else it has no best values to go to
         return replace(found, swept=[])
-    now = found if found.swept else _linear(found, renews=False)
+    now = found if found.swept else _linear(found, HALF)
     there, none = step.taken(now, 1.0), {name: 0.0 * value for name, value in held.items()}
     if there is None:
         return replace(found, converged=False)
@@ -158,7 +162,7 @@ def _best(
     most: int = MOST_SWEEPS,
 ) -> Fit:
     """Return the best fit near one; its weights follow the residuals if nothing is held."""
-    share, misfit, is_one, renews, last = 1.0, np.inf, _is_one(now), True, np.inf
+    share, misfit, is_one, renewal, last = 1.0, np.inf, _is_one(now), 1.0, np.inf
     settled = held is not None or all(log.freedom for log in now.logs)
     while now.sweeps < most:
         text = f"fitting: sweep {now.sweeps + 1}, χ² {now.cost:.6g}"
@@ -166,9 +170,10 @@ def _best(
             break
         misfit = 1.0 if settled else min(misfit, _misfit(now))
         now = replace(now, misfit=misfit, sweeps=now.sweeps + 1)
-        now = _linear(now, renews=renews and not settled)
+        now = _linear(now, renewal)
         step = _Step.of(now, held)
-        renews, last = renews and step.before < last, step.before  # else two states may take turns
+        renewal = renewal if step.before < last else HALF
+        last = step.before
         is_close = step.square < close
         for _ in range(_REJECTED):
             there = step.taken(now, share)
@@ -296,11 +301,10 @@ def _next(share: float, gain: float) -> float:
     return share / 2 if gain < POOR else share
 
 
-def _linear(now: Fit, *, renews: bool) -> Fit:
-    """Return a fit with the Gaussian about its values; of first order is what it was, or anew."""
-    model, values, parts = now.model, now.values, list(zip(now.logs, now.rolled, strict=True))
-    if renews:
-        parts = [(log, rolled.renewed(model, log, values)) for log, rolled in parts]
+def _linear(now: Fit, renewal: float) -> Fit:
+    """Return a fit with the Gaussian about its values; see `Rolled.renewed`."""
+    model, values, pairs = now.model, now.values, zip(now.logs, now.rolled, strict=True)
+    parts = [(log, rolled.renewed(model, log, values, renewal)) for log, rolled in pairs]
     swept = [sweep(model, log, rolled, values) for log, rolled in parts]
     known = _weighed(hardware_prior_of(model, now.logs, now.values), now.misfit)
     seen = reduce(Gaussian.add, [each.gaussian for each in swept], known)

@@ -76,12 +76,19 @@ class Rolled:
             if own not in self.linear and before in other.linear:
                 self.linear[own] = other.linear[before]
 
-    def renewed(self, model: Model, log: LogState, values: Values) -> "Rolled":
-        """Return the prediction with what is of first order by its own derivatives."""
+    def renewed(self, model: Model, log: LogState, values: Values, share: float) -> "Rolled":
+        """Return the prediction with what is of first order by its own derivatives.
+
+        Of these, only a share may replace those before.
+        """
         if not self.bends or all(part in self.linear for part in self.models):
             return self
         found = replace(self, bends={})
         linearize(model.of_log(log.name), log, found, values)
+        for part, before in self.bends.items():
+            for whole, old in zip(found.linear[part], before, strict=True):
+                own = whole[:, part.of_first_order]
+                whole[:, part.of_first_order] = old + share * (own - old)
         return found.bent(log, found)
 
     def bent(self, log: LogState, near: "Rolled") -> "Rolled":

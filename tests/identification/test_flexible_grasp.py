@@ -99,7 +99,7 @@ def test_a_declared_compliance_is_estimated(flexible):
 
 
 def test_the_loads_are_those_of_the_motion_that_is_found(flexible):
-    """The fit holds them before its last steps; here they are computed anew."""
+    """Those of the fit are of the sweeps before; here they are computed anew."""
     _, simulation, measurements, _ = flexible
     suite = replace(simulation.scenario.make_suite(), unstated=None)
     model = Model.of(simulation.spacecraft.tree, suite)
