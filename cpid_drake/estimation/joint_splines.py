@@ -11,7 +11,8 @@ the blocks before know the state at its start. Neither a large λ nor a small on
 the banded BᵀB + PᵀP/λ does, whose condition is the square of that of the rows.
 
 Sources: Demmler and Reinsch 1975, Oscillation matrices with spline smoothing; Bierman 1977,
-Factorization Methods for Discrete Sequential Estimation, ch. V.
+Factorization Methods for Discrete Sequential Estimation, ch. V; MacKay 1992, Bayesian
+interpolation.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

@@ -77,9 +77,9 @@ class Rolled:
                 self.linear[own] = other.linear[before]
 
     def renewed(self, model: Model, log: LogState, values: Values, share: float) -> "Rolled":
-        """Return the prediction with what is of first order by its own derivatives.
+        """Return the prediction with what is of first order by a share of its own derivatives.
 
-        Of these, only a share may replace those before.
+        The rest is by those with which it is now.
         """
         if not self.bends or all(part in self.linear for part in self.models):
             return self
@@ -101,11 +101,9 @@ class Rolled:
             if len(entries) and other in near.linear:
                 J, by_end = (each[:, part.of_first_order] for each in near.linear[other])
                 bends[part] = J, by_end
-                x, sizes = (
-                    self.trajectories[k].state.constants[entries],
-                    map(np.size, rest.values()),
-                )
-                moved = np.split(J @ x, np.cumsum([0, *sizes]))[1 : len(rest) + 1]
+                x = self.trajectories[k].state.constants[entries]
+                ends_of = np.cumsum([0, *map(np.size, rest.values())])
+                moved = np.split(J @ x, ends_of)[1 : len(rest) + 1]
                 parts = zip(rest.items(), moved, strict=True)
                 rest = {name: own - by.reshape(own.shape) for (name, own), by in parts}
                 end = jumped(end, by_end @ x)
