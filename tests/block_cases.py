@@ -149,15 +149,20 @@ def make_case(
     return Case(craft, motion, target, suite, momentum_W, samples)
 
 
-def fired(case: Case, time, momentum_W, duration=1e-6) -> Log:
-    """Return what a case's sensors measure without noise if thrusters fire, which nobody logs."""
+def fired(case: Case, times, momentum_W, duration=1e-6) -> Log:
+    """Return what a case's sensors measure without noise if thrusters fire, which nobody logs.
+
+    Each firing has the momentum in the world of the motion without any.
+    """
     trial, tree, names = trial_of(case), case.craft.tree, case.craft.joint_names
-    base = trials.base_trajectory(trial, tree, np.array([0.0, time]))
-    R_WB = Rotation.from_quat(base.quaternion_WB[1], scalar_first=True)
-    torque_W = momentum_W[:3] - np.cross(base.p_WB[1], momentum_W[3:])
-    parts = R_WB.inv().apply([momentum_W[3:], torque_W]) / duration
-    burn = Burn(time, duration, force_B=parts[0], torque_B=parts[1])
-    return trials.ideal_samples(replace(trial, burns=(burn,), logs_thrust=False), tree, names)
+    times = np.atleast_1d(times)
+    base, burns = trials.base_trajectory(trial, tree, np.array([0.0, *times])), []
+    for k, time in enumerate(times, 1):
+        R_WB = Rotation.from_quat(base.quaternion_WB[k], scalar_first=True)
+        torque_W = momentum_W[:3] - np.cross(base.p_WB[k], momentum_W[3:])
+        parts = R_WB.inv().apply([momentum_W[3:], torque_W]) / duration
+        burns.append(Burn(time, duration, force_B=parts[0], torque_B=parts[1]))
+    return trials.ideal_samples(replace(trial, burns=tuple(burns), logs_thrust=False), tree, names)
 
 
 def target_of(found):

@@ -8,13 +8,14 @@ near it, and all ends are judged once more. More changes than are probable are a
 no finer cut shows.
 """
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 import numpy as np
 from scipy.special import pdtrik
 
 from cpid_drake.estimation.block import Block
+from cpid_drake.estimation.bounded_fits import BoundedFits
 from cpid_drake.estimation.evidence import (
     CHANGE_ODDS,
     MOST_CANDIDATES,
@@ -22,7 +23,7 @@ from cpid_drake.estimation.evidence import (
     ModelComparison,
     Question,
 )
-from cpid_drake.estimation.fit import Fit, fit, prior_of
+from cpid_drake.estimation.fit import Fit, prior_of
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import FAR, IMPROBABLE
 from cpid_drake.estimation.likelihood.motion_model import TrajectoryState
@@ -39,17 +40,17 @@ LATER = 8
 def fit_with_events(
     found: Fit,
     question: Question,
-    progress: Callable[[str], object] = lambda step: None,
+    fits: BoundedFits,
 ) -> Fit:
     """Return a fit with the changes of momentum that its samples show; see `LogState.changes`.
 
     Args:
         found: a fit, which is returned if the samples show no changes but its own.
         question: the candidates beside the changes, which are judged together.
-        progress: see `fit`.
+        fits: makes the fits.
 
     Raises:
-        InputError: no motion can be predicted.
+        InputError: no motion can be predicted, or it needs more linearizations than are left.
 
     """
     model = found.model
@@ -77,7 +78,7 @@ def fit_with_events(
     now = [log.of_others(model, log.blocks) for log in found.logs]
     for last in (False, True):  # whole blocks, then parts of those beside changes
         logs = [log.opened(range(len(log.blocks) - 1)) for log in now]
-        wide = fit(model, logs, values=wide.values, progress=progress)
+        wide = fits.fit(model, logs, values=wide.values)
         if not is_explained(wide):
             return found  # changes do not explain the samples
         plain = [log.with_processes({}) for log in wide.logs]
@@ -88,7 +89,7 @@ def fit_with_events(
             break
         parts = zip(wide.logs, wide.rolled, changes, strict=True)
         now = [_cut(model, *each) for each in parts]
-    changed = fit(model, logs, values=wide.values, progress=progress)
+    changed = fits.fit(model, logs, values=wide.values)
     ends = zip(changed.logs, changed.rolled, changes, strict=True)
     kept = [
         _kept(changed, log.with_processes(before.processes), rolled, own, question)
@@ -99,7 +100,7 @@ def fit_with_events(
     if all(log.open == own for log, own in zip(changed.logs, kept, strict=True)):
         return changed
     logs = [log.opened(own) for log, own in zip(wide.logs, kept, strict=True)]
-    return fit(model, logs, values=wide.values, progress=progress)
+    return fits.fit(model, logs, values=wide.values)
 
 
 def _kept(

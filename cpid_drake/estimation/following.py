@@ -58,7 +58,12 @@ SAME_NOISE = 0.15
 
 
 def followed(
-    fits: Sequence[Fit], ahead: Past, block: Block, question: Question
+    fits: Sequence[Fit],
+    ahead: Past,
+    block: Block,
+    question: Question,
+    *,
+    is_conserved: bool = True,
 ) -> tuple[tuple[Fit, ...], Past] | None:
     """Return the fits with that of one more block, and what is known ahead of it; None if none is.
 
@@ -67,10 +72,13 @@ def followed(
         ahead: what is known at their end; see `ahead_of`.
         block: the samples that follow without a gap.
         question: what is compared with changes of the momentum.
+        is_conserved: whether the momentum is as before; else it is another in every block.
 
     """
     try:
         known = _known_before(fits, ahead)
+        if not is_conserved:
+            return _apart(fits, ahead, known, block)
         found = _fitted(fits[-1], _following(fits, ahead, [block]), known)
         if not (found.converged and is_explained(found)):
             parts = _parts_beside_change(fits, ahead, block)
@@ -150,6 +158,20 @@ def _fitted(
     past = past.condition(dict.fromkeys(_in_question(past), 0.0))
     log = replace(log, past=replace(log.past, gaussian=past))
     return fit(before.model, [log], values=before.values, most=most)
+
+
+def _apart(
+    fits: Sequence[Fit], ahead: Past, known: Gaussian, block: Block
+) -> tuple[tuple[Fit, ...], Past] | None:
+    """Return the result of `followed` if the momentum changed before the block."""
+    last = fits[-1]
+    log = _following(fits, ahead, [block])
+    log = replace(log, starts=(state_of(last.model, log, last.values[PSI]),))
+    found = _fitted(last, log, known, [_at_end(last)])
+    if not (found.converged and is_explained(found)):
+        return None
+    known = known.marginal(name for name in known.places if name != _at_end(last))
+    return (*fits[:-1], _opened_at_end(last), found), ahead_of(found, _known_at_end(found, known))
 
 
 def _with_changes(

@@ -12,9 +12,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from cpid_drake.estimation.block import Block, BlockQueue, blocks_of
-from cpid_drake.estimation.events import fit_with_events, is_explained
+from cpid_drake.estimation.bounded_fits import BoundedFits
+from cpid_drake.estimation.events import fit_with_events, is_explained, most_changes
 from cpid_drake.estimation.evidence import Question
-from cpid_drake.estimation.fit import Fit, fit
+from cpid_drake.estimation.fit import Fit
 from cpid_drake.estimation.following import ahead_of, followed, joined
 from cpid_drake.estimation.likelihood.joint_model import ORDER
 from cpid_drake.estimation.likelihood.motion_model import TrajectoryState
@@ -40,6 +41,11 @@ WINDOW = 4
 LONGEST = 8
 """As many blocks stay while a fit is not linear about the target of the one before."""
 
+MOST_LINEARIZATIONS = 300
+"""Default of the most linearizations of blocks for one more block.
+
+Half of them are enough for most blocks in which something changes."""
+
 MOST_SWEEPS = 8
 """Most sweeps of a window with one more block: more do not help if something changed."""
 
@@ -51,6 +57,7 @@ class OnlineState:
     Attributes:
         window: number of blocks that are solved anew with every new one; infinite for all.
         question: what is compared with changes of the momentum; see `fit_with_events`.
+        most: the most linearizations of blocks for one more; if it needs more, it is not used.
         waiting: blocks that no fit explains yet.
         found: the fit of the last blocks; None before the first.
         earlier: those of blocks before them in the window; see `following`.
@@ -64,6 +71,7 @@ class OnlineState:
 
     window: float = WINDOW
     question: Question = field(default_factory=lambda: Question({}, {}))
+    most: float = MOST_LINEARIZATIONS
     waiting: tuple[Block, ...] = ()
     found: Fit | None = None
     earlier: tuple[Fit, ...] = ()
@@ -77,6 +85,11 @@ class OnlineState:
     def events(self) -> tuple[float, ...]:
         """Times at which the momentum changed [s]."""
         return (*self.settled, *(time for fit in self.fits for time in fit.logs[0].changes))
+
+    @property
+    def is_conserved(self) -> bool:
+        """Whether the momentum changed no more often than is probable."""
+        return len(self.settled) <= most_changes(1)
 
     @property
     def fits(self) -> tuple[Fit, ...]:
@@ -107,7 +120,8 @@ class OnlineState:
 def step(model: Model, state: OnlineState, block: Block) -> OnlineState:
     """Return the state after one more block.
 
-    The work is bounded: a fit of the window, and three where the momentum changed.
+    The work is bounded: a fit of the window, and four where the momentum changed, which have
+    `OnlineState.most` linearizations together.
 
     Args:
         model: the unknowns.
@@ -118,10 +132,12 @@ def step(model: Model, state: OnlineState, block: Block) -> OnlineState:
     blocks = (*state.waiting, block)
     if len(blocks) == 1 and (more := _one_more(state, block)):
         return more
+    fits = BoundedFits(np.inf if np.isinf(state.window) else state.most)
     try:
-        found = _fitted(model, state, blocks)
-        asked = state.question.without_contradicted(found.gaussian, found.values, model)
-        found = fit_with_events(found, asked)
+        found = _fitted(model, state, blocks, fits)
+        if state.is_conserved:
+            asked = state.question.without_contradicted(found.gaussian, found.values, model)
+            found = fit_with_events(found, asked, fits)
     except (InputError, np.linalg.LinAlgError):
         found = None
     if found is None or not (found.converged or is_explained(found)):
@@ -145,7 +161,8 @@ def _one_more(state: OnlineState, block: Block) -> OnlineState | None:
     log = joined(state.fits)
     if log.past is None or block.start > log.blocks[-1].end:
         return None
-    more = followed(state.fits, state.ahead, block, state.question)
+    before = state.fits, state.ahead, block, state.question
+    more = followed(*before, is_conserved=state.is_conserved)
     if more is None:
         return None
     [*fits, found], ahead = more
@@ -175,13 +192,15 @@ def run(model: Model, stream: Iterable[Log], state: OnlineState | None = None) -
     return state
 
 
-def _fitted(model: Model, state: OnlineState, blocks: Sequence[Block]) -> Fit:
+def _fitted(model: Model, state: OnlineState, blocks: Sequence[Block], fits: BoundedFits) -> Fit:
     """Return the fit of the blocks of the window and of one more."""
     if state.found is None:
-        return fit(model, [LogState.of_blocks(model, blocks, NAME)])
+        return fits.fit(model, [LogState.of_blocks(model, blocks, NAME)])
     log = joined(state.fits).extended(model, blocks[-1], _start(state.found, blocks[-1]))
     before = None if state.earlier else state.found.rolled[0]
-    return fit(model, [log], values=state.found.values, before=before, most=MOST_SWEEPS)
+    if not state.is_conserved:
+        log = log.opened(range(len(log.blocks) - 1))
+    return fits.fit(model, [log], values=state.found.values, before=before, most=MOST_SWEEPS)
 
 
 def _start(found: Fit, block: Block) -> TrajectoryState:

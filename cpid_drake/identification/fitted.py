@@ -11,6 +11,7 @@ from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
+from cpid_drake.estimation.bounded_fits import BoundedFits
 from cpid_drake.estimation.events import fit_with_events
 from cpid_drake.estimation.evidence import Question
 from cpid_drake.estimation.fit import Fit, about, prior_of
@@ -65,7 +66,7 @@ def estimate(
     # Changes of momentum: a link between two blocks opens where p(change | y) says so.
     question = Question.of(model, logs, arguments.momentum)
     asked = question.without_contradicted(fit.gaussian, fit.values, model)
-    fit = fit_with_events(fit, asked, progress)
+    fit = fit_with_events(fit, asked, BoundedFits(progress=progress))
 
     # Comparison: of all sets of momenta L ≠ 0, the most probable; then h is linear about its x.
     progress("comparing")

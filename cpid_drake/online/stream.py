@@ -10,7 +10,7 @@ from cpid_drake.array import Array
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.block import BlockQueue, after
-from cpid_drake.estimation.online import WINDOW, OnlineState, step
+from cpid_drake.estimation.online import MOST_LINEARIZATIONS, WINDOW, OnlineState, step
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.arguments import (
@@ -84,6 +84,8 @@ class Stream:
         known_bodies: uncertainty of the spacecraft's bodies, of the arm's geometry and of the
             grasp; default: as `identify`.
         window: number of blocks that are solved anew with every new one.
+        most_linearizations: of blocks in the window, for every new one. If it needs more, its
+            samples are rejected and counted, and the next follows as after a gap.
         lateness: a sample may arrive after others that are later by this time [s].
         in_order: whether the samples of each sensor arrive in the order of their stamps.
 
@@ -93,8 +95,8 @@ class Stream:
         widths: number of entries of a sample's value, by sensor.
 
     Raises:
-        InputError: invalid sensors (see `suite.check_sensors`), no encoders, a lateness or a
-            window that is not positive.
+        InputError: invalid sensors (see `suite.check_sensors`), no encoders, a lateness, a window
+            or a number of linearizations that is not positive.
 
     """
 
@@ -108,6 +110,7 @@ class Stream:
         reads_thrust: bool = False,
         known_bodies: BodyUncertainty | PathLike | None = None,
         window: float = WINDOW,
+        most_linearizations: float = MOST_LINEARIZATIONS,
         lateness: float = LATENESS,
         in_order: bool = False,
     ) -> None:
@@ -116,14 +119,17 @@ class Stream:
         known_bodies, prior = resolve_bodies(known_bodies), resolve_prior(prior, spacecraft)
         check_sensors(suite, "sensors")
         require_encoders(suite, "sensors")
-        for name, value in (("lateness", lateness), ("window", window)):
+        positive = {"lateness": lateness, "window": window}
+        positive["most_linearizations"] = most_linearizations
+        for name, value in positive.items():
             if not value > 0:
                 raise InputError(f"{name} must be positive, not {value}")
         model = Model.of(spacecraft.tree, suite, known_bodies, has_thrust=reads_thrust)
         self._model = replace(model, rows=() if prior is None else (prior.of_psi(model),))
         self.suite, self.joint_names = suite, spacecraft.joint_names
         self._momentum = momentum or TotalMomentum.zero()
-        self._window, self._lateness, self._in_order = window, lateness, in_order
+        self._lateness, self._in_order = lateness, in_order
+        self._window, self._most = window, most_linearizations
         joints = len(spacecraft.joint_names)
         self.widths = {name: SENSORS[name].width_of(joints) for name in suite.present()}
         if reads_thrust:
@@ -132,7 +138,9 @@ class Stream:
     def start(self) -> StreamState:
         """Return the state before the first sample."""
         question = question_of(self._model, self._momentum)
-        return StreamState(BlockQueue.of(self.suite), OnlineState(self._window, question))
+        return StreamState(
+            BlockQueue.of(self.suite), OnlineState(self._window, question, self._most)
+        )
 
     def processed(self, state: StreamState, *, is_end: bool = False) -> StreamState:
         """Return the state after all blocks that are complete.

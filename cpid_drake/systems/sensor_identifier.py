@@ -10,7 +10,7 @@ from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, Outp
 
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.estimation.online import WINDOW, OnlineState
+from cpid_drake.estimation.online import MOST_LINEARIZATIONS, WINDOW, OnlineState
 from cpid_drake.files.errors import InputError
 from cpid_drake.files.one_thread import one_thread
 from cpid_drake.identification.arguments import PathLike, resolve_sensors
@@ -82,6 +82,7 @@ class SensorIdentifier(Identifier):
             grasp, whose errors are estimated too; default: none.
         window: number of blocks that are solved anew with every new one: the longer, the nearer
             to the fit of all samples, and the more work.
+        most_linearizations: see `online.stream.Stream`.
 
     Raises:
         InputError: invalid sensors (see `suite.check_sensors`), no encoders, a period that is
@@ -100,6 +101,7 @@ class SensorIdentifier(Identifier):
         reads_thrust: bool = False,
         known_bodies: BodyUncertainty | PathLike | None = None,
         window: float = WINDOW,
+        most_linearizations: float = MOST_LINEARIZATIONS,
     ) -> None:
         super().__init__()
         self.set_name("sensor_identifier")
@@ -112,6 +114,7 @@ class SensorIdentifier(Identifier):
             reads_thrust=reads_thrust,
             known_bodies=known_bodies,
             window=window,
+            most_linearizations=most_linearizations,
             in_order=True,
         )
         shortest = 1 / max(errors.rate for errors in suite.present().values())
@@ -148,6 +151,7 @@ class SensorIdentifier(Identifier):
         prior: TargetPrior | PathLike | None = None,
         known_bodies: BodyUncertainty | PathLike | None = None,
         window: float = WINDOW,
+        most_linearizations: float = MOST_LINEARIZATIONS,
         **samples: OutputPort,
     ) -> Self:
         """Add an identifier to a diagram and connect its inputs; for the options see the class.
@@ -169,6 +173,7 @@ class SensorIdentifier(Identifier):
             reads_thrust=THRUST in samples,
             known_bodies=known_bodies,
             window=window,
+            most_linearizations=most_linearizations,
         )
         return identifier.connected(builder, **samples)
 

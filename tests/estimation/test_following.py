@@ -11,6 +11,7 @@ from sensing_cases import coarse_suite, gauss_markov
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.block import BlockQueue, blocks_of
+from cpid_drake.estimation.bounded_fits import BoundedFits
 from cpid_drake.estimation.events import fit_with_events
 from cpid_drake.estimation.evidence import Question
 from cpid_drake.estimation.fit import fit
@@ -64,6 +65,30 @@ def test_a_change_is_found_where_it_is(case, model, size, time):
     assert identification_of_state(model, state, TotalMomentum.zero()).passed
 
 
+def test_more_changes_than_are_probable_do_not_bend_the_target(case, model):
+    """As after seven others: from then on the momentum is another in every block."""
+    samples = add_noise(SUITE, fired(case, [4.02, 7.5, 10.9], MOMENTUM), 3)
+    state = run(model, [samples], OnlineState(settled=tuple(np.linspace(-7.0, -1.0, 7))))
+    assert case.nees(*target_of(state.found)) < 30
+    result = identification_of_state(model, state, TotalMomentum.zero())
+    assert any("changes of the momentum are many" in text for text in result.failures)
+    quiet = run(model, [add_noise(SUITE, case.samples, 3)])
+    own, of_quiet = (target_of(each.found)[1][0, 0] ** 0.5 for each in (state, quiet))
+    assert own > 1.5 * of_quiet  # what links blocks is not used
+
+
+def test_a_block_that_needs_more_work_than_it_may_is_counted(case, model):
+    """The one in which a weak change is sought; its samples are not used."""
+    samples = add_noise(SUITE, fired(case, 9.0, 0.0005 * MOMENTUM), 3)
+    state = run(model, [samples], OnlineState(most=40))
+    assert case.nees(*target_of(state.found)) < 30
+    used = state.observed().used
+    assert state.rejected["gyro"] == 20
+    assert {name: n + state.rejected[name] for name, n in used.items()} == {
+        name: len(each) for name, each in samples.items() if name in used
+    }
+
+
 def test_noise_that_grows_is_seen(case, model):
     """By a factor of 1.6 from 8 s on, of gyro and position: nothing changed."""
     samples, loud = add_noise(SUITE, case.samples, 1), {}
@@ -98,6 +123,8 @@ def test_a_change_late_in_a_long_log_is_found_by_all_samples(case, model):
     """Ends of blocks are compared in groups: this one is in the second."""
     samples = add_noise(SUITE, fired(case, 13.02, 0.1 * MOMENTUM), 3)
     whole = fit(model, [LogState.of(model, samples, "online")])
-    found = fit_with_events(whole, Question.of(model, ["online"], TotalMomentum.zero()))
+    found = fit_with_events(
+        whole, Question.of(model, ["online"], TotalMomentum.zero()), BoundedFits()
+    )
     assert np.abs(np.subtract(found.logs[0].changes, [13.02])).max() < 0.34
     assert case.nees(*target_of(found)) < 30

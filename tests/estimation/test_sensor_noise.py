@@ -8,6 +8,7 @@ from block_cases import fired, make_case
 from scipy.stats import chi2
 from sensing_cases import coarse_suite, gauss_markov, with_drawn_errors
 
+from cpid_drake.estimation.bounded_fits import BoundedFits
 from cpid_drake.estimation.events import fit_with_events
 from cpid_drake.estimation.evidence import Question
 from cpid_drake.estimation.fit import fit
@@ -111,7 +112,7 @@ def test_intervals_hold_with_noise_half_of_which_is_slow(case, kept):
 def test_a_firing_in_slow_noise_is_found(case):
     time, momentum_W = 4.37, 0.05 * np.array([3.0, -2.0, 4.0, 1.0, 0.5, -1.0])
     samples = spoiled(fired(case, time, momentum_W), half, 0)
-    found = fit_with_events(fitted(case, samples), AT_REST)
+    found = fit_with_events(fitted(case, samples), AT_REST, BoundedFits())
     [log] = found.logs
     assert found.converged
     assert 1 <= len(log.changes) <= 2
