@@ -113,12 +113,15 @@ def _kept(
     """Return the first changes, by their evidence, that have the most beside the noise.
 
     The noise is sought from that of the log, with one change after the other. A change inside of a
-    block is one at both of its ends: two more that are no better are the last.
+    block is one at both of its ends: two more that are no better are the last. Of more changes than
+    are probable, it is all or none.
     """
     ends, costs, noise = list(changes), list[float](), log
+    are_many = len(log.opened(ends).changes) > most_changes(1)
+    counts = [0, len(ends)] if are_many else range(len(ends) + 1)
     price = 2 * float(np.log(len(SIZES)) - np.log(CHANGE_ODDS))
-    for count in range(len(ends) + 1):
-        if costs and count > 2 + int(np.argmin(costs)):
+    for k, count in enumerate(counts):
+        if costs and k > 2 + int(np.argmin(costs)):
             break
         alone = replace(found, logs=[log.with_processes({})], rolled=[rolled])
         [spans] = _changes(alone, question, ends[:count]) if count else [{}]
@@ -126,7 +129,7 @@ def _kept(
         before = costs[-1] if costs else np.inf
         noise, cost = with_best_noise(found.model, some, rolled, found.values, before)
         costs.append(cost + count * price)
-    return log.opened(ends[: int(np.argmin(costs))]).open
+    return log.opened(ends[: counts[int(np.argmin(costs))]]).open
 
 
 def is_explained(found: Fit) -> bool:
