@@ -18,7 +18,8 @@ from cpid_drake.array import Array
 from cpid_drake.dynamics.rotations import conjugate, rotate
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.logs.column_map import QUATERNION_ORDERS, UNITS, ColumnMap, scale_of
-from cpid_drake.logs.score import Instants, explain_by_momentum
+from cpid_drake.logs.instants import Instants
+from cpid_drake.logs.score import explain_by_momentum
 
 UNEXPLAINED_DISTANCE = 0.05
 """Distance of a point from B's origin, in reaches of the arm, that model errors do not explain."""

@@ -16,15 +16,9 @@ from cpid_drake.files.errors import listed
 from cpid_drake.logs.alternatives import Alternative, alternatives
 from cpid_drake.logs.clock import clock_factor, with_delay
 from cpid_drake.logs.column_map import ColumnMap
+from cpid_drake.logs.instants import Instants, instants_of
 from cpid_drake.logs.log import Log
-from cpid_drake.logs.score import (
-    MOMENTUM,
-    Comparison,
-    Instants,
-    compare_momentum,
-    compare_rates,
-    instants_of,
-)
+from cpid_drake.logs.score import MOMENTUM, Comparison, compare_momentum, compare_rates
 from cpid_drake.sensors.sensors import POSITIONS, SENSORS
 
 EXPLAINS = 0.05

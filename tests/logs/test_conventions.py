@@ -29,9 +29,10 @@ from cpid_drake.logs.column_map import ColumnMap, TimeColumn
 from cpid_drake.logs.conventions import check_conventions
 from cpid_drake.logs.conversion import from_columns
 from cpid_drake.logs.formats import table_of
+from cpid_drake.logs.instants import instants_of
 from cpid_drake.logs.log import Samples
 from cpid_drake.logs.score import MOMENTUM as BY_MOMENTUM
-from cpid_drake.logs.score import explain_by_momentum, instants_of
+from cpid_drake.logs.score import explain_by_momentum
 from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import AttitudeSensor, JointSensor, VectorSensor
 from cpid_drake.sensors.suite import SensorSuite

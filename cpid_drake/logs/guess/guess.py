@@ -23,13 +23,8 @@ from cpid_drake.logs.conventions import (
 )
 from cpid_drake.logs.guess.columns import find_columns
 from cpid_drake.logs.guess.guessed_map import GuessedMap
-from cpid_drake.logs.score import (
-    MOMENTUM,
-    Instants,
-    compare_momentum,
-    compare_rates,
-    instants_of,
-)
+from cpid_drake.logs.instants import Instants, instants_of
+from cpid_drake.logs.score import MOMENTUM, compare_momentum, compare_rates
 from cpid_drake.logs.table import LogTable
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
