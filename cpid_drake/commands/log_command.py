@@ -1,7 +1,6 @@
 """`cpid log`: checks logs, and finds out what their columns mean."""
 
 import sys
-from pathlib import Path
 
 import cpid_drake as cpid
 from cpid_drake.commands import options
@@ -13,6 +12,7 @@ from cpid_drake.files.overwriting import check_outputs
 from cpid_drake.identification.log_conventions import check_as_read
 from cpid_drake.logs.formats import inspect_log, read_table, refuse_problems
 from cpid_drake.logs.guess.guess import guess_map
+from cpid_drake.logs.joined import log_name
 from cpid_drake.report.log_contents import checked_contents
 
 log = group("log")
@@ -85,7 +85,7 @@ def map_columns(
     if guess.column_map.attitude.columns and "time.unit" not in guess.free:
         for failure in failures:
             guess.say("", f"The log does not agree with this map: {failure}")
-    text = guess.text(f"Map of the columns of {Path(log).name}, guessed by `cpid log map`.")
+    text = guess.text(f"Map of the columns of {log_name(log)}, guessed by `cpid log map`.")
     options.log_console(stderr=False).print(text)
     if out is not None:
         write_text(out, text)

@@ -1,6 +1,6 @@
 """The logs that an estimator is given, screened and checked once."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,6 +14,7 @@ from cpid_drake.estimation.unknowns import Model
 from cpid_drake.files.errors import InputError, listed, prefix_errors
 from cpid_drake.identification.planar import common_normal, normal_in_base, placed
 from cpid_drake.logs.channels import Channel, Seen, look_at
+from cpid_drake.logs.common_clock import ACCURACY, delay_notes, file_delays, with_delays
 from cpid_drake.logs.conventions import Findings, check_conventions
 from cpid_drake.logs.log import Log, Samples, with_fixed_joints
 from cpid_drake.logs.noise_estimation import estimate_suite
@@ -44,6 +45,7 @@ class CheckedLog:
         channels: what was found in every channel.
         sensors: the sensors' errors; None if they are not given.
         label: its name in messages; empty if it is the only log.
+        other_clocks: sensors that are in another file than the encoders.
 
     """
 
@@ -57,6 +59,7 @@ class CheckedLog:
     channels: tuple[Channel, ...] = ()
     sensors: SensorSuite | None = None
     label: str = ""
+    other_clocks: tuple[str, ...] = ()
 
     @property
     def where(self) -> str:
@@ -155,9 +158,8 @@ def check_logs(
         label = name if len(data) > 1 else ""
         with prefix_errors(label):
             log = check_log(spacecraft, each, suites[name], planar)
-        logs[name] = replace(
-            log, sensors=suites[name], label=label, notes=(*log.notes, *(() if logs else fixed))
-        )
+        suite, notes = _with_delays(suites[name], log.other_clocks), () if logs else fixed
+        logs[name] = replace(log, sensors=suite, label=label, notes=(*log.notes, *notes))
     normal_B = common_normal({name: log.normal_B for name, log in logs.items()})
     return (spacecraft if normal_B is None else spacecraft.on_table(normal_B)), logs
 
@@ -200,17 +202,33 @@ def check_log(
         others = [name for name in data.joint_names if name not in spacecraft.joint_names]
         beyond = (*_beyond_limits(spacecraft, measurements.encoders.value),)
         tree = spacecraft.tree
+    delays = file_delays(measurements, tree)
+    shifted = delay_notes(measurements, delays)
+    other_clocks = tuple(n for n, file in measurements.clocks.items() if file in delays)
+    measurements = with_delays(measurements, delays)
     conventions = check_conventions(measurements, tree, by_momentum=False)
     conventions = replace(conventions, not_compared=(*conventions.not_compared, *seen.not_compared))
     return CheckedLog(
         measurements,
         screened.rejected,
-        (*left_out_warnings(others), *seen.warnings, *notes, *beyond),
+        (*left_out_warnings(others), *seen.warnings, *notes, *beyond, *shifted),
         None if tree is None else tree.normal_B,
         failures,
         conventions,
         channels=seen.table,
+        other_clocks=other_clocks,
     )
+
+
+def _with_delays(suite: SensorSuite | None, sensors: Collection[str]) -> SensorSuite | None:
+    """Return sensors' errors in which the stamps of some sensors are not exact."""
+    if suite is None or suite.unstated is None:
+        return suite
+    suite = replace(suite)
+    for name, each in suite.present().items():
+        if name in sensors and name != "joint_rates" and each.delay_ms is None:
+            setattr(suite, name, replace(each, delay_ms=1e3 * ACCURACY))
+    return suite
 
 
 def left_out_warnings(joints: Sequence[str]) -> list[str]:

@@ -24,6 +24,7 @@ from cpid_drake.identification.request import Request, Source, log_names
 from cpid_drake.identification.result import History, Identification
 from cpid_drake.logs.conversion import LogFile
 from cpid_drake.logs.formats import inspect_log, refuse_problems
+from cpid_drake.logs.joined import TOGETHER, log_parts
 from cpid_drake.logs.log import Log
 
 PARTS_OVER_TIME = 12
@@ -92,7 +93,7 @@ def identify_files(
 
 def _sensors_beside(request: Request) -> Iterator[str]:
     """Yield that sensors lie beside a log, as `cpid simulate` writes them, and are not used."""
-    log = Path(request.telemetry)
+    log = Path(log_parts(request.telemetry)[0])
     for file in (log.with_name("sensors.yaml"), log.with_name(f"{log.stem}_sensors.yaml")):
         if request.sensors is None and file.is_file():
             yield f"{file} lies beside the log, and is not used: give --sensors {file}"
@@ -187,9 +188,10 @@ def request_of_result(result: Identification, where: str) -> Request:
 
 def _unchanged(path: str, sha256: str | None, folder: Path) -> str:
     """Return the place of a recorded file, which may be beside the result file in `folder`."""
-    for place in (path, str(folder / path)):
+    parts = log_parts(path)
+    for place in (path, TOGETHER.join(str(folder / part) for part in parts)):
         try:
-            if "://" in place or Path(place).exists():
+            if "://" in place or all(Path(part).exists() for part in log_parts(place)):
                 break
         except (OSError, ValueError):  # no file can have this name
             continue
@@ -201,7 +203,11 @@ def _unchanged(path: str, sha256: str | None, folder: Path) -> str:
 
 
 def file_hash(path: str | Path) -> str | None:
-    """Return the SHA-256 of a file; None for a folder."""
+    """Return the SHA-256 of a file, or of the hashes of several; None for a folder."""
+    parts = log_parts(path)
+    if len(parts) > 1:
+        hashes = [file_hash(part) for part in parts]
+        return hashlib.sha256(" ".join(map(str, hashes)).encode()).hexdigest()
     if Path(path).is_dir():
         return None
     path = resolve_model(path)

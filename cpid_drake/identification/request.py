@@ -9,6 +9,7 @@ from typing import Any, Self
 
 from cpid_drake.files.errors import InputError
 from cpid_drake.files.resources import package_folders, resolve_model
+from cpid_drake.logs.joined import log_name, log_parts
 from cpid_drake.spacecraft.reference import SpacecraftReference
 from cpid_drake.spacecraft.spacecraft_file import EXPLICIT, SpacecraftFile
 
@@ -23,7 +24,7 @@ _OPTIONS = {
 
 def log_names(paths: Sequence[str]) -> list[str]:
     """Return the names of logs in results: of their files, or their paths if names are equal."""
-    short = [Path(path).name for path in paths]
+    short = [log_name(path) for path in paths]
     return short if len(set(short)) == len(short) else list(paths)
 
 
@@ -58,7 +59,7 @@ class Request:
     """The request of `cpid identify`: data, spacecraft, estimator and options of one log.
 
     Attributes:
-        telemetry: a file or a bag's folder.
+        telemetry: a file or a bag's folder, or several with "+" between them; see `inspect_log`.
         spacecraft: the spacecraft model.
         estimator, rows: see `cpid_drake.identification.identify.identify`.
         sensors: name of a preset or a YAML file; None if they are unknown. Logs with the same have
@@ -131,8 +132,9 @@ class Request:
         paths = list[Path]()
         packages = package_folders(self.spacecraft.packages)
         for name in filter(None, names):
-            with suppress(InputError):  # a preset, or a file that was moved
-                paths.append(resolve_model(name, packages))
+            for part in log_parts(name) if name == self.telemetry else (name,):
+                with suppress(InputError):  # a preset, or a file that was moved
+                    paths.append(resolve_model(part, packages))
         return paths
 
     def command(self, others: "Sequence[Request]" = ()) -> str:

@@ -18,7 +18,7 @@ from cpid_drake.logs.clock import clock_factor, with_delay
 from cpid_drake.logs.column_map import ColumnMap
 from cpid_drake.logs.instants import Instants, instants_of
 from cpid_drake.logs.log import Log
-from cpid_drake.logs.score import MOMENTUM, Comparison, compare_momentum, compare_rates
+from cpid_drake.logs.score import MOMENTUM, WORSE, Comparison, compare_momentum, compare_rates
 from cpid_drake.sensors.sensors import POSITIONS, SENSORS
 
 EXPLAINS = 0.05
@@ -32,9 +32,6 @@ DIFFERS = 0.5
 
 CLEARLY = 3.0
 """Ratio of residuals from which one convention explains a log clearly better than another."""
-
-WORSE = 1.5
-"""Ratio of residuals above which one of a few possible conventions is right, and another wrong."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,6 +24,7 @@ from cpid_drake.logs.column_map import (
     check_column_map,
     scale_of,
 )
+from cpid_drake.logs.joined import files_of_sensors
 from cpid_drake.logs.log import THRUST, Log, Samples, with_fixed_joints
 from cpid_drake.logs.noise_estimation import FEWEST
 from cpid_drake.logs.screening import LARGEST, QUATERNION_NORM
@@ -219,7 +220,9 @@ class _Conversion:
             value[:, [joints.index(joint) for joint in positions]] = samples.value
             self._samples["encoders"] = Samples(samples.time, value)
         found = time_from_rates(self._samples) if used.time.from_rates else self._samples
-        return Log(joints, found, used, notes=self.notes)
+        return Log(
+            joints, found, used, notes=self.notes, clocks=files_of_sensors(used, self._table)
+        )
 
     def _take(self, name: str, time: Array, value: Array, logged: Array) -> None:
         """Add the complete samples of a sensor; count those of which some cells are absent."""
@@ -338,26 +341,29 @@ class _Conversion:
         return time
 
     def _refuse_order(self, time: Array) -> None:
-        latest = np.fmax.accumulate(np.append(-np.inf, np.where(self._usable, time, -np.inf)))[:-1]
-        back = self._usable & (time <= latest)
+        """Refuse rows of a file that are not behind all before them."""
         column = self._map.time.column
-        for start, end in _runs(back):
-            now, before = (
-                np.format_float_positional(t, trim="-") for t in (time[start], latest[start])
-            )
-            if end - start >= FEWEST and (np.diff(time[start:end]) > 0).all():
-                self._refuse(
-                    start,
-                    column,
-                    f"the time starts again at {now} s after {before} s, for {end - start} rows: "
-                    "are these several logs, one after the other? Cut the file there",
+        for rows in self._table.rows_by_file():
+            t, usable = time[rows], self._usable[rows]
+            latest = np.fmax.accumulate(np.append(-np.inf, np.where(usable, t, -np.inf)))[:-1]
+            back = usable & (t <= latest)
+            for start, end in _runs(back):
+                now, before = (
+                    np.format_float_positional(x, trim="-") for x in (t[start], latest[start])
                 )
-                self._usable[start:end] = False
-                continue
-            for row in range(start, end):
-                now = np.format_float_positional(time[row], trim="-")
-                what = "is there twice" if time[row] == latest[row] else f"comes after {before} s"
-                self._refuse(row, column, f"time {now} s {what}")
+                if end - start >= FEWEST and (np.diff(t[start:end]) > 0).all():
+                    self._refuse(
+                        rows[start],
+                        column,
+                        f"the time starts again at {now} s after {before} s, for {end - start} "
+                        "rows: are these several logs, one after the other? Cut the file there",
+                    )
+                    self._usable[rows[start:end]] = False
+                    continue
+                for k in range(start, end):
+                    now = np.format_float_positional(t[k], trim="-")
+                    what = "is there twice" if t[k] == latest[k] else f"comes after {before} s"
+                    self._refuse(rows[k], column, f"time {now} s {what}")
 
 
 def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:

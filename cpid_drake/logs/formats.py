@@ -13,6 +13,7 @@ from cpid_drake.files.resources import resolve_model
 from cpid_drake.logs.column_map import ColumnMap, load_column_map
 from cpid_drake.logs.conversion import LogFile, read_columns
 from cpid_drake.logs.csv_format import read_csv, write_csv
+from cpid_drake.logs.joined import joined, log_parts
 from cpid_drake.logs.log import THRUST, THRUST_COLUMNS, Log
 from cpid_drake.logs.parquet_format import read_parquet, write_parquet
 from cpid_drake.logs.table import LogTable
@@ -48,7 +49,8 @@ def inspect_log(
     files, null or NaN in Parquet files.
 
     Args:
-        path: the file, or a bag's folder.
+        path: the file, or a bag's folder. Of several files that make one log, the names with "+"
+            between them.
         topics: topics of a bag; see `rosbag.read_rosbag`.
         columns: a map of the file's columns, or the map's YAML file; None for the package's own
             columns.
@@ -63,21 +65,45 @@ def inspect_log(
     if not isinstance(given, ColumnMap):
         given, map_name = load_column_map(given), str(given)
     try:
-        table = read_table(path, topics)
+        clock = [name for name in (given.time.column, given.time.nanoseconds) if name]
+        table = read_table(path, topics, clock)
         return read_columns(given, table, str(path), map_name=map_name, joints=joints)
     except MemoryError as error:
         raise InputError(f"{path}: the file does not fit into memory") from error
 
 
-def read_table(path: str | Path, topics: Mapping[str, str] | None = None) -> LogTable:
-    """Return the columns of a log file as they are in the file.
+def read_table(
+    path: str | Path, topics: Mapping[str, str] | None = None, time: Sequence[str] = ()
+) -> LogTable:
+    """Return the columns of a log file as they are in the file, or of several files together.
+
+    Args:
+        path, topics: see `inspect_log`.
+        time: the columns of the time, if there are several files; see `joined`.
 
     Raises:
-        InputError: no such file or folder, a file of another kind, or one that cannot be read.
+        InputError: no such file or folder, a file of another kind, or one that cannot be read; see
+            also `joined`.
 
     """
+    parts = log_parts(path)
+    if len(parts) == 1:
+        return _read_file(path, topics)
+    if not all(parts) or len({*parts}) < len(parts):
+        raise InputError(f"{path}: name each file of the log once, with + between them")
+    names = [Path(part).name for part in parts]
+    names = names if len({*names}) == len(names) else [*parts]
+    tables = (_read_file(part, topics if _is_bag(Path(part)) else None) for part in parts)
+    return joined(dict(zip(names, tables, strict=True)), time)
+
+
+def _is_bag(file: Path) -> bool:
+    return file.is_dir() or file.suffix.lower() in BAG_ENDINGS
+
+
+def _read_file(path: str | Path, topics: Mapping[str, str] | None) -> LogTable:
     file = Path(path)
-    if file.is_dir() or file.suffix.lower() in BAG_ENDINGS:
+    if _is_bag(file):
         from cpid_drake.logs.rosbag import read_rosbag
 
         return read_rosbag(file, topics or {})

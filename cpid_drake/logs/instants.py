@@ -1,6 +1,6 @@
 """What a log says at common instants: its sensors, each smoothed by a regression spline."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from types import MappingProxyType
@@ -118,6 +118,12 @@ class SmoothedLog:
                 moving.add(name)
         times = {name: samples.time for name, samples in used.items()}
         return cls(splines, times, frozenset(moving), is_free)
+
+    def of_sensors(self, names: Collection[str]) -> "SmoothedLog":
+        """Return what some of the sensors say."""
+        splines = {name: spline for name, spline in self.splines.items() if name in names}
+        moving = frozenset(each for each in self.moving if each.partition(" ")[0] in names)
+        return replace(self, splines=splines, moving=moving)
 
     def instants(self, later: Mapping[str, float] = MappingProxyType({})) -> Instants | None:
         """Return what the log says at common instants outside of gaps; None if there are none.

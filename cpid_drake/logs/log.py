@@ -73,6 +73,8 @@ class Log:
         column_map: how the samples were read from columns; None for the package's own columns.
         motion: of a simulation, the true motion at the samples of sensors with a lever arm.
         notes: by sensor, what was found while its samples were read.
+        clocks: by sensor, the file whose clock its stamps have, if there are several; see
+            `common_clock`.
 
     """
 
@@ -81,6 +83,7 @@ class Log:
     column_map: "ColumnMap | None" = None
     motion: Mapping[str, Motion] = field(default_factory=dict)
     notes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    clocks: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name in self.samples:

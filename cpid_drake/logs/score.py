@@ -36,6 +36,9 @@ from cpid_drake.logs.noise_estimation import RESOLUTION
 MOMENTUM = "momentum"
 """Name of the comparison with the conservation of momentum."""
 
+WORSE = 1.5
+"""Ratio of residuals above which one of a few possible conventions is right, and another wrong."""
+
 _MODEL_ERROR = 0.02  # share of the total mass by which errors of the model make a mass impossible
 _OPEN = 1e100  # σ of a number that rows leave open
 _LEAST = 1e-9  # smallest motion [rad, m, rad/s, m/s]

@@ -2,8 +2,8 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -27,17 +27,23 @@ class LogTable:
         rejected: by quantity, the number of samples that the reader left out.
         notes: by sensor, what the reader found.
         header: place of the names in the file, for messages, such as "line 1".
+        files: names of several files that make one log; see `joined`.
+        file_of_row: (N,) the file of each row, as its place in `files`.
+        file_of_column: by column, its file.
 
     """
 
     columns: dict[str, Array]
     lines: NDArray[np.intp] | None = None
     texts: dict[str, dict[int, str]] = field(default_factory=dict)
-    unreadable: Mapping[str, str] = field(default_factory=dict)
+    unreadable: dict[str, str] = field(default_factory=dict)
     problems: list[tuple[int, str]] = field(default_factory=list)
     rejected: Counter[str] = field(default_factory=Counter)
     notes: dict[str, tuple[str, ...]] = field(default_factory=dict)
     header: str = ""
+    files: tuple[str, ...] = ()
+    file_of_row: NDArray[np.intp] | None = None
+    file_of_column: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.columns = {n: c for n, c in self.columns.items() if n not in self.unreadable}
@@ -49,6 +55,16 @@ class LogTable:
 
     def __len__(self) -> int:
         return next((len(column) for column in self.columns.values()), 0)
+
+    def of_columns(self, names: Iterable[str]) -> "LogTable":
+        """Return the numbers of some columns only."""
+        columns = {name: self.columns[name] for name in names}
+        return replace(
+            LogTable(columns, self.lines),
+            files=self.files,
+            file_of_row=self.file_of_row,
+            file_of_column=self.file_of_column,
+        )
 
     def is_empty(self, name: str) -> bool:
         """Return whether a column has rows, and nothing in them."""
@@ -62,8 +78,20 @@ class LogTable:
 
     def place(self, row: int | np.intp, column: str = "") -> tuple[int, str]:
         """Return the number of a row in the file, and the place of a cell for messages."""
-        word, number = ("row", row) if self.lines is None else ("line", self.lines[row])
-        return int(number), f"{word} {number}" + (f", column '{column}'" if column else "")
+        word, number = "row" if self.lines is None else "line", int(self.numbers[row])
+        file = "" if self.file_of_row is None else f"{self.files[self.file_of_row[row]]}: "
+        return number, f"{file}{word} {number}" + (f", column '{column}'" if column else "")
+
+    @property
+    def numbers(self) -> NDArray[np.intp]:
+        """(N,) numbers of the rows in their file."""
+        return np.arange(len(self)) if self.lines is None else self.lines
+
+    def rows_by_file(self) -> list[NDArray[np.intp]]:
+        """Return the rows of each file."""
+        if self.file_of_row is None:
+            return [np.arange(len(self))]
+        return [np.flatnonzero(self.file_of_row == k) for k in range(len(self.files))]
 
 
 _STAMP = re.compile(

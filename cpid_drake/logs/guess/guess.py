@@ -15,16 +15,16 @@ from cpid_drake.files.errors import InputError, listed
 from cpid_drake.files.one_thread import one_thread
 from cpid_drake.logs.alternatives import alternatives
 from cpid_drake.logs.column_map import Angle, ColumnMap, Order, with_entries
+from cpid_drake.logs.common_clock import delay_notes, file_delays
 from cpid_drake.logs.conventions import (
     AGREES,
     DIFFERS,
     EXPLAINS,
-    WORSE,
 )
 from cpid_drake.logs.guess.columns import find_columns
 from cpid_drake.logs.guess.guessed_map import GuessedMap
 from cpid_drake.logs.instants import Instants, instants_of
-from cpid_drake.logs.score import MOMENTUM, compare_momentum, compare_rates
+from cpid_drake.logs.score import MOMENTUM, WORSE, compare_momentum, compare_rates
 from cpid_drake.logs.table import LogTable
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
@@ -69,8 +69,13 @@ def guess_map(
             "the file does not name its columns: write a map that names them by their numbers, "
             "such as '1', and check it with `cpid log check --columns`"
         )
-    guess = GuessedMap(columns, spacecraft, base)
+    guess = GuessedMap(table.of_columns(columns), spacecraft, base)
     find_columns(guess, frame_rate)
+    if table.files:
+        log = guess.with_all_clocks
+        guess.delays = file_delays(log, spacecraft.tree)
+        for note in delay_notes(log, guess.delays):
+            guess.say("time", note)
     _settle_clock(guess)
     explained, given = _settle_conventions(guess), guess.column_map.attitude
     if "time.unit" in guess.free:

@@ -11,6 +11,7 @@ from cpid_drake.array import Array
 from cpid_drake.files.dumping import dump_yaml
 from cpid_drake.logs.channels import look_at
 from cpid_drake.logs.column_map import ColumnMap, TimeUnit
+from cpid_drake.logs.common_clock import with_delays
 from cpid_drake.logs.conversion import LogFile, read_columns
 from cpid_drake.logs.log import Log, Samples
 from cpid_drake.logs.screening import screen
@@ -23,7 +24,7 @@ class GuessedMap:
     """A guess at the map of a log's columns.
 
     Attributes:
-        columns: the columns of numbers (N,), NaN where a cell is absent.
+        table: the columns of numbers (N,), NaN where a cell is absent.
         spacecraft: the spacecraft model.
         base: name of the base body.
         column_map: the map so far.
@@ -31,10 +32,11 @@ class GuessedMap:
         missing: what the map lacks or nothing in the log confirms, in words.
         free: keys of conventions about which names and values say nothing.
         time_units: the units of time that the steps allow, if there are several.
+        delays: of several files, what is added to their stamps [s]; see `common_clock`.
 
     """
 
-    columns: dict[str, Array]
+    table: LogTable
     spacecraft: Spacecraft
     base: str
     column_map: ColumnMap = field(default_factory=ColumnMap)
@@ -42,6 +44,12 @@ class GuessedMap:
     missing: list[str] = field(default_factory=list)
     free: set[str] = field(default_factory=set)
     time_units: tuple[TimeUnit, ...] = ()
+    delays: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def columns(self) -> dict[str, Array]:
+        """The columns by name."""
+        return self.table.columns
 
     def say(self, key: str, text: str) -> None:
         """Add a reason for an entry."""
@@ -60,7 +68,12 @@ class GuessedMap:
     @property
     def log(self) -> Log:
         """The samples as read with the map, joints in the spacecraft's order, missing ones at 0."""
-        read = self.read(LogTable(dict(self.columns))).log
+        return with_delays(self.with_all_clocks, self.delays)
+
+    @property
+    def with_all_clocks(self) -> Log:
+        """The log with the stamps of its files."""
+        read = self.read(self.table).log
         log, joints = screen(look_at(read, self.spacecraft).log).log, {}
         names = self.spacecraft.joint_names
         for name in ("encoders", "joint_rates"):

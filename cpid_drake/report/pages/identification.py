@@ -7,6 +7,7 @@ from cpid_drake.files.errors import InputError
 from cpid_drake.identification.estimators import estimator_label
 from cpid_drake.identification.identify_files import Evidence
 from cpid_drake.identification.result_files import result_text
+from cpid_drake.logs.joined import log_name
 from cpid_drake.report.contents import Progress, ReportContents, collect_contents
 from cpid_drake.report.page import Report, Section, embedded_json
 from cpid_drake.report.replay import LONGEST_REPLAY, motion_of, replay_html
@@ -75,7 +76,7 @@ def identification_report(
                 contents.estimates,
                 truth=contents.truth,
                 visual_model=run.scenario.target.visual_model if run else None,
-                title=Path(result.sources[0].request.telemetry).name,
+                title=log_name(result.sources[0].request.telemetry),
             )
             text = f"The motion with the estimate over time, of at most {LONGEST_REPLAY:g} s."
             replay = embedded_json(json.dumps(page))
