@@ -31,8 +31,8 @@ FORMATS: dict[str, tuple[Read, Write | None]] = {
 }
 """All formats of one file with one time, by the ending in lower case."""
 
-BAG_ENDINGS = (".mcap", ".db3")
-"""Endings of ROS 2 bags, which can be folders too."""
+BAG_ENDINGS = (".mcap", ".db3", ".bag")
+"""Endings of bags of ROS 2, which can be folders too, and of ROS 1."""
 
 
 def inspect_log(
@@ -88,7 +88,7 @@ def read_table(path: str | Path, topics: Mapping[str, str] | None = None) -> Log
             f"folders, not from '{file.suffix or file.name}'; `from_columns` has arrays in memory"
         )
     if topics:
-        raise InputError(f"{path}: topics are for ROS 2 bags")
+        raise InputError(f"{path}: topics are for ROS bags")
     return FORMATS[file.suffix.lower()][0](file, str(path))
 
 
@@ -99,7 +99,7 @@ def read_log(
     topics: Mapping[str, str] | None = None,
     columns: ColumnMap | str | Path | None = None,
 ) -> Log:
-    """Return the samples in a log file of any format in `FORMATS`, or in a ROS 2 bag.
+    """Return the samples in a log file of any format in `FORMATS`, or in a ROS bag.
 
     Args:
         path, topics, columns: see `inspect_log`.

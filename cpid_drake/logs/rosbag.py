@@ -1,10 +1,11 @@
-"""Reads ROS 2 bags as columns, with the samples of each sensor in the rows of their own times.
+"""Reads ROS bags as columns, with the samples of each sensor in the rows of their own times.
 
-Reads the message types in `TOPIC_TYPES` from bags with either storage (sqlite3, MCAP). The
-PyPI package `rosbags` does the parsing, so ROS need not be installed.
+Reads the message types in `TOPIC_TYPES` from bags of ROS 2 (sqlite3, MCAP) and of ROS 1. The PyPI
+package `rosbags` does the parsing, so ROS need not be installed. Definitions of other types, which
+may be in the bag, are not looked at; so one that cannot be parsed does no harm.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -33,6 +34,9 @@ if TYPE_CHECKING:
 Series = tuple[NDArray[np.int64], Array]
 """Stamps (N,) [ns] and values (N, width)."""
 
+Decode = Callable[[bytes, str], Any]
+"""Returns the message in bytes, given the name of its type."""
+
 
 @dataclass(eq=False)
 class _Messages:
@@ -58,7 +62,7 @@ class _Messages:
 
 
 def read_rosbag(path: str | Path, topics: Mapping[str, str]) -> LogTable:
-    """Return the motion of a spacecraft in a ROS 2 bag as columns with the package's names.
+    """Return the motion of a spacecraft in a ROS bag as columns with the package's names.
 
     Attitude is read from the odometry, else from the poses, else from the IMU; position from the
     odometry, else from the poses; velocity from the odometry, rotated from its child frame to W by
@@ -84,7 +88,8 @@ def read_rosbag(path: str | Path, topics: Mapping[str, str]) -> LogTable:
     messages of one topic with the same stamp, the first counts, and the others are rejected.
 
     Args:
-        path: the bag's folder, or a single .db3 or .mcap file.
+        path: the folder of a bag of ROS 2, a single .db3 or .mcap file of it, or a .bag file of
+            ROS 1.
         topics: the topic to read by kind in `TOPIC_TYPES`, such as {"imu": "/imu/data"}; "" for no
             topic; of joints several, "/arm,/wheels"; of transforms with the frames of W and B,
             "/tf:world:base". A kind except "thrust" may be omitted if the bag has at most one topic
@@ -97,28 +102,47 @@ def read_rosbag(path: str | Path, topics: Mapping[str, str]) -> LogTable:
 
     """
     try:
-        from rosbags.rosbag2 import Reader
-        from rosbags.typesys import Stores, get_typestore
+        from rosbags import rosbag1, rosbag2
     except ImportError as error:
-        raise InputError("ROS 2 bags need a package: pip install 'cpid-drake[ros]'") from error
+        raise InputError("ROS bags need a package: pip install 'cpid-drake[ros]'") from error
     where = str(path)
-    # The types are the same in every ROS 2, and older bags do not hold their definitions.
-    store = get_typestore(Stores.ROS2_HUMBLE)
+    is_ros1 = Path(path).suffix.lower() == ".bag"
     try:
         if not Path(path).exists():
             raise InputError(f"{where}: no such file or folder")
         if Path(path).is_dir() and not Path(path, "metadata.yaml").is_file():
-            raise InputError(f"{where}: a folder without metadata.yaml: not a ROS 2 bag")
-        with Reader(Path(path)) as reader:
+            raise InputError(
+                f"{where}: a folder without metadata.yaml: not a ROS 2 bag; of ROS 1, give the "
+                ".bag file"
+            )
+        with (rosbag1 if is_ros1 else rosbag2).Reader(Path(path)) as reader:
             chosen = _choose_topics(where, reader.connections, topics)
-            read = {k: _read(where, reader, store, k, names) for k, names in chosen.items()}
+            decode = _decoder(reader.connections, is_ros1)
+            read = {k: _read(where, reader, decode, k, names) for k, names in chosen.items()}
             every = {c.topic: c.msgtype for c in reader.connections}
     except InputError:
         raise
     except Exception as error:  # the package raises exceptions of many types on damaged bags
         problem = f"{type(error).__name__}: {error}"
-        raise InputError(f"{where}: not a ROS 2 bag, or a damaged one ({problem})") from error
+        raise InputError(f"{where}: not a ROS bag, or a damaged one ({problem})") from error
     return _table(read, chosen, every)
+
+
+def _decoder(connections: "Sequence[Connection]", is_ros1: bool) -> Decode:
+    """Return what makes messages of bytes, given the name of their type."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    if not is_ros1:
+        # The types are the same in every ROS 2, and older bags do not hold their definitions.
+        return get_typestore(Stores.ROS2_HUMBLE).deserialize_cdr
+    known = {each for types in TOPIC_TYPES.values() for each in types}
+    types = dict[str, Any]()
+    for connection in connections:
+        if connection.msgtype in known:
+            types |= get_types_from_msg(connection.msgdef.data, connection.msgtype)
+    store = get_typestore(Stores.EMPTY)
+    store.register(types)
+    return store.deserialize_ros1
 
 
 def _table(
@@ -215,12 +239,12 @@ def _choose_topics(
     return chosen
 
 
-def _read(where: str, reader: Any, store: Any, kind: str, topics: Sequence[str]) -> _Messages:
+def _read(where: str, reader: Any, decode: Decode, kind: str, topics: Sequence[str]) -> _Messages:
     """Return the samples of topics of a kind; refuse messages that contradict each other."""
     read, owners = _Messages(), dict[str, str]()
     for topic in topics:
         name, *frames = topic.split(":")
-        one = _read_topic(f"{where}: {name}", reader, store, kind, name, tuple(frames))
+        one = _read_topic(f"{where}: {name}", reader, decode, kind, name, tuple(frames))
         for column in one.samples if kind == "joints" else ():
             if owners.setdefault(column, name) != name:
                 raise InputError(
@@ -236,7 +260,7 @@ def _read(where: str, reader: Any, store: Any, kind: str, topics: Sequence[str])
 
 
 def _read_topic(
-    where: str, reader: Any, store: Any, kind: str, topic: str, wanted: tuple[str, ...]
+    where: str, reader: Any, decode: Decode, kind: str, topic: str, wanted: tuple[str, ...]
 ) -> _Messages:
     """Return the samples of a topic; `wanted` are the frames W and B of a topic of transforms."""
     connections = [
@@ -244,7 +268,7 @@ def _read_topic(
     ]
     read, frames, count = _Messages(), set[tuple[str, ...]](), 0
     for connection, _, data in reader.messages(connections=connections):
-        message = store.deserialize_cdr(data, connection.msgtype)
+        message = decode(data, connection.msgtype)
         count += 1
         for part in message.transforms if connection.msgtype == TRANSFORMS else (message,):
             both = part.header.frame_id, getattr(part, "child_frame_id", "")
