@@ -15,7 +15,7 @@ from cpid_drake.logs.conversion import LogFile, read_columns
 from cpid_drake.logs.csv_format import read_csv, write_csv
 from cpid_drake.logs.log import THRUST, THRUST_COLUMNS, Log
 from cpid_drake.logs.parquet_format import read_parquet, write_parquet
-from cpid_drake.logs.table import LogTable
+from cpid_drake.logs.table import LogTable, common_rows
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.thrusters import VALVE
 
@@ -167,9 +167,9 @@ def table_of(motion: Motion | Log) -> tuple[list[str], Array]:
         return ["time", *(name for group in groups for name in group)], values
     valves = {VALVE + name: samples for name, samples in motion.valves.items()}
     everything = {**dict(motion.items()), THRUST: motion.thrust, **valves}
-    time = np.unique(np.concatenate([samples.time for samples in everything.values()]))
+    time, rows = common_rows([samples.time for samples in everything.values()])
     names, blocks = ["time"], [time[:, None]]
-    for name, samples in everything.items():
+    for (name, samples), own in zip(everything.items(), rows, strict=True):
         if not len(samples):
             continue
         if name == THRUST:
@@ -177,6 +177,6 @@ def table_of(motion: Motion | Log) -> tuple[list[str], Array]:
         else:
             names += SENSORS[name].columns_of(joints) if name in SENSORS else (name,)
         block = np.full((time.size, samples.value.shape[1]), np.nan)
-        block[np.searchsorted(time, samples.time)] = samples.value
+        block[own] = samples.value
         blocks.append(block)
     return names, np.hstack(blocks)

@@ -25,7 +25,7 @@ from cpid_drake.logs.ros_messages import (
     stamp_of,
 )
 from cpid_drake.logs.screening import LONGEST_DELAY
-from cpid_drake.logs.table import LogTable
+from cpid_drake.logs.table import LogTable, common_rows
 from cpid_drake.sensors.sensors import SENSORS
 
 if TYPE_CHECKING:
@@ -33,6 +33,9 @@ if TYPE_CHECKING:
 
 Series = tuple[NDArray[np.int64], Array]
 """Stamps (N,) [ns] and values (N, width)."""
+
+_Part = tuple[str, Sequence[str], Series]
+"""A quantity, its columns, and its samples."""
 
 Decode = Callable[[bytes, str], Any]
 """Returns the message in bytes, given the name of its type."""
@@ -84,8 +87,8 @@ def read_rosbag(path: str | Path, topics: Mapping[str, str]) -> LogTable:
     Times are the headers' stamps, not the times of recording, and start at zero at the bag's first
     stamp. The subtraction is done in whole nanoseconds, because seconds since 1970 have an error of
     2e-7 s as floating-point numbers. (A stamp more than ten days from the others is from a clock
-    that was not yet set, and is never used as the first stamp.) Rows are in the order of stamps; of
-    messages of one topic with the same stamp, the first counts, and the others are rejected.
+    that was not yet set, and is never used as the first stamp.) Rows are in the order of stamps;
+    messages of one topic with the same stamp have rows of their own, which screening judges.
 
     Args:
         path: the folder of a bag of ROS 2, a single .db3 or .mcap file of it, or a .bag file of
@@ -148,24 +151,27 @@ def _decoder(connections: "Sequence[Connection]", is_ros1: bool) -> Decode:
 def _table(
     topics: Mapping[str, _Messages], chosen: Mapping[str, list[str]], every: Mapping[str, str]
 ) -> LogTable:
-    """Return the columns of a bag, one row for each stamp of any topic."""
+    """Return the columns of a bag, in rows of every stamp of any topic."""
     stamps = np.concatenate([np.array(each.stamps, dtype=np.int64) for each in topics.values()])
     middle = np.sort(stamps)[stamps.size // 2]
     origin = stamps[np.abs(stamps - middle) < 10 * 86400 * 10**9].min()
-    rows = np.unique(stamps)
-    table = LogTable({"time": (rows - origin) / 1e9}, notes={})
-    used = {"joints"}
+    parts, used, table = list[_Part](), {"joints"}, LogTable({})
     for quantity, kinds in SOURCES.items():
         there = [kind for kind in kinds if kind in topics and quantity in topics[kind].samples]
         if not there:
             continue
         used.add(there[0])
-        topic = topics[there[0]]
-        names = THRUST_COLUMNS if quantity == THRUST else SENSORS[quantity].columns
-        _put(table, rows, quantity, names, topic.series(quantity), len(topic.stamps))
-    for name, (given, _) in topics["joints"].samples.items():
+        columns = THRUST_COLUMNS if quantity == THRUST else SENSORS[quantity].columns
+        series = topics[there[0]].series(quantity)
+        parts.append((quantity, columns, series))
+        table.rejected[quantity] = len(topics[there[0]].stamps) - len(series[0])
+    for name in topics["joints"].samples:
         quantity = "joint_rates" if name.startswith("qd:") else "encoders"
-        _put(table, rows, quantity, (name,), topics["joints"].series(name), len(given))
+        parts.append((quantity, (name,), topics["joints"].series(name)))
+    rows, places = common_rows([np.unique(stamps), *(series[0] for _, _, series in parts)])
+    table.columns["time"] = (rows - origin) / 1e9
+    for (quantity, names, (_, value)), place in zip(parts, places[1:], strict=True):
+        _put(table, quantity, names, value, place)
     if topics["joints"].empty:
         text = f"{topics['joints'].empty} empty messages left out"
         table.notes["encoders"] = (*table.notes.get("encoders", ()), text)
@@ -179,25 +185,16 @@ def _table(
 
 
 def _put(
-    table: LogTable,
-    rows: NDArray[np.int64],
-    quantity: str,
-    names: Sequence[str],
-    series: Series,
-    count: int,
+    table: LogTable, quantity: str, names: Sequence[str], value: Array, rows: NDArray[np.intp]
 ) -> None:
-    """Add columns of a quantity of `count` messages, without samples of a stamp that repeats."""
-    stamps, value = series
-    kept = np.unique(stamps, return_index=True)[1]
-    table.rejected[quantity] = max(table.rejected[quantity], count - len(kept))
-    absent = np.isnan(value[kept]).any(axis=1)
+    """Add columns of a quantity, given its samples (N, width) and their rows (N,)."""
+    absent = np.isnan(value).any(axis=1)
     if absent.any() and quantity not in ("encoders", "joint_rates"):
         text = f"{absent.sum()} samples of {', '.join(names)} are NaN, left out"
         table.notes[quantity] = (*table.notes.get(quantity, ()), text)
-    place = np.searchsorted(rows, stamps[kept])
-    for name, column in zip(names, value[kept].T, strict=True):
-        table.columns[name] = np.full(len(rows), np.nan)
-        table.columns[name][place] = column
+    for name, column in zip(names, value.T, strict=True):
+        table.columns[name] = np.full(len(table), np.nan)
+        table.columns[name][rows] = column
 
 
 def _choose_topics(

@@ -123,6 +123,29 @@ def _durations(texts: Sequence[str]) -> Array | None:
     return seconds
 
 
+def common_rows(series: Sequence[NDArray[Any]]) -> tuple[NDArray[Any], list[NDArray[np.intp]]]:
+    """Return the times (R,) of rows that hold several series, and each one's rows (N,) in them.
+
+    There is a row for each time. Samples of a series that repeat a time have further rows with it.
+
+    Args:
+        series: of each, the times (N,) in any order.
+
+    """
+    pool = np.unique(np.concatenate(series))
+    count, places = np.ones(pool.size, dtype=int), []
+    for times in series:
+        order = np.argsort(times, kind="stable")
+        place = np.searchsorted(pool, times[order])
+        number = np.empty(len(times), dtype=int)  # of a sample among those with its time
+        number[order] = np.arange(len(times)) - np.searchsorted(place, place)
+        np.maximum.at(count, place, number[order] + 1)
+        places.append(number)
+    first = np.cumsum(count) - count
+    rows = [first[np.searchsorted(pool, t)] + number for t, number in zip(series, places)]
+    return np.repeat(pool, count), rows
+
+
 def seconds_of_times(times: NDArray[Any]) -> NDArray[Any]:
     """Return seconds of NumPy's durations, and since the first of its dates; others as they are."""
     if times.dtype.kind == "M":

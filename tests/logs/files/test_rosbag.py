@@ -1,5 +1,6 @@
 """ROS bags: written with the package rosbags, read back; topics, frames, clocks, damage."""
 
+from collections import Counter
 from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 from cpid_drake import InputError, read_log
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.logs.formats import inspect_log
+from cpid_drake.logs.screening import screen
 from cpid_drake.sensors.sensors import SENSORS
 
 rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="needs the package rosbags")
@@ -228,8 +230,30 @@ def test_a_message_that_comes_twice_counts_once(write, telemetry):
     topics = odometry_and_joints(telemetry)
     topics["/joints"].append(joint_state(telemetry, 3, stamps()[-1]))
     found = inspect_log(write(topics))
-    assert found.partial == {"encoders": 1, "joint_rates": 1}
-    assert_equal(found.log, telemetry)
+    assert found.partial == {}
+    screened = screen(found.log)
+    assert +Counter(screened.rejected) == {"encoders": 1, "joint_rates": 1}
+    np.testing.assert_array_equal(screened.log.encoders.value, telemetry.q)
+    np.testing.assert_array_equal(screened.log.position.value, telemetry.p_WB)
+
+
+def test_two_values_of_thrust_with_one_stamp_are_refused(write, telemetry):
+    """One of them would hold until the next; the same value twice says nothing new."""
+
+    def messages(*forces):
+        wrench = [TYPES["Wrench"](vector([k, 0, 0]), vector([0, 0, 0])) for k in forces]
+        return [TYPES["WrenchStamped"](header(stamps()[2]), each) for each in wrench] + [
+            TYPES["WrenchStamped"](header(stamps()[9]), wrench[0])
+        ]
+
+    topics, chosen = odometry_and_joints(telemetry), {"thrust": "/thrusters"}
+    bag = write(topics | {"/thrusters": messages(1, 1)})
+    screened = screen(read_log(bag, topics=chosen))
+    assert +Counter(screened.rejected) == {"thrust": 1}
+    assert len(screened.log.thrust) == 2
+    bag = write(topics | {"/thrusters": messages(1, 2)})
+    with pytest.raises(InputError, match=r"'thrust' at 0.02 s comes after that at 0.02 s"):
+        screen(read_log(bag, topics=chosen))
 
 
 def test_one_of_several_topics_is_chosen_by_name(write, telemetry):
