@@ -105,8 +105,9 @@ def screen(log: Log, suite: SensorSuite | None = None, memory: Log | None = None
         memory: the memory after the previous chunk; None for the first chunk and for whole logs.
 
     Raises:
-        InputError: samples are not numbers, or their shapes do not match the sensor; see also
-            `with_thrust`.
+        InputError: samples are not numbers, or their shapes do not match the sensor; the valves of
+            the log are not those of the suite, or the log has force and torque, too; or the log of
+            thrust as above.
 
     """
     memory = memory or Log(log.joint_names)
