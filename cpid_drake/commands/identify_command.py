@@ -27,7 +27,7 @@ def identify(
     usage; 3 not all are determined; 4 a check failed: the first line says which.
 
     Args:
-        logs: CSV, Parquet or ROS 2 bag; several files of one log with + between them. Several
+        logs: CSV, Parquet or ROS bag; several files of one log with + between them. Several
             logs of the same spacecraft and target give one estimate; each has its own start,
             momentum and biases.
         json: Write the result to this file.

@@ -47,7 +47,7 @@ Rate = Annotated[float, Parameter(metavar="HZ", validator=Within(gte=1e-6, lte=1
 Scenario = Annotated[
     FileName, Parameter(help="A scenario file, or the name of a shipped scenario.")
 ]
-LogFile = Annotated[FileName, Parameter(help="CSV, Parquet or ROS 2 bag; A+B: files of one log.")]
+LogFile = Annotated[FileName, Parameter(help="CSV, Parquet or ROS bag; A+B: files of one log.")]
 Result = Annotated[Path, Parameter(help="Result file of `cpid identify --json`.")]
 OutFolder = Annotated[
     Path, Parameter(metavar="FOLDER", help="Folder to write; created if it is not there.")

@@ -34,7 +34,7 @@ def report(
     the options of its identification, and its log is read again if it is still there.
 
     Args:
-        log: A log: CSV, Parquet or ROS 2 bag.
+        log: A log: CSV, Parquet or ROS bag.
         out: HTML file to write.
         result: In place of a log: a result of `cpid identify --json`.
         run: In place of a log: a folder of `cpid simulate`.

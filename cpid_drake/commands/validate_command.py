@@ -40,7 +40,7 @@ def validate(
 
     Args:
         log: A log of the same spacecraft and target that was not used for the result: CSV,
-            Parquet or ROS 2 bag.
+            Parquet or ROS bag.
         threshold: Largest usual residual of the log, in σ and whatever its cause, with which the
             result is valid.
         beginning: Share of the log to which start, momentum and biases are fitted; the rest is

@@ -252,7 +252,8 @@ def _with_logs(
             failed.append(THRUST_NOT_USED.format(f"{log.measurements.first_burn:.4g}", method.name))
         warnings += [log.where + text for text in said]
         checks += [Check("log", log.where + text) for text in failed]
-        for name, count in (+Counter(log.rejected)).items():
+        for name in [each for each in SENSORS if log.rejected.get(each)]:
+            count = log.rejected[name]
             total = count + log.counts.get(name, 0)
             text = f"{log.where}{count} of {total} samples of {name} could not be used"
             checks.append(Check.of(f"rejected share of {name}", text, count / total, 0.5))

@@ -18,7 +18,7 @@ from cpid_drake.array import Array
 from cpid_drake.files.errors import InputError, listed
 from cpid_drake.logs.log import Log, Samples, turns
 from cpid_drake.logs.noise_estimation import FEWEST, RESOLUTION, noise_level, rounding
-from cpid_drake.logs.screening import as_arrays
+from cpid_drake.logs.screening import as_arrays, is_later
 from cpid_drake.logs.unwrapping import unwrapped
 from cpid_drake.sensors.sensors import POSITIONS, SENSORS
 from cpid_drake.spacecraft.spacecraft import Spacecraft
@@ -107,7 +107,7 @@ class Seen:
 
     def __init__(self, log: Log, rotors: set[str], sliding: set[str]) -> None:
         self.log, self._rotors, self._sliding = log, rotors, sliding
-        self.found = {name: [*log.notes.get(name, ())] for name in SENSORS}
+        self.found = {n: [*log.notes.get(n, ()), *_repeated(s.time)] for n, s in log.items()}
         self.out, self.errors = set[str](), list[str]()
         self.table: tuple[Channel, ...] = ()
 
@@ -134,11 +134,7 @@ class Seen:
         """Return the finite samples of a channel in the order of time; None for too few."""
         if name in self.out or name not in self.log.samples:
             return None
-        samples = self.log[name]
-        there = np.isfinite(samples.value) | np.isnan(samples.value).all(axis=0)
-        samples = samples.where(there.all(axis=1) & np.isfinite(samples.time))
-        latest = np.maximum.accumulate(np.append(-np.inf, samples.time))[:-1]
-        samples = samples.where(samples.time > latest)
+        samples = self.log[name].where(_usable(self.log[name]))
         return samples if len(samples) >= FEWEST and samples.value.shape[1] else None
 
     def keep(self, name: str, times: Array) -> None:
@@ -203,7 +199,7 @@ class Seen:
                 )
         if changed:
             self.found["encoders"].append(f"wrapped by whole turns, unwrapped: {listed(changed)}")
-            self.log = self.log.updated({"encoders": Samples(given.time, value)})
+            self._replace_positions(value)
 
     # -- constants -------------------------------------------------------------------------------
 
@@ -285,7 +281,14 @@ class Seen:
             else:
                 self.errors.append(f"{text}; give its positions")
         if np.isnan(value).any():
-            self.log = self.log.updated({"encoders": Samples(given.time, value)})
+            self._replace_positions(value)
+
+    def _replace_positions(self, value: Array) -> None:
+        """Replace the given positions of joints; others, which screening rejects, stay."""
+        samples = self.log.encoders
+        new = samples.value.copy()
+        new[_usable(samples)] = value
+        self.log = self.log.updated({"encoders": Samples(samples.time, new)})
 
     # -- ends of scale ---------------------------------------------------------------------------
 
@@ -315,6 +318,20 @@ class Seen:
             self.keep(name, given.time[~at_end])
 
 
+def _repeated(time: Array) -> list[str]:
+    """Return a note if samples repeat stamps: screening leaves them out, and counts them."""
+    time = time[np.isfinite(time)]
+    count = len(time) - len(np.unique(time))
+    return [f"{count} with a repeated stamp, left out: the first counts"] if count else []
+
+
+def _usable(samples: Samples) -> NDArray[np.bool_]:
+    """Return which samples are finite, and in the order of time; an entry may always be absent."""
+    there = np.isfinite(samples.value) | np.isnan(samples.value).all(axis=0)
+    usable = there.all(axis=1) & np.isfinite(samples.time)
+    return usable & is_later(np.where(usable, samples.time, np.nan))
+
+
 def _changes(value: Array) -> NDArray[np.bool_]:
     """Return which entries (width,) of values are not exactly constant; absent ones are not."""
     return np.asarray((value != value[0]).any(axis=0))
@@ -339,10 +356,11 @@ def _path(name: str, samples: Samples) -> Array:
 
 def _channel(name: str, samples: Samples, found: Sequence[str], is_out: bool) -> Channel:
     """Return the line of a channel."""
-    rate, gap, steps = 0.0, None, np.diff(samples.time)
+    time = samples.time[is_later(samples.time)]
+    rate, gap, steps = 0.0, None, np.diff(time)
     usual = float(np.median(steps)) if steps.size else 0.0
     if usual > 0:
         rate, k = 1 / usual, int(steps.argmax())
-        gap = (float(steps[k]), float(samples.time[k])) if steps[k] > 3 * usual else None
+        gap = (float(steps[k]), float(time[k])) if steps[k] > 3 * usual else None
     rows = len(samples) if samples.value.shape[1] else 0
     return Channel(name, rows, rate, gap, tuple(found), rows > 0 and not is_out)

@@ -27,7 +27,7 @@ from cpid_drake.logs.column_map import (
 from cpid_drake.logs.joined import files_of_sensors
 from cpid_drake.logs.log import THRUST, Log, Samples, with_fixed_joints
 from cpid_drake.logs.noise_estimation import FEWEST
-from cpid_drake.logs.screening import LARGEST, QUATERNION_NORM
+from cpid_drake.logs.screening import LARGEST, QUATERNION_NORM, is_later
 from cpid_drake.logs.table import LogTable, seconds_of_times
 from cpid_drake.logs.unwrapping import unwrapped
 from cpid_drake.sensors.thrusters import VALVE
@@ -286,6 +286,8 @@ class _Conversion:
     def _in_common_rows(self, name: str, time: Array, block: Array) -> Array:
         """Return samples of joints that come in rows of their own at those of the rarest joint."""
         there = np.isfinite(block) & self._usable[:, None]
+        for each in there.T:
+            each[each] = is_later(time[each])
         counts = there.sum(axis=0)
         if not counts.size or not counts.all() or there.all(axis=1).sum() > counts.min() / 2:
             return block
@@ -300,7 +302,10 @@ class _Conversion:
             is_near &= (time[rows] >= own[0]) & (time[rows] <= own[-1])
             value, _ = unwrapped(block[each, k], np.zeros(len(own)))
             new[rows, k] = np.where(is_near, CubicSpline(own, value)(time[rows]), np.nan)
+        again = int((np.isfinite(block) & self._usable[:, None]).sum() - there.sum())
+        self.partial[name] += again
         text = "come in rows of their own, interpolated to those of the rarest joint"
+        text += f"; {again} with a repeated stamp, left out" * bool(again)
         self.notes[name] = (*self.notes.get(name, ()), text)
         return new
 
@@ -341,29 +346,32 @@ class _Conversion:
         return time
 
     def _refuse_order(self, time: Array) -> None:
-        """Refuse rows of a file that are not behind all before them."""
-        column = self._map.time.column
-        for rows in self._table.rows_by_file():
-            t, usable = time[rows], self._usable[rows]
-            latest = np.fmax.accumulate(np.append(-np.inf, np.where(usable, t, -np.inf)))[:-1]
-            back = usable & (t <= latest)
-            for start, end in _runs(back):
-                now, before = (
-                    np.format_float_positional(x, trim="-") for x in (t[start], latest[start])
+        """Refuse rows whose time goes back; screening judges samples that repeat a stamp."""
+        latest = np.fmax.accumulate(np.append(-np.inf, np.where(self._usable, time, -np.inf)))[:-1]
+        back, column = self._usable & (time < latest), self._map.time.column
+        there = time[self._usable]
+        if there.size >= FEWEST and (there == there[0]).all():
+            text = f"the time is {there[0]:.17g} s in all rows: was it rounded, as spreadsheets do?"
+            raise InputError(f"column '{column}': {text}")
+        for start, end in _runs(self._usable & (time <= latest)):
+            if not back[start:end].any():
+                continue
+            start += int(back[start:end].argmax())
+            now, before = (
+                np.format_float_positional(t, trim="-") for t in (time[start], latest[start])
+            )
+            if end - start >= FEWEST and (np.diff(time[start:end]) >= 0).all():
+                self._refuse(
+                    start,
+                    column,
+                    f"the time starts again at {now} s after {before} s, for {end - start} rows: "
+                    "are these several logs, one after the other? Cut the file there",
                 )
-                if end - start >= FEWEST and (np.diff(t[start:end]) > 0).all():
-                    self._refuse(
-                        rows[start],
-                        column,
-                        f"the time starts again at {now} s after {before} s, for {end - start} "
-                        "rows: are these several logs, one after the other? Cut the file there",
-                    )
-                    self._usable[rows[start:end]] = False
-                    continue
-                for k in range(start, end):
-                    now = np.format_float_positional(t[k], trim="-")
-                    what = "is there twice" if t[k] == latest[k] else f"comes after {before} s"
-                    self._refuse(rows[k], column, f"time {now} s {what}")
+                self._usable[start:end] = False
+                continue
+            for row in start + np.flatnonzero(back[start:end]):
+                now = np.format_float_positional(time[row], trim="-")
+                self._refuse(row, column, f"time {now} s comes after {before} s")
 
 
 def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:

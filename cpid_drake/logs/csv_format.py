@@ -4,10 +4,15 @@ Commas separate the cells, or semicolons, tabs or blanks, as in the first line. 
 tabs, decimals may have commas. The names may stand in a comment above the numbers, as NumPy writes
 them, and a line of units may follow them. Without a header, the columns are named 1, 2, 3, ….
 Headers of Vicon's and Motive's exports are read, too.
+
+A text is in UTF-8, or in UTF-16 if it has the byte order mark. Numbers are the same in all code
+pages; so names, units and comments that are no UTF-8, such as a "°" of Windows, are read in
+Windows-1252, and rows must be UTF-8.
 """
 
 import csv
 import re
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Iterator, Sequence
 from itertools import chain, islice
 from pathlib import Path
@@ -18,7 +23,7 @@ from numpy.typing import NDArray
 from cpid_drake.array import Array
 from cpid_drake.files.errors import InputError
 from cpid_drake.logs.column_map import UNIT_OF, scale_of
-from cpid_drake.logs.table import LogTable, repeated_names, seconds_of_stamps
+from cpid_drake.logs.table import LogTable, repeated_names, seconds_of_texts
 
 _LONGEST_LINE = 1_000_000
 """Longest line of a text file: 10000 columns of 100 digits. A binary file has none."""
@@ -34,6 +39,9 @@ _VICON = ("Segments", "Objects", "Trajectories", "Joints", "Model Outputs")
 
 _MOTIVE = {"Type", "ID", "Parent"}
 """Lines of the header of Motive's files that are not used."""
+
+_ROW = re.compile(r'[\s",;]*[+-]?\.?\d')
+"""The beginning of a line of numbers."""
 
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
 _NO_UNIT = ("", "-", "1", "none", "n/a", "quaternion", "unitless")
@@ -80,7 +88,7 @@ def read_csv(file: Path, where: str) -> LogTable:
         count += len(values)
     columns = dict(zip(header, np.ascontiguousarray(np.concatenate(blocks).T)))
     for name in [name for name, cells in texts.items() if np.isnan(columns[name]).all()]:
-        seconds = seconds_of_stamps([*texts[name].values()])
+        seconds = seconds_of_texts([*texts[name].values()])
         if seconds is not None:
             columns[name][[*texts.pop(name)]] = seconds
     return LogTable(
@@ -106,21 +114,39 @@ def _lines(file: Path, where: str) -> Lines:
     """Yield the lines that are not empty, with their numbers; any line ends."""
     number = 0
     try:
-        with file.open(encoding="utf-8-sig", errors="surrogateescape", newline=None) as stream:
+        with file.open("rb") as stream:
+            is_wide = stream.read(2) in (BOM_UTF16_LE, BOM_UTF16_BE)
+        code, errors = ("utf-16", "replace") if is_wide else ("utf-8-sig", "surrogateescape")
+        with file.open(encoding=code, errors=errors, newline=None) as stream:
             while line := stream.readline(_LONGEST_LINE + 1):
                 number += 1
                 if len(line) > _LONGEST_LINE:
                     raise InputError(f"{where}: line {number} is longer than {_LONGEST_LINE} bytes")
                 line = line.rstrip("\n")
-                if not line.isascii() and any("\ud800" <= c <= "\udfff" for c in line):
-                    raise InputError(
-                        f"{where}: line {number} is not text in UTF-8; if this is a CSV file, save "
-                        "it in that encoding"
-                    )
+                if not line.isascii():
+                    line = _in_one_code(line, is_wide, f"{where}: line {number}")
                 if line.strip():
                     yield number, line
     except OSError as error:
         raise InputError(f"{where}: cannot be read: {error.strerror}") from error
+
+
+def _in_one_code(line: str, is_wide: bool, where: str) -> str:
+    """Return a line, that of names or units in Windows-1252 if it is no UTF-8."""
+    if is_wide:
+        if "\ufffd" in line:
+            raise InputError(f"{where} is damaged: it is not text in UTF-16, as the file begins")
+        return line
+    if not any("\ud800" <= c <= "\udfff" for c in line):
+        return line
+    try:
+        if not _ROW.match(line):
+            return line.encode("utf-8", "surrogateescape").decode("cp1252")
+    except UnicodeDecodeError:
+        pass
+    raise InputError(
+        f"{where} is not text in UTF-8; if this is a CSV file, save it in that encoding"
+    )
 
 
 def _header(lines: Lines, where: str) -> tuple[str, list[str], str | None, Lines]:
@@ -149,7 +175,7 @@ def _header(lines: Lines, where: str) -> tuple[str, list[str], str | None, Lines
         if line.startswith("Format Version"):
             return (*_motive_names(line, lines, where), ",", lines)
         names = _split(line, separator)
-        if all(names) and (not _numbers(names)[1] or seconds_of_stamps(names[:1]) is not None):
+        if all(names) and (not _numbers(names)[1] or seconds_of_texts(names[:1]) is not None):
             lines = chain([(number, line)], lines)
             for number, comment in reversed(comments):
                 found = _split(comment, separator)
@@ -233,7 +259,7 @@ def _units(row: list[str], header: list[str], where: str) -> list[str]:
     if (
         not any(words)
         or len(_numbers(row)[1]) < sum(map(bool, words))
-        or seconds_of_stamps(row[:1]) is not None
+        or seconds_of_texts(row[:1]) is not None
     ):
         return []
     found = list[str]()

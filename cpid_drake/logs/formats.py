@@ -16,7 +16,7 @@ from cpid_drake.logs.csv_format import read_csv, write_csv
 from cpid_drake.logs.joined import joined, log_parts
 from cpid_drake.logs.log import THRUST, THRUST_COLUMNS, Log
 from cpid_drake.logs.parquet_format import read_parquet, write_parquet
-from cpid_drake.logs.table import LogTable
+from cpid_drake.logs.table import LogTable, common_rows
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.thrusters import VALVE
 
@@ -32,8 +32,8 @@ FORMATS: dict[str, tuple[Read, Write | None]] = {
 }
 """All formats of one file with one time, by the ending in lower case."""
 
-BAG_ENDINGS = (".mcap", ".db3")
-"""Endings of ROS 2 bags, which can be folders too."""
+BAG_ENDINGS = (".mcap", ".db3", ".bag")
+"""Endings of bags of ROS 2, which can be folders too, and of ROS 1."""
 
 
 def inspect_log(
@@ -114,7 +114,7 @@ def _read_file(path: str | Path, topics: Mapping[str, str] | None) -> LogTable:
             f"folders, not from '{file.suffix or file.name}'; `from_columns` has arrays in memory"
         )
     if topics:
-        raise InputError(f"{path}: topics are for ROS 2 bags")
+        raise InputError(f"{path}: topics are for ROS bags")
     return FORMATS[file.suffix.lower()][0](file, str(path))
 
 
@@ -125,7 +125,7 @@ def read_log(
     topics: Mapping[str, str] | None = None,
     columns: ColumnMap | str | Path | None = None,
 ) -> Log:
-    """Return the samples in a log file of any format in `FORMATS`, or in a ROS 2 bag.
+    """Return the samples in a log file of any format in `FORMATS`, or in a ROS bag.
 
     Args:
         path, topics, columns: see `inspect_log`.
@@ -193,9 +193,9 @@ def table_of(motion: Motion | Log) -> tuple[list[str], Array]:
         return ["time", *(name for group in groups for name in group)], values
     valves = {VALVE + name: samples for name, samples in motion.valves.items()}
     everything = {**dict(motion.items()), THRUST: motion.thrust, **valves}
-    time = np.unique(np.concatenate([samples.time for samples in everything.values()]))
+    time, rows = common_rows([samples.time for samples in everything.values()])
     names, blocks = ["time"], [time[:, None]]
-    for name, samples in everything.items():
+    for (name, samples), own in zip(everything.items(), rows, strict=True):
         if not len(samples):
             continue
         if name == THRUST:
@@ -203,6 +203,6 @@ def table_of(motion: Motion | Log) -> tuple[list[str], Array]:
         else:
             names += SENSORS[name].columns_of(joints) if name in SENSORS else (name,)
         block = np.full((time.size, samples.value.shape[1]), np.nan)
-        block[np.searchsorted(time, samples.time)] = samples.value
+        block[own] = samples.value
         blocks.append(block)
     return names, np.hstack(blocks)

@@ -1,4 +1,4 @@
-"""What ROS 2 messages say of a spacecraft's motion, of a bag or as they arrive.
+"""What ROS messages say of a spacecraft's motion, of a bag or as they arrive.
 
 A message is any object with the fields of its type.
 """

@@ -1,10 +1,11 @@
-"""Reads ROS 2 bags as columns, with the samples of each sensor in the rows of their own times.
+"""Reads ROS bags as columns, with the samples of each sensor in the rows of their own times.
 
-Reads the message types in `TOPIC_TYPES` from bags with either storage (sqlite3, MCAP). The
-PyPI package `rosbags` does the parsing, so ROS need not be installed.
+Reads the message types in `TOPIC_TYPES` from bags of ROS 2 (sqlite3, MCAP) and of ROS 1. The PyPI
+package `rosbags` does the parsing, so ROS need not be installed. Definitions of other types, which
+may be in the bag, are not looked at; so one that cannot be parsed does no harm.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,7 +25,7 @@ from cpid_drake.logs.ros_messages import (
     stamp_of,
 )
 from cpid_drake.logs.screening import LONGEST_DELAY
-from cpid_drake.logs.table import LogTable
+from cpid_drake.logs.table import LogTable, common_rows
 from cpid_drake.sensors.sensors import SENSORS
 
 if TYPE_CHECKING:
@@ -32,6 +33,12 @@ if TYPE_CHECKING:
 
 Series = tuple[NDArray[np.int64], Array]
 """Stamps (N,) [ns] and values (N, width)."""
+
+_Part = tuple[str, Sequence[str], Series]
+"""A quantity, its columns, and its samples."""
+
+Decode = Callable[[bytes, str], Any]
+"""Returns the message in bytes, given the name of its type."""
 
 
 @dataclass(eq=False)
@@ -58,7 +65,7 @@ class _Messages:
 
 
 def read_rosbag(path: str | Path, topics: Mapping[str, str]) -> LogTable:
-    """Return the motion of a spacecraft in a ROS 2 bag as columns with the package's names.
+    """Return the motion of a spacecraft in a ROS bag as columns with the package's names.
 
     Attitude is read from the odometry, else from the poses, else from the IMU; position from the
     odometry, else from the poses; velocity from the odometry, rotated from its child frame to W by
@@ -80,11 +87,12 @@ def read_rosbag(path: str | Path, topics: Mapping[str, str]) -> LogTable:
     Times are the headers' stamps, not the times of recording, and start at zero at the bag's first
     stamp. The subtraction is done in whole nanoseconds, because seconds since 1970 have an error of
     2e-7 s as floating-point numbers. (A stamp more than ten days from the others is from a clock
-    that was not yet set, and is never used as the first stamp.) Rows are in the order of stamps; of
-    messages of one topic with the same stamp, the first counts, and the others are rejected.
+    that was not yet set, and is never used as the first stamp.) Rows are in the order of stamps;
+    messages of one topic with the same stamp have rows of their own, which screening judges.
 
     Args:
-        path: the bag's folder, or a single .db3 or .mcap file.
+        path: the folder of a bag of ROS 2, a single .db3 or .mcap file of it, or a .bag file of
+            ROS 1.
         topics: the topic to read by kind in `TOPIC_TYPES`, such as {"imu": "/imu/data"}; "" for no
             topic; of joints several, "/arm,/wheels"; of transforms with the frames of W and B,
             "/tf:world:base". A kind except "thrust" may be omitted if the bag has at most one topic
@@ -97,51 +105,73 @@ def read_rosbag(path: str | Path, topics: Mapping[str, str]) -> LogTable:
 
     """
     try:
-        from rosbags.rosbag2 import Reader
-        from rosbags.typesys import Stores, get_typestore
+        from rosbags import rosbag1, rosbag2
     except ImportError as error:
-        raise InputError("ROS 2 bags need a package: pip install 'cpid-drake[ros]'") from error
+        raise InputError("ROS bags need a package: pip install 'cpid-drake[ros]'") from error
     where = str(path)
-    # The types are the same in every ROS 2, and older bags do not hold their definitions.
-    store = get_typestore(Stores.ROS2_HUMBLE)
+    is_ros1 = Path(path).suffix.lower() == ".bag"
     try:
         if not Path(path).exists():
             raise InputError(f"{where}: no such file or folder")
         if Path(path).is_dir() and not Path(path, "metadata.yaml").is_file():
-            raise InputError(f"{where}: a folder without metadata.yaml: not a ROS 2 bag")
-        with Reader(Path(path)) as reader:
+            raise InputError(
+                f"{where}: a folder without metadata.yaml: not a ROS 2 bag; of ROS 1, give the "
+                ".bag file"
+            )
+        with (rosbag1 if is_ros1 else rosbag2).Reader(Path(path)) as reader:
             chosen = _choose_topics(where, reader.connections, topics)
-            read = {k: _read(where, reader, store, k, names) for k, names in chosen.items()}
+            decode = _decoder(reader.connections, is_ros1)
+            read = {k: _read(where, reader, decode, k, names) for k, names in chosen.items()}
             every = {c.topic: c.msgtype for c in reader.connections}
     except InputError:
         raise
     except Exception as error:  # the package raises exceptions of many types on damaged bags
         problem = f"{type(error).__name__}: {error}"
-        raise InputError(f"{where}: not a ROS 2 bag, or a damaged one ({problem})") from error
+        raise InputError(f"{where}: not a ROS bag, or a damaged one ({problem})") from error
     return _table(read, chosen, every)
+
+
+def _decoder(connections: "Sequence[Connection]", is_ros1: bool) -> Decode:
+    """Return what makes messages of bytes, given the name of their type."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    if not is_ros1:
+        # The types are the same in every ROS 2, and older bags do not hold their definitions.
+        return get_typestore(Stores.ROS2_HUMBLE).deserialize_cdr
+    known = {each for types in TOPIC_TYPES.values() for each in types}
+    types = dict[str, Any]()
+    for connection in connections:
+        if connection.msgtype in known:
+            types |= get_types_from_msg(connection.msgdef.data, connection.msgtype)
+    store = get_typestore(Stores.EMPTY)
+    store.register(types)
+    return store.deserialize_ros1
 
 
 def _table(
     topics: Mapping[str, _Messages], chosen: Mapping[str, list[str]], every: Mapping[str, str]
 ) -> LogTable:
-    """Return the columns of a bag, one row for each stamp of any topic."""
+    """Return the columns of a bag, in rows of every stamp of any topic."""
     stamps = np.concatenate([np.array(each.stamps, dtype=np.int64) for each in topics.values()])
     middle = np.sort(stamps)[stamps.size // 2]
     origin = stamps[np.abs(stamps - middle) < 10 * 86400 * 10**9].min()
-    rows = np.unique(stamps)
-    table = LogTable({"time": (rows - origin) / 1e9}, notes={})
-    used = {"joints"}
+    parts, used, table = list[_Part](), {"joints"}, LogTable({})
     for quantity, kinds in SOURCES.items():
         there = [kind for kind in kinds if kind in topics and quantity in topics[kind].samples]
         if not there:
             continue
         used.add(there[0])
-        topic = topics[there[0]]
-        names = THRUST_COLUMNS if quantity == THRUST else SENSORS[quantity].columns
-        _put(table, rows, quantity, names, topic.series(quantity), len(topic.stamps))
-    for name, (given, _) in topics["joints"].samples.items():
+        columns = THRUST_COLUMNS if quantity == THRUST else SENSORS[quantity].columns
+        series = topics[there[0]].series(quantity)
+        parts.append((quantity, columns, series))
+        table.rejected[quantity] = len(topics[there[0]].stamps) - len(series[0])
+    for name in topics["joints"].samples:
         quantity = "joint_rates" if name.startswith("qd:") else "encoders"
-        _put(table, rows, quantity, (name,), topics["joints"].series(name), len(given))
+        parts.append((quantity, (name,), topics["joints"].series(name)))
+    rows, places = common_rows([np.unique(stamps), *(series[0] for _, _, series in parts)])
+    table.columns["time"] = (rows - origin) / 1e9
+    for (quantity, names, (_, value)), place in zip(parts, places[1:], strict=True):
+        _put(table, quantity, names, value, place)
     if topics["joints"].empty:
         text = f"{topics['joints'].empty} empty messages left out"
         table.notes["encoders"] = (*table.notes.get("encoders", ()), text)
@@ -155,25 +185,16 @@ def _table(
 
 
 def _put(
-    table: LogTable,
-    rows: NDArray[np.int64],
-    quantity: str,
-    names: Sequence[str],
-    series: Series,
-    count: int,
+    table: LogTable, quantity: str, names: Sequence[str], value: Array, rows: NDArray[np.intp]
 ) -> None:
-    """Add columns of a quantity of `count` messages, without samples of a stamp that repeats."""
-    stamps, value = series
-    kept = np.unique(stamps, return_index=True)[1]
-    table.rejected[quantity] = max(table.rejected[quantity], count - len(kept))
-    absent = np.isnan(value[kept]).any(axis=1)
+    """Add columns of a quantity, given its samples (N, width) and their rows (N,)."""
+    absent = np.isnan(value).any(axis=1)
     if absent.any() and quantity not in ("encoders", "joint_rates"):
         text = f"{absent.sum()} samples of {', '.join(names)} are NaN, left out"
         table.notes[quantity] = (*table.notes.get(quantity, ()), text)
-    place = np.searchsorted(rows, stamps[kept])
-    for name, column in zip(names, value[kept].T, strict=True):
-        table.columns[name] = np.full(len(rows), np.nan)
-        table.columns[name][place] = column
+    for name, column in zip(names, value.T, strict=True):
+        table.columns[name] = np.full(len(table), np.nan)
+        table.columns[name][rows] = column
 
 
 def _choose_topics(
@@ -215,12 +236,12 @@ def _choose_topics(
     return chosen
 
 
-def _read(where: str, reader: Any, store: Any, kind: str, topics: Sequence[str]) -> _Messages:
+def _read(where: str, reader: Any, decode: Decode, kind: str, topics: Sequence[str]) -> _Messages:
     """Return the samples of topics of a kind; refuse messages that contradict each other."""
     read, owners = _Messages(), dict[str, str]()
     for topic in topics:
         name, *frames = topic.split(":")
-        one = _read_topic(f"{where}: {name}", reader, store, kind, name, tuple(frames))
+        one = _read_topic(f"{where}: {name}", reader, decode, kind, name, tuple(frames))
         for column in one.samples if kind == "joints" else ():
             if owners.setdefault(column, name) != name:
                 raise InputError(
@@ -236,7 +257,7 @@ def _read(where: str, reader: Any, store: Any, kind: str, topics: Sequence[str])
 
 
 def _read_topic(
-    where: str, reader: Any, store: Any, kind: str, topic: str, wanted: tuple[str, ...]
+    where: str, reader: Any, decode: Decode, kind: str, topic: str, wanted: tuple[str, ...]
 ) -> _Messages:
     """Return the samples of a topic; `wanted` are the frames W and B of a topic of transforms."""
     connections = [
@@ -244,7 +265,7 @@ def _read_topic(
     ]
     read, frames, count = _Messages(), set[tuple[str, ...]](), 0
     for connection, _, data in reader.messages(connections=connections):
-        message = store.deserialize_cdr(data, connection.msgtype)
+        message = decode(data, connection.msgtype)
         count += 1
         for part in message.transforms if connection.msgtype == TRANSFORMS else (message,):
             both = part.header.frame_id, getattr(part, "child_frame_id", "")

@@ -64,7 +64,7 @@ class Screened:
 
     Attributes:
         log: the accepted samples.
-        rejected: number of rejected samples of every sensor of the table.
+        rejected: number of rejected samples of every sensor of the table, and of thrust if any.
         memory: what the screening of the next chunk needs: the latest accepted samples of every
             sensor, at most `NEIGHBOURHOOD`.
 
@@ -84,11 +84,13 @@ def screen(log: Log, suite: SensorSuite | None = None, memory: Log | None = None
     - attitudes whose quaternion has a norm that differs from 1;
     - samples after a silence of all sensors, unless at least `CONFIRMING` different stamps follow
       it; samples with stamps more than `LONGEST_GAP` from most others; and samples that are not
-      later than all before;
+      later than all before, such as those that repeat a stamp, in a file or on a bus: of several,
+      the first counts, whatever the others say;
     - samples that repeat the one before more often than noise does;
     - spikes: single samples far from every line through samples on one side or on both sides.
 
-    The log of thrust keeps its samples; one that is not finite or not in order is refused.
+    The log of thrust keeps its samples, except repeated ones. One that is not finite, not in order,
+    or that contradicts another with its stamp is refused: a wrong one would hold on.
 
     Only sensors of the suite are screened for the last two. Quaternions are normalized; their sign,
     which has no meaning, is kept.
@@ -103,13 +105,15 @@ def screen(log: Log, suite: SensorSuite | None = None, memory: Log | None = None
         memory: the memory after the previous chunk; None for the first chunk and for whole logs.
 
     Raises:
-        InputError: samples are not numbers, or their shapes do not match the sensor; see also
-            `with_thrust`.
+        InputError: samples are not numbers, or their shapes do not match the sensor; the valves of
+            the log are not those of the suite, or the log has force and torque, too; or the log of
+            thrust as above.
 
     """
     memory = memory or Log(log.joint_names)
     present = suite.present() if suite else {}
-    given = as_arrays(with_thrust(log, suite))
+    log, again = _with_thrust(log, suite, memory)
+    given = as_arrays(log)
     readable = {name: _readable(name, s, name in present) for name, s in given.items()}
     confirmed = _confirmed([samples.time for samples in readable.values()], memory.interval[1])
     kept, recent = dict[str, Samples](), dict[str, Samples]()
@@ -117,8 +121,7 @@ def screen(log: Log, suite: SensorSuite | None = None, memory: Log | None = None
         before = memory[name]
         good = np.isin(samples.time, confirmed)
         samples = samples if good.all() else samples.where(good)
-        latest = np.maximum.accumulate(np.append(before.last_time, samples.time))[:-1]
-        later = samples.time > latest
+        later = is_later(samples.time, before.last_time)
         samples = samples if later.all() else samples.where(later)
         everything = concatenated_samples([before, samples]) if len(before) else samples
         if len(samples) and suite is not None and name in present:
@@ -129,7 +132,21 @@ def screen(log: Log, suite: SensorSuite | None = None, memory: Log | None = None
         recent[name] = concatenated_samples([everything.where(slice(-NEIGHBOURHOOD, None))])
         kept[name] = samples
     rejected = {name: len(samples) - len(kept[name]) for name, samples in given.items()}
+    if again:
+        rejected[THRUST] = again
+    held = log.thrust if len(log.thrust) else memory.thrust
+    if len(held):
+        recent[THRUST] = concatenated_samples([held.where(slice(-1, None))])
     return Screened(given.updated(kept), rejected, Log(log.joint_names, recent))
+
+
+def is_later(time: Array, since: float = -np.inf) -> NDArray[np.bool_]:
+    """Return which stamps (N,) [s] are later than `since` and all before; others repeat or go back.
+
+    This says everywhere which of several samples with one stamp counts.
+    """
+    latest = np.fmax.accumulate(np.append(since, time))[:-1]
+    return np.asarray(time > latest)
 
 
 def as_arrays(log: Log) -> Log:
@@ -159,8 +176,10 @@ def _arrays(name: str, given: Samples, width: int) -> Samples:
 # -- thrust, whose samples hold until the next ----------------------------------------------------
 
 
-def with_thrust(log: Log, suite: SensorSuite | None) -> Log:
-    """Return a log with one series of thrust: of forces, or of the openings (N, V) of valves.
+def _with_thrust(log: Log, suite: SensorSuite | None, memory: Log) -> tuple[Log, int]:
+    """Return a log with one series of thrust, and how many of its samples repeat or are late.
+
+    The series is that of forces, or of the openings (N, V) of valves.
 
     Raises:
         InputError: the valves of the log are not those of the suite, an opening is not possible,
@@ -169,11 +188,13 @@ def with_thrust(log: Log, suite: SensorSuite | None) -> Log:
 
     """
     valves, thrusters = log.valves, None if suite is None else suite.thrusters
+    since = memory.thrust.last_time
     if not valves or thrusters is None:
         if THRUST not in log.samples:
-            return log
+            return log, 0
         width = len(thrusters.valves) if thrusters else 6
-        return log.updated({THRUST: _held(THRUST, log.thrust, width)})
+        held = _held(THRUST, log.thrust, width, since)
+        return log.updated({THRUST: held}), len(log.thrust) - len(held)
     missing, unknown = thrusters.valves.keys() - valves, valves.keys() - thrusters.valves
     if missing:
         raise InputError(f"the log has no column '{VALVE}{min(missing)}' of a valve of the sensors")
@@ -184,7 +205,8 @@ def with_thrust(log: Log, suite: SensorSuite | None) -> Log:
         )
     if THRUST in log.samples:
         raise InputError("the log has both valves and the force of all thrusters: keep one of them")
-    each = {name: _held(VALVE + name, valves[name], 1) for name in thrusters.valves}
+    each = {name: _held(VALVE + name, valves[name], 1, since) for name in thrusters.valves}
+    again = max(len(valves[name]) - len(samples) for name, samples in each.items())
     for name, samples in each.items():
         if (samples.value < 0).any():
             raise InputError(f"'{VALVE}{name}': openings must be numbers from 0")
@@ -193,11 +215,11 @@ def with_thrust(log: Log, suite: SensorSuite | None) -> Log:
     changes = np.append(True, (openings[1:] != openings[:-1]).any(axis=1))
     others = {n: s for n, s in log.samples.items() if not n.startswith(VALVE)}
     others[THRUST] = Samples(time[changes], openings[changes])
-    return Log(log.joint_names, others, log.column_map)
+    return Log(log.joint_names, others, log.column_map), again
 
 
-def _held(name: str, given: Samples, width: int) -> Samples:
-    """Return samples that hold until the next, without repeated ones; a wrong one would hold on."""
+def _held(name: str, given: Samples, width: int, since: float) -> Samples:
+    """Return samples that hold until the next, without repeated ones and those up to `since`."""
     log = _arrays(name, given, width)
     usable = np.isfinite(log.time) & np.isfinite(log.value).all(axis=1)
     if not usable.all():
@@ -206,7 +228,7 @@ def _held(name: str, given: Samples, width: int) -> Samples:
             "the value that holds from then on"
         )
     again = (np.diff(log.time) == 0) & (log.value[1:] == log.value[:-1]).all(axis=1)
-    log = log.where(np.append(True, ~again)[: len(log)])
+    log = log.where(np.append(True, ~again)[: len(log)] & (log.time > since))
     if not (np.diff(log.time) > 0).all():
         k = int((np.diff(log.time) <= 0).argmax())
         raise InputError(

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from cpid_drake.array import Array
 from cpid_drake.files.errors import InputError
+from cpid_drake.logs.column_map import UNIT_OF, scale_of
 
 
 @dataclass(eq=False)
@@ -87,12 +88,6 @@ class LogTable:
         """(N,) numbers of the rows in their file."""
         return np.arange(len(self)) if self.lines is None else self.lines
 
-    def rows_by_file(self) -> list[NDArray[np.intp]]:
-        """Return the rows of each file."""
-        if self.file_of_row is None:
-            return [np.arange(len(self))]
-        return [np.flatnonzero(self.file_of_row == k) for k in range(len(self.files))]
-
 
 _STAMP = re.compile(
     r"(?P<day>\d{4}-\d\d-\d\d)?[T ]?(?P<time>\d\d:\d\d:\d\d([.,]\d{1,9})?)"
@@ -100,12 +95,27 @@ _STAMP = re.compile(
 )
 _DAY = 86_400 * 10**9  # ns
 
+_DURATION = re.compile(
+    r"(?P<number>[+-]?\d+(\.\d+)?(e[+-]?\d+)?) ?(?P<unit>[a-zµ]+)"  # of MATLAB's timetables
+    r"|((?P<days>\d+) days? )?(?P<hours>\d+):(?P<minutes>\d\d):(?P<seconds>\d\d(\.\d+)?)"
+)
+_SECONDS = {word: scale_of(u) for word, u in UNIT_OF.items() if u in ("s", "ms", "us", "ns")}
+_SECONDS |= {"min": 60.0, "hr": 3600.0, "day": 86_400.0, "days": 86_400.0}
 
-def seconds_of_stamps(texts: Sequence[str]) -> Array | None:
-    """Return seconds since the first of stamps of ISO 8601, or of hh:mm:ss; None for other texts.
 
-    All must have a date and the same time zone, or none; a time of day may pass midnight.
+def seconds_of_texts(texts: Sequence[str]) -> Array | None:
+    """Return the times (N,) [s] that texts (N,) say; None for texts that are no times.
+
+    They are stamps of ISO 8601 or of hh:mm:ss, counted from the first; or durations with a unit,
+    such as "0.02 sec", or with days or more than 24 hours, as they are. All stamps must have a date
+    and the same time zone, or none; a time of day may pass midnight.
     """
+    stamps = _since_first(texts)
+    return _durations(texts) if stamps is None else stamps
+
+
+def _since_first(texts: Sequence[str]) -> Array | None:
+    """Return seconds since the first stamp; None for other texts."""
     found = [_STAMP.fullmatch(text) for text in texts]
     kinds = {(bool(m["day"]), m["zone"]) if m else None for m in found}
     if len(kinds) != 1 or None in kinds:
@@ -118,6 +128,44 @@ def seconds_of_stamps(texts: Sequence[str]) -> Array | None:
     if not found[0] or not found[0]["day"]:
         stamps = stamps + _DAY * np.append(0, np.cumsum(np.diff(stamps) < -_DAY // 2))
     return np.asarray((stamps - stamps[0]) / 1e9)
+
+
+def _durations(texts: Sequence[str]) -> Array | None:
+    """Return the seconds of durations; None for other texts."""
+    seconds = np.empty(len(texts))
+    for k, text in enumerate(texts):
+        m = _DURATION.fullmatch(text.lower())
+        if m is None or (m["unit"] and m["unit"] not in _SECONDS):
+            return None
+        if m["unit"]:
+            seconds[k] = float(m["number"]) * _SECONDS[m["unit"]]
+        else:
+            minutes = (int(m["days"] or 0) * 24 + int(m["hours"])) * 60 + int(m["minutes"])
+            seconds[k] = minutes * 60 + float(m["seconds"])
+    return seconds
+
+
+def common_rows(series: Sequence[NDArray[Any]]) -> tuple[NDArray[Any], list[NDArray[np.intp]]]:
+    """Return the times (R,) of rows that hold several series, and each one's rows (N,) in them.
+
+    There is a row for each time. Samples of a series that repeat a time have further rows with it.
+
+    Args:
+        series: of each, the times (N,) in any order.
+
+    """
+    pool = np.unique(np.concatenate(series))
+    count, places = np.ones(pool.size, dtype=int), []
+    for times in series:
+        order = np.argsort(times, kind="stable")
+        place = np.searchsorted(pool, times[order])
+        number = np.empty(len(times), dtype=int)  # of a sample among those with its time
+        number[order] = np.arange(len(times)) - np.searchsorted(place, place)
+        np.maximum.at(count, place, number[order] + 1)
+        places.append(number)
+    first = np.cumsum(count) - count
+    rows = [first[np.searchsorted(pool, t)] + number for t, number in zip(series, places)]
+    return np.repeat(pool, count), rows
 
 
 def seconds_of_times(times: NDArray[Any]) -> NDArray[Any]:

@@ -185,7 +185,7 @@ TELEMETRY = {
     ),
     "parquet_empty": (file("t.parquet", ""), "t.parquet: not a Parquet file"),
     # Bags.
-    "mcap_text": (file("t.mcap", "no bag"), "t.mcap: not a ROS 2 bag"),
+    "mcap_text": (file("t.mcap", "no bag"), "t.mcap: not a ROS bag"),
     # No file, or another one.
     "missing": (called("t.csv"), "t.csv: no such file"),
     "fifo": (made("t.csv", os.mkfifo), "t.csv: not a file"),

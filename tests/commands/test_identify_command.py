@@ -187,7 +187,7 @@ class TestOneLog:
             (["--momentum", "some"], 'for --momentum. Choose from: "zero", "unknown"'),
             (["--from", "5", "--to", "2"], "the interval is empty"),
             (["--package", "robot"], "give NAME=FOLDER"),
-            (["--topic", "imu=/imu"], "topics are for ROS 2 bags"),
+            (["--topic", "imu=/imu"], "topics are for ROS bags"),
             (["--known-bodies", "mass=-1"], "mass must be greater than or equal to 0"),
             (
                 ["--spacecraft", "free_flyer_payload"],

@@ -203,8 +203,8 @@ class TestCheck:
 
     def test_a_map_of_a_log_with_bad_rows_is_an_error_that_names_the_way_out(self, cpid):
         lines = SAMPLE.read_text().splitlines()
-        Path("twice.csv").write_text("\n".join([*lines[:9], *lines[8:]]) + "\n")
-        code, _, stderr = cpid("log", "map", "twice.csv", *CRAFT, "--out", "map.yaml")
+        Path("back.csv").write_text("\n".join([*lines[:9], *lines[7:]]) + "\n")
+        code, _, stderr = cpid("log", "map", "back.csv", *CRAFT, "--out", "map.yaml")
         assert code == 2
         assert "line 10" in stderr
         assert "--leave-out-bad" in stderr

@@ -76,6 +76,15 @@ def test_the_target_and_the_scale_are_found(flight, found):
     assert "the true thrust differs" in scale.describe()
 
 
+def test_thrust_that_is_logged_several_times_is_counted_and_does_no_harm(flight, found):
+    thrust = flight.log.thrust
+    rows = np.repeat(np.arange(len(thrust)), 3)
+    again = flight.identify(flight.log.updated({THRUST: thrust.where(rows)}))
+    assert again.rejected == {**found.rejected, THRUST: 2 * len(thrust)}
+    assert again.failures == ()
+    np.testing.assert_array_equal(again.parameters, found.parameters)
+
+
 def test_a_fit_starts_with_what_declared_thrust_tells(flight):
     """Mass and moments of inertia within a tenth."""
     model = Model(flight.craft.tree, flight.suite)

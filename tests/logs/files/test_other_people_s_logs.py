@@ -36,6 +36,15 @@ def stamped(form, start=datetime(2026, 1, 1, 23, 59, 55), ending=""):
     return head() + body(cell=cell)
 
 
+def lasting(form):
+    """Return the log with its times as text of durations."""
+    times = [f"{time:.2f}" for time in columns()["time"]]
+    rows = body().splitlines()
+    return head() + "".join(
+        form(time) + row[row.index(",") :] + "\n" for time, row in zip(times, rows)
+    )
+
+
 def units(*names):
     """Return a row of units of the groups time, attitude, rate, position, joints."""
     counts = (1, 4, 3, 3, 4)
@@ -76,6 +85,16 @@ READ = {
     "stamps with a zone, a blank between": stamped("%Y-%m-%d %H:%M:%S.%f", ending="+02:00"),
     "times of day over midnight": stamped("%H:%M:%S.%f"),
     "times of day, semicolons": stamped("%H:%M:%S.%f").replace(",", ";"),
+    "durations in seconds, as MATLAB's timetables have them": lasting("{} sec".format),
+    "durations in minutes": lasting(lambda text: f"{float(text) / 60!r} min"),
+    "durations in hours, minutes and seconds": lasting(lambda text: f"00:00:{float(text):06.3f}"),
+    "durations with days, as of pandas": lasting(lambda text: f"0 days 00:00:{float(text):012.9f}"),
+    "UTF-16 with the lower byte first": ("\ufeff" + head() + body()).encode("utf-16-le"),
+    "UTF-16 with the higher byte first": ("\ufeff" + head() + body(end="\r\n")).encode("utf-16-be"),
+    "a name in a code page of Windows": (head(end=",Gier [°]\n") + body(extra=",0")).encode(
+        "cp1252"
+    ),
+    "a comment in a code page of Windows": ("# Prüfstand\n# " + head() + body()).encode("cp1252"),
 }
 
 
@@ -90,6 +109,37 @@ def test_what_is_plain_is_read(tmp_path, name):
     assert sorted(log.joint_names) == sorted(flyer().joint_names)
     joint = log.joint_names.index(JOINT.removeprefix("q:"))
     np.testing.assert_array_equal(log.encoders.value[:, joint], expected[JOINT])
+
+
+def test_a_unit_in_a_code_page_of_windows_is_read(tmp_path):
+    """Joints in degrees are refused by their unit, as in UTF-8, until a map names it."""
+    named = head() + units("s", "-", "rad/s", "m", "°")
+    wide, narrow = (
+        refusal_of(write(tmp_path, (named + body()).encode(code))) for code in ("utf-8", "cp1252")
+    )
+    assert wide == narrow
+    assert "states its unit" in wide
+
+
+def refusal_of(path):
+    with pytest.raises(InputError) as caught:
+        inspect_log(path)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("code", ["utf-16", "cp1252"])
+def test_a_problem_keeps_its_line_in_any_encoding(tmp_path, code):
+    content = "# 20 °C\n" + with_cell(7, "x", "oops") + "\n\n1,2\n"
+    found = inspect_log(write(tmp_path, content.encode(code)))
+    cell, row = found.problems
+    assert cell.startswith("line 8, column 'x': 'oops'")
+    assert row.startswith("line 256: 2 cells")
+
+
+def test_long_durations_are_not_counted_from_the_first(tmp_path):
+    rows = lasting(lambda text: f"25:00:{float(text):06.3f}")
+    time = read_log(write(tmp_path, rows)).gyro.time
+    np.testing.assert_allclose(time, 90_000 + columns()["time"], atol=1e-9)
 
 
 @pytest.mark.parametrize("text", ["", "NaN", "nan", "NA"])
@@ -214,7 +264,18 @@ REFUSED = {
     "a quaternion that nobody filled": (with_cell(7, "qw", "0"), "line 7: the quaternion's norm"),
     "a damaged message": (with_cell(7, "x", "1e20"), "line 7, column 'x': 1e.20 is implausible"),
     "no header": (body(), "the first line must hold the columns' names"),
-    "UTF-16": ((head() + body()).encode("utf-16"), "not text in UTF-8.*save it in that encoding"),
+    "UTF-16 that is cut": (
+        (head() + body()).encode("utf-16")[:-5],
+        "line 252 is damaged: it is not text in UTF-16",
+    ),
+    "a damaged byte in a row": (
+        (head() + body()).encode().replace(b"\n0.04,", b"\n0.04,\xb0"),
+        "line 3 is not text in UTF-8.*save it in that encoding",
+    ),
+    "a duration without a unit that is known": (
+        lasting("{} fortnights".format),
+        "line 2, column 'time': '0.00 fortnights'",
+    ),
     "Motive's Euler angles": (motive("Meters").replace("Quaternion", "XYZ"), "type Quaternion"),
     "Motive's header cut": (motive("Meters").replace(",Name", ",Nom"), "header of Motive's export"),
 }

@@ -1,5 +1,7 @@
-"""ROS 2 bags: written with the package rosbags, read back; topics, frames, clocks, damage."""
+"""ROS bags: written with the package rosbags, read back; topics, frames, clocks, damage."""
 
+from collections import Counter
+from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,9 +11,11 @@ import pytest
 from cpid_drake import InputError, read_log
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.logs.formats import inspect_log
+from cpid_drake.logs.screening import screen
 from cpid_drake.sensors.sensors import SENSORS
 
 rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="needs the package rosbags")
+rosbag1 = pytest.importorskip("rosbags.rosbag1")
 typesys = pytest.importorskip("rosbags.typesys")
 STORE = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
 START = 1_763_737_800_123_456_789  # ns; as float seconds it would be off by up to 1.2e-7 s
@@ -88,12 +92,14 @@ def telemetry(zero_momentum_motion, skewed_target):
 def write(tmp_path):
     """Return a function (topics, storage) -> bag, topics being lists of messages by name."""
 
-    def make(topics: dict[str, list], storage="SQLITE3", received=None, empty=()) -> Path:
+    def make(topics: dict[str, list], storage="SQLITE3", received=None, empty=(), own=()) -> Path:
         folder = tmp_path / f"bag{len(list(tmp_path.iterdir()))}"
         plugin = rosbag2.StoragePlugin[storage]
         with rosbag2.Writer(folder, version=9, storage_plugin=plugin) as writer:
             for topic, kind in empty:
                 writer.add_connection(topic, kind, typestore=STORE)
+            for topic, kind, text in own:
+                writer.add_connection(topic, kind, msgdef=text, rihs01="RIHS01_" + 64 * "0")
             for topic, messages in topics.items():
                 kind = messages[0].__msgtype__
                 connection = writer.add_connection(topic, kind, typestore=STORE)
@@ -224,8 +230,30 @@ def test_a_message_that_comes_twice_counts_once(write, telemetry):
     topics = odometry_and_joints(telemetry)
     topics["/joints"].append(joint_state(telemetry, 3, stamps()[-1]))
     found = inspect_log(write(topics))
-    assert found.partial == {"encoders": 1, "joint_rates": 1}
-    assert_equal(found.log, telemetry)
+    assert found.partial == {}
+    screened = screen(found.log)
+    assert +Counter(screened.rejected) == {"encoders": 1, "joint_rates": 1}
+    np.testing.assert_array_equal(screened.log.encoders.value, telemetry.q)
+    np.testing.assert_array_equal(screened.log.position.value, telemetry.p_WB)
+
+
+def test_two_values_of_thrust_with_one_stamp_are_refused(write, telemetry):
+    """One of them would hold until the next; the same value twice says nothing new."""
+
+    def messages(*forces):
+        wrench = [TYPES["Wrench"](vector([k, 0, 0]), vector([0, 0, 0])) for k in forces]
+        return [TYPES["WrenchStamped"](header(stamps()[2]), each) for each in wrench] + [
+            TYPES["WrenchStamped"](header(stamps()[9]), wrench[0])
+        ]
+
+    topics, chosen = odometry_and_joints(telemetry), {"thrust": "/thrusters"}
+    bag = write(topics | {"/thrusters": messages(1, 1)})
+    screened = screen(read_log(bag, topics=chosen))
+    assert +Counter(screened.rejected) == {"thrust": 1}
+    assert len(screened.log.thrust) == 2
+    bag = write(topics | {"/thrusters": messages(1, 2)})
+    with pytest.raises(InputError, match=r"'thrust' at 0.02 s comes after that at 0.02 s"):
+        screen(read_log(bag, topics=chosen))
 
 
 def test_one_of_several_topics_is_chosen_by_name(write, telemetry):
@@ -396,5 +424,73 @@ def test_damaged_bags_raise_one_error_only(write, telemetry, storage):
     with pytest.raises(InputError, match="/odom: only 8 of 9 messages are present"):
         read_log(bag)
     metadata.write_text("rosbag2_bagfile_information: [1, 2")
-    with pytest.raises(InputError, match="not a ROS 2 bag"):
+    with pytest.raises(InputError, match="not a ROS bag"):
         read_log(bag)
+
+
+@pytest.mark.parametrize("definition", ["wstring name", "unknown_package/Name name", "float32 x"])
+def test_the_definition_of_a_topic_that_is_not_used_does_no_harm(write, telemetry, definition):
+    """A bag may hold types of its own, which nothing here can parse, or with another hash."""
+    bag = write(odometry_and_joints(telemetry), own=(("/own", "own_msgs/msg/Own", definition),))
+    found = inspect_log(bag)
+    assert_equal(found.log, telemetry)
+    assert found.ignored == ("topic /own (Own)",)
+
+
+# -- ROS 1 ---------------------------------------------------------------------------------------
+
+
+def write_ros1(path: Path, topics: dict[str, list], own=()) -> Path:
+    """Write a bag of ROS 1, whose headers count messages, and which holds its definitions."""
+    store = typesys.get_typestore(typesys.Stores.ROS1_NOETIC)
+    text = "geometry_msgs/TransformStamped[] transforms"
+    store.register(typesys.get_types_from_msg(text, "tf2_msgs/msg/TFMessage"))
+    make = store.types["std_msgs/msg/Header"]
+    with rosbag1.Writer(path) as writer:
+        for topic, kind, definition in own:
+            writer.add_connection(topic, kind, msgdef=definition, md5sum=32 * "0")
+        for topic, messages in topics.items():
+            kind = messages[0].__msgtype__
+            connection = writer.add_connection(topic, kind, typestore=store)
+            for k, message in enumerate(deepcopy(messages)):
+                for part in getattr(message, "transforms", (message,)):
+                    part.header = make(k, part.header.stamp, part.header.frame_id)
+                when = START + 5_000_000 + k * STEP  # of recording
+                writer.write(connection, when, store.serialize_ros1(message, kind))
+    return path
+
+
+def test_a_bag_of_ros_1_gives_back_the_motion(tmp_path, telemetry):
+    topics = odometry_and_joints(telemetry) | {"/imu": series(imu, telemetry)}
+    own = (("/own", "own_msgs/msg/Own", "int32[ name"),)
+    found = inspect_log(write_ros1(tmp_path / "run.bag", topics, own))
+    assert_equal(found.log, telemetry)
+    assert found.problems == []
+    assert found.ignored == ("topic /own (Own)",)
+
+
+def test_the_topics_of_a_bag_of_ros_1_are_chosen_as_of_ros_2(write, tmp_path, telemetry):
+    topics = {"/tf": series(transforms, telemetry), "/j": series(joint_state, telemetry)}
+    topics["/j"][-1] = joint_state(telemetry, 3, stamps()[3])  # comes twice
+    topics["/mocap"] = series(stamped_pose, telemetry)
+    old, new = write_ros1(tmp_path / "run.bag", topics), write(topics)
+    chosen = {"pose": "/tf:world:bus"}
+    one, other = (inspect_log(bag, topics=chosen) for bag in (old, new))
+    assert one.partial == other.partial
+    assert one.ignored == other.ignored == ("topic /mocap (PoseStamped)",)
+    for name in POSES:
+        np.testing.assert_array_equal(one.log[name].time, other.log[name].time)
+        np.testing.assert_array_equal(one.log[name].value, other.log[name].value)
+    with pytest.raises(InputError, match="no transform from bus to hand, only world to arm; "):
+        read_log(old, topics={"pose": "/tf:bus:hand"})
+
+
+def test_a_damaged_bag_of_ros_1_is_refused(tmp_path, telemetry):
+    bag = write_ros1(tmp_path / "run.bag", odometry_and_joints(telemetry))
+    whole = bag.read_bytes()
+    for part in (0.0, 0.01, 0.5, 0.95):
+        bag.write_bytes(whole[: int(len(whole) * part)])
+        with pytest.raises(InputError, match=r"run.bag: not a ROS bag, or a damaged one"):
+            read_log(bag)
+    with pytest.raises(InputError, match=r"of ROS 1, give the \.bag file"):
+        read_log(tmp_path)

@@ -141,7 +141,8 @@ def test_files_that_do_not_fit_together_are_refused(tmp_path, rows, joints, seco
 
 def test_problems_have_the_place_in_their_file(tmp_path, rows, joints):
     pose = write(tmp_path / "mocap.csv", rows, POSE)
-    bad = [*rows[:5], {**rows[5], joints[0]: "none"}, rows[6], rows[6], *rows[7:]]
+    own = [row for row in rows if row[joints[0]]]
+    bad = [*own[:5], {**own[5], joints[0]: "none"}, own[7], own[6], *own[8:]]
     path = write(tmp_path / "joints.csv", bad, joints)
     problems = inspect_log(f"{pose}+{path}").problems
     lines = [text.partition(",")[0] for text in problems]
