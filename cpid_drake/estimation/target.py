@@ -178,7 +178,7 @@ _SHORTER = 0.95  # is a step that ends outside of the cone, again and again
 _FINER = 3.0  # so much more precise are the rows at each step of a homotopy
 _SAME = 1e-9  # change of log-sizes, of such a step
 _MOST_STEPS, _LEAST_SHARE, _SETTLED = 200, 1e-9, 1e-6  # of such a step; the last in χ²
-_ROUNDING = 1e-12  # share of a sum of squares
+_ROUNDING = 1e-6  # share of a sum of squares
 
 
 def _misfit(known: Gaussian, psi: Array) -> float:

@@ -60,7 +60,12 @@ def with_conventions(log: CheckedLog, arguments: Arguments, rows: Sequence[str] 
     if found.failures or found.has_momentum or tree.normal_B is not None:
         return log
     better = check_conventions(log.measurements, tree)
-    if not better.better or not any(_contradicts(log, arguments, each) for each in rows or (None,)):
+    if not better.better:
+        return log
+    sections = {key.partition(".")[0] for each in better.better for key in each.entries}
+    if not rows and sections == {"position"}:  # other rows do not contain it
+        rows = [STANDARD_ROWS.name]
+    if not any(_contradicts(log, arguments, each) for each in rows or (None,)):
         return log
     return replace(log, conventions=replace(better, not_compared=found.not_compared))
 

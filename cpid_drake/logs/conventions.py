@@ -6,7 +6,7 @@ comparisons of `logs.score`. The right convention leaves noise, all others leave
 of any size (delays, scales, zeros, masses) are no conventions: a fit compares them by evidence.
 """
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -113,8 +113,8 @@ def check_conventions(
     given = instants_of(log)
     if given is None:
         return Findings(unchecked=("units, signs and frames (too few samples)",))
-    found = compare_rates(given, log.joint_names) + compare_momentum(given, tree)
-    failed = [c for c in found if c.residual > (EXPLAINS if c.name == MOMENTUM else AGREES)]
+    found = _comparisons(given, log, tree)
+    failed = _failed(found)
     better: list[Alternative] = []
     if by_momentum or any(c.name != MOMENTUM for c in failed):
         column_map = log.column_map or ColumnMap()
@@ -138,6 +138,22 @@ def check_conventions(
     if momentum is None or momentum in failed:
         unmoved = (*unmoved, *_alone(log))
     return Findings(tuple(found), clock, tuple(better), tuple(unchecked), unmoved)
+
+
+def has_agreement(log: Log, tree: KinematicTree) -> bool:
+    """Return whether nothing in a screened log contradicts the conventions in which it is read."""
+    given = instants_of(log)
+    return given is None or not _failed(_comparisons(given, log, tree))
+
+
+def _comparisons(given: Instants, log: Log, tree: KinematicTree | None) -> list[Comparison]:
+    return compare_rates(given, log.joint_names) + compare_momentum(given, tree)
+
+
+def _failed(comparisons: Sequence[Comparison]) -> list[Comparison]:
+    """Return the comparisons whose residuals a right convention does not leave."""
+    limits = ((c, EXPLAINS if c.name == MOMENTUM else AGREES) for c in comparisons)
+    return [c for c, limit in limits if c.residual > limit]
 
 
 def _not_compared(log: Log, compared: Collection[str]) -> tuple[str, ...]:

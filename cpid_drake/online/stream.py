@@ -9,22 +9,25 @@ import numpy as np
 from cpid_drake.array import Array
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.estimation.block import BlockQueue, after
+from cpid_drake.estimation.block import Block, BlockQueue, after
 from cpid_drake.estimation.online import MOST_LINEARIZATIONS, WINDOW, OnlineState, step
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.arguments import (
+    Arguments,
     PathLike,
     resolve_bodies,
     resolve_prior,
     resolve_sensors,
 )
+from cpid_drake.identification.checks import Check
 from cpid_drake.identification.consistency import with_nearest_body
 from cpid_drake.identification.online_answer import identification_of_state, question_of
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import Identification
 from cpid_drake.logs.log import THRUST, Log, Samples
 from cpid_drake.logs.screening import screen
+from cpid_drake.online.first_samples import FirstSamples
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite, check_sensors, require_encoders
 from cpid_drake.spacecraft.spacecraft import Spacecraft
@@ -36,6 +39,9 @@ LATENESS = 0.5
 Delays of star trackers and of relative navigation are shorter. The estimate is later by this time
 while a sensor is silent.
 """
+
+CONVENTIONS = "conventions"
+"""The check that fails if the first samples contradict units or axes in which they are read."""
 
 _SHARE_OF_INTERVAL = 0.9  # of a sensor's sampling interval in which no further sample can come
 
@@ -55,6 +61,7 @@ class StreamState:
         waiting: samples that are not screened yet.
         rejected: number of unusable samples, by sensor.
         screening: what screening remembers.
+        first: the first samples, and what they contradict; then no block is solved.
         zero: stamp of the first sample [s]; all times in the queue, the fit and the screening are
             counted from it, because stamps since 1970 would lose digits. NaN before it.
 
@@ -65,6 +72,7 @@ class StreamState:
     waiting: tuple[Sample, ...] = ()
     rejected: Mapping[str, int] = field(default_factory=dict)
     screening: Log | None = None
+    first: FirstSamples = field(default_factory=FirstSamples)
     zero: float = np.nan
 
     def __deepcopy__(self, memo: dict[int, object]) -> "StreamState":
@@ -128,6 +136,9 @@ class Stream:
         self._model = replace(model, rows=() if prior is None else (prior.of_psi(model),))
         self.suite, self.joint_names = suite, spacecraft.joint_names
         self._momentum = momentum or TotalMomentum.zero()
+        self._arguments = Arguments(
+            spacecraft, sensors=suite, momentum=momentum, known_bodies=known_bodies
+        )
         self._lateness, self._in_order = lateness, in_order
         self._window, self._most = window, most_linearizations
         joints = len(spacecraft.joint_names)
@@ -157,25 +168,52 @@ class Stream:
         given, waiting = self._log_of(state.waiting, until, zero)
         until -= zero
         screened = screen(given, self.suite, state.screening)
-        timely, queue, online = screened.log, state.queue, state.online
+        timely, queue = screened.log, state.queue
         if not np.isnan(queue.edge):
             timely = after(timely, queue.edge, np.inf)
         late = {name: len(s) - len(timely[name]) for name, s in screened.log.items()}
         if self._in_order:
             until = self._complete_until(screened.memory)
         queue, blocks = queue.added(timely, until)
-        for block in blocks:
-            online = step(self._model, online, block)
         rejected = Counter(state.rejected) + Counter(screened.rejected) + Counter(late)
-        return StreamState(queue, online, waiting, rejected, screened.memory, zero)
+        state = replace(
+            state,
+            queue=queue,
+            waiting=waiting,
+            rejected=rejected,
+            screening=screened.memory,
+            zero=zero,
+        )
+        for block in blocks:
+            state = self._stepped(state, block)
+        return state
+
+    def _stepped(self, state: StreamState, block: Block) -> StreamState:
+        """Return the state after one more block, with those that waited for it."""
+        first, blocks = state.first.with_block(block, self._arguments)
+        online = state.online
+        for each in blocks:
+            online = step(self._model, online, each)
+        if not first.contradiction:
+            return replace(state, first=first, online=online)
+        rejected = Counter(state.rejected)
+        for each in (*state.first.waiting, block):
+            rejected.update({name: len(samples) for name, samples in each.samples.items()})
+        nothing = self.start().online  # whatever was solved before
+        return replace(state, first=first, online=nothing, rejected=rejected)
 
     def finished(self, state: StreamState) -> StreamState:
         """Return the state after all samples, those of the incomplete block included."""
         state = self.processed(state, is_end=True)
         for block in state.queue.finished():
             queue = replace(state.queue, edge=block.end, waiting=None)
-            state = replace(state, queue=queue, online=step(self._model, state.online, block))
-        return state
+            state = self._stepped(replace(state, queue=queue), block)
+        online = state.online
+        for block in state.first.waiting:  # too few to compare
+            online = step(self._model, online, block)
+        return replace(
+            state, online=online, first=replace(state.first, solved=len(state.first.blocks))
+        )
 
     def due(self, state: StreamState, newest: float) -> float:
         """Return the stamp from which on a block may be complete [s].
@@ -198,6 +236,8 @@ class Stream:
         """Return the identification of a state, with its error budget if wanted; see `counted`."""
         joints = self.joint_names if has_budget else None
         found = identification_of_state(self._model, state.online, self._momentum, joints)
+        if wrong := state.first.contradiction:
+            found = replace(found, checks=(*found.checks, Check(CONVENTIONS, wrong)))
         if found.momentum_changes:
             changes = tuple(state.zero + time for time in found.momentum_changes)
             found = replace(found, momentum_changes=changes)
