@@ -151,13 +151,13 @@ def _find_attitude(guess: GuessedMap, free: list[str], axes: list[Group]) -> Non
             guess.missing.append(f"{text} (attitude.columns)")
             return
         given.columns = [group.members[key] for key in ("roll", "pitch", "yaw")]
-        given.order, why = "roll_pitch_yaw", "the names say roll, pitch and yaw"
+        given.order, why = "xyz", "the names say roll, pitch and yaw"
         if others:
             why += f", and the base (not used: {', '.join(g.stem for g in others)})"
     elif rotations:
         group = _nearest(guess, rotations, WORDS["attitude"])
         given.columns = [group.members[key] for key in "xyz"]
-        given.order = "euler_xyz" if "euler" in group.words else "rotation_vector"
+        given.order = "XYZ" if "euler" in group.words else "rotation_vector"
         why = "three columns of a rotation"
         guess.free.add("attitude.order")
     else:

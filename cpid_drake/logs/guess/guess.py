@@ -187,7 +187,7 @@ def _compared(
     # No change of a quaternion gives another order of angles, or another unit.
     orders: tuple[Order, ...] = (attitude.order,)
     if orders == ("rotation_vector",) and any("attitude.order" in group for group in keys):
-        orders = ("rotation_vector", "euler_xyz")
+        orders = ("rotation_vector", "XYZ")
     units: tuple[Angle, ...] = (attitude.unit,)
     if any("attitude.unit" in group for group in keys):
         units = (attitude.unit, "rad" if attitude.unit == "deg" else "deg")
