@@ -101,12 +101,13 @@ def test_the_order_of_angles_follows_from_the_motion(flyer, form, has_gyro):
 
 @pytest.mark.parametrize("noise", [0.01, 0.03, 0.1])
 def test_an_order_that_noise_hides_is_asked_and_never_read_wrong(flyer, noise):
+    """The likeliest is assumed until then."""
     rng = np.random.default_rng(8)
     R_WB = attitude_of(flyer[1]) * Rotation.from_rotvec(noise * rng.standard_normal((200, 3)))
     for sequence in ("zyx", "yxz"):
         guess = guessed(flyer, angles_of(R_WB, sequence, "roll", "rad"))
         is_asked = any("attitude.order" in text for text in guess.missing)
-        assert is_asked or error(guess, R_WB) < 1e-9
+        assert error(guess, R_WB) < 1e-9 or (is_asked and noise > 0.01)
     assert is_asked or noise < 0.1
 
 
