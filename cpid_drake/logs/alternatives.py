@@ -5,7 +5,7 @@ axes, a sign, the clock, or which joint is which. Attitude and gyro are one conv
 together they agree.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations, permutations, product
@@ -67,7 +67,11 @@ class Alternative:
 
 
 def alternatives(
-    given: Instants, names: tuple[str, ...], tree: KinematicTree | None, column_map: ColumnMap
+    given: Instants,
+    names: tuple[str, ...],
+    tree: KinematicTree | None,
+    column_map: ColumnMap,
+    keys: Collection[str] | None = None,
 ) -> Iterator[Alternative]:
     """Yield the log in every other convention.
 
@@ -76,16 +80,25 @@ def alternatives(
         names: the joints.
         tree: the spacecraft model; None if it is not known.
         column_map: the map it is read with.
+        keys: those of the map that may have other values; None for all, and for what no map says.
 
     """
-    for text, log, entries in (
-        *_clocks(given, column_map),
-        *_joints(given, names, tree, column_map),
-        *_attitudes(given, column_map),
-        *_axes(given, column_map),
-        *_places(given, tree, column_map),
-    ):
-        yield Alternative(text, log, tree, entries)
+    families = {
+        "time": _clocks(given, column_map),
+        "joint_positions joint_rates": _joints(given, names, tree, column_map),
+        "attitude angular_velocity": _attitudes(given, column_map),
+        "attitude.R_BS angular_velocity.R_BS": _axes(given, column_map),
+        "position velocity": _places(given, tree, column_map),
+    }
+    for parts, readings in families.items():
+        wanted = tuple(parts.split())
+        if keys is not None and not any(key.startswith(wanted) for key in keys):
+            continue  # they take long
+        for text, log, entries in readings:
+            if keys is None or (entries and entries.keys() <= {*keys}):
+                yield Alternative(text, log, tree, entries)
+    if keys is not None:
+        return
     for k, body in enumerate(() if tree is None else tree.bodies):
         if tree is not None and body.parent >= 0 and k != tree.capture_body:
             held = replace(tree, capture_body=k, R_BC=np.eye(3), p_BC=np.zeros(3))

@@ -24,15 +24,28 @@ AngularRate = Literal["rad/s", "mrad/s", "deg/s", "rpm"]
 Force = Literal["N", "mN"]
 Torque = Literal["N*m", "mN*m"]
 TimeUnit = Literal["s", "ms", "us", "ns", "frame"]
-Order = Literal[
-    "wxyz", "xyzw", "rotation_vector", "roll_pitch_yaw", "yaw_pitch_roll", "euler_xyz", "yaw"
+BodyAxes = Literal[
+    "XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX", "XYX", "XZX", "YXY", "YZY", "ZXZ", "ZYZ"
 ]
-"""Entries of an attitude: a quaternion, a rotation vector, the angles of the rotation about z, then
-the new y, then the new x (yaw, pitch, roll), the angles about x, then the new y, then the new z, or
-the angle about z alone: of a base on a table.
+"""The axes of three rotations of a body, each about one of its axes as they are then: "ZYX" turns
+about z, then the new y, then the new x, by yaw, pitch and roll.
+"""
+
+WorldAxes = Literal[
+    "xyz", "xzy", "yxz", "yzx", "zxy", "zyx", "xyx", "xzx", "yxy", "yzy", "zxz", "zyz"
+]
+"""The axes of W of three rotations: "xyz" is the attitude of "ZYX", by roll, pitch and yaw."""
+
+Order = Literal["wxyz", "xyzw", "rotation_vector", "mrp", "yaw", BodyAxes, WorldAxes]
+"""Entries of an attitude: a quaternion, a rotation vector, modified Rodrigues parameters (the axis
+times the tangent of a quarter of the angle, or their shadow set), the angle about z alone, of a
+base on a table, or three Euler angles in the order of their axes.
 """
 
 QUATERNION_ORDERS = ("wxyz", "xyzw")
+
+_WIDTHS = {"wxyz": 4, "xyzw": 4, "yaw": 1}
+"""Number of entries of orders that have not three."""
 
 UNITS = {
     "m": (1.0, "metres meters"),
@@ -101,7 +114,7 @@ class AttitudeColumns:
     Attributes:
         columns: names in the log, in the order of `order`; empty for qw, qx, qy, qz, or for yaw.
         order: the entries' order and meaning.
-        unit: unit of angles.
+        unit: unit of angles and of rotation vectors.
         direction: the rotation that is logged: R_WB has B's axes in W as its columns.
         R_BS: (3, 3) rotation from the axes S whose attitude is logged, such as those of a star
             tracker or of a tracked marker, to B.
@@ -293,7 +306,8 @@ def check_column_map(column_map: ColumnMap, where: str) -> None:
 
     Raises:
         InputError: a wrong number of columns, a column that is named twice, frames without a rate,
-            nanoseconds besides a time that is not in seconds, or axes that are none.
+            nanoseconds besides a time that is not in seconds, a unit of modified Rodrigues
+            parameters, or axes that are none.
 
     """
     time, attitude, rate = column_map.time, column_map.attitude, column_map.angular_velocity
@@ -306,10 +320,12 @@ def check_column_map(column_map: ColumnMap, where: str) -> None:
             raise InputError(f"{where}: {key}.R_BS must be a rotation: three orthogonal unit rows")
     if rate.frame == "world" and not np.array_equal(rate.R_BS, np.eye(3)):
         raise InputError(f"{where}: angular_velocity.R_BS is for a gyro, in the frame body")
-    is_planar, is_quaternion = attitude.order == "yaw", attitude.order in QUATERNION_ORDERS
-    vector, angles = (2, 1) if is_planar else (3, 3)
+    if attitude.order == "mrp" and attitude.unit != "rad":
+        raise InputError(f"{where}: attitude.unit is of angles: the order mrp has none")
+    entries = _WIDTHS.get(attitude.order, 3)
+    vector, angles = (2, 1) if attitude.order == "yaw" else (3, 3)
     for key, columns, width in (
-        ("attitude.columns", attitude.columns, 4 if is_quaternion else angles),
+        ("attitude.columns", attitude.columns, entries),
         ("position.columns", column_map.position.columns, vector),
         ("velocity.columns", column_map.velocity.columns, vector),
         ("angular_velocity.columns", rate.columns, angles),
@@ -318,8 +334,8 @@ def check_column_map(column_map: ColumnMap, where: str) -> None:
     ):
         if len(columns) not in (0, width):
             raise InputError(f"{where}: {key} must name {width}, not {len(columns)}")
-    if not (attitude.columns or is_quaternion or is_planar):
-        raise InputError(f"{where}: attitude.columns must name the three angles")
+    if not attitude.columns and entries == 3:
+        raise InputError(f"{where}: attitude.columns must name the three of {attitude.order}")
     named = column_map.named
     for name in named:
         if named.count(name) > 1:

@@ -18,6 +18,7 @@ from cpid_drake.files.errors import InputError, listed, prefix_errors
 from cpid_drake.logs.clock import refuse_single_precision, time_from_rates
 from cpid_drake.logs.column_choice import with_own_columns
 from cpid_drake.logs.column_map import (
+    QUATERNION_ORDERS,
     ColumnMap,
     JointPositionColumns,
     JointRateColumns,
@@ -173,9 +174,11 @@ class _Conversion:
         used = self._map
         self._refuse_texts()
         time = self._times()
-        attitude, gyro, position, velocity = (
+        has_angles = used.attitude.order not in (*QUATERNION_ORDERS, "mrp")
+        attitude = self._block(used.attitude.columns, used.attitude.unit if has_angles else "")
+        gyro, position, velocity = (
             self._block(part.columns, part.unit)
-            for part in (used.attitude, used.angular_velocity, used.position, used.velocity)
+            for part in (used.angular_velocity, used.position, used.velocity)
         )
         force = self._block(used.thrust.force, used.thrust.force_unit)
         torque = self._block(used.thrust.torque, used.thrust.torque_unit)
@@ -235,10 +238,9 @@ class _Conversion:
         self._samples[name] = samples if there.all() else samples.where(there)
 
     def _block(self, columns: Sequence[str], unit: str = "", scales: ArrayLike = 1.0) -> Array:
-        """Return columns in SI units; entries of quaternions have no unit."""
-        block, scales = self._table.block(columns), np.asarray(scales)
-        if unit and len(columns) < 4:
-            scales = np.asarray(scale_of(unit))
+        """Return columns in SI units."""
+        block = self._table.block(columns)
+        scales = np.asarray(scale_of(unit) if unit else scales)
         block = block if (scales == 1.0).all() else block * scales
         if block.size and max(np.nanmax(block, initial=0), -np.nanmin(block, initial=0)) > LARGEST:
             for row, k in np.argwhere(np.abs(block) > LARGEST):
@@ -388,12 +390,10 @@ def _spatial(block: Array, *, last: bool = False) -> Array:
     return np.hstack([zeros, block] if last else [block, zeros])
 
 
-def _rotation(angles: Array, order: str) -> Rotation:
-    """Return rotations from angles (N, 3), or (N, 1) about z [rad]."""
-    if angles.shape[1] == 1:
-        return Rotation.from_euler("z", angles)
+def _rotation(entries: Array, order: str) -> Rotation:
+    """Return rotations from rotation vectors, MRPs or Euler angles (N, 3), or yaw (N, 1) [rad]."""
     if order == "rotation_vector":
-        return Rotation.from_rotvec(angles)
-    if order == "euler_xyz":
-        return Rotation.from_euler("XYZ", angles)
-    return Rotation.from_euler("ZYX", angles[:, ::-1] if order == "roll_pitch_yaw" else angles)
+        return Rotation.from_rotvec(entries)
+    if order == "mrp":
+        return Rotation.from_mrp(entries)
+    return Rotation.from_euler("z" if order == "yaw" else order, entries)

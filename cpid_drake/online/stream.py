@@ -40,9 +40,6 @@ Delays of star trackers and of relative navigation are shorter. The estimate is 
 while a sensor is silent.
 """
 
-CONVENTIONS = "conventions"
-"""The check that fails if the first samples contradict units or axes in which they are read."""
-
 _SHARE_OF_INTERVAL = 0.9  # of a sensor's sampling interval in which no further sample can come
 
 _RETRY = 0.1  # of a block: a block that waits for the end of a gap is asked for so often
@@ -237,7 +234,7 @@ class Stream:
         joints = self.joint_names if has_budget else None
         found = identification_of_state(self._model, state.online, self._momentum, joints)
         if wrong := state.first.contradiction:
-            found = replace(found, checks=(*found.checks, Check(CONVENTIONS, wrong)))
+            found = replace(found, checks=(*found.checks, Check("log", wrong)))
         if found.momentum_changes:
             changes = tuple(state.zero + time for time in found.momentum_changes)
             found = replace(found, momentum_changes=changes)

@@ -1,19 +1,20 @@
 """Chooses the columns of a log for each quantity by names and values."""
 
 from collections.abc import Collection
-from typing import Any, cast, get_args
+from typing import Any, cast
 
 import numpy as np
 
 from cpid_drake.files.errors import InputError
-from cpid_drake.logs.column_map import Angle, TimeUnit, scale_of
+from cpid_drake.logs.column_map import TimeUnit, scale_of
+from cpid_drake.logs.guess.angles import find_angles
 from cpid_drake.logs.guess.guessed_map import GuessedMap
 from cpid_drake.logs.guess.joint_columns import find_joint_units, find_joints
 from cpid_drake.logs.guess.names import (
+    NO_VECTOR,
     WORDS,
     Group,
     frame_rate_of,
-    groups_by_angle,
     groups_by_axis,
     groups_by_number,
     unit_of,
@@ -24,16 +25,16 @@ _TIMES = ("stamp", "timestamp", "time", "t", "clock", "secs", "sec", "seconds", 
 _YEARS = (5e8, 4e9)
 """Seconds since 1970 in the years 1985 to 2096."""
 
+_NO_SPIN = NO_VECTOR | WORDS["other of joint"] | {"linear"}
 _STEPS = (1e-4, 0.5, 5.0)
 """Shortest and longest step of a log, and the one above which the time may be in a smaller unit,
 between them [s]."""
 
 
-_NO_VECTOR = WORDS["other vector"] | WORDS["command"] | WORDS["thrust"]
-
-
 def find_columns(guess: GuessedMap, frame_rate: float | None) -> None:
     """Choose the columns of all quantities, and the units that names and values state.
+
+    An angle alone, without a height of the base, is that of a spacecraft on a table.
 
     Raises:
         InputError: no column can be the time, or it counts frames of an unknown rate; or none can
@@ -45,6 +46,10 @@ def find_columns(guess: GuessedMap, frame_rate: float | None) -> None:
     free = [name for name in guess.columns if name not in taken]
     axes = groups_by_axis(free)
     _find_attitude(guess, free, axes)
+    if guess.is_planar:
+        axes = groups_by_axis(free, "xy")
+        if guess.spacecraft.tree.normal_B is None:
+            guess.spacecraft = guess.spacecraft.on_table()
     _find_vectors(guess, free, axes)
     _find_thrust(guess, axes)
     find_joint_units(guess)
@@ -138,58 +143,30 @@ def _find_attitude(guess: GuessedMap, free: list[str], axes: list[Group]) -> Non
         text = f"four columns {', '.join(given.columns)} of norm 1: a quaternion; {how}"
         guess.say("attitude", text)
         return
-    no_angle = WORDS["angular_velocity"] | _NO_VECTOR
-    rolls = [group for group in groups_by_angle(free) if not group.words & no_angle]
-    rotations = [g for g in axes if g.words & WORDS["rotation"]]
-    rotations = [g for g in rotations if "w" not in g.members]
-    if rolls:
-        group, *others = sorted(rolls, key=lambda g: _nearness(guess, g, ()), reverse=True)
-        if others and _nearness(guess, others[0], ()) == _nearness(guess, group, ()):
-            several = " or ".join(g.stem for g in (group, *others))
-            text = f"the attitude may be {several} for roll, pitch and yaw"
-            guess.say("attitude", f"open: {text}")
-            guess.missing.append(f"{text} (attitude.columns)")
-            return
-        given.columns = [group.members[key] for key in ("roll", "pitch", "yaw")]
-        given.order, why = "roll_pitch_yaw", "the names say roll, pitch and yaw"
-        if others:
-            why += f", and the base (not used: {', '.join(g.stem for g in others)})"
-    elif rotations:
-        group = _nearest(guess, rotations, WORDS["attitude"])
-        given.columns = [group.members[key] for key in "xyz"]
-        given.order = "euler_xyz" if "euler" in group.words else "rotation_vector"
-        why = "three columns of a rotation"
-        guess.free.add("attitude.order")
-    else:
-        guess.say("attitude", "no four columns have the norm 1, and none are named as its angles")
-        guess.missing.append("no columns are an attitude (attitude.columns)")
-        return
-    unit = unit_of(given.columns[0])
-    if unit in get_args(Angle):
-        given.unit, named = cast(Angle, unit), f"in {unit}: the name says so"
-    else:
-        guess.free.add("attitude.unit")
-        given.unit = "deg" if guess.largest(given.columns) > 2 * np.pi else "rad"
-        named = "the unit follows from the motion"
-    guess.say("attitude", f"{', '.join(given.columns)}: {why}; {named}")
+    find_angles(guess, free, axes)
 
 
 def _find_vectors(guess: GuessedMap, free: list[str], axes: list[Group]) -> None:
     """Choose the columns of position, velocity and angular velocity by their names."""
-    groups = [*axes, *(g for g in groups_by_number(free) if len(g.members) == 3)]
-    used = {*guess.column_map.attitude.columns}
-    groups = [g for g in groups if not used & {*g.members.values()} and not g.words & _NO_VECTOR]
+    spins = _spins(free, axes) if guess.is_planar else []
+    if guess.is_planar:
+        axes = [Group(g.stem, {k: g.members[k] for k in "xy"}) for g in axes]
+    else:
+        axes = [*axes, *(g for g in groups_by_number(free) if len(g.members) == 3)]
+    groups, used = axes, {*guess.column_map.attitude.columns}
+    groups = [g for g in groups if not used & {*g.members.values()} and not g.words & NO_VECTOR]
     guess.free |= {"angular_velocity.frame", "velocity.frame", "position.point_B"}
     for key in ("angular_velocity", "velocity", "position"):
         words = WORDS[key]
-        choices = [g for g in groups if g.words & words or (key == "position" and g.stem == "*")]
+        choices = [g for g in groups if g.words & words]
         if key == "position":  # r is a rotation, too
+            choices = [g for g in groups if guess.is_place(g)]
             choices = choices or [g for g in groups if "r" in g.words]
         if key == "angular_velocity":
-            choices = [g for g in choices if "linear" not in g.words]
+            choices = spins or [g for g in choices if "linear" not in g.words]
         groups = [g for g in groups if g not in choices]
         if not choices:
-            guess.say(key, f"no {key.replace('_', ' ')}: no three columns have names for it")
+            guess.say(key, f"no {key.replace('_', ' ')}: no columns have names for it")
             continue
         group, section = _nearest(guess, choices, words), getattr(guess.column_map, key)
         ordered = sorted(group.members, key=lambda axis: (len(axis), axis))  # x, y, z or 9, 10, 11
@@ -206,19 +183,35 @@ def _find_vectors(guess: GuessedMap, free: list[str], axes: list[Group]) -> None
             guess.free.add(f"{key}.unit")
 
 
+def _spins(free: list[str], axes: list[Group]) -> list[Group]:
+    """Return the columns that may be the rate about the normal of a table, as groups of one."""
+    across = {group.members[axis] for group in axes for axis in "xy"}
+    found = []
+    for name in free:
+        words = words_of(name)
+        is_rate = words & WORDS["angular_velocity"] or (
+            words & WORDS["heading"] and words & WORDS["joint rate"]
+        )
+        if is_rate and name not in across and not words & _NO_SPIN:
+            found.append(Group(name, {"z": name}))
+    return found
+
+
 def _find_thrust(guess: GuessedMap, axes: list[Group]) -> None:
     """Choose the columns of the thrusters' force and torque, if their names say what they are."""
     given, left = guess.column_map.thrust, []
+    axes_of = {"force": "xy", "torque": "z"} if guess.is_planar else {}
     for group in (g for g in axes if g.words & WORDS["thrust"] and not g.words & WORDS["command"]):
         key = (
             "torque"
             if group.words & WORDS["torque"] and not group.words & WORDS["force"]
             else "force"
         )
-        if getattr(given, key):
+        columns = [group.members.get(axis, "") for axis in axes_of.get(key, "xyz")]
+        if getattr(given, key) or not all(columns):
             left.append(group.stem)
         else:
-            setattr(given, key, [group.members[axis] for axis in "xyz"])
+            setattr(given, key, columns)
     if columns := [*given.force, *given.torque]:
         text = "by their names; in N and N*m, in the axes of the base, and the force at its origin"
         guess.say("thrust", f"{', '.join(columns)}: {text} (point_B)")
@@ -228,11 +221,4 @@ def _find_thrust(guess: GuessedMap, axes: list[Group]) -> None:
 
 def _nearest(guess: GuessedMap, groups: list[Group], words: Collection[str]) -> Group:
     """Return the group of the base body, else the one whose name has most of the words."""
-    return max(groups, key=lambda group: _nearness(guess, group, words))
-
-
-def _nearness(guess: GuessedMap, group: Group, words: Collection[str]) -> tuple[int, int, int]:
-    """Return how much the name of a group is that of the base, and has of the words."""
-    names = {guess.base.lower(), *words_of(guess.base)} - {""}
-    own = group.words
-    return len(own & names), len(own & WORDS["base"]), len(own & {*words})
+    return max(groups, key=lambda group: guess.nearness(group, words))

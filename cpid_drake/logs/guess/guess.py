@@ -7,14 +7,14 @@ joints and the clock, the gyro about the attitude, the conservation of momentum 
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from cpid_drake.files.errors import InputError, listed
 from cpid_drake.files.one_thread import one_thread
 from cpid_drake.logs.alternatives import alternatives
-from cpid_drake.logs.column_map import Angle, ColumnMap, Order, with_entries
+from cpid_drake.logs.column_map import ColumnMap, with_entries
 from cpid_drake.logs.common_clock import delay_notes, file_delays
 from cpid_drake.logs.conventions import (
     AGREES,
@@ -24,17 +24,25 @@ from cpid_drake.logs.conventions import (
 from cpid_drake.logs.guess.columns import find_columns
 from cpid_drake.logs.guess.guessed_map import GuessedMap
 from cpid_drake.logs.instants import Instants, instants_of
-from cpid_drake.logs.score import MOMENTUM, WORSE, compare_momentum, compare_rates
+from cpid_drake.logs.noise_estimation import sensor_noise
+from cpid_drake.logs.score import (
+    MOMENTUM,
+    WORSE,
+    Comparison,
+    compare_momentum,
+    compare_rates,
+)
 from cpid_drake.logs.table import LogTable
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
-_ATTITUDE = {"attitude.order", "attitude.direction", "attitude.unit"}
+_ANGLES = {"attitude.order", "attitude.unit"}
+_ATTITUDE = _ANGLES | {"attitude.direction", "angular_velocity.unit"}
 _CLOCK = {"time.unit"}
 _JOINTS, _GYRO_AXES = {"joint_positions.unit", "joint_rates.unit"}, "angular_velocity.R_BS"
 
 _STAGES = (
     ("q:", ({"joint_rates.unit"}, {"joint_positions.unit"})),
-    ("attitude", (_ATTITUDE | {"angular_velocity.unit", "angular_velocity.frame"},)),
+    ("attitude", (_ATTITUDE | {"angular_velocity.frame"},)),
     (MOMENTUM, (_ATTITUDE, _JOINTS, {"position.unit", "position.point_B"})),
     ("position", ({"velocity.frame"}, {"velocity.unit"})),
 )
@@ -80,10 +88,13 @@ def guess_map(
     explained, given = _settle_conventions(guess), guess.column_map.attitude
     if "time.unit" in guess.free:
         guess.missing.append(f"the time may be in {' or '.join(guess.time_units)} (time.unit)")
-    if given.columns and "attitude.direction" in guess.free:
+    is_open = {key: f"attitude.{key}" in guess.free for key in ("order", "direction")}
+    if given.columns and any(is_open.values()):
+        keys = [key for key, value in is_open.items() if value]
         guess.missing.append(
-            f"order and direction of the attitude are not determined: {given.order}, "
-            f"{given.direction} are assumed ({explained}) (attitude.order, attitude.direction)"
+            f"{' and '.join(keys)} of the attitude {'are' if keys[1:] else 'is'} not determined: "
+            f"{given.order}, {given.direction} are assumed ({explained}) "
+            f"({', '.join(f'attitude.{key}' for key in keys)})"
         )
     if "attitude.unit" in guess.free:
         guess.missing.append("the angles of the attitude may be in rad or deg (attitude.unit)")
@@ -121,7 +132,7 @@ def _settle_conventions(guess: GuessedMap) -> str:
         found = _compared(guess, name, groups)
         if name == "attitude" and found and found[0][0] > AGREES:
             guess.free.add(_GYRO_AXES)
-            turned = _compared(guess, name, [{_GYRO_AXES}])
+            turned = _compared(guess, name, [{_GYRO_AXES} | _ANGLES])
             found = turned if turned[0][0] < AGREES else found
         if not found:
             continue
@@ -132,21 +143,30 @@ def _settle_conventions(guess: GuessedMap) -> str:
             what = "the motion of the base and what conservation of momentum allows"
         if residual <= (EXPLAINS if name == MOMENTUM else DIFFERS):
             guess.column_map = chosen
+            alike = [each for value, each in found if value <= WORSE * residual]
+            if not _ANGLES.isdisjoint(set[str]().union(*groups)):
+                read = [(each.attitude.order, each.attitude.unit) for each in alike]
+                guess.attitudes = tuple(a for a in guess.attitudes if (a.order, a.unit) in read)
             for key in sorted({_GYRO_AXES}.union(*groups) & guess.free):
                 value = _entry(chosen, key)
-                others = (r for r, each in found if _entry(each, key) != value)
-                if min(others, default=np.inf) > WORSE * residual:
+                rivals = [each for each in alike if _entry(each, key) != value]
+                is_of_angles = key == "attitude.order" and bool(guess.attitudes)
+                if is_of_angles:  # another order may differ by less than another axis or sign
+                    rivals = [each for each in rivals if _differ(guess, chosen, each)]
+                if not rivals and not (is_of_angles and residual > AGREES):
                     guess.free.discard(key)
                     section, _, entry = key.partition(".")
                     guess.say(section, f"{entry} {value}: {what} then differ by {residual:.2%}")
+        elif name == MOMENTUM:  # the likeliest is assumed, and stays open
+            given, gyro = chosen.attitude, chosen.angular_velocity
+            guess.column_map = replace(guess.column_map, attitude=given, angular_velocity=gyro)
         elif name == "attitude":  # the gyro contradicts everything
             guess.missing.append(
                 "the attitude does not rotate at the angular velocity in any convention (they "
                 f"differ by {residual:.0%} at least): order and direction of the attitude, or the "
                 "axes of one of the sensors, are not determined"
             )
-        if name == "attitude":  # momentum cannot decide against the gyro
-            guess.free -= _ATTITUDE
+            guess.free -= _ATTITUDE  # momentum cannot decide against the gyro
     return explained
 
 
@@ -160,6 +180,17 @@ def _assume_joint_unit(guess: GuessedMap) -> None:
         return
     guess.say("joint_positions", f"in {given.unit}: assumed")
     guess.missing.append("the joint positions may be in rad or deg (joint_positions.unit)")
+
+
+def _differ(guess: GuessedMap, one: ColumnMap, other: ColumnMap) -> bool:
+    """Return whether two orders, in one unit, read attitudes that differ by more than noise."""
+    one = with_entries(one, {"attitude.unit": other.attitude.unit})
+    logs = [replace(guess, column_map=each).log for each in (one, other)]
+    first, second = map(instants_of, logs)
+    if first is None or second is None or not np.array_equal(first.time, second.time):
+        return True
+    turns = Rotation.from_matrix(np.swapaxes(first.R_WB, 1, 2) @ second.R_WB).magnitude()
+    return bool(np.sqrt(np.mean(turns**2)) > sensor_noise("attitude", logs[0].attitude))
 
 
 def _entry(column_map: ColumnMap, key: str) -> str:
@@ -184,24 +215,39 @@ def _compared(
     keys = [group & guess.free for group in groups]
     tree, names = guess.spacecraft.tree.lumped, guess.spacecraft.joint_names
     attitude = guess.column_map.attitude
-    # No change of a quaternion gives another order of angles, or another unit.
-    orders: tuple[Order, ...] = (attitude.order,)
-    if orders == ("rotation_vector",) and any("attitude.order" in group for group in keys):
-        orders = ("rotation_vector", "euler_xyz")
-    units: tuple[Angle, ...] = (attitude.unit,)
-    if any("attitude.unit" in group for group in keys):
-        units = (attitude.unit, "rad" if attitude.unit == "deg" else "deg")
-    for order, unit in product(orders, units):
-        column_map = replace(guess.column_map, attitude=replace(attitude, order=order, unit=unit))
+    readings = [attitude]
+    if guess.attitudes and not _ANGLES.isdisjoint(set[str]().union(*keys)):
+        # No change of a quaternion gives another order of angles, or another unit.
+        readings = [
+            replace(attitude, columns=each.columns, order=each.order, unit=each.unit)
+            for each in guess.attitudes
+            if ("attitude.order" in guess.free or each.order == attitude.order)
+            and ("attitude.unit" in guess.free or each.unit == attitude.unit)
+        ]
+    most = np.inf
+    if name == MOMENTUM and (given := instants_of(guess.log)) is not None:
+        most = WORSE * _disagreement(compare_rates(given, names), np.inf)
+    for reading in readings:
+        column_map = replace(guess.column_map, attitude=reading)
         given = instants_of(replace(guess, column_map=column_map).log)
         for other, log in () if given is None else _options(guess, column_map, given, keys):
-            found = compare_momentum(log, tree) if name == MOMENTUM else compare_rates(log, names)
+            if name != MOMENTUM:
+                found = compare_rates(log, names)
+            elif most < np.inf and _disagreement(compare_rates(log, names), 0.0) > most:
+                continue  # momentum does not decide against the gyro
+            else:
+                found = compare_momentum(log, tree)
             values = [each.residual for each in found if each.name.startswith(name)]
             if values:
                 compared.append((float(np.mean(values)), other))
     least = min((value for value, _ in compared), default=0.0)
     compared.sort(key=lambda each: each[0] > WORSE * least + 1e-9)
     return compared
+
+
+def _disagreement(rates: list[Comparison], otherwise: float) -> float:
+    """Return the residual of attitude and angular velocity; `otherwise` if not compared."""
+    return next((each.residual for each in rates if each.name == "attitude"), otherwise)
 
 
 def _options(
@@ -213,8 +259,7 @@ def _options(
         return
     yield from _options(guess, column_map, given, groups[1:])
     tree, names = guess.spacecraft.tree.lumped, guess.spacecraft.joint_names
-    for each in alternatives(given, names, tree, column_map) if groups[0] else ():
-        is_possible = each.entries.get("time.unit") in (None, *guess.time_units)
-        if each.entries and is_possible and set(each.entries) <= groups[0]:
+    for each in alternatives(given, names, tree, column_map, groups[0]):
+        if each.entries.get("time.unit") in (None, *guess.time_units):
             changed = with_entries(column_map, each.entries)
             yield from _options(guess, changed, each.log, groups[1:])

@@ -1,7 +1,7 @@
 """A guess at the map of a log's columns, in the making and at its end."""
 
 import textwrap
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import cast
 
@@ -10,9 +10,10 @@ import numpy as np
 from cpid_drake.array import Array
 from cpid_drake.files.dumping import dump_yaml
 from cpid_drake.logs.channels import look_at
-from cpid_drake.logs.column_map import ColumnMap, TimeUnit
+from cpid_drake.logs.column_map import AttitudeColumns, ColumnMap, TimeUnit
 from cpid_drake.logs.common_clock import with_delays
 from cpid_drake.logs.conversion import LogFile, read_columns
+from cpid_drake.logs.guess.names import WORDS, Group, words_of
 from cpid_drake.logs.log import Log, Samples
 from cpid_drake.logs.screening import screen
 from cpid_drake.logs.table import LogTable
@@ -33,6 +34,7 @@ class GuessedMap:
         free: keys of conventions about which names and values say nothing.
         time_units: the units of time that the steps allow, if there are several.
         delays: of several files, what is added to their stamps [s]; see `common_clock`.
+        attitudes: the columns, orders and units of an attitude of angles that names allow.
 
     """
 
@@ -45,6 +47,7 @@ class GuessedMap:
     free: set[str] = field(default_factory=set)
     time_units: tuple[TimeUnit, ...] = ()
     delays: dict[str, float] = field(default_factory=dict)
+    attitudes: tuple[AttitudeColumns, ...] = ()
 
     @property
     def columns(self) -> dict[str, Array]:
@@ -64,6 +67,21 @@ class GuessedMap:
         norm = np.linalg.norm([self.columns[name] for name in columns], axis=0)
         there = norm[np.isfinite(norm)]
         return bool(there.size and np.mean(np.abs(there - 1) < 1e-2) > 0.95)
+
+    @property
+    def is_planar(self) -> bool:
+        """Whether the attitude is an angle alone: of a base on a table."""
+        return self.column_map.attitude.order == "yaw"
+
+    def nearness(self, group: Group, words: Collection[str]) -> tuple[int, int, int]:
+        """Return how much the name of a group is that of the base, and has of the words."""
+        names, own = {self.base.lower(), *words_of(self.base)} - {""}, group.words
+        return len(own & names), len(own & WORDS["base"]), len(own & {*words})
+
+    def is_place(self, group: Group) -> bool:
+        """Return whether a group is a position by its name, or has none but that of the base."""
+        words = group.words
+        return bool(words & WORDS["position"] or not words - WORDS["base"] - words_of(self.base))
 
     @property
     def log(self) -> Log:

@@ -16,6 +16,7 @@ from cpid_drake.logs.guess.names import (
 from cpid_drake.logs.unlogged_joints import lock_unlogged
 
 _OTHERS = WORDS["other of joint"] | WORDS["command"]
+_NUMBERED_OTHERS = _OTHERS | WORDS["of the base"]
 
 
 def find_joints(guess: GuessedMap) -> set[str]:
@@ -103,7 +104,7 @@ def _numbered(
     groups = [
         group
         for group in groups_by_number(free)
-        if not group.words & _OTHERS
+        if not group.words & _NUMBERED_OTHERS
         and bool(group.words & WORDS["joint rate"]) == is_rate
         and not (len(group.members) == 4 and guess.has_unit_norm(group.members.values()))
     ]

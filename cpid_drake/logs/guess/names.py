@@ -1,7 +1,7 @@
 """Guesses at the meaning of columns from their names alone."""
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
 from cpid_drake.logs.column_map import UNIT_OF
@@ -12,11 +12,14 @@ WORDS = {
     for meaning, words in {
         "nanoseconds": "nanosec nsec nsecs nanosecs nanoseconds",
         "other clock": "sub recv receive log record",
-        "attitude": "attitude att orientation quat quaternion q rotation rot r",
-        "rotation": "r rot rotation rotvec euler",
-        "angular_velocity": "angular gyro gyr gyroscope imu omega w bw wb rates rate angvel",
+        "attitude": "attitude att orientation quat quaternion q rotation rot r qn qbn sigma mrp",
+        "rotation": "r rot rotation rotvec euler rpy sigma mrp",
+        "mrp": "sigma mrp",
+        "heading": "yaw heading theta psi",
+        "angular_velocity": "angular gyro gyr gyroscope imu omega w bw wb wn wbn wz bwz rates rate "
+        "angvel",
         "velocity": "velocity vel v linear speed",
-        "position": "position pos p t translation trans location xyz",
+        "position": "position pos p t translation trans location xyz mocap",
         "base": "base bus body chaser servicer spacecraft",
         "thrust": "thrust thruster thrusters rcs propulsion",
         "force": "force forces f",
@@ -26,11 +29,15 @@ WORDS = {
         "joint": "position positions pos angle angles q theta th joint joints encoder encoders enc "
         "j qj",
         "joint rate": "velocity velocities vel rate rates speed qd dq qdot dot thetadot w omega",
+        "of the base": "euler rpy sigma mrp rotvec angular gyro gyr gyroscope imu bn",
         "other of joint": "effort efforts torque torques tau current temperature temp qdd ddq "
         "voltage error err acc accel acceleration",
     }.items()
 }
 """Words in names of columns, by what they mean; a command is what is wanted, not measured."""
+
+NO_VECTOR = WORDS["other vector"] | WORDS["command"] | WORDS["thrust"]
+"""Words of what is neither the attitude nor a motion of the base."""
 
 _BRACKET = re.compile(r"\s*[\[(]\s*([^\[\]():,\d]*?)\s*(?:/\s*s(?:ec)?)?\s*[\])]\s*$")
 _FRAME_RATE = re.compile(r"[\[(]\s*(\d+(?:\.\d+)?)\s*Hz\s*[\])]")
@@ -95,17 +102,23 @@ def frame_rate_of(name: str) -> float | None:
     return float(found.group(1)) if found else None
 
 
-def groups_by_axis(names: Iterable[str]) -> list[Group]:
-    """Return the groups of columns that differ in x, y, z and perhaps w, at the end of a word."""
+def groups_by_axis(names: Iterable[str], needed: Collection[str] = "xyz") -> list[Group]:
+    """Return the groups of columns that differ in x, y, z and perhaps w, at the end of a word.
+
+    Those that have all needed axes.
+    """
     key = "(?P<key>[wxyzWXYZ])"
     patterns = f"^(?P<a>.*?){key}(?P<b>)$", f"^(?P<a>.*){key}(?P<b>[_. ].*)$"
-    return _groups(names, patterns, {"x", "y", "z"})
+    return _groups(names, patterns, {*needed})
 
 
 def groups_by_angle(names: Iterable[str]) -> list[Group]:
-    """Return the groups of columns that differ in roll, pitch, yaw."""
-    pattern = r"^(?P<a>.*?)(?P<key>(?i:roll|pitch|yaw))(?P<b>.*)$"
-    return _groups(names, (pattern,), {"roll", "pitch", "yaw"})
+    """Return the groups of columns that differ in roll, pitch, yaw, or in phi, theta, psi."""
+    names, found = [*names], list[Group]()
+    for keys in (("roll", "pitch", "yaw"), ("phi", "theta", "psi")):
+        pattern = rf"^(?P<a>.*?)(?P<key>(?i:{'|'.join(keys)}))(?P<b>.*)$"
+        found += _groups(names, (pattern,), {*keys})
+    return found
 
 
 def groups_by_number(names: Iterable[str]) -> list[Group]:

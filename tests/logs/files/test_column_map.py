@@ -1,6 +1,7 @@
 """A log in another convention, read with a map of its columns, is the log in the house format."""
 
 from dataclasses import fields, is_dataclass, replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from processes import ROOT
 from scipy.spatial.transform import Rotation
 
 from cpid_drake import InputError, read_log
-from cpid_drake.logs.column_map import ColumnMap, load_column_map
+from cpid_drake.logs.column_map import AttitudeColumns, ColumnMap, load_column_map
 from cpid_drake.logs.conversion import from_columns
 from cpid_drake.logs.formats import FORMATS, inspect_log
 from cpid_drake.sensors.sensors import SENSORS
@@ -74,10 +75,7 @@ def attitude_of(motion, **conventions):
     return {
         "xyzw": R_WB.as_quat(),
         "R_BW": R_WB.inv().as_quat(scalar_first=True),
-        "rotation_vector": R_WB.as_rotvec(),
-        "yaw_pitch_roll": R_WB.as_euler("ZYX", degrees=True),
-        "roll_pitch_yaw": R_WB.as_euler("ZYX")[:, ::-1],
-        "euler_xyz": R_WB.as_euler("XYZ"),
+        "XYZ": R_WB.as_euler("XYZ"),
     }
 
 
@@ -86,10 +84,7 @@ def attitude_of(motion, **conventions):
     [
         ("xyzw", "order: xyzw"),
         ("R_BW", "direction: R_BW"),
-        ("rotation_vector", "order: rotation_vector"),
-        ("yaw_pitch_roll", "{order: yaw_pitch_roll, unit: deg}"),
-        ("roll_pitch_yaw", "order: roll_pitch_yaw"),
-        ("euler_xyz", "order: euler_xyz"),
+        ("XYZ", "order: XYZ"),
     ],
 )
 def test_an_attitude_in_any_convention_is_read(tmp_path, motion, kind, entry):
@@ -102,6 +97,70 @@ def test_an_attitude_in_any_convention_is_read(tmp_path, motion, kind, entry):
     text = f"attitude: {{columns: [{names}], {entry.strip('{}')}}}"
     log = read_log(written(tmp_path, columns), columns=mapped(tmp_path, text))
     assert_reads_as(log, motion)
+
+
+def turn(axis, angle):
+    """Return the matrix of a rotation about a unit axis, by Rodrigues' formula."""
+    x, y, z = axis
+    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
+
+
+def assert_attitude_is(R_WB, entries, **conventions):
+    """Assert that a log with these entries of the attitude is read as R_WB."""
+    names = [f"a{k}" for k in range(len(entries[0]))]
+    columns = {"time": np.arange(len(entries)), **dict(zip(names, np.transpose(entries)))}
+    given = ColumnMap(attitude=AttitudeColumns(names, **conventions))
+    log = from_columns(columns | {"q:a": np.zeros(len(entries))}, given)
+    found = Rotation.from_quat(log.attitude.value, scalar_first=True).as_matrix()
+    np.testing.assert_allclose(found, R_WB, rtol=0, atol=1e-12)
+
+
+AXES = dict(zip("xyz", np.eye(3)))
+UNITS = {"rad": 1.0, "deg": 180 / np.pi, "mrad": 1000.0}
+SEQUENCES = ["".join(s) for s in product("xyz", repeat=3) if s[0] != s[1] != s[2]]
+
+
+@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize("direction", ["R_WB", "R_BW"])
+def test_euler_angles_of_every_sequence_are_read(unit, direction):
+    """Those about axes of the body turn one after the other to the right, others to the left."""
+    angles = np.random.default_rng(5).uniform(-7.0, 7.0, (20, 3))
+    for sequence in SEQUENCES:
+        R = np.array([[turn(AXES[n], a) for n, a in zip(sequence, row)] for row in angles])
+        for order, factors in ((sequence.upper(), (0, 1, 2)), (sequence, (2, 1, 0))):
+            logged = np.array([np.linalg.multi_dot(each[[*factors]]) for each in R])
+            R_WB = logged if direction == "R_WB" else np.swapaxes(logged, 1, 2)
+            entries = angles * UNITS[unit]
+            assert_attitude_is(R_WB, entries, order=order, unit=unit, direction=direction)
+
+
+@pytest.mark.parametrize("unit", UNITS)
+def test_rotation_vectors_are_read_in_every_unit(unit):
+    vectors = np.random.default_rng(6).uniform(-4.0, 4.0, (20, 3))
+    lengths = np.linalg.norm(vectors, axis=1)
+    R_WB = np.array([turn(v / n, n) for v, n in zip(vectors, lengths)])
+    assert_attitude_is(R_WB, vectors * UNITS[unit], order="rotation_vector", unit=unit)
+
+
+@pytest.mark.parametrize("switches", [True, False])
+def test_modified_rodrigues_parameters_are_read_with_their_shadow_set(switches):
+    """The shadow set is that of the angle less a whole turn, so that it is never beyond 180°."""
+    axis, angles = np.array([2.0, -3.0, 6.0]) / 7, np.linspace(0.0, 1.9 * np.pi, 60)
+    angles = 2 * angles if switches else angles
+    shown = (angles + np.pi) % (2 * np.pi) - np.pi if switches else angles
+    R_WB = np.array([turn(axis, angle) for angle in angles])
+    assert_attitude_is(R_WB, np.outer(np.tan(shown / 4), axis), order="mrp")
+
+
+def test_the_parameters_of_basilisk_are_those_of_the_map():
+    """Its matrix [BN], as Schaub and Junkins write it, takes vectors of N to B: it is R_BW."""
+    sigma = np.random.default_rng(7).uniform(-1.0, 1.0, (20, 3))
+    R_BN = []
+    for x, y, z in sigma:
+        S, square = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]), x**2 + y**2 + z**2
+        R_BN.append(np.eye(3) + (8 * S @ S - 4 * (1 - square) * S) / (1 + square) ** 2)
+    assert_attitude_is(np.swapaxes(R_BN, 1, 2), sigma, order="mrp")
 
 
 @pytest.mark.parametrize("ending", ["csv", "parquet"])
@@ -179,12 +238,12 @@ def test_samples_that_are_logged_in_part_are_counted_whatever_their_convention(t
 
 def test_angles_that_are_logged_in_part_are_counted(tmp_path, motion):
     columns = house(motion)
-    angles = attitude_of(motion)["euler_xyz"]
+    angles = attitude_of(motion)["XYZ"]
     angles[4:6, 1] = np.nan
     for name in ("qw", "qx", "qy", "qz", "wx", "wy", "wz"):
         columns.pop(name)
     columns.update(zip("abc", angles.T))
-    text = "attitude: {columns: [a, b, c], order: euler_xyz}"
+    text = "attitude: {columns: [a, b, c], order: XYZ}"
     found = inspect_log(written(tmp_path, columns), columns=mapped(tmp_path, text))
     assert found.partial == {"attitude": 2}
 
@@ -207,7 +266,12 @@ def test_joints_that_the_spacecraft_lacks_do_not_make_samples_incomplete(tmp_pat
         ("position: {unit: mn}", "map.yaml: position.unit must be 'm', 'cm', 'mm'"),
         ("position: {columns: [x, y]}", "map.yaml: position.columns must name 3, not 2"),
         ("{attitude: {order: yaw}, position: {columns: [a, b, c]}}", "must name 2, not 3"),
-        ("attitude: {order: euler_xyz}", "map.yaml: attitude.columns must name the three angles"),
+        ("attitude: {order: ZYX}", "map.yaml: attitude.columns must name the three of ZYX"),
+        (
+            "attitude: {order: zYx}",
+            "attitude.order must be 'wxyz', .*'XYZ', .* not 'zYx'",
+        ),
+        ("attitude: {order: mrp, columns: [a, b, c], unit: deg}", "the order mrp has none"),
         ("time: {unit: frame}", r"time.rate \(frames per second\) and time.unit: frame go togeth"),
         ("time: {rate: 10.0}", r"time.rate \(frames per second\)"),
         ("time: {unit: ms, nanoseconds: n}", "time.nanoseconds are added to a time of the unit s"),

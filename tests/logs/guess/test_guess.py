@@ -297,7 +297,7 @@ def test_two_triples_of_angles_leave_the_attitude_open_unless_one_is_the_base_s(
     columns = angle_columns("s_*")
     columns |= {f"p_{name}": columns[f"s_{name}"][::-1] for name in ANGLES}
     guess = guess_map(LogTable(columns), flyer, "body")
-    assert "the attitude may be s_* or p_* for roll, pitch and yaw" in guess.missing[0]
+    assert "the attitude may be s_* or p_* (attitude.columns)" in guess.missing[0]
     assert "open: the attitude may be" in " ".join(guess.text().replace("#", "").split())
     assert guess.column_map.attitude.columns == []
     of_base = {name.replace("s_", "body "): values for name, values in columns.items()}
