@@ -63,8 +63,8 @@ def with_conventions(log: CheckedLog, arguments: Arguments, rows: Sequence[str] 
     if not better.better:
         return log
     sections = {key.partition(".")[0] for each in better.better for key in each.entries}
-    if not rows and sections == {"position"}:  # other rows do not contain it
-        rows = [STANDARD_ROWS.name]
+    if not rows and not arguments.rows and sections == {"position"}:
+        rows = [STANDARD_ROWS.name]  # others do not contain it
     if not any(_contradicts(log, arguments, each) for each in rows or (None,)):
         return log
     return replace(log, conventions=replace(better, not_compared=found.not_compared))
