@@ -10,6 +10,7 @@ no finer cut shows.
 
 from collections.abc import Collection, Mapping
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from scipy.special import pdtrik
@@ -137,6 +138,7 @@ def is_explained(found: Fit) -> bool:
     return found.cost < FAR**2 * sum(each.count for each in found.rolled)
 
 
+@cache
 def most_changes(logs: int) -> int:
     """Return the most changes that are probable in so many logs: one in a log is expected."""
     return int(np.ceil(pdtrik(1 - IMPROBABLE, logs)))

@@ -134,8 +134,8 @@ def screen(log: Log, suite: SensorSuite | None = None, memory: Log | None = None
     rejected = {name: len(samples) - len(kept[name]) for name, samples in given.items()}
     if again:
         rejected[THRUST] = again
-    held = log.thrust if len(log.thrust) else memory.thrust
-    if len(held):
+    held = log.samples.get(THRUST) or memory.samples.get(THRUST)
+    if held:
         recent[THRUST] = concatenated_samples([held.where(slice(-1, None))])
     return Screened(given.updated(kept), rejected, Log(log.joint_names, recent))
 
@@ -187,6 +187,8 @@ def _with_thrust(log: Log, suite: SensorSuite | None, memory: Log) -> tuple[Log,
             time.
 
     """
+    if SENSORS.keys() >= log.samples.keys():
+        return log, 0
     valves, thrusters = log.valves, None if suite is None else suite.thrusters
     since = memory.thrust.last_time
     if not valves or thrusters is None:

@@ -48,7 +48,7 @@ class FirstSamples:
 
         """
         if self.is_compared:
-            return self, [] if self.contradiction else [block]
+            return self, []
         blocks = (*self.blocks, block)
         log, waiting = concatenated([each.samples for each in blocks]), blocks[self.solved :]
         if len(blocks) == COMPARED:

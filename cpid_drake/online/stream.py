@@ -187,8 +187,10 @@ class Stream:
 
     def _stepped(self, state: StreamState, block: Block) -> StreamState:
         """Return the state after one more block, with those that waited for it."""
-        first, blocks = state.first.with_block(block, self._arguments)
-        online = state.online
+        first, online = state.first, state.online
+        if first.is_compared and not first.contradiction:
+            return replace(state, online=step(self._model, online, block))
+        first, blocks = first.with_block(block, self._arguments)
         for each in blocks:
             online = step(self._model, online, each)
         if not first.contradiction:
