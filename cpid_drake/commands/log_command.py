@@ -90,10 +90,10 @@ def map_columns(
     if out is not None:
         write_text(out, text)
     wrong = ""
-    if guess.missing:
-        wrong = f"complete this map: {'; '.join(guess.missing)}"
-    elif failures:
+    if failures:
         wrong = f"does not agree with this map: {failures[0]}"
+    elif guess.missing:
+        wrong = f"complete this map: {'; '.join(guess.missing)}"
     if wrong:
         print(f"{log}: {wrong}", file=sys.stderr)
         return CHECK_FAILED

@@ -12,11 +12,13 @@ from itertools import combinations, permutations, product
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.array import Array
 from cpid_drake.dynamics.rotations import conjugate, rotate
 from cpid_drake.dynamics.tree import KinematicTree
+from cpid_drake.logs.axes import signed_axes, turn_between
 from cpid_drake.logs.column_map import QUATERNION_ORDERS, UNITS, ColumnMap, scale_of
 from cpid_drake.logs.instants import Instants
 from cpid_drake.logs.score import explain_by_momentum
@@ -87,7 +89,10 @@ def alternatives(
         "time": _clocks(given, column_map),
         "joint_positions joint_rates": _joints(given, names, tree, column_map),
         "attitude angular_velocity": _attitudes(given, column_map),
-        "attitude.R_BS angular_velocity.R_BS": _axes(given, column_map),
+        "attitude.R_BS angular_velocity.R_BS": (
+            *_axes(given, column_map),
+            *(_turned(given, column_map) if keys is None else ()),  # is asked about
+        ),
         "position velocity": _places(given, tree, column_map),
     }
     for parts, readings in families.items():
@@ -179,18 +184,39 @@ def _joints(
         if label in names and not rotors[which[0]]:
             text = f"{q} has the opposite sign of the model's joint"
             yield text, given.scaled(signs, *_JOINTS), {"reversed_joints": [label]}
-    moving, orders = np.flatnonzero(~rotors).tolist(), {}
+    for text, order in _orders(names, rotors):
+        pick = partial(np.take, indices=order, axis=1)
+        log = given.changed(encoders=pick, joint_rates=pick)
+        columns = {name: at.column(names[k]) for name, k in zip(names, order)}
+        orders: dict[str, Any] = {"joint_positions.columns": columns}
+        if has_rates:
+            columns = {name: rate_at.column(names[k]) for name, k in zip(names, order)}
+            orders["joint_rates.columns"] = columns
+        yield text, log, orders
+
+
+def _orders(names: tuple[str, ...], rotors: NDArray[np.bool_]) -> Iterator[tuple[str, list[int]]]:
+    """Yield other orders of the joints that are no rotors, in words and as places of the log's.
+
+    They are exchanges of two, and all orders of four or fewer.
+    """
+    moving, count = np.flatnonzero(~rotors).tolist(), len(names)
     for a, b in combinations(moving, 2):
         order = list(range(count))
         order[a], order[b] = b, a
-        orders[f"the joints q:{names[a]} and q:{names[b]} are exchanged"] = order
+        yield f"the joints q:{names[a]} and q:{names[b]} are exchanged", order
+    usual = {tuple(moving[::-1]): "the joints are numbered from the tip"}
     if count > 2 and count % 2 == 0 and len(moving) == count:
-        half = count // 2
-        text = f"the joints {names[0]} … and {names[half]} … of two arms are exchanged"
-        orders[text] = [*range(half, count), *range(half)]
-    for text, order in orders.items():
-        pick = partial(np.take, indices=order, axis=1)
-        yield text, given.changed(encoders=pick, joint_rates=pick), {}
+        first, second = moving[: count // 2], moving[count // 2 :]
+        text = f"the joints {names[0]} … and {names[second[0]]} … of two arms are exchanged"
+        usual.setdefault((*second, *first), text)
+    for places in usual if len(moving) > 4 else permutations(moving):
+        order = list(range(count))
+        for k, place in zip(moving, places):
+            order[k] = place
+        if sum(k != place for k, place in enumerate(order)) > 2:
+            text = f"the joints are in the order {', '.join(names[k] for k in order)}"
+            yield usual.get(places, text), order
 
 
 def _attitudes(given: Instants, column_map: ColumnMap) -> Iterator[Reading]:
@@ -241,7 +267,7 @@ def _axes(given: Instants, column_map: ColumnMap) -> Iterator[Reading]:
         return
     at, gyro = column_map.attitude.R_BS, column_map.angular_velocity.R_BS
     has_place = bool({"position", "velocity"} & given.values.keys())
-    for axes, M in _signed_axes():
+    for axes, M in signed_axes():
         names = f"{', '.join(axes)} are x, y, z"
         in_axes = partial(rotate, M)
         turned = given.changed(gyro=in_axes)
@@ -261,6 +287,23 @@ def _axes(given: Instants, column_map: ColumnMap) -> Iterator[Reading]:
         log = given.scaled(mirror, "position", "velocity").scaled(-mirror, "gyro")
         log = log.scaled(np.append(1.0, -mirror), "attitude")
         yield f"the axes are left-handed: the log is mirrored along {name}", log, {}
+
+
+def _turned(given: Instants, column_map: ColumnMap) -> Iterator[Reading]:
+    """Yield axes of the gyro, or of the attitude, that are turned by any angle."""
+    at, gyro = column_map.attitude.R_BS, column_map.angular_velocity.R_BS
+    w, turning = given.values.get("gyro"), given.turning
+    M = None if w is None or turning is None else turn_between(turning, w)
+    if M is None:
+        return
+    turn, words = Rotation.from_matrix(M), "{} turned by {:.1f}° about {} from those of the base"
+    degrees, axis = np.degrees(turn.magnitude()), turn.as_rotvec() / turn.magnitude()
+    log = given.changed(gyro=partial(rotate, M))
+    text = words.format("the axes of the gyro are", degrees, _plain(_rounded(axis, 2)))
+    yield text, log, {"angular_velocity.R_BS": _rounded(M @ gyro)}
+    log = given.changed(attitude=partial(_product, b=turn.as_quat(scalar_first=True)))
+    text = words.format("the attitude is that of axes", degrees, _plain(_rounded(-axis, 2)))
+    yield text, log, {"attitude.R_BS": _rounded(M.T @ at)}
 
 
 def _places(
@@ -333,13 +376,9 @@ def _product(a: Array, b: Array) -> Array:
     return np.hstack([a[:, :1] * b[0] - a[:, 1:] @ b[1:, None], vector])
 
 
-def _signed_axes() -> Iterator[tuple[list[str], Array]]:
-    """Yield all other axes, and the matrix M with M v the vector v in these axes."""
-    for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
-        M = np.zeros((3, 3))
-        M[range(3), order] = signs
-        if not np.array_equal(M, np.eye(3)):
-            yield [("-" if s < 0 else "") + "xyz"[k] for k, s in zip(order, signs)], M
+def _rounded(values: Array, digits: int = 4) -> list[Any]:
+    """Return rounded numbers as lists, without negative zeros."""
+    return [*(np.round(values, digits) + 0.0).tolist()]
 
 
 def _plain(value: object) -> str:

@@ -222,6 +222,10 @@ class JointPositionColumns:
     units: dict[str, Angle | Length] = field(default_factory=dict)
     constant: dict[str, float] = field(default_factory=dict)
 
+    def column(self, joint: str) -> str:
+        """Return the column of a joint."""
+        return self.columns.get(joint, f"{self.prefix}{joint}{self.suffix}")
+
 
 @dataclass
 class JointRateColumns:
@@ -232,6 +236,10 @@ class JointRateColumns:
     columns: dict[str, str] = field(default_factory=dict)
     unit: AngularRate | Speed = "rad/s"
     units: dict[str, AngularRate | Speed] = field(default_factory=dict)
+
+    def column(self, joint: str) -> str:
+        """Return the column of a joint."""
+        return self.columns.get(joint, f"{self.prefix}{joint}{self.suffix}")
 
 
 @dataclass

@@ -361,7 +361,7 @@ def px4(r):
     D = Rotation.from_euler("x", np.pi)
     q, p, w = (D * r.R * D).as_quat(scalar_first=True), r.p * [1, -1, -1], r.w * [1, -1, -1]
     names = ["timestamp", *(f"q[{k}]" for k in range(4)), *axes("{}")]
-    names += [*(f"xyz[{k}]" for k in range(3)), *numbered("arm_joint", 4)]
+    names += [*(f"angular_velocity[{k}]" for k in range(3)), *numbered("arm_joint", 4)]
     return {"log.csv": table(names, np.round(1e6 * r.t), q, p, w, r.q, form="{:.10g}")}
 
 
