@@ -290,20 +290,31 @@ def _axes(given: Instants, column_map: ColumnMap) -> Iterator[Reading]:
 
 
 def _turned(given: Instants, column_map: ColumnMap) -> Iterator[Reading]:
-    """Yield axes of the gyro, or of the attitude, that are turned by any angle."""
-    at, gyro = column_map.attitude.R_BS, column_map.angular_velocity.R_BS
+    """Yield axes of the gyro, or of the attitude, that are turned by any angle.
+
+    The size of the angular velocity, which no turn changes, says the gyro's unit.
+    """
+    at, gyro = column_map.attitude.R_BS, column_map.angular_velocity
     w, turning = given.values.get("gyro"), given.turning
-    M = None if w is None or turning is None else turn_between(turning, w)
-    if M is None:
+    if w is None or turning is None or (M := turn_between(turning, w)) is None:
         return
-    turn, words = Rotation.from_matrix(M), "{} turned by {:.1f}° about {} from those of the base"
+    ratio = np.log(np.linalg.norm(turning) / np.linalg.norm(w) * scale_of(gyro.unit))
+    unit = min(_TURNS, key=lambda each: abs(ratio - np.log(scale_of(each))))
+    size, turn = scale_of(unit) / scale_of(gyro.unit), Rotation.from_matrix(M)
     degrees, axis = np.degrees(turn.magnitude()), turn.as_rotvec() / turn.magnitude()
-    log = given.changed(gyro=partial(rotate, M))
-    text = words.format("the axes of the gyro are", degrees, _plain(_rounded(axis, 2)))
-    yield text, log, {"angular_velocity.R_BS": _rounded(M @ gyro)}
-    log = given.changed(attitude=partial(_product, b=turn.as_quat(scalar_first=True)))
-    text = words.format("the attitude is that of axes", degrees, _plain(_rounded(-axis, 2)))
-    yield text, log, {"attitude.R_BS": _rounded(M.T @ at)}
+    units, also = dict[str, Any](), ""
+    if unit != gyro.unit:
+        units, also = {"angular_velocity.unit": unit}, f"; and its rates are in {_word(unit)}"
+    of_gyro = given.changed(gyro=partial(rotate, size * M))
+    turned = partial(_product, b=turn.as_quat(scalar_first=True))
+    of_base = given.scaled(size, "gyro").changed(attitude=turned)
+    for text, way, log, entries in (
+        ("axes of the gyro are", axis, of_gyro, {"angular_velocity.R_BS": M @ gyro.R_BS}),
+        ("attitude is that of axes", -axis, of_base, {"attitude.R_BS": M.T @ at}),
+    ):
+        words = f"the {text} turned by {degrees:.1f}° about {_plain(_rounded(way, 2))} from those"
+        rounded = {key: _rounded(value) for key, value in entries.items()}
+        yield f"{words} of the base{also}", log, {**rounded, **units}
 
 
 def _places(

@@ -6,7 +6,10 @@ not solved: no fit explains it, and none would end soon.
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+
+import numpy as np
 
 from cpid_drake.estimation.block import Block
 from cpid_drake.files.errors import InputError
@@ -14,7 +17,7 @@ from cpid_drake.identification.arguments import Arguments
 from cpid_drake.identification.checked_log import check_log
 from cpid_drake.identification.log_conventions import with_conventions
 from cpid_drake.logs.conventions import has_agreement
-from cpid_drake.logs.log import Log, concatenated
+from cpid_drake.logs.log import THRUST, Log, Samples, concatenated
 
 COMPARED = 3
 """So many blocks are compared."""
@@ -50,7 +53,7 @@ class FirstSamples:
         if self.is_compared:
             return self, []
         blocks = (*self.blocks, block)
-        log, waiting = concatenated([each.samples for each in blocks]), blocks[self.solved :]
+        log, waiting = _together(blocks), blocks[self.solved :]
         if len(blocks) == COMPARED:
             found = _contradiction(log, arguments)
             return FirstSamples(is_compared=True, contradiction=found), [] if found else waiting
@@ -64,10 +67,18 @@ class FirstSamples:
         return self.blocks[self.solved :]
 
 
+def _together(blocks: Sequence[Block]) -> Log:
+    """Return the samples of blocks; their logs of thrust overlap."""
+    log = concatenated([each.samples for each in blocks])
+    if THRUST not in log.samples:
+        return log
+    time, first = np.unique(log.thrust.time, return_index=True)
+    return log.updated({THRUST: Samples(time, log.thrust.value[first])})
+
+
 def _contradiction(log: Log, arguments: Arguments) -> str:
-    """Return what a log contradicts, as `identify` says it."""
-    try:
+    """Return what a log contradicts, as `identify` says it; nothing if it cannot be compared."""
+    with suppress(InputError):
         checked = check_log(arguments.spacecraft, log, arguments.sensors, arguments.planar)
         return "; ".join(with_conventions(checked, arguments).conventions.failures)
-    except InputError as error:
-        return str(error)
+    return ""

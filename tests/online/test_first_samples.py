@@ -68,3 +68,15 @@ def test_samples_that_only_begin_to_agree_are_all_used(craft, log):
     assert result.sample_count + sum(result.rejected.values()) == sum(
         len(samples) for _, samples in loud.between(0.0, 2.2).items()
     )
+
+
+def test_a_log_of_thrust_is_no_contradiction(craft, log):
+    """A valve that opens at the end; each block knows what holds at its start."""
+    identifier = OnlineIdentifier(craft, "testbed", reads_thrust=True)
+    thrust = [("thrust", time, np.zeros(6)) for time in (0.0, 0.73, 1.83, 2.61)]
+    part = log.between(0.0, 5.0)
+    for message in sorted([*part.messages(), *thrust], key=lambda each: each[1]):
+        identifier.add(*message)
+    result = identifier.finish()
+    assert result.passed
+    assert np.isfinite(result.parameters).all()
