@@ -7,7 +7,7 @@ of any size (delays, scales, zeros, masses) are no conventions: a fit compares t
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.files.errors import listed
 from cpid_drake.logs.alternatives import Alternative, alternatives
 from cpid_drake.logs.clock import clock_factor, with_delay
-from cpid_drake.logs.column_map import ColumnMap, with_entries
+from cpid_drake.logs.column_map import ColumnMap
 from cpid_drake.logs.instants import Instants, instants_of
 from cpid_drake.logs.log import Log
 from cpid_drake.logs.score import MOMENTUM, WORSE, Comparison, compare_momentum, compare_rates
@@ -32,10 +32,6 @@ DIFFERS = 0.5
 
 CLEARLY = 3.0
 """Ratio of residuals from which one convention explains a log clearly better than another."""
-
-
-MOST_NAMED = 3
-"""More conventions that explain a log equally well are no help."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,35 +186,10 @@ def better_conventions(
 ) -> list[Alternative]:
     """Return the alternatives that explain a log clearly better than the conventions it is read in.
 
-    The best is first, and others explain the log equally well; empty if too many do. If none does,
-    each is tried together with degrees and millimetres, the units that labs have. The arguments are
-    those of `alternatives`.
+    The best is first, and others explain the log equally well; empty if too many do. The arguments
+    are those of `alternatives`.
     """
     tree = None if tree is None else tree.lumped
-    if best := _better_conventions(given, names, tree, column_map):
-        return best
-    pairs = list[Alternative]()
-    units = {"joint_positions.unit": "deg", "position.unit": "mm"}
-    is_explained = not _failed(compare_momentum(given, tree))
-    for unit in () if is_explained else alternatives(given, names, tree, column_map, {*units}):
-        if not unit.entries.items() <= units.items():
-            continue
-        changed = with_entries(column_map, unit.entries)
-        pairs += [
-            replace(
-                each,
-                text=f"{unit.text}; and {each.text}",
-                entries={**unit.entries, **each.entries} if each.entries else {},
-            )
-            for each in _better_conventions(unit.log, names, tree, changed)
-        ]
-    return pairs if len(pairs) <= MOST_NAMED else []
-
-
-def _better_conventions(
-    given: Instants, names: tuple[str, ...], tree: KinematicTree | None, column_map: ColumnMap
-) -> list[Alternative]:
-    """Return the alternatives that alone explain a log better; see `better_conventions`."""
     before = compare_rates(given, names) + compare_momentum(given, tree)
     now, rows = {c.name: c.residual for c in before}, []
 
@@ -236,4 +207,4 @@ def _better_conventions(
             rows.append((sum(np.log(value) for value in then.values()), each))
     rows.sort(key=lambda row: row[0])
     best = [each for total, each in rows if total < rows[0][0] + np.log(CLEARLY)]
-    return best if len(best) <= MOST_NAMED else []
+    return best if len(best) <= 3 else []  # more are no help
