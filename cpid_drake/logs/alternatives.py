@@ -8,7 +8,7 @@ together they agree.
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import combinations, permutations, product
+from itertools import chain, combinations, permutations, product
 from typing import Any
 
 import numpy as np
@@ -89,9 +89,9 @@ def alternatives(
         "time": _clocks(given, column_map),
         "joint_positions joint_rates": _joints(given, names, tree, column_map),
         "attitude angular_velocity": _attitudes(given, column_map),
-        "attitude.R_BS angular_velocity.R_BS": (
-            *_axes(given, column_map),
-            *(_turned(given, column_map) if keys is None else ()),  # is asked about
+        "attitude.R_BS angular_velocity.R_BS": chain(
+            _axes(given, column_map),
+            _turned(given, column_map) if keys is None else (),  # is asked about
         ),
         "position velocity": _places(given, tree, column_map),
     }

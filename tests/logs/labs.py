@@ -13,6 +13,8 @@ from scipy.spatial.transform import Rotation
 
 Files = dict[str, str | bytes]
 
+WXYZ = [f"q{a}" for a in "wxyz"]
+
 
 @dataclass(frozen=True)
 class Rows:
@@ -202,16 +204,7 @@ def german_excel(r):
 
 @lab
 def unit_line(r):
-    names = [
-        "time",
-        "qw",
-        "qx",
-        "qy",
-        "qz",
-        *axes("{}"),
-        *axes("gyro_{}"),
-        *numbered("arm_joint", 4),
-    ]
+    names = ["time", *WXYZ, *axes("{}"), *axes("gyro_{}"), *numbered("arm_joint", 4)]
     units = ",".join(["s", *4 * "-", *3 * ["mm"], *3 * ["deg/s"], *4 * ["deg"]])
     body = table([], r.t, wxyz(r), 1000 * r.p, np.degrees(r.w), np.degrees(r.q))
     return {"log.csv": ",".join(names) + "\n" + units + "\n" + body}
@@ -234,16 +227,7 @@ def epoch_ms(r):
 
 
 def _own(r):
-    names = [
-        "time",
-        "qw",
-        "qx",
-        "qy",
-        "qz",
-        *axes("{}"),
-        *axes("bw{}"),
-        *numbered("q:arm_joint", 4),
-    ]
+    names = ["time", *WXYZ, *axes("{}"), *axes("bw{}"), *numbered("q:arm_joint", 4)]
     return names, [r.t, wxyz(r), r.p, r.w, r.q]
 
 
@@ -315,22 +299,13 @@ def roll_pitch_yaw_in_another_order(r):
 
 @lab
 def joints_from_the_tip(r):
-    names = ["time", "qw", "qx", "qy", "qz", *axes("{}"), *axes("bw{}"), *numbered("joint", 4)]
+    names = ["time", *WXYZ, *axes("{}"), *axes("bw{}"), *numbered("joint", 4)]
     return {"log.csv": table(names, r.t, wxyz(r), r.p, r.w, r.q[:, ::-1])}
 
 
 @lab
 def gyro_named_dps_in_rad(r):
-    names = [
-        "time",
-        "qw",
-        "qx",
-        "qy",
-        "qz",
-        *axes("{}"),
-        *axes("gyro_{}_dps"),
-        *numbered("arm_joint", 4),
-    ]
+    names = ["time", *WXYZ, *axes("{}"), *axes("gyro_{}_dps"), *numbered("arm_joint", 4)]
     return {"log.csv": table(names, r.t, wxyz(r), r.p, r.w, r.q)}
 
 
@@ -343,15 +318,7 @@ def pose_filled_forward(r):
 
 @lab
 def joints_in_degrees_without_position(r):
-    names = [
-        "time",
-        "qw",
-        "qx",
-        "qy",
-        "qz",
-        *axes("gyro_{}"),
-        *numbered("arm_joint", 4, "{}{}_deg"),
-    ]
+    names = ["time", *WXYZ, *axes("gyro_{}"), *numbered("arm_joint", 4, "{}{}_deg")]
     return {"log.csv": table(names, r.t, wxyz(r), r.w, np.degrees(r.q))}
 
 
@@ -403,7 +370,7 @@ def three_decimals(r):
 
 @lab
 def clocks_apart(r):
-    pose = table(["time", "qw", "qx", "qy", "qz", *axes("{}")], r.t, wxyz(r), r.p)
+    pose = table(["time", *WXYZ, *axes("{}")], r.t, wxyz(r), r.p)
     return {
         "mocap.csv": pose,
         "joints.csv": table(["time", *numbered("q:arm_joint", 4)], r.t + 0.3, r.q),
@@ -427,7 +394,7 @@ def tracked_body_turned(r):
 @lab
 def velocity_of_odometry(r):
     """The rates of joints beside their positions, in rpm."""
-    names = ["time", "qw", "qx", "qy", "qz", *axes("{}"), *axes("bw{}"), *numbered("arm_joint", 4)]
+    names = ["time", *WXYZ, *axes("{}"), *axes("bw{}"), *numbered("arm_joint", 4)]
     rates = np.gradient(r.q, r.t, axis=0) * 30 / np.pi
     names += numbered("qd_arm_joint", 4, "{}{}_rpm")
     return {"log.csv": table(names, r.t, wxyz(r), r.p, r.w, r.q, rates)}
