@@ -12,9 +12,11 @@ from functools import partial
 import numpy as np
 from scipy.optimize import minimize_scalar
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.logs.instants import SmoothedLog
 from cpid_drake.logs.log import Log, Samples
+from cpid_drake.logs.noise_estimation import RESOLUTION
 from cpid_drake.logs.score import WORSE, compare_momentum, compare_rates
 
 LONGEST = 5.0
@@ -90,5 +92,14 @@ def _misfit(
     given = smoothed.instants({**later, **dict.fromkeys(sensors, delay)})
     if given is None:
         return np.inf
-    compared = compare_rates(given, log.joint_names) + compare_momentum(given, tree)
-    return float(np.mean([np.log(c.residual) for c in compared])) if compared else np.inf
+    apart = [_apart(*each.values) for each in compare_rates(given, log.joint_names)]
+    apart += [each.residual for each in compare_momentum(given, tree)]
+    return float(np.mean(np.log(apart))) if apart else np.inf
+
+
+def _apart(moved: Array, measured: Array) -> float:
+    """Return √(1 − ρ²) of the sizes of two motions (N, k): units, signs and axes do not matter."""
+    sizes = np.linalg.norm(moved, axis=1), np.linalg.norm(measured, axis=1)
+    a, b = (size - size.mean() for size in sizes)
+    rho = float(a @ b) / max(float(np.linalg.norm(a) * np.linalg.norm(b)), 1e-300)
+    return float(np.sqrt(max(1 - max(rho, 0.0) ** 2, RESOLUTION**2)))

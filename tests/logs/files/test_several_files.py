@@ -155,3 +155,17 @@ def test_a_file_is_named_once(tmp_path, rows):
     for text in (f"{pose}+{pose}", f"{pose}+"):
         with pytest.raises(cpid.InputError, match="name each file of the log once"):
             inspect_log(text)
+
+
+def test_a_unit_is_named_on_another_clock(tmp_path, rows, joints):
+    """The delay of a gyro in degrees is found all the same: sizes vary together in any unit."""
+    degrees = [
+        {**row, **{n: str(np.degrees(float(row[n] or "nan"))) for n in GYRO}} for row in rows
+    ]
+    parts = [
+        write(tmp_path / "mocap.csv", rows, POSE),
+        write(tmp_path / "joints.csv", rows, joints, 0.3),
+        write(tmp_path / "imu.csv", degrees, GYRO, -2.2),
+    ]
+    with pytest.raises(cpid.InputError, match="the angular velocity is in degrees per second"):
+        identified("+".join(parts))
