@@ -165,6 +165,11 @@ class Hidden:
         gradient: whether the craft is in an orbit.
         base: share by which mass and inertia of the base are larger.
         arm: σ of places [m] and axes [rad] of the joints.
+        wheels: σ of the momentum of wheels in the base, about each axis [N·m·s], and
+        torque: σ of a torque on the base [N·m], of the small craft; both change smoothly.
+        spin: momentum of a rotor in the target [N·m·s], of the small craft.
+        scale: σ of the scale of each encoder, and
+        turn: size of its error once a turn [rad].
 
     """
 
@@ -181,6 +186,11 @@ class Hidden:
     gradient: bool = False
     base: float = 0.0
     arm: float = 0.0
+    wheels: float = 0.0
+    torque: float = 0.0
+    spin: float = 0.0
+    scale: float = 0.0
+    turn: float = 0.0
 
 
 KINDS: dict[str, Hidden] = {
@@ -206,6 +216,12 @@ KINDS: dict[str, Hidden] = {
     "gradient": Hidden(gradient=True),
     "base": Hidden(base=0.01),
     "arm": Hidden(arm=5e-4),
+    "wheels": Hidden(wheels=1e-3),
+    "torque": Hidden(torque=1e-3),
+    "swing": Hidden(slosh=0.005),
+    "spin": Hidden(spin=5e-3),
+    "scale": Hidden(scale=3e-3),
+    "turn": Hidden(turn=5e-3),
 }
 
 # -- the simulator --------------------------------------------------------------------------------
@@ -272,6 +288,10 @@ class World:
         direction = rng.standard_normal(3)
         self.force_B = hidden.leak * craft.strong * direction / np.linalg.norm(direction)
         self.point_B = size * rng.uniform(-1, 1, 3)
+        self.target = self.model.body("target").id
+        self.spin_T = hidden.spin * craft.strong * np.array([0.48, 0.6, 0.64])
+        self.changing = drawn.standard_normal((2, 4, 3)) / 2  # of four frequencies
+        self.frequencies = 2 * np.pi * np.array([0.07, 0.17, 0.31, 0.53])
 
     def _hold(self, body: "mujoco.MjsBody", rng: np.random.Generator) -> Array:
         """Give the target's body its inertia, turned at random; return its parameters (10,)."""
@@ -308,6 +328,18 @@ class World:
             arm_B = self.point_B - model.body_ipos[self.base]
             torque_B = np.cross(arm_B, self.force_B)
             data.xfrc_applied[self.base] = [*R @ self.force_B, *R @ torque_B]
+        if hidden.torque or hidden.wheels:
+            R, wt = data.xmat[self.base].reshape(3, 3), self.frequencies * data.time
+            x = np.cos(wt) @ self.changing[0] + np.sin(wt) @ self.changing[1]
+            rate = self.frequencies * np.stack([-np.sin(wt), np.cos(wt)])
+            change = np.einsum("kf,kfi->i", rate, self.changing)
+            torque_B = hidden.torque * x - hidden.wheels * change
+            torque_B -= np.cross(data.qvel[3:6], hidden.wheels * x)  # their momentum turns with B
+            data.xfrc_applied[self.base, 3:] = self.craft.strong * R @ torque_B
+        if hidden.spin:
+            R, V = data.xmat[self.target].reshape(3, 3), np.empty(6)
+            mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_BODY, self.target, V, 1)
+            data.xfrc_applied[self.target, 3:] = R @ np.cross(self.spin_T, V[:3])
         if hidden.gradient:
             n, r = np.array([0.6, 0.0, 0.8]), data.xipos
             R = data.ximat.reshape(-1, 3, 3)
@@ -346,6 +378,10 @@ def simulate(craft: Craft, hidden: Hidden, seed: int) -> tuple[Log, Array]:
     true = dict(zip(("attitude", "position", "gyro", "encoders"), np.split(rows, [4, 7, 10], 1)))
     true["gyro"] = true["gyro"] @ (np.eye(3) + hidden.gyro * rng.standard_normal((3, 3)))
     true["encoders"] = true["encoders"] + hidden.zeros * rng.standard_normal(len(craft.links))
+    drawn = rng.spawn(1)[0]
+    scale, phase = drawn.standard_normal(len(craft.links)), drawn.uniform(0, 6, len(craft.links))
+    turn = hidden.turn * np.sin(true["encoders"] + phase)
+    true["encoders"] = true["encoders"] * (1 + hidden.scale * scale) + turn
     *across, gyro, position, encoders = craft.sigmas
     sigmas = (np.array([across[0], *across]), gyro, position, encoders)
     samples = {}
