@@ -56,7 +56,7 @@ def fit_with_events(
     """
     model = found.model
     # Slow noise may be a change in disguise, and changes may be slow noise.
-    quiet = [replace(log, noise={}, weights=tuple({} for _ in log.blocks)) for log in found.logs]
+    quiet = [replace(log, weights=tuple({} for _ in log.blocks)) for log in found.logs]
     declared = [log.with_processes({}) for log in quiet]
     changes = _changes(replace(found, logs=declared), question)
     if all(log.open.issuperset(own) for log, own in zip(quiet, changes, strict=True)):

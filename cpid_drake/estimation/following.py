@@ -31,13 +31,11 @@ from cpid_drake.estimation.linearity import is_linear, linear_at
 from cpid_drake.estimation.log_state import CHANGE, LogState, farthest
 from cpid_drake.estimation.noise import is_as_before
 from cpid_drake.estimation.past import Past
-from cpid_drake.estimation.process import added
 from cpid_drake.estimation.roll import past_of, roll
 from cpid_drake.estimation.start import state_of
 from cpid_drake.estimation.sweep import BOUNDARY, boundary_size, sweep
 from cpid_drake.estimation.unknowns import PSI
 from cpid_drake.estimation.unknowns_prior import prior_of
-from cpid_drake.estimation.weights import noise_sums
 from cpid_drake.files.errors import InputError
 from cpid_drake.sensors.sensors import SENSORS
 
@@ -52,9 +50,6 @@ FEWEST_FAR = 3
 
 WIDE_SWEEPS = 10
 """Most sweeps of its parts with all their ends open."""
-
-SAME_NOISE = 0.15
-"""Relative change of the size of white forces for which blocks before need not be solved anew."""
 
 
 def followed(
@@ -109,14 +104,12 @@ def ahead_of(found: Fit, known: Gaussian) -> Past:
 
     """
     model, [log], [rolled], values = found.model, found.logs, found.rolled, found.values
-    own = noise_sums(log, rolled.residuals, log.freedom)
     return Past(
         replace(known, rho2=0.0),
         rolled.ends[-1],
         log.joints[-1].coefficients[-ORDER:],
         np.concatenate([values[u.key(log.name)] for u in model.table]),
         linear_at(found),
-        added(log.past.noise if log.past else {}, own),
         log.slow,
         log.edges[-1],
     )
@@ -263,12 +256,6 @@ def _in_question(known: Gaussian) -> list[str]:
 def _has_noise_of(fits: Sequence[Fit], found: Fit) -> bool:
     """Return whether a fit has the noise of those before."""
     [log], window = found.logs, [*fits, found]
-    for each in fits:
-        [before] = each.logs
-        for name in {*log.noise, *before.noise}:
-            ratio = log.noise.get(name, 1.0) / before.noise.get(name, 1.0)
-            if abs(np.log(ratio)) > SAME_NOISE:
-                return False
     residuals = [rest for each in window for rest in each.rolled[0].residuals]
     freedom = [each.logs[0].freedom for each in window for _ in each.logs[0].blocks]
     return is_as_before(joined(window), residuals, freedom, len(log.blocks))

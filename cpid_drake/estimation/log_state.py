@@ -59,12 +59,11 @@ class LogState:
         pulls: of each block but a log's last: (12,) derivative of half χ² by the change at its end,
             which is zero, if the end is closed.
         weights: of each block: (M,) weights of a sensor's samples.
-        processes: of each sensor whose noise is not as declared.
+        processes: of each sensor and white force whose noise is not as declared.
         edges: (s,) slow noise of these sensors, in units of their declared σ, at the start of each
             block and at the end of the last.
         is_known: whether the processes have been sought at a fit with noise of their own, or where
             there are none.
-        noise: factors of the σ of white forces.
         freedom: degrees of freedom of one residual that is not far off, by sensor; none before the
             noise is known.
         past: what is known before the first block; None if it is the first of all.
@@ -87,7 +86,6 @@ class LogState:
     processes: dict[str, Process] = field(default_factory=dict)
     edges: tuple[Array, ...] = ()
     is_known: bool = False
-    noise: dict[str, float] = field(default_factory=dict)
     freedom: dict[str, float] = field(default_factory=dict)
     past: Past | None = None
 
@@ -155,7 +153,7 @@ class LogState:
         fresh = replace(fresh, origin=self.origin)
         if not self.past:
             return fresh
-        return replace(fresh.with_processes(self.processes), noise=self.noise)
+        return fresh.with_processes(self.processes)
 
     def extended(self, model: Model, block: Block, start: TrajectoryState) -> "LogState":
         """Return the log with one more block; with a past, joints of the others stay as they are.
@@ -248,7 +246,7 @@ class LogState:
     @property
     def noise_factors(self) -> dict[str, float]:
         """Size of the noise inside of a block, as factors of the sensors' declared σ."""
-        found = dict.fromkeys(self.freedom, 1.0) | self.noise
+        found = dict.fromkeys(self.freedom, 1.0)
         length = self.blocks[-1].end - self.blocks[0].start
         return found | {n: float(np.sqrt(p.within(length))) for n, p in self.processes.items()}
 
@@ -331,11 +329,18 @@ class LogState:
                 found[name] = self.whitening(k, name, 0)
         return found
 
+    def times_of(self, k: int, sensor: str, count: int) -> Array:
+        """Return the times (count,) of a sensor's samples, or of a force's pieces, in block k."""
+        block = self.blocks[k]
+        if sensor in SENSORS:
+            return block.samples[sensor].time[:count] if count else np.zeros(0)
+        return block.start + (np.arange(count) + 0.5) * block.length / max(count, 1)
+
     def whitening(self, k: int, sensor: str, count: int) -> Innovations:
         """Return what makes the residuals of a sensor, or of a white force, in block k white."""
         block = self.blocks[k]
-        times = block.samples[sensor].time if sensor in SENSORS and count else np.zeros(count)
-        weights = self.weights[k].get(sensor, np.ones(count))[:count] / self.noise.get(sensor, 1.0)
+        times = self.times_of(k, sensor, count)
+        weights = self.weights[k].get(sensor, np.ones(count))[:count]
         end = block.start + (self.step(k) if k < len(self.gaps) else block.length)
         process = self.processes.get(sensor, DECLARED)
         return Innovations(times, block.start, end, weights, process)

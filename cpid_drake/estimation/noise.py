@@ -1,4 +1,4 @@
-"""The noise of each sensor, of the largest evidence of all samples of a log.
+"""The noise of each sensor and white force, of the largest evidence of all samples of a log.
 
 Residuals alone say of which sensors the noise may not be as declared, and where its process is
 sought; from there, Fisher scoring climbs the evidence of all these sensors together. A process
@@ -64,10 +64,10 @@ def with_processes(model: Model, log: LogState, rolled: Rolled, values: Values) 
         return log
     evidence = NoiseEvidence(model, log, rolled, values)
     before, series = log.processes, _series(log, rolled.residuals)
-    tried = _guesses(log, series, before)
+    search = _Search(evidence, series)
+    tried = search.with_forces(_guesses(log, series, before))
     if not tried:
         return replace(log, is_known=True)
-    search = _Search(evidence, series)
     found, cost = search.climbed(tried)
     if are_near(found, before):
         return replace(log, is_known=True)
@@ -97,7 +97,7 @@ def with_best_noise(
     shown = evidence.means() if log.open else rolled.residuals
     search = _Search(evidence, _series(log, shown))
     if log.open:
-        guessed = _guesses(log, search.series, {})
+        guessed = search.with_forces(_guesses(log, search.series, {}))
         start = guessed if search.cost(guessed) < before else start
     found, cost = search.climbed(start)
     if found == log.processes:
@@ -143,14 +143,14 @@ def is_as_before(
 
 
 def _series(log: LogState, residuals: Sequence[Mapping[str, Array]]) -> dict[str, "_Series"]:
-    """Return the series of sensors' residuals (M, d) of the blocks that have samples."""
+    """Return the series of residuals (M, d) of the blocks that have samples, by sensor or force."""
     found = {}
-    for name in sorted({name for rest in residuals for name in rest} & SENSORS.keys()):
+    for name in sorted({name for rest in residuals for name in rest}):
         times, near = [], []
         for k, block in enumerate(residuals):
             if name in block:
                 is_near = log.weights[k].get(name, np.ones(len(block[name]))) == 1.0
-                times.append(log.blocks[k].samples[name].time[is_near])
+                times.append(log.times_of(k, name, len(is_near))[is_near])
                 near.append(block[name][is_near])
         found[name] = _Series(np.concatenate(times), np.concatenate(near))
     return found
@@ -161,9 +161,11 @@ def _guesses(log: LogState, series: Mapping[str, "_Series"], before: Processes) 
     tried = {
         name: each.guess(before.get(name, DECLARED), log.freedom.get(name, 1.0))
         for name, each in series.items()
+        if name in SENSORS
     }
     tried = {name: process for name, process in tried.items() if process != DECLARED}
-    return {name: process for name, process in before.items() if name not in series} | tried
+    kept = before.keys() - (series.keys() & SENSORS.keys())
+    return {name: before[name] for name in before if name in kept} | tried
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,13 +186,13 @@ class _Series:
         share `freedom` of its variance, may hide it.
         """
         d, square = self.rest.shape[1], float(np.mean(self.rest**2)) if self.rest.size else 0.0
+        ratio = square / freedom
         if now.slow or self.rest.size < FEWEST or square < EXACT**4:
             return now
         white, larger = Process(square, channels=d), Process(max(square, 1.0), channels=d)
         shapes = [(ratio, float(tau)) for tau in TAUS for ratio in RATIOS]
         slow = [Process(square / (1 + r), square * r / (1 + r), tau, d) for r, tau in shapes]
         best = min(slow, key=self.value)
-        ratio = square / freedom
         is_small = ratio < 1 and self.rest.size * (ratio - 1 - np.log(ratio)) > worth
         if is_small or self.value(best) < self.value(white) - worth:
             return best
@@ -227,6 +229,19 @@ class _Search:
     def cost(self, processes: Processes) -> float:
         """Return −2 log(evidence), with the odds of noise and what it must gain."""
         return self.evidence(processes) + sum(_price(p) + _odds(p) for p in processes.values())
+
+    def with_forces(self, processes: Processes) -> Processes:
+        """Return noise from which the evidence is climbed, with that of white forces.
+
+        These are unknowns: their values show less than what the samples say of all their sizes.
+        """
+        for name in self.series.keys() - SENSORS.keys() - processes.keys():
+            d = self.series[name].rest.shape[1]
+            tried = [Process(slow=1.0, tau=float(tau), channels=d) for tau in TAUS[1:3]]
+            costs = [self.cost(processes | {name: each}) for each in tried]
+            if min(costs) < self.cost(processes):
+                processes = processes | {name: tried[int(np.argmin(costs))]}
+        return processes
 
     def _slopes(self, processes: Processes) -> tuple[float, Array]:
         """Return −2 log(evidence) with the odds, and its derivatives by all coordinates."""

@@ -29,7 +29,6 @@ from cpid_drake.estimation.roll import Rolled, Values
 from cpid_drake.estimation.sweep import Swept, marginals, sweep
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.estimation.unknowns_prior import prior_of
-from cpid_drake.sensors.sensors import SENSORS
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,9 +106,8 @@ class NoiseEvidence:
             volume += 2 * float(np.sum(np.log(log.link(self.model, k))))
         for k, rest in enumerate(self.rolled.residuals):
             for name, white in log.whitenings(k, rest).items():
-                if name in SENSORS:
-                    count = rest[name].shape[1] if name in rest else white.process.channels
-                    volume += count * white.volume
+                count = rest[name].shape[1] if name in rest else white.process.channels
+                volume += count * white.volume
         return known.rho2 + volume, swept, known
 
     def _slopes(self, log: LogState, k: int, name: str, noise: Array, slow: Array) -> Array:

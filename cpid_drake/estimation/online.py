@@ -22,12 +22,10 @@ from cpid_drake.estimation.likelihood.motion_model import TrajectoryState
 from cpid_drake.estimation.linearity import is_linear, linear_at
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.past import Past
-from cpid_drake.estimation.process import added
 from cpid_drake.estimation.roll import Rolled, first_table, linearize
 from cpid_drake.estimation.start import state_of
 from cpid_drake.estimation.sweep import known_at_start, sweep
 from cpid_drake.estimation.unknowns import PSI, Model
-from cpid_drake.estimation.weights import noise_sums
 from cpid_drake.estimation.whiteness import LagSums
 from cpid_drake.files.errors import InputError
 from cpid_drake.logs.log import Log
@@ -239,15 +237,12 @@ def _marginalized(state: OnlineState, count: int) -> OnlineState:
     linearize(model.of_log(log.name), log, rolled, values)
     before, linear = known_at_start(model, log, values), rolled.part(0, count)
     known = sweep(model, gone, linear, values, before=before, forward_only=True).end
-    own = noise_sums(gone, rolled.residuals[:count], log.freedom)
-    noise = added(log.past.noise if log.past else {}, own)
     past = Past(
         replace(known, rho2=0.0),
         rest.starts[0],
         rest.joints[0].coefficients[:ORDER],
         first_table(model, rest, values),
         linear_at(found),
-        noise,
         log.slow,
         rest.edges[0],
     )

@@ -27,7 +27,6 @@ class Past:
         joints: (ORDER, J) the joints about which it is.
         table: (n,) the values of the table about which it is.
         first: values of target and hardware at which derivatives are taken.
-        noise: sum of squares of whitened residuals and degrees of freedom, by white force.
         slow: places of sensors in `edge`.
         edge: (s,) slow noise about which it is.
 
@@ -38,7 +37,6 @@ class Past:
     joints: Array
     table: Array
     first: Mapping[str, Array]
-    noise: Mapping[str, Array]
     slow: Mapping[str, slice] = field(default_factory=dict)
     edge: Array = field(default_factory=lambda: np.zeros(0))
 

@@ -13,7 +13,6 @@ Cholesky factor C, which is bidiagonal, C⁻¹ε is white: O(M) for M samples. T
 rows is what is known of s₁ without a later sample.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -255,11 +254,3 @@ def proxy(times: Array, rest: Array, process: Process) -> float:
     """
     own = Alone(times, process)
     return float(np.sum(own(rest) ** 2) + rest.shape[1] * own.volume)
-
-
-def added(*blocks: Mapping[str, Array]) -> dict[str, Array]:
-    """Return the sums of what several blocks show, by name."""
-    total = dict[str, Array]()
-    for block in blocks:
-        total |= {name: total.get(name, 0.0) + sums for name, sums in block.items()}
-    return total

@@ -20,7 +20,7 @@ from scipy.linalg import solve_triangular
 from cpid_drake.array import Array
 from cpid_drake.estimation.block_rows import BlockRows
 from cpid_drake.estimation.elimination import Change, EndedBlock, changed, eliminated, linked
-from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.gaussian import Gaussian, places_of
 from cpid_drake.estimation.least_squares import triangle
 from cpid_drake.estimation.likelihood.joint_model import ORDER
 from cpid_drake.estimation.likelihood.model import BlockModel
@@ -234,17 +234,54 @@ def marginals(
         known: what is known at its end, of all entries that `Swept.end` has, by all rows.
 
     """
+    for k, each, mean, root in _backward(log, swept, known):
+        if isinstance(each, EndedBlock):
+            yield k, each.model, mean, root
+
+
+def walked(
+    model: Model, log: LogState, swept: Swept, known: Gaussian
+) -> dict[str, tuple[float, float]]:
+    """Return of each unknown that walks χ² of its smoothed steps, and what it is on average.
+
+    A step has the prior N(0, 1) and, smoothed, the covariance P. The mean of what is known of it
+    then has the covariance 1 − P: the part of the step that the samples show.
+
+    Args:
+        model, log, swept, known: see `marginals`.
+
+    """
+    model = model.of_log(log.name)
+    w = len(model.walking_columns)
+    squares, shown = np.zeros(w), np.zeros(w)
+    for k, each, mean, root in _backward(log, swept, known):
+        if isinstance(each, Change) and k < len(log.walks):
+            sigma = model.walking_sigma * np.sqrt(log.step(k))
+            squares += ((log.walks[k] + mean[:w]) / sigma) ** 2
+            shown += 1 - np.sum(root[:w] ** 2, axis=1) / sigma**2
+    places = places_of({unknown.name: unknown.size for unknown in model.walking})
+    return {n: (float(squares[p].sum()), float(shown[p].sum())) for n, p in places.items()}
+
+
+def _backward(
+    log: LogState, swept: Swept, known: Gaussian
+) -> Iterator[tuple[int, Change | EndedBlock, Array, Array]]:
+    """Yield number, step, mean and a root of the covariance of what ends with each step.
+
+    That is the change, or all columns of the block's model.
+    """
     root = solve_triangular(known.R, np.eye(known.size))
     x, k = root @ known.z, len(log.blocks)
     for each in reversed(swept.steps):
         if isinstance(each, Change):
-            x[each.columns] -= each.solved(x)
+            u = each.solved(x)
+            yield each.block, each, u, np.column_stack([each.unit, each.rows[:, :-1] @ root])
+            x[each.columns] -= u
             root = each.spread(root)
             continue
         k -= 1
         whole, spread = each.solved(x), each.spread(root)
-        n = len(whole)
-        yield k, each.model, whole, spread[:n]
+        yield k, each, whole, spread[: len(whole)]
         x[: len(each.model.at_start)] = whole[each.model.at_start]
         root = triangle(each.at_start(spread).T).T
 

@@ -1,12 +1,11 @@
 """Weights of samples and the noise of sensors, as the residuals show them.
 
-Samples that are far off weigh less, by the loss of `least_squares.loss_weight`. The noise of
-sensors is that of the largest evidence; see `noise`. White forces have a factor of 1 or more.
+Samples that are far off weigh less, by the loss of `least_squares.loss_weight`. The noise is that
+of the largest evidence; see `noise`.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from scipy.special import chdtri
@@ -16,7 +15,7 @@ from cpid_drake.estimation.least_squares import loss_weight
 from cpid_drake.estimation.likelihood.constants import BIAS
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.noise import are_near, with_processes
-from cpid_drake.estimation.process import DECLARED, DECLARED_COUNT
+from cpid_drake.estimation.process import DECLARED
 from cpid_drake.estimation.roll import Rolled, Values
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.sensors.sensors import SENSORS
@@ -48,51 +47,14 @@ def reweighted(
     log = _weighted(log, rolled)
     if absorbed is None:
         return log
-    own = model.of_log(log.name)
-    past, noise, shares = log.past.noise if log.past else {}, {}, {}
+    own, shares = model.of_log(log.name), {}
     sampled = {f"{name}.{BIAS}" for name in absorbed}
     biases = sum(each.size for each in own.table if each.name in sampled)
     free = 0 if log.past else 12 + 10 + biases
     for name, rest in rolled.all_residuals().items():
-        lost = min(free / rolled.count + absorbed.get(name, 0.0) / rest.size, MOST_LOST)
-        shares[name] = 1 - lost
-    log = with_processes(model, replace(log, freedom=shares), rolled, values)
-    for name, sums in noise_sums(log, rolled.residuals, shares).items():
-        square, freedom = DECLARED_COUNT + past.get(name, 0.0) + sums
-        noise[name] = max(1.0, float(np.sqrt(square / freedom)))
-    return replace(log, noise=noise)
-
-
-def noise_sums(
-    log: LogState, residuals: Sequence[Mapping[str, Array]], freedom: Mapping[str, float]
-) -> dict[str, Array]:
-    """Return the sum of squares of white residuals, and their degrees of freedom, by sensor.
-
-    What is far off says nothing about the noise.
-
-    Args:
-        log: a log.
-        residuals: of its first blocks.
-        freedom: of one residual, by sensor.
-
-    """
-    white = _white(log, residuals)
-    return {
-        name: np.array([np.sum(white[name] ** 2), white[name].size * share])
-        for name, share in freedom.items()
-        if name in white and name not in SENSORS
-    }
-
-
-def _white(log: LogState, residuals: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
-    """Return the white residuals (M, d) of a log's first blocks that are not far off, by sensor."""
-    plain = replace(log, noise={}, weights=tuple({} for _ in log.blocks))
-    found = dict[str, list[Array]]()
-    for k, (block, weights) in enumerate(zip(residuals, log.weights, strict=False)):
-        for name, rest in block.items():
-            near = weights.get(name, np.ones(len(rest))) == 1.0
-            found.setdefault(name, []).append(plain.whitened(k, name, rest)[near])
-    return {name: np.concatenate(parts) for name, parts in found.items()}
+        lost = absorbed.get(name, 0.0) / rest.size
+        shares[name] = 1 - min(lost + free / rolled.count, MOST_LOST)
+    return with_processes(model, replace(log, freedom=shares), rolled, values)
 
 
 def _weighted(log: LogState, rolled: Rolled) -> LogState:
@@ -117,8 +79,7 @@ def are_same(logs: Sequence[LogState], others: Sequence[LogState]) -> bool:
     for log, other in zip(logs, others, strict=True):
         if not are_near(log.processes, other.processes):
             return False
-        parts: Any = [(log.noise, other.noise), *zip(log.weights, other.weights, strict=True)]
-        for before, after in parts:
+        for before, after in zip(log.weights, other.weights, strict=True):
             for name in {*before, *after}:
                 change = np.subtract(before.get(name, 1.0), after.get(name, 1.0))
                 if np.max(np.abs(change), initial=0.0) > SAME:

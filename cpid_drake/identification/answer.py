@@ -27,6 +27,7 @@ from cpid_drake.identification.checks import (
 from cpid_drake.identification.chosen_fit import ChosenFit
 from cpid_drake.identification.effect_estimates import EffectEstimate
 from cpid_drake.identification.result import Identification
+from cpid_drake.identification.walk_check import walk_checks
 
 
 def answer_of(
@@ -93,7 +94,7 @@ def answer_of(
         rejected=observed.rejected,
         momentum_changes=observed.changes,
         warnings=tuple(warnings),
-        checks=(*checks, *sizes, *fails),
+        checks=(*checks, *sizes, *walk_checks(fit), *fails),
         momentum="unknown" if is_free else (momentum or TotalMomentum.zero()).name,
         noise=noise,
         effects=effects,

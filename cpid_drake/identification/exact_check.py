@@ -77,13 +77,13 @@ def _with_exact(chosen: ChosenFit, wide: Model) -> Gaussian:
     values = wide.start(names) | fit.values
     known = prior_of(wide, fit.logs, values)
     for log in fit.logs:
-        widened = _widened(log, fit.model.of_log(log.name), wide.of_log(log.name))
-        rolled = roll(wide, widened, values)
-        known = known.add(sweep(wide, widened, rolled, values, forward_only=True).gaussian)
+        opened = widened(log, fit.model.of_log(log.name), wide.of_log(log.name))
+        rolled = roll(wide, opened, values)
+        known = known.add(sweep(wide, opened, rolled, values, forward_only=True).gaussian)
     return chosen.given(known)
 
 
-def _widened(log: LogState, model: Model, wide: Model) -> LogState:
+def widened(log: LogState, model: Model, wide: Model) -> LogState:
     """Return a log with the walks and white forces of a wider model; new ones are zero."""
     own = {unknown.name: unknown.size for unknown in model.walking}
     new = {unknown.name: unknown.size for unknown in wide.walking}

@@ -25,6 +25,7 @@ from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.files.errors import prefix_errors
 from cpid_drake.identification.answer import answer_of, at_momentum
 from cpid_drake.identification.arguments import Arguments
+from cpid_drake.identification.changing_forces import with_changing_forces
 from cpid_drake.identification.checked_log import CheckedLog, model_of, open_model_of
 from cpid_drake.identification.checks import Observed
 from cpid_drake.identification.chosen_fit import ChosenFit
@@ -62,6 +63,8 @@ def estimate(
     # Fit: the x of the least χ² = Σ |y − h(x)|² / σ² over samples and priors.
     progress("fitting")
     fit = _fit(model, states, arguments.prior, progress)
+    fit, changing = with_changing_forces(fit, progress)
+    model = fit.model
 
     # Changes of momentum: a link between two blocks opens where p(change | y) says so.
     question = Question.of(model, logs, arguments.momentum)
@@ -88,7 +91,7 @@ def estimate(
     result = replace(
         result,
         checks=(*result.checks, *chosen.part_checks(), *exact_checks(chosen, opened)),
-        warnings=(*warnings, *result.warnings),
+        warnings=(*warnings, *([changing] if changing else []), *result.warnings),
     )
     if model.known_bodies is None and fit.converged and result.solution is not None:
         result = replace(result, sensitivity=base_sensitivity(chosen, result.solution))
@@ -127,8 +130,8 @@ def _separated(
         if len(fit.logs) > 1:  # a difference between logs must not look like noise
             [own] = fit_logs(model, [log], values=values).logs
             alone = own.with_processes(own.processes)
-            alone = replace(log, processes=alone.processes, edges=alone.edges, noise=own.noise)
-            alone = replace(alone, weights=own.weights)
+            processes, edges = alone.processes, alone.edges
+            alone = replace(log, processes=processes, edges=edges, weights=own.weights)
         swept = sweep(model, alone, rolled, values, forward_only=True)
         sources[log.name] = chosen.given(swept.gaussian)
     if prior is not None:
@@ -227,7 +230,7 @@ def cramer_rao_bound(
     fit = fit_logs(replace(model, rows=(held,)), [log])
     [log], [rolled], values = fit.logs, fit.rolled, fit.values
     log = log.with_processes({})  # as declared
-    log = replace(log, noise={}, weights=tuple({} for _ in log.blocks))
+    log = replace(log, weights=tuple({} for _ in log.blocks))
     total = prior_of(model, [log], values).add(sweep(model, log, rolled, values).gaussian)
     there = at_momentum(total, values, momentum or TotalMomentum.zero(), log.name)
     there = there.moved(there.solve())  # the vague prior prefers another target than the true one

@@ -277,7 +277,10 @@ def bodies_of(bodies: BodyUncertainty | None, *suites: SensorSuite) -> BodyUncer
 
 
 def _white_forces(thrusters: Thrusters | None, tree: KinematicTree) -> dict[str, float]:
-    """Return σ of white forces: of a table's floor, and of valves, in a second as their errors."""
+    """Return σ of white forces: of a table's floor, and of valves, in a second as their errors.
+
+    Without these there are none; see `identification.changing_forces`.
+    """
     known, a = tree.at_rest, 0.0
     radius = _radius(known)
     if tree.normal_B is not None:
@@ -288,4 +291,4 @@ def _white_forces(thrusters: Thrusters | None, tree: KinematicTree) -> dict[str,
         force = share * float(np.mean([valve.force for valve in thrusters.valves.values()]))
         a = float(np.hypot(a, force / known.mass / 2))
         torque = float(np.hypot(torque, force * radius))
-    return {"acceleration_noise": a, "torque_noise": torque}
+    return {"acceleration_noise": a, "torque_noise": torque} if a else {}

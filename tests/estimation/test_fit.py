@@ -103,7 +103,7 @@ def test_errors_of_the_model_are_no_noise_if_they_are_small(case):
 
 def minus_twice_log_likelihood(found):
     """χ² alone is smaller where the noise that the residuals show is larger."""
-    noise, rest = found.logs[0].noise, found.rolled[0].all_residuals()
+    noise, rest = found.logs[0].noise_factors, found.rolled[0].all_residuals()
     return found.cost + sum(2 * rest[name].size * np.log(factor) for name, factor in noise.items())
 
 

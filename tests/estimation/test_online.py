@@ -16,6 +16,7 @@ from cpid_drake.estimation.block import BlockQueue, blocks_of
 from cpid_drake.estimation.fit import fit
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.online import LONGEST, OnlineState, run, step
+from cpid_drake.estimation.process import Process
 from cpid_drake.estimation.roll import roll
 from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import BODIES, PSI, Model
@@ -71,7 +72,7 @@ def test_what_an_update_has_computed_is_used_only_where_it_still_holds(case, mod
     elsewhere, fresh = roll(model, log, there), roll(model, log, values)
     sweep(model, log, elsewhere, there)
     weights = tuple({"attitude": np.full(len(b.samples.attitude), 0.5)} for b in log.blocks)
-    noisy = replace(log, noise={"gyro": 2.0}, weights=weights)
+    noisy = replace(log.with_processes({"gyro": Process(4.0)}), weights=weights)
     expected = sweep(model, noisy, fresh, values)
     for before in (elsewhere, fresh):
         rolled = roll(model, log, values, before)

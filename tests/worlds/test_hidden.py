@@ -1,5 +1,7 @@
 """What nobody states is in the intervals, of logs from a simulator that shares no code."""
 
+from dataclasses import replace
+
 import pytest
 from scipy.special import chdtrc
 
@@ -7,6 +9,8 @@ pytest.importorskip("mujoco", reason="needs the package mujoco")
 
 from worlds.hidden import identified
 from worlds.hidden_world import CRAFTS, KINDS, simulate
+
+from cpid_drake.sensors.disturbances import Disturbances
 
 SEED = 7
 
@@ -30,3 +34,25 @@ def test_a_hidden_error_of_a_plausible_size_is_in_the_interval(craft, kind):
     found = identified(craft, log, truth, craft.suite())
     assert found.code == 0, found.said
     assert found.worst < 4
+
+
+@pytest.mark.slow
+def test_a_torque_that_changes_is_in_the_interval():
+    """It changes within a block: a random walk of a plausible size is too slow for it."""
+    craft = CRAFTS["free_flyer"]
+    log, truth = simulate(craft, KINDS["torque"], 801)
+    found = identified(craft, log, truth, craft.suite())
+    assert found.code == 0, found.said
+    assert found.worst < 4
+    assert chdtrc(10, found.nees) > 1e-3
+
+
+@pytest.mark.slow
+def test_a_torque_that_walks_farther_than_stated_is_refused():
+    """A white torque of zero is stated, so that nothing else can take it."""
+    craft = CRAFTS["free_flyer"]
+    log, truth = simulate(craft, KINDS["torque"], 801)
+    suite = replace(craft.suite(), disturbances=Disturbances(torque_noise=0.0))
+    found = identified(craft, log, truth, suite)
+    assert found.code == 4
+    assert "random walk" in found.said

@@ -1,0 +1,89 @@
+"""Forces and torques that change faster than their random walks, which nobody states.
+
+Wheels that are not in the log, cables and drag change within a block. Where the steps of a random
+walk are improbable, the fit has a white force besides, of the plausible size in each of its pieces,
+and its process of the largest evidence; see `estimation.noise`.
+"""
+
+from collections.abc import Callable, Collection
+from dataclasses import replace
+from functools import partial
+
+from cpid_drake.dynamics.tree import KinematicTree
+from cpid_drake.estimation.fit import Fit
+from cpid_drake.estimation.fit import fit as fit_logs
+from cpid_drake.estimation.likelihood.constants import (
+    ACCELERATION,
+    ACCELERATION_B,
+    TORQUE,
+    TORQUE_B,
+)
+from cpid_drake.estimation.likelihood.forces import (
+    ACCELERATION_NOISE,
+    PIECE,
+    SHORTEST_PIECE,
+    TORQUE_NOISE,
+)
+from cpid_drake.identification.exact_check import widened
+from cpid_drake.identification.walk_check import walks_of
+from cpid_drake.sensors.disturbances import Disturbances
+from cpid_drake.sensors.error_kinds import KINDS
+from cpid_drake.sensors.suite import SensorSuite
+
+_NOISE = {
+    TORQUE: TORQUE_NOISE,
+    TORQUE_B: TORQUE_NOISE,
+    ACCELERATION: ACCELERATION_NOISE,
+    ACCELERATION_B: ACCELERATION_NOISE,
+}
+"""Names of the white forces, by what walks."""
+
+_PLAUSIBLE = {TORQUE_NOISE: (TORQUE, SHORTEST_PIECE), ACCELERATION_NOISE: (ACCELERATION, PIECE)}
+"""Of which plausible size they are in how long a piece [s]."""
+
+
+def with_changing_forces(fit: Fit, progress: Callable[[str], object]) -> tuple[Fit, str]:
+    """Return a fit with white forces where random walks are improbable, and a warning; or the same.
+
+    Args:
+        fit: a fit.
+        progress: see `estimation.fit.fit`.
+
+    """
+    names = _improbable(fit)
+    model = fit.model.with_suites(partial(_with_noise, tree=fit.model.tree, names=names))
+    log_names = [log.name for log in fit.logs]
+    if all(model.of_log(n).suite == fit.model.of_log(n).suite for n in log_names):
+        return fit, ""
+    logs = [
+        widened(replace(log, is_known=False), fit.model.of_log(log.name), model.of_log(log.name))
+        for log in fit.logs
+    ]
+    wide = fit_logs(model, logs, values=fit.values, progress=progress)
+    if not wide.converged or _improbable(wide):
+        return fit, ""
+    forces = " and ".join(sorted({name.partition("_")[0] for name in names}))
+    return wide, (
+        f"the {forces} on the system changes faster than a random walk of its plausible size: "
+        f"noise was assumed; state what acts as {' and '.join(sorted(names))}"
+    )
+
+
+def _improbable(fit: Fit) -> set[str]:
+    """Return the names of the white forces instead of which something walks too far."""
+    return {
+        _NOISE[each.name]
+        for each in walks_of(fit)
+        if each.name in _NOISE and each.square > each.limit
+    }
+
+
+def _with_noise(suite: SensorSuite, tree: KinematicTree, names: Collection[str]) -> SensorSuite:
+    """Return a suite with white forces of plausible sizes, unless they are stated or exact."""
+    forces = suite.disturbances or Disturbances()
+    new = {}
+    for name in names if suite.unstated != "exact" else ():
+        if getattr(forces, name) is None:
+            kind, piece = _PLAUSIBLE[name]
+            new[name] = KINDS[kind].plausible(tree) * piece**0.5
+    return replace(suite, disturbances=replace(forces, **new)) if new else suite
