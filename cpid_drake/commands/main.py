@@ -21,6 +21,7 @@ COMMANDS = {
     "live": "Identify from samples as they arrive.",
     "plan": "Plan an exciting joint motion; rank motions; export one.",
     "validate": "Test an identified target with another log, and predict this log.",
+    "compare": "Compare results: whether they have the same target, and what differs.",
     "export": "Export an identified target as a model: URDF, SDF, MJCF or Drake model directives.",
     "report": "Write the report of an identification or of a simulated run, one HTML page.",
     "view": "Show the simulation of a scenario live in the browser, or write its replay.",

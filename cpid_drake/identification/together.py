@@ -4,7 +4,7 @@ All logs share the hardware's errors. The noise of a log is that of a fit to thi
 otherwise a difference would look like noise.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
