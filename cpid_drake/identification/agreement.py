@@ -71,7 +71,7 @@ class Sources:
         chi_squared, freedom = self.difference(*groups)
         if not freedom:
             return Check(AGREEMENT, "", passed=True)
-        sentence += f" (probability {float(chdtrc(freedom, chi_squared)):.1g})"
+        sentence += f" (probability {max(float(chdtrc(freedom, chi_squared)), 1e-99):.1g})"
         return Check.of(AGREEMENT, sentence, chi_squared, float(chdtri(freedom, IMPROBABLE)))
 
     def checks_of_each(self) -> dict[str, Check]:
