@@ -23,7 +23,6 @@ def comparison_report(comparison: Comparison) -> Report:
             "Comparison",
             warnings=[f"{text}." for text in comparison.warnings],
             texts=[
-                f"{verdict}.",
                 "The errors of the results are taken to be independent. Errors of one spacecraft "
                 "or of its sensors are not: to hold them in common, identify the logs together.",
             ],
