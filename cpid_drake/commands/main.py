@@ -25,7 +25,7 @@ COMMANDS = {
     "export": "Export an identified target as a model: URDF, SDF, MJCF or Drake model directives.",
     "report": "Write the report of an identification or of a simulated run, one HTML page.",
     "view": "Show the simulation of a scenario live in the browser, or write its replay.",
-    "log": "Check logs, and find out what their columns mean.",
+    "log": "Check logs; find out what their columns mean, and their noise.",
     "campaign": "Run many simulated trials, and report their errors.",
     "spacecraft": "Show what a model file offers as a spacecraft: base, frames, joints, masses.",
     "list": "List the shipped scenarios and sensors, the estimators and their row families.",
