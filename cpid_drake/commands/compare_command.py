@@ -8,6 +8,7 @@ from cyclopts import Parameter
 import cpid_drake as cpid
 from cpid_drake.commands import options
 from cpid_drake.commands.options import CHECK_FAILED, NOT_ALL_KNOWN
+from cpid_drake.files.drafts import write_text
 from cpid_drake.files.overwriting import check_outputs
 from cpid_drake.report.pages.comparison import (
     comparison_report,
@@ -22,6 +23,7 @@ def compare(
     /,
     *,
     report: options.File | None = None,
+    scene: options.File | None = None,
     force: options.Force = False,
     quiet: options.Quiet = False,
 ) -> int:
@@ -36,12 +38,18 @@ def compare(
     Args:
         results: Result files of `cpid identify --json`, two or more.
         report: Write the comparison to this file, one HTML page.
+        scene: Write the ellipsoids of inertia of all results on their spacecraft, and of three
+            sigma of their centres of mass, to this file, one HTML page.
 
     """
-    check_outputs([("--report", report)], results, force=force)
+    check_outputs([("--report", report), ("--scene", scene)], results, force=force)
     comparison = cpid.compare(results)
     if report is not None:
         comparison_report(comparison).write(report)
+    if scene is not None:
+        from cpid_drake.report.comparison_scene import comparison_scene  # Drake's takes a second
+
+        write_text(scene, comparison_scene(comparison))
     options.print_warnings(comparison.warnings)
     if not quiet:
         print(comparison.verdict)

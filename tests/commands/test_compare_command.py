@@ -56,6 +56,20 @@ def test_results_of_two_targets_do_not(cpid):
     assert cpid("compare", *arguments, "--quiet")[:2] == (4, "")
 
 
+def test_the_ellipsoids_of_both_are_in_one_scene(cpid):
+    arguments = ("first.json", "second.json", "--scene", "scene.html", "--force", "--quiet")
+    code, stdout, stderr = cpid("compare", *arguments)
+    assert (code, stdout, stderr) == (0, "", "")
+    page = Path("scene.html").read_text(encoding="utf-8")
+    assert '<li style="color:orange">first.json</li>' in page
+    assert '<li style="color:deepskyblue">second.json</li>' in page
+    assert "m 8.520 kg" in page
+    write_result("memory.json", replace(read_result("first.json"), sources=()))
+    code, _, stderr = cpid("compare", "memory.json", *arguments[1:])
+    assert code == 2
+    assert "name a spacecraft" in stderr
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
