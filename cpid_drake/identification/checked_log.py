@@ -127,20 +127,19 @@ def with_biases(
         declared = max(
             gyro.bias_sigma, DEGREE_PER_HOUR * CALIBRATED_GYRO_BIAS * (gyro.bias is None)
         )
-        if bias is None or bias.largest <= FAR * np.hypot(declared, bias.sigma):
+        if bias is None or bias.ratio(declared) <= FAR:
             continue
         suite = made[id(suites[name])]
         assert suite.gyro is not None
         wider = replace(suite.gyro, bias=max(suite.gyro.bias or 0.0, bias.size / DEGREE_PER_HOUR))
         made[id(suites[name])] = replace(suite, gyro=wider)
-        half = quantile_95() * np.degrees(bias.sigma)
-        shown = ", ".join(
-            with_half_width(each, half) for each in np.degrees(bias.value) if np.isfinite(each)
-        )
+        pairs = zip(np.degrees(bias.value), quantile_95() * np.degrees(bias.sigma), strict=True)
+        shown = ", ".join(with_half_width(*pair) for pair in pairs if np.isfinite(pair[0]))
         said = f"{log.where}the gyro has a bias of ({shown}) deg/s against the attitude"
         if log.sensors is not None and gyro.bias is not None:
+            times = significant(float(np.nanmax(np.abs(bias.value))) / declared)
             said += (
-                f", {significant(bias.largest / declared)} times the sigma that its file declares, "
+                f", {times} times the sigma that its file declares, "
                 "and was assumed to have it; declare gyro.bias_deg_per_s: "
                 f"{significant(float(np.degrees(bias.size)))}"
             )

@@ -87,8 +87,9 @@ def _bias_lines(log: Log, suite: SensorSuite) -> Iterator[str]:
     if bias is None:
         yield "  # The bias is not stated: there is no attitude to compare with."
         return
-    sigma = float(np.degrees(bias.sigma))
-    value = np.degrees(bias.value[np.isfinite(bias.value)])
+    is_measured = np.isfinite(bias.value)
+    sigma = float(np.degrees(np.max(bias.sigma[is_measured])))
+    value = np.degrees(bias.value[is_measured])
     shown = ", ".join(rounded_pair(each, sigma)[0] for each in value)
     yield (
         f"  bias_deg_per_s: {significant(float(np.degrees(bias.size)))} # deg/s: the gyro less the "
