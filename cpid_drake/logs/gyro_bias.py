@@ -24,8 +24,10 @@ LONGEST = 60.0
 """Length of the part of a log that is integrated [s]."""
 
 _GAP = 5.0  # intervals of the gyro that are a gap, in usual ones
-_TURNS = 3  # integrations, each without the bias of the one before
+_TURNS = 4  # integrations, each with the bias and the delay of the one before
 _OFFSET, _BIAS = 1.0, 1.0  # σ of what nothing is known of [rad, rad/s]
+_BIASES, _DELAY = slice(3, 6), 15  # places among the unknowns
+_EDGE = 0.2  # part of the gyro's samples at both ends in which no attitude is compared [s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,15 +72,18 @@ def gyro_bias(log: Log, suite: SensorSuite) -> GyroBias | None:
     measured = Rotation.from_quat(attitude.value, scalar_first=True)
     prior = np.repeat([_OFFSET, _BIAS, *_sizes()], [3, 3, 3, 6, 1, 3])
     rows, sigma = np.diag(1 / prior), float(suite.sigmas("attitude").max())
-    bias = np.zeros(3)
+    total = np.zeros(len(prior))  # of bias and delay, which are not linear
     for _ in range(_TURNS):
-        change, columns = _linear(gyro, attitude.time, measured, bias)
+        times = attitude.time - total[_DELAY]
+        change, columns = _linear(gyro, times, measured, total[_BIASES])
         A = np.vstack([columns / sigma, rows])
-        b = np.append(change / sigma, np.zeros(len(rows)))
+        b = np.append(change / sigma, -rows @ total)
         solution = np.linalg.lstsq(A, b, rcond=None)[0]
-        bias = bias + solution[3:6]
+        total[_DELAY] += solution[_DELAY]
+        total[_BIASES] += solution[_BIASES]
+    bias = total[_BIASES]
     chi = max(float(np.mean(((change - columns @ solution) / sigma) ** 2)), 1.0)
-    variance = chi * np.diag(np.linalg.inv(A.T @ A))[3:6]
+    variance = chi * np.diag(np.linalg.inv(A.T @ A))[_BIASES]
     walk = float(suite.sigmas("gyro")[0]) ** 2 / (suite["gyro"].rate * seconds)
     is_measured = np.ptp(gyro.value, axis=0) > 0
     return GyroBias(
@@ -107,7 +112,8 @@ def _part(log: Log) -> tuple[Samples, Samples]:
     if not len(part):
         return gyro.where(part), attitude.where(slice(0))
     gyro = gyro.where(part)
-    inside = (attitude.time >= gyro.time[0]) & (attitude.time <= gyro.time[-1])
+    first, last = gyro.time[0] + _EDGE, gyro.time[-1] - _EDGE
+    inside = (attitude.time >= first) & (attitude.time <= last)
     return gyro, attitude.where(inside)
 
 
