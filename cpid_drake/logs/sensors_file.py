@@ -92,7 +92,7 @@ def _bias_lines(log: Log, suite: SensorSuite) -> Iterator[str]:
     value = np.degrees(bias.value[is_measured])
     shown = ", ".join(rounded_pair(each, sigma)[0] for each in value)
     yield (
-        f"  bias_deg_per_s: {significant(float(np.degrees(bias.size)))} # deg/s: the gyro less the "
-        f"turning of the attitude is {shown} (± {significant(sigma)}), over "
-        f"{significant(bias.seconds, 3)} s"
+        f"  bias_deg_per_s: {significant(float(np.degrees(bias.size)))} # deg/s, by the integral of "
+        f"the gyro and the attitude over {significant(bias.seconds, 3)} s: {shown} "
+        f"(± {significant(sigma)})"
     )
