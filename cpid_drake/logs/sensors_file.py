@@ -91,8 +91,9 @@ def _bias_lines(log: Log, suite: SensorSuite) -> Iterator[str]:
     sigma = float(np.degrees(np.max(bias.sigma[is_measured])))
     value = np.degrees(bias.value[is_measured])
     shown = ", ".join(rounded_pair(each, sigma)[0] for each in value)
+    size = significant(float(np.degrees(bias.size)))
     yield (
-        f"  bias_deg_per_s: {significant(float(np.degrees(bias.size)))} # deg/s, by the integral of "
+        f"  bias_deg_per_s: {size} # deg/s, by the integral of "
         f"the gyro and the attitude over {significant(bias.seconds, 3)} s: {shown} "
         f"(± {significant(sigma)})"
     )
