@@ -12,6 +12,7 @@ The public names, in order of their dependencies:
 - `write_report`, `read_result`, `write_result`: a result as a page, as JSON;
 - `TargetPrior`: what is known about a target before its log;
 - `BodyUncertainty`: how well the spacecraft's bodies, geometry and grasp are known;
+- `compare`: whether results have the same target, a `Comparison`;
 - `validate`: predicts a log that was not used to identify a target;
 - `TotalMomentum`: zero, unknown or known;
 - `SensorSuite`, `load_sensors`, `Log`: sensors and their samples, each at its own rate;
@@ -41,6 +42,7 @@ _MODULES = {
     "dynamics.uncertainty": ("BodyUncertainty",),
     "files.errors": ("InputError",),
     "files.resources": ("__version__", "find_scenario", "models_directory", "shipped_scenario"),
+    "identification.comparison": ("Comparison", "compare"),
     "identification.identify": ("identify",),
     "identification.identify_files": ("identify_files",),
     "identification.parameter": ("ParameterEstimate",),

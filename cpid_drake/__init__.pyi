@@ -6,6 +6,7 @@ from .dynamics.total_momentum import TotalMomentum
 from .dynamics.uncertainty import BodyUncertainty
 from .files.errors import InputError
 from .files.resources import __version__, find_scenario, models_directory, shipped_scenario
+from .identification.comparison import Comparison, compare
 from .identification.identify import identify
 from .identification.identify_files import identify_files
 from .identification.parameter import ParameterEstimate
@@ -43,6 +44,7 @@ __all__ = [
     "PARAMETER_UNITS",
     "BodyUncertainty",
     "ColumnMap",
+    "Comparison",
     "HalfCosine",
     "Identification",
     "InertialParameters",
@@ -71,6 +73,7 @@ __all__ = [
     "TotalMomentum",
     "__version__",
     "add_lcm",
+    "compare",
     "export_target",
     "find_scenario",
     "from_columns",

@@ -1,4 +1,4 @@
-"""`cpid log`: checks logs, and finds out what their columns mean."""
+"""`cpid log`: checks logs, and finds out what their columns and their noise are."""
 
 import sys
 
@@ -13,6 +13,7 @@ from cpid_drake.identification.log_conventions import check_as_read
 from cpid_drake.logs.formats import inspect_log, read_table, refuse_problems
 from cpid_drake.logs.guess.guess import guess_map
 from cpid_drake.logs.joined import log_name
+from cpid_drake.logs.sensors_file import sensors_file
 from cpid_drake.report.log_contents import checked_contents
 
 log = group("log")
@@ -101,4 +102,48 @@ def map_columns(
     refuse_problems(guess.read(table).problems, log)
     if out is not None:
         print(f"{out}: written; read the log with --columns {out}", file=sys.stderr)
+    return 0
+
+
+@log.command
+def noise(
+    log: options.LogFile,
+    /,
+    *,
+    craft: options.SpacecraftOptions = options.SpacecraftOptions(),
+    out: options.File | None = None,
+    columns: options.Columns | None = None,
+    topic: options.Topics | None = None,
+    force: options.Force = False,
+) -> int:
+    """Write the sensors' file that a log shows, for a laboratory without data sheets.
+
+    Rates, the white noise of each sensor and the bias of the gyro are estimated from the log. The
+    file is printed, and with --out written, as YAML with the origin of each number as a comment;
+    `--sensors` of other commands reads it. What a log alone does not show is not stated.
+
+    Exit codes: 0 success; 2 bad input, or a log of other conventions than it is read in.
+
+    Args:
+        out: YAML file to write the sensors to.
+
+    """
+    known = craft.known() if craft != options.SpacecraftOptions() else None
+    files = [] if known is None else cpid.Request(log, known.reference()).existing_files()
+    check_outputs([("--out", out)], [log, columns, *craft.files(), *files], force=force)
+    spacecraft = None if known is None else known.make()
+    joints = None if spacecraft is None else spacecraft.joint_names
+    found = inspect_log(log, topics=options.topics_of(topic), columns=columns, joints=joints)
+    refuse_problems(found.problems, log)
+    with prefix_errors(log):
+        checked = check_as_read(found.log, spacecraft)
+        if checked.failures:
+            raise InputError(checked.failures[0])
+        made = sensors_file(checked.measurements, log_name(log))
+    options.log_console(stderr=False).print(made.text)
+    if out is not None:
+        write_text(out, made.text)
+    options.print_warnings((*checked.warnings, *made.warnings))
+    if out is not None:
+        print(f"{out}: written; identify with --sensors {out}", file=sys.stderr)
     return 0

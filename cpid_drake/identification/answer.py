@@ -11,7 +11,7 @@ from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.estimation.evidence import NAMED, ModelComparison, Question
 from cpid_drake.estimation.fit import Fit
 from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.likelihood.constants import BIAS
+from cpid_drake.estimation.likelihood.constants import BIAS, NO_BIAS
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.posterior import known_target
 from cpid_drake.estimation.roll import Values
@@ -142,11 +142,12 @@ def at_momentum(gaussian: Gaussian, values: Values, momentum: TotalMomentum, log
 def effects_of(
     model: Model, values: Values, gaussian: Gaussian, *logs: str
 ) -> tuple[EffectEstimate, ...]:
-    """Return the estimates of constant errors but biases; of those that walk, the last value."""
+    """Return the estimates of constant errors; of those that walk, the last value."""
     effects = []
     for key, (log, unknown) in model.unknowns_of(logs).items():
         error = model.of_log(log).constants.errors.get(unknown.name)
-        if error is not None and error.kind != BIAS and key in gaussian.places:
+        has_none = error is None or (error.kind == BIAS and error.sigma <= NO_BIAS)
+        if error is not None and not has_none and key in gaussian.places:
             own = gaussian.marginal([key])
             value, sigma = values[key] + own.solve(), np.sqrt(np.diag(own.covariance()))
             where = log if unknown.scope == "log" and len(logs) > 1 else ""

@@ -135,7 +135,8 @@ def resolve_prior(
     """Return what is known of a target, also from a result, or from what `load_prior` reads."""
     frame = spacecraft.capture_frame.name()
     if isinstance(given, Identification):
-        return prior_of_result(given, "result", spacecraft, frame if given.spacecraft else None)
+        frame_of_result = frame if given.spacecraft else None
+        return prior_of_result(given, "result", spacecraft.mass, frame_of_result)
     return _resolved(
         "prior",
         given,

@@ -160,16 +160,17 @@ def load_prior(path: str | Path, spacecraft: Spacecraft, capture_frame: str) -> 
     """
     file, where = resolve_model(path), str(path)
     if file.suffix.lower() == ".json":
-        return prior_of_result(read_result(file), where, spacecraft, capture_frame)
+        return prior_of_result(read_result(file), where, spacecraft.mass, capture_frame)
     return load_yaml(PriorConfig, file, where, "a prior").prior(f"the prior {file.name}")
 
 
 def prior_of_result(
-    result: Identification, where: str, spacecraft: Spacecraft, capture_frame: str | None
+    result: Identification, where: str, known_mass: float, capture_frame: str | None
 ) -> TargetPrior:
     """Return the prior that a result, in the file `where`, is for its target; see `load_prior`.
 
-    Without a capture frame, that of the result is not compared.
+    It is for a spacecraft of a mass [kg]. Without a capture frame, that of the result is not
+    compared.
     """
     if capture_frame is not None and result.spacecraft is None:
         raise InputError(
@@ -184,15 +185,15 @@ def prior_of_result(
         )
     own = result.combinations
     given = np.isfinite(np.diag(result.covariance))
-    if own is not None and not np.isclose(own.known_mass, spacecraft.mass, rtol=1e-6):
+    if own is not None and not np.isclose(own.known_mass, known_mass, rtol=1e-6):
         if not given.all():
             raise InputError(
-                f"{where}: the prior determines combinations of parameters for a spacecraft of "
-                f"{own.known_mass:.6g} kg; this one has {spacecraft.mass:.6g} kg"
+                f"{where}: the result determines combinations of parameters for a spacecraft of "
+                f"{own.known_mass:.6g} kg; this one has {known_mass:.6g} kg"
             )
         own = None
     if own is None and not given.any():
-        raise InputError(f"{where}: the prior determines no parameter")
+        raise InputError(f"{where}: the result determines no parameter")
     if own is not None and own.unknowns == "relative":
         stated = relative_parameterization(own.known_mass).to_parameters(own.values)
         sigma = np.sqrt(np.diag(result.covariance)) + 1e-9 * np.abs(stated)

@@ -46,7 +46,7 @@ def validate_files(
     reading["columns"] = reading.get("columns") or used.columns
     request = replace(used, telemetry=log, sensors=sensors or used.sensors, prior=None, **reading)
     craft = used.spacecraft.make()
-    target = prior_of_result(found, str(result), craft, used.spacecraft.capture_frame)
+    target = prior_of_result(found, str(result), craft.mass, used.spacecraft.capture_frame)
     _, file = open_log(request, craft.joint_names)
     with prefix_errors(log):
         validation = validate(

@@ -25,6 +25,7 @@ from cpid_drake.estimation.sweep import EXACT
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.files.errors import InputError
 from cpid_drake.files.one_thread import one_thread
+from cpid_drake.identification.agreement import Sources
 from cpid_drake.identification.arguments import (
     PathLike,
     resolve_bodies,
@@ -232,13 +233,13 @@ def _test(model: Model, own: Identification, target: TargetPrior) -> tuple[float
     form, solution = relative_parameterization(model.mass), own.solution
     assert solution is not None
     both = [target.of_psi(model), solution.known]
-    total = both[0].add(both[1])
-    freedom = both[0].rank + both[1].rank - total.rank
-    if not freedom:
-        return 0.0, 0, np.inf
-    chi_squared = max(total.least_cost - both[0].least_cost - both[1].least_cost, 0.0)
     psi = model.cone.most_probable(both[0])
     prior = model.cone.prior(PSI, psi)
+    sources = {"target": both[0], "log": both[1]}
+    of_both = Sources(prior.moved(-psi), sources, PSI, model.sizes(psi))
+    chi_squared, freedom = of_both.difference(["target"], ["log"])
+    if not freedom:
+        return 0.0, 0, np.inf
     mass = form.jacobian(psi)[0] / form.to_parameters(psi)[0]
     variance = sum(mass @ each.add(prior).covariance() @ mass for each in both)
     needed = chndtrinc(chdtri(freedom, FALSE_ALARM), freedom, 1 - POWER)

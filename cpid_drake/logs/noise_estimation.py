@@ -29,6 +29,9 @@ Samples of a simulation have no noise, but errors of integration and of interpol
 share of the motion is none.
 """
 
+FALLING = 0.9
+"""Ratio of the noise by differences of an order and of two orders less that shows motion."""
+
 _SMOOTH = 0.05
 """Largest noise of joint positions, as a share of their spread, in samples of one motion."""
 
@@ -81,15 +84,35 @@ def sensor_noise(name: str, samples: Samples) -> float:
         InputError: the samples are too few, or too unevenly spaced.
 
     """
+    size, entries = _entries(name, samples)
+    return size * noise_level(entries)
+
+
+def noise_order(name: str, samples: Samples) -> tuple[int, bool]:
+    """Return the order of the differences that `sensor_noise` takes.
+
+    And whether they may contain motion, since a higher order would show less.
+
+    Raises:
+        InputError: as for `sensor_noise`.
+
+    """
+    levels = _levels(_entries(name, samples)[1])
+    order = min(levels, key=lambda each: levels[each])
+    return order, order == max(levels) and levels[order] < FALLING * levels[max(order - 2, 2)]
+
+
+def _entries(name: str, samples: Samples) -> tuple[float, Samples]:
+    """Return the entries of a sensor's samples that show noise, and its σ in units of theirs."""
     value = samples.value
     if name == "attitude" and len(value) and value[:, 1:3].any():
         # A rotation by δ changes the four entries by δ/2 in total, along three directions.
-        return 2 * sqrt(4 / 3) * noise_level(Samples(samples.time, without_flips(value)))
+        return 2 * sqrt(4 / 3), Samples(samples.time, without_flips(value))
     if name == "attitude":
         value = np.unwrap(2 * np.arctan2(value[:, 3], value[:, 0]))[:, None]
     elif SENSORS[name].width is not None and len(value) and np.ptp(value, axis=0).any():
         value = value[:, np.ptp(value, axis=0) > 0]
-    return noise_level(Samples(samples.time, value))
+    return 1.0, Samples(samples.time, value)
 
 
 def noise_level(samples: Samples) -> float:
@@ -103,7 +126,12 @@ def noise_level(samples: Samples) -> float:
         InputError: the samples are too few, or too unevenly spaced.
 
     """
-    value, steps, levels = samples.value, np.diff(samples.time), []
+    return max(min(_levels(samples).values()), 1e-13)  # a σ of zero could not be divided by
+
+
+def _levels(samples: Samples) -> dict[int, float]:
+    """Return σ of one entry by the order of the differences that show it; see `noise_level`."""
+    value, steps, levels = samples.value, np.diff(samples.time), dict[int, float]()
     if len(value) < 5:
         raise InputError(f"{len(value)} samples are too few to estimate noise; give the sensors")
     even = np.abs(steps / np.median(steps) - 1) < 0.1
@@ -112,10 +140,10 @@ def noise_level(samples: Samples) -> float:
         whole = np.convolve(even, np.ones(order), "valid") > order - 0.5
         if whole.any():
             difference = np.diff(value, n=order, axis=0)[whole]
-            levels.append(_root_mean_square(difference) / np.sqrt(comb(2 * order, order)))
+            levels[order] = _root_mean_square(difference) / sqrt(comb(2 * order, order))
     if not levels:
         raise InputError("the times of samples are too uneven to estimate noise; give the sensors")
-    return max(float(min(levels)), 1e-13)  # a σ of zero could not be divided by
+    return levels
 
 
 def sample_sigmas(samples: Log | Motion) -> Array:

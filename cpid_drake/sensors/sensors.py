@@ -31,6 +31,16 @@ Noise = Annotated[float, Limits(ge=0)]
 Stated = Annotated[float | None, Limits(ge=0)]
 """σ of an error: None if it is not stated, zero if there is no such error."""
 
+LABORATORY_UNITS: dict[str, tuple[Callable[[float], float], tuple[str, ...]]] = {
+    "noise_deg": (lambda rate: 3600.0, ("cross_boresight_arcsec", "boresight_arcsec")),
+    "noise_deg_per_s": (lambda rate: 60 / rate**0.5, ("angle_random_walk",)),
+    "bias_deg_per_s": (lambda rate: 3600.0, ("bias",)),
+    "sigma_mm": (lambda rate: 1e-3, ("sigma",)),
+    "sigma_deg": (lambda rate: np.pi / 180, ("sigma",)),
+}
+"""Keys in units that a laboratory measures: their size in the unit of the keys of data sheets that
+they replace, at a rate [Hz], and these keys."""
+
 # -- the errors of sensors ------------------------------------------------------------------------
 
 
@@ -49,6 +59,11 @@ class SensorErrors(ABC):
         dropouts: mean number of dropouts per minute, in which samples are lost.
         dropout_length: mean duration of a dropout [s].
 
+    Keys in `LABORATORY_UNITS` are converted when an object is made, and are None then.
+
+    Raises:
+        InputError: an error is given in both units.
+
     """
 
     rate: Rate = 10.0
@@ -56,6 +71,17 @@ class SensorErrors(ABC):
     clock_drift_ppm: Stated = field(default=None, kw_only=True)
     dropouts: Noise = field(default=0.0, kw_only=True)
     dropout_length: Annotated[float, Limits(gt=0)] = field(default=1.0, kw_only=True)
+
+    def __post_init__(self) -> None:
+        for key, (size, replaced) in LABORATORY_UNITS.items():
+            value = getattr(self, key, None)
+            if value is None:
+                continue
+            if any(getattr(self, each) for each in replaced):
+                raise InputError(f"give {key} or {' and '.join(replaced)}, not both")
+            for each in replaced:
+                setattr(self, each, value * size(self.rate))
+            setattr(self, key, None)
 
     @classmethod
     @abstractmethod
@@ -82,9 +108,10 @@ class AttitudeSensor(SensorErrors):
         boresight_arcsec: σ about the boresight.
         boresight_B: (3,) direction of the boresight in B, of any length.
         mounting_arcsec: σ of the error of the mounting, a constant rotation about each axis of B.
+        noise_deg: σ about every axis [°], in place of the two in arcseconds.
 
     Raises:
-        InputError: the boresight has no length.
+        InputError: the boresight has no length, or σ is given in both units.
 
     """
 
@@ -95,8 +122,10 @@ class AttitudeSensor(SensorErrors):
         default_factory=lambda: np.array([0.0, 0.0, 1.0])
     )
     mounting_arcsec: Stated = None
+    noise_deg: Stated = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not 1e-100 < np.abs(self.boresight_B).max() < 1e100:
             raise InputError(
                 f"boresight_B must be a direction of finite length, not {self.boresight_B}"
@@ -140,6 +169,8 @@ class Gyro(SensorErrors):
         scale_ppm: σ of the error of each axis' scale [10⁻⁶].
         misalignment_arcsec: σ of the error of each axis' direction, towards each other axis.
         integrates: whether a sample is the mean over the time since the sample before.
+        noise_deg_per_s: white noise of one sample at `rate` [°/s], in place of the random walk.
+        bias_deg_per_s: `bias` in °/s.
 
     """
 
@@ -150,6 +181,8 @@ class Gyro(SensorErrors):
     scale_ppm: Stated = None
     misalignment_arcsec: Stated = None
     integrates: bool = False
+    noise_deg_per_s: Stated = field(default=None, kw_only=True)
+    bias_deg_per_s: Stated = field(default=None, kw_only=True)
 
     @classmethod
     def with_noise(cls, rate: float, sigma: float) -> Self:
@@ -201,11 +234,13 @@ class VectorSensor(_UniformSensor):
 
     Attributes:
         sigma: white noise [m or m/s].
+        sigma_mm: the same [mm or mm/s].
         lever_arm_mm: σ of each coordinate, in B, of the point that is measured, from B's origin.
 
     """
 
     lever_arm_mm: Stated = None
+    sigma_mm: Stated = field(default=None, kw_only=True)
 
 
 @dataclass
@@ -218,6 +253,7 @@ class JointSensor(_UniformSensor):
             m); 0 for no quantization. The seed determines the position of the zero between steps.
         zero_mrad: σ of the error of each joint's zero [10⁻³ rad; for prismatic joints mm].
         drift_mrad_per_s: σ of the rate at which each zero moves from the start of a log on.
+        sigma_deg: white noise of turning joints [°; for joint rates °/s].
 
     """
 
@@ -226,6 +262,7 @@ class JointSensor(_UniformSensor):
     bits: Annotated[int, Limits(ge=0, le=32)] = 0
     zero_mrad: Stated = None
     drift_mrad_per_s: Stated = None
+    sigma_deg: Stated = field(default=None, kw_only=True)
 
     @property
     def step(self) -> float:

@@ -14,7 +14,7 @@ from pydrake.geometry import (
     Role,
     SceneGraph,
 )
-from pydrake.math import RigidTransform
+from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody, SpatialInertia
 
@@ -36,6 +36,23 @@ def inertia_ellipsoid(M_TCo_C: SpatialInertia) -> tuple[Array, RigidTransform]:
     """
     semi_diameters, X_CE = M_TCo_C.CalcPrincipalSemiDiametersAndPoseForSolidEllipsoid()
     return np.maximum(semi_diameters, max(0.02 * semi_diameters.max(), 1e-4)), X_CE
+
+
+def three_sigma_ellipsoid(p_CTcm_C: Array, covariance: Array) -> tuple[Array, RigidTransform]:
+    """Return the ellipsoid of three standard deviations of a centre of mass.
+
+    Args:
+        p_CTcm_C: (3,) the centre of mass [m].
+        covariance: (3, 3) of it.
+
+    Returns:
+        Semi-diameters (3,) [m], and the pose X_CS of the ellipsoid's frame S in C.
+
+    """
+    variances, axes = np.linalg.eigh(covariance)
+    axes[:, 2] *= np.linalg.det(axes)
+    R_CS = RotationMatrix.ProjectToRotationMatrix(axes)
+    return 3 * np.sqrt(np.maximum(variances, 0.0)), RigidTransform(R_CS, p_CTcm_C)
 
 
 def add_target_appearance(

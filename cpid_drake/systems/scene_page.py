@@ -1,7 +1,7 @@
 """The words beside a scene in Meshcat, and its recording as one HTML file that plays offline."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 from string import Template
@@ -59,6 +59,7 @@ def scene_html(
     *,
     title: str = "",
     zero: float = 0.0,
+    legend: Mapping[str, str] = LEGEND,
 ) -> str:
     """Return the scene with its published recording as a page, with legend and numbers.
 
@@ -68,9 +69,10 @@ def scene_html(
             without any, the page has no legend either.
         title: heading of the page.
         zero: time that the page shows at the start of the recording [s].
+        legend: what the scene shows, by colours of CSS.
 
     """
-    legend = LEGEND if steps else {}
+    legend = legend if steps else {}
     template = Path(__file__).with_name("scene_overlay.html").read_text(encoding="utf-8")
     overlay = Template(template).substitute(
         title=escape(title),

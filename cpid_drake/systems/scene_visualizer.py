@@ -15,7 +15,7 @@ from pydrake.visualization import ApplyVisualizationConfig, VisualizationConfig
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.momentum import MomentumSamples, target_momentum
-from cpid_drake.spacecraft.appearance import inertia_ellipsoid
+from cpid_drake.spacecraft.appearance import inertia_ellipsoid, three_sigma_ellipsoid
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.ports import SpacecraftSystem
 from cpid_drake.systems.scene_page import LEGEND, estimate_lines, keep_scene
@@ -189,12 +189,9 @@ class SceneVisualizer(SpacecraftSystem):
             drawn["estimate/inertia"] = X_WC @ X_CE, semi_diameters
             covariance = self.GetInputPort("covariance").Eval(context).reshape(10, 10)[1:4, 1:4]
             if 9 * np.trace(covariance) < self._reach**2:
-                variances, axes = np.linalg.eigh(covariance)
-                axes[:, 2] *= np.linalg.det(axes)
-                R_WS = X_WC.rotation() @ RotationMatrix.ProjectToRotationMatrix(axes)
-                X_WS = RigidTransform(R_WS, X_WC @ estimate.get_com())
-                three_sigma = 3 * np.sqrt(np.maximum(variances, 0.0))
-                drawn["estimate/three_sigma"] = X_WS, np.maximum(three_sigma, 1e-3 * self._reach)
+                three_sigma, X_CS = three_sigma_ellipsoid(estimate.get_com(), covariance)
+                sizes = np.maximum(three_sigma, 1e-3 * self._reach)
+                drawn["estimate/three_sigma"] = X_WC @ X_CS, sizes
         if target is not None:
             drawn |= self._momenta(self._spacecraft.momentum_sample(model), target)
         for name in self._names:

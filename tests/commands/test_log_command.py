@@ -235,3 +235,33 @@ class TestCheck:
         assert set(values) <= set(expected.splitlines())
         Path("map.yaml").write_text("position: {unit: mm}\n")
         assert cpid("log", "check", "mm.csv", *CRAFT, "--columns", "map.yaml")[0] == 0
+
+
+def test_the_sensors_that_a_log_shows_identify_it(cpid):
+    code, stdout, stderr = cpid("log", "noise", SAMPLE, *CRAFT, "--out", "own_sensors.yaml")
+    assert code == 0, stderr
+    text = Path("own_sensors.yaml").read_text(encoding="utf-8")
+    assert text in stdout + "\n"
+    assert yaml.safe_load(text)["attitude"]["noise_deg"] == pytest.approx(0.05, rel=0.1)
+    assert "differences of order" in text
+    assert stderr.endswith("identify with --sensors own_sensors.yaml\n")
+    options = ("--sensors", "own_sensors.yaml", "--json", "own.json", "--quiet")
+    assert cpid("identify", SAMPLE, *CRAFT, *options)[0] == 0
+    result = read_result("own.json")
+    assert np.all(result.intervals[:, 0] < TRUTH)
+    assert np.all(result.intervals[:, 1] > TRUTH)
+
+
+def test_a_log_in_other_units_shows_no_sensors(cpid):
+    log = read_log(SAMPLE)
+    lines = Path(SAMPLE).read_text(encoding="utf-8").splitlines()
+    rows = [line.split(",") for line in lines if not line.startswith("#")]
+    place = [rows[0].index(name) for name in ("bwx", "bwy", "bwz")]
+    for row in rows[1:]:
+        for k in place:
+            row[k] = repr(float(row[k]) * 180 / np.pi) if row[k] else ""
+    Path("degrees.csv").write_text("\n".join(",".join(row) for row in rows) + "\n")
+    code, stdout, stderr = cpid("log", "noise", "degrees.csv", *CRAFT, "--out", "none.yaml")
+    assert len(log.gyro)
+    assert (code, stdout, stderr.count("\n")) == (2, "", 1)
+    assert not Path("none.yaml").exists()

@@ -56,3 +56,36 @@ def test_what_a_file_leaves_out_is_not_there_or_as_by_default(write):
 @pytest.mark.parametrize("name", ["", "FLIGHT"])
 def test_an_unknown_preset_is_answered_with_the_names(name):
     assert f"choose from {', '.join(PRESETS)}" in refusal(name)
+
+
+def test_units_of_a_laboratory_are_those_of_data_sheets(write):
+    lab = {
+        "attitude": {"rate": 100, "noise_deg": 0.05},
+        "gyro": {"rate": 200, "noise_deg_per_s": 0.03, "bias_deg_per_s": 0.5},
+        "position": {"rate": 100, "sigma_mm": 0.5},
+        "encoders": {"rate": 100, "sigma_deg": 0.006},
+    }
+    sheets = {
+        "attitude": {"rate": 100, "cross_boresight_arcsec": 180, "boresight_arcsec": 180},
+        "gyro": {"rate": 200, "angle_random_walk": 0.1272792, "bias": 1800},
+        "position": {"rate": 100, "sigma": 5e-4},
+        "encoders": {"rate": 100, "sigma": 1.0471976e-4},
+    }
+    one = load_sensors(write(lab))
+    other = load_sensors(write(sheets))
+    for name in lab:
+        np.testing.assert_allclose(one.sigmas(name), other.sigmas(name), rtol=1e-6)
+    assert one.gyro.bias_sigma == pytest.approx(np.radians(0.5))
+    assert np.degrees(one.gyro.sigma) == pytest.approx(0.03)  # of one sample at this rate
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ("attitude: {noise_deg: 0.1, boresight_arcsec: 20}", "give noise_deg or cross_boresight_"),
+        ("gyro: {bias_deg_per_s: 0.1, bias: 20}", "give bias_deg_per_s or bias, not both"),
+        ("position: {sigma_mm: -1}", "position.sigma_mm must be"),
+    ],
+)
+def test_an_error_in_both_units_is_refused(write, keys, message):
+    assert message in refusal(write(keys + "\n"))

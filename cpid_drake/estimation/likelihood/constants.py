@@ -49,6 +49,9 @@ DELAY, CLOCK_DRIFT = "delay", "clock_drift"
 BIAS = "bias"
 """Kind of a gyro's bias, which walks from block to block."""
 
+NO_BIAS = 1e-9
+"""σ of the bias of a gyro that has none: one that is exact would have no σ [rad/s]."""
+
 OF_FIRST_ORDER = (*YIELDING, ACCELERATION_B)
 """Kinds whose effect is of first order about zero: the predicted motion does not have it."""
 
@@ -100,8 +103,8 @@ def constant_errors(suite: SensorSuite, joint_count: int) -> tuple[ConstantError
         if kind.owner == "valve":
             sigma /= owner.force
         walk = getattr(owner, f"{kind.field}_walk", None) or 0.0
-        if isinstance(owner, Gyro) and kind.name == BIAS:  # one that is exact would have no σ
-            sigma, walk = max(sigma, 1e-9), owner.bias_growth
+        if isinstance(owner, Gyro) and kind.name == BIAS:
+            sigma, walk = max(sigma, NO_BIAS), owner.bias_growth
         size = kind.entries or joint_count
         if sigma > 0 and size:
             name = f"{before}{kind.name}"
