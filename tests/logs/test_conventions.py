@@ -19,6 +19,7 @@ from sensing_cases import (
 from cpid_drake import (
     InertialParameters,
     InputError,
+    from_columns,
     identify,
     load_scenario,
     read_log,
@@ -27,7 +28,6 @@ from cpid_drake import (
 from cpid_drake.files.resources import models_directory
 from cpid_drake.logs.column_map import ColumnMap, TimeColumn
 from cpid_drake.logs.conventions import check_conventions
-from cpid_drake.logs.conversion import from_columns
 from cpid_drake.logs.formats import table_of
 from cpid_drake.logs.instants import instants_of
 from cpid_drake.logs.log import Samples
