@@ -6,7 +6,7 @@ comparisons of `logs.score`. The right convention leaves noise, all others leave
 of any size (delays, scales, zeros, masses) are no conventions: a fit compares them by evidence.
 """
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,11 @@ from cpid_drake.files.errors import listed
 from cpid_drake.logs.alternatives import Alternative, alternatives
 from cpid_drake.logs.clock import clock_factor, with_delay
 from cpid_drake.logs.column_map import ColumnMap
+from cpid_drake.logs.combined_alternatives import (
+    common_turn,
+    joint_alternatives,
+    turned_attitudes,
+)
 from cpid_drake.logs.instants import Instants, instants_of
 from cpid_drake.logs.log import Log
 from cpid_drake.logs.score import MOMENTUM, WORSE, Comparison, compare_momentum, compare_rates
@@ -186,25 +191,55 @@ def better_conventions(
 ) -> list[Alternative]:
     """Return the alternatives that explain a log clearly better than the conventions it is read in.
 
-    The best is first, and others explain the log equally well; empty if too many do. The arguments
-    are those of `alternatives`.
+    The usual one is first, and others explain the log equally well; empty if too many do. Several
+    conventions at once are tried if no single one explains the log. The arguments are those of
+    `alternatives`.
     """
     tree = None if tree is None else tree.lumped
-    before = compare_rates(given, names) + compare_momentum(given, tree)
-    now, rows = {c.name: c.residual for c in before}, []
+    search = _Search(given, names, tree)
+    if best := search.best(alternatives(given, names, tree, column_map)):
+        return best
+    if best := search.best(turned_attitudes(given, tree, column_map)):
+        return best
+    without = given.without("position", "velocity")
+    search = _Search(without, names, tree)
+    if tree is None or search.is_explained:
+        return []
+    joints = joint_alternatives(without, names, tree, column_map)
+    return search.best(joints) or search.best(common_turn(without, tree, column_map))
 
-    def contradicts(then: Mapping[str, float]) -> bool:
+
+class _Search:
+    """A search for conventions that explain a log better than those in which it is read."""
+
+    def __init__(self, given: Instants, names: tuple[str, ...], tree: KinematicTree | None) -> None:
+        self._names = names
+        before = compare_rates(given, names) + compare_momentum(given, tree)
+        self._now = {c.name: c.residual for c in before}
+
+    @property
+    def is_explained(self) -> bool:
+        """Whether the momentum explains the log as it is read, or cannot be compared."""
+        return self._now.get(MOMENTUM, 0.0) <= EXPLAINS
+
+    def best(self, others: Iterable[Alternative]) -> list[Alternative]:
+        """Return those of other conventions that explain the log clearly better; see above."""
+        rows = []
+        for each in others:
+            then = {c.name: c.residual for c in compare_rates(each.log, self._names)}
+            if self._contradicts(then):  # the momentum takes longer
+                continue
+            then |= {c.name: c.residual for c in compare_momentum(each.log, each.tree)}
+            clearly = CLEARLY**each.count
+            better = [n for n, value in then.items() if clearly * value < self._now.get(n, 0.0)]
+            explained = all(then[n] < (EXPLAINS if n == MOMENTUM else AGREES) for n in better)
+            if better and explained and not self._contradicts(then):
+                total = sum(np.log(value) for value in then.values())
+                rows.append((total + each.count * np.log(CLEARLY), each))
+        least = min((total for total, _ in rows), default=0.0)
+        best = [each for total, each in rows if total < least + np.log(CLEARLY)]
+        return best if len(best) <= 3 else []  # more are no help
+
+    def _contradicts(self, then: Mapping[str, float]) -> bool:
+        now = self._now
         return any(v > WORSE * now.get(n, np.inf) and v > EXPLAINS for n, v in then.items())
-
-    for each in alternatives(given, names, tree, column_map):
-        then = {c.name: c.residual for c in compare_rates(each.log, names)}
-        if contradicts(then):  # the momentum takes longer
-            continue
-        then |= {c.name: c.residual for c in compare_momentum(each.log, each.tree)}
-        better = [n for n, value in then.items() if CLEARLY * value < now.get(n, 0.0)]
-        explained = all(then[n] < (EXPLAINS if n == MOMENTUM else AGREES) for n in better)
-        if better and explained and not contradicts(then):
-            rows.append((sum(np.log(value) for value in then.values()), each))
-    rows.sort(key=lambda row: row[0])
-    best = [each for total, each in rows if total < rows[0][0] + np.log(CLEARLY)]
-    return best if len(best) <= 3 else []  # more are no help

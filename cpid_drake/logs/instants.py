@@ -51,6 +51,16 @@ class Instants:
 
         return replace(self, values=new(self.values), rates=new(self.rates))
 
+    def without(self, *sensors: str) -> "Instants":
+        """Return what the log says without some sensors."""
+
+        def rest(parts: Mapping[str, Array]) -> dict[str, Array]:
+            return {name: value for name, value in parts.items() if name not in sensors}
+
+        return replace(
+            self, values=rest(self.values), rates=rest(self.rates), moving=self.moving - {*sensors}
+        )
+
     def scaled(self, size: ArrayLike, *sensors: str) -> "Instants":
         """Return what a log says with the values of some sensors times a size."""
         return self.changed(**dict.fromkeys(sensors, partial(np.multiply, size)))
