@@ -17,7 +17,6 @@ from cpid_drake.logs.alternatives import Alternative, alternatives
 from cpid_drake.logs.clock import clock_factor, with_delay
 from cpid_drake.logs.column_map import ColumnMap
 from cpid_drake.logs.combined_alternatives import (
-    common_turn,
     joint_alternatives,
     turned_attitudes,
 )
@@ -133,8 +132,8 @@ def check_conventions(
     elif momentum in failed and not better:
         unchecked.append(
             "unit and point of the position, signs of joints (momentum leaves "
-            f"{min(momentum.residual, 1.0):.0%} of the motion unexplained, as errors of a clock, "
-            "of a joint or of the model's masses do)"
+            f"{min(momentum.residual, 1.0):.0%} of the motion unexplained, as errors of a "
+            "clock, of a joint, of the axes of the base or of the model's masses do)"
         )
     clock = None if better else clock_factor(found)
     if not better and clock is None:
@@ -197,16 +196,16 @@ def better_conventions(
     """
     tree = None if tree is None else tree.lumped
     search = _Search(given, names, tree)
-    if best := search.best(alternatives(given, names, tree, column_map)):
-        return best
-    if best := search.best(turned_attitudes(given, tree, column_map)):
-        return best
+    search.compare(alternatives(given, names, tree, column_map))
+    if not search.explains_momentum:
+        search.compare(turned_attitudes(given, tree, column_map))
+    if search.best or tree is None:
+        return search.best
     without = given.without("position", "velocity")
     search = _Search(without, names, tree)
-    if tree is None or search.is_explained:
-        return []
-    joints = joint_alternatives(without, names, tree, column_map)
-    return search.best(joints) or search.best(common_turn(without, tree, column_map))
+    if not search.is_explained:
+        search.compare(joint_alternatives(without, names, tree, column_map))
+    return search.best
 
 
 class _Search:
@@ -216,15 +215,28 @@ class _Search:
         self._names = names
         before = compare_rates(given, names) + compare_momentum(given, tree)
         self._now = {c.name: c.residual for c in before}
+        self._rows = list[tuple[float, Alternative, Mapping[str, float]]]()
 
     @property
     def is_explained(self) -> bool:
         """Whether the momentum explains the log as it is read, or cannot be compared."""
         return self._now.get(MOMENTUM, 0.0) <= EXPLAINS
 
-    def best(self, others: Iterable[Alternative]) -> list[Alternative]:
-        """Return those of other conventions that explain the log clearly better; see above."""
-        rows = []
+    @property
+    def best(self) -> list[Alternative]:
+        """The alternatives that explain the log best, the usual one first; see above."""
+        least = min((total for total, *_ in self._rows), default=0.0)
+        best = [each for total, each, _ in self._rows if total < least + np.log(CLEARLY)]
+        return best if len(best) <= 3 else []  # more are no help
+
+    @property
+    def explains_momentum(self) -> bool:
+        """Whether the best alternative leaves no momentum unexplained, if it is compared."""
+        _, _, then = min(self._rows, key=lambda row: row[0], default=(0.0, None, self._now))
+        return then.get(MOMENTUM, 0.0) <= EXPLAINS
+
+    def compare(self, others: Iterable[Alternative]) -> None:
+        """Compare other conventions, and keep those that explain the log clearly better."""
         for each in others:
             then = {c.name: c.residual for c in compare_rates(each.log, self._names)}
             if self._contradicts(then):  # the momentum takes longer
@@ -235,10 +247,7 @@ class _Search:
             explained = all(then[n] < (EXPLAINS if n == MOMENTUM else AGREES) for n in better)
             if better and explained and not self._contradicts(then):
                 total = sum(np.log(value) for value in then.values())
-                rows.append((total + each.count * np.log(CLEARLY), each))
-        least = min((total for total, _ in rows), default=0.0)
-        best = [each for total, each in rows if total < least + np.log(CLEARLY)]
-        return best if len(best) <= 3 else []  # more are no help
+                self._rows.append((total + each.count * np.log(CLEARLY), each, then))
 
     def _contradicts(self, then: Mapping[str, float]) -> bool:
         now = self._now
