@@ -1,8 +1,9 @@
 """Several conventions of a log at once: together they explain what no single one explains.
 
-The position is left out: one in another unit, or of another point, would hide what is right about
-the joints; afterwards it is a single convention. Units of two quantities are never free together:
-a motion that both make vanish is no motion that the momentum explains.
+A position in another unit, or of another point, and a gyro that is late hide what is right about
+the joints: without them, the joints are found, and the position is then a single convention.
+Units of two quantities are never free together: a motion that both make vanish is no motion that
+the momentum explains.
 """
 
 from collections.abc import Iterator

@@ -8,6 +8,7 @@ of any size (delays, scales, zeros, masses) are no conventions: a fit compares t
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from time import process_time
 
 import numpy as np
 
@@ -27,6 +28,12 @@ from cpid_drake.sensors.sensors import POSITIONS, SENSORS
 
 EXPLAINS = 0.05
 """Largest residual of the momentum that a right convention leaves; smoothing leaves less."""
+
+BUDGET = 2.0
+"""Longest search for other conventions [s of a processor]."""
+
+IS_SMALL = 0.02
+"""Residual of the momentum of which noise and errors of some size are the likeliest cause."""
 
 AGREES = 0.2
 """Largest residual of rates that agree with positions; another unit, axis or sign leaves 0.5."""
@@ -60,8 +67,8 @@ class Findings:
 
     @property
     def has_momentum(self) -> bool:
-        """Whether the momentum explains the motion, or cannot be compared."""
-        return all(c.residual <= EXPLAINS for c in self.comparisons if c.name == MOMENTUM)
+        """Whether the momentum leaves too little of the motion to ask for another convention."""
+        return all(c.residual <= IS_SMALL for c in self.comparisons if c.name == MOMENTUM)
 
     @property
     def sentence(self) -> str:
@@ -119,16 +126,18 @@ def check_conventions(
         return Findings(unchecked=("units, signs and frames (too few samples)",))
     found = _comparisons(given, log, tree)
     failed = _failed(found)
-    better: list[Alternative] = []
+    better, is_decided = list[Alternative](), True
     if by_momentum or any(c.name != MOMENTUM for c in failed):
         column_map = log.column_map or ColumnMap()
-        better = better_conventions(given, log.joint_names, tree, column_map)
+        better, is_decided = better_conventions(given, log.joint_names, tree, column_map)
     unchecked = []
     momentum = next((c for c in found if c.name == MOMENTUM), None)
     if tree is None:
         unchecked.append("units of position, its point, signs of joints (needs --spacecraft)")
     elif momentum is None:
         unchecked.append("unit and point of the position, signs of joints (no motion to compare)")
+    elif not better and not is_decided:
+        unchecked.append(f"other units, signs and axes (not decided in {BUDGET:g} s of a search)")
     elif momentum in failed and not better:
         unchecked.append(
             "unit and point of the position, signs of joints (momentum leaves "
@@ -187,25 +196,49 @@ def _alone(log: Log) -> Iterator[str]:
 
 def better_conventions(
     given: Instants, names: tuple[str, ...], tree: KinematicTree | None, column_map: ColumnMap
-) -> list[Alternative]:
+) -> tuple[list[Alternative], bool]:
     """Return the alternatives that explain a log clearly better than the conventions it is read in.
 
-    The usual one is first, and others explain the log equally well; empty if too many do. Several
-    conventions at once are tried if no single one explains the log. The arguments are those of
-    `alternatives`.
+    Several conventions at once are tried if no single one explains the log. The arguments are those
+    of `alternatives`.
+
+    Returns:
+        The alternatives, of which the usual one is first, and others explain the log equally well;
+        none if too many do. And whether all were compared, within `BUDGET`.
+
     """
     tree = None if tree is None else tree.lumped
+    budget = _Budget()
     search = _Search(given, names, tree)
-    search.compare(alternatives(given, names, tree, column_map))
+    search.compare(budget.spent_on(alternatives(given, names, tree, column_map)))
     if not search.explains_momentum:
-        search.compare(turned_attitudes(given, tree, column_map))
+        search.compare(budget.spent_on(turned_attitudes(given, tree, column_map)))
     if search.best or tree is None:
-        return search.best
-    without = given.without("position", "velocity")
-    search = _Search(without, names, tree)
-    if not search.is_explained:
-        search.compare(joint_alternatives(without, names, tree, column_map))
-    return search.best
+        return search.best, budget.is_enough
+    late = ["gyro"] if search.has_other_rates else []
+    for apart in (late, ["position", "velocity", *late]):
+        part = given.without(*apart)
+        search = _Search(part, names, tree)
+        if apart and not search.is_explained:
+            search.compare(budget.spent_on(joint_alternatives(part, names, tree, column_map)))
+        if search.best:
+            return search.best, budget.is_enough
+    return [], budget.is_enough
+
+
+class _Budget:
+    """The processor time of a search; once it is spent, nothing more is compared."""
+
+    def __init__(self) -> None:
+        self._end, self.is_enough = process_time() + BUDGET, True
+
+    def spent_on(self, others: Iterable[Alternative]) -> Iterator[Alternative]:
+        """Yield alternatives until the budget is spent."""
+        for each in others:
+            if process_time() > self._end:
+                self.is_enough = False
+                return
+            yield each
 
 
 class _Search:
@@ -221,6 +254,11 @@ class _Search:
     def is_explained(self) -> bool:
         """Whether the momentum explains the log as it is read, or cannot be compared."""
         return self._now.get(MOMENTUM, 0.0) <= EXPLAINS
+
+    @property
+    def has_other_rates(self) -> bool:
+        """Whether the gyro does not turn as the attitude does, such as one that is late."""
+        return self._now.get("attitude", 0.0) > EXPLAINS
 
     @property
     def best(self) -> list[Alternative]:
