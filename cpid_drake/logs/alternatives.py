@@ -265,7 +265,7 @@ def _places(
         return
     yield from _units(given, "the velocity is", "velocity.unit", speed.unit, _SPEEDS, "velocity")
     if "attitude" in given.values:
-        is_in_W = speed.frame == "world"
+        is_in_W = speed.frame != "body"
         text = f"the velocity is expressed in {'B' if is_in_W else 'W'}'s axes"
         R = R_WB if is_in_W else np.swapaxes(R_WB, 1, 2)
         entries = {"velocity.frame": "body" if is_in_W else "world"}

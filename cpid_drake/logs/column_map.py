@@ -149,16 +149,17 @@ class VelocityColumns:
     """The velocity of a point P of the base relative to W.
 
     Attributes:
-        columns: names in the log; empty for vx, vy, vz.
+        columns: names in the log; empty for vx, vy, vz or bvx, bvy, bvz.
         unit: unit of the log.
-        frame: the axes in which the velocity is expressed, those of W or of B.
+        frame: the axes in which the velocity is expressed, those of W or of B; null for those that
+            the names of columns say: B for bvx, bvy, bvz, W for all others.
         point_B: (3,) p_BP_B [m]; a point other than zero needs the angular velocity.
 
     """
 
     columns: list[str] = field(default_factory=list)
     unit: Speed = "m/s"
-    frame: Literal["world", "body"] = "world"
+    frame: Literal["world", "body"] | None = None
     point_B: Vector = field(default_factory=lambda: np.zeros(3))
 
 

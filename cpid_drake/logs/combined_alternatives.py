@@ -16,17 +16,28 @@ from cpid_drake.logs.attitude_alternatives import (
 from cpid_drake.logs.column_map import ColumnMap, with_entries
 from cpid_drake.logs.instants import Instants
 
+_ATTITUDE = {"attitude.order", "attitude.direction"}
+_GYRO = {"angular_velocity.frame", "angular_velocity.unit"}
 _UNITS = {"joint_positions.unit", "joint_rates.unit"}
 _ORDERS = {"joint_positions.columns", "joint_rates.columns"}
 _SIGNS = {"reversed_joints"}
+
+
+def attitude_alternatives(
+    given: Instants, tree: KinematicTree | None, column_map: ColumnMap
+) -> Iterator[Alternative]:
+    """Yield orders, directions, frames and turned axes of attitude and gyro, also together."""
+    yield from alternatives(given, (), tree, column_map, _ATTITUDE | _GYRO)
+    for text, log, entries in turned_axes(given, column_map):
+        yield Alternative(text, log, tree, entries)
+    yield from turned_attitudes(given, tree, column_map)
 
 
 def turned_attitudes(
     given: Instants, tree: KinematicTree | None, column_map: ColumnMap
 ) -> Iterator[Alternative]:
     """Yield other orders and directions of the attitude, together with turned axes."""
-    keys = {"attitude.order", "attitude.direction"}
-    for each in alternatives(given, (), None, column_map, keys):
+    for each in alternatives(given, (), None, column_map, _ATTITUDE):
         for text, log, entries in turned_axes(each.log, with_entries(column_map, each.entries)):
             both = {**each.entries, **entries}
             yield Alternative(f"{each.text}; and {text}", log, tree, both, each.count + 1)

@@ -18,6 +18,7 @@ from cpid_drake.logs.alternatives import Alternative, alternatives
 from cpid_drake.logs.clock import clock_factor, with_delay
 from cpid_drake.logs.column_map import ColumnMap
 from cpid_drake.logs.combined_alternatives import (
+    attitude_alternatives,
     joint_alternatives,
     turned_attitudes,
 )
@@ -211,19 +212,31 @@ def better_conventions(
     budget = _Budget()
     search = _Search(given, names, tree)
     search.compare(budget.spent_on(alternatives(given, names, tree, column_map)))
-    if not search.explains_momentum:
+    if not search.explains_all:
         search.compare(budget.spent_on(turned_attitudes(given, tree, column_map)))
-    if search.best or tree is None:
+    if tree is None or search.explains_all:
         return search.best, budget.is_enough
-    late = ["gyro"] if search.has_other_rates else []
-    for apart in (late, ["position", "velocity", *late]):
+    place = ("position", "velocity")
+    if search.rates > AGREES:
+        part = given.without(*place)
+        turning = _Search(part, names, tree)
+        turning.compare(budget.spent_on(attitude_alternatives(part, tree, column_map)))
+        search = turning if turning.explains_all else search
+    if search.best or search.rates > AGREES:
+        return search.best, budget.is_enough
+    late = ("gyro",) if search.rates > EXPLAINS else ()
+    for apart, compared in (
+        (late, alternatives),
+        (late, joint_alternatives),
+        ((*place, *late), joint_alternatives),
+    ):
         part = given.without(*apart)
         search = _Search(part, names, tree)
-        if apart and not search.is_explained:
-            search.compare(budget.spent_on(joint_alternatives(part, names, tree, column_map)))
+        if apart and not search.explains_all:
+            search.compare(budget.spent_on(compared(part, names, tree, column_map)))
         if search.best:
-            return search.best, budget.is_enough
-    return [], budget.is_enough
+            break
+    return search.best, budget.is_enough
 
 
 class _Budget:
@@ -251,14 +264,9 @@ class _Search:
         self._rows = list[tuple[float, Alternative, Mapping[str, float]]]()
 
     @property
-    def is_explained(self) -> bool:
-        """Whether the momentum explains the log as it is read, or cannot be compared."""
-        return self._now.get(MOMENTUM, 0.0) <= EXPLAINS
-
-    @property
-    def has_other_rates(self) -> bool:
-        """Whether the gyro does not turn as the attitude does, such as one that is late."""
-        return self._now.get("attitude", 0.0) > EXPLAINS
+    def rates(self) -> float:
+        """By how much gyro and attitude differ as read; a gyro that is late differs a little."""
+        return self._now.get("attitude", 0.0)
 
     @property
     def best(self) -> list[Alternative]:
@@ -268,10 +276,10 @@ class _Search:
         return best if len(best) <= 3 else []  # more are no help
 
     @property
-    def explains_momentum(self) -> bool:
-        """Whether the best alternative leaves no momentum unexplained, if it is compared."""
+    def explains_all(self) -> bool:
+        """Whether the best alternative, or else the log as read, leaves nothing unexplained."""
         _, _, then = min(self._rows, key=lambda row: row[0], default=(0.0, None, self._now))
-        return then.get(MOMENTUM, 0.0) <= EXPLAINS
+        return all(v <= (EXPLAINS if n == MOMENTUM else AGREES) for n, v in then.items())
 
     def compare(self, others: Iterable[Alternative]) -> None:
         """Compare other conventions, and keep those that explain the log clearly better."""
