@@ -8,6 +8,7 @@ of any size (delays, scales, zeros, masses) are no conventions: a fit compares t
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from time import process_time
 
 import numpy as np
@@ -44,6 +45,10 @@ DIFFERS = 0.5
 
 CLEARLY = 3.0
 """Ratio of residuals from which one convention explains a log clearly better than another."""
+
+
+_PLACE = {"position.unit", "position.point_B"}
+"""The conventions of a position that may be wrong beside a gyro that is late."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,7 +231,7 @@ def better_conventions(
         return search.best, budget.is_enough
     late = ("gyro",) if search.rates > EXPLAINS else ()
     for apart, compared in (
-        (late, alternatives),
+        (late, partial(alternatives, keys=_PLACE)),
         (late, joint_alternatives),
         ((*place, *late), joint_alternatives),
     ):

@@ -74,7 +74,7 @@ def read_rosbag(path: str | Path, topics: Mapping[str, str]) -> LogTable:
     Attitude is read from the odometry, else from the poses, else from the IMU; position from the
     odometry, else from the poses; velocity from the odometry, in the axes of its child frame, or of
     W if a map of columns says so (velocity.frame); angular velocity from the IMU, else from the
-    odometry. Poses must be those of B in W; the odometry's child frame and the IMU's frame must have
+    odometry. Poses must be those of B in W; the odometry's child frame and the IMU's frame have
     B's axes (transforms, such as that of a tilted IMU, are not read). Covariances are ignored,
     except for a first entry of -1, by which an IMU declares that it has no orientation or no
     angular velocity. A quaternion of zeros, as in a message that nobody filled, is no attitude.
