@@ -231,13 +231,13 @@ def better_conventions(
         return search.best, budget.is_enough
     late = ("gyro",) if search.rates > EXPLAINS else ()
     for apart, compared in (
-        (late, partial(alternatives, keys=_PLACE)),
+        ((*place, *late), joint_alternatives),  # takes least
         (late, joint_alternatives),
-        ((*place, *late), joint_alternatives),
+        (late, partial(alternatives, keys=_PLACE)),
     ):
         part = given.without(*apart)
         search = _Search(part, names, tree)
-        if apart and not search.explains_all:
+        if not search.explains_all:
             search.compare(budget.spent_on(compared(part, names, tree, column_map)))
         if search.best:
             break

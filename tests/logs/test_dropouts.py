@@ -52,6 +52,7 @@ def test_a_sensor_may_have_several_marks_and_begin_with_one():
 def stepped(given):
     """A joint that is driven in steps, as a rate: it rests, and turns at one exact speed."""
     time = given["time"]
+    given |= {f"qd:{name[2:]}": np.zeros(len(time)) for name in given if name.startswith("q:")}
     given[RATE] = np.where((time > 2) & (time < 4), 100.0, 1e-3 * np.round(np.sin(9 * time)))
 
 
