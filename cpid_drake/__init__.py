@@ -53,7 +53,7 @@ _MODULES = {
     "identification.validation": ("validate",),
     "online.online_identifier": ("OnlineIdentifier",),
     "logs.column_map": ("ColumnMap",),
-    "logs.conversion": ("from_columns",),
+    "logs.in_memory": ("from_columns",),
     "logs.formats": ("read_log", "write_log"),
     "logs.log": ("Log",),
     "report.pages.identification": ("write_report",),

@@ -16,8 +16,8 @@ from .identification.result import Identification
 from .identification.result_files import read_result, write_result
 from .identification.validation import validate
 from .logs.column_map import ColumnMap
-from .logs.conversion import from_columns as from_columns
 from .logs.formats import read_log, write_log
+from .logs.in_memory import from_columns as from_columns
 from .logs.log import Log
 from .online.online_identifier import OnlineIdentifier
 from .report.pages.identification import write_report

@@ -8,18 +8,25 @@ together they agree.
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain, combinations, permutations, product
+from itertools import chain, combinations, permutations
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from cpid_drake.array import Array
-from cpid_drake.dynamics.rotations import conjugate, rotate
+from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.dynamics.tree import KinematicTree
-from cpid_drake.logs.axes import signed_axes, turn_between
-from cpid_drake.logs.column_map import QUATERNION_ORDERS, UNITS, ColumnMap, scale_of
+from cpid_drake.logs.attitude_alternatives import (
+    TURNS,
+    Reading,
+    attitudes,
+    other_axes,
+    plain,
+    turned_axes,
+    word_of,
+)
+from cpid_drake.logs.column_map import ColumnMap, scale_of
 from cpid_drake.logs.instants import Instants
 from cpid_drake.logs.score import explain_by_momentum
 
@@ -31,7 +38,7 @@ LEAST_TRAVEL = 0.1
 free target explains any motion."""
 
 _LENGTHS, _SPEEDS = ("m", "mm", "cm", "in"), ("m/s", "mm/s", "cm/s", "in/s")
-_ANGLES, _TURNS = ("rad", "deg"), ("rad/s", "deg/s", "rpm")
+_ANGLES = ("rad", "deg")
 _ALL_JOINTS, _ALL_WHEELS = "all turning joints", "all wheels"
 _JOINTS = ("encoders", "joint_rates")
 
@@ -46,6 +53,7 @@ class Alternative:
         tree: the spacecraft model.
         entries: by key of the map of columns, with dots, the values that read the log so; empty if
             no map can.
+        count: how many conventions are then others.
 
     """
 
@@ -53,6 +61,7 @@ class Alternative:
     log: Instants
     tree: KinematicTree | None
     entries: Mapping[str, Any]
+    count: int = 1
 
     @property
     def is_point(self) -> bool:
@@ -64,7 +73,7 @@ class Alternative:
         """What is wrong, and the remedy."""
         if not self.entries:
             return self.text
-        remedy = ", ".join(f"{key}: {_plain(value)}" for key, value in self.entries.items())
+        remedy = ", ".join(f"{key}: {plain(value)}" for key, value in self.entries.items())
         return f"{self.text} ({remedy} in a map of columns)"
 
 
@@ -87,11 +96,11 @@ def alternatives(
     """
     families = {
         "time": _clocks(given, column_map),
-        "joint_positions joint_rates": _joints(given, names, tree, column_map),
-        "attitude angular_velocity": _attitudes(given, column_map),
+        "joint_positions joint_rates reversed_joints": _joints(given, names, tree, column_map),
+        "attitude angular_velocity": attitudes(given, column_map),
         "attitude.R_BS angular_velocity.R_BS": chain(
-            _axes(given, column_map),
-            _turned(given, column_map) if keys is None else (),  # is asked about
+            other_axes(given, column_map),
+            turned_axes(given, column_map) if keys is None else (),  # is asked about
         ),
         "position velocity": _places(given, tree, column_map),
     }
@@ -111,10 +120,6 @@ def alternatives(
             yield Alternative(text, given, held, {})
 
 
-Reading = tuple[str, Instants, Mapping[str, Any]]
-"""What is wrong, what the log then says, and the entries of the map."""
-
-
 def _units(
     given: Instants, text: str, key: str, now: str, units: tuple[str, ...], *quantities: str
 ) -> Iterator[Reading]:
@@ -122,11 +127,7 @@ def _units(
     for unit in units:
         if unit != now:
             log = given.scaled(scale_of(unit) / scale_of(now), *quantities)
-            yield f"{text} in {_word(unit)}", log, {key: unit}
-
-
-def _word(unit: str) -> str:
-    return UNITS[unit.removesuffix("/s")][1].split()[0] + (" per second" if "/" in unit else "")
+            yield f"{text} in {word_of(unit)}", log, {key: unit}
 
 
 def _clocks(given: Instants, column_map: ColumnMap) -> Iterator[Reading]:
@@ -135,7 +136,7 @@ def _clocks(given: Instants, column_map: ColumnMap) -> Iterator[Reading]:
         if unit != now:
             size = scale_of(unit) / scale_of(now)
             rates = {name: rate / size for name, rate in given.rates.items()}
-            text = f"positions and rates agree if the time is in {_word(unit)}"
+            text = f"positions and rates agree if the time is in {word_of(unit)}"
             yield text, replace(given, time=size * given.time, rates=rates), {"time.unit": unit}
 
 
@@ -168,15 +169,15 @@ def _joints(
             if label == _ALL_JOINTS and travel[chosen].max() < LEAST_TRAVEL:
                 continue
             entries = {f"joint_positions.{key}": unit for key in keys}
-            yield f"{q} is in {_word(unit)}", given.scaled(size, "encoders"), entries
+            yield f"{q} is in {word_of(unit)}", given.scaled(size, "encoders"), entries
             if has_rates:
                 entries = {**entries, **{f"joint_rates.{key}": f"{unit}/s" for key in keys}}
-                yield f"{q} and {qd} are in {_word(unit)}", given.scaled(size, *_JOINTS), entries
-        for unit in (_SPEEDS if slides else _TURNS) if has_rates else ():
+                yield f"{q} and {qd} are in {word_of(unit)}", given.scaled(size, *_JOINTS), entries
+        for unit in (_SPEEDS if slides else TURNS) if has_rates else ():
             if unit != rate_now:
                 size = np.where(chosen, scale_of(unit) / scale_of(rate_now), 1.0)
                 entries = {f"joint_rates.{key}": unit for key in keys}
-                yield f"{qd} is in {_word(unit)}", given.scaled(size, "joint_rates"), entries
+                yield f"{qd} is in {word_of(unit)}", given.scaled(size, "joint_rates"), entries
         signs = np.where(chosen, -1.0, 1.0)
         if has_rates:
             text = f"{qd} is the rate of {q} with the opposite sign"
@@ -219,104 +220,6 @@ def _orders(names: tuple[str, ...], rotors: NDArray[np.bool_]) -> Iterator[tuple
             yield usual.get(places, text), order
 
 
-def _attitudes(given: Instants, column_map: ColumnMap) -> Iterator[Reading]:
-    """Yield orders and directions of the attitude with units and frames of the gyro."""
-    at, gyro, w_B = column_map.attitude, column_map.angular_velocity, given.values.get("gyro")
-    is_plain = at.order in QUATERNION_ORDERS and np.array_equal(at.R_BS, np.eye(3))
-    frame_now = "world" if gyro.frame == "world" else "body"
-    orders: tuple[str, ...] = QUATERNION_ORDERS if is_plain else (at.order,)
-    directions: tuple[str, ...] = ("R_WB", "R_BW")
-    frames: tuple[str, ...] = ("body", "world") if w_B is not None else (frame_now,)
-    if "attitude" not in given.values:
-        orders, directions, frames = (at.order,), (at.direction,), (frame_now,)
-    logged = w_B
-    if w_B is not None and frame_now == "world":
-        logged = rotate(given.R_WB, w_B)
-    for order, direction, frame, unit in product(
-        orders, directions, frames, _TURNS if w_B is not None else (gyro.unit,)
-    ):
-        texts, entries = [], {}
-        if order != at.order:
-            entries["attitude.order"] = order
-            texts.append(f"the quaternion is in the order {', '.join(order)}")
-        if direction != at.direction:
-            entries["attitude.direction"] = direction
-            texts.append(f"the attitude is that of {direction}, not of {at.direction}")
-        if frame != frame_now:
-            entries["angular_velocity.frame"] = frame
-            axes = "W's axes, not in B's" if frame == "world" else "B's axes, not in W's"
-            texts.append(f"the angular velocity is expressed in {axes}")
-        if unit != gyro.unit:
-            entries["angular_velocity.unit"] = unit
-            texts.append(f"the angular velocity is in {_word(unit)}")
-        if not entries:
-            continue
-        reordered = partial(_reordered, now=at.order, order=order, turns=direction != at.direction)
-        log = given.changed(attitude=reordered)
-        if logged is not None:
-            R_BW = np.swapaxes(log.R_WB, 1, 2)
-            w = rotate(R_BW, logged) if frame == "world" else logged
-            w = scale_of(unit) / scale_of(gyro.unit) * w
-            log = replace(log, values={**log.values, "gyro": w})
-        yield "; and ".join(texts), log, entries
-
-
-def _axes(given: Instants, column_map: ColumnMap) -> Iterator[Reading]:
-    """Yield other axes of attitude, gyro and position, and mirrored logs."""
-    if "attitude" not in given.values:
-        return
-    at, gyro = column_map.attitude.R_BS, column_map.angular_velocity.R_BS
-    has_place = bool({"position", "velocity"} & given.values.keys())
-    for axes, M in signed_axes():
-        names = f"{', '.join(axes)} are x, y, z"
-        in_axes = partial(rotate, M)
-        turned = given.changed(gyro=in_axes)
-        entries = {"angular_velocity.R_BS": (M @ gyro).tolist()} if "gyro" in given.values else {}
-        if entries:
-            yield f"the gyro has other axes than the base: its {names}", turned, entries
-        if np.linalg.det(M) > 0:
-            text = "attitude and angular velocity belong to other axes of the base than the model's"
-            turn = Rotation.from_matrix(M).inv().as_quat(scalar_first=True)
-            log = turned.changed(attitude=partial(_product, b=turn))
-            yield f"{text}: their {names}", log, {"attitude.R_BS": (M @ at).tolist(), **entries}
-        if has_place:
-            text = "the position is expressed in other axes than the attitude"
-            yield f"{text}: its {names}", given.changed(position=in_axes, velocity=in_axes), {}
-    for k, name in enumerate("xyz" if has_place else ""):
-        mirror = np.where(np.arange(3) == k, -1.0, 1.0)
-        log = given.scaled(mirror, "position", "velocity").scaled(-mirror, "gyro")
-        log = log.scaled(np.append(1.0, -mirror), "attitude")
-        yield f"the axes are left-handed: the log is mirrored along {name}", log, {}
-
-
-def _turned(given: Instants, column_map: ColumnMap) -> Iterator[Reading]:
-    """Yield axes of the gyro, or of the attitude, that are turned by any angle.
-
-    The size of the angular velocity, which no turn changes, says the gyro's unit.
-    """
-    at, gyro = column_map.attitude.R_BS, column_map.angular_velocity
-    w, turning = given.values.get("gyro"), given.turning
-    if w is None or turning is None or (M := turn_between(turning, w)) is None:
-        return
-    ratio = np.log(np.linalg.norm(turning) / np.linalg.norm(w) * scale_of(gyro.unit))
-    unit = min(_TURNS, key=lambda each: abs(ratio - np.log(scale_of(each))))
-    size, turn = scale_of(unit) / scale_of(gyro.unit), Rotation.from_matrix(M)
-    degrees, axis = np.degrees(turn.magnitude()), turn.as_rotvec() / turn.magnitude()
-    units, also = dict[str, Any](), ""
-    if unit != gyro.unit:
-        units, also = {"angular_velocity.unit": unit}, f"; and its rates are in {_word(unit)}"
-    of_gyro = given.changed(gyro=partial(rotate, size * M))
-    turned = partial(_product, b=turn.as_quat(scalar_first=True))
-    of_base = given.scaled(size, "gyro").changed(attitude=turned)
-    for text, way, log, entries in (
-        ("axes of the gyro are", axis, of_gyro, {"angular_velocity.R_BS": M @ gyro.R_BS}),
-        ("attitude is that of axes", -axis, of_base, {"attitude.R_BS": M.T @ at}),
-    ):
-        words = f"the {text} turned by {degrees:.1f}° about {_plain(_rounded(way, 2))} from those"
-        rounded = {key: _rounded(value) for key, value in entries.items()}
-        yield f"{words} of the base{also}", log, {**rounded, **units}
-
-
 def _places(
     given: Instants, tree: KinematicTree | None, column_map: ColumnMap
 ) -> Iterator[Reading]:
@@ -343,7 +246,7 @@ def _places(
             continue
         place = np.round(at.point_B + found[1], 4).tolist()
         of_point = (
-            f"the position is that of the point {_plain(place)} m in B instead of B's origin, or "
+            f"the position is that of the point {plain(place)} m in B instead of B's origin, or "
             "the model's base has another mass or centre of mass"
         )
         moved = _with_position(
@@ -362,7 +265,7 @@ def _places(
         return
     yield from _units(given, "the velocity is", "velocity.unit", speed.unit, _SPEEDS, "velocity")
     if "attitude" in given.values:
-        is_in_W = speed.frame == "world"
+        is_in_W = speed.frame != "body"
         text = f"the velocity is expressed in {'B' if is_in_W else 'W'}'s axes"
         R = R_WB if is_in_W else np.swapaxes(R_WB, 1, 2)
         entries = {"velocity.frame": "body" if is_in_W else "world"}
@@ -372,27 +275,3 @@ def _places(
 def _with_position(given: Instants, p: Array, rate: Array) -> Instants:
     values, rates = {**given.values, "position": p}, {**given.rates, "position": rate}
     return replace(given, values=values, rates=rates)
-
-
-def _reordered(quaternion: Array, now: str, order: str, turns: bool) -> Array:
-    """Return quaternions or their rates as read in another order and direction."""
-    if order != now:  # the entries of the file: scalar first or last
-        quaternion = quaternion[:, [3, 0, 1, 2] if order == "xyzw" else [1, 2, 3, 0]]
-    return conjugate(quaternion) if turns else quaternion
-
-
-def _product(a: Array, b: Array) -> Array:
-    """Return quaternions a (N, 4), or their rates, times a constant one (4,)."""
-    vector = a[:, :1] * b[1:] + b[0] * a[:, 1:] + np.cross(a[:, 1:], b[1:])
-    return np.hstack([a[:, :1] * b[0] - a[:, 1:] @ b[1:, None], vector])
-
-
-def _rounded(values: Array, digits: int = 4) -> list[Any]:
-    """Return rounded numbers as lists, without negative zeros."""
-    return [*(np.round(values, digits) + 0.0).tolist()]
-
-
-def _plain(value: object) -> str:
-    if isinstance(value, list):
-        return "[" + ", ".join(map(_plain, value)) + "]"
-    return f"{value:g}" if isinstance(value, float) else str(value)

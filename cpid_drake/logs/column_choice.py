@@ -7,7 +7,7 @@ group are present or none:
 - `qw`, `qx`, `qy`, `qz`: attitude R_WB of the base as a unit quaternion;
 - `x`, `y`, `z`: p_WBo_W, the base frame's origin [m];
 - `wx`, `wy`, `wz`: w_WB_W, or `bwx`, `bwy`, `bwz`: w_WB_B, as gyros measure it [rad/s];
-- `vx`, `vy`, `vz`: v_WBo_W [m/s];
+- `vx`, `vy`, `vz`: v_WBo_W, or `bvx`, `bvy`, `bvz`: v_WBo_B, as odometry has it [m/s];
 - `q:<joint>`, `qd:<joint>`: joint positions and rates [rad, m, rad/s, m/s]. Rates of all joints or
   of none; positions of rotors, such as reaction wheels, may be absent;
 - "thrust_fx", "thrust_fy", "thrust_fz", "thrust_tx", "thrust_ty", "thrust_tz": force on the base
@@ -33,6 +33,9 @@ from cpid_drake.sensors.thrusters import VALVE
 
 YAW = "yaw"
 """The column of the angle of B about W's z axis."""
+
+VELOCITY_IN_B: tuple[str, ...] = ("bvx", "bvy", "bvz")
+"""The columns of a velocity expressed in B, which need the attitude on their row."""
 
 
 def with_own_columns(
@@ -82,12 +85,13 @@ def with_own_columns(
     is_planar = used.attitude.order == "yaw"
     in_plane = slice(0, 2) if is_planar else slice(0, 3)
     about_normal = slice(2, 3) if is_planar else slice(0, 3)
+    v_in_W = SENSORS["velocity"].columns[in_plane]
     in_B, in_W = gyro.columns[about_normal], gyro.columns_in_W[about_normal]
     for section, key, label, *own in (
         (used.attitude, "columns", "attitude", (YAW,) if is_planar else quaternion),
         (used.angular_velocity, "columns", gyro.quantity, in_B, in_W),
         (used.position, "columns", "position", SENSORS["position"].columns[in_plane]),
-        (used.velocity, "columns", "velocity", SENSORS["velocity"].columns[in_plane]),
+        (used.velocity, "columns", "velocity", VELOCITY_IN_B[in_plane], v_in_W),
         (used.thrust, "force", "the force of thrusters", THRUST_COLUMNS[3:][in_plane]),
         (used.thrust, "torque", "the torque of thrusters", THRUST_COLUMNS[:3][about_normal]),
     ):
@@ -111,6 +115,9 @@ def with_own_columns(
             used.valves.setdefault(name.removeprefix(VALVE), name)
     rate = used.angular_velocity
     rate.frame = rate.frame or ("world" if tuple(rate.columns) == in_W else "body")
+    speed = used.velocity
+    is_in_B = tuple(speed.columns) == VELOCITY_IN_B[in_plane]
+    speed.frame = speed.frame or ("body" if is_in_B else "world")
     if rate.columns and rate.frame == "world" and not used.attitude.columns:
         raise InputError(
             f"{where}: angular velocity in the world ({', '.join(rate.columns)}) needs the "
@@ -148,7 +155,9 @@ def with_own_columns(
     return used
 
 
-_OWN = {"time", YAW, *THRUST_COLUMNS}.union(*(s.columns + s.columns_in_W for s in SENSORS.values()))
+_OWN = {"time", YAW, *VELOCITY_IN_B, *THRUST_COLUMNS}.union(
+    *(s.columns + s.columns_in_W for s in SENSORS.values())
+)
 
 
 def _is_own(name: str) -> bool:

@@ -149,16 +149,17 @@ class VelocityColumns:
     """The velocity of a point P of the base relative to W.
 
     Attributes:
-        columns: names in the log; empty for vx, vy, vz.
+        columns: names in the log; empty for vx, vy, vz or bvx, bvy, bvz.
         unit: unit of the log.
-        frame: the axes in which the velocity is expressed, those of W or of B.
+        frame: the axes in which the velocity is expressed, those of W or of B; null for those that
+            the names of columns say: B for bvx, bvy, bvz, W for all others.
         point_B: (3,) p_BP_B [m]; a point other than zero needs the angular velocity.
 
     """
 
     columns: list[str] = field(default_factory=list)
     unit: Speed = "m/s"
-    frame: Literal["world", "body"] = "world"
+    frame: Literal["world", "body"] | None = None
     point_B: Vector = field(default_factory=lambda: np.zeros(3))
 
 
@@ -273,11 +274,20 @@ class ColumnMap:
     def named(self) -> list[str]:
         """The columns that the map names, in its order, also those that it names twice."""
         names = [self.time.column, *([self.time.nanoseconds] if self.time.nanoseconds else [])]
-        for group in (self.attitude, self.position, self.velocity, self.angular_velocity):
-            names += group.columns
-        for section in (self.joint_positions, self.joint_rates):
-            names += section.columns.values()
+        names += [name for columns in self.of_sensors.values() for name in columns]
         return [*names, *self.thrust.force, *self.thrust.torque, *self.valves.values()]
+
+    @property
+    def of_sensors(self) -> dict[str, list[str]]:
+        """The columns of each sensor that the map names."""
+        return {
+            "attitude": self.attitude.columns,
+            "position": self.position.columns,
+            "velocity": self.velocity.columns,
+            "gyro": self.angular_velocity.columns,
+            "encoders": [*self.joint_positions.columns.values()],
+            "joint_rates": [*self.joint_rates.columns.values()],
+        }
 
 
 def with_entries(column_map: ColumnMap, entries: Mapping[str, Any]) -> ColumnMap:

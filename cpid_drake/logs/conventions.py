@@ -6,8 +6,10 @@ comparisons of `logs.score`. The right convention leaves noise, all others leave
 of any size (delays, scales, zeros, masses) are no conventions: a fit compares them by evidence.
 """
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from time import process_time
 
 import numpy as np
 
@@ -16,6 +18,11 @@ from cpid_drake.files.errors import listed
 from cpid_drake.logs.alternatives import Alternative, alternatives
 from cpid_drake.logs.clock import clock_factor, with_delay
 from cpid_drake.logs.column_map import ColumnMap
+from cpid_drake.logs.combined_alternatives import (
+    attitude_alternatives,
+    joint_alternatives,
+    turned_attitudes,
+)
 from cpid_drake.logs.instants import Instants, instants_of
 from cpid_drake.logs.log import Log
 from cpid_drake.logs.score import MOMENTUM, WORSE, Comparison, compare_momentum, compare_rates
@@ -23,6 +30,12 @@ from cpid_drake.sensors.sensors import POSITIONS, SENSORS
 
 EXPLAINS = 0.05
 """Largest residual of the momentum that a right convention leaves; smoothing leaves less."""
+
+BUDGET = 2.0
+"""Longest search for other conventions [s of a processor]."""
+
+IS_SMALL = 0.02
+"""Residual of the momentum of which noise and errors of some size are the likeliest cause."""
 
 AGREES = 0.2
 """Largest residual of rates that agree with positions; another unit, axis or sign leaves 0.5."""
@@ -32,6 +45,10 @@ DIFFERS = 0.5
 
 CLEARLY = 3.0
 """Ratio of residuals from which one convention explains a log clearly better than another."""
+
+
+_PLACE = {"position.unit", "position.point_B"}
+"""The conventions of a position that may be wrong beside a gyro that is late."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +73,8 @@ class Findings:
 
     @property
     def has_momentum(self) -> bool:
-        """Whether the momentum explains the motion, or cannot be compared."""
-        return all(c.residual <= EXPLAINS for c in self.comparisons if c.name == MOMENTUM)
+        """Whether the momentum leaves too little of the motion to ask for another convention."""
+        return all(c.residual <= IS_SMALL for c in self.comparisons if c.name == MOMENTUM)
 
     @property
     def sentence(self) -> str:
@@ -115,21 +132,23 @@ def check_conventions(
         return Findings(unchecked=("units, signs and frames (too few samples)",))
     found = _comparisons(given, log, tree)
     failed = _failed(found)
-    better: list[Alternative] = []
+    better, is_decided = list[Alternative](), True
     if by_momentum or any(c.name != MOMENTUM for c in failed):
         column_map = log.column_map or ColumnMap()
-        better = better_conventions(given, log.joint_names, tree, column_map)
+        better, is_decided = better_conventions(given, log.joint_names, tree, column_map)
     unchecked = []
     momentum = next((c for c in found if c.name == MOMENTUM), None)
     if tree is None:
         unchecked.append("units of position, its point, signs of joints (needs --spacecraft)")
     elif momentum is None:
         unchecked.append("unit and point of the position, signs of joints (no motion to compare)")
+    elif not better and not is_decided:
+        unchecked.append(f"other units, signs and axes (not decided in {BUDGET:g} s of a search)")
     elif momentum in failed and not better:
         unchecked.append(
             "unit and point of the position, signs of joints (momentum leaves "
-            f"{min(momentum.residual, 1.0):.0%} of the motion unexplained, as errors of a clock, "
-            "of a joint or of the model's masses do)"
+            f"{min(momentum.residual, 1.0):.0%} of the motion unexplained, as errors of a "
+            "clock, of a joint, of the axes of the base or of the model's masses do)"
         )
     clock = None if better else clock_factor(found)
     if not better and clock is None:
@@ -183,28 +202,104 @@ def _alone(log: Log) -> Iterator[str]:
 
 def better_conventions(
     given: Instants, names: tuple[str, ...], tree: KinematicTree | None, column_map: ColumnMap
-) -> list[Alternative]:
+) -> tuple[list[Alternative], bool]:
     """Return the alternatives that explain a log clearly better than the conventions it is read in.
 
-    The best is first, and others explain the log equally well; empty if too many do. The arguments
-    are those of `alternatives`.
+    Several conventions at once are tried if no single one explains the log. The arguments are those
+    of `alternatives`.
+
+    Returns:
+        The alternatives, of which the usual one is first, and others explain the log equally well;
+        none if too many do. And whether all were compared, within `BUDGET`.
+
     """
     tree = None if tree is None else tree.lumped
-    before = compare_rates(given, names) + compare_momentum(given, tree)
-    now, rows = {c.name: c.residual for c in before}, []
+    budget = _Budget()
+    search = _Search(given, names, tree)
+    search.compare(budget.spent_on(alternatives(given, names, tree, column_map)))
+    if not search.explains_all:
+        search.compare(budget.spent_on(turned_attitudes(given, tree, column_map)))
+    if tree is None or search.explains_all:
+        return search.best, budget.is_enough
+    place = ("position", "velocity")
+    if search.rates > AGREES:
+        part = given.without(*place)
+        turning = _Search(part, names, tree)
+        turning.compare(budget.spent_on(attitude_alternatives(part, tree, column_map)))
+        search = turning if turning.explains_all else search
+    if search.best or search.rates > AGREES:
+        return search.best, budget.is_enough
+    late = ("gyro",) if search.rates > EXPLAINS else ()
+    for apart, compared in (
+        ((*place, *late), joint_alternatives),  # takes least
+        (late, joint_alternatives),
+        (late, partial(alternatives, keys=_PLACE)),
+    ):
+        part = given.without(*apart)
+        search = _Search(part, names, tree)
+        if not search.explains_all:
+            search.compare(budget.spent_on(compared(part, names, tree, column_map)))
+        if search.best:
+            break
+    return search.best, budget.is_enough
 
-    def contradicts(then: Mapping[str, float]) -> bool:
+
+class _Budget:
+    """The processor time of a search; once it is spent, nothing more is compared."""
+
+    def __init__(self) -> None:
+        self._end, self.is_enough = process_time() + BUDGET, True
+
+    def spent_on(self, others: Iterable[Alternative]) -> Iterator[Alternative]:
+        """Yield alternatives until the budget is spent."""
+        for each in others:
+            if process_time() > self._end:
+                self.is_enough = False
+                return
+            yield each
+
+
+class _Search:
+    """A search for conventions that explain a log better than those in which it is read."""
+
+    def __init__(self, given: Instants, names: tuple[str, ...], tree: KinematicTree | None) -> None:
+        self._names = names
+        before = compare_rates(given, names) + compare_momentum(given, tree)
+        self._now = {c.name: c.residual for c in before}
+        self._rows = list[tuple[float, Alternative, Mapping[str, float]]]()
+
+    @property
+    def rates(self) -> float:
+        """By how much gyro and attitude differ as read; a gyro that is late differs a little."""
+        return self._now.get("attitude", 0.0)
+
+    @property
+    def best(self) -> list[Alternative]:
+        """The alternatives that explain the log best, the usual one first; see above."""
+        least = min((total for total, *_ in self._rows), default=0.0)
+        best = [each for total, each, _ in self._rows if total < least + np.log(CLEARLY)]
+        return best if len(best) <= 3 else []  # more are no help
+
+    @property
+    def explains_all(self) -> bool:
+        """Whether the best alternative, or else the log as read, leaves nothing unexplained."""
+        _, _, then = min(self._rows, key=lambda row: row[0], default=(0.0, None, self._now))
+        return all(v <= (EXPLAINS if n == MOMENTUM else AGREES) for n, v in then.items())
+
+    def compare(self, others: Iterable[Alternative]) -> None:
+        """Compare other conventions, and keep those that explain the log clearly better."""
+        for each in others:
+            then = {c.name: c.residual for c in compare_rates(each.log, self._names)}
+            if self._contradicts(then):  # the momentum takes longer
+                continue
+            then |= {c.name: c.residual for c in compare_momentum(each.log, each.tree)}
+            clearly = CLEARLY**each.count
+            better = [n for n, value in then.items() if clearly * value < self._now.get(n, 0.0)]
+            explained = all(then[n] < (EXPLAINS if n == MOMENTUM else AGREES) for n in better)
+            if better and explained and not self._contradicts(then):
+                total = sum(np.log(value) for value in then.values())
+                self._rows.append((total + each.count * np.log(CLEARLY), each, then))
+
+    def _contradicts(self, then: Mapping[str, float]) -> bool:
+        now = self._now
         return any(v > WORSE * now.get(n, np.inf) and v > EXPLAINS for n, v in then.items())
-
-    for each in alternatives(given, names, tree, column_map):
-        then = {c.name: c.residual for c in compare_rates(each.log, names)}
-        if contradicts(then):  # the momentum takes longer
-            continue
-        then |= {c.name: c.residual for c in compare_momentum(each.log, each.tree)}
-        better = [n for n, value in then.items() if CLEARLY * value < now.get(n, 0.0)]
-        explained = all(then[n] < (EXPLAINS if n == MOMENTUM else AGREES) for n in better)
-        if better and explained and not contradicts(then):
-            rows.append((sum(np.log(value) for value in then.values()), each))
-    rows.sort(key=lambda row: row[0])
-    best = [each for total, each in rows if total < rows[0][0] + np.log(CLEARLY)]
-    return best if len(best) <= 3 else []  # more are no help

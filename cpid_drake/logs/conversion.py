@@ -25,11 +25,12 @@ from cpid_drake.logs.column_map import (
     check_column_map,
     scale_of,
 )
+from cpid_drake.logs.dropouts import without_marks
 from cpid_drake.logs.joined import files_of_sensors
 from cpid_drake.logs.log import THRUST, Log, Samples, with_fixed_joints
 from cpid_drake.logs.noise_estimation import FEWEST
 from cpid_drake.logs.screening import LARGEST, QUATERNION_NORM, is_later
-from cpid_drake.logs.table import LogTable, seconds_of_times
+from cpid_drake.logs.table import LogTable
 from cpid_drake.logs.unwrapping import unwrapped
 from cpid_drake.sensors.thrusters import VALVE
 
@@ -43,6 +44,7 @@ class LogFile:
 
     Attributes:
         log: the samples of every sensor that have no problem.
+        time: (N,) of the rows [s].
         row_count: number of rows in the file.
         problems: the problems with their places, in the order of rows.
         partial: by sensor, the number of incomplete samples, which are left out.
@@ -52,39 +54,12 @@ class LogFile:
     """
 
     log: Log
+    time: Array
     row_count: int
     problems: Sequence[str] = ()
     partial: Mapping[str, int] = field(default_factory=dict)
     ignored: tuple[str, ...] = ()
     left_out_joints: tuple[str, ...] = ()
-
-
-def from_columns(columns: Mapping[str, ArrayLike], column_map: ColumnMap | None = None) -> Log:
-    """Return a log from columns in memory, such as those of a MATLAB file or a data frame.
-
-    Args:
-        columns: by name, numbers (N,), NaN for absent samples; NumPy's dates and durations are
-            times in seconds.
-        column_map: what the columns mean; None for the package's own columns.
-
-    Raises:
-        InputError: a column is no array of N numbers; or for the same reasons as `read_columns`,
-            also for the first bad row.
-
-    """
-    arrays = {}
-    for name, column in columns.items():
-        try:
-            arrays[name] = seconds_of_times(np.asarray(column)).astype(float)
-        except (TypeError, ValueError) as error:
-            raise InputError(f"column '{name}' is not made of numbers: {error}") from error
-    shapes = {array.shape for array in arrays.values()}
-    if len(shapes) != 1 or len(next(iter(shapes))) != 1:
-        raise InputError("all columns must have one dimension and the same length")
-    found = read_columns(column_map or ColumnMap(), LogTable(arrays), "the columns")
-    if found.problems:
-        raise InputError(found.problems[0])
-    return found.log
 
 
 def read_columns(
@@ -111,6 +86,7 @@ def read_columns(
     """
     check_column_map(given, map_name)
     used = with_own_columns(given, table, where, map_name=map_name, joints=joints)
+    table = without_marks(table, used)
     conversion = _Conversion(used, table)
     with prefix_errors(where):
         log = conversion.log()
@@ -122,6 +98,7 @@ def read_columns(
     names = {*used.named}
     return LogFile(
         log,
+        conversion.time,
         len(table) + len(table.problems),
         [text for _, text in sorted(conversion.problems, key=lambda problem: problem[0])],
         {name: count for name, count in conversion.partial.items() if count},
@@ -145,6 +122,7 @@ class _Conversion:
     """The conversion of one file, with what is wrong in it.
 
     Attributes:
+        time: (N,) of the rows [s].
         problems: numbers of rows, and texts.
         partial: by sensor, the number of incomplete samples.
 
@@ -155,6 +133,7 @@ class _Conversion:
         self.problems = list(table.problems)
         self.partial = Counter(table.rejected)
         self._usable = np.ones(len(table), dtype=bool)
+        self.time = np.empty(0)
         self._samples: dict[str, Samples] = {}
         self.notes = dict[str, tuple[str, ...]](table.notes)
         rates, positions = used.joint_rates.columns, used.joint_positions.columns
@@ -173,7 +152,7 @@ class _Conversion:
         """Return the samples without problems; positions of joints with rates only are NaN."""
         used = self._map
         self._refuse_texts()
-        time = self._times()
+        self.time = time = self._times()
         has_angles = used.attitude.order not in (*QUATERNION_ORDERS, "mrp")
         attitude = self._block(used.attitude.columns, used.attitude.unit if has_angles else "")
         gyro, position, velocity = (

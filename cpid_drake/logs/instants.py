@@ -51,6 +51,16 @@ class Instants:
 
         return replace(self, values=new(self.values), rates=new(self.rates))
 
+    def without(self, *sensors: str) -> "Instants":
+        """Return what the log says without some sensors."""
+
+        def rest(parts: Mapping[str, Array]) -> dict[str, Array]:
+            return {name: value for name, value in parts.items() if name not in sensors}
+
+        return replace(
+            self, values=rest(self.values), rates=rest(self.rates), moving=self.moving - {*sensors}
+        )
+
     def scaled(self, size: ArrayLike, *sensors: str) -> "Instants":
         """Return what a log says with the values of some sensors times a size."""
         return self.changed(**dict.fromkeys(sensors, partial(np.multiply, size)))
@@ -95,11 +105,9 @@ class SmoothedLog:
 
         None if the joints have too few samples.
         """
-        coasting = log.between(-np.inf, log.first_burn)
-        is_free = len(coasting.encoders) >= FEWEST
-        log = _liveliest(coasting if is_free else log)
+        log, is_free = compared_part(log)
         splines, moving = {}, set()
-        used = {name: s for name, s in log.thinned(3000).items() if len(s) >= FEWEST}
+        used = {name: s for name, s in log.items() if len(s) >= FEWEST}
         if "encoders" not in used or np.isnan(used["encoders"].value).any():
             return None
         for name, samples in used.items():
@@ -154,6 +162,13 @@ def instants_of(log: Log) -> Instants | None:
     """Return what a screened log says at common instants; None for too few samples."""
     smoothed = SmoothedLog.of(log)
     return None if smoothed is None else smoothed.instants()
+
+
+def compared_part(log: Log) -> tuple[Log, bool]:
+    """Return at most 3000 samples of each sensor, those that are compared, and `is_free`."""
+    coasting = log.between(-np.inf, log.first_burn)
+    is_free = len(coasting.encoders) >= FEWEST
+    return _liveliest(coasting if is_free else log).thinned(3000), is_free
 
 
 def _liveliest(log: Log) -> Log:

@@ -109,12 +109,7 @@ def files_of_sensors(used: ColumnMap, table: LogTable) -> dict[str, str]:
 
     """
     columns: dict[str, Iterable[str]] = {
-        "attitude": used.attitude.columns,
-        "gyro": used.angular_velocity.columns,
-        "position": used.position.columns,
-        "velocity": used.velocity.columns,
-        "encoders": used.joint_positions.columns.values(),
-        "joint_rates": used.joint_rates.columns.values(),
+        **used.of_sensors,
         THRUST: (*used.thrust.force, *used.thrust.torque),
         **{VALVE + valve: (column,) for valve, column in used.valves.items()},
     }

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from cpid_drake.array import Array
 from cpid_drake.dynamics.rotations import rotate_by_quaternion
@@ -65,7 +66,7 @@ def message_values(message: Any, kind: str) -> dict[str, Sequence[float]]:
     """Return the quantities in a message about the base.
 
     A quaternion of zeros, of a message that nobody filled, is no attitude; the odometry's velocity,
-    which is rotated by it from the child frame to W, is then absent, too.
+    which is in the axes of its child frame, is then absent, too.
     """
     if kind == "thrust":
         wrench = message.wrench
@@ -86,15 +87,15 @@ def message_values(message: Any, kind: str) -> dict[str, Sequence[float]]:
         twist = message.twist.twist
         values["gyro"] = _vector(twist.angular)
         if "attitude" in values:
-            values["velocity"] = _velocity_in_W(twist.linear, np.array(values["attitude"]))
+            values["velocity"] = _vector(twist.linear)
     return values
 
 
-def _velocity_in_W(linear: Any, quaternion: Array) -> Sequence[float]:
-    """Return a velocity in the axes of an attitude in W; NaN if the attitude is none."""
-    is_unit = abs(np.linalg.norm(quaternion) - 1) < QUATERNION_NORM
-    v_W = rotate_by_quaternion(quaternion, np.array(_vector(linear)))
-    return v_W.tolist() if is_unit else [np.nan] * 3
+def velocity_in_W(v_B: ArrayLike, quaternion_WB: ArrayLike) -> Array:
+    """Return a velocity (3,) in W, given it in B, and the attitude; NaN if the attitude is none."""
+    q = np.asarray(quaternion_WB)
+    is_unit = abs(np.linalg.norm(q) - 1) < QUATERNION_NORM
+    return rotate_by_quaternion(q, np.asarray(v_B)) if is_unit else np.full(3, np.nan)
 
 
 def _vector(xyz: Any) -> Sequence[float]:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from cpid_drake.array import Array
 from cpid_drake.files.errors import InputError
+from cpid_drake.logs.column_choice import VELOCITY_IN_B
 from cpid_drake.logs.log import THRUST, THRUST_COLUMNS
 from cpid_drake.logs.ros_messages import (
     SOURCES,
@@ -36,6 +37,9 @@ Series = tuple[NDArray[np.int64], Array]
 
 _Part = tuple[str, Sequence[str], Series]
 """A quantity, its columns, and its samples."""
+
+_COLUMNS = {THRUST: THRUST_COLUMNS, "velocity": VELOCITY_IN_B}
+"""The columns of quantities that are no sensor's own, or in other axes."""
 
 Decode = Callable[[bytes, str], Any]
 """Returns the message in bytes, given the name of its type."""
@@ -68,10 +72,10 @@ def read_rosbag(path: str | Path, topics: Mapping[str, str]) -> LogTable:
     """Return the motion of a spacecraft in a ROS bag as columns with the package's names.
 
     Attitude is read from the odometry, else from the poses, else from the IMU; position from the
-    odometry, else from the poses; velocity from the odometry, rotated from its child frame to W by
-    the attitude in the same message; angular velocity from the IMU, else from the odometry. Poses
-    must be those of B in W; the odometry's child frame and the IMU's frame must have B's axes
-    (transforms, such as that of a tilted IMU, are not read). The messages' covariances are ignored,
+    odometry, else from the poses; velocity from the odometry, in the axes of its child frame, or of
+    W if a map of columns says so (velocity.frame); angular velocity from the IMU, else from the
+    odometry. Poses must be those of B in W; the odometry's child frame and the IMU's frame have
+    B's axes (transforms, such as that of a tilted IMU, are not read). Covariances are ignored,
     except for a first entry of -1, by which an IMU declares that it has no orientation or no
     angular velocity. A quaternion of zeros, as in a message that nobody filled, is no attitude.
 
@@ -161,7 +165,7 @@ def _table(
         if not there:
             continue
         used.add(there[0])
-        columns = THRUST_COLUMNS if quantity == THRUST else SENSORS[quantity].columns
+        columns = _COLUMNS.get(quantity) or SENSORS[quantity].columns
         series = topics[there[0]].series(quantity)
         parts.append((quantity, columns, series))
         table.rejected[quantity] = len(topics[there[0]].stamps) - len(series[0])

@@ -4,6 +4,7 @@ Each piece holds about the same number of samples.
 """
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import TypeVar
 
 import numpy as np
@@ -29,8 +30,15 @@ Fit = TypeVar("Fit")
 
 
 def regression_spline(samples: Samples) -> BSpline:
-    """Return the spline through samples whose noise is not known."""
-    time, value = samples.time, samples.value
+    """Return the spline through samples whose noise is not known; it is kept for the same again."""
+    return _regression_spline(samples.time.tobytes(), samples.value.tobytes())
+
+
+@lru_cache(maxsize=32)
+def _regression_spline(times: bytes, values: bytes) -> BSpline:
+    """Return the spline through values (N, width) at times (N,)."""
+    time = np.frombuffer(times)
+    value = np.frombuffer(values).reshape(len(time), -1)
     tiny = (1e-12 * np.abs(value).max(axis=0, initial=0.0)) ** 2 + 1e-300
 
     def fit(pieces: int) -> tuple[float, BSpline]:

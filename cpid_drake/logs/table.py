@@ -67,6 +67,17 @@ class LogTable:
             file_of_column=self.file_of_column,
         )
 
+    def of_rows(self, rows: NDArray[np.intp]) -> "LogTable":
+        """Return the numbers of some rows only."""
+        file_of_row = None if self.file_of_row is None else self.file_of_row[rows]
+        return replace(
+            LogTable({name: column[rows] for name, column in self.columns.items()}),
+            lines=self.numbers[rows],
+            files=self.files,
+            file_of_row=file_of_row,
+            file_of_column=self.file_of_column,
+        )
+
     def is_empty(self, name: str) -> bool:
         """Return whether a column has rows, and nothing in them."""
         column = self.columns[name]

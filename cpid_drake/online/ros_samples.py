@@ -16,6 +16,7 @@ from cpid_drake.logs.ros_messages import (
     joint_values,
     message_values,
     stamp_of,
+    velocity_in_W,
 )
 from cpid_drake.logs.screening import LONGEST_DELAY
 from cpid_drake.online.messages import OK, STALE, WARN, Status
@@ -255,6 +256,8 @@ class RosSamples:
             values: dict[str, Any] = {THRUST: self._map @ data}
         else:
             values = dict(message_values(message, kind))
+            if "velocity" in values:
+                values["velocity"] = velocity_in_W(values["velocity"], values["attitude"])
         for name, value in values.items():
             if self._sources.get(name) == kind:
                 yield name, value

@@ -19,6 +19,7 @@ from sensing_cases import (
 from cpid_drake import (
     InertialParameters,
     InputError,
+    from_columns,
     identify,
     load_scenario,
     read_log,
@@ -27,7 +28,6 @@ from cpid_drake import (
 from cpid_drake.files.resources import models_directory
 from cpid_drake.logs.column_map import ColumnMap, TimeColumn
 from cpid_drake.logs.conventions import check_conventions
-from cpid_drake.logs.conversion import from_columns
 from cpid_drake.logs.formats import table_of
 from cpid_drake.logs.instants import instants_of
 from cpid_drake.logs.log import Samples
@@ -236,6 +236,29 @@ OF_POSITIONS = {
         "position", lambda m: attitudes(m, "position").inv().apply(m.position.value)
     ),
 }
+
+
+DEG = changed("encoders", in_degrees)
+MM = changed("position", lambda m: m.position.value * 1e3)
+INVERSE = changed("attitude", lambda m: m.attitude.value * [1, -1, -1, -1])
+TILTED = changed("gyro", lambda m: TILT.apply(m.gyro.value))
+TILT = Rotation.from_rotvec([0.3, -0.5, 0.2])
+
+TOGETHER = {
+    "unit: deg, joint_positions.columns: {": (DEG, joints([2, 1, 0, 3])),
+    "joint_positions.unit: deg": (DEG, MM),
+    "reversed_joints: [slide]": (joints([0, 1, 2, 3], [1, -1, 1, 1]), MM),
+    "direction: R_BW, angular_velocity.R_BS: [[": (INVERSE, TILTED),
+}
+"""By what is named first, two conventions that no single remedy mends."""
+
+
+@pytest.mark.parametrize("words", TOGETHER)
+def test_conventions_that_are_wrong_together_are_named(craft, noisy, words):
+    log = noisy
+    for change in TOGETHER[words]:
+        log = change(log)
+    assert words in said(craft.tree, log)
 
 
 @pytest.mark.parametrize("words", CONVENTIONS | OF_POSITIONS)

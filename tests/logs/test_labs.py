@@ -19,7 +19,6 @@ pytestmark = pytest.mark.slow
 ASKED = {
     "german_excel": "no columns are an attitude",
     "duplicated_rows": "--leave-out-bad",
-    "dropouts_as_minus_9999": "the joint positions may be in rad or deg",
     "joints_from_the_tip": "the joints are numbered from the tip (joint_positions.columns: {",
     "gyro_named_dps_in_rad": "the angular velocity is in radians per second",
     "px4": "attitude and angular velocity belong to other axes of the base than the model's",

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from flyer_cases import columns, csv_of, flyer, write
 
-from cpid_drake import InputError, read_log, write_log
+from cpid_drake import InputError, from_columns, read_log, write_log
 from cpid_drake.identification.checked_log import check_log
 from cpid_drake.logs.channels import look_at
 from cpid_drake.logs.column_map import ColumnMap
-from cpid_drake.logs.conversion import from_columns, read_columns
+from cpid_drake.logs.conversion import read_columns
 from cpid_drake.logs.formats import inspect_log
 from cpid_drake.logs.log import Log, Samples
 from cpid_drake.logs.screening import screen

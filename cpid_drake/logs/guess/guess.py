@@ -84,6 +84,8 @@ def guess_map(
         guess.delays = file_delays(log, spacecraft.tree)
         for note in delay_notes(log, guess.delays):
             guess.say("time", note)
+    whole = guess.table
+    guess.table = guess.compared.table
     _settle_clock(guess)
     explained, given = _settle_conventions(guess), guess.column_map.attitude
     if "time.unit" in guess.free:
@@ -100,6 +102,7 @@ def guess_map(
         guess.missing.append("the angles of the attitude may be in rad or deg (attitude.unit)")
     if "joint_positions.unit" in guess.free:
         _assume_joint_unit(guess)
+    guess.table = whole
     if unused := guess.read(table).ignored:
         guess.say("ignore_columns", f"not used: {listed(unused, 20)}")
     return guess

@@ -3,6 +3,7 @@
 import textwrap
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, field, fields, is_dataclass, replace
+from functools import cached_property
 from typing import cast
 
 import numpy as np
@@ -13,7 +14,9 @@ from cpid_drake.logs.channels import look_at
 from cpid_drake.logs.column_map import AttitudeColumns, ColumnMap, TimeUnit
 from cpid_drake.logs.common_clock import with_delays
 from cpid_drake.logs.conversion import LogFile, read_columns
+from cpid_drake.logs.dropouts import marks_in
 from cpid_drake.logs.guess.names import WORDS, Group, words_of
+from cpid_drake.logs.instants import compared_part
 from cpid_drake.logs.log import Log, Samples
 from cpid_drake.logs.screening import screen
 from cpid_drake.logs.table import LogTable
@@ -49,10 +52,11 @@ class GuessedMap:
     delays: dict[str, float] = field(default_factory=dict)
     attitudes: tuple[AttitudeColumns, ...] = ()
 
-    @property
+    @cached_property
     def columns(self) -> dict[str, Array]:
-        """The columns by name."""
-        return self.table.columns
+        """The columns by name, without numbers that mark absent samples."""
+        columns = self.table.columns.items()
+        return {n: np.where(np.isin(c, marks_in(c)), np.nan, c) for n, c in columns}
 
     def say(self, key: str, text: str) -> None:
         """Add a reason for an entry."""
@@ -91,7 +95,30 @@ class GuessedMap:
     @property
     def with_all_clocks(self) -> Log:
         """The log with the stamps of its files."""
-        read = self.read(self.table).log
+        return self._screened(self.read(self.table).log)
+
+    @property
+    def compared(self) -> "GuessedMap":
+        """The guess with those rows and cells of the table that comparisons use.
+
+        It is the whole table if a sensor's columns have rows of their own, or if thrusters fire.
+        """
+        read, table = self.read(self.table), self.table
+        log = self._screened(read.log)
+        part, _ = compared_part(log)
+        columns, used = dict[str, Array](), np.zeros(len(table), dtype=bool)
+        for sensor, names in self.column_map.of_sensors.items() if log.first_burn == np.inf else ():
+            rows = np.isin(read.time, part[sensor].time)
+            rows &= np.isfinite(table.block(names)).all(axis=1)
+            if rows.sum() < len(part[sensor]):
+                return self
+            columns |= {name: np.where(rows, table.columns[name], np.nan) for name in names}
+            used |= rows
+        rest = replace(table, columns={**table.columns, **columns}).of_rows(np.flatnonzero(used))
+        return replace(self, table=rest) if used.any() else self
+
+    def _screened(self, read: Log) -> Log:
+        """Return a log without samples that are grossly wrong, joints in the spacecraft's order."""
         log, joints = screen(look_at(read, self.spacecraft).log).log, {}
         names = self.spacecraft.joint_names
         for name in ("encoders", "joint_rates"):

@@ -9,9 +9,8 @@ import yaml
 from processes import ROOT
 from scipy.spatial.transform import Rotation
 
-from cpid_drake import InputError, read_log
+from cpid_drake import InputError, from_columns, read_log
 from cpid_drake.logs.column_map import AttitudeColumns, ColumnMap, load_column_map
-from cpid_drake.logs.conversion import from_columns
 from cpid_drake.logs.formats import FORMATS, inspect_log
 from cpid_drake.sensors.sensors import SENSORS
 

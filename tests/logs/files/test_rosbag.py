@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cpid_drake import InputError, read_log
+from cpid_drake import ColumnMap, InputError, read_log
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.logs.formats import inspect_log
 from cpid_drake.logs.screening import screen
@@ -48,6 +48,18 @@ def odometry(telemetry, k, stamp, child="bus"):
     none = np.zeros(36)
     posed = TYPES["PoseWithCovariance"](pose(telemetry, k), none)
     return TYPES["Odometry"](header(stamp), child, posed, TYPES["TwistWithCovariance"](twist, none))
+
+
+def odometry_in_W(telemetry, k, stamp):
+    """As some simulators give it: the twist is in the axes of the pose."""
+    given = odometry(telemetry, k, stamp)
+    twist = TYPES["Twist"](vector(telemetry.v_WB[k]), vector(telemetry.w_WB[k]))
+    return TYPES["Odometry"](
+        given.header,
+        given.child_frame_id,
+        given.pose,
+        TYPES["TwistWithCovariance"](twist, np.zeros(36)),
+    )
 
 
 def stamped_pose(telemetry, k, stamp):
@@ -137,6 +149,13 @@ def test_a_bag_gives_back_the_motion(write, telemetry, storage):
     assert_equal(read_log(bag), telemetry)
     (file,) = [file for file in bag.iterdir() if file.suffix in (".db3", ".mcap")]
     assert_equal(read_log(str(file)), telemetry)
+
+
+def test_a_map_says_that_a_twist_is_in_the_world(write, telemetry):
+    topics = {**odometry_and_joints(telemetry), "/odom": series(odometry_in_W, telemetry)}
+    in_W = ColumnMap()
+    in_W.velocity.frame = in_W.angular_velocity.frame = "world"
+    assert_equal(read_log(write(topics), columns=in_W), telemetry)
 
 
 def test_a_map_of_columns_serves_bags(write, telemetry, tmp_path):

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cpid_drake import InputError, read_log, write_log
-from cpid_drake.logs.conversion import from_columns
+from cpid_drake import InputError, from_columns, read_log, write_log
 from cpid_drake.logs.formats import FORMATS, table_of
 from cpid_drake.logs.log import THRUST, THRUST_COLUMNS, Log, Samples
 from cpid_drake.logs.screening import screen
