@@ -1,6 +1,7 @@
 """`cpid live`: identification of samples as they arrive."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -18,6 +19,8 @@ from cpid_drake.logs.log import THRUST
 from cpid_drake.logs.unlogged_joints import lock_unlogged
 from cpid_drake.online.ros2 import run
 from cpid_drake.online.ros_samples import RosSamples, sources_of
+from cpid_drake.report.live_page import LivePage
+from cpid_drake.report.live_server import LOCAL
 from cpid_drake.report.live_view import show_replay
 from cpid_drake.report.replay import motion_of
 
@@ -33,7 +36,9 @@ def replay(
     part: options.PartOptions = options.PartOptions(),
     sensors: options.LiveSensors | None = None,
     rate: Annotated[options.Number, Parameter(validator=Within(gte=0.1, lte=1e4))] = 1.0,
-    show: Annotated[bool, Parameter(negative="--no-show")] = True,
+    show: options.Show = True,
+    host: options.Host = LOCAL,
+    wait: options.Wait = False,
     quiet: options.Quiet = False,
 ) -> int:
     """Feed a log through the online identifier in real time, and show the estimates.
@@ -42,7 +47,6 @@ def replay(
 
     Args:
         rate: Ratio of replayed to real time.
-        show: Draw the spacecraft and the estimate in Meshcat.
 
     """
     request = chosen.request_of(log, sensors, **part.reading())
@@ -65,8 +69,14 @@ def replay(
             drawn = inputs.spacecraft, motion
         except InputError as error:
             options.print_warnings([f"nothing is drawn: {error}"])
-    found = show_replay(identifier, stream, rate, options.log_console(quiet), drawn)
-    return options.finish(found, quiet)
+    console = options.log_console(quiet)
+    if not show:
+        return options.finish(show_replay(identifier, stream, rate, console), quiet)
+    with LivePage(Path(log).name, host=host) as page:
+        found = show_replay(identifier, stream, rate, console, page, drawn)
+        code = options.finish(found, quiet)
+        page.close(wait=wait)
+    return code
 
 
 @live.command
