@@ -19,6 +19,7 @@ from .logs.conversion import from_columns as from_columns
 from .logs.formats import read_log, write_log
 from .logs.log import Log
 from .online.online_identifier import OnlineIdentifier
+from .report.live_page import LivePage
 from .report.pages.identification import write_report
 from .sensors.presets import load_sensors
 from .sensors.suite import SensorSuite
@@ -50,6 +51,7 @@ __all__ = [
     "JointController",
     "JointMotion",
     "JointTrajectory",
+    "LivePage",
     "Log",
     "MomentumIdentifier",
     "Motion",

@@ -1,5 +1,6 @@
 """`cpid live`: identification of samples as they arrive."""
 
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -21,7 +22,7 @@ from cpid_drake.online.ros2 import run
 from cpid_drake.online.ros_samples import RosSamples, sources_of
 from cpid_drake.report.live_page import LivePage
 from cpid_drake.report.live_server import LOCAL
-from cpid_drake.report.live_view import show_replay
+from cpid_drake.report.live_view import NodeView, show_replay
 from cpid_drake.report.replay import motion_of
 
 live = group("live")
@@ -69,13 +70,12 @@ def replay(
             drawn = inputs.spacecraft, motion
         except InputError as error:
             options.print_warnings([f"nothing is drawn: {error}"])
-    console = options.log_console(quiet)
-    if not show:
-        return options.finish(show_replay(identifier, stream, rate, console), quiet)
-    with LivePage(Path(log).name, host=host) as page:
-        found = show_replay(identifier, stream, rate, console, page, drawn)
+    with ExitStack() as ends:
+        page = ends.enter_context(LivePage(Path(log).name, host=host)) if show else None
+        found = show_replay(identifier, stream, rate, options.log_console(quiet), page, drawn)
         code = options.finish(found, quiet)
-        page.close(wait=wait)
+        if page:
+            page.close(wait=wait)
     return code
 
 
@@ -88,6 +88,9 @@ def ros2(
     sensors: options.LiveSensors | None = None,
     topic: options.Topics | None = None,
     thrust_map: options.File | None = None,
+    show: options.Show = True,
+    host: options.Host = LOCAL,
+    wait: options.Wait = False,
     quiet: options.Quiet = False,
 ) -> int:
     """Run a ROS 2 node that identifies, until it is interrupted.
@@ -118,9 +121,14 @@ def ros2(
         inputs, replace(suite, **absent), reads_thrust=reads_thrust, has_budget=True
     )
     samples = RosSamples(identifier, topics, thrust_map=matrix)
-    with options.extra("ros2"):
-        found = run(samples, request.spacecraft.capture_frame, ros or ())
-    return options.finish(found, quiet)
+    frame = request.spacecraft.capture_frame
+    with options.extra("ros2"), ExitStack() as ends:
+        page = ends.enter_context(LivePage("cpid live ros2", host=host)) if show else None
+        view = None if page is None else NodeView(samples, inputs.spacecraft, page)
+        code = options.finish(run(samples, frame, ros or (), view), quiet)
+        if page:
+            page.close(wait=wait)
+    return code
 
 
 def _opened(request: "cpid.Request") -> tuple[Arguments, "cpid.SensorSuite"]:

@@ -48,9 +48,9 @@ def view(
             options.print_warnings(check_limits(simulation).exceeded)
         if out is None:
             name = Path(scenario).stem
-            with LivePage(name, host=host, truth=simulation.truth) as page:
+            with LivePage(name, host=host, truth=simulation.truth) as live:
                 console.print("Stop is in Open Controls")
-                serve(simulation, page, rate)
+                serve(simulation, live, rate)
             return
         page, found = simulation_replay(simulation, Path(scenario).stem, status.update)
     write_text(out, page)

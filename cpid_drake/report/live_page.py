@@ -19,7 +19,7 @@ from cpid_drake.files.digits import with_half_width
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.result import Identification
 from cpid_drake.report.live_history import START, LiveHistory, Place
-from cpid_drake.report.live_server import EVENTS, LOCAL, LiveServer
+from cpid_drake.report.live_server import LOCAL, LiveServer
 from cpid_drake.systems.identifier import Identifier
 from cpid_drake.systems.scene_page import wait_for_enter
 
@@ -112,22 +112,25 @@ class LivePage:
         """Show an identification; it may be the same as before.
 
         Args:
-            time: until which there are samples [s]. An earlier one than before begins the curves
-                anew.
+            time: until which there are samples [s]; NaN before the first. An earlier one than
+                before begins the curves anew.
             found: the identification.
             status: how the run does, such as "0.3 s late".
             problems: sentences besides failed checks, rejected samples and warnings.
 
         """
         bounds = found.intervals
-        point = [_number(time), _row(found.parameters), _row(bounds[:, 0]), _row(bounds[:, 1])]
+        point = [time, _row(found.parameters), _row(bounds[:, 0]), _row(bounds[:, 1])]
         text = json.dumps([*point, _residuals(found)])
         rejected = {name: count for name, count in found.rejected.items() if count}
         many = ", ".join(f"{count} of {name}" for name, count in rejected.items())
+        now = "no samples yet"
         with self._lock:
-            self._history.add(time, text)
+            if np.isfinite(time):
+                self._history.add(time, text)
+                now = f"{time:.1f} s"
             self._state |= {
-                "status": f"{time:.1f} s" + (f"; {status}" if status else ""),
+                "status": "; ".join(each for each in (now, status) if each),
                 "samples": f"{found.sample_count} samples, {sum(rejected.values())} rejected",
                 "verdict": _verdict(found),
                 "passed": found.passed,

@@ -4,6 +4,7 @@ import socket
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from errno import EADDRINUSE
+from functools import partial
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler
 from socketserver import ThreadingTCPServer
@@ -88,9 +89,7 @@ class LiveServer:
         try:
             while not is_last:
                 with self._condition:
-                    is_new = self._condition.wait_for(
-                        lambda last=version: self._is_closed or self._version != last, _SILENCE
-                    )
+                    is_new = self._condition.wait_for(partial(self._has_news, version), _SILENCE)
                     version, is_last = self._version, self._is_closed
                     if is_new:
                         place, text = self._events(place)
@@ -99,6 +98,9 @@ class LiveServer:
             with self._condition:
                 self._streams -= 1
                 self._condition.notify_all()
+
+    def _has_news(self, version: int) -> bool:
+        return self._is_closed or self._version != version
 
 
 class _Handler(BaseHTTPRequestHandler):

@@ -1,16 +1,23 @@
-"""Live views in the browser: of a simulation, and of a log that is replayed to an identifier."""
+"""Live views in the browser: of a simulation, of a log as if it were live, and of a ROS 2 node."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context, EventStatus
 from rich.console import Console
 
+from cpid_drake.array import Array
 from cpid_drake.dynamics.motion import Motion
+from cpid_drake.dynamics.rotations import rotate_by_quaternion
+from cpid_drake.files.errors import InputError
 from cpid_drake.identification.description import describe
 from cpid_drake.identification.result import Identification
+from cpid_drake.online.messages import OK, Status
 from cpid_drake.online.online_identifier import OnlineIdentifier
+from cpid_drake.online.ros_samples import RosSamples
 from cpid_drake.report.live_page import PERIOD, LivePage
 from cpid_drake.report.scene import Scene
 from cpid_drake.report.terminal import shown_live
@@ -118,3 +125,73 @@ def show_replay(
 def _state(found: Identification, time: float, count: int, late: str) -> str:
     rejected = sum(found.rejected.values())
     return f"{time:.1f} s: {count} samples, {rejected} rejected; {late}"
+
+
+class NodeView:
+    """What a page shows of a ROS 2 node; see `ros2.View`.
+
+    Args:
+        samples: those of the node.
+        spacecraft: the spacecraft model.
+        page: the page.
+
+    Raises:
+        InputError: no port is free; shapes of the model cannot be read.
+
+    """
+
+    def __init__(self, samples: RosSamples, spacecraft: Spacecraft, page: LivePage) -> None:
+        self._samples, self._spacecraft, self._page = samples, spacecraft, page
+        self._scene = Scene(spacecraft, page.meshcat)
+        self._found: Identification | None = None
+        self._begin, self._drawn = time.monotonic(), -np.inf
+
+    def show(self, found: Identification, rows: Sequence[Status]) -> None:
+        """Show an identification, and what is wrong with topics and stream."""
+        newest, until, self._found = self._samples.newest, self._samples.stamp, found
+        behind = f"estimate {(newest - until) / 1e9:.1f} s behind" if until else ""
+        problems = [f"{row.name}: {row.text}" for row in rows if row.level != OK]
+        for row in rows:
+            if count := row.values.get("unusable"):
+                problems.append(f"{row.name}: {count} messages cannot be used")
+        now = newest / 1e9 if newest else np.nan
+        self._page.show(now, found, status=behind, problems=problems)
+
+    def draw(self) -> None:
+        """Draw the spacecraft at the latest samples, if they are new to the eye."""
+        now = time.monotonic() - self._begin
+        if now - self._drawn < FRAME_PERIOD:
+            return
+        self._drawn = now
+        with suppress(InputError):  # a sample that is no number or no rotation
+            state = state_of(self._spacecraft, self._samples.latest)
+            if state is not None:
+                self._scene.draw(now, state, self._found)
+
+
+def state_of(spacecraft: Spacecraft, latest: Mapping[str, ArrayLike]) -> Array | None:
+    """Return the state x = [q; v] (nx,) at the latest samples; None without encoders.
+
+    What no sensor measures is zero; so are all rates, if one of them is not measured, since parts
+    of them have another momentum.
+
+    Args:
+        spacecraft: the spacecraft model.
+        latest: the latest value by sensor.
+
+    Raises:
+        InputError: a value is not finite, or a quaternion is none.
+
+    """
+    if "encoders" not in latest:
+        return None
+    still, joints = np.zeros(3), spacecraft.joint_names
+    values = {"attitude": [1.0, 0.0, 0.0, 0.0], "position": still, **latest}
+    if not {"gyro", "velocity", "joint_rates"} <= latest.keys():
+        values |= {"gyro": still, "velocity": still, "joint_rates": np.zeros(len(joints))}
+    rows = {name: np.array([value], dtype=float) for name, value in values.items()}
+    with np.errstate(divide="ignore", invalid="ignore"):  # `Motion` refuses what is no quaternion
+        w_WB = rotate_by_quaternion(rows["attitude"], rows["gyro"])
+    base = rows["attitude"], rows["position"], w_WB, rows["velocity"]
+    motion = Motion(joints, np.zeros(1), *base, rows["encoders"], rows["joint_rates"])
+    return np.asarray(spacecraft.to_states(motion)[0])
