@@ -74,7 +74,7 @@ def replay(
         page = ends.enter_context(LivePage(Path(log).name, host=host)) if show else None
         found = show_replay(identifier, stream, rate, options.log_console(quiet), page, drawn)
         code = options.finish(found, quiet)
-        if page:
+        if page is not None:
             page.close(wait=wait)
     return code
 
@@ -125,8 +125,11 @@ def ros2(
     with options.extra("ros2"), ExitStack() as ends:
         page = ends.enter_context(LivePage("cpid live ros2", host=host)) if show else None
         view = None if page is None else NodeView(samples, inputs.spacecraft, page)
-        code = options.finish(run(samples, frame, ros or (), view), quiet)
-        if page:
+        found = run(samples, frame, ros or (), view)
+        if view is not None:
+            view.show(found, ())
+        code = options.finish(found, quiet)
+        if page is not None:
             page.close(wait=wait)
     return code
 

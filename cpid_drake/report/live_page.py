@@ -4,12 +4,13 @@ import json
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property
-from importlib.resources import files
+from pathlib import Path
 from threading import Lock
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
+from plotly.offline import get_plotlyjs
 from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.systems.framework import Context
 
@@ -26,6 +27,7 @@ from cpid_drake.systems.scene_page import wait_for_enter
 PERIOD = 0.2
 """Time between two points of the curves [s]: fast enough for the eye."""
 
+_PAGE = Path(__file__).with_name("templates") / "live.html"
 _STAYS = "The run has ended. The page stays until the command is closed."
 _ENDED = "The run has ended, and the scene with it: these are the last values."
 _ZOOM = 0.75  # of the camera: the scene is as high as it is wide
@@ -71,11 +73,8 @@ class LivePage:
             "isClosed": False,
         }
         served = {
-            "/": ("text/html; charset=utf-8", _content("cpid_drake.report", "templates/live.html")),
-            "/plotly.min.js": (
-                "text/javascript; charset=utf-8",
-                _content("plotly", "package_data/plotly.min.js"),
-            ),
+            "/": ("text/html; charset=utf-8", _PAGE.read_bytes()),
+            "/plotly.min.js": ("text/javascript; charset=utf-8", get_plotlyjs().encode()),
         }
         self._server = LiveServer(host, served, self._events)
         print(f"Open {self.address}", file=sys.stderr, flush=True)
@@ -199,11 +198,6 @@ class LivePage:
             place, valid, points = self._history.since(START if place is None else place)
             state = json.dumps(self._state)
         return place, f'{{"valid":{valid},"points":[{",".join(points)}],"state":{state}}}'
-
-
-def _content(package: str, name: str) -> bytes:
-    """Return a file that comes with a package."""
-    return files(package).joinpath(name).read_bytes()
 
 
 def _number(value: float) -> float | None:
