@@ -16,7 +16,7 @@ from pydrake.systems.framework import Context
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
-from cpid_drake.files.digits import with_half_width
+from cpid_drake.files.digits import significant, with_half_width
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.result import Identification
 from cpid_drake.report.live_history import START, LiveHistory, Place
@@ -31,6 +31,7 @@ _PAGE = Path(__file__).with_name("templates") / "live.html"
 _STAYS = "The run has ended. The page stays until the command is closed."
 _ENDED = "The run has ended, and the scene with it: these are the last values."
 _ZOOM = 0.75  # of the camera: the scene is as high as it is wide
+_EXACT = 1e-6  # relative half-width of an interval, from exact states
 _DIGITS = 10  # of numbers in curves
 
 
@@ -210,13 +211,13 @@ def _row(values: ArrayLike) -> list[float | None]:
 
 
 def _residuals(found: Identification) -> dict[str, float | None]:
-    """Return the root mean square of residuals by sensor; of rows alone, that of all rows."""
+    """Return the root mean square of residuals by sensor, or of the rows of states."""
     sizes = {
         name: float(np.sqrt(np.mean(each.value**2)))
         for name, each in found.residuals.items()
         if each.value.size
     }
-    if found.sensors is None and found.solution is not None and found.rank:
+    if not sizes and found.solution is not None and np.isfinite(found.solution.residual_rms):
         sizes = {"rows": found.solution.residual_rms}
     return {name: _number(size) for name, size in sizes.items()}
 
@@ -224,11 +225,15 @@ def _residuals(found: Identification) -> dict[str, float | None]:
 def _numbers(found: Identification) -> Sequence[str]:
     """Return each parameter with the half-width of its 95 % interval."""
     halves = np.diff(found.intervals)[:, 0] / 2
-    pairs = zip(found.parameters, halves, PARAMETER_UNITS)
-    return [
-        f"{with_half_width(value, half)} {unit}" if np.isfinite(value) else "not identifiable"
-        for value, half, unit in pairs
-    ]
+    texts = []
+    for value, half, unit in zip(found.parameters, halves, PARAMETER_UNITS):
+        text = "not identifiable"
+        if half < _EXACT * abs(value):  # all its digits would need an exponent
+            text = f"{significant(value, 7)} ± {significant(half)} {unit}"
+        elif np.isfinite(value):
+            text = f"{with_half_width(value, half)} {unit}"
+        texts.append(text)
+    return texts
 
 
 def _verdict(found: Identification) -> str:
