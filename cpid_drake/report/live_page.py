@@ -31,7 +31,6 @@ _PAGE = Path(__file__).with_name("templates") / "live.html"
 _STAYS = "The run has ended. The page stays until the command is closed."
 _ENDED = "The run has ended, and the scene with it: these are the last values."
 _ZOOM = 0.75  # of the camera: the scene is as high as it is wide
-_EXACT = 1e-6  # relative half-width of an interval, from exact states
 _DIGITS = 10  # of numbers in curves
 
 
@@ -227,12 +226,10 @@ def _numbers(found: Identification) -> Sequence[str]:
     halves = np.diff(found.intervals)[:, 0] / 2
     texts = []
     for value, half, unit in zip(found.parameters, halves, PARAMETER_UNITS):
-        text = "not identifiable"
-        if half < _EXACT * abs(value):  # all its digits would need an exponent
-            text = f"{significant(value, 7)} ± {significant(half)} {unit}"
-        elif np.isfinite(value):
-            text = f"{with_half_width(value, half)} {unit}"
-        texts.append(text)
+        text = with_half_width(value, half)
+        if "e" in text:  # from exact states: all digits would not be readable
+            text = f"{significant(value, 7)} ± {significant(half)}"
+        texts.append(f"{text} {unit}" if np.isfinite(value) else "not identifiable")
     return texts
 
 

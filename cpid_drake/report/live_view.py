@@ -59,7 +59,8 @@ def serve(simulation: Simulation, page: LivePage, rate: float) -> None:
         time.sleep(PERIOD)
     meshcat.StartRecording(1 / FRAME_PERIOD)
     context = simulation.run(show, realtime_rate=rate)
-    page.show(context.get_time(), simulation.identification(context))
+    ended = "the recording plays until Stop"
+    page.show(context.get_time(), simulation.identification(context), status=ended)
     meshcat.StopRecording()
     meshcat.PublishRecording()
     while not meshcat.GetButtonClicks(STOP):
