@@ -2,14 +2,13 @@
 
 import re
 
+import numpy as np
 import pytest
 from flyer_cases import SAMPLE, SENSORS_OF_SAMPLE
 from processes import HUNG, start
 
-COMMAND = (
-    *("-m", "cpid_drake", "live", "replay", SAMPLE, "--spacecraft", "free_flyer_payload"),
-    *("--sensors", SENSORS_OF_SAMPLE),
-)
+COMMAND = ("-m", "cpid_drake", "live", "replay")
+CRAFT = ("--spacecraft", "free_flyer_payload", "--sensors", SENSORS_OF_SAMPLE)
 ESTIMATE = "!!viewer.scene_tree.find(['cpid', 'estimate', 'three_sigma']).object.visible"
 CHARTS = "[...document.querySelectorAll('.chart')]"
 LENGTHS = f"{CHARTS}.map(chart => chart.data?.at(-1)?.x.length ?? 0)"
@@ -20,11 +19,11 @@ SIDEWAYS = "document.documentElement.scrollWidth > innerWidth"
 
 @pytest.fixture
 def replay(tmp_path):
-    """Return a function that starts a replay of the sample log: (process, address of its page)."""
+    """Return a function that starts a replay of a log: (process, address of its page)."""
     started = []
 
-    def make(*options):
-        process = start(*COMMAND, *options, cwd=tmp_path)
+    def make(*options, log=SAMPLE):
+        process = start(*COMMAND, log, *CRAFT, *options, cwd=tmp_path)
         started.append(process)
         for line in process.stderr:
             if found := re.search(r"Open (http\S+)", line):
@@ -98,3 +97,22 @@ def test_without_wait_the_page_says_that_the_run_has_ended(open_page, replay):
         page.get_by_text("these are the last values").wait_for()
         assert process.wait(HUNG) == 0
         assert page.locator("#mass").inner_text().startswith("m = 8.49")
+
+
+def test_a_wrong_unit_is_named(open_page, replay, tmp_path):
+    rows = SAMPLE.read_text().splitlines()
+    start = next(k for k, row in enumerate(rows) if row.startswith("time,"))
+    names = rows[start].split(",")
+    for k in range(start + 1, len(rows)):
+        cells = dict(zip(names, rows[k].split(","), strict=True))
+        for name in ("bwx", "bwy", "bwz"):
+            cells[name] = cells[name] and repr(float(cells[name]) * 180 / np.pi)
+        rows[k] = ",".join(cells.values())
+    (tmp_path / "degrees.csv").write_text("\n".join(rows))
+    _, address = replay("--rate", 100, "--wait", "--quiet", log=tmp_path / "degrees.csv")
+    with open_page(address, 400, 800) as page:
+        page.get_by_text("the angular velocity is in degrees per second").wait_for()
+        page.get_by_text("1001 of gyro").wait_for()
+        assert page.locator("#verdict").inner_text() == "a check failed"
+        assert is_in_first_screen(page, "#problems")
+        assert not page.evaluate(SIDEWAYS)
