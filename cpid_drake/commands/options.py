@@ -58,8 +58,8 @@ Host = Annotated[
     str,
     Parameter(
         metavar="ADDRESS",
-        help="Address on which the page is served. Default: this computer alone; 0.0.0.0 is all of "
-        "its networks.",
+        help="Address on which the page is served: 127.0.0.1 for this computer alone, 0.0.0.0 for "
+        "all of its networks.",
     ),
 ]
 Show = Annotated[
