@@ -20,6 +20,7 @@ The public names, in order of their dependencies:
 - `ColumnMap`: names, units and conventions of a log's columns;
 - `MomentumIdentifier`, `SpacecraftSensors`, `SensorIdentifier`, `JointController`,
   `JointTrajectory`, `SceneVisualizer`: Drake systems;
+- `LivePage`: a page that shows an identification while it runs, from a loop or a Diagram;
 - `add_lcm`: an identifier whose inputs and outputs are LCM messages;
 - `HalfCosine`, `MultiSine`, `Spline`: joint motions;
 - `Scenario`, `load_scenario`, `shipped_scenario`, `find_scenario`, `make_simulation`: from YAML to
@@ -56,6 +57,7 @@ _MODULES = {
     "logs.in_memory": ("from_columns",),
     "logs.formats": ("read_log", "write_log"),
     "logs.log": ("Log",),
+    "report.live_page": ("LivePage",),
     "report.pages.identification": ("write_report",),
     "sensors.presets": ("load_sensors",),
     "sensors.suite": ("SensorSuite",),

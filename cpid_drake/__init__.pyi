@@ -20,6 +20,7 @@ from .logs.formats import read_log, write_log
 from .logs.in_memory import from_columns as from_columns
 from .logs.log import Log
 from .online.online_identifier import OnlineIdentifier
+from .report.live_page import LivePage
 from .report.pages.identification import write_report
 from .sensors.presets import load_sensors
 from .sensors.suite import SensorSuite
@@ -52,6 +53,7 @@ __all__ = [
     "JointController",
     "JointMotion",
     "JointTrajectory",
+    "LivePage",
     "Log",
     "MomentumIdentifier",
     "Motion",

@@ -1,6 +1,8 @@
 """`cpid live`: identification of samples as they arrive."""
 
+from contextlib import ExitStack
 from dataclasses import replace
+from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -18,7 +20,9 @@ from cpid_drake.logs.log import THRUST
 from cpid_drake.logs.unlogged_joints import lock_unlogged
 from cpid_drake.online.ros2 import run
 from cpid_drake.online.ros_samples import RosSamples, sources_of
-from cpid_drake.report.live_view import show_replay
+from cpid_drake.report.live_page import LivePage
+from cpid_drake.report.live_server import LOCAL
+from cpid_drake.report.live_view import NodeView, show_replay
 from cpid_drake.report.replay import motion_of
 
 live = group("live")
@@ -33,7 +37,9 @@ def replay(
     part: options.PartOptions = options.PartOptions(),
     sensors: options.LiveSensors | None = None,
     rate: Annotated[options.Number, Parameter(validator=Within(gte=0.1, lte=1e4))] = 1.0,
-    show: Annotated[bool, Parameter(negative="--no-show")] = True,
+    show: options.Show = True,
+    host: options.Host = LOCAL,
+    wait: options.Wait = False,
     quiet: options.Quiet = False,
 ) -> int:
     """Feed a log through the online identifier in real time, and show the estimates.
@@ -42,7 +48,6 @@ def replay(
 
     Args:
         rate: Ratio of replayed to real time.
-        show: Draw the spacecraft and the estimate in Meshcat.
 
     """
     request = chosen.request_of(log, sensors, **part.reading())
@@ -65,8 +70,13 @@ def replay(
             drawn = inputs.spacecraft, motion
         except InputError as error:
             options.print_warnings([f"nothing is drawn: {error}"])
-    found = show_replay(identifier, stream, rate, options.log_console(quiet), drawn)
-    return options.finish(found, quiet)
+    with ExitStack() as ends:
+        page = ends.enter_context(LivePage(Path(log).name, host=host)) if show else None
+        found = show_replay(identifier, stream, rate, options.log_console(quiet), page, drawn)
+        code = options.finish(found, quiet)
+        if page is not None:
+            page.close(wait=wait)
+    return code
 
 
 @live.command
@@ -78,6 +88,9 @@ def ros2(
     sensors: options.LiveSensors | None = None,
     topic: options.Topics | None = None,
     thrust_map: options.File | None = None,
+    show: options.Show = True,
+    host: options.Host = LOCAL,
+    wait: options.Wait = False,
     quiet: options.Quiet = False,
 ) -> int:
     """Run a ROS 2 node that identifies, until it is interrupted.
@@ -108,9 +121,17 @@ def ros2(
         inputs, replace(suite, **absent), reads_thrust=reads_thrust, has_budget=True
     )
     samples = RosSamples(identifier, topics, thrust_map=matrix)
-    with options.extra("ros2"):
-        found = run(samples, request.spacecraft.capture_frame, ros or ())
-    return options.finish(found, quiet)
+    frame = request.spacecraft.capture_frame
+    with options.extra("ros2"), ExitStack() as ends:
+        page = ends.enter_context(LivePage("cpid live ros2", host=host)) if show else None
+        view = None if page is None else NodeView(samples, inputs.spacecraft, page)
+        found = run(samples, frame, ros or (), view)
+        if view is not None:
+            view.show(found, ())
+        code = options.finish(found, quiet)
+        if page is not None:
+            page.close(wait=wait)
+    return code
 
 
 def _opened(request: "cpid.Request") -> tuple[Arguments, "cpid.SensorSuite"]:

@@ -54,6 +54,19 @@ OutFolder = Annotated[
 ]
 Force = Annotated[bool, Parameter(help="Replace files that exist. Inputs are never replaced.")]
 Quiet = Annotated[bool, Parameter(help="Print only warnings and errors.")]
+Host = Annotated[
+    str,
+    Parameter(
+        metavar="ADDRESS",
+        help="Address on which the page is served: 127.0.0.1 for this computer alone, 0.0.0.0 for "
+        "all of its networks.",
+    ),
+]
+Show = Annotated[
+    bool,
+    Parameter(negative="--no-show", help="Show estimate, residuals and scene on a page."),
+]
+Wait = Annotated[bool, Parameter(help="Keep the page open after the end, until Enter or Ctrl-C.")]
 Columns = Annotated[
     FileName,
     Parameter(

@@ -11,7 +11,9 @@ from cpid_drake.files.drafts import write_text
 from cpid_drake.files.errors import prefix_errors
 from cpid_drake.files.overwriting import check_outputs
 from cpid_drake.files.resources import find_scenario
-from cpid_drake.report.live_view import open_meshcat, serve
+from cpid_drake.report.live_page import LivePage
+from cpid_drake.report.live_server import LOCAL
+from cpid_drake.report.live_view import serve
 from cpid_drake.report.replay import estimate_text, simulation_replay
 from cpid_drake.simulation.limits import check_limits
 from cpid_drake.simulation.scenario_files import files_of, load_scenario
@@ -24,6 +26,7 @@ def view(
     *,
     out: options.File | None = None,
     rate: Annotated[options.Number, Parameter(validator=Within(gte=0.1, lte=5.0))] = 1.0,
+    host: options.Host = LOCAL,
     force: options.Force = False,
     quiet: options.Quiet = False,
 ) -> None:
@@ -44,7 +47,10 @@ def view(
             simulation = make_simulation(loaded)  # finds errors before a page is opened
             options.print_warnings(check_limits(simulation).exceeded)
         if out is None:
-            serve(simulation, open_meshcat("; Stop is in Open Controls"), rate)
+            name = Path(scenario).stem
+            with LivePage(name, host=host, truth=simulation.truth) as live:
+                console.print("Stop is in Open Controls")
+                serve(simulation, live, rate)
             return
         page, found = simulation_replay(simulation, Path(scenario).stem, status.update)
     write_text(out, page)

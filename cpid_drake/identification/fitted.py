@@ -19,6 +19,7 @@ from cpid_drake.estimation.fit import fit as fit_logs
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.posterior import known_target
+from cpid_drake.estimation.residuals import near_residuals
 from cpid_drake.estimation.sweep import BOUNDARY, EXACT, sweep
 from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.estimation.whiteness import whiteness
@@ -175,19 +176,17 @@ def _observed(fit: Fit) -> tuple[dict[str, Samples], Observed]:
     for log, rolled in zip(fit.logs, fit.rolled, strict=True):
         for name in fit.model.of_log(log.name).suite.present():
             key = name if len(fit.logs) == 1 else f"{name} of {log.name}"
-            times, values, whites, far, count = [np.empty(0)], [], [], 0, 0
+            whites, far, count = [], 0, 0
             parts = zip(log.blocks, rolled.residuals, log.weights, strict=True)
             for k, (block, rest, weights) in enumerate(parts):
                 samples = block.samples[name]
                 near = weights.get(name, np.ones(len(samples))) == 1.0
                 far, count = far + int(np.sum(~near)), count + len(samples)
                 if name in rest:
-                    times.append(samples.time[near])
-                    values.append(rest[name][near])
                     whites.append(log.whitened(k, name, rest[name])[near])
             counts[log.name, name] = far, count
-            if values:
-                series[key] = Samples(np.concatenate(times), np.concatenate(values))
+            if whites:
+                series[key] = near_residuals(log, rolled, name)
                 white[key] = np.concatenate(whites)
     tests = {name: whiteness(each) for name, each in white.items()}
     changes = tuple(sorted(time for log in fit.logs for time in log.changes))

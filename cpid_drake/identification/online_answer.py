@@ -12,6 +12,7 @@ from cpid_drake.estimation.linearity import change_beyond_linear
 from cpid_drake.estimation.online import NAME as LOG
 from cpid_drake.estimation.online import OnlineState, run
 from cpid_drake.estimation.posterior import known_target
+from cpid_drake.estimation.residuals import near_residuals
 from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.answer import answer_of
@@ -79,6 +80,9 @@ def identification_of_state(
     observed = Observed(tests, counts, tuple(sorted(state.events)))
     asked, window = (state.question, momentum, observed), [joined(state.fits)]
     result, _ = answer_of(state.found, *asked, logs=window, joints=joints, estimator=RECURSIVE_FIT)
+    [log], [rolled] = state.found.logs, state.found.rolled
+    last = {name: near_residuals(log, rolled, name) for name in model.suite.present()}
+    result = replace(result, residuals={name: each for name, each in last.items() if len(each)})
     change = change_beyond_linear(state.found)
     if not change:
         return result

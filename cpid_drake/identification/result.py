@@ -134,7 +134,8 @@ class Identification:
         solution: the estimate of the unknowns.
         sensors: the sensors that were assumed; None if all samples had the same weight.
         residuals: measured minus predicted, in σ by sensor, or by "linear" and "angular" for rows,
-            in `RowFamily.linear_unit` and N·m·s; of a long log, those of rows are parts of it.
+            in `RowFamily.linear_unit` and N·m·s; of a long log, those of rows are parts of it. Of
+            the fit online, those of the last blocks.
         history: returns times [s] and the estimates from the samples up to them; None if only
             another identification is needed.
 

@@ -4,7 +4,7 @@ import time
 from collections.abc import Sequence
 from functools import partial
 from importlib import import_module
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -29,6 +29,16 @@ LOOK = 0.1
 """Time between two looks for the publishers of a topic [s]."""
 
 
+class View(Protocol):
+    """Shows a node while it runs."""
+
+    def show(self, found: Identification, rows: Sequence[Status]) -> None:
+        """Show the identification and the states of topics and stream that are published."""
+
+    def draw(self) -> None:
+        """Draw the latest samples; called again and again."""
+
+
 class RosAdapter:
     """Connects an identifier with the topics of a node.
 
@@ -48,15 +58,25 @@ class RosAdapter:
         samples: takes the messages. What it says becomes a warning of the node.
         frame: name of the capture frame.
         period: time between published messages [s]; the node's parameter of this name replaces it.
+        view: shows what is published; None for none.
 
     Raises:
         InputError: a period that is not positive.
 
     """
 
-    def __init__(self, node: Any, samples: RosSamples, frame: str, *, period: float = 1.0) -> None:
+    def __init__(
+        self,
+        node: Any,
+        samples: RosSamples,
+        frame: str,
+        *,
+        period: float = 1.0,
+        view: View | None = None,
+    ) -> None:
         from rclpy.clock import Clock, ClockType
 
+        self._view = view
         self._node, self._samples, self._frame = node, samples, frame
         samples.say = node.get_logger().warning
         period = float(node.declare_parameter("period", period).value)
@@ -126,7 +146,10 @@ class RosAdapter:
         """Publish what is known, and the state of the topics."""
         samples, messages = self._samples, self._messages
         found, stamp = samples.identifier.estimate(), samples.stamp
-        rows = [*statuses_of(found), *samples.watch(time.monotonic()), self._stream(found)]
+        rows = [*samples.watch(time.monotonic()), self._stream(found)]
+        if self._view is not None:
+            self._view.show(found, rows)
+        rows = [*statuses_of(found), *rows]
         array_of = messages.diagnostics(samples.newest, self._frame, rows)
         self._publishers[DIAGNOSTICS_TOPIC].publish(array_of)
         if stamp == self._published:
@@ -153,13 +176,16 @@ class RosAdapter:
         )
 
 
-def run(samples: RosSamples, frame: str, arguments: Sequence[str] = ()) -> Identification:
+def run(
+    samples: RosSamples, frame: str, arguments: Sequence[str] = (), view: View | None = None
+) -> Identification:
     """Run a node `cpid` until it is interrupted; return its identification.
 
     Args:
         samples: see `RosAdapter`.
         frame: name of the capture frame.
         arguments: of ROS, from "--ros-args" on.
+        view: see `RosAdapter`.
 
     Raises:
         ImportError: there is no ROS 2, or packages of its messages are missing.
@@ -175,10 +201,12 @@ def run(samples: RosSamples, frame: str, arguments: Sequence[str] = ()) -> Ident
         raise InputError(f"ROS: {error}") from error
     node, executor = rclpy.create_node("cpid"), SingleThreadedExecutor()
     try:
-        RosAdapter(node, samples, frame)
+        RosAdapter(node, samples, frame, view=view)
         executor.add_node(node)
         while rclpy.ok():
             executor.spin_once(timeout_sec=1.0)
+            if view is not None:
+                view.draw()
             time.sleep(PAUSE)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass

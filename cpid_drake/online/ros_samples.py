@@ -107,6 +107,10 @@ class RosSamples:
     Raises:
         InputError: see `sources_of`; the map of the thrust has another shape.
 
+    Attributes:
+        restarts: how often the identifier began again.
+        latest: the latest value by sensor.
+
     """
 
     identifier: OnlineIdentifier
@@ -114,6 +118,7 @@ class RosSamples:
     thrust_map: ArrayLike | None = None
     say: Callable[[str], object] = print
     restarts: int = field(default=0, init=False)
+    latest: dict[str, ArrayLike] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
         self._stream, self._first = self.identifier.stream, self.identifier.state
@@ -232,6 +237,7 @@ class RosSamples:
             self._zero = stamp
         for name, value in samples.items():
             self.identifier.add(name, (stamp - self._zero) / 1e9, value)
+            self.latest[name] = value
 
     def _begin_again(self, topic: _Topic, stamp: int) -> None:
         back = (topic.newest - stamp) / 1e9

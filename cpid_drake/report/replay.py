@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from pydrake.geometry import StartMeshcat
+from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.systems.framework import Context
 
 from cpid_drake.dynamics.inertia import InertialParameters
@@ -19,6 +19,7 @@ from cpid_drake.identification.result import Identification
 from cpid_drake.logs.log import Log
 from cpid_drake.logs.noise_estimation import estimate_suite
 from cpid_drake.logs.screening import screen
+from cpid_drake.report.live_server import LOCAL
 from cpid_drake.report.scene import Scene
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.simulation.simulation import Simulation
@@ -57,7 +58,7 @@ def replay_html(
     if not len(motion):
         raise InputError("a replay needs samples")
     states, zero = spacecraft.to_states(motion), motion.time[0]
-    meshcat = StartMeshcat()
+    meshcat = Meshcat(MeshcatParams(host=LOCAL))
     scene = Scene(spacecraft, meshcat, truth=truth, visual_model=visual_model)
     meshcat.StartRecording(1 / FRAME_PERIOD, set_visualizations_while_recording=False)
     starts = [time for time, _ in estimates]

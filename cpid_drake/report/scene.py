@@ -50,11 +50,13 @@ class Scene:
         visualizer = SceneVisualizer(spacecraft, meshcat=meshcat, truth=truth)
         self._scene = builder.AddSystem(visualizer)
         builder.Connect(self._plant.get_state_output_port(), self._scene.GetInputPort("state"))
+        self._place = spacecraft.state_columns["p_WB"]
+        self._start: Array | None = None
         self._diagram = builder.Build()
         self._context = self._diagram.CreateDefaultContext()
 
     def draw(self, time: float, state: Array, found: Identification | None = None) -> None:
-        """Draw the spacecraft at a state x = [q; v], and an estimate.
+        """Draw the spacecraft at a state x = [q; v], and an estimate; the first is at W's origin.
 
         Args:
             time: of a recording [s]; it must not decrease.
@@ -69,7 +71,11 @@ class Scene:
         self._scene.GetInputPort("covariance").FixValue(inputs, values[0])
         self._scene.GetInputPort("spatial_inertia").FixValue(inputs, Value(values[1]))
         self._scene.GetInputPort("checks_passed").FixValue(inputs, [values[2]])
+        if self._start is None:
+            self._start = state[self._place]
+        near = state.copy()
+        near[self._place] -= self._start
         plant = self._plant.GetMyMutableContextFromRoot(self._context)
-        self._plant.SetPositionsAndVelocities(plant, state)
+        self._plant.SetPositionsAndVelocities(plant, near)
         self._context.SetTime(time)
         self._diagram.ForcedPublish(self._context)

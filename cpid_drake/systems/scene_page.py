@@ -110,8 +110,13 @@ def keep_scene(
     write_text(path, scene_html(meshcat, steps, title=Path(path).stem))
     print(f"{path} plays the motion in a browser")
     if wait:
-        print(f"{meshcat.web_url()} is open until Enter", end="", flush=True)
-        try:
-            input()
-        except (KeyboardInterrupt, EOFError):
-            print()
+        wait_for_enter(meshcat.web_url())
+
+
+def wait_for_enter(address: str) -> None:
+    """Say that a page is open, and keep it so until Enter or Ctrl-C."""
+    print(f"{address} is open until Enter", end="", flush=True)
+    try:
+        input()
+    except (KeyboardInterrupt, EOFError):
+        print()

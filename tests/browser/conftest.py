@@ -7,6 +7,7 @@ import pytest
 from processes import HUNG
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+LOCAL = ("localhost", "127.0.0.1")
 FLAGS = (
     *("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
     *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
@@ -41,11 +42,11 @@ def new_page(browser):
 
 @pytest.fixture
 def open_page(new_page):
-    """Return a context manager (url, width, height) -> page."""
+    """Return a context manager (url, width, height, light or dark) -> page."""
 
     @contextmanager
-    def open_(url: str, width: int = 600, height: int = 450):
-        page = new_page(viewport={"width": width, "height": height})
+    def open_(url: str, width: int = 600, height: int = 450, scheme: str = "light"):
+        page = new_page(viewport={"width": width, "height": height}, color_scheme=scheme)
         errors, requests = [], []
         page.on("pageerror", lambda error: errors.append(str(error)))
         page.on("console", lambda m: errors.append(m.text) if m.type == "error" else None)
@@ -57,7 +58,8 @@ def open_page(new_page):
         finally:
             page.close()
         assert errors == []
-        here = (str(url), "data:", "blob:", "about:", "http://localhost:", "ws://localhost:")
+        local = (f"{kind}://{host}:" for kind in ("http", "ws") for host in LOCAL)
+        here = (str(url), "data:", "blob:", "about:", *local)
         assert [url for url in requests if not url.startswith(here)] == []
 
     return open_

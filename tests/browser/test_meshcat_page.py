@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 from flyer_cases import payload
 from processes import HUNG
-from pydrake.geometry import Meshcat
 
-from cpid_drake import make_simulation
+from cpid_drake import LivePage, make_simulation
 from cpid_drake.commands.main import app
 from cpid_drake.report.live_view import STOP, serve
 from cpid_drake.simulation.scenario_files import dump_scenario
@@ -121,11 +120,11 @@ def live():
     urls = queue.Queue()
 
     def show() -> None:
-        meshcat = Meshcat()
         simulation = make_simulation(payload(3.0, 1e-7))
-        urls.put(meshcat.web_url())
-        serve(simulation, meshcat, 1.0)
-        del simulation, meshcat
+        with LivePage(truth=simulation.truth) as page:
+            urls.put(page.address)
+            serve(simulation, page, 1.0)
+        del simulation, page
         gc.collect()
 
     gc.collect()
@@ -137,17 +136,20 @@ def live():
 def test_the_live_page_shows_a_run_and_then_its_recording(open_page, live):
     """The run starts when a page is open, and shows its numbers; Stop ends the command."""
     url, thread = live
-    with open_page(url) as page:
-        page.wait_for_function("viewer.scene_tree.children.drake !== undefined")
-        page.wait_for_function("viewer.animator.duration > 2.9")
-        assert "m 8.50" in page.content()
-        assert drawn(settled(page)) > 0.03
+    with open_page(url, 1000, 800) as page:
+        page.wait_for_selector("#scene")
+        [_, scene] = page.frames
+        scene.wait_for_function("viewer.scene_tree.children.drake !== undefined")
+        scene.wait_for_function("viewer.animator.duration > 2.9")
+        page.wait_for_function("document.querySelector('#mass').textContent.includes('m = 8.5')")
+        assert "m 8.50" in scene.content()
         for path in (
             "drake/illustration/free_flyer/arm_link2",
             "drake/illustration/captured_target",
             "cpid/momentum/linear_target",
         ):
-            assert has(page, path), path
-        press(page, STOP)
+            assert has(scene, path), path
+        press(scene, STOP)
+        page.get_by_text("these are the last values").wait_for()
         thread.join(HUNG)
         assert not thread.is_alive()

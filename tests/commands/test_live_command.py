@@ -1,10 +1,12 @@
 """`cpid live replay`: a log in real time, with the end of `cpid identify`."""
 
 import re
+import signal
 import time
 
 import pytest
 from flyer_cases import FREE_FLYER, SAMPLE, SENSORS_OF_SAMPLE
+from processes import HUNG, start
 
 SENSORS = ("--sensors", SENSORS_OF_SAMPLE)
 CRAFT = ("--spacecraft", "free_flyer_payload")
@@ -35,10 +37,22 @@ def test_it_keeps_the_time_of_the_log(cpid):
         (FREE_FLYER, "give --sensors"),
         ((*CRAFT, *SENSORS, "--estimator", "trajectory_fit"), "--estimator"),
         ((*CRAFT, *SENSORS, "--from", "100"), "free_flyer.csv"),
+        ((*CRAFT, *SENSORS, "--host", "192.0.2.1"), "no page can be served on 192.0.2.1"),
     ],
 )
 def test_what_cannot_be_replayed_is_refused(refusal, given, says):
     assert says in refusal("live", "replay", SAMPLE, *given)
+
+
+def test_an_interrupted_replay_ends_with_its_page(tmp_path):
+    options = (SAMPLE, *CRAFT, *SENSORS, "--rate", 0.1)
+    process = start("-m", "cpid_drake", "live", "replay", *options, cwd=tmp_path)
+    assert re.match(r"Open http://127\.0\.0\.1:\d+\n", process.stderr.readline())
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=HUNG)
+    assert process.returncode == 130
+    assert said.endswith("cpid: interrupted\n")
+    assert "Traceback" not in said
 
 
 @pytest.mark.slow

@@ -75,6 +75,13 @@ def test_it_is_the_fit_of_all_samples(servicer, log, in_order):
     assert in_order.passed
 
 
+def test_the_residuals_are_those_of_the_last_blocks_as_large_as_declared(in_order, log):
+    assert in_order.residuals.keys() == {*SENSORS.present()} - {"encoders", "joint_rates"}
+    for name, rest in in_order.residuals.items():
+        assert 3.0 < rest.time[0] < rest.last_time <= 6.0
+        assert 0.6 < np.sqrt(np.mean(rest.value**2)) < 1.4, name
+
+
 def test_messages_in_any_order_within_the_lateness_give_the_same(servicer, log, in_order):
     rows = messages(log)
     for by in (0.05, 0.45):

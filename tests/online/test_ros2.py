@@ -6,6 +6,7 @@ import re
 import signal
 import threading
 import time
+import urllib.request
 from pathlib import Path
 
 import numpy as np
@@ -140,6 +141,34 @@ def test_it_identifies_what_the_robot_sends(node, tmp_path, reliability):
     assert rows["cpid: estimate"][0] == 0
     assert rows["cpid: noise"][0] == 0
     assert "all errors together" in rows["cpid: error budget"][2]
+
+
+def test_its_page_shows_the_target_and_what_is_lost(node, tmp_path):
+    """With --wait it stays after the node, until another interrupt."""
+    running = node("--wait")
+    heard(robot(tmp_path))
+    running.wait_for("no message for")
+    [address] = re.findall(r"Open (http\S+)", "".join(running.said))
+
+    def state() -> dict:
+        with urllib.request.urlopen(f"{address}/events") as events:
+            return json.loads(events.readline()[len("data: ") :])["state"]
+
+    end = time.monotonic() + HUNG
+    while not any("no message for" in text for text in state()["problems"]):
+        assert time.monotonic() < end
+        time.sleep(0.1)
+    shown = state()
+    assert shown["numbers"][0].startswith("8.4")
+    assert shown["scene"] is not None
+    running.process.send_signal(signal.SIGINT)
+    text = f"{address} is open until Enter"
+    printed = ""
+    while not printed.endswith(text):
+        printed += running.process.stdout.read(1)
+    assert state()["samples"] == "4004 samples, 0 rejected"
+    code, _ = running.end()
+    assert code == 0
 
 
 def test_a_stall_of_the_node_costs_no_sample(node, tmp_path):
