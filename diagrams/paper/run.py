@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Reproduce the study of Ning et al. 2016: simulate, identify, print tables, draw figures.
 
-`make demo` runs this. The folder gets a page, `report.html`, its figures and `summary.json`.
+`make demo` runs this. The folder gets a page, `report.html`, and `summary.json`.
 """
 
 import argparse
@@ -37,7 +37,7 @@ def page_of(study: PaperStudy, scenario: str, summary: dict[str, Any]) -> Report
 
 
 def run(scenario: str, out: Path, *, force: bool = False, quiet: bool = False) -> PaperStudy:
-    """Run the study of a scenario, and write its page, figures and numbers into a folder."""
+    """Run the study of a scenario, and write its page and numbers into a folder."""
     start = time.perf_counter()
     path = find_scenario(scenario)
     loaded, exciting = load_scenario(path), load_scenario(find_scenario(EXCITING))

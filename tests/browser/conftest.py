@@ -41,11 +41,11 @@ def new_page(browser):
 
 @pytest.fixture
 def open_page(new_page):
-    """Return a context manager (url, width, height) -> page."""
+    """Return a context manager (url, width, height, light or dark) -> page."""
 
     @contextmanager
-    def open_(url: str, width: int = 600, height: int = 450):
-        page = new_page(viewport={"width": width, "height": height})
+    def open_(url: str, width: int = 600, height: int = 450, scheme: str = "light"):
+        page = new_page(viewport={"width": width, "height": height}, color_scheme=scheme)
         errors, requests = [], []
         page.on("pageerror", lambda error: errors.append(str(error)))
         page.on("console", lambda m: errors.append(m.text) if m.type == "error" else None)

@@ -16,9 +16,9 @@ from cpid_drake.planning.prediction import Prediction
 from cpid_drake.report.contents import ReportContents
 from cpid_drake.report.page import Table
 from cpid_drake.report.pages.identification import identification_report
-from cpid_drake.report.plan_figures import motion_table
+from cpid_drake.report.plan_tables import motion_table
 from cpid_drake.report.sections.data import checks_section
-from cpid_drake.report.sections.estimate import logs_section, result_section
+from cpid_drake.report.sections.estimate import logs_section, numbers_section
 from cpid_drake.sensors.presets import load_sensors
 from cpid_drake.spacecraft.reference import SpacecraftReference
 
@@ -65,7 +65,7 @@ class TestIntervals:
 
     def test_in_the_report(self, case):
         found, factor = case
-        table = result_section(found, None).tables[0]
+        table = numbers_section(found, None).tables[0]
         ends = np.array(
             [each.split(" to ") for each in column(table, "95 % interval")], dtype=float
         )
@@ -106,7 +106,7 @@ def test_a_plan_s_table_is_in_degrees_and_percent():
 
 def test_the_error_is_estimate_minus_truth_in_sigma(found):
     truth = InertialParameters(10.8, TARGET.p_CTcm_C, TARGET.I_TTcm_C)
-    table = result_section(found, truth).tables[0]
+    table = numbers_section(found, truth).tables[0]
     assert column(table, "error / σ") == ["-2.0", *9 * ["+0.0"]]
     assert column(table, "truth")[0] == "10.80"
 
@@ -116,11 +116,11 @@ def test_a_page_whose_check_failed_says_so_first(found):
     for checks in ((), (Check("momentum", failure),)):
         result = replace(found, checks=checks)
         page = identification_report(ReportContents(result, missing="no log"))
-        assert ("a check failed" in page.title) == bool(checks)
+        assert page.title.startswith("A check failed: momentum" if checks else "m = 10.0 ± ")
         assert page.subtitle.startswith(f"Do not use this estimate: {failure}.") == bool(checks)
         passed = Check.of("misfit", "", 1.5, 3.0)
-        table = checks_section(replace(found, checks=(*checks, passed)), None).tables[0]
+        table = checks_section(replace(found, checks=(*checks, passed))).tables[0]
         assert column(table, "statistic") == [*("" for _ in checks), "1.5"]
         assert [row[-1] for row in table.rows] == [*("failed" for _ in checks), "passed"]
-    assert "a check failed</title>" in page.html()
+    assert "<title>A check failed: momentum</title>" in page.html()
     assert "Do not use this estimate: the momentum is &lt;not&gt; zero." in page.html()
