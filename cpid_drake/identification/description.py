@@ -86,7 +86,10 @@ def verdict(result: "Identification") -> str:
         text += f"; {result.rank} of {result.most} combinations are determined"
     failed = [check.name for check in result.checks if not check.passed]
     if failed:
-        return f"{'A check' if len(failed) == 1 else 'Checks'} failed: {', '.join(failed)}"
+        more = f" and {len(failed) - 2} more" if len(failed) > 2 else ""
+        return (
+            f"{'A check' if len(failed) == 1 else 'Checks'} failed: {', '.join(failed[:2])}{more}"
+        )
     return f"{text}; {'all checks passed' if result.checks else 'no check was made'}"
 
 

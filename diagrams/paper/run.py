@@ -9,6 +9,7 @@ import json
 import logging
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -29,8 +30,10 @@ from paper.values import EXCITING
 def page_of(study: PaperStudy, scenario: str, summary: dict[str, Any]) -> Report:
     """Return the page of a study on a scenario of this name or path."""
     words = ["python", "diagrams/paper/run.py", "--scenario", scenario, "--out", "OUT"]
+    mass, *others = figures.sections(study)
     introduction = Section("The paper and this study", texts=tables.INTRODUCTION)
-    sections = [introduction, *tables.sections(study), *figures.sections(study)]
+    folded = [replace(each, folded=True) for each in others]
+    sections = [mass, introduction, *tables.sections(study), *folded]
     files = {"summary.json": json.dumps(summary, indent=2, allow_nan=False) + "\n"}
     title, facts = "Study of Ning et al. 2016", [("Scenario", scenario)]
     return study_report(title, f"Scenario {scenario}", sections, facts, words, files)

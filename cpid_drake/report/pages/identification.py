@@ -29,7 +29,7 @@ from cpid_drake.report.sections.estimate import (
     numbers_section,
     parameters_section,
 )
-from cpid_drake.report.sections.next_steps import next_section
+from cpid_drake.report.sections.next_steps import next_sections
 
 
 def write_report(
@@ -66,12 +66,11 @@ def identification_report(
     warnings = [*result.warnings, *contents.differences()]
     if missing:
         warnings.append(f"Some sections are not shown: {missing}.")
-    following = next_section(result, warnings)
     sections = [
         replace(parameters_section(result, contents.truth), half=scene is not None),
         scene,
         convergence,
-        following if following.texts or following.facts or following.warnings else None,
+        *next_sections(result, warnings),
         None if run is None else simulated_section(run),
         numbers_section(result, contents.truth),
         logs_section(result) if result.logs else None,

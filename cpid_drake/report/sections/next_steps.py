@@ -1,4 +1,4 @@
-"""The section that says what to do next: after failed checks, and where something is open."""
+"""What to do next: after failed checks, and where something is open; and the warnings."""
 
 from cpid_drake.identification.description import gap
 from cpid_drake.identification.result import Identification
@@ -31,8 +31,8 @@ ADVICE = {
 """What to do if a check failed, by the beginning of its name; also in docs/how-to/symptoms.md."""
 
 
-def next_section(result: Identification, warnings: list[str]) -> Section:
-    """Return the section with advice for each failed check, with what is open, and with warnings.
+def next_sections(result: Identification, warnings: list[str]) -> list[Section]:
+    """Return the sections with advice for each failed check and what is open, and with warnings.
 
     The page's subtitle has the sentence of the first failed check.
     """
@@ -42,4 +42,6 @@ def next_section(result: Identification, warnings: list[str]) -> Section:
             advice = (text for name, text in ADVICE.items() if check.name.startswith(name))
             sentence = f"{check.sentence}: " if facts else ""
             facts.append((check.name, sentence + next(advice, "see the documentation")))
-    return Section("What to do next", texts=gap(result), facts=facts, warnings=warnings)
+    sections = [Section("What to do next", texts=gap(result), facts=facts)]
+    sections = [each for each in sections if each.texts or each.facts]
+    return sections + ([Section("Warnings", warnings=warnings)] if warnings else [])
