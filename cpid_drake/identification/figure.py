@@ -2,10 +2,9 @@
 
 from math import isfinite, nan
 from textwrap import wrap
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import plotly.graph_objects as go
-from plotly.subplots import make_subplots
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.files.figures import BAND, COLORS
@@ -17,6 +16,10 @@ if TYPE_CHECKING:
 
 HEIGHT = 430
 """Height of the bars of ten parameters [px]."""
+
+_Part = dict[str, Any]
+
+_PITCH = 0.1078  # from one parameter to the next, in heights of the figure
 
 _INTERVAL, _ESTIMATE, _NEAREST, _TRUE = (
     *("95 % interval", "estimate", "nearest rigid body", "true value"),
@@ -37,60 +40,57 @@ def estimate_figure(result: "Identification", truth: InertialParameters | None) 
 def parameter_bars(result: "Identification", truth: InertialParameters | None) -> go.Figure:
     """Return ten axes under each other: a parameter in words, and its interval as a bar."""
     true = [nan] * 10 if truth is None else truth.to_vector()
-    has_body = bool(result.inconsistencies) and result.consistent is not None
-    nearest = result.consistent.to_vector() if has_body and result.consistent else [nan] * 10
-    figure = make_subplots(rows=10, cols=1, vertical_spacing=0.078)
+    body = result.consistent if result.inconsistencies else None
+    nearest = [nan] * 10 if body is None else body.to_vector()
+    traces, notes, axes = list[_Part](), list[_Part](), _Part()
     for k, name in enumerate(result.names):
-        _add_parameter(figure, k + 1, result[name], {_NEAREST: nearest[k], _TRUE: true[k]})
+        number, top = "" if k == 0 else str(k + 1), 1 - _PITCH * k
+        x, y = f"x{number}", f"y{number}"
+        marks = _marks(result[name], {_NEAREST: nearest[k], _TRUE: true[k]})
+        traces += [{**mark, "xaxis": x, "yaxis": y} for mark in marks]
+        ends = [value for mark in marks for value in mark["x"]]
+        scale: _Part = {"visible": False}
+        if ends:
+            margin = 0.15 * (max(ends) - min(ends)) or 0.1 * abs(ends[0]) or 1.0
+            scale = {"range": [min(ends) - margin, max(ends) + margin], "nticks": 5}
+        style = {"anchor": y, "tickfont": {"size": 10}, "ticklabelstandoff": -2}
+        axes[f"xaxis{number}"] = {**scale, **style}
+        hidden = {"range": [-1, 1], "fixedrange": True, "visible": False}
+        axes[f"yaxis{number}"] = {**hidden, "anchor": x, "domain": [max(top - 0.03, 0), top]}
+        place = {"xref": f"{x} domain", "yref": f"{y} domain", "x": 0, "y": 1}
+        text = f"<b>{name}</b>  {result[name].in_words()}"
+        corner = {"xanchor": "left", "yanchor": "bottom", "showarrow": False}
+        notes.append({"text": text, **place, **corner})
     named = set[str]()
-    for trace in figure.data:  # each kind once in the legend
-        trace.showlegend = trace.name not in named
-        named.add(trace.name)
-    figure.update_yaxes(range=[-1, 1], fixedrange=True, visible=False)
-    figure.update_xaxes(nticks=5, tickfont={"size": 10}, ticklabelstandoff=-2)
-    legend = {"orientation": "h", "x": 0, "y": -0.04, "yanchor": "top"}
-    margin = {"l": 8, "r": 8, "t": 20, "b": 4}
-    return figure.update_layout(legend=legend, margin=margin, height=HEIGHT, font_size=12)
+    for trace in traces:  # each kind once in the legend
+        trace["showlegend"] = trace["name"] not in named
+        named.add(trace["name"])
+    layout = {
+        "annotations": notes,
+        "font": {"size": 12},
+        "height": HEIGHT,
+        "legend": {"orientation": "h", "x": 0, "y": -0.04, "yanchor": "top"},
+        "margin": {"l": 8, "r": 8, "t": 20, "b": 4},
+    }
+    return go.Figure(traces, {**layout, **axes})
 
 
-def _add_parameter(
-    figure: go.Figure, row: int, estimate: ParameterEstimate, others: dict[str, float]
-) -> None:
-    """Add a parameter, and other values of it by their names, to a row of a figure."""
-    ends = [end for end in estimate.interval if isfinite(end)]
+def _marks(estimate: ParameterEstimate, others: dict[str, float]) -> list[_Part]:
+    """Return the traces of a parameter, and of other values of it by their names."""
+    marks, ends = list[_Part](), [end for end in estimate.interval if isfinite(end)]
     if len(ends) == 2:
         line = {"color": BAND, "width": 9}
-        figure.add_scatter(
-            x=ends, y=[0, 0], name=_INTERVAL, mode="lines", line=line, row=row, col=1
-        )
+        marks.append({"x": ends, "y": [0, 0], "name": _INTERVAL, "mode": "lines", "line": line})
     elif ends:  # one bound: an arrow to the open side
         symbol = "triangle-right" if isfinite(estimate.interval[0]) else "triangle-left"
-        marker = {"color": COLORS[0], "symbol": symbol, "size": 11}
-        figure.add_scatter(
-            x=ends, y=[0], name="bound", mode="markers", marker=marker, row=row, col=1
-        )
+        marker: _Part = {"color": COLORS[0], "symbol": symbol, "size": 11}
+        marks.append({"x": ends, "y": [0], "name": "bound", "mode": "markers", "marker": marker})
     symbols = {_ESTIMATE: "circle", _NEAREST: "diamond-open", _TRUE: "line-ns"}
     colors = {_ESTIMATE: COLORS[0], _NEAREST: COLORS[2], _TRUE: COLORS[1]}
     for name, value in {_ESTIMATE: estimate.value, **others}.items():
         if isfinite(value):
             line = {"width": 3 if name == _TRUE else 1, "color": colors[name]}
             marker = {"color": colors[name], "symbol": symbols[name], "size": 8, "line": line}
-            figure.add_scatter(x=[value], y=[0], name=name, mode="markers", marker=marker)
-            figure.data[-1].update(xaxis=f"x{row}", yaxis=f"y{row}")
-    values = [value for value in (*ends, estimate.value, *others.values()) if isfinite(value)]
-    if values:
-        margin = 0.15 * (max(values) - min(values)) or 0.1 * abs(values[0]) or 1.0
-        figure.update_xaxes(range=[min(values) - margin, max(values) + margin], row=row, col=1)
-    else:
-        figure.update_xaxes(visible=False, row=row, col=1)
-    number = "" if row == 1 else str(row)
-    figure.add_annotation(
-        text=f"<b>{estimate.name}</b>  {estimate.in_words()}",
-        xref=f"x{number} domain",
-        yref=f"y{number} domain",
-        x=0,
-        y=1,
-        yanchor="bottom",
-        xanchor="left",
-        showarrow=False,
-    )
+            mark = {"x": [value], "y": [0], "name": name, "mode": "markers", "marker": marker}
+            marks.append(mark)
+    return marks
