@@ -65,7 +65,13 @@ def _parameter_figure(estimates: History, true: float, i: int) -> go.Figure:
     edge = np.concatenate([bands[is_known, 0], bands[is_known, 1][::-1]])
     around = np.concatenate([time[is_known], time[is_known][::-1]])
     figure.add_scatter(
-        x=around, y=edge, fill="toself", fillcolor=BAND, line={"width": 0}, hoverinfo="skip"
+        x=around,
+        y=edge,
+        mode="lines",
+        fill="toself",
+        fillcolor=BAND,
+        line={"width": 0},
+        hoverinfo="skip",
     )
     figure.add_scatter(
         x=time,

@@ -52,7 +52,8 @@ def sections(found: Statistics) -> list[Section]:
     points = [errors(found, point) for point in range(len(found.plan.points))[:MOST_POINTS]]
     result = [
         Section("Requirements", tables=[requirements(found)]),
-        Section("Errors", texts=[LEGEND], tables=points, figures=_error_figures(found), columns=1),
+        Section("Errors", figures=_error_figures(found), columns=1),
+        Section("Errors in numbers", texts=[LEGEND], tables=points),
         Section("Checks", tables=[checks(found), failures(found)]),
         Section("Axes", tables=[axes(found)], figures=_axis_figures(found), columns=1),
         Section("Worst cases", tables=[worst(found)]),
@@ -61,7 +62,7 @@ def sections(found: Statistics) -> list[Section]:
     if not found.plan.campaign.requirements:
         result = result[1:]
     result = [replace(each, tables=[t for t in each.tables if t.rows]) for each in result]
-    return [each for each in result if each.tables or each.texts]
+    return [each for each in result if each.tables or each.texts or each.figures]
 
 
 def requirements(found: Statistics) -> Table:
