@@ -11,13 +11,14 @@ those of the scenario exciting_motion, whose motion is made twice.
 import argparse
 
 import numpy as np
-from matplotlib.figure import Figure
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 
 import cpid_drake as cpid
+from cpid_drake.files.figures import new_figure
+from cpid_drake.report.page import Report, Section
 
 NONE, EXACT = "none", "exact"
 """No estimate in the controller; an estimate from the exact state. Others are sensor suites."""
@@ -90,7 +91,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--sensors", default="flight", help="a sensor preset or a file")
     parser.add_argument("--seed", type=int, default=1, help="of the sensors' errors")
-    parser.add_argument("--figure", metavar="FILE", help="draw the tracking errors as a PNG file")
+    parser.add_argument("--figure", metavar="FILE", help="draw the tracking errors as an HTML page")
     args = parser.parse_args()
     scenario = cpid.load_scenario(cpid.shipped_scenario("exciting_motion"))
     try:
@@ -105,13 +106,14 @@ def main() -> None:
         print(f"{text:32}{before:10.1e}{after:10.1e}{before / after:10.1e}")
     print("before: until the controller first uses the estimate; after: in the second motion")
     if args.figure:
-        figure = Figure(figsize=(7.5, 3.5), layout="constrained")
-        axes = figure.subplots()
+        title = "Largest tracking error of the joints"
+        figure = new_figure(title, "time [s]", "rad", height=400)
         for name, (time, error, _) in runs.items():
-            axes.semilogy(time, error, label=f"estimate from: {name}")
-        axes.legend()
-        axes.set(title="Largest tracking error of the joints", xlabel="time [s]", ylabel="rad")
-        figure.savefig(args.figure)
+            figure.add_scatter(x=time, y=error, name=f"estimate from: {name}")
+        figure.update_yaxes(type="log", exponentformat="power")
+        Report("Adaptive control", "", [Section("Errors", figures=[figure], columns=1)]).write(
+            args.figure
+        )
 
 
 if __name__ == "__main__":

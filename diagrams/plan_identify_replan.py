@@ -15,7 +15,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
@@ -40,8 +39,10 @@ from cpid_drake import (
     shipped_scenario,
 )
 from cpid_drake.dynamics.parameterizations import parameter_scale
+from cpid_drake.files.figures import COLORS, INK, new_figure
 from cpid_drake.planning.plan_options import PlanOptions
 from cpid_drake.planning.planner import Planner
+from cpid_drake.report.page import Report, Section
 from cpid_drake.simulation.joint_motions import HalfCosineMotion
 
 LOG_PERIOD = 0.05  # [s]
@@ -196,18 +197,20 @@ def run(
 
 def draw(craft: Craft, history: History, precision: float, path: Path) -> None:
     """Draw σ and the joint errors over time."""
-    figure = Figure(figsize=(7.5, 5.0), layout="constrained")
-    above, below = figure.subplots(2, 1, sharex=True)
-    above.semilogy(history.time, 100 * np.array(history.sigma), ".-")
-    above.axhline(100 * precision, color="C1", linestyle="--", linewidth=1.0)
+    title = "Largest σ of the ten parameters; dashed: asked for"
+    above = new_figure(title, "", "% of scale", height=300)
+    above.add_scatter(x=history.time, y=100 * np.array(history.sigma), mode="lines+markers")
+    above.add_hline(100 * precision, line={"color": COLORS[1], "dash": "dash"})
     times, error = craft.tracking_error()
-    below.semilogy(times[1:], error[1:])
-    for axes in (above, below):
+    below = new_figure("Largest tracking error of the joints", "time [s]", "rad", height=300)
+    below.add_scatter(x=times[1:], y=error[1:])
+    for figure in (above, below):
+        figure.update_yaxes(type="log", exponentformat="power")
+        figure.update_xaxes(range=[0.0, times[-1]])
         for end in history.ends[:-1]:
-            axes.axvline(end, color="0.7", linewidth=1.0)
-    above.set(title="Largest σ of the ten parameters; dashed: asked for", ylabel="% of scale")
-    below.set(title="Largest tracking error of the joints", xlabel="time [s]", ylabel="rad")
-    figure.savefig(path)
+            figure.add_vline(end, line={"color": INK, "width": 1})
+    section = Section("Errors", figures=[above, below], columns=1)
+    Report("Plan, identify, replan", "", [section]).write(path)
 
 
 def main() -> None:
@@ -215,7 +218,9 @@ def main() -> None:
     parser.add_argument("--sensors", default="coarse", help="a sensor preset or a file")
     parser.add_argument("--precision", type=float, default=0.15, help="largest σ [%% of scale]")
     parser.add_argument("--seed", type=int, default=1, help="of the target and the sensors' errors")
-    parser.add_argument("--figure", metavar="FILE", help="draw σ and tracking errors as a PNG file")
+    parser.add_argument(
+        "--figure", metavar="FILE", help="draw σ and tracking errors as an HTML page"
+    )
     args = parser.parse_args()
     if not args.precision > 0:
         parser.exit(2, f"{parser.prog}: error: --precision must be > 0\n")

@@ -128,7 +128,7 @@ class PortsDirective(SphinxDirective):
 
 PLACES = (
     *("", "builtins.", "typing.", "numpy.", "numpy.typing.", "collections.abc."),
-    *("matplotlib.figure.", "pydrake.multibody.tree."),
+    *("plotly.graph_objects.", "pydrake.multibody.tree."),
 )
 
 

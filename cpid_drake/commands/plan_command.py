@@ -13,7 +13,7 @@ import cpid_drake as cpid
 from cpid_drake.commands import options
 from cpid_drake.commands.groups import group
 from cpid_drake.files.digits import significant
-from cpid_drake.files.errors import InputError, prefix_errors
+from cpid_drake.files.errors import prefix_errors
 from cpid_drake.files.overwriting import check_outputs
 from cpid_drake.files.resources import find_scenario
 from cpid_drake.planning.plan_options import PlanOptions
@@ -73,7 +73,7 @@ def motion(
     *,
     out: options.File,
     chosen: Choices = Choices(),
-    picture: options.File | None = None,
+    report: options.File | None = None,
     force: options.Force = False,
     quiet: options.Quiet = False,
 ) -> None:
@@ -84,18 +84,17 @@ def motion(
 
     Args:
         out: YAML file of the planned motion.
-        picture: PNG or SVG file with σ, joints and base of the plan.
+        report: HTML page with σ, joints and base of the plan.
 
     """
     from cpid_drake.planning.comparison import predictions
     from cpid_drake.planning.plan_file import write_plan
-    from cpid_drake.report.plan_figures import motion_table, save_plan
+    from cpid_drake.report.pages.plan_page import plan_report
+    from cpid_drake.report.plan_tables import motion_table
     from cpid_drake.report.terminal import print_table
 
     path, start = find_scenario(scenario), time.perf_counter()
-    check_outputs([("--out", out), ("--picture", picture)], [path, chosen.prior], force=force)
-    if picture is not None and picture.suffix not in (".png", ".svg"):
-        raise InputError(f"--picture {picture}: give the name of a .png or .svg file")
+    check_outputs([("--out", out), ("--report", report)], [path, chosen.prior], force=force)
     log = options.log_console(quiet)
     with prefix_errors(scenario), log.status("planning") as status:
 
@@ -117,13 +116,15 @@ def motion(
         )
     for note in planner.notes:
         log.print(f"note: {note}")
-    if picture is not None:
-        save_plan(picture, planner, motions, found)
+    title = f"Predicted σ, a target of {planner.targets[0][0]:.3g} kg"
+    table, active = motion_table(found, title), "; ".join(best.active) or "none"
+    if report is not None:
+        facts = [("Scenario", str(scenario)), ("Plan", str(out)), ("Active limits", active)]
+        plan_report(planner, motions, found, table, facts).write(report)
     if quiet:
         return
-    title = f"Predicted σ, a target of {planner.targets[0][0]:.3g} kg"
-    print_table(motion_table(found, title))
-    print(f"active limits: {'; '.join(best.active) or 'none'}")
+    print_table(table)
+    print(f"active limits: {active}")
     print(f"cpid simulate SCENARIO --out DIR, with joint_motion: !MotionFile {{file: {out}}}")
 
 
@@ -148,7 +149,7 @@ def rank(
 
     """
     from cpid_drake.planning.comparison import predictions, reference_motions
-    from cpid_drake.report.plan_figures import motion_table, rank_correlation
+    from cpid_drake.report.plan_tables import motion_table, rank_correlation
     from cpid_drake.report.terminal import print_table
     from cpid_drake.simulation.joint_motions import MotionFile
 

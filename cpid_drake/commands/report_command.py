@@ -7,9 +7,8 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from cpid_drake.commands import options
-from cpid_drake.files.drafts import draft_folder
 from cpid_drake.files.errors import InputError
-from cpid_drake.files.overwriting import check_folder, check_outputs
+from cpid_drake.files.overwriting import check_outputs
 from cpid_drake.identification.identify_files import identify_files
 from cpid_drake.report.contents import collect_contents, collect_contents_of_file
 from cpid_drake.report.pages.identification import identification_report
@@ -24,7 +23,6 @@ def report(
     chosen: options.LogOptions = options.LogOptions(),
     result: Annotated[options.FileName | None, Parameter(metavar="FILE")] = None,
     run: options.Folder | None = None,
-    figures: options.Folder | None = None,
     force: options.Force = False,
     quiet: options.Quiet = False,
 ) -> None:
@@ -38,7 +36,6 @@ def report(
         out: HTML file to write.
         result: In place of a log: a result of `cpid identify --json`.
         run: In place of a log: a folder of `cpid simulate`.
-        figures: Write the figures there too, as PNG and SVG.
 
     """
     if sum(each is not None for each in (log, result, run)) != 1:
@@ -48,7 +45,6 @@ def report(
 
     def check(inputs: Sequence[str | Path | None]) -> None:
         check_outputs([("--out", out)], inputs, force=force)
-        check_folder("--figures", figures, inputs, force=force)
 
     simulated = None if run is None else read_run(run)
     asked = chosen if run is None else chosen.of_run(run)
@@ -66,9 +62,6 @@ def report(
         check([log, result, run, *contents.files()])
         status.update("drawing")
         page.write(out)
-        if figures is not None:
-            with draft_folder(figures) as draft:
-                page.save_figures(draft)
     if contents.missing:
         console.print(f"note: the report has no sections that need the log: {contents.missing}")
-    console.print(f"{out}" + (f", figures in {figures}" if figures else ""))
+    console.print(f"{out}")

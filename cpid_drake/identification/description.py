@@ -78,6 +78,21 @@ def summary(result: "Identification") -> str:
     return f"Identification({_how(result)}; rank {result.rank} of {result.most}; {mass}; {checks})"
 
 
+def verdict(result: "Identification") -> str:
+    """Return the mass with its interval, and whether the checks passed, as a headline."""
+    mass = result["m"]
+    text = f"m {'= ' if mass.is_identifiable else ''}{mass.in_words()}"
+    if result.rank < result.most:
+        text += f"; {result.rank} of {result.most} combinations are determined"
+    failed = [check.name for check in result.checks if not check.passed]
+    if failed:
+        more = f" and {len(failed) - 2} more" if len(failed) > 2 else ""
+        return (
+            f"{'A check' if len(failed) == 1 else 'Checks'} failed: {', '.join(failed[:2])}{more}"
+        )
+    return f"{text}; {'all checks passed' if result.checks else 'no check was made'}"
+
+
 def _how(result: "Identification") -> str:
     how = result.estimator + (f" with {result.rows} rows" if result.rows else "")
     return f"by {how}, from {result.sample_count} samples"

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from math import isfinite
 
-from cpid_drake.files.digits import decimals_of, significant
+from cpid_drake.files.digits import decimals_of, significant, with_half_width
 
 
 @dataclass(frozen=True, repr=False)
@@ -60,3 +60,12 @@ class ParameterEstimate:
         if low and high:
             return f"[{low}, {high}]"
         return f"above {low}" if low else f"below {high}" if high else ""
+
+    def in_words(self) -> str:
+        """Return the estimate with its interval and unit, such as "8.495 ± 0.017 kg"."""
+        (low, high), spread = self.interval, self.shown_interval()
+        half = (high - low) / 2
+        if self.is_identifiable and abs((high + low) / 2 - self.value) <= 0.05 * half:
+            return f"{with_half_width(self.value, half)} {self.unit}"
+        shown = ", ".join(filter(None, (self.shown(), spread)))
+        return f"{shown} {self.unit}" if self.is_identifiable or spread else shown

@@ -30,8 +30,8 @@ from cpid_drake.logs.log import Samples
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.reference import SpacecraftReference
 
-if TYPE_CHECKING:  # Drake and Matplotlib take half a second to import
-    from matplotlib.figure import Figure
+if TYPE_CHECKING:  # Drake and Plotly take half a second to import
+    from plotly.graph_objects import Figure
     from pydrake.multibody.tree import SpatialInertia
 
 SPACECRAFT = "spacecraft model"
@@ -345,7 +345,7 @@ class Identification:
         return html(self)
 
     def plot(self, truth: InertialParameters | None = None) -> "Figure":
-        """Return a figure of Matplotlib's pyplot: each parameter with its 95 % interval.
+        """Return a figure of Plotly: each parameter with its 95 % interval.
 
         Args:
             truth: the true target, if it is known.

@@ -4,6 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.identify_files import (
@@ -43,6 +45,21 @@ class ReportContents:
     def truth(self) -> InertialParameters | None:
         """The true target, if it is known from a simulation."""
         return None if self.run is None else self.run.truth
+
+    def differences(self) -> list[str]:
+        """Return a warning if the log, identified again, gives other values than the result."""
+        if self.evidence is None or self.evidence.found is self.result:
+            return []
+        sigma = np.sqrt(np.nan_to_num(np.diag(self.result.covariance)))
+        before, again = self.result.parameters, self.evidence.found.parameters
+        close = np.abs(again - before) <= 1e-3 * sigma + 1e-9 * np.abs(again)
+        if np.all(close | (np.isnan(again) & np.isnan(before))):
+            return []
+        return [
+            "For this report the log was identified again; the values differ from those of the "
+            "result file, and the figures show the new ones. The model, the sensors or the "
+            "software have changed since the result file was written."
+        ]
 
     def files(self) -> list[str | Path | None]:
         """Return the files that the report was made from, as far as they exist."""

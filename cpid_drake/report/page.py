@@ -1,6 +1,7 @@
 """A page: one self-contained HTML file, made of sections. Jinja escapes all text of the user."""
 
 import csv
+import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -8,10 +9,12 @@ from io import StringIO
 from pathlib import Path
 
 import jinja2
+import plotly.graph_objects as go
 from markupsafe import Markup
+from plotly.offline import get_plotlyjs
+from plotly.utils import PlotlyJSONEncoder
 
 from cpid_drake.files.drafts import draft_folder, write_text
-from cpid_drake.files.pictures import Picture, save_pictures
 
 
 @dataclass(frozen=True)
@@ -43,9 +46,12 @@ class Section:
         texts: paragraphs.
         facts: names and values of a list.
         tables: tables with captions and notes.
-        pictures: figures.
+        figures: figures of Plotly; the page sets their width and their colours of text and grid.
+        columns: number of figures side by side in a wide window.
         command: a command line.
-        inner_page: an HTML page as escaped JSON, which a button opens in the page.
+        inner_page: an HTML page as escaped JSON, which starts when it is seen.
+        folded: whether the page shows the heading alone until it is clicked.
+        half: whether the section takes half of a wide window, beside another one of that kind.
 
     """
 
@@ -54,13 +60,16 @@ class Section:
     texts: Sequence[str] = ()
     facts: Sequence[tuple[str, str]] = ()
     tables: Sequence[Table] = ()
-    pictures: Sequence[Picture] = ()
+    figures: Sequence[go.Figure] = ()
+    columns: int = 3
     command: str = ""
     inner_page: Markup | None = None
+    folded: bool = False
+    half: bool = False
 
     @property
     def anchor(self) -> str:
-        """The section's id in the page, for links, and the name of its figures' file."""
+        """The section's id in the page, for links."""
         return re.sub("[^a-z0-9]+", "-", self.title.lower()).strip("-")
 
 
@@ -91,15 +100,13 @@ class Report:
             lstrip_blocks=True,
             undefined=jinja2.StrictUndefined,
         )
-        data = {name: embedded_json(text) for name, text in self.data.items()}
-        return environment.get_template("page.html.j2").render(report=self, data=data)
-
-    def save_figures(self, folder: Path) -> None:
-        """Write the figures of every section into an existing folder, as PNG and as SVG."""
-        for section in self.sections:
-            for ending in ("png", "svg") if section.pictures else ():
-                file = folder / f"{section.anchor}.{ending}"
-                save_pictures(file, ending, section.pictures, 2)
+        has_figures = any(section.figures for section in self.sections)
+        return environment.get_template("page.html.j2").render(
+            report=self,
+            data={name: embedded_json(text) for name, text in self.data.items()},
+            figure_json=_figure_json,
+            plotly=Markup(get_plotlyjs()) if has_figures else "",
+        )
 
     def write(self, path: str | Path) -> None:
         """Write the page to a file.
@@ -111,14 +118,13 @@ class Report:
         write_text(path, self.html())
 
     def write_folder(self, folder: Path) -> None:
-        """Write the page, its figures and its other files into a folder, all or none.
+        """Write the page and its other files into a folder, all or none.
 
         Raises:
             InputError: a file cannot be written; those that were there are then unchanged.
 
         """
         with draft_folder(folder, ["report.html"]) as draft:
-            self.save_figures(draft)
             self.write(draft / "report.html")
             for name, text in self.files.items():
                 write_text(draft / name, text)
@@ -129,3 +135,10 @@ def embedded_json(text: str) -> Markup:
     for character in "<>&":
         text = text.replace(character, f"\\u{ord(character):04x}")
     return Markup(text)
+
+
+def _figure_json(figure: go.Figure) -> Markup:
+    """Return data and layout of a figure without its template: the page has its own."""
+    content = figure.to_dict()
+    content["layout"].pop("template", None)
+    return embedded_json(json.dumps(content, cls=PlotlyJSONEncoder))

@@ -27,8 +27,13 @@ from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.systems.scene_page import estimate_lines, scene_html
 from cpid_drake.systems.scene_visualizer import FRAME_PERIOD
 
-LONGEST_REPLAY = 60.0
+LONGEST_REPLAY = 30.0
 """Longest part of a log that is replayed [s]: a page with more frames is slow to open."""
+
+MOST_FRAMES = 240
+"""Most frames of a replay; Meshcat interpolates between them."""
+
+_MOST_SAMPLES = 600  # of each sensor, for the motion of a replay
 
 
 def replay_html(
@@ -60,9 +65,10 @@ def replay_html(
     states, zero = spacecraft.to_states(motion), motion.time[0]
     meshcat = Meshcat(MeshcatParams(host=LOCAL))
     scene = Scene(spacecraft, meshcat, truth=truth, visual_model=visual_model)
-    meshcat.StartRecording(1 / FRAME_PERIOD, set_visualizations_while_recording=False)
+    period = max(FRAME_PERIOD, (motion.time[-1] - zero) / MOST_FRAMES)
+    meshcat.StartRecording(1 / period, set_visualizations_while_recording=False)
     starts = [time for time, _ in estimates]
-    frames = np.arange(zero, motion.time[-1] + FRAME_PERIOD, FRAME_PERIOD)
+    frames = np.arange(zero, motion.time[-1] + period, period)
     for k in np.unique(np.searchsorted(motion.time[:-1], frames - 1e-9)):
         latest = int(np.searchsorted(starts, motion.time[k] + 1e-9))
         found = estimates[latest - 1][1] if latest else None
@@ -123,7 +129,9 @@ def motion_of(
     sensors: SensorSuite | None,
     longest: float = LONGEST_REPLAY,
 ) -> Motion:
-    """Return the motion at the beginning of a log: its complete samples, else smoothed ones.
+    """Return the motion at the beginning of a log: complete samples, else smoothed ones.
+
+    Of many samples, an even selection is used.
 
     Args:
         log: the samples.
@@ -135,7 +143,7 @@ def motion_of(
         InputError: the log has too few samples, or a sensor that smoothing needs is missing.
 
     """
-    beginning = log.between(0.0, longest)
+    beginning = log.between(0.0, longest).thinned(_MOST_SAMPLES)
     screened = screen(in_joint_order(beginning, spacecraft).log).log
     with_position = bool(len(screened.position))
     if len(screened.attitude):

@@ -101,4 +101,5 @@ def simulated_section(run: Run) -> Section:
         facts=facts,
         tables=[Table(["", *estimate], [["online estimate", *cells]])],
         warnings=[f"The spacecraft cannot make this motion: {e}." for e in about.limits.exceeded],
+        folded=not about.limits.exceeded,
     )

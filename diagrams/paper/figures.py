@@ -1,13 +1,13 @@
 """The figures of the paper's study."""
 
+from base64 import b64encode
 from collections.abc import Sequence
-from functools import partial
+from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from numpy.typing import NDArray
+import plotly.graph_objects as go
 
-from cpid_drake.files.pictures import COLORS, INK, Picture, curves, label_axes, legend_below
+from cpid_drake.files.figures import COLORS, curves, new_figure
 from cpid_drake.report.page import Section
 from paper.rounding import RoundedCase
 from paper.scene import render_scenario
@@ -23,10 +23,8 @@ def sections(study: PaperStudy) -> list[Section]:
     turns = ("yaw", "pitch", "roll")
     attitude = 1e3 * np.degrees(np.abs(study.attitude_error))
     position = 1e6 * np.abs(study.position_error)
-    pictures = {
-        "Mass against decimals (Table 2)": [
-            Picture("Error of the mass", partial(_draw_decimals, study))
-        ],
+    figures = {
+        "Mass against decimals (Table 2)": [_decimals(study)],
         "Configurations (Fig. 3)": _configurations(study),
         "Joint motion (Fig. 5)": _joint_motion(study),
         "Motion of the base (Fig. 6)": [
@@ -40,22 +38,29 @@ def sections(study: PaperStudy) -> list[Section]:
             curves("(B) Position error", t.time, position, "|error| [µm]"),
         ],
     }
-    return [Section(title, pictures=each) for title, each in pictures.items()]
+    columns = {1: 1, 2: 2, 4: 2}
+    return [
+        Section(title, figures=each, columns=columns.get(len(each), 3))
+        for title, each in figures.items()
+    ]
 
 
-def _configurations(study: PaperStudy) -> list[Picture]:
-    """Return pictures of the spacecraft and its target at the start and at the end."""
+def _configurations(study: PaperStudy) -> list[go.Figure]:
+    """Return images of the spacecraft and its target at the start and at the end."""
     states = study.simulation.spacecraft.to_states(study.telemetry.select([0, -1]))
     images = render_scenario(study.simulation.scenario, list(states))
-    pictures = []
+    figures = []
     for name, time, image in zip("AB", study.telemetry.time[[0, -1]], images, strict=True):
-        title = f"({name}) Configuration at {time:g} s"
-        pictures.append(Picture(title, partial(_draw_image, image, title), (4.6, 3.5)))
-    return pictures
+        figure = new_figure(f"({name}) Configuration at {time:g} s", height=400)
+        source = f"data:image/png;base64,{b64encode(image).decode()}"
+        place = {"x": 0, "y": 1, "sizex": 1, "sizey": 1, "xref": "paper", "yref": "paper"}
+        figure.add_layout_image(source=source, **place)
+        figures.append(figure.update_xaxes(visible=False).update_yaxes(visible=False))
+    return figures
 
 
-def _joint_motion(study: PaperStudy) -> list[Picture]:
-    """Return positions and rates of the joints that move, six joints in a picture."""
+def _joint_motion(study: PaperStudy) -> list[go.Figure]:
+    """Return positions and rates of the joints that move, six joints in a figure."""
     telemetry, names = study.telemetry, study.simulation.spacecraft.joint_names
     moving = np.flatnonzero(np.ptp(telemetry.q, axis=0) > 1e-6)
     parts = np.array_split(moving, max(1, -(-len(moving) // _CURVES)))
@@ -66,7 +71,7 @@ def _joint_motion(study: PaperStudy) -> list[Picture]:
             np.degrees(values[:, part]),
             unit,
             [names[joint].replace("_", " ") for joint in part],
-            size=(3.7, 3.2),
+            height=320,
         )
         for what, values, unit in (
             ("angles", telemetry.q, "angle [deg]"),
@@ -76,31 +81,30 @@ def _joint_motion(study: PaperStudy) -> list[Picture]:
     ]
 
 
-def _draw_image(image: NDArray[np.uint8], title: str, axes: Axes) -> None:
-    axes.imshow(image)
-    axes.set_axis_off()
-    axes.set_title(title)
+def _decimals(study: PaperStudy) -> go.Figure:
+    """Return the figure of the error of the mass against the decimals of the data."""
+    figure = new_figure("Error of the mass", "decimals of the data", "relative error", height=400)
 
+    def add(name: str, decimals: Sequence[int], masses: Sequence[float], **style: Any) -> None:
+        error = np.abs(np.array(masses) / study.truth.mass - 1)
+        figure.add_scatter(x=decimals, y=error, name=name, **style)
 
-def _draw_decimals(study: PaperStudy, axes: Axes) -> None:
-    def relative(masses: Sequence[float]) -> NDArray[np.float64]:
-        return np.abs(np.array(masses) / study.truth.mass - 1)
+    def add_cases(name: str, cases: Sequence[RoundedCase], color: str, symbol: str) -> None:
+        answered = [case for case in cases if not case.objection]
+        others = [case for case in cases if case.objection]
+        masses = [case.mass for case in answered]
+        style = {"line": {"color": color}, "marker": {"symbol": symbol, "size": 7}}
+        add(name, [case.decimals for case in answered], masses, mode="lines+markers", **style)
+        masses = [case.mass for case in others]
+        style = {"marker": {"symbol": "x-thin-open", "size": 8, "color": color}}
+        label = f"{name}: no answer"
+        add(label, [case.decimals for case in others], masses, mode="markers", **style)
 
-    def plot(cases: Sequence[RoundedCase], style: str, color: str, label: str = "") -> None:
-        masses = relative([case.mass for case in cases])
-        decimals = [case.decimals for case in cases]
-        axes.plot(decimals, masses, style, color=color, label=label or None)
-
-    series = [("here, motion of Fig. 5", "o-", COLORS[0], study.rounded)]
+    add_cases("here, motion of Fig. 5", study.rounded, COLORS[0], "circle")
     if study.exciting:
-        theirs = relative(list(PAPER_TABLE_2.values()))
-        axes.plot(list(PAPER_TABLE_2), theirs, "s--", color=COLORS[1], label="paper (printed)")
-        series.append(("here, exciting motion", "^-", COLORS[2], study.exciting[1]))
-    for name, style, color, cases in series:
-        plot([case for case in cases if not case.objection], style, color, name)
-        plot([case for case in cases if case.objection], "x", color)
-    axes.plot([], [], "x", color=INK, label="no answer")
-    axes.set_yscale("log")
-    label_axes(axes, "Error of the mass", "decimals of the data", "relative error")
-    axes.set_xticks([case.decimals for case in study.rounded])
-    legend_below(axes, 2)
+        style = {"line": {"color": COLORS[1], "dash": "dash"}, "marker": {"symbol": "square"}}
+        theirs = [*PAPER_TABLE_2.values()]
+        add("paper (printed)", [*PAPER_TABLE_2], theirs, mode="lines+markers", **style)
+        add_cases("here, exciting motion", study.exciting[1], COLORS[2], "triangle-up")
+    figure.update_xaxes(tickvals=[case.decimals for case in study.rounded])
+    return figure.update_yaxes(type="log", exponentformat="power")

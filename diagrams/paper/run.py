@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Reproduce the study of Ning et al. 2016: simulate, identify, print tables, draw figures.
 
-`make demo` runs this. The folder gets a page, `report.html`, its figures and `summary.json`.
+`make demo` runs this. The folder gets a page, `report.html`, and `summary.json`.
 """
 
 import argparse
@@ -9,6 +9,7 @@ import json
 import logging
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -29,15 +30,17 @@ from paper.values import EXCITING
 def page_of(study: PaperStudy, scenario: str, summary: dict[str, Any]) -> Report:
     """Return the page of a study on a scenario of this name or path."""
     words = ["python", "diagrams/paper/run.py", "--scenario", scenario, "--out", "OUT"]
+    mass, *others = figures.sections(study)
     introduction = Section("The paper and this study", texts=tables.INTRODUCTION)
-    sections = [introduction, *tables.sections(study), *figures.sections(study)]
+    folded = [replace(each, folded=True) for each in others]
+    sections = [mass, introduction, *tables.sections(study), *folded]
     files = {"summary.json": json.dumps(summary, indent=2, allow_nan=False) + "\n"}
     title, facts = "Study of Ning et al. 2016", [("Scenario", scenario)]
     return study_report(title, f"Scenario {scenario}", sections, facts, words, files)
 
 
 def run(scenario: str, out: Path, *, force: bool = False, quiet: bool = False) -> PaperStudy:
-    """Run the study of a scenario, and write its page, figures and numbers into a folder."""
+    """Run the study of a scenario, and write its page and numbers into a folder."""
     start = time.perf_counter()
     path = find_scenario(scenario)
     loaded, exciting = load_scenario(path), load_scenario(find_scenario(EXCITING))

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Make the README's pictures and tables again: `python diagrams/pictures/make.py [NAME ...]`.
 
-It runs the commands that the README shows; `accuracy` takes three minutes on two cores. The
-pictures of scenes are recorded pages in Chromium, driven by Playwright.
+It runs the commands that the README shows; `accuracy` takes three minutes on two cores. All
+but the Diagram are pages in Chromium, driven by Playwright.
 """
 
 import argparse
@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pydot
@@ -72,8 +73,8 @@ def identify(folder: Path) -> None:
 
 
 @contextmanager
-def seekable(file: Path, width: int, height: int) -> Iterator[Callable[[float], bytes]]:
-    """Provide a function from a time [s] to the PNG of a recorded scene at it, in Chromium."""
+def shown(file: Path, width: int, height: int) -> Iterator[Any]:
+    """Provide a page that is open in Chromium."""
     from playwright.sync_api import sync_playwright
 
     browser_path = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -82,6 +83,25 @@ def seekable(file: Path, width: int, height: int) -> Iterator[Callable[[float], 
         browser = playwright.chromium.launch(executable_path=browser_path, args=flags)
         page = browser.new_page(viewport={"width": width, "height": height})
         page.goto(file.as_uri())
+        yield page
+        browser.close()
+
+
+def keep_figures(file: Path, section: str, name: str) -> None:
+    """Write the figures of a section of a page as a PNG beside this script."""
+    with shown(file, 1100, 2400) as page:
+        page.locator(f"#{section}").evaluate("each => { each.open = true; }")
+        figures = page.locator(f"#{section} .figures")
+        figures.scroll_into_view_if_needed()
+        figures.locator(".plot .main-svg").last.wait_for()
+        page.wait_for_timeout(500)
+        figures.screenshot(path=HERE / f"{name}.png")
+
+
+@contextmanager
+def seekable(file: Path, width: int, height: int) -> Iterator[Callable[[float], bytes]]:
+    """Provide a function from a time [s] to the PNG of a recorded scene at it, in Chromium."""
+    with shown(file, width, height) as page:
         page.wait_for_function("viewer.animator.duration > 0")
         page.add_style_tag(content=".dg { display: none !important }")  # the bar of the controls
 
@@ -95,7 +115,6 @@ def seekable(file: Path, width: int, height: int) -> Iterator[Callable[[float], 
             return page.screenshot()
 
         yield picture
-        browser.close()
 
 
 def scene(folder: Path) -> None:
@@ -128,10 +147,8 @@ def moving(folder: Path) -> None:
 
 def convergence(folder: Path) -> None:
     """Draw how the estimate from the sample log converges."""
-    cpid(*SAMPLE, "--json", folder / "bag.json", "--quiet")
-    report = ("report", "--result", folder / "bag.json", "--out", folder / "bag.html", "--quiet")
-    cpid(*report, "--figures", folder / "figures")
-    shutil.copy(folder / "figures/convergence.png", HERE)
+    cpid(*SAMPLE, "--report", folder / "bag.html", "--quiet")
+    keep_figures(folder / "bag.html", "convergence", "convergence")
 
 
 def paper(folder: Path) -> None:
@@ -142,8 +159,8 @@ def paper(folder: Path) -> None:
         "configurations-fig-3": "figure3_configurations",
         "mass-against-decimals-table-2": "table2_decimals",
     }
-    for name, picture in names.items():
-        shutil.copy(folder / "paper" / f"{name}.png", HERE / f"{picture}.png")
+    for section, picture in names.items():
+        keep_figures(folder / "paper/report.html", section, picture)
 
 
 def accuracy(folder: Path) -> None:
@@ -151,20 +168,22 @@ def accuracy(folder: Path) -> None:
     campaign = HERE.parents[1] / "models/campaigns/estimators.yaml"
     cpid("campaign", "run", campaign, "--out", folder / "accuracy")
     print(cpid("campaign", "report", folder / "accuracy"))
-    shutil.copy(folder / "accuracy/errors.png", HERE / "accuracy_flight.png")
+    keep_figures(folder / "accuracy/report.html", "errors", "accuracy_flight")
 
 
 def adaptive_control(folder: Path) -> None:
     """Draw the tracking errors of the adaptive controller, and print their table."""
-    script, picture = HERE.parent / "adaptive_control.py", HERE / "adaptive_control.png"
-    subprocess.run([sys.executable, script, "--figure", picture], check=True, cwd=folder)
+    script, page = HERE.parent / "adaptive_control.py", folder / "errors.html"
+    subprocess.run([sys.executable, script, "--figure", page], check=True, cwd=folder)
+    keep_figures(page, "errors", "adaptive_control")
 
 
 def plan_identify_replan(folder: Path) -> None:
     """Draw σ and the tracking errors of the closed loop, and print what it found."""
     name = "plan_identify_replan"
-    script, picture = HERE.parent / f"{name}.py", HERE / f"{name}.png"
-    subprocess.run([sys.executable, script, "--figure", picture], check=True, cwd=folder)
+    script, page = HERE.parent / f"{name}.py", folder / "loop.html"
+    subprocess.run([sys.executable, script, "--figure", page], check=True, cwd=folder)
+    keep_figures(page, "errors", name)
 
 
 PICTURES: dict[str, Callable[[Path], None]] = {

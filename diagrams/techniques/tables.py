@@ -1,11 +1,9 @@
 """Tables and figures of the comparison of techniques."""
 
-from functools import partial
-
 import numpy as np
-from matplotlib.axes import Axes
+import plotly.graph_objects as go
 
-from cpid_drake.files.pictures import COLORS, INK, Picture, label_axes, legend_below
+from cpid_drake.files.figures import COLORS, INK, new_figure
 from cpid_drake.report.page import Section, Table
 from techniques.claims import CLAIMS, judge
 from techniques.comparison import ONE_JOINT, Cell, TechniqueComparison
@@ -35,7 +33,7 @@ def sections(found: TechniqueComparison) -> list[Section]:
     return [
         Section("What is compared", texts=INTRODUCTION),
         Section("The paper’s claims", facts=claims(found)),
-        Section("Errors at a glance", pictures=pictures(found)),
+        Section("Errors at a glance", figures=figures(found), columns=1),
         Section("Errors of each technique", tables=[each for each in errors if each.rows]),
         Section("Motions, training and control of their own", tables=[_experiments(found)]),
         Section(
@@ -105,18 +103,17 @@ def _experiments(found: TechniqueComparison) -> Table:
     return Table(["", "quantity", "value"], rows, note=note)
 
 
-def pictures(found: TechniqueComparison) -> list[Picture]:
-    """Return a picture of the errors of all techniques for each motion."""
+def figures(found: TechniqueComparison) -> list[go.Figure]:
+    """Return a figure of the errors of all techniques for each motion."""
     motions = dict.fromkeys(cell.motion for cell in found.cells if cell.motion != ONE_JOINT)
-    return [
-        Picture(f"errors of {each}", partial(_draw_errors, found, each), (8.0, 5.2))
-        for each in motions
-    ]
+    return [_error_figure(found, each) for each in motions]
 
 
-def _draw_errors(found: TechniqueComparison, motion: str, axes: Axes) -> None:
+def _error_figure(found: TechniqueComparison, motion: str) -> go.Figure:
     cells = [cell for cell in found.cells if cell.motion == motion]
     names = [each.name for each in found.records if each.experiment is None]
+    label = "RMS error of the worst parameter (| bound)"
+    figure = new_figure(motion, label, height=22 * len(names) + 160)
     for k, cell in enumerate(cells):
         place = (motion, cell.sensors, cell.target)
         rms, low, high, bounds = (
@@ -124,15 +121,20 @@ def _draw_errors(found: TechniqueComparison, motion: str, axes: Axes) -> None:
             for each in ("rms", "low", "high", "bound")
         )
         y = np.arange(len(names)) + 0.2 * (k - (len(cells) - 1) / 2)
-        spread, color = np.maximum([rms - low, high - rms], 0.0), COLORS[k]
-        label = f"{cell.sensors}, {cell.target} target"
-        axes.errorbar(rms, y, xerr=spread, fmt="o", color=color, label=label, markersize=4)
-        axes.plot(bounds, y, "|", color=color if k else INK, markersize=9)
-    axes.set_xscale("log")
-    axes.set_yticks(np.arange(len(names)), names)
-    axes.invert_yaxis()
-    label_axes(axes, motion, "RMS error of the worst parameter (| bound)", "")
-    legend_below(axes, 3)
+        color, title = COLORS[k % 6], f"{cell.sensors}, {cell.target} target"
+        spread = {"array": np.maximum(high - rms, 0), "arrayminus": np.maximum(rms - low, 0)}
+        marker = {"color": color, "size": 7}
+        figure.add_scatter(
+            x=rms, y=y, error_x=spread, mode="markers", name=title, text=names, marker=marker
+        )
+        line = {"color": color if k else INK, "width": 2}
+        marker = {"symbol": "line-ns-open", "size": 9, "line": line}
+        name = f"bound of {title}"
+        figure.add_scatter(x=bounds, y=y, mode="markers", name=name, text=names, marker=marker)
+    figure.update_xaxes(type="log", exponentformat="power")
+    figure.update_layout(legend={"y": -0.1})
+    rows = {"tickvals": np.arange(len(names)), "ticktext": names, "autorange": "reversed"}
+    return figure.update_yaxes(**rows)
 
 
 def number(value: float) -> str:

@@ -5,10 +5,10 @@ import io
 import queue
 import threading
 
-import matplotlib.image
 import numpy as np
 import pytest
 from flyer_cases import payload
+from PIL import Image
 from processes import HUNG
 
 from cpid_drake import LivePage, make_simulation
@@ -30,7 +30,7 @@ def replay(tmp_path_factory):
 
 def pixels(page) -> np.ndarray:
     """What the page shows, (height, width, 3) of 0 to 1."""
-    return matplotlib.image.imread(io.BytesIO(page.screenshot()), "png")[:, :, :3]
+    return np.asarray(Image.open(io.BytesIO(page.screenshot())).convert("RGB")) / 255
 
 
 def settled(page) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""`cpid report` and `cpid identify --report`: the pages and figures they write, and refusals."""
+"""`cpid report` and `cpid identify --report`: the pages they write, and refusals."""
 
 import json
 import re
@@ -6,17 +6,15 @@ import re
 import pytest
 from flyer_cases import FREE_FLYER, SAMPLE
 
-from cpid_drake.files.pictures import Picture
 from cpid_drake.files.resources import models_directory
 from cpid_drake.report.pages import identification
 
 
 @pytest.fixture(scope="module", autouse=True)
 def quick():
-    """Pages without drawings and replay: those are tested elsewhere."""
+    """Pages without a scene: that is tested in a browser."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(identification, "replay_html", lambda *args, **options: "replay")
-        patch.setattr(Picture, "html", lambda picture: "")
+        patch.setattr(identification, "replay_html", lambda *args, **options: "scene")
         yield
 
 
@@ -58,25 +56,20 @@ def test_a_result_s_report_is_that_of_its_identification(cpid, result, folder):
 
 
 @pytest.mark.slow
-def test_a_run_s_report_has_the_truth_and_figures(cpid, folder):
+def test_a_run_s_report_has_the_truth(cpid, folder):
     text = (models_directory() / "scenario_template.yaml").read_text()
     shorter = text.replace("simulation:\n  duration: 10.0", "simulation:\n  duration: 3.0")
     assert shorter != text
     (folder / "short.yaml").write_text(shorter.replace("accuracy: 3.0e-11", "accuracy: 3.0e-10"))
     assert cpid("simulate", "short.yaml", "--out", "run", "--quiet")[0] == 0
-    code, stdout, stderr = cpid(
-        "report", "--run", "run", "--out", "run.html", "--figures", "figures"
-    )
-    assert (code, stdout) == (0, "")
-    assert stderr == "run.html, figures in figures\n"
+    code, stdout, stderr = cpid("report", "--run", "run", "--out", "run.html")
+    assert (code, stdout, stderr) == (0, "", "run.html\n")
     truth = json.loads((folder / "run/truth.json").read_text())
     page = (folder / "run.html").read_text()
     assert json.loads(re.search(r'id="data-truth">(.*?)</script>', page, re.DOTALL)[1]) == truth
     assert "error / σ" in page
-    names = ("convergence", "residuals", "identifiability", "base-motion")
-    for name in names:
-        assert (folder / f"figures/{name}.png").read_bytes().startswith(b"\x89PNG")
-        assert "<svg" in (folder / f"figures/{name}.svg").read_text()
+    for name in ("parameters", "convergence", "residuals", "identifiability", "base-motion"):
+        assert f'id="{name}"' in page
 
 
 @pytest.mark.parametrize(

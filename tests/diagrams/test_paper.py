@@ -57,12 +57,11 @@ def summary(study, folder):
 
 
 @pytest.mark.slow
-def test_the_command_writes_a_page_and_its_figures(study, folder):
-    assert len(list(folder.glob("*.png"))) == 5
+def test_the_command_writes_a_page_with_its_figures(study, folder):
     page = (folder / "report.html").read_text()
     assert "Table 2. Mass from data rounded" in page
     assert "99.897213" in page
-    assert page.count("<img ") == 13
+    assert page.count('role="img"') == 13
 
 
 @pytest.mark.slow

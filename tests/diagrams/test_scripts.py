@@ -9,7 +9,6 @@ import sys
 import time
 from functools import cache
 
-import matplotlib.image
 import pytest
 from processes import HUNG, ROOT, finish, start
 
@@ -19,8 +18,8 @@ ARGUMENTS = {
     "own_spacecraft.py": [],
     "live.py": [],
     "lcm.py": [],
-    "adaptive_control.py": ["--figure", "errors.png"],
-    "plan_identify_replan.py": ["--figure", "loop.png"],
+    "adaptive_control.py": ["--figure", "errors.html"],
+    "plan_identify_replan.py": ["--figure", "loop.html"],
     "passivity.py": ["--duration", "2"],
 }
 
@@ -127,8 +126,7 @@ def test_the_estimate_makes_the_tracking_error_vanish(ran, folder):
         assert before > 0.1
         assert before / after == pytest.approx(ratio, rel=0.1)
         assert ratio > least
-    picture = matplotlib.image.imread(folder / "errors.png")
-    assert picture.std() > 0.05
+    assert "estimate from: flight" in (folder / "errors.html").read_text()
 
 
 @pytest.mark.slow
@@ -156,7 +154,7 @@ def test_planned_motions_reach_the_asked_precision(ran, folder):
     assert error < 4 * sigmas[1]
     before, after = map(float, re.findall(r"estimate: (\S+) rad$", stdout, re.M))
     assert before > 10 * after
-    assert matplotlib.image.imread(folder / "loop.png").std() > 0.05
+    assert "Largest tracking error of the joints" in (folder / "loop.html").read_text()
 
 
 @pytest.mark.slow

@@ -90,7 +90,7 @@ def test_a_failed_check_goes_with_every_number(result):
     assert "a check failed" not in repr(result["m"])
     assert str(doubted).startswith(f"failed check: {FAILED.sentence}")
     assert "<b>Failed check: the first half" in doubted._repr_html_()
-    assert FAILED.sentence in doubted.plot().get_suptitle()
+    assert FAILED.sentence in doubted.plot().layout.title.text.replace("<br>", " ")
 
 
 def test_a_repr_is_one_line(result, unknown, craft, log):
@@ -167,20 +167,19 @@ class TestHtml:
 class TestFigure:
     def test_it_shows_each_parameter_with_interval_and_truth(self, result):
         figure = result.plot(BAG)
-        for k, (name, axes) in enumerate(zip(PARAMETER_NAMES, figure.axes, strict=True)):
-            assert axes.get_title(loc="left") == name
-            lines = {line.get_label(): line.get_xdata() for line in axes.lines}
-            np.testing.assert_allclose(lines["95 % interval"], result.shown_intervals[k])
-            assert lines["estimate"][0] == result.parameters[k]
-            assert lines["true value"][0] == BAG.to_vector()[k]
-            low, high = axes.get_xlim()
+        for k, name in enumerate(PARAMETER_NAMES):
+            axis = f"x{k + 1}" if k else "x"
+            marks = {each.name: each.x for each in figure.data if each.xaxis == axis}
+            np.testing.assert_allclose(marks["95 % interval"], result.shown_intervals[k])
+            assert marks["estimate"][0] == result.parameters[k]
+            assert marks["true value"][0] == BAG.to_vector()[k]
+            low, high = figure.layout[f"xaxis{k + 1 if k else ''}"].range
             assert low < result.shown_intervals[k, 0] < result.shown_intervals[k, 1] < high
+            assert f"<b>{name}</b>  {result[name].in_words()}" == figure.layout.annotations[k].text
 
     def test_what_is_not_known_says_so(self, unknown):
         figure = unknown.plot()
-        for axes in figure.axes:
-            assert "not identifiable" in [text.get_text() for text in axes.texts]
-        figure.canvas.draw()
+        assert all("not identifiable" in each.text for each in figure.layout.annotations)
 
 
 def test_of_a_target_without_mass_only_the_mass_has_bounds():

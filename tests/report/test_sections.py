@@ -1,9 +1,11 @@
 """The numbers of sections and tables, from results whose numbers are known."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from processes import ROOT
 from scipy.stats import norm, t
 
 from cpid_drake import InertialParameters
@@ -16,9 +18,10 @@ from cpid_drake.planning.prediction import Prediction
 from cpid_drake.report.contents import ReportContents
 from cpid_drake.report.page import Table
 from cpid_drake.report.pages.identification import identification_report
-from cpid_drake.report.plan_figures import motion_table
+from cpid_drake.report.plan_tables import motion_table
 from cpid_drake.report.sections.data import checks_section
-from cpid_drake.report.sections.estimate import logs_section, result_section
+from cpid_drake.report.sections.estimate import logs_section, numbers_section
+from cpid_drake.report.sections.next_steps import next_sections
 from cpid_drake.sensors.presets import load_sensors
 from cpid_drake.spacecraft.reference import SpacecraftReference
 
@@ -65,7 +68,7 @@ class TestIntervals:
 
     def test_in_the_report(self, case):
         found, factor = case
-        table = result_section(found, None).tables[0]
+        table = numbers_section(found, None).tables[0]
         ends = np.array(
             [each.split(" to ") for each in column(table, "95 % interval")], dtype=float
         )
@@ -106,9 +109,28 @@ def test_a_plan_s_table_is_in_degrees_and_percent():
 
 def test_the_error_is_estimate_minus_truth_in_sigma(found):
     truth = InertialParameters(10.8, TARGET.p_CTcm_C, TARGET.I_TTcm_C)
-    table = result_section(found, truth).tables[0]
+    table = numbers_section(found, truth).tables[0]
     assert column(table, "error / σ") == ["-2.0", *9 * ["+0.0"]]
     assert column(table, "truth")[0] == "10.80"
+
+
+def test_a_failed_check_has_the_advice_of_the_documentation(found):
+    """The table of docs/how-to/symptoms.md is the longer text; its last column is on the page."""
+    text = (ROOT / "docs/how-to/symptoms.md").read_text().split("## The answer is not complete")[0]
+    rows = re.findall(r"^\| `([^`]+)`.* \| .* \| (.*) \|$", text, re.M)
+    assert len(rows) > 15
+    for name, advice in rows:
+        plain = re.sub(r"\[(.*?)\]\(.*?\)", r"\1", advice).replace("`", "")
+        check = Check(name.replace("…", "gyro"), "the sentence")
+        [section] = next_sections(replace(found, checks=(check,)), [])
+        assert section.facts == [(check.name, plain)]
+
+
+def test_the_first_sentence_names_at_most_two_failed_checks(found):
+    names = ("halves", "noise", "log")
+    result = replace(found, checks=tuple(Check(name, "no") for name in names))
+    page = identification_report(ReportContents(result))
+    assert page.title == "Checks failed: halves, noise and 1 more"
 
 
 def test_a_page_whose_check_failed_says_so_first(found):
@@ -116,11 +138,13 @@ def test_a_page_whose_check_failed_says_so_first(found):
     for checks in ((), (Check("momentum", failure),)):
         result = replace(found, checks=checks)
         page = identification_report(ReportContents(result, missing="no log"))
-        assert ("a check failed" in page.title) == bool(checks)
+        assert page.title.startswith(
+            "A check failed: momentum" if checks else "m = 10.00 ± 0.98 kg"
+        )
         assert page.subtitle.startswith(f"Do not use this estimate: {failure}.") == bool(checks)
         passed = Check.of("misfit", "", 1.5, 3.0)
-        table = checks_section(replace(found, checks=(*checks, passed)), None).tables[0]
+        table = checks_section(replace(found, checks=(*checks, passed))).tables[0]
         assert column(table, "statistic") == [*("" for _ in checks), "1.5"]
         assert [row[-1] for row in table.rows] == [*("failed" for _ in checks), "passed"]
-    assert "a check failed</title>" in page.html()
+    assert "<title>A check failed: momentum</title>" in page.html()
     assert "Do not use this estimate: the momentum is &lt;not&gt; zero." in page.html()

@@ -2,17 +2,16 @@
 
 import shlex
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
+import plotly.graph_objects as go
 
 from cpid_drake.campaign.statistics import CONFIDENCE, Statistics, Tally, clopper_pearson, verdict
 from cpid_drake.campaign.trial import replayed
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.files.digits import significant
-from cpid_drake.files.pictures import COLORS, INK, WIDE, Picture, label_axes, legend_below
+from cpid_drake.files.figures import COLORS, INK, new_figure
 from cpid_drake.report.page import Report, Section, Table
 from cpid_drake.report.pages.study import study_report
 from cpid_drake.simulation.scenario_files import dump_scenario
@@ -53,16 +52,17 @@ def sections(found: Statistics) -> list[Section]:
     points = [errors(found, point) for point in range(len(found.plan.points))[:MOST_POINTS]]
     result = [
         Section("Requirements", tables=[requirements(found)]),
-        Section("Errors", texts=[LEGEND], tables=points, pictures=_pictures(found)),
+        Section("Errors", figures=_error_figures(found), columns=1),
+        Section("Errors in numbers", texts=[LEGEND], tables=points),
         Section("Checks", tables=[checks(found), failures(found)]),
-        Section("Axes", tables=[axes(found)], pictures=_axis_pictures(found)),
+        Section("Axes", tables=[axes(found)], figures=_axis_figures(found), columns=1),
         Section("Worst cases", tables=[worst(found)]),
         Section("Drake's simulation", texts=[compared(found)]),
     ]
     if not found.plan.campaign.requirements:
         result = result[1:]
     result = [replace(each, tables=[t for t in each.tables if t.rows]) for each in result]
-    return [each for each in result if each.tables or each.texts]
+    return [each for each in result if each.tables or each.texts or each.figures]
 
 
 def requirements(found: Statistics) -> Table:
@@ -223,46 +223,42 @@ def _number(value: float) -> str:
     return f"{value:.2g}" if value < 1 else f"{value:.2f}" if value < 10 else f"{value:.0f}"
 
 
-def _pictures(found: Statistics) -> list[Picture]:
-    points = range(len(found.plan.points))[:MOST_POINTS]
-    return [
-        Picture(f"Errors {_where(found, k)}".strip(), partial(_draw_errors, found, k), WIDE)
-        for k in points
-    ]
+def _error_figures(found: Statistics) -> list[go.Figure]:
+    """Return a figure of the errors of all estimators for each point of the grids."""
+    return [_error_figure(found, k) for k in range(len(found.plan.points))[:MOST_POINTS]]
 
 
-def _draw_errors(found: Statistics, point: int, axes: Axes) -> None:
+def _error_figure(found: Statistics, point: int) -> go.Figure:
     names, bounds = found.plan.campaign.estimators, list[np.ndarray]()
+    title = f"RMS error {_where(found, point)}".strip()
+    figure = new_figure(title, "", "% of scale (m, 0.5 m, trace of I)", height=330)
     for k, name in enumerate(names):
         tally = found.by_point.get((point, name), Tally())
         x = np.arange(10) - 0.4 + (k + 0.5) * 0.8 / len(names)
         error, bound = tally.beside_bound()
-        axes.plot(x, 100 * error, "o", label=name, color=COLORS[k % 6], markersize=5)
+        marker = {"color": COLORS[k % 6], "size": 7}
+        text = [f"{each} {name}" for each in PARAMETER_NAMES]
+        figure.add_scatter(x=x, y=100 * error, mode="markers", name=name, marker=marker, text=text)
         bounds += [bound] if np.isfinite(bound).any() else []
     if bounds:
-        left, right = np.arange(10) - 0.42, np.arange(10) + 0.42
-        axes.hlines(100 * bounds[0], left, right, color=INK, label="bound")
-    axes.set_yscale("log")
-    label_axes(axes, f"RMS error {_where(found, point)}", "", "% of scale (m, 0.5 m, trace of I)")
-    axes.set_xticks(np.arange(10), PARAMETER_NAMES)
-    axes.grid(axis="x", visible=False)
-    axes.set_xlim(-0.6, 9.6)
-    legend_below(axes, 6)
+        ends = np.arange(10)[:, None] + [-0.42, 0.42, np.nan]
+        height, line = 100 * np.repeat(bounds[0], 3), {"color": INK, "width": 2}
+        figure.add_scatter(x=ends.ravel(), y=height, mode="lines", name="bound", line=line)
+    figure.update_yaxes(type="log", exponentformat="power")
+    names_at = {"tickvals": np.arange(10), "ticktext": PARAMETER_NAMES, "range": [-0.6, 9.6]}
+    return figure.update_xaxes(showgrid=False, **names_at)
 
 
-def _axis_pictures(found: Statistics) -> list[Picture]:
-    return [
-        Picture(f"Error along {key}", partial(_draw_axis, found, key), WIDE)
-        for key in found.plan.campaign.axes
-    ]
-
-
-def _draw_axis(found: Statistics, key: str, axes: Axes) -> None:
-    parts = list(dict.fromkeys(part for axis, part, _ in found.by_axis if axis == key))
-    for k, name in enumerate(found.plan.campaign.estimators):
-        sizes = [100 * _size(found.by_axis[key, part, name]) for part in parts]
-        axes.plot(np.arange(len(parts)), sizes, "o-", label=name, color=COLORS[k % 6])
-    axes.set_yscale("log")
-    label_axes(axes, f"RMS of the largest error along {key}", key, "% of scale")
-    axes.set_xticks(np.arange(len(parts)), parts, rotation=20, ha="right")
-    axes.legend()
+def _axis_figures(found: Statistics) -> list[go.Figure]:
+    """Return a figure of the errors along each axis."""
+    figures = []
+    for key in found.plan.campaign.axes:
+        figure = new_figure(f"RMS of the largest error along {key}", key, "% of scale", height=330)
+        parts = list(dict.fromkeys(part for axis, part, _ in found.by_axis if axis == key))
+        for k, name in enumerate(found.plan.campaign.estimators):
+            sizes = [100 * _size(found.by_axis[key, part, name]) for part in parts]
+            line = {"color": COLORS[k % 6]}
+            figure.add_scatter(x=parts, y=sizes, mode="lines+markers", name=name, line=line)
+        figure.update_xaxes(type="category")
+        figures.append(figure.update_yaxes(type="log", exponentformat="power"))
+    return figures

@@ -1,10 +1,11 @@
 """The report of an identification."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 from cpid_drake.files.errors import InputError
-from cpid_drake.identification.estimators import estimator_label
+from cpid_drake.identification.description import origin, verdict
 from cpid_drake.identification.identify_files import Evidence
 from cpid_drake.identification.result_files import result_text
 from cpid_drake.logs.joined import log_name
@@ -25,8 +26,10 @@ from cpid_drake.report.sections.estimate import (
     effects_section,
     identifiability_section,
     logs_section,
-    result_section,
+    numbers_section,
+    parameters_section,
 )
+from cpid_drake.report.sections.next_steps import next_sections
 
 
 def write_report(
@@ -51,50 +54,54 @@ def identification_report(
 ) -> Report:
     """Return the report of an identification; see `write_report`."""
     result, evidence, run = contents.result, contents.evidence, contents.run
-    sections = [
-        *([] if run is None else [simulated_section(run)]),
-        result_section(result, contents.truth),
-        *([logs_section(result)] if result.logs else []),
-        checks_section(result, None if evidence is None else evidence.found),
-        *([budget_section(result)] if result.budget else []),
-        *([effects_section(result)] if result.effects else []),
-        identifiability_section(result),
-    ]
     missing = contents.missing and f"the log cannot be read: {contents.missing}"
+    scene = convergence = None
     if evidence is not None:
-        sections += [
-            convergence_section(contents.estimates, contents.truth),
-            residuals_section(evidence.found),
-            sensors_section(evidence),
-            base_motion_section(evidence.log),
-        ]
-        progress("making the replay")
+        progress("making the scene")
         try:
-            page = replay_html(
-                evidence.inputs.spacecraft,
-                motion_of(evidence.log, evidence.inputs.spacecraft, evidence.found.sensors),
-                contents.estimates,
-                truth=contents.truth,
-                visual_model=run.scenario.target.visual_model if run else None,
-                title=log_name(result.sources[0].request.telemetry),
-            )
-            text = f"The motion with the estimate over time, of at most {LONGEST_REPLAY:g} s."
-            replay = embedded_json(json.dumps(page))
-            sections.append(Section("Replay", texts=[text], inner_page=replay))
+            scene = _scene(contents, evidence)
         except InputError as error:
-            missing = f"the replay cannot be made: {error}"
+            missing = f"the scene cannot be made: {error}"
+        convergence = convergence_section(contents.estimates, contents.truth)
+    warnings = [*result.warnings, *contents.differences()]
     if missing:
-        sections.append(Section("Not shown", texts=[f"Some sections are not shown: {missing}."]))
-    sections.append(request_section(result))
-    craft = result.spacecraft
-    title = f"Target held by {craft.capture_frame if craft else 'a spacecraft'}"
-    data = {"result": result_text(result, "the result")}
+        warnings.append(f"Some sections are not shown: {missing}.")
+    sections = [
+        replace(parameters_section(result, contents.truth), half=scene is not None),
+        scene,
+        convergence,
+        *next_sections(result, warnings),
+        None if run is None else simulated_section(run),
+        numbers_section(result, contents.truth),
+        logs_section(result) if result.logs else None,
+        identifiability_section(result),
+        residuals_section(evidence.found) if evidence else None,
+        budget_section(result) if result.budget else None,
+        effects_section(result) if result.effects else None,
+        sensors_section(evidence) if evidence else None,
+        base_motion_section(evidence.log) if evidence else None,
+        checks_section(result) if result.checks else None,
+        request_section(result),
+    ]
+    title, subtitle, data = verdict(result), origin(result), {"result": result_text(result, "")}
     if run is not None:
-        title, data = f"Simulated run “{run.folder.resolve().name}”", {**data, **run.texts}
-    model = craft.model.rsplit("/", 1)[-1] if craft else "a spacecraft"
-    known = "All ten parameters" if result.is_identifiable else f"{result.rank} of ten combinations"
-    subtitle = f"{known} identified with {model} by {estimator_label(result.estimator)}"
+        subtitle = f"Simulated run “{run.folder.resolve().name}”. {subtitle}"
+        data |= run.texts
     if result.failures:
-        title = f"{title}: a check failed"
         subtitle = f"Do not use this estimate: {result.failures[0]}. {subtitle}"
-    return Report(title, subtitle, sections, data)
+    return Report(title, subtitle, [each for each in sections if each is not None], data)
+
+
+def _scene(contents: ReportContents, evidence: Evidence) -> Section:
+    """Return the section with the motion and the estimate over time."""
+    spacecraft, run = evidence.inputs.spacecraft, contents.run
+    page = replay_html(
+        spacecraft,
+        motion_of(evidence.log, spacecraft, evidence.found.sensors),
+        contents.estimates,
+        truth=contents.truth,
+        visual_model=run.scenario.target.visual_model if run else None,
+        title=log_name(contents.result.sources[0].request.telemetry),
+    )
+    text = f"The first {LONGEST_REPLAY:g} s at most. Click it to turn it."
+    return Section("Scene", texts=[text], inner_page=embedded_json(json.dumps(page)), half=True)

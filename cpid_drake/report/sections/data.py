@@ -6,12 +6,13 @@ from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.rows import ROW_FAMILIES
 from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.files.digits import significant
-from cpid_drake.files.pictures import curves
+from cpid_drake.files.figures import curves
+from cpid_drake.identification.checks import label_of
 from cpid_drake.identification.estimators import estimator_label
 from cpid_drake.identification.identify_files import Evidence
 from cpid_drake.identification.result import History, Identification
 from cpid_drake.logs.log import Log
-from cpid_drake.report.figures import convergence_pictures, motion_pictures
+from cpid_drake.report.figures import convergence_figures, motion_figures
 from cpid_drake.report.page import Section, Table
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.simulation.run_files import versions
@@ -42,11 +43,7 @@ def request_section(result: Identification) -> Section:
     how = estimator_label(result.estimator) + (f" ({result.rows})" if result.rows else "")
     used, rejected = result.sample_count, sum(result.rejected.values())
     facts += [("Estimator", how), ("Samples", f"{used} used, {rejected} left out"), written_by()]
-    text = (
-        "Mass, centre of mass and inertia of the target that a free-floating spacecraft holds, "
-        "identified from the motion of the base while the arms move."
-    )
-    return Section("Request", texts=[text], facts=facts, command=result.command)
+    return Section("Request", facts=facts, command=result.command, folded=True)
 
 
 def written_by() -> tuple[str, str]:
@@ -55,21 +52,8 @@ def written_by() -> tuple[str, str]:
     return "Report written by", used
 
 
-def checks_section(result: Identification, again: Identification | None) -> Section:
-    """Return the section with the warnings and the checks of a result.
-
-    `again` is the result of the same log, identified again for the report, if it was.
-    """
-    texts = list(result.warnings)
-    if again is not None:
-        sigma, values = np.sqrt(np.nan_to_num(np.diag(result.covariance))), again.parameters
-        close = np.abs(values - result.parameters) <= 1e-3 * sigma + 1e-9 * np.abs(values)
-        if not np.all(close | (np.isnan(values) & np.isnan(result.parameters))):
-            texts.append(
-                "For this report the log was identified again; the values differ from those of "
-                "the result file, and the figures below show the new ones. The model, the "
-                "sensors or the software have changed since the result file was written."
-            )
+def checks_section(result: Identification) -> Section:
+    """Return the section with the statistic and the limit of each check."""
     rows = [
         [
             check.name,
@@ -78,26 +62,24 @@ def checks_section(result: Identification, again: Identification | None) -> Sect
         ]
         for check in result.checks
     ]
-    table = Table(["", "statistic", "limit", ""], rows, "Checks of the assumptions of the estimate")
-    return Section("Checks", warnings=texts, tables=[table] if rows else [])
+    note = "Each check tests a consequence of the assumptions behind the estimate with the data."
+    tables = [Table(["", "statistic", "limit", ""], rows, note=note)] if rows else []
+    return Section("Checks", tables=tables, folded=True)
 
 
 def convergence_section(estimates: History, truth: InertialParameters | None) -> Section:
     """Return the section with the estimates from growing parts of the log."""
-    text = (
-        "Estimates from the samples up to each time, with their 95 % intervals as a band. The axes "
-        "are scaled for the later estimates; earlier ones may lie outside. At times without a "
-        "point the samples do not determine the parameter yet. A dashed line is the true value, "
-        "where it is known."
-    )
-    return Section("Convergence", texts=[text], pictures=convergence_pictures(estimates, truth))
+    text = "Estimates from the samples up to each time [s], with their 95 % intervals as a band"
+    text += "." if truth is None else "; dashed: the true values."
+    figures = convergence_figures(estimates, truth)
+    return Section("Convergence", texts=[text], figures=figures, columns=5)
 
 
 def residuals_section(found: Identification) -> Section:
-    """Return the section with size, whiteness and pictures of the residuals."""
+    """Return the section with size, whiteness and figures of the residuals."""
     if not found.residuals:
         text = "This estimator gives no residuals, or not all ten parameters are known."
-        return Section("Residuals", texts=[text])
+        return Section("Residuals", texts=[text], folded=True)
     rows, units = [], dict.fromkeys(found.residuals, "σ")
     if found.rows is not None:
         units = {"linear": ROW_FAMILIES[found.rows].linear_unit, "angular": "N·m·s"}
@@ -117,10 +99,11 @@ def residuals_section(found: Identification) -> Section:
     return Section(
         "Residuals",
         tables=[Table(heads, rows, note=note)],
-        pictures=[
-            curves(name, each.time, each.value, units[name], line=".")
+        figures=[
+            curves(label_of(name), each.time, each.value, units[name], points=True)
             for name, each in found.residuals.items()
         ],
+        folded=True,
     )
 
 
@@ -144,13 +127,14 @@ def sensors_section(evidence: Evidence) -> Section:
         text = f"The noise of the sensors was {whose}."
     heads = ["", "samples", "every [ms]", "not used", "σ assumed", "unit", "χ² per reading"]
     note = "χ² per reading is 1 if the samples scatter as much as assumed."
-    return Section("Sensors", texts=[text], tables=[Table(heads, rows, note=note)])
+    return Section("Sensors", texts=[text], tables=[Table(heads, rows, note=note)], folded=True)
 
 
 def base_motion_section(measurements: Log) -> Section:
     """Return the section with the measured motion of the base."""
     text = (
         "Measured motion of the base, not filtered. Rotation and displacement are relative to the "
-        "first sample. Of a long log, the figures show an even selection of the samples."
+        "first sample. Of many samples, the figures show an even selection."
     )
-    return Section("Base motion", texts=[text], pictures=motion_pictures(measurements.thinned()))
+    figures = motion_figures(measurements.thinned())
+    return Section("Base motion", texts=[text], figures=figures, folded=True)

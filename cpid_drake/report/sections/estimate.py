@@ -7,56 +7,66 @@ from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES, PARAMETER_UNITS
 from cpid_drake.estimation.least_squares import quantile_95
 from cpid_drake.files.digits import decimals_of, rounded_pair, significant, with_half_width
-from cpid_drake.identification.description import agreement_words, consistency_words, gap
+from cpid_drake.identification.description import agreement_words, consistency_words
+from cpid_drake.identification.effect_estimates import EffectEstimate, with_sensors_of
+from cpid_drake.identification.figure import parameter_bars
 from cpid_drake.identification.result import Identification
-from cpid_drake.report.figures import singular_value_picture
+from cpid_drake.report.figures import singular_value_figure
 from cpid_drake.report.page import Section, Table
 
 
-def result_section(result: Identification, truth: InertialParameters | None) -> Section:
-    """Return the section with the estimate, its 95 % intervals and, if it is known, the truth."""
+def parameters_section(result: Identification, truth: InertialParameters | None) -> Section:
+    """Return the section with the estimate and its 95 % intervals as bars."""
+    bars = parameter_bars(result, truth)
+    return Section("Parameters", figures=[bars], columns=1, half=True)
+
+
+def numbers_section(result: Identification, truth: InertialParameters | None) -> Section:
+    """Return the section with the digits: intervals, the nearest rigid body, the truth."""
     words = consistency_words(result)
     texts = [f"{words[0].upper()}{words[1:]}."]
-    if not result.is_identifiable:
-        known = f"The log determines {result.rank} of ten combinations of the parameters."
-        texts = [known, *gap(result)]
-    return Section(
-        "Result",
-        texts=texts,
-        warnings=[f"Failed check: {failure}." for failure in result.failures],
-        tables=[_parameters(result, truth)],
-    )
+    return Section("Numbers", texts=texts, tables=[_parameters(result, truth)], folded=True)
 
 
 def _parameters(result: Identification, truth: InertialParameters | None) -> Table:
-    has_bodies = result.consistent_intervals is not None
-    heads = ["", "estimate", "95 % interval", "consistent", *["rigid bodies"] * has_bodies, "unit"]
-    heads += [] if truth is None else ["truth", "error / σ"]
-    sigma = np.sqrt(np.diag(result.covariance))
     nearest = np.full(10, np.nan) if result.consistent is None else result.consistent.to_vector()
-    intervals = result.intervals
+    intervals, bodies = result.intervals, result.shown_intervals
     if not result.is_consistent:
         intervals = np.full((10, 2), np.nan)  # no rigid body agrees with the estimate
-    rows = []
-    for i, (name, unit) in enumerate(zip(PARAMETER_NAMES, PARAMETER_UNITS)):
-        places = decimals_of(*intervals[i])
-        estimate, body = (_number(x[i], places) for x in (result.parameters, nearest))
-        row = [name, estimate or "not identifiable", _range(intervals[i]), body]
-        row += [_range(result.shown_intervals[i])] * has_bodies
-        row.append(unit)
-        if truth is not None:
-            true = truth.to_vector()[i]
-            score = (result.parameters[i] - true) / sigma[i]
-            row += [_number(true, places), f"{score:+z.1f}" if np.isfinite(score) else ""]
-        rows.append(row)
+    places = [decimals_of(*ends) for ends in intervals]
+    columns: dict[str, list[str]] = {
+        "": [*PARAMETER_NAMES],
+        "estimate": [
+            _number(value, digits) or "not identifiable"
+            for value, digits in zip(result.parameters, places)
+        ],
+        "95 % interval": [_range(ends) for ends in intervals],
+        "consistent": [_number(value, digits) for value, digits in zip(nearest, places)],
+        "rigid bodies": [_range(ends) for ends in bodies],
+    }
     note = (
         "m: mass. c: centre of mass, from the origin of the capture frame C, in its axes. I: "
-        "inertia about the centre of mass, in the same axes; Ixy = −∫xy dm. Consistent: the "
-        "nearest values of a rigid body. Rigid bodies: the part of the interval that a rigid body "
-        "can have; of what is not identifiable, bounds of a target about as heavy and as large as "
-        "the spacecraft (1 σ). σ: standard deviation of the estimate."
+        "inertia about the centre of mass, in the same axes; Ixy = −∫xy dm."
     )
-    return Table(heads, rows, note=note)
+    if columns["consistent"] in (columns["estimate"], 10 * [""]):
+        del columns["consistent"]
+    else:
+        note += " Consistent: the nearest values of a rigid body."
+    if columns["rigid bodies"] == columns["95 % interval"]:
+        del columns["rigid bodies"]
+    else:
+        note += (
+            " Rigid bodies: the part of the interval that a rigid body can have; of what is not "
+            "identifiable, bounds of a target about as heavy and as large as the spacecraft (1 σ)."
+        )
+    columns["unit"] = [*PARAMETER_UNITS]
+    if truth is not None:
+        true = truth.to_vector()
+        scores = (result.parameters - true) / np.sqrt(np.diag(result.covariance))
+        columns["truth"] = [_number(value, digits) for value, digits in zip(true, places)]
+        columns["error / σ"] = [f"{x:+z.1f}" if np.isfinite(x) else "" for x in scores]
+        note += " σ: standard deviation of the estimate."
+    return Table([*columns], [*zip(*columns.values())], note=note)
 
 
 def _number(value: float, places: int) -> str:
@@ -90,7 +100,13 @@ def logs_section(result: Identification) -> Section:
         "Estimates with 95 % intervals; each log has its own start, momentum and biases. "
         "Agreement: χ² of the difference from all others, for the same target."
     )
-    return Section("Logs", tables=[Table(["", *parts, "unit"], rows, note=note)])
+    return Section("Logs", tables=[Table(["", *parts, "unit"], rows, note=note)], folded=True)
+
+
+def _effect_name(effect: EffectEstimate) -> str:
+    """Return the name of an effect, with its log or the sensors that have it."""
+    during = f" during {effect.log}" if effect.log else ""
+    return effect.name + during + (with_sensors_of(effect.hardware) if effect.hardware else "")
 
 
 def effects_section(result: Identification) -> Section:
@@ -98,7 +114,7 @@ def effects_section(result: Identification) -> Section:
     factor = quantile_95()
     rows = [
         [
-            effect.name if i == 0 else "",
+            _effect_name(effect) if i == 0 else "",
             *rounded_pair(value, factor * sigma),
             significant(factor * effect.prior_sigma),
             effect.unit,
@@ -106,16 +122,13 @@ def effects_section(result: Identification) -> Section:
         for effect in result.effects
         for i, (value, sigma) in enumerate(zip(effect.value, effect.sigma))
     ]
-    texts = [effect.describe() for effect in result.effects]
-    note = " ".join(f"{text[0].upper()}{text[1:]}." for text in texts)
     text = (
         "These unknown constants were estimated as well, with the σ that the sensors' file states, "
         "or with a plausible one."
     )
     heads = ["", "estimate", "± 95 %", "± 95 % before", "unit"]
-    return Section(
-        "Estimated errors and forces", texts=[text], tables=[Table(heads, rows, note=note)]
-    )
+    table = Table(heads, rows)
+    return Section("Estimated errors and forces", texts=[text], tables=[table], folded=True)
 
 
 def budget_section(result: Identification) -> Section:
@@ -135,7 +148,7 @@ def budget_section(result: Identification) -> Section:
         "less than 1 % of every parameter are left out."
     )
     heads = ["", *PARAMETER_NAMES, "estimate ± 95 %", "half goes at σ", "unit"]
-    return Section("Error budget", tables=[Table(heads, rows, note=note)])
+    return Section("Error budget", tables=[Table(heads, rows, note=note)], folded=True)
 
 
 def identifiability_section(result: Identification) -> Section:
@@ -147,5 +160,5 @@ def identifiability_section(result: Identification) -> Section:
             f"combinations of the parameters. The largest is {result.condition:.3g} times the "
             "smallest."
         )
-    pictures = [] if np.isnan(values).any() else [singular_value_picture(values)]
-    return Section("Identifiability", texts=texts, pictures=pictures)
+    figures = [] if np.isnan(values).any() else [singular_value_figure(values)]
+    return Section("Identifiability", texts=texts, figures=figures, folded=True)
