@@ -145,6 +145,18 @@ def moving(folder: Path) -> None:
     )
 
 
+def page(folder: Path) -> None:
+    """Draw the first screen of the page that the README's command writes, while its scene plays."""
+    telemetry = MODELS / "telemetry"
+    sensors = ("--sensors", telemetry / "free_flyer_sensors.yaml")
+    log = (telemetry / "free_flyer.csv", *sensors, "--spacecraft", "free_flyer_payload")
+    cpid("identify", *log, "--report", folder / "bag.html", "--quiet")
+    with shown(folder / "bag.html", 1400, 880) as opened:
+        opened.wait_for_timeout(1000 * WHEN)
+        picture = Image.open(BytesIO(opened.screenshot())).convert("RGB")
+    picture.quantize(128, Image.Quantize.MAXCOVERAGE).save(HERE / "page.png", optimize=True)
+
+
 def convergence(folder: Path) -> None:
     """Draw how the estimate from the sample log converges."""
     cpid(*SAMPLE, "--report", folder / "bag.html", "--quiet")
@@ -192,6 +204,7 @@ PICTURES: dict[str, Callable[[Path], None]] = {
         identify,
         scene,
         moving,
+        page,
         convergence,
         paper,
         accuracy,
