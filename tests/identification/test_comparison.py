@@ -4,10 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from planar_cases import SUITE, planar_craft, samples
 from scipy.stats import chi2
 from sensing_cases import Sines, measured
 
-from cpid_drake import InertialParameters, InputError, compare, identify, write_result
+from cpid_drake import (
+    InertialParameters,
+    InputError,
+    TotalMomentum,
+    compare,
+    identify,
+    write_result,
+)
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.identification.request import Request, Source
 from cpid_drake.logs.simulated_noise import add_noise
@@ -120,6 +128,17 @@ def test_what_is_known_from_one_result_only_is_not_compared(results):
     shared = compare([parts[0], results["b"]])
     assert shared.is_same_target
     assert shared.check.limit == pytest.approx(chi2.isf(1e-4, 4))
+
+
+def test_results_on_a_table_are_compared_by_what_acts(tmp_path):
+    craft, zero = planar_craft(tmp_path), TotalMomentum.zero()
+    both = [
+        identify(craft.on_table(), samples(craft, seed), sensors=SUITE, momentum=zero)
+        for seed in (4, 5)
+    ]
+    comparison = compare(both)
+    assert comparison.is_same_target
+    assert comparison.check.limit == pytest.approx(chi2.isf(1e-4, 4))
 
 
 def test_differences_of_requests_are_listed(results, tmp_path):
