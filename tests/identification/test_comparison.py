@@ -4,10 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from planar_cases import SUITE, planar_craft, samples
 from scipy.stats import chi2
 from sensing_cases import Sines, measured
 
-from cpid_drake import InertialParameters, InputError, compare, identify, write_result
+from cpid_drake import (
+    InertialParameters,
+    InputError,
+    TotalMomentum,
+    compare,
+    identify,
+    write_result,
+)
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.identification.request import Request, Source
 from cpid_drake.logs.simulated_noise import add_noise
@@ -122,6 +130,17 @@ def test_what_is_known_from_one_result_only_is_not_compared(results):
     assert shared.check.limit == pytest.approx(chi2.isf(1e-4, 4))
 
 
+def test_results_on_a_table_are_compared_by_what_acts(tmp_path):
+    craft, zero = planar_craft(tmp_path), TotalMomentum.zero()
+    both = [
+        identify(craft.on_table(), samples(craft, seed), sensors=SUITE, momentum=zero)
+        for seed in (4, 5)
+    ]
+    comparison = compare(both)
+    assert comparison.is_same_target
+    assert comparison.check.limit == pytest.approx(chi2.isf(1e-4, 4))
+
+
 def test_differences_of_requests_are_listed(results, tmp_path):
     a = of_log(results["a"], "a.csv", sensors="testbed")
     b = of_log(results["b"], "b.csv", sensors="flight")
@@ -141,7 +160,8 @@ def test_results_of_one_log_are_not_independent(results):
     assert "a and b have a log or a prior in common" in warning
     [source] = b.sources
     later = replace(b, sources=(replace(source, start=5.0, end=9.0),))
-    assert compare({"a": a, "b": later}).warnings == ()
+    for pair in ({"a": a, "b": later}, {"a": later, "b": a}):
+        assert compare(pair).warnings == ()
 
 
 def test_a_prior_that_is_the_other_result_is_said(results, tmp_path):
