@@ -52,7 +52,7 @@ def test_all_rates_or_none():
 
 @pytest.mark.parametrize("quaternion", [np.zeros(4), np.full(4, np.nan)])
 def test_what_is_no_attitude_is_refused(quaternion):
-    with pytest.raises(InputError, match="quaternion|not finite"):
+    with pytest.raises(InputError, match=r"quaternion|not finite"):
         state_of(flyer(), {"encoders": JOINTS, "attitude": quaternion})
 
 
