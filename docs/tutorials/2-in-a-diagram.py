@@ -128,5 +128,5 @@ axis.set(xlabel="time [s]", ylabel="mass [kg]", ylim=(57, 63))
 axis.legend()
 plt.show()
 
-figure = found.plot(truth=tank)
-figure
+# %% [markdown]
+# In a notebook, `found.plot(truth=tank)` draws each parameter with its interval and the true value.

@@ -55,10 +55,10 @@ assert found.is_complete
 low, high = found["m"].interval
 assert low < 8.5 < high  # the bag of this log has 8.5 kg
 
-# %%
-found.plot()
-
 # %% [markdown]
+# In a notebook, `found.plot()` draws each parameter with its interval; `cpid identify --report`
+# writes a page with it, and `cpid report` one of a result that was kept.
+#
 # ## A log with other columns
 #
 # The same motion, as another tool wrote it: nanoseconds, millimetres, degrees, another order of the
