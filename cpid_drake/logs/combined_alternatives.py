@@ -2,7 +2,7 @@
 
 A position in another unit, or of another point, and a gyro that is late hide what is right about
 the joints: without them, the joints are found, and the position is then a single convention.
-Units of two quantities are never free together: a motion that both make vanish is no motion that
+Units of two quantities are never free together: a motion that both make vanish is none that
 the momentum explains.
 """
 
@@ -10,9 +10,7 @@ from collections.abc import Iterator
 
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.logs.alternatives import Alternative, alternatives
-from cpid_drake.logs.attitude_alternatives import (
-    turned_axes,
-)
+from cpid_drake.logs.attitude_alternatives import turned_axes
 from cpid_drake.logs.column_map import ColumnMap, with_entries
 from cpid_drake.logs.instants import Instants
 

@@ -1,7 +1,8 @@
 """Finds the conventions that explain a log better than those in which it is read.
 
 An alternative differs from the given map of columns in one convention: a unit, an order or a
-direction of the attitude, axes, a sign, the clock, or which joint is which. All have one score, the
+direction of the attitude, axes, a sign, the clock, or which joint is which; if none of these
+explains the log, in several. The more, the better it must explain. All have one score, the
 comparisons of `logs.score`. The right convention leaves noise, all others leave much more. Errors
 of any size (delays, scales, zeros, masses) are no conventions: a fit compares them by evidence.
 """

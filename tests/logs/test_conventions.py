@@ -261,6 +261,13 @@ def test_conventions_that_are_wrong_together_are_named(craft, noisy, words):
     assert words in said(craft.tree, log)
 
 
+def test_a_search_without_time_says_that_it_did_not_decide(craft, noisy, monkeypatch):
+    monkeypatch.setattr("cpid_drake.logs.conventions.BUDGET", 0.0)
+    findings = check_conventions(DEG(noisy), craft.tree)
+    assert findings.better == ()
+    assert any("not decided in 0 s" in text for text in findings.unchecked)
+
+
 @pytest.mark.parametrize("words", CONVENTIONS | OF_POSITIONS)
 def test_the_convention_of_a_noisy_log_is_named(craft, noisy, words):
     assert words in said(craft.tree, (CONVENTIONS | OF_POSITIONS)[words](noisy))
