@@ -12,6 +12,7 @@ ADVICE = {
     "correlation of": "declare delay_ms; log raw samples; move more slowly",
     "noise": "state the noise of your sensors; look at the residuals in the report",
     "halves": "identify each half alone; declare acceleration and torque",
+    "random walks": "log what acts, or state torque_noise, acceleration_noise",
     "declared sizes": "state what the hardware can have; else look for a sign or an axis",
     "errors held exact": "state its σ in the sensors' file, or leave unstated: exact out",
     "momentum": "--momentum unknown",
