@@ -8,7 +8,7 @@ of any size (delays, scales, zeros, masses) are no conventions: a fit compares t
 """
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from time import process_time
 
@@ -18,7 +18,7 @@ from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.files.errors import listed
 from cpid_drake.logs.alternatives import Alternative, alternatives
 from cpid_drake.logs.clock import clock_factor, with_delay
-from cpid_drake.logs.column_map import ColumnMap
+from cpid_drake.logs.column_map import ColumnMap, with_entries
 from cpid_drake.logs.combined_alternatives import (
     attitude_alternatives,
     joint_alternatives,
@@ -240,9 +240,31 @@ def better_conventions(
         search = _Search(part, names, tree)
         if not search.explains_all:
             search.compare(budget.spent_on(compared(part, names, tree, column_map)))
-        if search.best:
-            break
-    return search.best, budget.is_enough
+        best = [each for each in search.best if _has_place(each, given, names, tree, column_map)]
+        if best:
+            return best, budget.is_enough
+    return [], budget.is_enough
+
+
+def _has_place(
+    each: Alternative,
+    given: Instants,
+    names: tuple[str, ...],
+    tree: KinematicTree,
+    column_map: ColumnMap,
+) -> bool:
+    """Return whether a position that was left out has a unit or a point with which it fits.
+
+    Else a force may explain the log, and joints that are read wrong would only look like it.
+    """
+    if "position" not in given.values or "position" in each.log.values:
+        return True
+    log = given.without("encoders", *(("gyro",) if "gyro" not in each.log.values else ()))
+    values, rates = {**log.values, **each.log.values}, {**log.rates, **each.log.rates}
+    log = replace(log, values=values, rates=rates, moving=each.log.moving | log.moving)
+    others = alternatives(log, names, tree, with_entries(column_map, each.entries), _PLACE)
+    logs = [log, *(other.log for other in others)]
+    return any(c.residual <= EXPLAINS for one in logs for c in compare_momentum(one, tree))
 
 
 class _Budget:
