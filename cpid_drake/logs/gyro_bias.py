@@ -24,7 +24,8 @@ LONGEST = 60.0
 """Length of the part of a log that is integrated [s]."""
 
 _GAP = 5.0  # intervals of the gyro that are a gap, in usual ones
-_TURNS = 4  # integrations, each with the bias and the delay of the one before
+_TURNS = 4  # most integrations, each with the bias and the delay of the one before
+_LINEAR = 0.1  # of the attitude's noise: a turn by so little changes no derivative
 _OFFSET, _BIAS = 1.0, 1.0  # σ of what nothing is known of [rad, rad/s]
 _BIASES, _DELAY = slice(3, 6), 15  # places among the unknowns
 _EDGE = 0.2  # part of the gyro's samples at both ends in which no attitude is compared [s]
@@ -73,6 +74,7 @@ def gyro_bias(log: Log, suite: SensorSuite) -> GyroBias | None:
     prior = np.repeat([_OFFSET, _BIAS, *_sizes()], [3, 3, 3, 6, 1, 3])
     rows, sigma = np.diag(1 / prior), float(suite.sigmas("attitude").max())
     total = np.zeros(len(prior))  # of bias and delay, which are not linear
+    fastest = float(np.abs(gyro.value).max())
     for _ in range(_TURNS):
         times = attitude.time - total[_DELAY]
         change, columns = _linear(gyro, times, measured, total[_BIASES])
@@ -81,6 +83,9 @@ def gyro_bias(log: Log, suite: SensorSuite) -> GyroBias | None:
         solution = np.linalg.lstsq(A, b, rcond=None)[0]
         total[_DELAY] += solution[_DELAY]
         total[_BIASES] += solution[_BIASES]
+        turned = seconds * np.abs(solution[_BIASES]).max() + fastest * abs(solution[_DELAY])
+        if turned < _LINEAR * sigma:
+            break
     bias = total[_BIASES]
     chi = max(float(np.mean(((change - columns @ solution) / sigma) ** 2)), 1.0)
     variance = chi * np.diag(np.linalg.inv(A.T @ A))[_BIASES]
