@@ -69,10 +69,17 @@ def walk_checks(fit: Fit) -> tuple[Check, ...]:
         return ()
     worst = max(walks, key=lambda each: each.square / each.limit)
     of_log = f" of {worst.log}" if len(fit.logs) > 1 else ""
+    sensor, _, kind = worst.name.rpartition(".")
+    what = f"{kind} of the {sensor}" if sensor else kind
+    cause = (
+        f"state {kind}_random_walk of the {sensor}"
+        if sensor
+        else "something acts that changes faster, such as wheels or cables; state its noise as "
+        "torque_noise or acceleration_noise"
+    )
     sentence = (
-        f"the {worst.name.replace('.', ' ').replace('_', ' ')}{of_log} changes "
+        f"the {what.replace('_', ' ')}{of_log} changes "
         f"{significant((worst.square / worst.mean) ** 0.5)} times as much as its random walk: "
-        "something acts that changes faster, such as wheels or cables; state its noise as "
-        "torque_noise or acceleration_noise, or look for the cause"
+        f"{cause}, or look for the cause"
     )
     return (Check.of(WALKS, sentence, worst.square, worst.limit),)

@@ -89,6 +89,13 @@ def gyro_bias(log: Log, suite: SensorSuite) -> GyroBias | None:
     bias = total[_BIASES]
     chi = max(float(np.mean(((change - columns @ solution) / sigma) ** 2)), 1.0)
     variance = chi * np.diag(np.linalg.inv(A.T @ A))[_BIASES]
+    # By every other sample, the error of the integral by trapezoids is four times as large.
+    half = gyro.where(slice(None, None, 2))
+    inside = times <= half.time[-1]
+    of_half = Rotation.from_quat(attitude.value[inside], scalar_first=True)
+    change, columns = _linear(half, times[inside], of_half, bias)
+    A, b = np.vstack([columns / sigma, rows]), np.append(change / sigma, -rows @ total)
+    variance += (np.linalg.lstsq(A, b, rcond=None)[0][_BIASES] / 3) ** 2
     walk = float(suite.sigmas("gyro")[0]) ** 2 / (suite["gyro"].rate * seconds)
     is_measured = np.ptp(gyro.value, axis=0) > 0
     return GyroBias(

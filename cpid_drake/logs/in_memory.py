@@ -43,6 +43,11 @@ def from_columns(
             reasons as `read_columns`, also for the first bad row.
 
     """
+    if not isinstance(column_map, ColumnMap | None):
+        raise InputError(
+            f"column_map must be a ColumnMap, such as load_column_map('map.yaml'), not "
+            f"{column_map!r:.80}"
+        )
     arrays, unreadable = dict[str, Array](), dict[str, str]()
     for name, column in _items(columns):
         if not isinstance(name, str):
