@@ -131,7 +131,7 @@ def fit_checks(
     yield Check.of(CONVERGENCE, sentence, passed=converged)
     sentence = f"{100 * outliers:.0f} % of a sensor's samples are outliers"
     yield Check.of("share of outliers", sentence, outliers, MOST_OUTLIERS)
-    largest = max(noise.values(), default=1.0)
+    others = dict(noise)  # of which no correlation is said
     if changes:
         most = float(most_changes(logs))
         what = "are many" if changes > most else "leave residuals that are larger than noise"
@@ -155,6 +155,8 @@ def fit_checks(
         yield Check.of(f"correlation of {name}", sentence, test.lag_one, MOST_CORRELATED, not fails)
         if fails:
             loud.pop(name, None)
+            others.pop(name, None)
+    largest = max(others.values(), default=1.0)
     parts = [f"that of the {label_of(n)} {significant(factor)} times" for n, factor in loud.items()]
     sentence = "the noise is larger than the sensors' file declares: "
     sentence += f"{', '.join(parts)} the given one"

@@ -1,9 +1,11 @@
-"""The check that the first half of the samples has the target of all of them."""
+"""The checks: of halves of the samples, and of noise."""
 
 import numpy as np
 from scipy.stats import chi2
 
 from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.whiteness import Whiteness
+from cpid_drake.identification.checks import Observed, fit_checks
 from cpid_drake.identification.chosen_fit import halves_check
 
 
@@ -30,3 +32,17 @@ def test_another_target_in_the_second_half_fails():
     found = [of_halves(rng, 12.0) for _ in range(20)]
     assert not any(check.passed for check in found)
     assert "something slips" in found[0].sentence
+
+
+def test_each_noise_that_is_too_large_is_in_one_check():
+    """A sensor whose residuals are correlated, too, is in the check of their correlation alone."""
+    tests = {
+        "gyro": Whiteness(0.9, 0.1, 20.0, 1000, 58.0),
+        "attitude": Whiteness(0.0, 0.1, 1.0, 1000, 7.0),
+    }
+    noise = {"gyro": 58.0, "attitude": 7.0}
+    checks = {each.name: each for each in fit_checks(True, noise, Observed(tests, {}))}
+    assert not checks["correlation of gyro"].passed
+    assert checks["noise"].statistic == 7.0
+    assert "58" in checks["correlation of gyro"].sentence
+    assert "58" not in checks["noise"].sentence
