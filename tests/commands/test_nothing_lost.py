@@ -88,8 +88,6 @@ def test_an_interrupt_ends_a_command_with_one_line(command, tmp_path):
         *("-m", "cpid_drake", *LONG[command], "--quiet"),
         cwd=tmp_path,
         start_new_session=True,
-        # A background job of a shell, which the tests may be, ignores Ctrl-C.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     time.sleep(8.0)
     begin = time.perf_counter()

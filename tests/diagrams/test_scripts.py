@@ -88,8 +88,6 @@ def test_an_interrupt_ends_a_study_with_one_line(tmp_path, study, jobs, seconds)
         *(FOLDER / study / "run.py", "--out", "x", "--quiet", *jobs),
         cwd=tmp_path,
         start_new_session=True,
-        # A background job of a shell, which the tests may be, ignores Ctrl-C.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     time.sleep(seconds)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does
