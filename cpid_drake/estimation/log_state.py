@@ -329,17 +329,13 @@ class LogState:
                 found[name] = self.whitening(k, name, 0)
         return found
 
-    def times_of(self, k: int, sensor: str, count: int) -> Array:
-        """Return the times (count,) of a sensor's samples, or of a force's pieces, in block k."""
-        block = self.blocks[k]
-        if sensor in SENSORS:
-            return block.samples[sensor].time[:count] if count else np.zeros(0)
-        return block.start + (np.arange(count) + 0.5) * block.length / max(count, 1)
-
     def whitening(self, k: int, sensor: str, count: int) -> Innovations:
         """Return what makes the residuals of a sensor, or of a white force, in block k white."""
         block = self.blocks[k]
-        times = self.times_of(k, sensor, count)
+        if sensor in SENSORS:
+            times = block.samples[sensor].time if count else np.zeros(0)
+        else:  # of a force: the middles of its pieces
+            times = block.start + (np.arange(count) + 0.5) * block.length / max(count, 1)
         weights = self.weights[k].get(sensor, np.ones(count))[:count]
         end = block.start + (self.step(k) if k < len(self.gaps) else block.length)
         process = self.processes.get(sensor, DECLARED)

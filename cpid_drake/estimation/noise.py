@@ -150,7 +150,7 @@ def _series(log: LogState, residuals: Sequence[Mapping[str, Array]]) -> dict[str
         for k, block in enumerate(residuals):
             if name in block:
                 is_near = log.weights[k].get(name, np.ones(len(block[name]))) == 1.0
-                times.append(log.times_of(k, name, len(is_near))[is_near])
+                times.append(log.whitening(k, name, len(is_near)).times[is_near])
                 near.append(block[name][is_near])
         found[name] = _Series(np.concatenate(times), np.concatenate(near))
     return found
