@@ -164,8 +164,8 @@ def _guesses(log: LogState, series: Mapping[str, "_Series"], before: Processes) 
         if name in SENSORS
     }
     tried = {name: process for name, process in tried.items() if process != DECLARED}
-    kept = before.keys() - (series.keys() & SENSORS.keys())
-    return {name: before[name] for name in before if name in kept} | tried
+    kept = {n: each for n, each in before.items() if n not in series or n not in SENSORS}
+    return kept | tried
 
 
 @dataclass(frozen=True, eq=False)
