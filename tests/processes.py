@@ -23,10 +23,13 @@ def start(*arguments, cwd, **options) -> subprocess.Popen:
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
-        # A background job of a shell, which the tests may be, ignores Ctrl-C.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-        **options,
+        **{"preexec_fn": _take_interrupts} | options,
     )
+
+
+def _take_interrupts():
+    """A background job of a shell, which the tests may be, ignores Ctrl-C; what it starts, too."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def finish(process: subprocess.Popen, text: str = "") -> subprocess.CompletedProcess:
