@@ -26,7 +26,6 @@ from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.identification.arguments import Arguments
 from cpid_drake.identification.checked_log import CheckedLog, suites_of
 from cpid_drake.identification.checks import Check, momentum_words
-from cpid_drake.identification.model_sensitivity import with_larger_base
 from cpid_drake.identification.result import Identification
 from cpid_drake.identification.row_checks import (
     LEAST_SQUARES,
@@ -45,7 +44,7 @@ _FORCES = (
     "the sensors' file declares forces, and rows assume a constant momentum: identify with "
     "--estimator trajectory_fit"
 )
-_SOME = 100  # samples of a log that show the sensitivity of the estimate, or its noise
+_SOME = 100  # samples of a log that show its noise
 _MOMENTA = ("zero", "known", "unknown")
 
 
@@ -54,7 +53,6 @@ class _LogPart:
     """What the rows of one log say; `own` has fields of an identification from this log alone."""
 
     target: Gaussian
-    by_tree: Mapping[str, Gaussian]
     row_count: int
     has_noise: bool
     sample_count: int
@@ -79,10 +77,7 @@ def estimate(
     """
     craft, family = arguments.spacecraft, arguments.family
     assert family is not None
-    trees = dict[str, KinematicTree]()
-    if arguments.has_exact_bodies:
-        trees = {"": craft.tree} | with_larger_base(craft.tree)
-    parts = {name: _summarize(arguments, log, trees) for name, log in logs.items()}
+    parts = {name: _summarize(arguments, log) for name, log in logs.items()}
     # Least squares: the sum of |A x − b|² over all logs, each with its own momentum eliminated.
     sources = {name: part.target for name, part in parts.items()}
     form = family.parameterization(craft.mass)
@@ -90,12 +85,6 @@ def estimate(
     solution, prior = _solved(arguments, form, reduce(Gaussian.add, sources.values()), row_count)
     if not all(part.has_noise for part in parts.values()):
         solution = replace(solution, has_noise=False)
-    # Sensitivity: the same for a spacecraft of which one body is 1 % larger.
-    is_known, at = np.isfinite(form.to_parameters(solution.estimate)), {}
-    for name, tree in trees.items():
-        total = reduce(Gaussian.add, (part.by_tree[name] for part in parts.values()))
-        changed = family.parameterization(tree.mass)
-        at[name] = changed.to_parameters(_solved(arguments, changed, total)[0].values)
     counts = {name: part.sample_count for name, part in parts.items()}
     [first, *others] = parts.values()
     result = Identification.of_solution(
@@ -106,7 +95,6 @@ def estimate(
         estimator=LEAST_SQUARES,
         rows=family.name,
         momentum=max((part.momentum for part in parts.values()), key=_MOMENTA.index),
-        sensitivity={n: np.where(is_known, x - at[""], np.nan) for n, x in at.items() if n},
         warnings=tuple(text for part in parts.values() for text in part.warnings),
         checks=tuple(check for part in parts.values() for check in part.checks),
         **({} if others else first.own),
@@ -261,10 +249,8 @@ def _motion(
         )
 
 
-def _summarize(
-    arguments: Arguments, log: CheckedLog, trees: Mapping[str, KinematicTree]
-) -> _LogPart:
-    """Return what the rows of one log say, also with the bodies of each tree."""
+def _summarize(arguments: Arguments, log: CheckedLog) -> _LogPart:
+    """Return what the rows of one log say."""
     spacecraft, momentum, family = arguments.spacecraft, arguments.momentum, arguments.family
     assert family is not None
     tree, suite, warnings = spacecraft.tree, log.sensors, tuple[str, ...]()
@@ -279,17 +265,12 @@ def _summarize(
     is_tested = is_open and bool(len(log.measurements.attitude)) and has_place
     unknown, zero = TotalMomentum.unknown(), TotalMomentum.zero()
     assumed = unknown if is_tested and family.momentum_size else momentum or zero
-    by_tree = {name: LogRows(each, family, assumed) for name, each in trees.items()}
     rows = tester = LogRows(tree, family, assumed)
     if is_tested and not family.momentum_size:
         tester = LogRows(tree, STANDARD_ROWS, unknown)
     for motion, covariance in _motion(log, tree, family, suite):
         for each in {rows, tester}:
             each.add(motion, covariance)
-        some = slice(None, None, -(-len(motion) // _SOME))
-        few = motion.select(some), covariance[some] if len(covariance) > 1 else covariance
-        for each in by_tree.values():
-            each.add(*few)
     contradicts = is_tested and bool(tester.extra) and _is_moving(tester)
     is_zero = is_open and not (contradicts and rows.extra)
     said, checks = momentum_words(
@@ -321,7 +302,6 @@ def _summarize(
             own["momentum_covariance"] = inverse @ inverse.T
     return _LogPart(
         target,
-        {n: r.gaussian(is_zero=is_zero)[0].marginal([TARGET]) for n, r in by_tree.items()},
         row_count=freedom + whole.rank - (0 if is_zero else rows.extra),
         has_noise=freedom > 0,
         sample_count=rows.sample_count,

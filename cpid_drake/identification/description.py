@@ -15,7 +15,6 @@ from cpid_drake.estimation.least_squares import quantile_95
 from cpid_drake.files.digits import decimals, significant, with_half_width
 from cpid_drake.identification.budget import ALL, BudgetRow
 from cpid_drake.identification.checks import AGREEMENT
-from cpid_drake.identification.model_sensitivity import ALL_MASSES, LINK
 
 if TYPE_CHECKING:
     from cpid_drake.identification.result import Identification
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
 SHOWN = 5
 """Number of rows of the budget that are shown."""
 
-_Row = tuple[str, str, str, str, str, str]
+_Row = tuple[str, str, str, str, str]
 
 
 def principal_axes(target: InertialParameters) -> tuple[Array, Array]:
@@ -109,17 +108,12 @@ def origin(result: "Identification") -> str:
 
 def _cells(result: "Identification") -> list[_Row]:
     """Return the table of the parameters, its heads first."""
-    changes = np.abs(np.array([np.full(10, np.nan), *result.sensitivity.values()]))
     nearest = np.full(10, np.nan) if result.nearest is None else result.nearest
-    by_bodies = "by 1 % of a body" if result.sensitivity else ""
-    cells: list[_Row] = [("", "estimate", "95 % interval", "", "consistent", by_bodies)]
+    cells: list[_Row] = [("", "estimate", "95 % interval", "", "consistent")]
     for k, name in enumerate(PARAMETER_NAMES):
-        each, change = result[name], np.fmax.reduce(changes[:, k])
+        each = result[name]
         last = f"{nearest[k]:.{each.decimals}f}" if np.isfinite(nearest[k]) else ""
-        by_bodies = (
-            f"±{significant(change)}" if each.is_identifiable and np.isfinite(change) else ""
-        )
-        cells.append((name, each.shown(), each.shown_interval(), each.unit, last, by_bodies))
+        cells.append((name, each.shown(), each.shown_interval(), each.unit, last))
     return cells
 
 
@@ -128,8 +122,8 @@ def _aligned(cells: list[_Row]) -> list[str]:
     sizes = [max(map(len, column)) for column in zip(*cells)]
     return [
         f"  {name:4}{estimate:>{sizes[1]}}  {spread:>{sizes[2]}}  {unit:{sizes[3]}}"
-        f"  {last:>{sizes[4]}}  {by_bodies:>{sizes[5]}}".rstrip()
-        for name, estimate, spread, unit, last, by_bodies in cells
+        f"  {last:>{sizes[4]}}".rstrip()
+        for name, estimate, spread, unit, last in cells
     ]
 
 
@@ -146,7 +140,6 @@ def _notes(result: "Identification") -> list[str]:
     learned = (effect for effect in result.effects if effect.is_learned)
     lines += [f"  estimated    {effect.name}: {effect.describe()}" for effect in learned]
     lines += _budget(result)
-    lines += _sensitivity(result)
     if result.logs:
         lines += ["", *_of_logs(result)]
     lines += ["", *_of_bodies(result)] if result.consistent_intervals is not None else []
@@ -204,22 +197,6 @@ def shares_in_words(row: BudgetRow) -> Iterator[str]:
             share = 100 * own[k]
             text = f"{share:.0f}" if share < 99.5 else significant(share, 4)
             yield f"{PARAMETER_NAMES[part][k]} {text} %"
-
-
-def _sensitivity(result: "Identification") -> Iterator[str]:
-    """Yield the sensitivity of the estimate to errors of the spacecraft model, at most in σ."""
-    sigma = np.sqrt(np.diag(result.covariance))
-    for name, change in result.sensitivity.items():
-        is_known = np.isfinite(change) & (sigma > 0)
-        if is_known.any():
-            k = int(np.argmax(np.where(is_known, np.abs(change) / sigma, -1.0)))
-            largest = f"{significant(change[k] / sigma[k], sign='+')} σ"
-            text = f"{PARAMETER_NAMES[k]} by {largest}"
-            if is_known[0]:
-                share = significant(100 * change[0] / result.parameters[0], sign="+")
-                text = f"m by {share} %, {text}" if k else f"m by {share} %, which is {largest}"
-            what = name if name in (LINK, ALL_MASSES) else f"the base's {name}"
-            yield f"  sensitivity  1 % of {what} changes {text}"
 
 
 def _of_bodies(result: "Identification") -> Iterator[str]:

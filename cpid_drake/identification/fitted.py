@@ -31,7 +31,6 @@ from cpid_drake.identification.checked_log import CheckedLog, model_of, open_mod
 from cpid_drake.identification.checks import Observed
 from cpid_drake.identification.chosen_fit import ChosenFit
 from cpid_drake.identification.exact_check import exact_checks
-from cpid_drake.identification.model_sensitivity import base_sensitivity
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import History, Identification
 from cpid_drake.identification.together import with_sources
@@ -94,8 +93,6 @@ def estimate(
         checks=(*result.checks, *chosen.part_checks(), *exact_checks(chosen, opened)),
         warnings=(*warnings, *([changing] if changing else []), *result.warnings),
     )
-    if model.known_bodies is None and fit.converged and result.solution is not None:
-        result = replace(result, sensitivity=base_sensitivity(chosen, result.solution))
     if len(logs) == 1:
         result = replace(result, residuals=series, history=partial(_over_time, chosen))
     if len(logs) == 1 and arguments.prior is None:

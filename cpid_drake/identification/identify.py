@@ -31,7 +31,6 @@ from cpid_drake.identification.estimators import (
     choose,
 )
 from cpid_drake.identification.log_conventions import with_conventions
-from cpid_drake.identification.model_sensitivity import hidden_sensitivity
 from cpid_drake.identification.planar import PROPOSED, could_be_planar
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import SPACECRAFT, Identification
@@ -204,7 +203,7 @@ def _estimated(
     result = checked(_with_logs(result, logs, method, arguments), tree)
     suites = (log.sensors or SensorSuite() for log in logs.values())
     if method.uses_rows or errors_of_bodies(arguments.known_bodies, *suites) is None:
-        result = _of_exact_model(result, arguments, logs)
+        result = replace(result, given=(SPACECRAFT,))
     return result
 
 
@@ -269,20 +268,6 @@ def _with_logs(
         checks=(*checks, *result.checks),
         rejected={name: count for name, count in rejected.items() if count},
     )
-
-
-def _of_exact_model(
-    result: Identification, arguments: Arguments, logs: Mapping[str, CheckedLog]
-) -> Identification:
-    """Return an identification that says what errors of the spacecraft's bodies would change."""
-    result = replace(result, given=(SPACECRAFT,))
-    if not arguments.has_exact_bodies:
-        return result
-    has_thrust = any(log.measurements.has_thrust for log in logs.values())
-    has_scale = has_thrust or result.momentum == "known"
-    tree = arguments.spacecraft.tree
-    hidden = hidden_sensitivity(result.parameters, tree, has_scale=has_scale)
-    return replace(result, sensitivity={**result.sensitivity, **hidden})
 
 
 def _with_hints(

@@ -121,9 +121,6 @@ class Identification:
             "sensor of log".
         effects: estimates of the constant errors of sensors, forces and grasp.
         given: what is taken to be exact although nothing is: "spacecraft model", or nothing.
-        sensitivity: change (10,) of the parameters if an exact spacecraft had 1 % more "mass" or
-            "inertia" of the base (not online), of the link that holds the target, or of all masses
-            and inertias; NaN where not identifiable. Empty if the spacecraft is uncertain.
         budget: what the variance comes from, largest first; see `budget`.
         logs: the estimates from each log alone and, last, from the prior alone, by their names; if
             several logs or a prior were used.
@@ -167,7 +164,6 @@ class Identification:
     noise: Mapping[str, float] = field(default_factory=dict)
     effects: tuple[EffectEstimate, ...] = ()
     given: tuple[str, ...] = ()
-    sensitivity: Mapping[str, Ten] = field(default_factory=dict)
     budget: tuple[BudgetRow, ...] = ()
     logs: Mapping[str, "Identification"] = field(default_factory=dict)
     checks: tuple[Check, ...] = ()

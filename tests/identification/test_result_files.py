@@ -78,7 +78,6 @@ def result(skewed_target) -> Identification:
         momentum_covariance=np.eye(3),
         momentum_changes=(1.5, 2.25),
         noise={"gyro": 1.5},
-        sensitivity={"mass": 0.1 * unknown},
         effects=(delay,),
         given=("spacecraft model",),
         budget=(row,),
