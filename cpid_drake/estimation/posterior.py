@@ -29,21 +29,26 @@ def known_target(
         count: number of the samples.
 
     """
-    samples = _without(model.cone.prior(PSI, psi), gaussian.marginal([PSI]))
+    samples = without(model.cone.prior(PSI, psi), gaussian.marginal([PSI]))
     return solution_of(samples.moved(-psi), psi, model.sizes(psi), row_count=count)
 
 
-def _without(prior: Gaussian, posterior: Gaussian) -> Gaussian:
-    """Return what the samples say alone."""
-    U, sizes, axes = np.linalg.svd(posterior.R @ np.linalg.inv(prior.R))
-    own = np.sqrt(np.maximum(sizes**2 - 1, 0.0))
-    said = sizes * (U.T @ posterior.z) - axes @ prior.z
-    z = np.divide(said, own, out=np.zeros_like(own), where=own > _ROUNDING)
-    A = np.where(own > _ROUNDING, own, 0.0)[:, None] * axes @ prior.R
-    return Gaussian.of_rows(posterior.sizes, np.column_stack([A, z]))
+def without(part: Gaussian, whole: Gaussian, least: float = 1e-6) -> Gaussian:
+    """Return what is known besides a part, such as a prior or the samples of a first half.
 
+    Args:
+        part: of the same unknowns (n,) as all.
+        whole: the part and the rest together, which determine all unknowns.
+        least: the rest says nothing where its share of the root of the information is smaller.
 
-_ROUNDING = 1e-6  # less information than this, in units of the prior, is rounding
+    """
+    scale = np.linalg.norm(whole.R, axis=0)
+    U, share, axes = np.linalg.svd(np.linalg.solve((whole.R / scale).T, (part.R / scale).T).T)
+    own = np.sqrt(np.maximum(1 - share**2, 0.0))
+    own[own <= least] = 0.0
+    left = axes @ whole.z - share * (U.T @ part.z)
+    z = np.divide(left, own, out=np.zeros_like(own), where=own > 0)
+    return Gaussian.of_rows(whole.sizes, np.column_stack([own[:, None] * (axes @ whole.R), z]))
 
 
 def difference(gaussian: Gaussian, plausible: Array, names: Sequence[str]) -> tuple[float, int]:

@@ -5,15 +5,16 @@ by those of all of it, but by others: no residual shows it, but the target of th
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import chdtri, fdtri
 
+from cpid_drake.array import Array
 from cpid_drake.estimation.fit import Fit, prior_of
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.log_state import LogState
-from cpid_drake.estimation.posterior import known_target
+from cpid_drake.estimation.posterior import difference, known_target, without
 from cpid_drake.estimation.roll import Rolled, Values
 from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import PSI, Model
@@ -21,6 +22,9 @@ from cpid_drake.identification.checks import IMPROBABLE, Check
 
 ROUGH = 2.0
 """Factor to which residuals of rows in different units show the σ of an estimate."""
+
+_BENDS = 0.1
+"""What the rest hardly improves, to this share, is rounding and bends of the equations."""
 
 _CAUSE = "a joint or the grasp slips, or a body, a clock or a force is not as modelled"
 
@@ -66,7 +70,7 @@ class ChosenFit:
         psi, beginning = fit.values[PSI], self.swept(fit.model, fit.values, halves)
         first = known_target(fit.model, psi, beginning).known
         whole = self.given(fit.gaussian).marginal([PSI]).moved(-psi)
-        return (halves_check(first, whole, _CAUSE),)
+        return (halves_check(first, whole, fit.model.sizes(psi), _CAUSE),)
 
     def _values_at(self, log: LogState, k: int) -> Values:
         """Return the values at the end of the first k blocks of a log."""
@@ -78,40 +82,32 @@ class ChosenFit:
 
 
 def halves_check(
-    first: Gaussian,
-    whole: Gaussian,
-    cause: str,
-    *,
-    rests: float | None = None,
-    freedom: int = 0,
+    first: Gaussian, whole: Gaussian, plausible: Array, cause: str, freedom: int | None = None
 ) -> Check:
     """Return the check that the first half of the samples has the target of all of them.
 
-    Of nested samples, the difference of two estimates has the difference of their covariances as
-    covariance (Hausman 1978, Econometrica 46). What the rest hardly improves is left out.
+    Of nested samples, that is the target of the rest (Hausman 1978, Econometrica 46).
 
     Args:
         first, whole: what is known of the target from the first half, and from all samples.
+        plausible: (n,) sizes of the target's unknowns.
         cause: what another target means.
-        rests: sum of squares of the residuals of all samples, if only they show the noise; the
-            Gaussians then have errors of any size. The residuals without the difference show the
-            noise, to `ROUGH` (Chow 1960, Econometrica 28).
-        freedom: degrees of freedom of these residuals.
+        freedom: degrees of freedom of the residuals, if only they show the noise. The residuals
+            without the difference show it, to `ROUGH` (Chow 1960, Econometrica 28).
 
     """
-    scale = np.linalg.norm(whole.R, axis=0)
-    scale[scale == 0] = 1.0
-    by_whole = first.R @ (np.linalg.pinv(whole.R / scale) / scale[:, None])
-    U, ratio, _ = np.linalg.svd(by_whole)  # of σ after and before
-    seen = ratio**2 < 0.99  # less is rounding and bends of the equations
-    change = (U.T @ (first.z - first.R @ whole.solve()))[seen]
-    statistic, count = float(np.sum(change**2 / (1 - ratio[seen] ** 2))), int(seen.sum())
+    rest = without(first, whole, _BENDS)
+    named = [
+        replace(each, places={k: slice(0, len(plausible))})
+        for k, each in {"first": first, "rest": rest}.items()
+    ]
+    statistic, count = difference(named[0].add(named[1]), plausible, ["first", "rest"])
     limit = float(chdtri(max(count, 1), IMPROBABLE))
-    if rests is not None:
+    if freedom is not None:
         left = freedom - count
         if count < 1 or left < 1:
             return Check.of("halves", "", passed=True)
-        statistic *= left / max(rests - statistic, 1e-12 * rests, 1e-300)
+        statistic *= left / max(freedom - statistic, 1e-12 * freedom)
         limit = ROUGH**2 * count * float(fdtri(count, left, 1 - IMPROBABLE))
     text = f"the first half of the samples has another target than all of them: {cause}"
     return Check.of("halves", text, statistic, limit)

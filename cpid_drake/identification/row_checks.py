@@ -69,8 +69,11 @@ def part_checks(earlier: Array, rows: Array, freedom: int) -> tuple[Check, ...]:
     rests, size = float(rows[-1, -1] ** 2), float(np.sum(rows[:, -1] ** 2))
     if freedom < 1 or rests <= INTEGRATION**2 * size:
         return ()
-    first, whole = (Gaussian.of_rows({TARGET: 10}, each) for each in (earlier, rows))
-    return (halves_check(first, whole, _CAUSE, rests=rests, freedom=freedom),)
+    # In units of the noise; an unknown is as large as makes its column as large as b.
+    noise = np.sqrt(rests / freedom)
+    first, whole = (Gaussian.of_rows({TARGET: 10}, each / noise) for each in (earlier, rows))
+    plausible = np.sqrt(size) / np.linalg.norm(rows[:, :-1], axis=0)
+    return (halves_check(first, whole, plausible, _CAUSE, freedom),)
 
 
 def identification_of_rows(
