@@ -56,7 +56,7 @@ def fit_with_events(
     """
     model = found.model
     # Slow noise may be a change in disguise, and changes may be slow noise.
-    quiet = [replace(log, weights=tuple({} for _ in log.blocks)) for log in found.logs]
+    quiet = [log.with_each(weights=({} for _ in log.states)) for log in found.logs]
     declared = [log.with_processes({}) for log in quiet]
     changes = _changes(replace(found, logs=declared), question)
     if all(log.open.issuperset(own) for log, own in zip(quiet, changes, strict=True)):
@@ -126,7 +126,7 @@ def _kept(
             break
         alone = replace(found, logs=[log.with_processes({})], rolled=[rolled])
         [spans] = _changes(alone, question, ends[:count]) if count else [{}]
-        some = replace(noise.opened(ends[:count]), spans=spans)
+        some = noise.opened(ends[:count], spans)
         before = costs[-1] if costs else np.inf
         noise, cost = with_best_noise(found.model, some, rolled, found.values, before)
         costs.append(cost + count * price)
@@ -159,7 +159,7 @@ def _changes(
         wide = log.opened(range(count - 1) if among is None else among)
         for first in range(0, count - 1, MOST_CANDIDATES):
             last = min(first + MOST_CANDIDATES, count - 1)
-            ends = [k for k in range(last - first) if not log.gaps[first + k]]
+            ends = [k for k in range(last - first) if not log.links[first + k].gap]
             ends = [k for k in ends if among is None or first + k in among]
             later = slice(last, min(last + LATER + 1, count))
             own, part = wide.part(first, last), rolled.part(first, last)
@@ -205,7 +205,7 @@ def _cut(model: Model, log: LogState, rolled: Rolled, changes: Collection[int]) 
     if not changes:
         return log
     usual = max(block.length for block in log.blocks)
-    blocks, starts, ends = list[Block](), list[TrajectoryState](), set[int]()
+    blocks, starts, ends = list[Block](), list[TrajectoryState](), list[int]()
     for k, (block, motion, trajectory) in enumerate(
         zip(log.blocks, rolled.models, rolled.trajectories, strict=True)
     ):
@@ -215,6 +215,5 @@ def _cut(model: Model, log: LogState, rolled: Rolled, changes: Collection[int]) 
         starts += [log.starts[k]]
         nodes = np.searchsorted(motion.motion.nodes, [part.start for part in parts[1:]])
         starts += [motion.motion.at_node(trajectory, int(node)) for node in nodes]
-        ends |= {len(blocks) - 1} if k in log.open else set()
-    cut = log.of_others(model, blocks, tuple(starts))
-    return replace(cut, open=frozenset(ends))
+        ends += [len(blocks) - 1] if k in log.open else []
+    return log.of_others(model, blocks, starts).opened(ends)

@@ -280,7 +280,7 @@ class _Step:
         square, before = float(np.sum((now.gaussian.R @ step) ** 2)), np.inf
         if now.swept:
             logs = zip(now.logs, _after(now, step), strict=True)
-            before = _cost(now, [replace(a, pulls=b.pulls) for a, b in logs], now.values)
+            before = _cost(now, [_pulled(*each) for each in logs], now.values)
         psi_step = step[now.gaussian.places[PSI]]
         return cls(step, square, before, least, now.model.cone, now.values[PSI], psi_step)
 
@@ -292,6 +292,12 @@ class _Step:
         parts = {name: self.step[place] for name, place in now.gaussian.places.items()}
         ends = [each.end.moved(share * each.step(parts)) for each in now.swept]
         return replace(there, ends=ends)
+
+
+def _pulled(log: LogState, after: LogState) -> LogState:
+    """Return a log with the pulls of closed ends after a step."""
+    pairs = zip(log.links, after.links, strict=True)
+    return log.with_links(replace(link, pull=each.pull) for link, each in pairs)
 
 
 def _next(share: float, gain: float) -> float:

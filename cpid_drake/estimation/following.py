@@ -20,6 +20,7 @@ from itertools import pairwise
 import numpy as np
 
 from cpid_drake.estimation.block import Block
+from cpid_drake.estimation.block_state import Link
 from cpid_drake.estimation.elimination import changed, linked
 from cpid_drake.estimation.events import is_explained
 from cpid_drake.estimation.evidence import Question, is_possible_change
@@ -107,11 +108,11 @@ def ahead_of(found: Fit, known: Gaussian) -> Past:
     return Past(
         replace(known, rho2=0.0),
         rolled.ends[-1],
-        log.joints[-1].coefficients[-ORDER:],
+        log.states[-1].joints.coefficients[-ORDER:],
         np.concatenate([values[u.key(log.name)] for u in model.table]),
         linear_at(found),
-        log.slow,
-        log.edges[-1],
+        log.slow_places,
+        log.slow_at_end,
     )
 
 
@@ -159,7 +160,7 @@ def _apart(
     """Return the result of `followed` if the momentum changed before the block."""
     last = fits[-1]
     log = _following(fits, ahead, [block])
-    log = replace(log, starts=(state_of(last.model, log, last.values[PSI]),))
+    log = log.with_each(start=[state_of(last.model, log, last.values[PSI])])
     found = _fitted(last, log, known, [_at_end(last)])
     if not (found.converged and is_explained(found)):
         return None
@@ -176,12 +177,12 @@ def _with_changes(
     it is none.
     """
     last, log, inner = fits[-1], _following(fits, ahead, parts), range(len(parts) - 1)
-    if log.slow:  # which changes are noise, only the noise of the window tells
+    if log.slow_places:  # which changes are noise, only the noise of the window tells
         return None
     is_at_start, starts = len(parts) != 2, [ahead.start, *log.starts[1:]]
     for k in range(0 if is_at_start else 1, len(parts)):  # what a change has bent is no start
         starts[k] = state_of(last.model, log.part(k, k + 1), last.values[PSI])
-    log = replace(log, starts=tuple(starts)).opened(inner)
+    log = log.with_each(start=starts).opened(inner)
     wide = _fitted(last, log, known, [_at_end(last)] if is_at_start else [], most=WIDE_SWEEPS)
     if not (wide.converged and is_explained(wide)):
         return None
@@ -239,7 +240,8 @@ def _acting(wide: Fit, known: Gaussian, question: Question) -> tuple[str, ...]:
 def _opened_at_end(found: Fit) -> Fit:
     """Return a fit that is open at its end."""
     [log] = found.logs
-    return replace(found, logs=[replace(log, open=log.open | {len(log.blocks) - 1})])
+    open_end = replace(Link.closed(found.model.of_log(log.name)), is_open=True)
+    return replace(found, logs=[log.with_links([*log.links, open_end])])
 
 
 def _at_end(found: Fit) -> str:

@@ -69,7 +69,7 @@ def change_beyond_linear(found: Fit) -> float:
 def _by_inertia(found: Fit) -> Array:
     """Return the derivative (9, 10) of Wᵀ J W by ψ at the end of a log; (1, 10) on a table."""
     tree, psi = found.model.tree, found.values[PSI]
-    q = found.logs[0].joints[-1].coefficients[-ORDER][None]
+    q = found.logs[0].states[-1].joints.coefficients[-ORDER][None]
     dynamics = BodyDynamics.at(tree, q, np.zeros_like(q))
     J, none = dynamics.inertia(psi)[0], dynamics.inertia(np.zeros(10))[0]
     normal_B = tree.normal_B

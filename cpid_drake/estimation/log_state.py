@@ -1,19 +1,20 @@
 """A log cut into blocks, and the present values of what belongs to this log alone."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import pairwise, zip_longest
 from typing import Any
 
 import numpy as np
 
 from cpid_drake.array import Array
 from cpid_drake.estimation.block import Block, BlockQueue, blocks_of
+from cpid_drake.estimation.block_state import BlockState, Link
 from cpid_drake.estimation.gaussian import places_of
 from cpid_drake.estimation.joint_samples import Smoothness
 from cpid_drake.estimation.joints import continued, smooth_joints
-from cpid_drake.estimation.likelihood.joint_model import ORDER, JointPart
+from cpid_drake.estimation.likelihood.joint_model import ORDER
 from cpid_drake.estimation.likelihood.motion_model import TrajectoryState
 from cpid_drake.estimation.past import Past
 from cpid_drake.estimation.process import DECLARED, Innovations, Process
@@ -44,24 +45,11 @@ class LogState:
 
     Attributes:
         name: of the log.
-        blocks: successive blocks.
-        joints: their joint motion.
+        states: of successive blocks.
+        slow_at_end: (s,) slow noise of sensors at the end of the last block; see `BlockState.slow`.
         smoothness: of the joint motion.
-        starts: of each block: attitude, centre of mass and momentum at its start; none before the
-            first fit.
         origin: time from which on zeros of joints and clocks drift [s].
-        forces: of each block: (K,) entries of white forces, in units of their σ.
-        walks: of each block but a log's last: (w,) change at its end of the constants that walk.
-        open: blocks at whose ends attitude, centre of mass, L and v may change by any amount.
-        spans: σ of changes at some open ends, as shares of `farthest`; 1 of all others.
-        gaps: of each block but a log's last: time until the next one begins [s]. Nothing is known
-            of the joints in a gap, so that attitude, centre of mass, L and v begin anew behind it.
-        pulls: of each block but a log's last: (12,) derivative of half χ² by the change at its end,
-            which is zero, if the end is closed.
-        weights: of each block: (M,) weights of a sensor's samples.
         processes: of each sensor and white force whose noise is not as declared.
-        edges: (s,) slow noise of these sensors, in units of their declared σ, at the start of each
-            block and at the end of the last.
         is_known: whether the processes have been sought at a fit with noise of their own, or where
             there are none.
         freedom: degrees of freedom of one residual that is not far off, by sensor; none before the
@@ -71,20 +59,11 @@ class LogState:
     """
 
     name: str
-    blocks: tuple[Block, ...]
-    joints: tuple[JointPart, ...]
+    states: tuple[BlockState, ...]
+    slow_at_end: Array
     smoothness: Smoothness
-    walks: tuple[Array, ...]
-    forces: tuple[Array, ...]
     origin: float
-    starts: tuple[TrajectoryState, ...] = ()
-    open: frozenset[int] = frozenset()
-    spans: Mapping[int, float] = field(default_factory=dict)
-    gaps: tuple[float, ...] = ()
-    pulls: tuple[Array, ...] = ()
-    weights: tuple[dict[str, Array], ...] = ()
     processes: dict[str, Process] = field(default_factory=dict)
-    edges: tuple[Array, ...] = ()
     is_known: bool = False
     freedom: dict[str, float] = field(default_factory=dict)
     past: Past | None = None
@@ -95,7 +74,7 @@ class LogState:
         model: Model,
         blocks: Iterable[Block],
         name: str = "log",
-        starts: tuple[TrajectoryState, ...] = (),
+        starts: Sequence[TrajectoryState] = (),
         past: Past | None = None,
     ) -> "LogState":
         """Return a log of successive blocks, with smoothed joints.
@@ -107,31 +86,28 @@ class LogState:
 
         """
         blocks, model = tuple(blocks), model.of_log(name)
-        seen = (k for k, b in enumerate(blocks) if starts or past or len(b.samples.attitude))
-        first = next(seen, None)
+        usable = (k for k, b in enumerate(blocks) if starts or past or len(b.samples.attitude))
+        first = next(usable, None)
         if first is None:
             raise InputError("no attitude samples while the joints are known: none to start from")
         blocks = blocks[first:]
         smoothness, joints = smooth_joints(blocks, model.suite)
-        walks = tuple(np.zeros(len(model.walking_columns)) for _ in blocks[1:])
-        forces = tuple(model.no_forces(block.start, block.end) for block in blocks)
-        weights = tuple(dict[str, Array]() for _ in blocks)
-        pulls = tuple(np.zeros(12) for _ in blocks[1:])
-        gaps = tuple(later.start - block.end for block, later in pairwise(blocks))
-        parts = tuple(joints)
-        own = smoothness, walks, forces, blocks[0].start, starts
-        edges = tuple(np.zeros(0) for _ in range(len(blocks) + 1))
-        return cls(
-            name,
-            blocks,
-            parts,
-            *own,
-            gaps=gaps,
-            pulls=pulls,
-            weights=weights,
-            past=past,
-            edges=edges,
+        gaps = [later.start - block.end for block, later in pairwise(blocks)]
+        links = [*(Link.closed(model, gap) for gap in gaps), None]
+        states = tuple(
+            BlockState(
+                block,
+                motion,
+                forces=model.no_forces(block.start, block.end),
+                slow=np.zeros(0),
+                start=start,
+                link=link,
+            )
+            for block, motion, start, link in zip(
+                blocks, joints, starts or len(blocks) * [None], links, strict=True
+            )
         )
+        return cls(name, states, np.zeros(0), smoothness, blocks[0].start, past=past)
 
     @classmethod
     def of(cls, model: Model, samples: Log | Iterable[Log], name: str = "log") -> "LogState":
@@ -146,7 +122,7 @@ class LogState:
         return cls.of_blocks(model, blocks_of(queue, stream), name)
 
     def of_others(
-        self, model: Model, blocks: Iterable[Block], starts: tuple[TrajectoryState, ...] = ()
+        self, model: Model, blocks: Iterable[Block], starts: Sequence[TrajectoryState] = ()
     ) -> "LogState":
         """Return a log of other blocks with the same past; see `of_blocks`."""
         fresh = LogState.of_blocks(model, blocks, self.name, starts, past=self.past)
@@ -160,45 +136,85 @@ class LogState:
 
         The joints' motion is as smooth as that of all its blocks, or with a past of the last ones.
         """
-        blocks, gap = (*self.blocks, block), block.start - self.blocks[-1].end
-        recent, known = blocks if self.past is None else blocks[-RECENT:], self.smoothness
-        smoothness, joints = smooth_joints(recent, model.suite, known)
-        if self.past is not None:
-            part, last = joints[-1], self.joints[-1].coefficients[-ORDER:]
-            joints = [*self.joints, part if gap else continued(part, last)]
+        last, gap = self.states[-1], block.start - self.blocks[-1].end
+        recent = (*self.blocks, block)[-RECENT if self.past else 0 :]
+        smoothness, joints = smooth_joints(recent, model.suite, self.smoothness)
+        motion, states = joints[-1], self.states
+        if self.past is None:
+            parts = zip(states, joints)
+            states = tuple(replace(state, joints=each) for state, each in parts)
+        elif not gap:
+            motion = continued(motion, last.joints.coefficients[-ORDER:])
+        forces = model.no_forces(block.start, block.end)
         return replace(
             self,
-            blocks=blocks,
+            states=(
+                *states[:-1],
+                replace(states[-1], link=Link.closed(model, gap)),
+                BlockState(block, motion, forces, self.slow_at_end, start),
+            ),
             smoothness=smoothness,
-            joints=tuple(joints),
-            starts=(*self.starts, start),
-            forces=(*self.forces, model.no_forces(block.start, block.end)),
-            walks=(*self.walks, np.zeros(len(model.walking_columns))),
-            gaps=(*self.gaps, gap),
-            pulls=(*self.pulls, np.zeros(12)),
-            weights=(*self.weights, {}),
-            edges=(*self.edges, self.edges[-1]),
             is_known=False,
         )
 
-    def opened(self, ends: Iterable[int]) -> "LogState":
+    @cached_property
+    def blocks(self) -> tuple[Block, ...]:
+        """The samples of all blocks."""
+        return tuple(state.block for state in self.states)
+
+    @cached_property
+    def links(self) -> tuple[Link, ...]:
+        """Of each block behind which the log goes on."""
+        return tuple(state.link for state in self.states if state.link is not None)
+
+    @cached_property
+    def starts(self) -> tuple[TrajectoryState, ...]:
+        """Of each block: attitude, centre of mass and momentum at its start; none before a fit."""
+        return tuple(state.start for state in self.states if state.start is not None)
+
+    @cached_property
+    def open(self) -> frozenset[int]:
+        """Blocks at whose ends attitude, centre of mass, L and v may change by any amount."""
+        return frozenset(k for k, link in enumerate(self.links) if link.is_open)
+
+    def with_each(self, **values: Iterable[Any]) -> "LogState":
+        """Return the log with other values of some attributes of each block's `BlockState`."""
+        rows = zip(self.states, *values.values(), strict=True)
+        states = (replace(state, **dict(zip(values, row))) for state, *row in rows)
+        return replace(self, states=tuple(states))
+
+    def with_links(self, links: Iterable[Link]) -> "LogState":
+        """Return the log with other links behind its blocks."""
+        return self.with_each(link=(link for _, link in zip_longest(self.states, links)))
+
+    def opened(self, ends: Collection[int], spans: Mapping[int, float] | None = None) -> "LogState":
         """Return the log open at the ends of some blocks, and closed at all others.
 
         What begins anew behind a gap does not change there.
+
+        Args:
+            ends: numbers of the blocks.
+            spans: of some of them; see `Link.span`.
+
         """
-        return replace(self, open=frozenset(k for k in ends if not self.gaps[k]))
+        spans = spans or {}
+        return self.with_links(
+            replace(each, is_open=k in ends and not each.gap, span=spans.get(k, 1.0))
+            for k, each in enumerate(self.links)
+        )
 
     def step(self, k: int) -> float:
-        """Return the time [s] from the start of block k, not a log's last, to that of the next."""
-        return self.blocks[k].length + self.gaps[k]
+        """Return the time [s] from the start of block k to that of the next, or to its own end."""
+        link = self.states[k].link
+        return self.blocks[k].length + (link.gap if link else 0.0)
 
     def change(self, k: int) -> str:
         """Return the name of the change at the end of block k, if it is an unknown of its own."""
         return f"{CHANGE}{self.blocks[k].end} s|{self.name}"
 
-    def link(self, model: Model, k: int) -> Array:
+    def link_sigma(self, model: Model, k: int) -> Array:
         """Return σ (12,) of a change of attitude, centre of mass, L and v at the end of block k."""
-        return self._sigma(model, k, CLOSED)
+        return _sigma(model, self.links[k], CLOSED)
 
     def link_cost(self, model: Model, k: int, change: Array) -> float:
         """Return χ² of a change (12,) at the end of block k.
@@ -207,18 +223,13 @@ class LogState:
         second order: here it costs 2 λᵀu + |u/σ|² with the pull λ of the end and a larger σ
         (augmented Lagrangian; Nocedal and Wright 2006, ch. 17.3).
         """
-        judged = self._sigma(model, k, JUDGED)
-        if k in self.open:
+        link = self.links[k]
+        judged = _sigma(model, link, JUDGED)
+        if link.is_open:
             return float(np.sum((change / judged) ** 2))
-        pull, aim = self.pulls[k], self.pulls[k] * self.link(model, k) ** 2
+        aim = link.pull * self.link_sigma(model, k) ** 2
         square = float(np.sum(((change - aim) / judged) ** 2))
-        return square + float(pull @ (2 * change - aim))
-
-    def _sigma(self, model: Model, k: int, closed: float) -> Array:
-        is_open = k in self.open or self.gaps[k]
-        if is_open:
-            return self.spans.get(k, 1.0) * farthest(model)
-        return _sizes(model, closed, closed, closed)
+        return square + float(link.pull @ (2 * change - aim))
 
     @property
     def changes(self) -> list[float]:
@@ -251,8 +262,8 @@ class LogState:
         return found | {n: float(np.sqrt(p.within(length))) for n, p in self.processes.items()}
 
     @cached_property
-    def slow(self) -> dict[str, slice]:
-        """Places of sensors with slow noise in `edges`."""
+    def slow_places(self) -> dict[str, slice]:
+        """Places of sensors with slow noise in `BlockState.slow`."""
         return places_of({n: p.size for n, p in self.processes.items() if p.slow})
 
     @cached_property
@@ -266,48 +277,37 @@ class LogState:
         return np.array([p.slow**0.5 for p in self.processes.values() for _ in range(p.size)])
 
     def slow_at(self, k: int) -> Array:
-        """Return slow noise (2, s) at both edges of block k."""
-        return np.stack(self.edges[k : k + 2])
+        """Return slow noise (2, s) at start and end of block k."""
+        is_last = k + 1 == len(self.states)
+        end = self.slow_at_end if is_last else self.states[k + 1].slow
+        return np.stack([self.states[k].slow, end])
 
     def with_processes(self, processes: Mapping[str, Process]) -> "LogState":
-        """Return the log with other noise; slow noise that was there keeps its values."""
-        made = replace(self, processes=dict(processes))
-        old, edges = self.slow, list[Array]()
-        for edge in self.edges:
+        """Return the log with other noise; slow noise that it has already keeps its values."""
+        made, before = replace(self, processes=dict(processes)), self.slow_places
+
+        def renewed(slow: Array) -> Array:
             parts = [
-                edge[old[n]] if n in old else np.zeros(p.stop - p.start)
-                for n, p in made.slow.items()
+                slow[before[n]] if n in before else np.zeros(place.stop - place.start)
+                for n, place in made.slow_places.items()
             ]
-            edges.append(np.concatenate([np.empty(0), *parts]))
-        return replace(made, edges=tuple(edges))
+            return np.concatenate([np.empty(0), *parts])
+
+        made = made.with_each(slow=[renewed(each.slow) for each in self.states])
+        return replace(made, slow_at_end=renewed(self.slow_at_end))
 
     def part(self, first: int, end: int) -> "LogState":
-        """Return the blocks from `first` up to `end`, with what changes behind the last of them."""
-        lists = (
-            "blocks",
-            "joints",
-            "forces",
-            "walks",
-            "weights",
-            "starts",
-            "gaps",
-            "pulls",
-        )
-        parts: dict[str, Any] = {name: getattr(self, name)[first:end] for name in lists}
-        parts["edges"] = self.edges[first : end + 1]
-        ends = frozenset(k - first for k in self.open if first <= k < end)
-        return replace(self, open=ends, past=None if first else self.past, **parts)
+        """Return the blocks from `first` up to `end`, with the link behind the last of them."""
+        slow = self.states[end].slow if end < len(self.states) else self.slow_at_end
+        states, past = self.states[first:end], None if first else self.past
+        return replace(self, states=states, slow_at_end=slow, past=past)
 
     def followed(self, model: Model, other: "LogState") -> "LogState":
-        """Return the blocks and then those of a log that goes on at their closed end."""
-        lists = ("blocks", "joints", "forces", "weights", "starts")
-        parts: dict[str, Any] = {n: (*getattr(self, n), *getattr(other, n)) for n in lists}
-        ends = {"walks": np.zeros(len(model.walking_columns)), "gaps": 0.0, "pulls": np.zeros(12)}
-        for name, between in ends.items():
-            parts[name] = (*getattr(self, name), between, *getattr(other, name))
-        parts["edges"] = (*self.edges, *other.edges[1:])
-        parts["open"] = self.open | {len(self.blocks) + k for k in other.open}
-        return replace(other, past=self.past, origin=self.origin, **parts)
+        """Return the blocks and then those of a log that goes on at their end."""
+        *states, last = self.states
+        last = replace(last, link=last.link or Link.closed(model))
+        states = [*states, last, *other.states]
+        return replace(other, states=tuple(states), past=self.past, origin=self.origin)
 
     def whitened(self, k: int, sensor: str, rest: Array) -> Array:
         """Return white residuals (M, d) of those (M, d) of a sensor in block k."""
@@ -315,7 +315,7 @@ class LogState:
 
     def rows_of(self, k: int, rest: Mapping[str, Array]) -> dict[str, Array]:
         """Return white residuals of those (M, d) in block k, and of the links of slow noise."""
-        slow, places, found = self.slow_at(k), self.slow, {}
+        slow, places, found = self.slow_at(k), self.slow_places, {}
         for name, white in self.whitenings(k, rest).items():
             own = rest.get(name, np.zeros((0, white.process.channels)))
             found[name] = white.of(own, *slow[:, places.get(name, slice(0))])
@@ -324,7 +324,7 @@ class LogState:
     def whitenings(self, k: int, rest: Mapping[str, Array]) -> dict[str, Innovations]:
         """Return what makes the residuals of block k white, and links slow noise."""
         found = {name: self.whitening(k, name, len(each)) for name, each in rest.items()}
-        for name in self.slow:
+        for name in self.slow_places:
             if name not in rest:
                 found[name] = self.whitening(k, name, 0)
         return found
@@ -336,8 +336,8 @@ class LogState:
             times = block.samples[sensor].time if count else np.zeros(0)
         else:  # of a force: the middles of its pieces
             times = block.start + (np.arange(count) + 0.5) * block.length / max(count, 1)
-        weights = self.weights[k].get(sensor, np.ones(count))[:count]
-        end = block.start + (self.step(k) if k < len(self.gaps) else block.length)
+        weights = self.states[k].weights.get(sensor, np.ones(count))[:count]
+        end = block.start + self.step(k)
         process = self.processes.get(sensor, DECLARED)
         return Innovations(times, block.start, end, weights, process)
 
@@ -345,6 +345,13 @@ class LogState:
 def farthest(model: Model) -> Array:
     """Return σ (12,) of a change of attitude, centre of mass, L and v at an open end."""
     return _sizes(model, *FARTHEST)
+
+
+def _sigma(model: Model, link: Link, closed: float) -> Array:
+    """Return σ (12,) of a change at a link, with that of a closed one as a share of its sizes."""
+    if link.is_open or link.gap:
+        return link.span * farthest(model)
+    return _sizes(model, closed, closed, closed)
 
 
 def _sizes(model: Model, turn: float, place: float, speed: float) -> Array:

@@ -149,7 +149,7 @@ def _series(log: LogState, residuals: Sequence[Mapping[str, Array]]) -> dict[str
         times, near = [], []
         for k, block in enumerate(residuals):
             if name in block:
-                is_near = log.weights[k].get(name, np.ones(len(block[name]))) == 1.0
+                is_near = log.states[k].weights.get(name, np.ones(len(block[name]))) == 1.0
                 times.append(log.whitening(k, name, len(is_near)).times[is_near])
                 near.append(block[name][is_near])
         found[name] = _Series(np.concatenate(times), np.concatenate(near))

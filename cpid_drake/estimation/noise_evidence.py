@@ -103,7 +103,7 @@ class NoiseEvidence:
         if log.past is None:
             volume += 2 * float(np.sum(np.log(log.slow_sigma)))
         for k in range(len(self.rolled.links)):
-            volume += 2 * float(np.sum(np.log(log.link(self.model, k))))
+            volume += 2 * float(np.sum(np.log(log.link_sigma(self.model, k))))
         for k, rest in enumerate(self.rolled.residuals):
             for name, white in log.whitenings(k, rest).items():
                 count = rest[name].shape[1] if name in rest else white.process.channels
@@ -121,7 +121,7 @@ class NoiseEvidence:
             slow: (2, s, 1 + c) those of all slow noise at both edges.
 
         """
-        process, place = log.processes[name], log.slow.get(name, slice(0))
+        process, place = log.processes[name], log.slow_places.get(name, slice(0))
         own = slow[:, place]
         slopes = log.whitening(k, name, len(noise)).slopes(noise, own)
         if process.slow and k == 0 and (log.past is None or name not in log.past.slow):

@@ -104,9 +104,9 @@ class OnlineState:
     def _observed(self, log: LogState, rolled: Rolled) -> "OnlineState":
         """Return the state with those of the blocks of a log."""
         used, rejected, lags = Counter(self.used), Counter(self.rejected), dict(self.lags)
-        for block, weights in zip(log.blocks, log.weights, strict=True):
-            for name, samples in block.samples.items():
-                far = int(np.sum(weights.get(name, np.ones(1)) < 1))
+        for block in log.states:
+            for name, samples in block.block.samples.items():
+                far = int(np.sum(block.weights.get(name, np.ones(1)) < 1))
                 used[name] += len(samples) - far
                 rejected[name] += far
         for k, residuals in enumerate(rolled.residuals[: len(log.blocks)]):
@@ -240,11 +240,11 @@ def _marginalized(state: OnlineState, count: int) -> OnlineState:
     past = Past(
         replace(known, rho2=0.0),
         rest.starts[0],
-        rest.joints[0].coefficients[:ORDER],
+        rest.states[0].joints.coefficients[:ORDER],
         first_table(model, rest, values),
         linear_at(found),
-        log.slow,
-        rest.edges[0],
+        log.slow_places,
+        rest.states[0].slow,
     )
     kept = rolled.part(count, len(log.blocks))
     derived = {part: own for part, own in kept.linear.items() if part in kept.models}

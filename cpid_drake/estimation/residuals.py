@@ -18,10 +18,10 @@ def near_residuals(log: LogState, rolled: Rolled, sensor: str) -> Samples:
 
     """
     times, values = [np.empty(0)], list[Array]()
-    for block, rest, weights in zip(log.blocks, rolled.residuals, log.weights, strict=True):
+    for state, rest in zip(log.states, rolled.residuals, strict=True):
         if sensor in rest:
-            samples = block.samples[sensor]
-            near = weights.get(sensor, np.ones(len(samples))) == 1.0
+            samples = state.block.samples[sensor]
+            near = state.weights.get(sensor, np.ones(len(samples))) == 1.0
             times.append(samples.time[near])
             values.append(rest[sensor][near])
     return Samples(np.concatenate(times), np.concatenate(values or [np.empty((0, 1))]))

@@ -110,8 +110,8 @@ class Rolled:
             residuals.append(rest)
             ends.append(end)
         links = [
-            jump_between(end, start) if not gap else np.zeros(12)
-            for end, start, gap in zip(ends[:-1], log.starts[1:], log.gaps, strict=True)
+            jump_between(end, start) if not link.gap else np.zeros(12)
+            for end, start, link in zip(ends[:-1], log.starts[1:], log.links, strict=True)
         ]
         return replace(self, residuals=residuals, ends=ends, links=links, bends=bends)
 
@@ -130,7 +130,7 @@ class Rolled:
 
         """
         links = sum(log.link_cost(model, k, u) for k, u in enumerate(self.links))
-        slow = 0.0 if log.past else float(np.sum((log.edges[0] / log.slow_sigma) ** 2))
+        slow = 0.0 if log.past else float(np.sum((log.states[0].slow / log.slow_sigma) ** 2))
         return self.start + slow + links + self.cost_inside(log, step)
 
     def cost_inside(self, log: LogState, step: Values | None = None) -> float:
@@ -196,10 +196,10 @@ def roll(
             known[part] = trajectory, (rest, part.motion.end(trajectory))
     trajectories, rigid = (list(each) for each in zip(*(known[part] for part in models)))
     cost = 0.0
-    for k, part in enumerate(models):
+    for part in models:
         cost += float(np.sum(part.motion.joints.rest**2))
-        if k < len(log.walks):
-            cost += float(np.sum((log.walks[k] / model.walking_sigma) ** 2)) / log.step(k)
+    for k, link in enumerate(log.links):
+        cost += float(np.sum((link.walk / model.walking_sigma) ** 2)) / log.step(k)
     linear, rows = {}, {}
     if before:
         linear = {part: each for part, each in before.linear.items() if part in known}
@@ -264,24 +264,25 @@ def motions_of(
     psi, by_psi = psi_about(values[PSI], model.mass, tree.mass)
     last, walking = constants_of(model, log, values), model.walking_columns
     # of each block: what is still to come
-    later = np.cumsum([np.zeros(len(walking)), *reversed(log.walks)], axis=0)[::-1]
+    walks = [link.walk for link in log.links]
+    later = np.cumsum([np.zeros(len(walking)), *reversed(walks)], axis=0)[::-1]
     models, trajectories, firsts = list[BlockModel](), dict[int, Trajectory](), {}
     done = zip(before.models, before.trajectories, strict=True) if before else ()
     by_joints = {part.motion.joints: (part, trajectory) for part, trajectory in done}
-    for k, (block, joints) in enumerate(zip(log.blocks, log.joints, strict=True)):
+    for k, state in enumerate(log.states):
         constants = last.copy()
         constants[walking] -= later[k]
-        first = replace(log.starts[k], psi=psi, constants=constants, forces=log.forces[k])
-        if joints in by_joints:
-            part, trajectory = by_joints[joints]
+        first = replace(log.starts[k], psi=psi, constants=constants, forces=state.forces)
+        if state.joints in by_joints:
+            part, trajectory = by_joints[state.joints]
             if part.motion.tree is tree and _is_same(trajectory.state, first):
                 models.append(part)
                 trajectories[k] = trajectory
                 continue
         part = BlockModel(
             tree,
-            joints,
-            block.samples,
+            state.joints,
+            state.block.samples,
             model.suite,
             model.known_bodies,
             constants=model.constants,
@@ -305,15 +306,15 @@ def _is_same(state: TrajectoryState, other: TrajectoryState) -> bool:
 def past_of(model: Model, log: LogState, values: Values) -> Gaussian:
     """Return the Gaussian of a log's past, about the present values at the log's start."""
     assert log.past is not None
-    joints = log.joints[0].coefficients[:ORDER]
-    slow = log.slow, log.slow_sigma, log.edges[0]
+    joints = log.states[0].joints.coefficients[:ORDER]
+    slow = log.slow_places, log.slow_sigma, log.states[0].slow
     return log.past.about(log.starts[0], joints, first_table(model, log, values), *slow)
 
 
 def first_table(model: Model, log: LogState, values: Values) -> Array:
     """Return the values (n,) of the table; of what walks, those at the start of a log."""
     table = np.concatenate([values[u.key(log.name)] for u in model.table])
-    table[model.walking_columns] -= np.sum(log.walks, axis=0)
+    table[model.walking_columns] -= sum(link.walk for link in log.links)
     return table
 
 

@@ -86,7 +86,7 @@ def start_of(
         first = states[0]
         if log.past is None:
             values[f"{MOMENTUM}|{log.name}"] = np.concatenate([first.L, first.v_Wcm])
-        started.append(replace(log, starts=states))
+        started.append(log.with_each(start=states))
     return values, started
 
 
@@ -98,7 +98,11 @@ def state_of(model: Model, log: LogState, psi: Array) -> TrajectoryState:
 
 def _parts(log: LogState) -> list[LogState]:
     """Return the parts of a log between gaps, if attitudes are seen soon behind them."""
-    begins = (k for k, gap in enumerate(log.gaps, 1) if gap and len(log.blocks[k].samples.attitude))
+    begins = (
+        k
+        for k, link in enumerate(log.links, 1)
+        if link.gap and k < len(log.blocks) and len(log.blocks[k].samples.attitude)
+    )
     return [log.part(first, end) for first, end in pairwise([0, *begins, len(log.blocks)])]
 
 
@@ -220,7 +224,7 @@ def _motion(model: Model, log: LogState) -> SeenMotion:
     seen, *place = _smoothed(position, t, count)
     p[seen], v[seen] = place
     block = np.searchsorted([block.end for block in log.blocks], t)
-    joints = [part.evaluate(t[block == k]) for k, part in enumerate(log.joints)]
+    joints = [state.joints.evaluate(t[block == k]) for k, state in enumerate(log.states)]
     q, qdot = np.moveaxis(np.concatenate(joints), 1, 0)
     R = Rotation.from_quat(q_WB, scalar_first=True).as_matrix()
     return SeenMotion(t, R, w, p, v, q, BodyDynamics.at(model.tree, q, qdot))

@@ -19,6 +19,7 @@ from scipy.linalg import solve_triangular
 
 from cpid_drake.array import Array
 from cpid_drake.estimation.block_rows import BlockRows
+from cpid_drake.estimation.block_state import BlockState, Link
 from cpid_drake.estimation.elimination import Change, EndedBlock, changed, eliminated, linked
 from cpid_drake.estimation.gaussian import Gaussian, places_of
 from cpid_drake.estimation.least_squares import triangle
@@ -116,7 +117,7 @@ def sweep(
             steps.append(EndedBlock.of(part, rolled.residuals[k], own, T))
         at |= {k: known} if k in stops else {}
         if k in carry:
-            known = linked(known, log.change(k), log.link(model, k), rolled.links[k])
+            known = linked(known, log.change(k), log.link_sigma(model, k), rolled.links[k])
         if change := change_at_end(model, log, rolled, k, is_carried=k in carry):
             known, step = changed(known, *change, block=k)
             steps.append(step)
@@ -130,15 +131,16 @@ def change_at_end(
 
     One that is carried is no change.
     """
-    if k >= len(log.walks):
+    link = log.states[k].link
+    if link is None:
         return None
     n = boundary_size(model, log)
-    columns, now = n + model.walking_columns, log.walks[k]
+    columns, now = n + model.walking_columns, link.walk
     sigma = model.walking_sigma * np.sqrt(log.step(k))
     if k < len(rolled.links) and not is_carried:
         columns, now = np.append(columns, np.arange(12)), np.append(now, rolled.links[k])
-        sigma = np.append(sigma, log.link(model, k))
-    if log.gaps[k]:
+        sigma = np.append(sigma, log.link_sigma(model, k))
+    if link.gap:
         joints = np.arange(12, n - log.slow_size)
         columns, now = np.append(columns, joints), np.append(now, np.zeros(len(joints)))
         sigma = np.append(sigma, np.full(len(joints), OPEN))
@@ -159,7 +161,7 @@ def known_at_start(model: Model, log: LogState, values: Values) -> Gaussian:
     sigma = np.full(n, OPEN)
     if log.slow_size:
         sigma[-log.slow_size :] = log.slow_sigma
-        rows[-log.slow_size :, -1] = -log.edges[0] / log.slow_sigma
+        rows[-log.slow_size :, -1] = -log.states[0].slow / log.slow_sigma
     sigma[6:12] = EXACT * np.repeat([model.L_sigma, FASTEST_DRIFT], 3)
     rows[:, :n] = np.diag(1 / sigma)
     rows[6:12, n + places[MOMENTUM].start :][:, :6] = -np.diag(1 / sigma[6:12])
@@ -184,40 +186,42 @@ def back(model: Model, log: LogState, swept: Swept, step: Values, share: float =
     """
     model = model.of_log(log.name)
     n, x = boundary_size(model, log), swept.step(step)
-    edges, before = list(log.edges), n - log.slow_size
-    forces, joints = list(log.forces), list(log.joints)
-    walks, starts, pulls = list(log.walks), list(log.starts), list(log.pulls)
-    k = len(log.blocks)
-    edges[k] = edges[k] + share * x[before:n]
+    slow, k = slice(n - log.slow_size, n), len(log.states)
+    slow_at_end = log.slow_at_end + share * x[slow]
+    link, states = log.states[-1].link, list[BlockState]()
     for each in reversed(swept.steps):
         if isinstance(each, Change):
             u = each.solved(x)
             x[each.columns] -= u
-            w = len(model.walking_columns)
-            walks[each.block] = walks[each.block] + share * u[:w]
-            if len(u) > w:
-                change = (each.now + u)[w : w + 12]
-                pulls[each.block] = change / log.link(model, each.block) ** 2
+            link = _link_after(model, log, each, u, share)
             continue
         k -= 1
-        whole = each.solved(x)
-        s = share * whole
-        part, forces[k] = each.model, forces[k].copy()
+        state, part, whole = log.states[k], each.model, each.solved(x)
+        taken, forces = share * whole, state.forces.copy()
         for force in part.motion.white:
-            forces[k][force.rows] += s[part.columns[force.name]]
-        joints[k] = joints[k].moved(s[part.columns["joints"]])
+            forces[force.rows] += taken[part.columns[force.name]]
         x[:n] = whole[part.at_start]
-        starts[k] = jumped(starts[k], share * x[:12])
-        edges[k] = edges[k] + share * x[before:n]
-    return replace(
-        log,
-        starts=tuple(starts),
-        forces=tuple(forces),
-        joints=tuple(joints),
-        walks=tuple(walks),
-        pulls=tuple(pulls),
-        edges=tuple(edges),
-    )
+        after = replace(
+            state,
+            joints=state.joints.moved(taken[part.columns["joints"]]),
+            forces=forces,
+            slow=state.slow + share * x[slow],
+            start=jumped(log.starts[k], share * x[:12]),
+            link=link,
+        )
+        states.append(after)
+        link = log.states[k - 1].link
+    return replace(log, states=tuple(reversed(states)), slow_at_end=slow_at_end)
+
+
+def _link_after(model: Model, log: LogState, change: Change, u: Array, share: float) -> Link:
+    """Return the link at the end of a block after a share of the step u of what changes there."""
+    link, w = log.links[change.block], len(model.walking_columns)
+    link = replace(link, walk=link.walk + share * u[:w])
+    if len(u) == w:
+        return link
+    jump = (change.now + u)[w : w + 12]
+    return replace(link, pull=jump / log.link_sigma(model, change.block) ** 2)
 
 
 def marginals(
@@ -255,9 +259,9 @@ def walked(
     w = len(model.walking_columns)
     squares, shown = np.zeros(w), np.zeros(w)
     for k, each, mean, root in _backward(log, swept, known):
-        if isinstance(each, Change) and k < len(log.walks):
+        if isinstance(each, Change):
             sigma = model.walking_sigma * np.sqrt(log.step(k))
-            squares += ((log.walks[k] + mean[:w]) / sigma) ** 2
+            squares += ((log.links[k].walk + mean[:w]) / sigma) ** 2
             shown += 1 - np.sum(root[:w] ** 2, axis=1) / sigma**2
     places = places_of({unknown.name: unknown.size for unknown in model.walking})
     return {n: (float(squares[p].sum()), float(shown[p].sum())) for n, p in places.items()}
@@ -293,7 +297,7 @@ def linearized(model: Model, log: LogState, rolled: Rolled, values: Values) -> I
         whitening, slow = log.whitenings(k, rest), log.slow_at(k)
         if rows is None or not rows.is_for(whitening, slow):
             wide = part.with_slow(log.slow_size)
-            rows = BlockRows.of(wide, linear, rest, whitening, log.slow, slow)
+            rows = BlockRows.of(wide, linear, rest, whitening, log.slow_places, slow)
             rolled.rows[part] = rows
         yield rows
 

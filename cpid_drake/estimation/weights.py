@@ -59,7 +59,7 @@ def reweighted(
 
 def _weighted(log: LogState, rolled: Rolled) -> LogState:
     """Return a log with the weights that its residuals show."""
-    weights = [dict(each) for each in log.weights]
+    weights = [dict(each.weights) for each in log.states]
     for name, rest in rolled.all_residuals().items():
         if name in SENSORS:  # a force is no outlier
             process = log.processes.get(name, DECLARED)
@@ -71,7 +71,7 @@ def _weighted(log: LogState, rolled: Rolled) -> LogState:
         for k, block in enumerate(rolled.residuals):
             if name in block:
                 weights[k][name] = next(parts)
-    return replace(log, weights=tuple(weights))
+    return log.with_each(weights=weights)
 
 
 def are_same(logs: Sequence[LogState], others: Sequence[LogState]) -> bool:
@@ -79,9 +79,9 @@ def are_same(logs: Sequence[LogState], others: Sequence[LogState]) -> bool:
     for log, other in zip(logs, others, strict=True):
         if not are_near(log.processes, other.processes):
             return False
-        for before, after in zip(log.weights, other.weights, strict=True):
-            for name in {*before, *after}:
-                change = np.subtract(before.get(name, 1.0), after.get(name, 1.0))
+        for before, after in zip(log.states, other.states, strict=True):
+            for name in {*before.weights, *after.weights}:
+                change = np.subtract(before.weights.get(name, 1.0), after.weights.get(name, 1.0))
                 if np.max(np.abs(change), initial=0.0) > SAME:
                     return False
     return True

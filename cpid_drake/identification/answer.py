@@ -118,7 +118,8 @@ def change_warnings(times: Sequence[float]) -> tuple[str, ...]:
 
 def gap_warnings(log: LogState, where: str = "") -> tuple[str, ...]:
     """Return the warning about a log's gaps; `where` comes before it."""
-    gaps = [(log.blocks[k].end, log.blocks[k + 1].start) for k, gap in enumerate(log.gaps) if gap]
+    ends = enumerate(log.links)
+    gaps = [(log.blocks[k].end, log.blocks[k + 1].start) for k, link in ends if link.gap]
     if not gaps:
         return ()
     start, end = max(gaps, key=lambda gap: gap[1] - gap[0])

@@ -144,7 +144,7 @@ def _exact(chosen: ChosenFit, names: set[str]) -> Gaussian:
     for log, rolled in zip(fit.logs, fit.rolled, strict=True):
         walking = fit.model.of_log(log.name).walking
         keep = np.concatenate([np.full(u.size, u.name not in names) for u in walking])
-        less = replace(log, walks=tuple(walk[keep] for walk in log.walks))
+        less = log.with_links(replace(link, walk=link.walk[keep]) for link in log.links)
         parts.append((less, rolled, fit.values))
     left = chosen.swept(fit.model.with_suites(partial(_steady, names=names)), fit.values, parts)
     return left.condition({name: 0.0 for name in left.places if name.partition("|")[0] in names})

@@ -74,7 +74,7 @@ class ChosenFit:
 
     def _values_at(self, log: LogState, k: int) -> Values:
         """Return the values at the end of the first k blocks of a log."""
-        values, later = dict(self.fit.values), np.sum(log.walks[k:], axis=0)
+        values, later = dict(self.fit.values), sum(link.walk for link in log.links[k:])
         for unknown in self.fit.model.of_log(log.name).walking:
             step, later = np.split(later, [unknown.size])
             values[unknown.key(log.name)] = values[unknown.key(log.name)] - step

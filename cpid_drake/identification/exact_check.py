@@ -38,7 +38,7 @@ def exact_checks(chosen: ChosenFit, opened: Callable[[], Model | None]) -> tuple
 
     """
     fit = chosen.fit
-    slow = [(log, name) for log in fit.logs for name in log.slow]
+    slow = [(log, name) for log in fit.logs for name in log.slow_places]
     if not slow or (wide := opened()) is None:
         return ()
     known = _with_exact(chosen, replace(wide, rows=fit.model.rows))
@@ -88,12 +88,12 @@ def widened(log: LogState, model: Model, wide: Model) -> LogState:
     own = {unknown.name: unknown.size for unknown in model.walking}
     new = {unknown.name: unknown.size for unknown in wide.walking}
     forces = [
-        _renamed(each, model.force_sizes(*ends), wide.force_sizes(*ends))
-        for block, each in zip(log.blocks, log.forces, strict=True)
-        for ends in [(block.start, block.end)]
+        _renamed(state.forces, model.force_sizes(*ends), wide.force_sizes(*ends))
+        for state in log.states
+        for ends in [(state.block.start, state.block.end)]
     ]
-    walks = tuple(_renamed(walk, own, new) for walk in log.walks)
-    return replace(log, walks=walks, forces=tuple(forces))
+    links = (replace(link, walk=_renamed(link.walk, own, new)) for link in log.links)
+    return log.with_each(forces=forces).with_links(links)
 
 
 def _renamed(values: Array, own: Mapping[str, int], new: Mapping[str, int]) -> Array:

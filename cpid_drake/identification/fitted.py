@@ -127,9 +127,9 @@ def _separated(
         alone = log
         if len(fit.logs) > 1:  # a difference between logs must not look like noise
             [own] = fit_logs(model, [log], values=values).logs
-            alone = own.with_processes(own.processes)
-            processes, edges = alone.processes, alone.edges
-            alone = replace(log, processes=processes, edges=edges, weights=own.weights)
+            alone = replace(log, processes=own.processes, slow_at_end=own.slow_at_end)
+            weights, slow = zip(*((each.weights, each.slow) for each in own.states))
+            alone = alone.with_each(weights=weights, slow=slow)
         swept = sweep(model, alone, rolled, values, forward_only=True)
         sources[log.name] = chosen.given(swept.gaussian)
     if prior is not None:
@@ -174,10 +174,10 @@ def _observed(fit: Fit) -> tuple[dict[str, Samples], Observed]:
         for name in fit.model.of_log(log.name).suite.present():
             key = name if len(fit.logs) == 1 else f"{name} of {log.name}"
             whites, far, count = [], 0, 0
-            parts = zip(log.blocks, rolled.residuals, log.weights, strict=True)
-            for k, (block, rest, weights) in enumerate(parts):
-                samples = block.samples[name]
-                near = weights.get(name, np.ones(len(samples))) == 1.0
+            parts = zip(log.states, rolled.residuals, strict=True)
+            for k, (state, rest) in enumerate(parts):
+                samples = state.block.samples[name]
+                near = state.weights.get(name, np.ones(len(samples))) == 1.0
                 far, count = far + int(np.sum(~near)), count + len(samples)
                 if name in rest:
                     whites.append(log.whitened(k, name, rest[name])[near])
@@ -226,7 +226,7 @@ def cramer_rao_bound(
     fit = fit_logs(replace(model, rows=(held,)), [log])
     [log], [rolled], values = fit.logs, fit.rolled, fit.values
     log = log.with_processes({})  # as declared
-    log = replace(log, weights=tuple({} for _ in log.blocks))
+    log = log.with_each(weights=({} for _ in log.blocks))
     total = prior_of(model, [log], values).add(sweep(model, log, rolled, values).gaussian)
     there = at_momentum(total, values, momentum or TotalMomentum.zero(), log.name)
     there = there.moved(there.solve())  # the vague prior prefers another target than the true one

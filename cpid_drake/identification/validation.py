@@ -218,7 +218,7 @@ def validate(
 
 def _longest_part(model: Model, log: LogState) -> LogState:
     """Return the longest part of a log without a gap, behind which all begins anew."""
-    begins = (k for k, gap in enumerate(log.gaps, 1) if gap)
+    begins = (k for k, link in enumerate(log.links, 1) if link.gap)
     parts = pairwise([0, *begins, len(log.blocks)])
     first, end = max(parts, key=lambda part: part[1] - part[0])
     if end - first == len(log.blocks):
@@ -259,10 +259,10 @@ def _predicted(
         )
         for k, block in enumerate(log.blocks)
     ]
-    cut = replace(log, blocks=tuple(blocks))
+    cut = log.with_each(block=blocks)
     model = replace(model, rows=(target,))
     beginning = fit(model, [cut])
-    return roll(model, replace(beginning.logs[0], blocks=log.blocks), beginning.values)
+    return roll(model, beginning.logs[0].with_each(block=log.blocks), beginning.values)
 
 
 def _rms(sizes: Array) -> float:

@@ -49,10 +49,12 @@ def walks_of(fit: Fit) -> Iterator[Walk]:
     """Yield the steps of all that walks in each log."""
     for log, rolled in zip(fit.logs, fit.rolled, strict=True):
         model = fit.model.of_log(log.name)
-        if not log.walks or not model.walking:
+        if not log.links or not model.walking:
             continue
-        times = np.array([log.step(k) for k in range(len(log.walks))])
-        squares = (np.array(log.walks) / model.walking_sigma) ** 2 / times[:, None]
+        times = np.array([log.step(k) for k in range(len(log.links))])
+        squares = (np.array([link.walk for link in log.links]) / model.walking_sigma) ** 2 / times[
+            :, None
+        ]
         if float(np.sum(squares)) <= chdtri(1.0, IMPROBABLE):  # as few as one are not improbable
             yield Walk(log.name, model.walking[0].name, float(np.sum(squares)), 1.0)
             continue

@@ -31,15 +31,16 @@ class Vector:
         self.model, self.log, self.values = model, log, values
         self.sizes = {u.key(log.name): u.size for u in model.table if u.name != MOMENTUM_OF_LOG}
         self.first = sum(self.sizes.values()) + 12
-        pieces = [part.size - ORDER for part in log.joints]
+        pieces = [state.joints.size - ORDER for state in log.states]
         self.J = model.joint_count
-        parts = 1 + sum(gap > 0 for gap in log.gaps)
+        parts = 1 + sum(link.gap > 0 for link in log.links)
         self.joints = self.J * (sum(pieces) + ORDER * parts)
-        self.walks = sum(w.size for w in log.walks)
-        links = enumerate(roll(model, log, values).links)
-        self.changes = {k: u for k, u in links if k in log.open or log.gaps[k]}
+        self.walks = sum(link.walk.size for link in log.links)
+        changes = roll(model, log, values).links
+        links = enumerate(zip(log.links, changes, strict=True))
+        self.changes = {k: u for k, (link, u) in links if link.is_open or link.gap}
         self.jumps = 12 * len(self.changes)
-        self.forces = sum(f.size for f in log.forces)
+        self.forces = sum(state.forces.size for state in log.states)
         self.size = self.first + self.joints + self.walks + self.jumps
         self.size += self.forces
 
@@ -61,28 +62,23 @@ class Vector:
         values[f"{MOMENTUM_OF_LOG}|{log.name}"] = np.concatenate([start.L, start.v_Wcm])
         c = x[at : at + self.joints].reshape(-1, self.J)
         at, row, joints = at + self.joints, 0, []
-        for part, gap in zip(log.joints, (*log.gaps, 0.0), strict=True):
+        for state in log.states:
+            part = state.joints
             step = c[row : row + part.size]
             joints.append(replace(part, coefficients=part.coefficients + step))
-            row += part.size - (0 if gap else ORDER)
-        walks = [
-            w + u for w, u in zip(log.walks, x[at : at + self.walks].reshape(len(log.walks), -1))
-        ]
+            row += part.size - (0 if state.link and state.link.gap else ORDER)
+        steps = x[at : at + self.walks].reshape(len(log.links), -1)
+        links = [replace(link, walk=link.walk + u) for link, u in zip(log.links, steps)]
         at += self.walks
         jumps = {
             k: u + x[at + 12 * i : at + 12 * i + 12]
             for i, (k, u) in enumerate(self.changes.items())
         }
-        ends = np.cumsum([f.size for f in log.forces])[:-1]
+        ends = np.cumsum([state.forces.size for state in log.states])[:-1]
         steps = np.split(x[self.size - self.forces :], ends)
-        forces = tuple(f + s for f, s in zip(log.forces, steps))
-        log = replace(
-            log,
-            forces=forces,
-            starts=(start, *log.starts[1:]),
-            joints=tuple(joints),
-            walks=tuple(walks),
-        )
+        forces = [state.forces + step for state, step in zip(log.states, steps)]
+        starts = [start, *log.starts[1:]]
+        log = log.with_each(forces=forces, start=starts, joints=joints).with_links(links)
         return continued(self.model, log, values, jumps), values
 
 
@@ -92,7 +88,7 @@ def continued(model, log, values, jumps):
         end = jumped(log.starts[k + 1], -roll(model, log, values).links[k])
         starts = list(log.starts)
         starts[k + 1] = jumped(end, jumps.get(k, np.zeros(12)))
-        log = replace(log, starts=tuple(starts))
+        log = log.with_each(start=starts)
     return log
 
 
@@ -104,7 +100,7 @@ def residuals(model, log, values):
         for k, block in enumerate(rolled.residuals)
         for name, rest in block.items()
     ]
-    parts += [part.rest.ravel() for part in log.joints]
+    parts += [state.joints.rest.ravel() for state in log.states]
     walking = [u for u in model.table if u.walk]
     declared, gyro = model.suite.disturbances, model.suite.gyro
     shares = {"gyro.bias": gyro.bias_growth / gyro.bias_sigma}
@@ -112,14 +108,15 @@ def residuals(model, log, values):
         shares["torque"] = declared.torque_walk / declared.torque
     sigma = np.concatenate([np.full(u.size, shares[u.name]) for u in walking])
     lengths = np.diff([block.start for block in log.blocks])
-    parts += [w / sigma / np.sqrt(length) for w, length in zip(log.walks, lengths)]
+    walks = [link.walk for link in log.links]
+    parts += [w / sigma / np.sqrt(length) for w, length in zip(walks, lengths)]
     parts += [rolled.links[k] / farthest(model) for k in log.open]
     for u in model.table:
         value = values[u.key(log.name)]
         if u.walk:  # the prior is that of the first value
             places = np.cumsum([0, *(w.size for w in walking)])
             k = walking.index(u)
-            value = value - sum(w[places[k] : places[k + 1]] for w in log.walks)
+            value = value - sum(w[places[k] : places[k + 1]] for w in walks)
         parts.append((value - u.mean) / sigma_of(model, u))
     return np.concatenate(parts)
 
@@ -211,14 +208,14 @@ def problem(request, tmp_path_factory, skewed_target):
     values = model.start([log.name]) | {PSI: 1.02 * start.psi} | momentum
     turned = Rotation.from_rotvec([1e-3, -2e-3, 1.5e-3]) * start.attitude
     starts = replace(start, attitude=turned), case.state(second)
-    log = replace(log, starts=starts, open=frozenset(jumps))
+    log = log.with_each(start=starts).opened(jumps)
     rng = np.random.default_rng(2)
     for u in model.table:
         if u.name not in (PSI, MOMENTUM_OF_LOG):
             values[u.key(log.name)] = values[u.key(log.name)] + 0.3 * rng.normal(size=u.size)
-    walks = tuple(0.01 * rng.normal(size=w.shape) for w in log.walks)
-    forces = tuple(0.3 * rng.normal(size=f.shape) for f in log.forces)
-    log = replace(log, walks=walks, forces=forces)
+    links = [replace(each, walk=0.01 * rng.normal(size=each.walk.shape)) for each in log.links]
+    forces = [0.3 * rng.normal(size=state.forces.shape) for state in log.states]
+    log = log.with_each(forces=forces).with_links(links)
     return model, continued(model, log, values, jumps), values
 
 
