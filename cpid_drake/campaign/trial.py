@@ -342,7 +342,7 @@ def _estimate(found: Identification, truth: Array) -> dict[str, Any]:
     low, high = found.intervals.T
     assert found.form is not None
     assert found.solution is not None
-    about_truth = found.solution.known.moved(found.form.from_parameters(truth))
+    about_truth = found.solution.determined.moved(found.form.from_parameters(truth))
     inside = (low <= truth) & (truth <= high)
     return {
         "estimate": nulls(found.parameters),

@@ -38,8 +38,8 @@ class BoundedFits:
         """
         blocks = sum(len(log.blocks) for log in logs)
         possible = int(min(most, self.left // blocks))
-        found = fit(model, logs, progress=self.progress, most=possible, **options)
-        self.left -= found.sweeps * blocks
-        if possible < most and not found.converged:
+        solved = fit(model, logs, progress=self.progress, most=possible, **options)
+        self.left -= solved.sweeps * blocks
+        if possible < most and not solved.converged:
             raise InputError(TOO_MANY)
-        return found
+        return solved

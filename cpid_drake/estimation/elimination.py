@@ -139,9 +139,9 @@ def eliminated(part: BlockModel, own: BlockRows, before: Gaussian) -> tuple[Gaus
     joints = of_block[np.argsort(own.order)[part.at_start[12:]] - 12]  # those at its start end
     of_before = np.r_[:12, 12 + joints, 12 + gone + len(part.at_end) : size + 13]  # after x₀
     # [A₀ | A | b]: the first rows of what is known before, and of the block's own.
-    known, boundary, first = before.rows, len(part.at_end), gone + 12
+    rows_before, boundary, first = before.rows, len(part.at_end), gone + 12
     rows = np.zeros((boundary + first, 12 + size + 1))
-    rows[:boundary, of_before] = known[:boundary]
+    rows[:boundary, of_before] = rows_before[:boundary]
     rows[boundary:, :12], rows[boundary:, 12 + of_block] = own.T[:first, :12], own.T[:first, 12:]
     # A₀E₀⁻¹ x₁ + (A − A₀E₀⁻¹E) y = b
     by_end = rows[:, :12] @ np.linalg.inv(own.end[:, :12])
@@ -151,7 +151,7 @@ def eliminated(part: BlockModel, own: BlockRows, before: Gaussian) -> tuple[Gaus
     # The other rows of both contain neither: they remain triangles.
     others, places = np.zeros((2, size + 1 - gone, size + 1 - gone)), of_block[gone:] - gone
     others[0][np.ix_(places, places)] = own.T[first:, first:]
-    others[1, boundary:-1, boundary:] = known[boundary:, boundary:]
+    others[1, boundary:-1, boundary:] = rows_before[boundary:, boundary:]
     T = np.zeros((size + 1, size + 1))
     T[:gone] = ended[:gone]
     T[gone:, gone:] = updated_information(sum_of_triangles(*others), ended[gone:, gone:])
@@ -161,35 +161,35 @@ def eliminated(part: BlockModel, own: BlockRows, before: Gaussian) -> tuple[Gaus
 
 
 def changed(
-    known: Gaussian, columns: NDArray[np.intp], sigma: Array, now: Array, block: int
+    gaussian: Gaussian, columns: NDArray[np.intp], sigma: Array, now: Array, block: int
 ) -> tuple[Gaussian, Change]:
     """Return what is known after a change u ~ N(0, σ²) of some entries, which is eliminated.
 
     u has the present value `now`. The entries before are those after it less u: rows R x = z become
     R x − R_u u = z, and (now + u)/σ = 0 is one more.
     """
-    m, n = len(columns), known.size
+    m, n = len(columns), gaussian.size
     if not m:
-        return known, Change(columns, np.zeros((0, n + 1)), np.zeros((0, 0)), now, block)
-    before, p = known.rows, 1 + int(columns.max())  # the first rows contain them
+        return gaussian, Change(columns, np.zeros((0, n + 1)), np.zeros((0, 0)), now, block)
+    before, p = gaussian.rows, 1 + int(columns.max())  # the first rows contain them
     rows = np.zeros((m + p, m + n + 1))
     rows[:m, :m], rows[:m, -1] = np.diag(1 / sigma), -now / sigma
     rows[m:, :m], rows[m:, m:] = -before[:p, columns], before[:p]
     T = triangle(rows)
     before[:p] = T[m : m + p, m:]
     unit = solve_triangular(T[:m, :m], np.eye(m))
-    volume = known.volume + float(np.sum(np.log(np.abs(np.diag(T)[:m]))))
-    after = replace(known, R=before[:, :-1], z=before[:, -1], volume=volume)
+    volume = gaussian.volume + float(np.sum(np.log(np.abs(np.diag(T)[:m]))))
+    after = replace(gaussian, R=before[:, :-1], z=before[:, -1], volume=volume)
     return after, Change(columns, unit @ T[:m, m:], unit, now, block)
 
 
-def linked(known: Gaussian, name: str, sigma: Array, now: Array) -> Gaussian:
+def linked(gaussian: Gaussian, name: str, sigma: Array, now: Array) -> Gaussian:
     """Return what is known after a change u (12,) of attitude, p, L and v, a further unknown.
 
     See `changed`. These are the first columns, and u is last: the rows remain a triangle.
     """
-    n = known.size
+    n = gaussian.size
     T = np.zeros((n + 12, n + 13))
-    T[:n, :n], T[:n, n:-1], T[:n, -1] = known.R, -known.R[:, :12], known.z
+    T[:n, :n], T[:n, n:-1], T[:n, -1] = gaussian.R, -gaussian.R[:, :12], gaussian.z
     T[n:, n:-1], T[n:, -1] = np.diag(1 / sigma), -now / sigma
-    return Gaussian.of_triangle({**known.sizes, name: 12}, T, known.rho2)
+    return Gaussian.of_triangle({**gaussian.sizes, name: 12}, T, gaussian.rho2)

@@ -39,14 +39,14 @@ LATER = 8
 
 
 def fit_with_events(
-    found: Fit,
+    fit: Fit,
     question: Question,
     fits: BoundedFits,
 ) -> Fit:
     """Return a fit with the changes of momentum that its samples show; see `LogState.changes`.
 
     Args:
-        found: a fit, which is returned if the samples show no changes but its own.
+        fit: a fit, which is returned if the samples show no changes but its own.
         question: the candidates beside the changes, which are judged together.
         fits: makes the fits.
 
@@ -54,34 +54,34 @@ def fit_with_events(
         InputError: no motion can be predicted, or it needs more linearizations than are left.
 
     """
-    model = found.model
+    model = fit.model
     # Slow noise may be a change in disguise, and changes may be slow noise.
-    quiet = [log.with_each(weights=({} for _ in log.states)) for log in found.logs]
+    quiet = [log.with_each(weights=({} for _ in log.states)) for log in fit.logs]
     declared = [log.with_processes({}) for log in quiet]
-    changes = _changes(replace(found, logs=declared), question)
+    changes = _changes(replace(fit, logs=declared), question)
     if all(log.open.issuperset(own) for log, own in zip(quiet, changes, strict=True)):
-        return found
+        return fit
     slow = [p.total for log in quiet for p in log.processes.values() if p.slow]
     is_noise = max(slow, default=0.0) < FAR**2  # else the fit is no start, and changes come first
     if slow and is_noise:
-        parts = zip(quiet, found.rolled, changes, strict=True)
+        parts = zip(quiet, fit.rolled, changes, strict=True)
         cut = [_cut(model, *each) for each in parts]
-        finer = replace(found, logs=cut, rolled=[roll(model, log, found.values) for log in cut])
+        finer = replace(fit, logs=cut, rolled=[roll(model, log, fit.values) for log in cut])
         ends = zip(cut, finer.rolled, _changes(finer, question), strict=True)
         kept = [
             _kept(finer, log.with_processes(before.processes), rolled, own, question)
-            for before, (log, rolled, own) in zip(found.logs, ends, strict=True)
+            for before, (log, rolled, own) in zip(fit.logs, ends, strict=True)
         ]
         if not any(kept):
-            return found
-    wide = found
+            return fit
+    wide = fit
     # What a change has bent is no start.
-    now = [log.of_others(model, log.blocks) for log in found.logs]
+    now = [log.of_others(model, log.blocks) for log in fit.logs]
     for last in (False, True):  # whole blocks, then parts of those beside changes
         logs = [log.opened(range(len(log.blocks) - 1)) for log in now]
         wide = fits.fit(model, logs, values=wide.values)
         if not is_explained(wide):
-            return found  # changes do not explain the samples
+            return fit  # changes do not explain the samples
         plain = [log.with_processes({}) for log in wide.logs]
         changes = _changes(replace(wide, logs=plain), question)
         logs = [log.opened(each) for log, each in zip(wide.logs, changes, strict=True)]
@@ -94,10 +94,10 @@ def fit_with_events(
     ends = zip(changed.logs, changed.rolled, changes, strict=True)
     kept = [
         _kept(changed, log.with_processes(before.processes), rolled, own, question)
-        for before, (log, rolled, own) in zip(found.logs, ends, strict=True)
+        for before, (log, rolled, own) in zip(fit.logs, ends, strict=True)
     ]
     if not any(kept):
-        return found if is_noise else changed
+        return fit if is_noise else changed
     if all(log.open == own for log, own in zip(changed.logs, kept, strict=True)):
         return changed
     logs = [log.opened(own) for log, own in zip(wide.logs, kept, strict=True)]
@@ -105,7 +105,7 @@ def fit_with_events(
 
 
 def _kept(
-    found: Fit,
+    fit: Fit,
     log: LogState,
     rolled: Rolled,
     changes: Mapping[int, float],
@@ -124,18 +124,18 @@ def _kept(
     for k, count in enumerate(counts):
         if costs and k > 2 + int(np.argmin(costs)):
             break
-        alone = replace(found, logs=[log.with_processes({})], rolled=[rolled])
+        alone = replace(fit, logs=[log.with_processes({})], rolled=[rolled])
         [spans] = _changes(alone, question, ends[:count]) if count else [{}]
         some = noise.opened(ends[:count], spans)
         before = costs[-1] if costs else np.inf
-        noise, cost = with_best_noise(found.model, some, rolled, found.values, before)
+        noise, cost = with_best_noise(fit.model, some, rolled, fit.values, before)
         costs.append(cost + count * price)
     return log.opened(ends[: counts[int(np.argmin(costs))]]).open
 
 
-def is_explained(found: Fit) -> bool:
+def is_explained(fit: Fit) -> bool:
     """Return whether residuals are as small as samples that do not weigh less."""
-    return found.cost < FAR**2 * sum(each.count for each in found.rolled)
+    return fit.cost < FAR**2 * sum(each.count for each in fit.rolled)
 
 
 @cache
@@ -145,17 +145,17 @@ def most_changes(logs: int) -> int:
 
 
 def _changes(
-    found: Fit, question: Question, among: Collection[int] | None = None
+    fit: Fit, question: Question, among: Collection[int] | None = None
 ) -> list[dict[int, float]]:
     """Return of each log the blocks at whose ends something changed, and how much; see `spans`.
 
     Of some ends `among` which alone something can change, all are returned.
     """
-    model, result = found.model, []
-    for log, rolled in zip(found.logs, found.rolled, strict=True):
+    model, result = fit.model, []
+    for log, rolled in zip(fit.logs, fit.rolled, strict=True):
         best, count = dict[int, float](), len(log.blocks)
-        before = known_at_start(model, log, found.values)
-        linearize(model.of_log(log.name), log, rolled, found.values)
+        before = known_at_start(model, log, fit.values)
+        linearize(model.of_log(log.name), log, rolled, fit.values)
         wide = log.opened(range(count - 1) if among is None else among)
         for first in range(0, count - 1, MOST_CANDIDATES):
             last = min(first + MOST_CANDIDATES, count - 1)
@@ -164,36 +164,36 @@ def _changes(
             later = slice(last, min(last + LATER + 1, count))
             own, part = wide.part(first, last), rolled.part(first, last)
             parts = own, part
-            known = sweep(
-                model, *parts, found.values, carry=ends, before=before, forward_only=True
+            gaussian = sweep(
+                model, *parts, fit.values, carry=ends, before=before, forward_only=True
             ).end
             parts = log.part(later.start, later.stop), rolled.part(later.start, later.stop)
-            carried = sweep(model, *parts, found.values, before=known, forward_only=True).gaussian
+            carried = sweep(model, *parts, fit.values, before=gaussian, forward_only=True).gaussian
             changes = {own.change(k): part.links[k] for k in ends}
-            compared = _compared(own, found, carried, changes, question)
+            compared = _compared(own, fit, carried, changes, question)
             acting = compared.best if among is None else compared.sizes
             numbers = {own.change(k): first + k for k in ends if own.change(k) in acting}
             best |= {numbers[n]: a for n, a in compared.sizes.items() if n in numbers}
-            known = known.condition(
+            gaussian = gaussian.condition(
                 {own.change(k): -part.links[k] for k in ends if first + k not in log.open}
             )
-            before = known.marginal(n for n in known.places if not n.startswith(CHANGE))
+            before = gaussian.marginal(n for n in gaussian.places if not n.startswith(CHANGE))
         result.append(best)
     return result
 
 
 def _compared(
     log: LogState,
-    found: Fit,
+    fit: Fit,
     gaussian: Gaussian,
     changes: Values,
     question: Question,
 ) -> ModelComparison:
     """Return the comparison of changes of a log, given by name, beside all other candidates."""
-    total = prior_of(found.model, [log], found.values).add(gaussian)
-    values = found.values | changes
+    total = prior_of(fit.model, [log], fit.values).add(gaussian)
+    values = fit.values | changes
     values = {name: values.get(name, np.zeros(size)) for name, size in total.sizes.items()}
-    candidates = dict.fromkeys(changes, farthest(found.model))
+    candidates = dict.fromkeys(changes, farthest(fit.model))
     return question.answer(total, values, candidates)
 
 

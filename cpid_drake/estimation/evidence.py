@@ -101,9 +101,9 @@ def compare(
         odds: of candidates before the samples; default: one of all candidates acts.
 
     """
-    known = dict.fromkeys(candidates, 1 / max(len(candidates), 1)) | dict(odds or {})
+    probabilities = dict.fromkeys(candidates, 1 / max(len(candidates), 1)) | dict(odds or {})
     return _Sets(gaussian, candidates, kept).comparison(
-        {name: float(np.log(value)) for name, value in known.items()}
+        {name: float(np.log(value)) for name, value in probabilities.items()}
     )
 
 
@@ -178,12 +178,12 @@ class Question:
         """
         x = np.concatenate([values[name] for name in gaussian.places])
         given = {name: value for name, value in self.given.items() if name in values}
-        found = gaussian.moved(-x).condition(given)
+        conditioned = gaussian.moved(-x).condition(given)
         changes = dict(further or {})
         sigma = self.candidates | changes
-        kept = [name for name in found.places if name not in sigma]
+        kept = [name for name in conditioned.places if name not in sigma]
         odds = dict.fromkeys(self.candidates, MOMENTUM_ODDS) | dict.fromkeys(changes, CHANGE_ODDS)
-        return compare(found, sigma, kept, odds)
+        return compare(conditioned, sigma, kept, odds)
 
     def held(self, values: Mapping[str, Array], best: Collection[str]) -> dict[str, Array]:
         """Return the momenta that are held if the best candidates act, less their values."""
@@ -242,7 +242,7 @@ class _Sets:
         A = L @ L.T
         d = 1 / np.sqrt(np.diag(A))
         left = np.column_stack([A * d * d[:, None], d * self.b[index]])[None]
-        found = np.zeros(1)
+        values = np.zeros(1)
         for name in names:
             m = len(self.places[name])
             root = np.linalg.cholesky(left[:, :m, :m])
@@ -252,9 +252,9 @@ class _Sets:
             log_det -= np.sum(np.log(d[:m]))
             price = m * np.log(self.size[name]) + np.log(len(SIZES))
             gain = 0.5 * np.sum(by[..., -1] ** 2, axis=1) - log_det - price
-            found = np.concatenate([found, found + gain])
+            values = np.concatenate([values, values + gain])
             left, d = np.concatenate([rest, rest - across @ by]), d[m:]
-        return found
+        return values
 
     def comparison(self, odds: Mapping[str, float]) -> ModelComparison:
         """Return the comparison for the logs of all candidates' odds."""
@@ -319,12 +319,12 @@ class _Sets:
         """Return the evidence for each candidate beside free ones, for each of `SIZES`."""
         _, index, L = self.evidence(free, self.size)
         by_free = solve_triangular(L, np.column_stack([self.H[index], self.b[index]]), lower=True)
-        found = {}
+        gains = {}
         for name in names:
             own = self.places[name]
             H = self.H[np.ix_(own, own)] - by_free[:, own].T @ by_free[:, own]
-            found[name] = _gain(H, self.b[own] - by_free[:, own].T @ by_free[:, -1])
-        return found
+            gains[name] = _gain(H, self.b[own] - by_free[:, own].T @ by_free[:, -1])
+        return gains
 
     def kept(self, index: NDArray[np.intp], L: Array) -> tuple[Array, Array]:
         """Return mean and covariance of the kept unknowns for one set."""

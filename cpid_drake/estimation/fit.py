@@ -69,7 +69,7 @@ class Fit:
         values: of all logs', the hardware's and the target's unknowns.
         logs: with the values of everything else.
         rolled: the logs, predicted at these values.
-        seen: of x − values, without the target's prior, which is not linear.
+        information: of x − values, without the target's prior, which is not linear.
         swept: the logs, linearized about these values, if a step from there may follow.
         ends: of each log: what is known at its end, as `Swept.end`, linear since the last step.
         cost: χ² of all rows.
@@ -83,7 +83,7 @@ class Fit:
     values: Values
     logs: list[LogState]
     rolled: list[Rolled]
-    seen: Gaussian
+    information: Gaussian
     swept: list[Swept] = field(default_factory=list)
     ends: list[Gaussian] = field(default_factory=list)
     cost: float = 0.0
@@ -94,7 +94,7 @@ class Fit:
     @cached_property
     def gaussian(self) -> Gaussian:
         """Of x − values; the target's prior is linear about them."""
-        return self.seen.add(self.model.cone.prior(PSI, self.values[PSI]))
+        return self.information.add(self.model.cone.prior(PSI, self.values[PSI]))
 
 
 def fit(
@@ -131,27 +131,27 @@ def fit(
     return _best(now if settled else _reweighted(now), progress, close=close, most=most)
 
 
-def about(found: Fit, held: Values) -> Fit:
+def about(fitted: Fit, held: Values) -> Fit:
     """Return a fit, linear about the values that are best if some unknowns have given values.
 
     Where a motion is not seen, what depends on its size seems to be known at values that only noise
     makes.
 
     Args:
-        found: a fit.
+        fitted: a fit.
         held: the given values, less those of the fit.
 
     """
-    step = _Step.of(found, held)
-    if step.square < LINEAR or not found.converged:  # else it has no best values to go to
-        return replace(found, swept=[])
-    now = found if found.swept else _linear(found, HALF)
-    there, none = step.taken(now, 1.0), {name: 0.0 * value for name, value in held.items()}
-    if there is None:
-        return replace(found, converged=False)
-    best = _best(replace(there, sweeps=0), held=none, close=LINEAR)
-    converged = found.converged and best.converged
-    return replace(best, swept=[], sweeps=found.sweeps, converged=converged)
+    step = _Step.of(fitted, held)
+    if step.square < LINEAR or not fitted.converged:  # else it has no best values to go to
+        return replace(fitted, swept=[])
+    now = fitted if fitted.swept else _linear(fitted, HALF)
+    moved, none = step.taken(now, 1.0), {name: 0.0 * value for name, value in held.items()}
+    if moved is None:
+        return replace(fitted, converged=False)
+    best = _best(replace(moved, sweeps=0), held=none, close=LINEAR)
+    converged = fitted.converged and best.converged
+    return replace(best, swept=[], sweeps=fitted.sweeps, converged=converged)
 
 
 def _best(
@@ -176,30 +176,30 @@ def _best(
         last = step.before
         is_close = step.square < close
         for _ in range(_REJECTED):
-            there = step.taken(now, share)
-            gain = -1.0 if there is None else (step.before - there.cost) / step.fall(share)
+            moved = step.taken(now, share)
+            gain = -1.0 if moved is None else (step.before - moved.cost) / step.fall(share)
             share = share if is_close else _next(share, gain)
-            if there is not None and (gain > 0 or is_close):
+            if moved is not None and (gain > 0 or is_close):
                 break
         else:  # errors of the derivatives, if it is so small
             ends = [each.end for each in now.swept]
             return replace(now, ends=ends, converged=settled and step.square < LINEAR)
-        excess = there.cost - step.least
+        excess = moved.cost - step.least
         if is_one or _is_linear(step.square, excess):
-            for rolled, after in zip(now.rolled, there.rolled, strict=True):
+            for rolled, after in zip(now.rolled, moved.rolled, strict=True):
                 after.take_derivatives(rolled)
-        is_known = held is not None or all(log.freedom for log in there.logs)
+        is_known = held is not None or all(log.freedom for log in moved.logs)
         if settled and is_known and is_close:
-            return replace(there, converged=True)
-        before = there.logs
+            return replace(moved, converged=True)
+        before = moved.logs
         if held is None:
             left = excess if misfit == 1.0 else step.fall(1.0)  # priors will weigh less
-            settled = left < SETTLED * misfit**2 * sum(r.count for r in there.rolled)
-            there = _reweighted(there, [each.absorbed for each in now.swept] if settled else None)
+            settled = left < SETTLED * misfit**2 * sum(r.count for r in moved.rolled)
+            moved = _reweighted(moved, [each.absorbed for each in now.swept] if settled else None)
         is_last = settled and misfit == 1.0 and abs(excess) < close
-        if is_last and are_same(before, there.logs):
-            return replace(there, converged=True)
-        now = there
+        if is_last and are_same(before, moved.logs):
+            return replace(moved, converged=True)
+        now = moved
     return now
 
 
@@ -286,12 +286,12 @@ class _Step:
 
     def taken(self, now: Fit, share: float) -> Fit | None:
         """Return the fit after a share of the step; None if no motion can be predicted there."""
-        there = _moved(now, share * self.step, _after(now, self.step, share))
-        if there is None:
+        moved = _moved(now, share * self.step, _after(now, self.step, share))
+        if moved is None:
             return None
         parts = {name: self.step[place] for name, place in now.gaussian.places.items()}
         ends = [each.end.moved(share * each.step(parts)) for each in now.swept]
-        return replace(there, ends=ends)
+        return replace(moved, ends=ends)
 
 
 def _pulled(log: LogState, after: LogState) -> LogState:
@@ -312,18 +312,20 @@ def _linear(now: Fit, renewal: float) -> Fit:
     model, values, pairs = now.model, now.values, zip(now.logs, now.rolled, strict=True)
     parts = [(log, rolled.renewed(model, log, values, renewal)) for log, rolled in pairs]
     swept = [sweep(model, log, rolled, values) for log, rolled in parts]
-    known = _weighed(hardware_prior_of(model, now.logs, now.values), now.misfit)
-    seen = reduce(Gaussian.add, [each.gaussian for each in swept], known)
-    return replace(now, rolled=[rolled for _, rolled in parts], seen=seen, swept=swept)
+    prior = _weighed(hardware_prior_of(model, now.logs, now.values), now.misfit)
+    information = reduce(Gaussian.add, [each.gaussian for each in swept], prior)
+    return replace(
+        now, rolled=[rolled for _, rolled in parts], information=information, swept=swept
+    )
 
 
-def _cost(found: Fit, logs: Sequence[LogState], weighed_at: Values) -> float:
+def _cost(now: Fit, logs: Sequence[LogState], weighed_at: Values) -> float:
     """Return the sum of squares of all rows at the values of a fit; see `link_cost`."""
-    model, values = found.model, found.values
-    hardware = _weighed(hardware_prior_of(model, found.logs, values, weighed_at), found.misfit)
+    model, values = now.model, now.values
+    hardware = _weighed(hardware_prior_of(model, now.logs, values, weighed_at), now.misfit)
     sizes = model.cone.prior(PSI, values[PSI])
     step = {} if weighed_at is values else {n: value - weighed_at[n] for n, value in values.items()}
-    parts = zip(logs, found.rolled, strict=True)
+    parts = zip(logs, now.rolled, strict=True)
     samples = sum(r.cost(model, log, step) for log, r in parts)
     priors = hardware.cost(np.zeros(hardware.size)) + sizes.cost(np.zeros(sizes.size))
     return samples + priors
@@ -335,15 +337,15 @@ def _best_step(now: Fit, held: Values) -> tuple[Array, float]:
     The samples are linear in ψ, its prior is linear in log-sizes, and the target stays inside of
     the cone: all other unknowns are eliminated, and ten nonlinear ones remain.
     """
-    cone, psi, seen = now.model.cone, now.values[PSI], now.seen
-    free, step, steps = seen.condition(held), np.zeros(seen.size), dict(held)
+    cone, psi, information = now.model.cone, now.values[PSI], now.information
+    free, step, steps = information.condition(held), np.zeros(information.size), dict(held)
     steps[PSI] = cone.most_probable(free.marginal([PSI]).moved(-psi)) - psi
     others = free.condition({PSI: steps[PSI]})
-    step[indices_of(seen.places, others.places)] = others.solve()
+    step[indices_of(information.places, others.places)] = others.solve()
     for name, value in steps.items():
-        step[seen.places[name]] = value
+        step[information.places[name]] = value
     prior = cone.log_size(psi + steps[PSI])[0] / LOG_SIZE
-    return step, seen.cost(step) + float(prior @ prior)
+    return step, information.cost(step) + float(prior @ prior)
 
 
 def _after(now: Fit, step: Array, share: float = 1.0) -> list[LogState]:
@@ -367,7 +369,9 @@ def _moved(now: Fit, step: Array, logs: Sequence[LogState]) -> Fit | None:
         rolled = [roll(now.model, log, values, near=near) for log, near in pairs]
     except (InputError, np.linalg.LinAlgError):
         return None
-    seen = now.seen.moved(step)
-    there = replace(now, values=values, logs=list(logs), rolled=rolled, seen=seen, swept=[])
-    cost = _cost(there, logs, now.values)
-    return replace(there, cost=cost) if np.isfinite(cost) else None
+    information = now.information.moved(step)
+    moved = replace(
+        now, values=values, logs=list(logs), rolled=rolled, information=information, swept=[]
+    )
+    cost = _cost(moved, logs, now.values)
+    return replace(moved, cost=cost) if np.isfinite(cost) else None

@@ -72,20 +72,20 @@ def followed(
 
     """
     try:
-        known = _known_before(fits, ahead)
+        gaussian = _known_before(fits, ahead)
         if not is_conserved:
-            return _apart(fits, ahead, known, block)
-        found = _fitted(fits[-1], _following(fits, ahead, [block]), known)
-        if not (found.converged and is_explained(found)):
+            return _apart(fits, ahead, gaussian, block)
+        solved = _fitted(fits[-1], _following(fits, ahead, [block]), gaussian)
+        if not (solved.converged and is_explained(solved)):
             parts = _parts_beside_change(fits, ahead, block)
-            return _with_changes(fits, ahead, known, parts, question)
-        if not is_linear(found, np.array([each.values[PSI] for each in fits])):
+            return _with_changes(fits, ahead, gaussian, parts, question)
+        if not is_linear(solved, np.array([each.values[PSI] for each in fits])):
             return None
-        if _has_noise_of(fits, found):
-            end = _known_at_end(found, known)
-            if not _may_change(found, end, question):
-                return (*fits, found), ahead_of(found, end)
-        return _with_changes(fits, ahead, known, block.cut(), question)
+        if _has_noise_of(fits, solved):
+            end = _known_at_end(solved, gaussian)
+            if not _may_change(solved, end, question):
+                return (*fits, solved), ahead_of(solved, end)
+        return _with_changes(fits, ahead, gaussian, block.cut(), question)
     except (InputError, np.linalg.LinAlgError):
         return None
 
@@ -96,21 +96,21 @@ def joined(fits: Sequence[Fit]) -> LogState:
     return reduce(lambda log, other: log.followed(model, other), (each.logs[0] for each in fits))
 
 
-def ahead_of(found: Fit, known: Gaussian) -> Past:
+def ahead_of(solved: Fit, gaussian: Gaussian) -> Past:
     """Return the past of the block that follows.
 
     Args:
-        found: the fit of the block before, or of the window.
-        known: what is known at its end, as `Swept.end`, and then of changes.
+        solved: the fit of the block before, or of the window.
+        gaussian: what is known at its end, as `Swept.end`, and then of changes.
 
     """
-    model, [log], [rolled], values = found.model, found.logs, found.rolled, found.values
+    model, [log], [rolled], values = solved.model, solved.logs, solved.rolled, solved.values
     return Past(
-        replace(known, rho2=0.0),
+        replace(gaussian, rho2=0.0),
         rolled.ends[-1],
         log.states[-1].joints.coefficients[-ORDER:],
         np.concatenate([values[u.key(log.name)] for u in model.table]),
-        linear_at(found),
+        linear_at(solved),
         log.slow_places,
         log.slow_at_end,
     )
@@ -121,12 +121,12 @@ def _known_before(fits: Sequence[Fit], ahead: Past) -> Gaussian:
     model, [log] = fits[-1].model, fits[-1].logs
     sigma = model.walking_sigma * np.sqrt(log.blocks[-1].length)
     walking = boundary_size(model, log) + model.walking_columns
-    known = changed(ahead.gaussian, walking, sigma, np.zeros(len(sigma)), block=0)[0]
+    gaussian = changed(ahead.gaussian, walking, sigma, np.zeros(len(sigma)), block=0)[0]
     recent = {
         log.change(k) for each in fits[-LINKS:] for log in each.logs for k in range(len(log.blocks))
     }
-    known = known.condition({n: 0.0 for n in _in_question(known) if n not in recent})
-    return linked(known, _at_end(fits[-1]), farthest(model), np.zeros(12))
+    gaussian = gaussian.condition({n: 0.0 for n in _in_question(gaussian) if n not in recent})
+    return linked(gaussian, _at_end(fits[-1]), farthest(model), np.zeros(12))
 
 
 def _following(fits: Sequence[Fit], ahead: Past, blocks: Sequence[Block]) -> LogState:
@@ -141,35 +141,37 @@ def _following(fits: Sequence[Fit], ahead: Past, blocks: Sequence[Block]) -> Log
 def _fitted(
     before: Fit,
     log: LogState,
-    known: Gaussian,
+    gaussian: Gaussian,
     acting: Collection[str] = (),
     *,
     most: int = MOST_SWEEPS,
 ) -> Fit:
     """Return the fit of a log that follows another, with some of the changes in question."""
     assert log.past is not None
-    past = known.marginal(name for name in known.places if name not in acting)
+    past = gaussian.marginal(name for name in gaussian.places if name not in acting)
     past = past.condition(dict.fromkeys(_in_question(past), 0.0))
     log = replace(log, past=replace(log.past, gaussian=past))
     return fit(before.model, [log], values=before.values, most=most)
 
 
 def _apart(
-    fits: Sequence[Fit], ahead: Past, known: Gaussian, block: Block
+    fits: Sequence[Fit], ahead: Past, gaussian: Gaussian, block: Block
 ) -> tuple[tuple[Fit, ...], Past] | None:
     """Return the result of `followed` if the momentum changed before the block."""
     last = fits[-1]
     log = _following(fits, ahead, [block])
     log = log.with_each(start=[state_of(last.model, log, last.values[PSI])])
-    found = _fitted(last, log, known, [_at_end(last)])
-    if not (found.converged and is_explained(found)):
+    solved = _fitted(last, log, gaussian, [_at_end(last)])
+    if not (solved.converged and is_explained(solved)):
         return None
-    known = known.marginal(name for name in known.places if name != _at_end(last))
-    return (*fits[:-1], _opened_at_end(last), found), ahead_of(found, _known_at_end(found, known))
+    gaussian = gaussian.marginal(name for name in gaussian.places if name != _at_end(last))
+    return (*fits[:-1], _opened_at_end(last), solved), ahead_of(
+        solved, _known_at_end(solved, gaussian)
+    )
 
 
 def _with_changes(
-    fits: Sequence[Fit], ahead: Past, known: Gaussian, parts: Sequence[Block], question: Question
+    fits: Sequence[Fit], ahead: Past, gaussian: Gaussian, parts: Sequence[Block], question: Question
 ) -> tuple[tuple[Fit, ...], Past] | None:
     """Return the result of `followed` if something changed between parts of a block or before.
 
@@ -183,20 +185,20 @@ def _with_changes(
     for k in range(0 if is_at_start else 1, len(parts)):  # what a change has bent is no start
         starts[k] = state_of(last.model, log.part(k, k + 1), last.values[PSI])
     log = log.with_each(start=starts).opened(inner)
-    wide = _fitted(last, log, known, [_at_end(last)] if is_at_start else [], most=WIDE_SWEEPS)
+    wide = _fitted(last, log, gaussian, [_at_end(last)] if is_at_start else [], most=WIDE_SWEEPS)
     if not (wide.converged and is_explained(wide)):
         return None
-    acting, possible = _acting(wide, known, question), {log.change(k) for k in inner}
+    acting, possible = _acting(wide, gaussian, question), {log.change(k) for k in inner}
     if not acting or not possible.union([] if inner else [_at_end(last)]).issuperset(acting):
         return None
     opened = [k for k in inner if log.change(k) in acting]
-    found = _fitted(wide, wide.logs[0].opened(opened), known, acting)
-    if not (found.converged and is_explained(found) and _has_noise_of(fits, found)):
+    solved = _fitted(wide, wide.logs[0].opened(opened), gaussian, acting)
+    if not (solved.converged and is_explained(solved) and _has_noise_of(fits, solved)):
         return None
-    known = known.marginal(name for name in known.places if name not in acting)
-    end = _known_at_end(found, known, carry=[k for k in inner if k not in opened])
+    gaussian = gaussian.marginal(name for name in gaussian.places if name not in acting)
+    end = _known_at_end(solved, gaussian, carry=[k for k in inner if k not in opened])
     last = last if inner else _opened_at_end(last)
-    return (*fits[:-1], last, found), ahead_of(found, end)
+    return (*fits[:-1], last, solved), ahead_of(solved, end)
 
 
 def _parts_beside_change(fits: Sequence[Fit], ahead: Past, block: Block) -> list[Block]:
@@ -223,67 +225,67 @@ def _parts_beside_change(fits: Sequence[Fit], ahead: Past, block: Block) -> list
     return [block.part(a, b) for a, b in pairwise(edges)]
 
 
-def _acting(wide: Fit, known: Gaussian, question: Question) -> tuple[str, ...]:
+def _acting(wide: Fit, gaussian: Gaussian, question: Question) -> tuple[str, ...]:
     """Return the changes that act, of those in question and those inside of a block."""
     model, [log], [rolled], values = wide.model, wide.logs, wide.rolled, wide.values
     inner = range(len(log.blocks) - 1)
-    total = _known_at_end(wide, known, carry=inner)
+    total = _known_at_end(wide, gaussian, carry=inner)
     total = total.marginal(name for name in total.places if name != BOUNDARY)
     total = prior_of(model, [log], values).add(total)
-    asked = question.without_contradicted(wide.gaussian, values, model)
-    changes = {name: np.zeros(12) for name in _in_question(known)}
+    remaining = question.without_contradicted(wide.gaussian, values, model)
+    changes = {name: np.zeros(12) for name in _in_question(gaussian)}
     changes |= {log.change(k): rolled.links[k] for k in inner}
     sigma = dict.fromkeys(changes, farthest(model))
-    return asked.answer(total, values | changes, sigma).best
+    return remaining.answer(total, values | changes, sigma).best
 
 
-def _opened_at_end(found: Fit) -> Fit:
+def _opened_at_end(solved: Fit) -> Fit:
     """Return a fit that is open at its end."""
-    [log] = found.logs
-    open_end = replace(Link.closed(found.model.of_log(log.name)), is_open=True)
-    return replace(found, logs=[log.with_links([*log.links, open_end])])
+    [log] = solved.logs
+    open_end = replace(Link.closed(solved.model.of_log(log.name)), is_open=True)
+    return replace(solved, logs=[log.with_links([*log.links, open_end])])
 
 
-def _at_end(found: Fit) -> str:
+def _at_end(solved: Fit) -> str:
     """Return the name of a change at the end of a fit."""
-    [log] = found.logs
+    [log] = solved.logs
     return log.change(len(log.blocks) - 1)
 
 
-def _in_question(known: Gaussian) -> list[str]:
+def _in_question(gaussian: Gaussian) -> list[str]:
     """Return the names of the changes that are in question."""
-    return [name for name in known.places if name.startswith(CHANGE)]
+    return [name for name in gaussian.places if name.startswith(CHANGE)]
 
 
-def _has_noise_of(fits: Sequence[Fit], found: Fit) -> bool:
+def _has_noise_of(fits: Sequence[Fit], solved: Fit) -> bool:
     """Return whether a fit has the noise of those before."""
-    [log], window = found.logs, [*fits, found]
+    [log], window = solved.logs, [*fits, solved]
     residuals = [rest for each in window for rest in each.rolled[0].residuals]
     freedom = [each.logs[0].freedom for each in window for _ in each.logs[0].blocks]
     return is_as_before(joined(window), residuals, freedom, len(log.blocks))
 
 
-def _known_at_end(found: Fit, known: Gaussian, carry: Collection[int] = ()) -> Gaussian:
+def _known_at_end(solved: Fit, gaussian: Gaussian, carry: Collection[int] = ()) -> Gaussian:
     """Return what is known at the end of a fit, if its past has the changes in question.
 
     Changes at the ends of some of its blocks are further ones.
     """
-    model, [log], [rolled], values = found.model, found.logs, found.rolled, found.values
+    model, [log], [rolled], values = solved.model, solved.logs, solved.rolled, solved.values
     assert log.past is not None
-    before = past_of(model, replace(log, past=replace(log.past, gaussian=known)), values)
-    if found.sweeps > 1:  # its derivatives may be those of the first sweep
+    before = past_of(model, replace(log, past=replace(log.past, gaussian=gaussian)), values)
+    if solved.sweeps > 1:  # its derivatives may be those of the first sweep
         rolled = replace(rolled, linear={}, rows={})
     return sweep(model, log, rolled, values, carry=carry, before=before, forward_only=True).end
 
 
-def _may_change(found: Fit, known: Gaussian, question: Question) -> bool:
+def _may_change(solved: Fit, gaussian: Gaussian, question: Question) -> bool:
     """Return whether something may have changed at one of the last ends."""
-    model, logs, values = found.model, found.logs, found.values
-    total = known.marginal(name for name in known.places if name != BOUNDARY)
+    model, logs, values = solved.model, solved.logs, solved.values
+    total = gaussian.marginal(name for name in gaussian.places if name != BOUNDARY)
     total = prior_of(model, logs, values).add(total)
-    asked = question.without_contradicted(found.gaussian, values, model)
-    zero = dict.fromkeys(asked.candidates, np.zeros(6))
-    for momenta in (asked.given, *([zero] if zero else [])):
+    remaining = question.without_contradicted(solved.gaussian, values, model)
+    zero = dict.fromkeys(remaining.candidates, np.zeros(6))
+    for momenta in (remaining.given, *([zero] if zero else [])):
         about = total.condition({name: each - values[name] for name, each in momenta.items()})
         if is_possible_change(about.marginal(_in_question(about)), farthest(model)):
             return True

@@ -149,8 +149,8 @@ class Gaussian:
         Singular values that are rounding errors are left out.
         """
         U, sizes, axes = np.linalg.svd(self.R * scale)
-        seen = sizes > _NEGLIGIBLE * sizes.max(initial=0.0)
-        return U[:, seen], sizes[seen], axes[seen]
+        is_significant = sizes > _NEGLIGIBLE * sizes.max(initial=0.0)
+        return U[:, is_significant], sizes[is_significant], axes[is_significant]
 
     def cost(self, x: Array) -> float:
         """Return the sum of squares at x (n,)."""
@@ -168,8 +168,10 @@ class Gaussian:
         if np.min(np.abs(np.diag(self.R)) / scale, initial=1.0) > _DETERMINED:
             return np.asarray(solve_triangular(self.R, self.z))
         U, s, Vt = np.linalg.svd(self.R / scale, full_matrices=False)
-        known = s > _NEGLIGIBLE * s.max(initial=0.0)
-        return np.asarray(Vt[known].T @ ((U.T @ self.z)[known] / s[known]) / scale)
+        is_determined = s > _NEGLIGIBLE * s.max(initial=0.0)
+        return np.asarray(
+            Vt[is_determined].T @ ((U.T @ self.z)[is_determined] / s[is_determined]) / scale
+        )
 
     def covariance(self) -> Array:
         """Return the covariance (n, n); all directions must be determined.
@@ -246,7 +248,7 @@ class LeastSquaresSolution:
         return self.root @ self.root.T if self.has_sizes else self.covariance
 
     @cached_property
-    def known(self) -> Gaussian:
+    def determined(self) -> Gaussian:
         """What is known: the determined combinations, as equations with unit errors."""
         A = self.singular_values[: self.rank, None] * self.axes[: self.rank] / self.unit
         A /= self.sigma
@@ -265,7 +267,7 @@ class LeastSquaresSolution:
     @property
     def information(self) -> Array:
         """(n, n) inverse covariance of what is known."""
-        return self.known.R.T @ self.known.R
+        return self.determined.R.T @ self.determined.R
 
     @property
     def condition_number(self) -> float:

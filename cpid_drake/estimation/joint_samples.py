@@ -93,12 +93,12 @@ class JointSamples:
 
     def with_processes(self, processes: Mapping[str, Process]) -> "JointSamples":
         """Return the samples with other noise."""
-        found = copy(self)
-        found._white = {
+        other = copy(self)
+        other._white = {
             name: (place, Alone(white.times, processes.get(name, DECLARED)))
             for name, (place, white) in self._white.items()
         }
-        return found
+        return other
 
     @property
     def times(self) -> dict[str, Array]:
@@ -107,10 +107,10 @@ class JointSamples:
 
     def white(self, values: Array) -> Array:
         """Return whitened values (N, ...) of all samples."""
-        found = np.empty(values.shape)
+        whitened = np.empty(values.shape)
         for place, white in self._white.values():
-            found[place] = white(values[place])
-        return found
+            whitened[place] = white(values[place])
+        return whitened
 
     @property
     def volume(self) -> float:

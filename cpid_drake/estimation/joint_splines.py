@@ -136,9 +136,9 @@ class JointSplines:
             z, c = block.coefficients(self._group, lambdas, np.concatenate([v, x], axis=1))
             x = c[:, :ORDER]
             coefficients.append(c[..., 0].T)
-            seen = lambdas[:, None] * block.a[self._group] ** 2
+            weight = lambdas[:, None] * block.a[self._group] ** 2
             square = np.sum(z**2, axis=(1, 2)) + np.sum(v**2, axis=(1, 2))
-            square /= lambdas * noise**2 * (ORDER + np.sum(seen / (1 + seen), axis=1))
+            square /= lambdas * noise**2 * (ORDER + np.sum(weight / (1 + weight), axis=1))
             roughness = np.maximum(roughness, np.sqrt(square))
         return coefficients[::-1], noise, roughness
 

@@ -49,14 +49,14 @@ _PRICE = 12.0  # of −2 log(evidence): of noise that is not white
 
 
 def smooth_joints(
-    blocks: Sequence[Block], suite: SensorSuite, known: Smoothness | None = None
+    blocks: Sequence[Block], suite: SensorSuite, earlier: Smoothness | None = None
 ) -> tuple[Smoothness, list[JointPart]]:
     """Return the smoothness of a log's joints, and their smoothed motion in successive blocks.
 
     Args:
         blocks: successive blocks of one log.
         suite: the sensors' errors.
-        known: the smoothness of most of these blocks, with the noise from which it is sought.
+        earlier: the smoothness of most of these blocks, with the noise from which it is sought.
 
     Raises:
         InputError: the samples are too few.
@@ -65,11 +65,11 @@ def smooth_joints(
     samples = [JointSamples(block, suite) for block in blocks]
     _require_enough(samples)
     once = once_weights(samples)
-    processes: dict[str, Process] = {**known.processes} if known else {}
+    processes: dict[str, Process] = {**earlier.processes} if earlier else {}
     weights = once
     for _ in range(_REWEIGHTINGS):
         samples = [each.with_processes(processes) for each in samples]
-        splines = _best_splines(samples, weights, once, processes, known.rate if known else 0.0)
+        splines = _best_splines(samples, weights, once, processes, earlier.rate if earlier else 0.0)
         u = splines.best()
         coefficients, noise, roughness = splines.solved(u)
         loss = [loss_weight(left / noise) for left in splines.residuals(coefficients)]
@@ -108,12 +108,12 @@ def _processes(splines: JointSplines, u: Array, now: Mapping[str, Process]) -> d
     They have the largest evidence of a grid of τ and of ratios of slow and white variances, if it
     is much larger than that of white noise: shapes are tried from one to its neighbours.
     """
-    found = dict(now)
+    shapes = dict(now)
     for name, step in splines.steps.items():
-        others = {n: p for n, p in found.items() if n != name}
+        others = {n: p for n, p in shapes.items() if n != name}
         cost = cache(partial(_shape_cost, splines, u, others, name, step))
         places = {_shape(step, i, j): (i, j) for i in range(_SHAPES[0]) for j in range(_SHAPES[1])}
-        best = places.get(found.get(name, Process()))
+        best = places.get(shapes.get(name, Process()))
         best = min([None, *(_FIRST if best is None else [best])], key=cost)
         while best is not None:
             i, j = best
@@ -123,8 +123,8 @@ def _processes(splines: JointSplines, u: Array, now: Mapping[str, Process]) -> d
             if better == best:
                 break
             best = better
-        found = others if best is None else {**others, name: _shape(step, *best)}
-    return found
+        shapes = others if best is None else {**others, name: _shape(step, *best)}
+    return shapes
 
 
 def _shape_cost(
@@ -181,9 +181,9 @@ def _best_splines(
 def _noisy(splines: JointSplines, processes: Mapping[str, Process]) -> float:
     """Return −2 log(evidence) of splines with the noise that they leave."""
     u = splines.best()
-    found = _processes(splines, u, processes)
-    price = _PRICE * len(found.keys() - processes.keys())
-    return splines.of(found).least_about(u) + price
+    shapes = _processes(splines, u, processes)
+    price = _PRICE * len(shapes.keys() - processes.keys())
+    return splines.of(shapes).least_about(u) + price
 
 
 def _require_enough(samples: Sequence[JointSamples]) -> None:

@@ -16,60 +16,60 @@ SECOND_ORDER = 0.02
 """Share of its error by which a relative change of the system's inertia, squared, is negligible."""
 
 
-def inertia_error(found: Fit) -> float:
+def inertia_error(fit: Fit) -> float:
     """Return the relative error of the system's inertia about its centre of mass.
 
     It is the root mean square of Wᵀ δJ W, with J = W⁻ᵀW⁻¹, along the axes that can rotate. Errors
     of the spacecraft's bodies, which stay uncertain for ever, are not in it.
     """
-    exact = {BODIES: 0.0} if BODIES in found.gaussian.places else {}
-    covariance = found.gaussian.condition(exact).marginal([PSI]).covariance()
-    B = _by_inertia(found)
+    exact = {BODIES: 0.0} if BODIES in fit.gaussian.places else {}
+    covariance = fit.gaussian.condition(exact).marginal([PSI]).covariance()
+    B = _by_inertia(fit)
     return float(np.sqrt(np.trace(B @ covariance @ B.T) / np.sqrt(len(B))))
 
 
-def inertia_change(found: Fit, psi: Array) -> Array:
+def inertia_change(fit: Fit, psi: Array) -> Array:
     """Return the relative changes d (...,) of the system's inertia from other targets ψ (..., 10).
 
     What is linear about such a target is wrong by d².
     """
-    B = _by_inertia(found)
-    step = (found.values[PSI] - psi) @ B.T
+    B = _by_inertia(fit)
+    step = (fit.values[PSI] - psi) @ B.T
     return np.asarray(np.linalg.norm(step, axis=-1) / len(B) ** 0.25)
 
 
-def linear_at(found: Fit) -> Values:
+def linear_at(fit: Fit) -> Values:
     """Return the values of target and hardware at which later blocks have their derivatives."""
-    [log], values = found.logs, found.values
-    if log.past is not None and inertia_error(found) < WELL_KNOWN:
+    [log], values = fit.logs, fit.values
+    if log.past is not None and inertia_error(fit) < WELL_KNOWN:
         return {**log.past.first}
     # Its past, if it has one, says little.
-    return {u.name: values[u.name] for u in found.model.table if u.scope != "log"}
+    return {u.name: values[u.name] for u in fit.model.table if u.scope != "log"}
 
 
-def is_linear(found: Fit, psi: Array) -> bool:
+def is_linear(fit: Fit, psi: Array) -> bool:
     """Return whether what is linear about other targets ψ (n, 10) is so about that of a fit.
 
     The error says by how much the inertia may change in the future.
     """
-    error, change = inertia_error(found), float(np.max(inertia_change(found, psi)))
+    error, change = inertia_error(fit), float(np.max(inertia_change(fit, psi)))
     return error < WELL_KNOWN and change**2 < SECOND_ORDER * error
 
 
-def change_beyond_linear(found: Fit) -> float:
+def change_beyond_linear(fit: Fit) -> float:
     """Return the relative change d of the system's inertia since it was well known.
 
     It is 0 if its second-order effect d² is below the error of the inertia.
     """
-    [log] = found.logs
-    change = 0.0 if log.past is None else float(inertia_change(found, log.past.first[PSI]))
-    return change if change**2 > inertia_error(found) else 0.0
+    [log] = fit.logs
+    change = 0.0 if log.past is None else float(inertia_change(fit, log.past.first[PSI]))
+    return change if change**2 > inertia_error(fit) else 0.0
 
 
-def _by_inertia(found: Fit) -> Array:
+def _by_inertia(fit: Fit) -> Array:
     """Return the derivative (9, 10) of Wᵀ J W by ψ at the end of a log; (1, 10) on a table."""
-    tree, psi = found.model.tree, found.values[PSI]
-    q = found.logs[0].states[-1].joints.coefficients[-ORDER][None]
+    tree, psi = fit.model.tree, fit.values[PSI]
+    q = fit.logs[0].states[-1].joints.coefficients[-ORDER][None]
     dynamics = BodyDynamics.at(tree, q, np.zeros_like(q))
     J, none = dynamics.inertia(psi)[0], dynamics.inertia(np.zeros(10))[0]
     normal_B = tree.normal_B

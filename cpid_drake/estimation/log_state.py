@@ -257,9 +257,9 @@ class LogState:
     @property
     def noise_factors(self) -> dict[str, float]:
         """Size of the noise inside of a block, as factors of the sensors' declared σ."""
-        found = dict.fromkeys(self.freedom, 1.0)
+        factors = dict.fromkeys(self.freedom, 1.0)
         length = self.blocks[-1].end - self.blocks[0].start
-        return found | {n: float(np.sqrt(p.within(length))) for n, p in self.processes.items()}
+        return factors | {n: float(np.sqrt(p.within(length))) for n, p in self.processes.items()}
 
     @cached_property
     def slow_places(self) -> dict[str, slice]:
@@ -315,19 +315,19 @@ class LogState:
 
     def rows_of(self, k: int, rest: Mapping[str, Array]) -> dict[str, Array]:
         """Return white residuals of those (M, d) in block k, and of the links of slow noise."""
-        slow, places, found = self.slow_at(k), self.slow_places, {}
+        slow, places, rows = self.slow_at(k), self.slow_places, {}
         for name, white in self.whitenings(k, rest).items():
             own = rest.get(name, np.zeros((0, white.process.channels)))
-            found[name] = white.of(own, *slow[:, places.get(name, slice(0))])
-        return found
+            rows[name] = white.of(own, *slow[:, places.get(name, slice(0))])
+        return rows
 
     def whitenings(self, k: int, rest: Mapping[str, Array]) -> dict[str, Innovations]:
         """Return what makes the residuals of block k white, and links slow noise."""
-        found = {name: self.whitening(k, name, len(each)) for name, each in rest.items()}
+        whitenings = {name: self.whitening(k, name, len(each)) for name, each in rest.items()}
         for name in self.slow_places:
             if name not in rest:
-                found[name] = self.whitening(k, name, 0)
-        return found
+                whitenings[name] = self.whitening(k, name, 0)
+        return whitenings
 
     def whitening(self, k: int, sensor: str, count: int) -> Innovations:
         """Return what makes the residuals of a sensor, or of a white force, in block k white."""

@@ -68,12 +68,12 @@ def with_processes(model: Model, log: LogState, rolled: Rolled, values: Values) 
     tried = search.with_forces(_guesses(log, series, before))
     if not tried:
         return replace(log, is_known=True)
-    found, cost = search.climbed(tried)
-    if are_near(found, before):
+    shapes, cost = search.climbed(tried)
+    if are_near(shapes, before):
         return replace(log, is_known=True)
-    found = search.simplified(found, cost)
-    is_known = bool(before) or are_near(found, before)
-    return replace(log.with_processes(found), is_known=is_known)
+    shapes = search.simplified(shapes, cost)
+    is_known = bool(before) or are_near(shapes, before)
+    return replace(log.with_processes(shapes), is_known=is_known)
 
 
 def with_best_noise(
@@ -99,11 +99,11 @@ def with_best_noise(
     if log.open:
         guessed = search.with_forces(_guesses(log, search.series, {}))
         start = guessed if search.cost(guessed) < before else start
-    found, cost = search.climbed(start)
-    if found == log.processes:
+    shapes, cost = search.climbed(start)
+    if shapes == log.processes:
         return log, cost
-    found = search.simplified(found, cost)
-    return log.with_processes(found), search.cost(found)
+    shapes = search.simplified(shapes, cost)
+    return log.with_processes(shapes), search.cost(shapes)
 
 
 def is_as_before(
@@ -144,7 +144,7 @@ def is_as_before(
 
 def _series(log: LogState, residuals: Sequence[Mapping[str, Array]]) -> dict[str, "_Series"]:
     """Return the series of residuals (M, d) of the blocks that have samples, by sensor or force."""
-    found = {}
+    series = {}
     for name in sorted({name for rest in residuals for name in rest}):
         times, near = [], []
         for k, block in enumerate(residuals):
@@ -152,8 +152,8 @@ def _series(log: LogState, residuals: Sequence[Mapping[str, Array]]) -> dict[str
                 is_near = log.states[k].weights.get(name, np.ones(len(block[name]))) == 1.0
                 times.append(log.whitening(k, name, len(is_near)).times[is_near])
                 near.append(block[name][is_near])
-        found[name] = _Series(np.concatenate(times), np.concatenate(near))
-    return found
+        series[name] = _Series(np.concatenate(times), np.concatenate(near))
+    return series
 
 
 def _guesses(log: LogState, series: Mapping[str, "_Series"], before: Processes) -> Processes:
@@ -261,21 +261,21 @@ class _Search:
             if -0.5 * float(slope @ step) < SAME:
                 break
             step *= min(1.0, FARTHEST / float(np.max(np.abs(step))))
-            there, (tried, after) = _moved(processes, step), (value, slope)
+            ahead, (tried, after) = _moved(processes, step), (value, slope)
             for _ in range(4):
-                there = _moved(processes, step)
-                tried, after = self._slopes(there)
+                ahead = _moved(processes, step)
+                tried, after = self._slopes(ahead)
                 if tried < value + SAME:
                     break
                 step /= 3
             if tried > value - SAME:  # as good, or no better step was found
                 break
-            H = self._curvature(there, after)
-            s, y = _coordinates(there) - _coordinates(processes), after - slope
+            H = self._curvature(ahead, after)
+            s, y = _coordinates(ahead) - _coordinates(processes), after - slope
             if y @ s > 0:  # unknowns absorb most of what samples tell of this direction
                 Hs = H @ s
                 H = H + np.outer(y, y) / (y @ s) - np.outer(Hs, Hs) / (s @ Hs)
-            processes, value, slope = there, tried, after
+            processes, value, slope = ahead, tried, after
         return processes, value + sum(_price(each) for each in processes.values())
 
     def _curvature(self, processes: Processes, slope: Array) -> Array:

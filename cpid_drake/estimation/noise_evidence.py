@@ -60,23 +60,23 @@ class NoiseEvidence:
     def means(self) -> list[dict[str, Array]]:
         """Return the noise (M, d) of each block in the linear fit, if it is as declared."""
         log = self.log.with_processes({})
-        _, swept, known = self._value(log, with_steps=True)
-        found = list[dict[str, Array]]()
-        for k, part, mean, _ in marginals(self.model.of_log(log.name), log, swept, known):
+        _, swept, posterior = self._value(log, with_steps=True)
+        noise = list[dict[str, Array]]()
+        for k, part, mean, _ in marginals(self.model.of_log(log.name), log, swept, posterior):
             own, first = dict[str, Array](), 0
             predicted = self.rolled.linear[self.rolled.models[k]][0] @ mean[part.without_slow]
             for name, each in self.rolled.residuals[k].items():
                 own[name] = each - predicted[first : first + each.size].reshape(each.shape)
                 first += each.size
-            found.insert(0, own)
-        return found
+            noise.insert(0, own)
+        return noise
 
     def with_slopes(self, processes: Mapping[str, Process]) -> tuple[float, dict[str, Array]]:
         """Return the value, and its derivatives by `Process.coordinates` of each sensor."""
         log = self.log.with_processes(processes)
-        value, swept, known = self._value(log, with_steps=True)
+        value, swept, posterior = self._value(log, with_steps=True)
         slopes = {name: np.zeros(len(each.coordinates)) for name, each in processes.items()}
-        for k, part, mean, root in marginals(self.model.of_log(log.name), log, swept, known):
+        for k, part, mean, root in marginals(self.model.of_log(log.name), log, swept, posterior):
             J, _ = self.rolled.linear[self.rolled.models[k]]
             rest, first, moments = self.rolled.residuals[k], 0, np.column_stack([mean, root])
             noise = -J @ moments[part.without_slow]
@@ -98,8 +98,8 @@ class NoiseEvidence:
     def _value(self, log: LogState, *, with_steps: bool) -> tuple[float, Swept, Gaussian]:
         """Return the value, the sweep, and all that is known at its end."""
         swept = sweep(self.model, log, self.rolled, self.values, forward_only=not with_steps)
-        known = swept.end.add(self._prior)
-        volume = 2 * swept.end.volume + 2 * float(np.sum(np.log(np.abs(np.diag(known.R)))))
+        posterior = swept.end.add(self._prior)
+        volume = 2 * swept.end.volume + 2 * float(np.sum(np.log(np.abs(np.diag(posterior.R)))))
         if log.past is None:
             volume += 2 * float(np.sum(np.log(log.slow_sigma)))
         for k in range(len(self.rolled.links)):
@@ -108,7 +108,7 @@ class NoiseEvidence:
             for name, white in log.whitenings(k, rest).items():
                 count = rest[name].shape[1] if name in rest else white.process.channels
                 volume += count * white.volume
-        return known.rho2 + volume, swept, known
+        return posterior.rho2 + volume, swept, posterior
 
     def _slopes(self, log: LogState, k: int, name: str, noise: Array, slow: Array) -> Array:
         """Return what a sensor in a block adds to its slopes.

@@ -57,7 +57,7 @@ class OnlineState:
         question: what is compared with changes of the momentum; see `fit_with_events`.
         most: the most linearizations of blocks for one more; if it needs more, it is not used.
         waiting: blocks that no fit explains yet.
-        found: the fit of the last blocks; None before the first.
+        last: the fit of the last blocks; None before the first.
         earlier: those of blocks before them in the window; see `following`.
         ahead: what is known ahead of them; None if one more is solved together with the window.
         settled: times at which the momentum changed [s], before the window.
@@ -71,7 +71,7 @@ class OnlineState:
     question: Question = field(default_factory=lambda: Question({}, {}))
     most: float = MOST_LINEARIZATIONS
     waiting: tuple[Block, ...] = ()
-    found: Fit | None = None
+    last: Fit | None = None
     earlier: tuple[Fit, ...] = ()
     ahead: Past | None = None
     settled: tuple[float, ...] = ()
@@ -92,7 +92,7 @@ class OnlineState:
     @property
     def fits(self) -> tuple[Fit, ...]:
         """The fits of the window."""
-        return () if self.found is None else (*self.earlier, self.found)
+        return () if self.last is None else (*self.earlier, self.last)
 
     def observed(self) -> "OnlineState":
         """Return the state with the numbers of samples and the residuals of the window, too."""
@@ -132,20 +132,20 @@ def step(model: Model, state: OnlineState, block: Block) -> OnlineState:
         return more
     fits = BoundedFits(np.inf if np.isinf(state.window) else state.most)
     try:
-        found = _fitted(model, state, blocks, fits)
+        solved = _fitted(model, state, blocks, fits)
         if state.is_conserved:
-            asked = state.question.without_contradicted(found.gaussian, found.values, model)
-            found = fit_with_events(found, asked, fits)
+            remaining = state.question.without_contradicted(solved.gaussian, solved.values, model)
+            solved = fit_with_events(solved, remaining, fits)
     except (InputError, np.linalg.LinAlgError):
-        found = None
-    if found is None or not (found.converged or is_explained(found)):
-        first = 1 - LONGEST if state.found is None else len(blocks)
+        solved = None
+    if solved is None or not (solved.converged or is_explained(solved)):
+        first = 1 - LONGEST if state.last is None else len(blocks)
         return replace(_without(state, blocks[:first][-1:]), waiting=blocks[first:])
-    ahead = ahead_of(found, found.ends[0]) if found.converged else None
-    found, before = replace(found, swept=[], ends=[]), state.found
-    state = replace(state, waiting=(), found=found, earlier=(), ahead=ahead)
+    ahead = ahead_of(solved, solved.ends[0]) if solved.converged else None
+    solved, before = replace(solved, swept=[], ends=[]), state.last
+    state = replace(state, waiting=(), last=solved, earlier=(), ahead=ahead)
     longest = max(LONGEST, state.window)
-    if before is not None and is_linear(found, before.values[PSI]):
+    if before is not None and is_linear(solved, before.values[PSI]):
         longest = state.window
     while count := _leaving(state, longest):
         state = _marginalized(state, count)
@@ -163,7 +163,7 @@ def _one_more(state: OnlineState, block: Block) -> OnlineState | None:
     more = followed(*before, is_conserved=state.is_conserved)
     if more is None:
         return None
-    [*fits, found], ahead = more
+    [*fits, solved], ahead = more
     last = fits[-1]
     fits[-1] = replace(last, rolled=[replace(each, linear={}, rows={}) for each in last.rolled])
     usual = max(each.length for each in log.blocks)
@@ -171,8 +171,8 @@ def _one_more(state: OnlineState, block: Block) -> OnlineState | None:
         gone = fits.pop(0)
         [log], [rolled] = gone.logs, gone.rolled
         state = replace(state._observed(log, rolled), settled=(*state.settled, *log.changes))
-    found = replace(found, swept=[], ends=[])
-    return replace(state, found=found, earlier=tuple(fits), ahead=ahead)
+    solved = replace(solved, swept=[], ends=[])
+    return replace(state, last=solved, earlier=tuple(fits), ahead=ahead)
 
 
 def run(model: Model, stream: Iterable[Log], state: OnlineState | None = None) -> OnlineState:
@@ -192,21 +192,21 @@ def run(model: Model, stream: Iterable[Log], state: OnlineState | None = None) -
 
 def _fitted(model: Model, state: OnlineState, blocks: Sequence[Block], fits: BoundedFits) -> Fit:
     """Return the fit of the blocks of the window and of one more."""
-    if state.found is None:
+    if state.last is None:
         return fits.fit(model, [LogState.of_blocks(model, blocks, NAME)])
-    log = joined(state.fits).extended(model, blocks[-1], _start(state.found, blocks[-1]))
-    before = None if state.earlier else state.found.rolled[0]
+    log = joined(state.fits).extended(model, blocks[-1], _start(state.last, blocks[-1]))
+    before = None if state.earlier else state.last.rolled[0]
     if not state.is_conserved:
         log = log.opened(range(len(log.blocks) - 1))
-    return fits.fit(model, [log], values=state.found.values, before=before, most=MOST_SWEEPS)
+    return fits.fit(model, [log], values=state.last.values, before=before, most=MOST_SWEEPS)
 
 
-def _start(found: Fit, block: Block) -> TrajectoryState:
+def _start(last: Fit, block: Block) -> TrajectoryState:
     """Return the state at the start of one more block: where the last one ends, if it is known."""
-    model, [log], [rolled] = found.model, found.logs, found.rolled
+    model, [log], [rolled] = last.model, last.logs, last.rolled
     if block.start > log.blocks[-1].end and len(block.samples.attitude):
         alone = LogState.of_blocks(model, [block], NAME)
-        return state_of(model, alone, found.values[PSI])
+        return state_of(model, alone, last.values[PSI])
     return rolled.models[-1].motion.end(rolled.trajectories[-1])
 
 
@@ -220,8 +220,8 @@ def _without(state: OnlineState, blocks: Sequence[Block]) -> OnlineState:
 
 def _leaving(state: OnlineState, longest: float) -> int:
     """Return how many blocks leave the window: two together, if one change opened both ends."""
-    assert state.found is not None
-    [log] = state.found.logs
+    assert state.last is not None
+    [log] = state.last.logs
     count = 2 if {0, 1} <= log.open else 1
     usual = max(block.length for block in log.blocks)
     left = (log.blocks[-1].end - log.blocks[min(count, len(log.blocks)) - 1].end) / usual
@@ -230,19 +230,19 @@ def _leaving(state: OnlineState, longest: float) -> int:
 
 def _marginalized(state: OnlineState, count: int) -> OnlineState:
     """Return the state without the first blocks, linear about their values."""
-    assert state.found is not None
-    found, [log], [rolled] = state.found, state.found.logs, state.found.rolled
-    model, values = found.model, found.values
+    assert state.last is not None
+    last, [log], [rolled] = state.last, state.last.logs, state.last.rolled
+    model, values = last.model, last.values
     gone, rest = log.part(0, count), log.part(count, len(log.blocks))
     linearize(model.of_log(log.name), log, rolled, values)
     before, linear = known_at_start(model, log, values), rolled.part(0, count)
-    known = sweep(model, gone, linear, values, before=before, forward_only=True).end
+    gaussian = sweep(model, gone, linear, values, before=before, forward_only=True).end
     past = Past(
-        replace(known, rho2=0.0),
+        replace(gaussian, rho2=0.0),
         rest.starts[0],
         rest.states[0].joints.coefficients[:ORDER],
         first_table(model, rest, values),
-        linear_at(found),
+        linear_at(last),
         log.slow_places,
         rest.states[0].slow,
     )
@@ -252,5 +252,5 @@ def _marginalized(state: OnlineState, count: int) -> OnlineState:
     return replace(
         state._observed(gone, rolled),
         settled=(*state.settled, *gone.changes),
-        found=replace(found, logs=[replace(rest, past=past)], rolled=[kept]),
+        last=replace(last, logs=[replace(rest, past=past)], rolled=[kept]),
     )

@@ -75,7 +75,7 @@ class Past:
         sizes = {"gone": count, boundary: first + len(edge)}
         sizes |= {name: about.sizes[name] for name in others}
         both = np.vstack([np.column_stack([rows, about.z]), prior / new[:, None]])
-        found = Gaussian.of_rows(sizes, both, about.rho2)
+        joint = Gaussian.of_rows(sizes, both, about.rho2)
         volume = about.volume + float(np.sum(np.log(new)))
-        volume += float(np.sum(np.log(np.abs(np.diag(found.R)[:count]))))
-        return replace(found.marginal([boundary, *others]), volume=volume)
+        volume += float(np.sum(np.log(np.abs(np.diag(joint.R)[:count]))))
+        return replace(joint.marginal([boundary, *others]), volume=volume)

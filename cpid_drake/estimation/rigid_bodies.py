@@ -34,13 +34,13 @@ def sizes(form: Parameterization, mass: float, radius: float) -> Array:
     return np.append([1 / mass, *3 * [radius]] if form.name == EQ18.name else first, moments)
 
 
-def without_rounding(known: Gaussian, scale: Array) -> Gaussian:
+def without_rounding(gaussian: Gaussian, scale: Array) -> Gaussian:
     """Return what is known with no σ below `LEAST_SIGMA`; the unknowns have sizes `scale` (10,)."""
-    U, strength, axes = known.singular_parts(scale)
+    U, strength, axes = gaussian.singular_parts(scale)
     factor = np.minimum(1.0, 1 / LEAST_SIGMA / strength)
     A = (factor * strength)[:, None] * axes / scale
-    rows = np.column_stack([A, factor * (U.T @ known.z)])
-    return Gaussian.of_rows(known.sizes, rows)
+    rows = np.column_stack([A, factor * (U.T @ gaussian.z)])
+    return Gaussian.of_rows(gaussian.sizes, rows)
 
 
 def unit_matrices(form: Parameterization, mass: float) -> Array:
@@ -65,14 +65,14 @@ def unit_matrices(form: Parameterization, mass: float) -> Array:
 
 
 def nearest(
-    known: Gaussian, form: Parameterization, known_mass: float, scale: Array
+    gaussian: Gaussian, form: Parameterization, known_mass: float, scale: Array
 ) -> tuple[float, Array]:
     """Return the least |A x − b| of a rigid body, in σ, and the unknowns (10,) of this body.
 
     NaN if the solver fails. Unknowns that are not determined have arbitrary values.
 
     Args:
-        known: of the unknowns; see `without_rounding`.
+        gaussian: of the unknowns; see `without_rounding`.
         form: their parameterization.
         known_mass: mass of the spacecraft [kg].
         scale: (10,) sizes of the unknowns.
@@ -84,7 +84,7 @@ def nearest(
     x = program.NewContinuousVariables(10, "x")
     matrices = [CONSTANT, *unit_matrices(form, known_mass / scale[0])]
     program.AddLinearMatrixInequalityConstraint(matrices, x)
-    program.AddL2NormCostUsingConicConstraint(known.R * scale, -known.z, x)
+    program.AddL2NormCostUsingConicConstraint(gaussian.R * scale, -gaussian.z, x)
     result = ClarabelSolver().Solve(program)
     if not result.is_success():
         return np.nan, np.full(10, np.nan)

@@ -83,13 +83,13 @@ class Rolled:
         """
         if not self.bends or all(part in self.linear for part in self.models):
             return self
-        found = replace(self, bends={})
-        linearize(model.of_log(log.name), log, found, values)
+        renewed = replace(self, bends={})
+        linearize(model.of_log(log.name), log, renewed, values)
         for part, before in self.bends.items():
-            for whole, old in zip(found.linear[part], before, strict=True):
+            for whole, old in zip(renewed.linear[part], before, strict=True):
                 own = whole[:, part.of_first_order]
                 whole[:, part.of_first_order] = old + share * (own - old)
-        return found.bent(log, found)
+        return renewed.bent(log, renewed)
 
     def bent(self, log: LogState, near: "Rolled") -> "Rolled":
         """Return it with what is of first order, by derivatives of a prediction nearby."""
@@ -186,15 +186,15 @@ def roll(
     """
     model = model.of_log(log.name)
     models, moved, by_psi = motions_of(model, log, values, before)
-    known = dict[BlockModel, Any]()
+    kept = dict[BlockModel, Any]()
     if before:
         done = zip(before.models, before.trajectories, before.rigid, strict=True)
-        known = {part: rolled for part, *rolled in done if part in models}
+        kept = {part: rolled for part, *rolled in done if part in models}
     for part, trajectory in zip(models, moved, strict=True):
-        if part not in known:
+        if part not in kept:
             rest = {name: sensor.residuals(trajectory) for name, sensor in part.sensors.items()}
-            known[part] = trajectory, (rest, part.motion.end(trajectory))
-    trajectories, rigid = (list(each) for each in zip(*(known[part] for part in models)))
+            kept[part] = trajectory, (rest, part.motion.end(trajectory))
+    trajectories, rigid = (list(each) for each in zip(*(kept[part] for part in models)))
     cost = 0.0
     for part in models:
         cost += float(np.sum(part.motion.joints.rest**2))
@@ -202,14 +202,14 @@ def roll(
         cost += float(np.sum((link.walk / model.walking_sigma) ** 2)) / log.step(k)
     linear, rows = {}, {}
     if before:
-        linear = {part: each for part, each in before.linear.items() if part in known}
-        rows = {part: each for part, each in before.rows.items() if part in known}
+        linear = {part: each for part, each in before.linear.items() if part in kept}
+        rows = {part: each for part, each in before.rows.items() if part in kept}
     start = _start_cost(model, log, values)
-    found = Rolled(models, trajectories, rigid, [], [], [], cost, start, by_psi, linear, rows)
+    made = Rolled(models, trajectories, rigid, [], [], [], cost, start, by_psi, linear, rows)
     first_order = model.constants.first_order
     if near is None and any(each.state.constants[first_order].any() for each in trajectories):
-        linearize(model, log, found, values)
-    return found.bent(log, near or found)
+        linearize(model, log, made, values)
+    return made.bent(log, near or made)
 
 
 def derivatives(
@@ -228,10 +228,10 @@ def derivatives(
         models, trajectories, by_psi = motions_of(model, log, values)
     motions, at = [models[k].motion for k in new], [trajectories[k] for k in new]
     bent = with_changes(motions, at, model.known_bodies, values.get(BODIES))
-    for part, there in zip(rolled.models, models, strict=True):
+    for part, nearby in zip(rolled.models, models, strict=True):
         if part not in rolled.linear:
-            J, end = there.jacobian(next(bent))
-            psi = there.columns[PSI]
+            J, end = nearby.jacobian(next(bent))
+            psi = nearby.columns[PSI]
             J[:, psi], end[:, psi] = J[:, psi] @ by_psi, end[:, psi] @ by_psi
             if part in rolled.bends:
                 J[:, part.of_first_order], end[:, part.of_first_order] = rolled.bends[part]

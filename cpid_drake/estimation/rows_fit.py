@@ -129,14 +129,16 @@ class LogRows:
         If this is zero or less, no residuals show the errors, which are then those of rounding.
         """
         T = self.triangle(is_zero=is_zero)
-        found = Gaussian.of_rows({MOMENTUM: len(T) - 11, TARGET: 10}, T)
-        freedom = self.row_count - found.rank
+        gaussian = Gaussian.of_rows({MOMENTUM: len(T) - 11, TARGET: 10}, T)
+        freedom = self.row_count - gaussian.rank
         size = float(np.sum(T[:, -1] ** 2))
-        variance = residual_variance(found.least_cost, size, self.row_count, found.rank)
+        variance = residual_variance(gaussian.least_cost, size, self.row_count, gaussian.rank)
         if freedom < 1:  # residuals show nothing: rounding
             variance = ROUNDING**2 * size / max(self.row_count, 1)
         s = np.sqrt(max(variance, 1e-300))
-        return replace(found, R=found.R / s, z=found.z / s, rho2=found.rho2 / s**2), freedom
+        return replace(
+            gaussian, R=gaussian.R / s, z=gaussian.z / s, rho2=gaussian.rho2 / s**2
+        ), freedom
 
     def misfit(self, x: Array) -> tuple[float, float]:
         """Return the sizes of the residuals at unknowns x (k + 10,), as ratios.

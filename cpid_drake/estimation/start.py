@@ -81,8 +81,8 @@ def start_of(
     values, psi = dict(values), values[PSI]
     started = []
     for log, own in zip(logs, parts, strict=True):
-        found = [_states(model, *part, _momentum(part[1], psi), psi) for part in own]
-        states = tuple(chain.from_iterable(found))
+        of_parts = [_states(model, *part, _momentum(part[1], psi), psi) for part in own]
+        states = tuple(chain.from_iterable(of_parts))
         first = states[0]
         if log.past is None:
             values[f"{MOMENTUM}|{log.name}"] = np.concatenate([first.L, first.v_Wcm])
@@ -109,17 +109,17 @@ def _parts(log: LogState) -> list[LogState]:
 def _balanced(model: Model, parts: Sequence[tuple[LogState, SeenMotion]]) -> Array:
     """Return ψ (10,) from all rows and the priors."""
     psi = model.unknown(PSI).mean
-    found = Gaussian.of_rows({PSI: 10}, np.zeros((10, 11)))
+    gaussian = Gaussian.of_rows({PSI: 10}, np.zeros((10, 11)))
     for row in model.rows:
-        found = found.add(row.moved(psi))
+        gaussian = gaussian.add(row.moved(psi))
     for k, (log, motion) in enumerate(parts):
         L = Unknown(f"L|{k}", 3, np.zeros(3), np.full(3, model.L_sigma), "log")
-        found = found.add(L.prior)
+        gaussian = gaussian.add(L.prior)
         for rows in _rows(model, log, motion, psi):
             left = rows[:, :-1] @ np.linalg.lstsq(rows[:, :-1], rows[:, -1])[0] - rows[:, -1]
             noise = max(np.sqrt(np.mean(left**2)), 1e-9 * model.L_sigma)
-            found = found.add(Gaussian.of_rows({PSI: 10, L.name: 3}, rows / noise))
-    return model.cone.start(found.marginal([PSI]).moved(-psi))
+            gaussian = gaussian.add(Gaussian.of_rows({PSI: 10, L.name: 3}, rows / noise))
+    return model.cone.start(gaussian.marginal([PSI]).moved(-psi))
 
 
 def _momentum(motion: SeenMotion, psi: Array) -> Array:
@@ -156,9 +156,12 @@ def _states(
             first -= 1
         time, attitude = motion.time[first], Rotation.from_matrix(R[first])
         place = p[first] + (block.start - time) * v[first]
-        seen = block.samples.attitude
-        if k == 0 and len(seen):
-            time, attitude = seen.time[0], Rotation.from_quat(seen.value[0], scalar_first=True)
+        attitudes = block.samples.attitude
+        if k == 0 and len(attitudes):
+            time, attitude = (
+                attitudes.time[0],
+                Rotation.from_quat(attitudes.value[0], scalar_first=True),
+            )
         attitude = attitude * Rotation.from_rotvec((block.start - time) * w[first])
         turning, moving = L[first], v[first]
         if model.tree.normal_B is not None:
@@ -194,8 +197,8 @@ def _rows(model: Model, log: LogState, motion: SeenMotion, psi: Array) -> list[A
     if model.tree.normal_B is not None:
         turning, moving = turning[:, 2:], moving[:, :2]
     lag = _INSTANTS // 2
-    seen = (each for each in (turning, moving) if len(each) > lag)
-    return [(each[lag:] - each[:-lag]).reshape(-1, 14) for each in seen]
+    usable = (each for each in (turning, moving) if len(each) > lag)
+    return [(each[lag:] - each[:-lag]).reshape(-1, 14) for each in usable]
 
 
 def _changes(log: LogState) -> bool:
@@ -212,17 +215,17 @@ def _motion(model: Model, log: LogState) -> SeenMotion:
     )
     attitude = replace(attitude, value=without_flips(attitude.value))
     t = np.concatenate([np.linspace(b.start, b.end, _INSTANTS + 2)[1:-1] for b in log.blocks])
-    seen, q_WB, rate = _smoothed(attitude, t, count)
-    t, w = t[seen], angular_velocity(q_WB, rate)
+    is_covered, q_WB, rate = _smoothed(attitude, t, count)
+    t, w = t[is_covered], angular_velocity(q_WB, rate)
     if not len(t):
         t, q_WB, w = attitude.time[:1], attitude.value[:1], np.zeros((1, 3))
-    seen, of_gyro, _ = _smoothed(gyro, t, count)
-    w[seen] = of_gyro
+    is_covered, of_gyro, _ = _smoothed(gyro, t, count)
+    w[is_covered] = of_gyro
     if normal_B is not None:
         w = (w @ normal_B)[:, None] * normal_B
     p, v = np.full((2, len(t), 3), np.nan)
-    seen, *place = _smoothed(position, t, count)
-    p[seen], v[seen] = place
+    is_covered, *place = _smoothed(position, t, count)
+    p[is_covered], v[is_covered] = place
     block = np.searchsorted([block.end for block in log.blocks], t)
     joints = [state.joints.evaluate(t[block == k]) for k, state in enumerate(log.states)]
     q, qdot = np.moveaxis(np.concatenate(joints), 1, 0)
@@ -239,8 +242,8 @@ def _smoothed(
         return np.zeros(len(times), bool), value[:0], value[:0]
     knots = knots_of(time, min(pieces, len(samples) // 4))
     spline = make_lsq_spline(time, value, knots, DEGREE)
-    seen = (times >= time[0]) & (times <= time[-1]) & ~in_gap(time, times)
-    return seen, spline(times[seen]), spline(times[seen], 1)
+    is_covered = (times >= time[0]) & (times <= time[-1]) & ~in_gap(time, times)
+    return is_covered, spline(times[is_covered]), spline(times[is_covered], 1)
 
 
 def _pushed(

@@ -65,8 +65,8 @@ class Swept:
     @property
     def absorbed(self) -> dict[str, float]:
         """How many of a sensor's residuals the blocks' own unknowns absorb, by sensor."""
-        found = [step.absorbed for step in self.steps if isinstance(step, EndedBlock)]
-        return {n: sum(each.get(n, 0.0) for each in found) for n in set().union(*found)}
+        absorbed = [step.absorbed for step in self.steps if isinstance(step, EndedBlock)]
+        return {n: sum(each.get(n, 0.0) for each in absorbed) for n in set().union(*absorbed)}
 
     def step(self, others: Values) -> Array:
         """Return the step of all entries of `end`, given that of all but the boundary's."""
@@ -107,21 +107,21 @@ def sweep(
 
     """
     model, at = model.of_log(log.name), dict[int, Gaussian]()
-    known = known_at_start(model, log, values) if before is None else before
+    gaussian = known_at_start(model, log, values) if before is None else before
     steps = list[Change | EndedBlock]()
     linear = linearized(model, log, rolled, values)
     for k, own in enumerate(linear):
         part = rolled.models[k].with_slow(log.slow_size)
-        known, T = eliminated(part, own, known)
+        gaussian, T = eliminated(part, own, gaussian)
         if not forward_only:
             steps.append(EndedBlock.of(part, rolled.residuals[k], own, T))
-        at |= {k: known} if k in stops else {}
+        at |= {k: gaussian} if k in stops else {}
         if k in carry:
-            known = linked(known, log.change(k), log.link_sigma(model, k), rolled.links[k])
+            gaussian = linked(gaussian, log.change(k), log.link_sigma(model, k), rolled.links[k])
         if change := change_at_end(model, log, rolled, k, is_carried=k in carry):
-            known, step = changed(known, *change, block=k)
+            gaussian, step = changed(gaussian, *change, block=k)
             steps.append(step)
-    return Swept(known, steps, at)
+    return Swept(gaussian, steps, at)
 
 
 def change_at_end(
@@ -225,7 +225,7 @@ def _link_after(model: Model, log: LogState, change: Change, u: Array, share: fl
 
 
 def marginals(
-    model: Model, log: LogState, swept: Swept, known: Gaussian
+    model: Model, log: LogState, swept: Swept, posterior: Gaussian
 ) -> Iterator[tuple[int, BlockModel, Array, Array]]:
     """Yield number and model of each block, from the last to the first, with its marginal.
 
@@ -235,16 +235,16 @@ def marginals(
         model: the unknowns.
         log: the log.
         swept: its linearization.
-        known: what is known at its end, of all entries that `Swept.end` has, by all rows.
+        posterior: what is known at its end, of all entries that `Swept.end` has, by all rows.
 
     """
-    for k, each, mean, root in _backward(log, swept, known):
+    for k, each, mean, root in _backward(log, swept, posterior):
         if isinstance(each, EndedBlock):
             yield k, each.model, mean, root
 
 
 def walked(
-    model: Model, log: LogState, swept: Swept, known: Gaussian
+    model: Model, log: LogState, swept: Swept, posterior: Gaussian
 ) -> dict[str, tuple[float, float]]:
     """Return of each unknown that walks χ² of its smoothed steps, and what it is on average.
 
@@ -252,13 +252,13 @@ def walked(
     then has the covariance 1 − P: the part of the step that the samples show.
 
     Args:
-        model, log, swept, known: see `marginals`.
+        model, log, swept, posterior: see `marginals`.
 
     """
     model = model.of_log(log.name)
     w = len(model.walking_columns)
     squares, shown = np.zeros(w), np.zeros(w)
-    for k, each, mean, root in _backward(log, swept, known):
+    for k, each, mean, root in _backward(log, swept, posterior):
         if isinstance(each, Change):
             sigma = model.walking_sigma * np.sqrt(log.step(k))
             squares += ((log.links[k].walk + mean[:w]) / sigma) ** 2
@@ -268,14 +268,14 @@ def walked(
 
 
 def _backward(
-    log: LogState, swept: Swept, known: Gaussian
+    log: LogState, swept: Swept, posterior: Gaussian
 ) -> Iterator[tuple[int, Change | EndedBlock, Array, Array]]:
     """Yield number, step, mean and a root of the covariance of what ends with each step.
 
     That is the change, or all columns of the block's model.
     """
-    root = solve_triangular(known.R, np.eye(known.size))
-    x, k = root @ known.z, len(log.blocks)
+    root = solve_triangular(posterior.R, np.eye(posterior.size))
+    x, k = root @ posterior.z, len(log.blocks)
     for each in reversed(swept.steps):
         if isinstance(each, Change):
             u = each.solved(x)

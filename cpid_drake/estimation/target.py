@@ -95,7 +95,9 @@ class TargetCone:
         P = self._pseudo_inertia(psi) + self._added
         return np.asarray(self._inverse_root @ P @ self._inverse_root.T)
 
-    def most_probable(self, known: Gaussian, sigma: float = LOG_SIZE, noise: float = 1.0) -> Array:
+    def most_probable(
+        self, gaussian: Gaussian, sigma: float = LOG_SIZE, noise: float = 1.0
+    ) -> Array:
         """Return the ψ (10,) inside of the cone with the least |R ψ − z|²/noise² + |ξ₀(ψ)/σ|².
 
         This is infinite at the cone's boundary, along which steps would creep, and may have several
@@ -105,33 +107,33 @@ class TargetCone:
         boundary.
 
         Args:
-            known: of ψ itself.
+            gaussian: of ψ itself.
             sigma: of the log-sizes.
             noise: factor by which the rows are less precise.
 
         """
-        psi = self._inside(self.solid + known.moved(self.solid).solve(), _SHORTER)
-        now, change = _misfit(known, psi), np.inf
+        psi = self._inside(self.solid + gaussian.moved(self.solid).solve(), _SHORTER)
+        now, change = _misfit(gaussian, psi), np.inf
         # Once ψ stays where it is, rows of any precision leave it there.
         while now > noise and change > _SAME:
-            before, psi = psi, self._settled(known, psi, now, sigma)
+            before, psi = psi, self._settled(gaussian, psi, now, sigma)
             change = float(np.abs(self.log_size(psi)[0] - self.log_size(before)[0]).max())
             now /= _FINER
-        return self._settled(known, psi, noise, sigma)
+        return self._settled(gaussian, psi, noise, sigma)
 
-    def start(self, known: Gaussian) -> Array:
+    def start(self, gaussian: Gaussian) -> Array:
         """Return the most probable ψ (10,) with log-sizes N(0, 1) about the plausible solid.
 
         The rows are as precise as the body that explains them best leaves them.
 
         Args:
-            known: of ψ itself.
+            gaussian: of ψ itself.
 
         """
         noise = 1.0
         while True:
-            psi = self.most_probable(known, 1.0, noise)
-            misfit = _misfit(known, psi)
+            psi = self.most_probable(gaussian, 1.0, noise)
+            misfit = _misfit(gaussian, psi)
             if not misfit > 1.05 * noise:
                 return psi
             noise = misfit
@@ -149,9 +151,9 @@ class TargetCone:
             step = share * step
         return np.asarray(self.solid + step)
 
-    def _settled(self, known: Gaussian, psi: Array, noise: float, sigma: float) -> Array:
+    def _settled(self, gaussian: Gaussian, psi: Array, noise: float, sigma: float) -> Array:
         """Return the most probable ψ if the rows are less precise by a factor, from a ψ near it."""
-        R, z = known.R / noise, known.z / noise
+        R, z = gaussian.R / noise, gaussian.z / noise
 
         def rows(psi: Array) -> tuple[Array, Array]:
             xi, by = self.log_size(psi)
@@ -161,13 +163,13 @@ class TargetCone:
         for _ in range(_MOST_STEPS):
             step, share, fall = np.linalg.lstsq(A, -rest)[0], 1.0, -1.0
             while not fall > 0 and share > _LEAST_SHARE:
-                there, share = psi + share * step, share / 2
-                if self.contains(there):
-                    ahead, left = rows(there)
+                tried, share = psi + share * step, share / 2
+                if self.contains(tried):
+                    ahead, left = rows(tried)
                     fall = float(rest @ rest - left @ left)
             if not fall > 0:
                 break
-            psi, A, rest = there, ahead, left
+            psi, A, rest = tried, ahead, left
             if fall < max(_SETTLED, _ROUNDING * float(rest @ rest)):
                 break
         return psi
@@ -181,9 +183,9 @@ _MOST_STEPS, _LEAST_SHARE, _SETTLED = 200, 1e-9, 1e-6  # of such a step; the las
 _ROUNDING = 1e-6  # share of a sum of squares
 
 
-def _misfit(known: Gaussian, psi: Array) -> float:
+def _misfit(gaussian: Gaussian, psi: Array) -> float:
     """Return the RMS of the rows' residuals; raises an error if it is not finite."""
-    misfit = float(np.sqrt(np.mean((known.R @ psi - known.z) ** 2)))
+    misfit = float(np.sqrt(np.mean((gaussian.R @ psi - gaussian.z) ** 2)))
     if not np.isfinite(misfit):
         raise np.linalg.LinAlgError("the target that they show is not finite")
     return misfit

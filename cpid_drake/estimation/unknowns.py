@@ -128,8 +128,8 @@ class Model:
         [first, *others] = suites.values()
         if all(suite is first for suite in others):
             suites = {}
-        found = cls(tree, first, bodies_of(known_bodies, first, *others), suites=suites)
-        return found.with_suites(partial(with_plausible, tree=tree, has_thrust=has_thrust))
+        model = cls(tree, first, bodies_of(known_bodies, first, *others), suites=suites)
+        return model.with_suites(partial(with_plausible, tree=tree, has_thrust=has_thrust))
 
     def with_suites(self, change: Callable[[SensorSuite], SensorSuite]) -> "Model":
         """Return the model with changed sensors."""

@@ -68,7 +68,7 @@ class ChosenFit:
             for log, rolled, k in zip(fit.logs, fit.rolled, ends, strict=True)
         )
         psi, beginning = fit.values[PSI], self.swept(fit.model, fit.values, halves)
-        first = known_target(fit.model, psi, beginning).known
+        first = known_target(fit.model, psi, beginning).determined
         whole = self.given(fit.gaussian).marginal([PSI]).moved(-psi)
         return (halves_check(first, whole, fit.model.sizes(psi), _CAUSE),)
 

@@ -54,12 +54,15 @@ def with_nearest_body(result: Identification, tree: KinematicTree) -> Identifica
         return result
     body = None if result.consistent is None else result.consistent.to_vector()
     combinations, distance = None, None
-    if np.isfinite([*solution.values, *solution.known.rows.flat]).all() and _freedom(result) != 0:
+    if (
+        np.isfinite([*solution.values, *solution.determined.rows.flat]).all()
+        and _freedom(result) != 0
+    ):
         distance, unknowns = 0.0, solution.values
         if result.inconsistencies or not result.is_identifiable:
             # A x = b with unit errors is what the samples identify, without what is rounding.
             scale = _sizes(result, form, tree)
-            rows = without_rounding(solution.known, scale)
+            rows = without_rounding(solution.determined, scale)
             distance, unknowns = nearest(rows, form, tree.mass, scale)
         if result.inconsistencies and np.isfinite(distance):
             near = InertialParameters.from_vector(form.to_parameters(unknowns))

@@ -55,7 +55,7 @@ def identification_of_state(
         joints: names of the joints, for the error budget; default: no budget.
 
     """
-    if state.found is None:
+    if state.last is None:
         values = model.start([LOG])
         nothing = known_target(model, values[PSI], prior_of(model, [], values))
         form, assumed = relative_parameterization(model.mass), momentum or TotalMomentum.zero()
@@ -79,11 +79,11 @@ def identification_of_state(
     }
     observed = Observed(tests, counts, tuple(sorted(state.events)))
     asked, window = (state.question, momentum, observed), [joined(state.fits)]
-    result, _ = answer_of(state.found, *asked, logs=window, joints=joints, estimator=RECURSIVE_FIT)
-    [log], [rolled] = state.found.logs, state.found.rolled
+    result, _ = answer_of(state.last, *asked, logs=window, joints=joints, estimator=RECURSIVE_FIT)
+    [log], [rolled] = state.last.logs, state.last.rolled
     last = {name: near_residuals(log, rolled, name) for name in model.suite.present()}
     result = replace(result, residuals={name: each for name, each in last.items() if len(each)})
-    change = change_beyond_linear(state.found)
+    change = change_beyond_linear(state.last)
     if not change:
         return result
     fails = Check("linearity", NOT_LINEAR.format(100 * change))

@@ -53,7 +53,7 @@ def bias_check(solution: LeastSquaresSolution, bias: Array) -> Check:
         bias: (10,) bias of its unknowns.
 
     """
-    size = float(np.linalg.norm(solution.known.R @ bias))
+    size = float(np.linalg.norm(solution.determined.R @ bias))
     text = f"noise inside the momentum rows moves the estimate by about {significant(size)} σ"
     return Check.of(BIAS, f"{text}: identify with --estimator trajectory_fit", size, 1.0)
 

@@ -232,7 +232,7 @@ def _test(model: Model, own: Identification, target: TargetPrior) -> tuple[float
         return np.inf, 10, np.inf
     form, solution = relative_parameterization(model.mass), own.solution
     assert solution is not None
-    both = [target.of_psi(model), solution.known]
+    both = [target.of_psi(model), solution.determined]
     psi = model.cone.most_probable(both[0])
     prior = model.cone.prior(PSI, psi)
     sources = {"target": both[0], "log": both[1]}

@@ -167,5 +167,5 @@ def test_what_the_motion_leaves_open_stays_where_it_was(tmp_path, skewed_target)
     assert 0 < known.rank < 10
     rows = known.unidentifiable / known.unit
     assert (np.abs(rows @ (known.values - model.unknown(PSI).mean)) < 1).all()  # σ of the prior
-    error = known.known.moved(true_psi(craft, skewed_target))
+    error = known.determined.moved(true_psi(craft, skewed_target))
     assert error.z @ error.z < chi2.ppf(0.999, known.rank)

@@ -48,7 +48,7 @@ def test_blocks_alone_are_the_fit_of_all_samples(case, name, request):
     samples = add_noise(SUITE, case.samples, 1)
     state, whole = run(model, [samples]), fit(model, [LogState.of(model, samples, "online")])
     assert not state.events
-    psi, covariance = target_of(state.found)
+    psi, covariance = target_of(state.last)
     expected, of_all = target_of(whole)
     sigma = np.sqrt(np.diag(of_all))
     assert np.abs((psi - expected) / sigma).max() < 0.1
@@ -61,7 +61,7 @@ def test_a_change_is_found_where_it_is(case, model, size, time):
     state = run(model, [add_noise(SUITE, fired(case, time, size * MOMENTUM), 3)])
     assert len(state.events) == 1
     assert abs(state.events[0] - time) < (0.06 if size > 0.005 else 0.34)
-    assert case.nees(*target_of(state.found)) < 30
+    assert case.nees(*target_of(state.last)) < 30
     assert identification_of_state(model, state, TotalMomentum.zero()).passed
 
 
@@ -69,11 +69,11 @@ def test_more_changes_than_are_probable_do_not_bend_the_target(case, model):
     """As after seven others: from then on the momentum is another in every block."""
     samples = add_noise(SUITE, fired(case, [4.02, 7.5, 10.9], MOMENTUM), 3)
     state = run(model, [samples], OnlineState(settled=tuple(np.linspace(-7.0, -1.0, 7))))
-    assert case.nees(*target_of(state.found)) < 30
+    assert case.nees(*target_of(state.last)) < 30
     result = identification_of_state(model, state, TotalMomentum.zero())
     assert any("changes of the momentum are many" in text for text in result.failures)
     quiet = run(model, [add_noise(SUITE, case.samples, 3)])
-    own, of_quiet = (target_of(each.found)[1][0, 0] ** 0.5 for each in (state, quiet))
+    own, of_quiet = (target_of(each.last)[1][0, 0] ** 0.5 for each in (state, quiet))
     assert own > 1.5 * of_quiet  # what links blocks is not used
 
 
@@ -81,7 +81,7 @@ def test_a_block_that_needs_more_work_than_it_may_is_counted(case, model):
     """The one in which a weak change is sought; its samples are not used."""
     samples = add_noise(SUITE, fired(case, 9.0, 0.0005 * MOMENTUM), 3)
     state = run(model, [samples], OnlineState(most=40))
-    assert case.nees(*target_of(state.found)) < 30
+    assert case.nees(*target_of(state.last)) < 30
     used = state.observed().used
     assert state.rejected["gyro"] == 20
     assert {name: n + state.rejected[name] for name, n in used.items()} == {
@@ -99,8 +99,8 @@ def test_noise_that_grows_is_seen(case, model):
             loud[name] = Samples(each.time, value)
     state = run(model, [samples.updated(loud)])
     assert state.events == ()
-    assert case.nees(*target_of(state.found)) < 30
-    assert state.found.logs[0].processes["gyro"].total > 1.4
+    assert case.nees(*target_of(state.last)) < 30
+    assert state.last.logs[0].processes["gyro"].total > 1.4
 
 
 def test_a_short_last_block_does_not_hide_slow_noise(case, model):

@@ -43,7 +43,7 @@ def test_a_change_of_any_size_leaves_the_target_right(case, model, size, time):
     samples = add_noise(SUITE, fired(case, time, size * MOMENTUM), 3)
     state = run(model, [samples])
     assert not state.waiting
-    assert case.nees(*target_of(state.found)) < 30
+    assert case.nees(*target_of(state.last)) < 30
     if size < 0.01:
         return
     assert len(state.events) == 1
@@ -56,9 +56,9 @@ def test_a_change_of_any_size_leaves_the_target_right(case, model, size, time):
 def test_blocks_that_are_linear_about_another_target_fail_a_check(case, model):
     """By a fifth of the target: not if it is what it was."""
     state = run(model, [add_noise(SUITE, case.samples, 1)])
-    [log] = state.found.logs
+    [log] = state.last.logs
     past = replace(log.past, first={PSI: 1.2 * log.past.first[PSI]})
-    other = replace(state, found=replace(state.found, logs=[replace(log, past=past)]))
+    other = replace(state, last=replace(state.last, logs=[replace(log, past=past)]))
     found = [identification_of_state(model, s, TotalMomentum.zero()) for s in (state, other)]
     assert not found[0].failures
     assert any("not linear about the target" in failure for failure in found[1].failures)
@@ -66,7 +66,7 @@ def test_blocks_that_are_linear_about_another_target_fail_a_check(case, model):
 
 def test_what_an_update_has_computed_is_used_only_where_it_still_holds(case, model):
     """A prediction at another target is made anew, and rows follow weights and noise."""
-    found = run(model, [add_noise(SUITE, case.samples, 2)]).found
+    found = run(model, [add_noise(SUITE, case.samples, 2)]).last
     [log], values = found.logs, found.values
     there = values | {PSI: 1.01 * values[PSI]}
     elsewhere, fresh = roll(model, log, there), roll(model, log, values)
@@ -94,7 +94,7 @@ def test_what_no_motion_tells_stays_unknown(case):
     model = Model(case.craft.tree, SUITE, BodyUncertainty(grasp_mm=5.0))
     state = run(model, [add_noise(SUITE, case.samples, 1)])
     assert not state.waiting
-    grasp = state.found.gaussian.marginal([BODIES]).covariance()
+    grasp = state.last.gaussian.marginal([BODIES]).covariance()
     assert (np.sqrt(np.diag(grasp)) > 0.99).all()
 
 
@@ -105,7 +105,7 @@ def test_a_sensor_that_fails_is_not_used_any_more(case, model):
     size = 100 * float(np.std(gyro.value - case.samples["gyro"].value))
     value = gyro.value + size * (gyro.time > 4.0)[:, None] * rng.normal(size=gyro.value.shape)
     state = run(model, [samples.updated({"gyro": Samples(gyro.time, value)})])
-    assert case.nees(*target_of(state.found)) < 30
+    assert case.nees(*target_of(state.last)) < 30
     found = identification_of_state(model, state, TotalMomentum.zero())
     assert not found.check("share of outliers").passed
 
@@ -119,7 +119,7 @@ def test_samples_that_no_motion_has_are_a_gap(case, model):
     state = run(model, [samples.updated({"encoders": Samples(encoders.time, value)})])
     assert state.events == ()
     assert state.rejected["encoders"] >= wrong.sum()
-    assert case.nees(*target_of(state.found)) < 30
+    assert case.nees(*target_of(state.last)) < 30
     found = identification_of_state(model, state, TotalMomentum.zero())
     assert found.check("share of outliers").statistic > 0.1
 
@@ -137,7 +137,7 @@ def test_stored_blocks_are_few(case, model):
     state, sizes = OnlineState(), []
     for block in blocks_of(BlockQueue.of(SUITE), [samples]):
         state = step(model, state, block)
-        sizes.append(len(state.found.logs[0].blocks) if state.found else len(state.waiting))
+        sizes.append(len(state.last.logs[0].blocks) if state.last else len(state.waiting))
     assert max(sizes) <= LONGEST + 1
     assert state.events == ()
     found = identification_of_state(model, state, TotalMomentum.zero())

@@ -51,7 +51,7 @@ def test_what_samples_tell_is_told_without_the_prior(model, psi):
         (found.estimate - psi - step) / np.abs(unit).max(axis=1), 0, atol=1e-9
     )
     np.testing.assert_allclose(found.covariance, np.linalg.inv(rows.T @ rows), rtol=1e-5)
-    np.testing.assert_allclose(found.known.R.T @ found.known.R, rows.T @ rows, rtol=1e-5)
+    np.testing.assert_allclose(found.determined.R.T @ found.determined.R, rows.T @ rows, rtol=1e-5)
 
 
 @pytest.mark.parametrize("flatness", [0.0, 0.95])

@@ -90,7 +90,7 @@ class TestBodies:
     def test_intervals_are_the_extreme_values_within_what_is_known(self, craft, share):
         """With the mass, all others change, and not in proportion."""
         found = self.weakly_known(craft, share)
-        U = np.linalg.inv(found.solution.known.R)
+        U = np.linalg.inv(found.solution.determined.R)
 
         def value(z, i, sign):
             psi = found.solution.values + U @ (1.959964 * z / np.linalg.norm(z))

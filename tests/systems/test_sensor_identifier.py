@@ -110,10 +110,10 @@ def diagnostics(identifier, context) -> dict:
 def known(identifier, context) -> np.ndarray:
     """Return what is known at the end of the last block, as one vector."""
     state = identifier.online_state(context)
-    if state.found is None:
+    if state.last is None:
         return np.array([len(state.waiting)])
-    gaussian = state.found.gaussian
-    return np.concatenate([state.found.values[PSI], gaussian.z, gaussian.R.ravel()])
+    gaussian = state.last.gaussian
+    return np.concatenate([state.last.values[PSI], gaussian.z, gaussian.R.ravel()])
 
 
 # -- samples -------------------------------------------------------------------------------------
