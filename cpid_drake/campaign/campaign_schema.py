@@ -69,8 +69,8 @@ class Axis:
     @property
     def numbers(self) -> Array | None:
         """The two numbers, or lists of numbers, of a distribution; None for lists and grids."""
-        found = (self.uniform, self.log_uniform, self.normal)
-        return next((each for each in found if each is not None), None)
+        given = (self.uniform, self.log_uniform, self.normal)
+        return next((each for each in given if each is not None), None)
 
     @property
     def is_number(self) -> bool:

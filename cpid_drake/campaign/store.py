@@ -82,7 +82,7 @@ def chunks(folder: Path, plan: CampaignPlan) -> dict[tuple[int, int], Path]:
         InputError: a file is damaged, or belongs to another campaign.
 
     """
-    found = {}
+    chunks = {}
     for path in sorted(folder.glob("trials-*.parquet")):
         try:
             about = pq.read_schema(path).metadata
@@ -93,18 +93,18 @@ def chunks(folder: Path, plan: CampaignPlan) -> dict[tuple[int, int], Path]:
         match = _NAME.fullmatch(path.name)
         if match is None or (about or {}).get(b"campaign") != plan.hash.encode():
             raise InputError(f"{path}: belongs to another campaign; move it away")
-        found[int(match[1]), int(match[2]) + 1] = path
-    return found
+        chunks[int(match[1]), int(match[2]) + 1] = path
+    return chunks
 
 
 def missing(folder: Path, plan: CampaignPlan, size: int) -> list[tuple[int, int]]:
     """Return the chunks of trials, of at most this size, that are not in a folder."""
-    found, at = list[tuple[int, int]](), 0
+    ranges, at = list[tuple[int, int]](), 0
     for first, last in [*chunks(folder, plan), (plan.total, plan.total)]:
         starts = range(at, first, size)
-        found += [(start, min(start + size, first)) for start in starts]
+        ranges += [(start, min(start + size, first)) for start in starts]
         at = max(at, last)
-    return found
+    return ranges
 
 
 def read(folder: Path, plan: CampaignPlan) -> Iterator[pa.Table]:

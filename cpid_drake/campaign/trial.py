@@ -175,14 +175,14 @@ def _data(plan: CampaignPlan, jobs: Sequence[_Job]) -> list[tuple[Log | Motion |
     start = process_time()
     try:
         if plan.campaign.engine == "drake":
-            found = [_simulated(plan, job) for job in jobs]
+            data = [_simulated(plan, job) for job in jobs]
         else:
-            found = _propagated(jobs)
+            data = _propagated(jobs)
     except Exception as error:  # of one of them: alone, each has its own
         if len(jobs) == 1:
             return [(error, process_time() - start)]
         return [each for job in jobs for each in _data(plan, [job])]
-    return [(each, (process_time() - start) / len(jobs)) for each in found]
+    return [(each, (process_time() - start) / len(jobs)) for each in data]
 
 
 def _propagated(jobs: Sequence[_Job]) -> list[Log | Motion]:
@@ -290,8 +290,8 @@ def _rows(
     for name in campaign.estimators:
         row, start = {**common, "estimator": name}, process_time()
         try:
-            found = identify(job.spacecraft, data, estimator=name, **declared)
-            row |= _estimate(found, case.truth.to_vector())
+            answer = identify(job.spacecraft, data, estimator=name, **declared)
+            row |= _estimate(answer, case.truth.to_vector())
         except Exception as error:
             [*_, row["error"]] = failed_rows(plan, job.number, error)[0].values()
         rows.append({**row, "identify_seconds": process_time() - start})
@@ -331,25 +331,25 @@ def _bound(text: str, values: str) -> Array:
     return bound_of(job.case, job.spacecraft)
 
 
-def _estimate(found: Identification, truth: Array) -> dict[str, Any]:
+def _estimate(answer: Identification, truth: Array) -> dict[str, Any]:
     """Return what a row says of an identification."""
-    if not found.converged:
+    if not answer.converged:
         return {"error": "did not converge"}
-    if not found.is_complete:
-        return {"error": found.explain()}
-    error, sigma = found.parameters - truth, np.sqrt(np.diag(found.covariance))
-    known = np.isfinite(error) & np.isfinite(sigma)
-    low, high = found.intervals.T
-    assert found.form is not None
-    assert found.solution is not None
-    about_truth = found.solution.determined.moved(found.form.from_parameters(truth))
+    if not answer.is_complete:
+        return {"error": answer.explain()}
+    error, sigma = answer.parameters - truth, np.sqrt(np.diag(answer.covariance))
+    is_known = np.isfinite(error) & np.isfinite(sigma)
+    low, high = answer.intervals.T
+    assert answer.form is not None
+    assert answer.solution is not None
+    about_truth = answer.solution.determined.moved(answer.form.from_parameters(truth))
     inside = (low <= truth) & (truth <= high)
     return {
-        "estimate": nulls(found.parameters),
+        "estimate": nulls(answer.parameters),
         "sigma": nulls(sigma),
-        "inside": [bool(i) if k else None for i, k in zip(inside, known)],
+        "inside": [bool(i) if k else None for i, k in zip(inside, is_known)],
         "nees": about_truth.cost(np.zeros(10)),
-        "known": int(known.sum()),
-        "passed": found.passed,
-        "failed_checks": [check.name for check in found.checks if not check.passed],
+        "known": int(is_known.sum()),
+        "passed": answer.passed,
+        "failed_checks": [check.name for check in answer.checks if not check.passed],
     }

@@ -169,11 +169,11 @@ class KinematicTree:
     @property
     def carrying(self) -> set[int]:
         """Columns of q of the joints between the base and C, and of those that move with them."""
-        found, k = set[int](), self.capture_body
+        bodies, k = set[int](), self.capture_body
         while k >= 0:
-            found.add(self.bodies[k].joint)
+            bodies.add(self.bodies[k].joint)
             k = self.bodies[k].parent
-        return found - {-1}
+        return bodies - {-1}
 
     def is_rotor(self, joint: int) -> bool:
         """Return whether a joint's angle has no effect, as for a reaction wheel.

@@ -79,13 +79,13 @@ class _StrictLoader(yaml.SafeLoader):
         return super().compose_node(parent, index)
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
-        seen: set[str] = set()
+        keys: set[str] = set()
         for key, _ in node.value:
             if not isinstance(key, yaml.ScalarNode):
                 raise _at(key, "a key must be a word, not a collection")
-            if key.value in seen:
+            if key.value in keys:
                 raise _at(key, f"the key '{key.value}' is given twice")
-            seen.add(key.value)
+            keys.add(key.value)
         return {str(key): value for key, value in super().construct_mapping(node, deep).items()}
 
     def construct_tagged(self, tag: str, node: yaml.Node) -> dict[str, Any]:

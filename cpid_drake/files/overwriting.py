@@ -36,10 +36,10 @@ def check_outputs(
             nothing can be written there.
 
     """
-    known: list[Path] = []
+    originals: list[Path] = []
     for source in (Path(each) for each in inputs if each is not None):
         files = source.iterdir() if source.is_dir() else [source]
-        known += [each for each in files if each == source or each.suffix.lower() not in _DRAWN]
+        originals += [each for each in files if each == source or each.suffix.lower() not in _DRAWN]
     before: list[Path] = []
     for option, path in ((option, path) for option, path in outputs if path is not None):
         where = f"{option} {path!s:.200}".strip()
@@ -49,7 +49,7 @@ def check_outputs(
             if path.exists() and not path.is_file():
                 what = "a folder" if path.is_dir() else "a device or a pipe"
                 raise InputError(f"{where}: is {what}; name a file")
-            lost = [source for source in known if _is_same(path, source)]
+            lost = [source for source in originals if _is_same(path, source)]
             if lost:
                 raise InputError(
                     f"{where}: is the input {lost[0]}, which would be lost; give another name"

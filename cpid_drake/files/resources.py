@@ -67,8 +67,8 @@ def resolve_model(uri: str | Path, folders: Mapping[str, Path] | None = None) ->
             raise InputError(f"{text}: give a path or a package:// URI, not {scheme}://")
         # Drake's package of models is unknown here, because Drake would download it.
         if name not in folders and name != _DRAKE:
-            known = ", ".join(sorted([*folders, _DRAKE]))
-            raise InputError(f"{text}: unknown package '{name}' (known: {known})")
+            names = ", ".join(sorted([*folders, _DRAKE]))
+            raise InputError(f"{text}: unknown package '{name}' (known: {names})")
         path = (folders[name] if name in folders else _folder_of_drake()) / relative
     try:
         path = path.expanduser()
@@ -78,10 +78,10 @@ def resolve_model(uri: str | Path, folders: Mapping[str, Path] | None = None) ->
     except OSError as error:
         raise InputError(f"{text[:200]}: {error.strerror}") from error
     if not is_file:
-        found = "a folder" if is_folder else "no such file"
+        what = "a folder" if is_folder else "no such file"
         if path.exists() and not is_folder:  # it could be read without an end
-            found = "not a file but a pipe or a device; save its contents in a file first"
-        raise InputError(f"{text}: {found}" + ("" if path == Path(text) else f" ({path})"))
+            what = "not a file but a pipe or a device; save its contents in a file first"
+        raise InputError(f"{text}: {what}" + ("" if path == Path(text) else f" ({path})"))
     return path.resolve()
 
 

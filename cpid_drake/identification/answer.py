@@ -79,8 +79,8 @@ def answer_of(
         likely = 1.0 if is_wrong else compared.probability.get(key, 0.0)
         is_free = is_free or likely >= NAMED
         where = f"{name}: " if len(names) > 1 else ""
-        said, failed = momentum_words(likely, is_given=momentum is not None, where=where)
-        warnings, checks = [*warnings, *said], [*checks, *failed]
+        texts, failed = momentum_words(likely, is_given=momentum is not None, where=where)
+        warnings, checks = [*warnings, *texts], [*checks, *failed]
     warnings += [f"{e.describe()}: it failed" for e in effects if e.failed_valve]
     fails = tuple(fit_checks(fit.converged, noise, observed, len(names)))
     sizes = size_checks(model, values, gaussian, effects, joints)

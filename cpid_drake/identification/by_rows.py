@@ -273,7 +273,7 @@ def _summarize(arguments: Arguments, log: CheckedLog) -> _LogPart:
             each.add(motion, covariance)
     contradicts = is_tested and bool(tester.extra) and _is_moving(tester)
     is_zero = is_open and not (contradicts and rows.extra)
-    said, checks = momentum_words(
+    texts, checks = momentum_words(
         float(contradicts), is_given=momentum is not None, cannot="" if rows.extra else family.name
     )
     # Gaussian of momentum and target, and what its residuals and halves show.
@@ -307,7 +307,7 @@ def _summarize(arguments: Arguments, log: CheckedLog) -> _LogPart:
         sample_count=rows.sample_count,
         momentum="zero" if is_zero else assumed.name,
         sensors=suite,
-        warnings=tuple(log.where + text for text in (*warnings, *said)),
+        warnings=tuple(log.where + text for text in (*warnings, *texts)),
         checks=tuple(
             replace(check, sentence=check.sentence and log.where + check.sentence)
             for check in checks

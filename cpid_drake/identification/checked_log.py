@@ -135,15 +135,15 @@ def with_biases(
         made[id(suites[name])] = replace(suite, gyro=wider)
         pairs = zip(np.degrees(bias.value), quantile_95() * np.degrees(bias.sigma), strict=True)
         shown = ", ".join(with_half_width(*pair) for pair in pairs if np.isfinite(pair[0]))
-        said = f"{log.where}the gyro has a bias of ({shown}) deg/s against the attitude"
+        text = f"{log.where}the gyro has a bias of ({shown}) deg/s against the attitude"
         if log.sensors is not None and gyro.bias is not None:
             times = significant(float(np.nanmax(np.abs(bias.value))) / declared)
-            said += (
+            text += (
                 f", {times} times the sigma that its file declares, "
                 "and was assumed to have it; declare gyro.bias_deg_per_s: "
                 f"{significant(float(np.degrees(bias.size)))}"
             )
-        warnings.append(said)
+        warnings.append(text)
     return {name: made[id(suite)] for name, suite in suites.items()}, tuple(warnings)
 
 
@@ -231,10 +231,10 @@ def check_log(
         normal_B = normal_in_base(data.quaternion_WB) if is_placed else None
         return replace(log_of_states(data), normal_B=normal_B)
     _refuse_slow(data, sensors)
-    seen = look_at(data) if spacecraft is None else in_joint_order(data, spacecraft)
-    if seen.errors:
-        raise InputError("; ".join(seen.errors))
-    screened = screen(seen.log, sensors)
+    channels = look_at(data) if spacecraft is None else in_joint_order(data, spacecraft)
+    if channels.errors:
+        raise InputError("; ".join(channels.errors))
+    screened = screen(channels.log, sensors)
     measurements = screened.log
     notes: tuple[str, ...] = ()
     others, failures, beyond, tree = list[str](), notes, notes, None
@@ -248,15 +248,17 @@ def check_log(
     other_clocks = tuple(n for n, file in measurements.clocks.items() if file in delays)
     measurements = with_delays(measurements, delays)
     conventions = check_conventions(measurements, tree, by_momentum=False)
-    conventions = replace(conventions, not_compared=(*conventions.not_compared, *seen.not_compared))
+    conventions = replace(
+        conventions, not_compared=(*conventions.not_compared, *channels.not_compared)
+    )
     return CheckedLog(
         measurements,
         screened.rejected,
-        (*left_out_warnings(others), *seen.warnings, *notes, *beyond, *shifted),
+        (*left_out_warnings(others), *channels.warnings, *notes, *beyond, *shifted),
         None if tree is None else tree.normal_B,
         failures,
         conventions,
-        channels=seen.table,
+        channels=channels.table,
         other_clocks=other_clocks,
     )
 
@@ -315,10 +317,10 @@ def in_joint_order(measurements: Log, spacecraft: Spacecraft) -> Seen:
     }
     everything = {**measurements.samples, **of_joints}
     ordered = replace(measurements, joint_names=wanted, samples=everything, motion={})
-    seen = look_at(ordered, spacecraft)
-    time, value = seen.log.encoders.time, seen.log.encoders.value.copy()
+    channels = look_at(ordered, spacecraft)
+    time, value = channels.log.encoders.time, channels.log.encoders.value.copy()
     if not wanted:  # no joints: known at all times
-        time = np.unique(np.concatenate([seen.log.attitude.time, seen.log.gyro.time]))
+        time = np.unique(np.concatenate([channels.log.attitude.time, channels.log.gyro.time]))
         value = np.empty((len(time), 0))
     for k in np.flatnonzero(np.isnan(value).all(axis=0) & (len(value) > 0)).tolist():
         if not spacecraft.tree.is_rotor(k):
@@ -326,9 +328,9 @@ def in_joint_order(measurements: Log, spacecraft: Spacecraft) -> Seen:
                 f"there is no column 'q:{wanted[k]}'; positions are optional for rotors only: "
                 "wheels that are balanced about their axis and carry nothing"
             )
-        value[:, k] = _turned(seen.log, k, time)
-    seen.log = seen.log.updated({"encoders": Samples(time, value)})
-    return seen
+        value[:, k] = _turned(channels.log, k, time)
+    channels.log = channels.log.updated({"encoders": Samples(time, value)})
+    return channels
 
 
 def _turned(measurements: Log, k: int, times: Array) -> Array:

@@ -199,12 +199,12 @@ def noise_warnings(
     Factors of the noise, and the share of slow noise with its time [s], are by sensor or by "sensor
     of log".
     """
-    said = list[str]()
-    seen = {name: factor for name, factor in factors.items() if factor > SEEN}
-    parts = [f"the {label_of(name)} {significant(factor)} times" for name, factor in seen.items()]
+    warnings = list[str]()
+    larger = {name: factor for name, factor in factors.items() if factor > SEEN}
+    parts = [f"the {label_of(name)} {significant(factor)} times" for name, factor in larger.items()]
     if parts:
         text = "the residuals are larger than the declared noise"
-        said.append(f"{text}: {', '.join(parts)} the given σ was assumed")
+        warnings.append(f"{text}: {', '.join(parts)} the given σ was assumed")
     parts = [
         f"{100 * share:.0f} % of the {label_of(name)}'s over {significant(time)} s"
         for name, (share, time) in slow.items()
@@ -212,8 +212,8 @@ def noise_warnings(
     ]
     if parts:
         text = "noise is correlated in time, which the intervals contain"
-        said.append(f"{text}: {', '.join(parts)}")
-    return tuple(said)
+        warnings.append(f"{text}: {', '.join(parts)}")
+    return tuple(warnings)
 
 
 def label_of(sensor: str) -> str:

@@ -221,16 +221,16 @@ def _request_words(part: Callable[[Request], object]) -> Callable[[Identificatio
     """Return a function from a result to a part of its requests, in words."""
 
     def words(result: Identification) -> str:
-        found = (part(source.request) for source in result.sources)
-        shown = ("yes" if x is True else "no" if x is False else str(x or "") for x in found)
+        parts = (part(source.request) for source in result.sources)
+        shown = ("yes" if x is True else "no" if x is False else str(x or "") for x in parts)
         return ", ".join(filter(None, dict.fromkeys(shown)))
 
     return words
 
 
 def _larger_noise(result: Identification) -> str:
-    seen = ((name, factor) for name, factor in result.noise.items() if factor > SEEN)
-    return ", ".join(f"{name} {significant(factor)} times" for name, factor in seen)
+    larger = ((name, factor) for name, factor in result.noise.items() if factor > SEEN)
+    return ", ".join(f"{name} {significant(factor)} times" for name, factor in larger)
 
 
 _COMPARED: dict[str, Callable[[Identification], str]] = {

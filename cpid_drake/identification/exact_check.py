@@ -41,11 +41,11 @@ def exact_checks(chosen: ChosenFit, opened: Callable[[], Model | None]) -> tuple
     slow = [(log, name) for log in fit.logs for name in log.slow_places]
     if not slow or (wide := opened()) is None:
         return ()
-    known = _with_exact(chosen, replace(wide, rows=fit.model.rows))
-    new = [name for name in known.places if name not in fit.gaussian.places]
+    gaussian = _with_exact(chosen, replace(wide, rows=fit.model.rows))
+    new = [name for name in gaussian.places if name not in fit.gaussian.places]
     if not new:
         return ()
-    given = known.marginal(new)
+    given = gaussian.marginal(new)
     H, b = given.R.T @ given.R - np.eye(given.size), given.R.T @ given.z  # without their priors
     gains = {name: _gain(H[place, place], b[place]) for name, place in given.places.items()}
     name = max(gains, key=lambda each: gains[each])
@@ -75,12 +75,12 @@ def _with_exact(chosen: ChosenFit, wide: Model) -> Gaussian:
     """Return what is known of all unknowns and of those that are held exact, about the values."""
     fit, names = chosen.fit, [log.name for log in chosen.fit.logs]
     values = wide.start(names) | fit.values
-    known = prior_of(wide, fit.logs, values)
+    gaussian = prior_of(wide, fit.logs, values)
     for log in fit.logs:
         opened = widened(log, fit.model.of_log(log.name), wide.of_log(log.name))
         rolled = roll(wide, opened, values)
-        known = known.add(sweep(wide, opened, rolled, values, forward_only=True).gaussian)
-    return chosen.given(known)
+        gaussian = gaussian.add(sweep(wide, opened, rolled, values, forward_only=True).gaussian)
+    return chosen.given(gaussian)
 
 
 def widened(log: LogState, model: Model, wide: Model) -> LogState:

@@ -68,14 +68,14 @@ def estimate(
 
     # Changes of momentum: a link between two blocks opens where p(change | y) says so.
     question = Question.of(model, logs, arguments.momentum)
-    asked = question.without_contradicted(fit.gaussian, fit.values, model)
-    fit = fit_with_events(fit, asked, BoundedFits(progress=progress))
+    remaining = question.without_contradicted(fit.gaussian, fit.values, model)
+    fit = fit_with_events(fit, remaining, BoundedFits(progress=progress))
 
     # Comparison: of all sets of momenta L ≠ 0, the most probable; then h is linear about its x.
     progress("comparing")
-    asked = question.without_contradicted(fit.gaussian, fit.values, model)
-    best = asked.answer(fit.gaussian, fit.values).best
-    fit = about(fit, asked.held(fit.values, best))
+    remaining = question.without_contradicted(fit.gaussian, fit.values, model)
+    best = remaining.answer(fit.gaussian, fit.values).best
+    fit = about(fit, remaining.held(fit.values, best))
 
     # Answer: p(ψ | y) averaged over these sets, its checks, and the budget of its variance.
     series, observed = _observed(fit)
@@ -228,9 +228,11 @@ def cramer_rao_bound(
     log = log.with_processes({})  # as declared
     log = log.with_each(weights=({} for _ in log.blocks))
     total = prior_of(model, [log], values).add(sweep(model, log, rolled, values).gaussian)
-    there = at_momentum(total, values, momentum or TotalMomentum.zero(), log.name)
-    there = there.moved(there.solve())  # the vague prior prefers another target than the true one
-    form, solution = relative_parameterization(model.mass), known_target(model, values[PSI], there)
+    target = at_momentum(total, values, momentum or TotalMomentum.zero(), log.name)
+    target = target.moved(
+        target.solve()
+    )  # the vague prior prefers another target than the true one
+    form, solution = relative_parameterization(model.mass), known_target(model, values[PSI], target)
     bound = Identification.of_solution(form, solution, sample_count=0, estimator=TRAJECTORY_FIT)
     J, P = (np.nan_to_num(x) for x in (form.jacobian(solution.estimate), solution.covariance))
     return np.where(np.isfinite(bound.covariance), J @ P @ J.T, np.nan)

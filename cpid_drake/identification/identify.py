@@ -217,8 +217,8 @@ def _explained(
             f"{method.name} cannot calculate with these samples ({error}): plot them, and "
             "compare units with the sensors' file and the model"
         )
-    said = (log.failures or [_convention(log, arguments.spacecraft)] for log in logs.values())
-    causes = "; ".join(dict.fromkeys(filter(None, chain.from_iterable(said))))
+    reasons = (log.failures or [_convention(log, arguments.spacecraft)] for log in logs.values())
+    causes = "; ".join(dict.fromkeys(filter(None, chain.from_iterable(reasons))))
     return InputError(f"most likely, {causes}: {text}" if causes else text)
 
 
@@ -238,10 +238,10 @@ def _with_logs(
     """Return an identification with what the checks of its logs say."""
     warnings, checks, rejected = list[str](), list[Check](), Counter(result.rejected)
     for log in logs.values():
-        said = [*log.warnings, *(f"not checked: {text}" for text in log.conventions.unchecked)]
+        texts = [*log.warnings, *(f"not checked: {text}" for text in log.conventions.unchecked)]
         failed = list(log.failures)
         if not method.uses_rows:
-            said += [
+            texts += [
                 f"the {label_of(name)} of the log is not used: the sensors' file has no '{name}:' "
                 "with its rate and noise"
                 for name in SENSORS
@@ -249,7 +249,7 @@ def _with_logs(
             ]
         elif log.measurements.has_thrust:
             failed.append(THRUST_NOT_USED.format(f"{log.measurements.first_burn:.4g}", method.name))
-        warnings += [log.where + text for text in said]
+        warnings += [log.where + text for text in texts]
         checks += [Check("log", log.where + text) for text in failed]
         for name in [each for each in SENSORS if log.rejected.get(each)]:
             count = log.rejected[name]

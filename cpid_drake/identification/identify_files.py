@@ -60,12 +60,12 @@ def identify_files(
 
     """
     request, paths = requests[0], [each.telemetry for each in requests]
-    seen: dict[str, str] = {}
+    labels: dict[str, str] = {}
     for path in paths if len(paths) > 1 else ():
         key = file_hash(path) or str(Path(path).resolve())
-        if key in seen:
-            raise InputError(f"{path}: is the same log as {seen[key]}, and would count twice")
-        seen[key] = path
+        if key in labels:
+            raise InputError(f"{path}: is the same log as {labels[key]}, and would count twice")
+        labels[key] = path
     inputs = opened_inputs(request, progress)
     opened = [open_log(each, inputs.spacecraft.joint_names) for each in requests]
     names = log_names(paths)

@@ -56,8 +56,8 @@ def with_conventions(log: CheckedLog, arguments: Arguments, rows: Sequence[str] 
             a negative mass, which noise in rows makes, too; none for the best by its residuals.
 
     """
-    found, tree = log.conventions, arguments.spacecraft.tree
-    if found.failures or found.has_momentum or tree.normal_B is not None:
+    conventions, tree = log.conventions, arguments.spacecraft.tree
+    if conventions.failures or conventions.has_momentum or tree.normal_B is not None:
         return log
     better = check_conventions(log.measurements, tree)
     if not better.better:
@@ -67,7 +67,7 @@ def with_conventions(log: CheckedLog, arguments: Arguments, rows: Sequence[str] 
         rows = [STANDARD_ROWS.name]  # others do not contain it
     if not any(_contradicts(log, arguments, each) for each in rows or (None,)):
         return log
-    return replace(log, conventions=replace(better, not_compared=found.not_compared))
+    return replace(log, conventions=replace(better, not_compared=conventions.not_compared))
 
 
 def _contradicts(log: CheckedLog, arguments: Arguments, rows: str | None) -> bool:
@@ -76,8 +76,8 @@ def _contradicts(log: CheckedLog, arguments: Arguments, rows: str | None) -> boo
     logs, unknown = {"": replace(log, measurements=coasting)}, TotalMomentum.unknown()
     rows_of = replace(arguments, estimator=LEAST_SQUARES, rows=rows, prior=None, momentum=unknown)
     with suppress(np.linalg.LinAlgError, InputError):  # too few samples
-        found = by_rows.estimate(with_method(rows_of, logs), logs)
-        misfit, mass = found.check(CONSERVATION), found.parameters[0]
-        is_impossible = rows is not None and mass < -3 * np.sqrt(found.covariance[0, 0])
+        of_rows = by_rows.estimate(with_method(rows_of, logs), logs)
+        misfit, mass = of_rows.check(CONSERVATION), of_rows.parameters[0]
+        is_impossible = rows is not None and mass < -3 * np.sqrt(of_rows.covariance[0, 0])
         return bool(is_impossible or (misfit is not None and not misfit.passed))
     return False

@@ -78,8 +78,8 @@ def identification_of_state(
         (LOG, n): (far.get(n, 0), far.get(n, 0) + used.get(n, 0)) for n in model.suite.present()
     }
     observed = Observed(tests, counts, tuple(sorted(state.events)))
-    asked, window = (state.question, momentum, observed), [joined(state.fits)]
-    result, _ = answer_of(state.last, *asked, logs=window, joints=joints, estimator=RECURSIVE_FIT)
+    given, window = (state.question, momentum, observed), [joined(state.fits)]
+    result, _ = answer_of(state.last, *given, logs=window, joints=joints, estimator=RECURSIVE_FIT)
     [log], [rolled] = state.last.logs, state.last.rolled
     last = {name: near_residuals(log, rolled, name) for name in model.suite.present()}
     result = replace(result, residuals={name: each for name, each in last.items() if len(each)})

@@ -74,8 +74,10 @@ class TargetPrior:
             )
         if own is not None and own.unknowns == form.name:
             sizes, axes = np.linalg.eigh(own.information * unit * unit[:, None])
-            seen = sizes > len(sizes) ** 2 * np.finfo(float).eps * max(float(sizes[-1]), 0.0)
-            A = np.sqrt(sizes[seen])[:, None] * axes[:, seen].T / unit
+            is_significant = sizes > len(sizes) ** 2 * np.finfo(float).eps * max(
+                float(sizes[-1]), 0.0
+            )
+            A = np.sqrt(sizes[is_significant])[:, None] * axes[:, is_significant].T / unit
             return Gaussian.of_rows({name: 10}, np.column_stack([A, A @ own.values]))
         covariance = self.covariance[np.ix_(given, given)]
         sigma = np.sqrt(np.diag(covariance))
@@ -140,8 +142,8 @@ class PriorConfig:
             if not np.all(sigma[part] > 0):
                 raise InputError(f"give sigma_{key}: the body has no size")
         covariance = np.full((10, 10), np.nan)
-        known = np.flatnonzero(np.isfinite(parameters))
-        covariance[np.ix_(known, known)] = np.diag(sigma[known] ** 2)
+        entries = np.flatnonzero(np.isfinite(parameters))
+        covariance[np.ix_(entries, entries)] = np.diag(sigma[entries] ** 2)
         return TargetPrior(name, parameters, covariance)
 
 

@@ -34,19 +34,19 @@ def validate_files(
         InputError: the log was used for the result; a file cannot be read; see also `validate`.
 
     """
-    found = read_result(result)
-    if not found.sources:
+    identified = read_result(result)
+    if not identified.sources:
         raise InputError(f"{result}: the result does not name its spacecraft")
-    used = found.sources[0].request
-    if sensors is None and len({source.request.sensors for source in found.sources}) > 1:
+    used = identified.sources[0].request
+    if sensors is None and len({source.request.sensors for source in identified.sources}) > 1:
         raise InputError(f"{result}: its logs have different sensors; give --sensors of {log}")
-    used_hashes = {source.sha256.get("telemetry") for source in found.sources} - {None}
+    used_hashes = {source.sha256.get("telemetry") for source in identified.sources} - {None}
     if file_hash(log) in used_hashes:
         raise InputError(f"{log}: the result was identified from this log; give another one")
     reading["columns"] = reading.get("columns") or used.columns
     request = replace(used, telemetry=log, sensors=sensors or used.sensors, prior=None, **reading)
     craft = used.spacecraft.make()
-    target = prior_of_result(found, str(result), craft.mass, used.spacecraft.capture_frame)
+    target = prior_of_result(identified, str(result), craft.mass, used.spacecraft.capture_frame)
     _, file = open_log(request, craft.joint_names)
     with prefix_errors(log):
         validation = validate(
@@ -59,6 +59,6 @@ def validate_files(
             planar=used.planar,
             beginning=beginning,
         )
-    failed = (f"failed check of the result: {failure}" for failure in found.failures)
+    failed = (f"failed check of the result: {failure}" for failure in identified.failures)
     left_out = left_out_warnings(file.left_out_joints)
     return replace(validation, warnings=(*failed, *left_out, *validation.warnings))

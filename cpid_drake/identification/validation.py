@@ -168,7 +168,7 @@ def validate(
     for name in ("attitude", "encoders"):
         if not log.counts.get(name):
             raise InputError(f"the log has no samples of {SENSORS[name].quantity}")
-    model, said = model_of(spacecraft.tree, logs, known_bodies)
+    model, warnings = model_of(spacecraft.tree, logs, known_bodies)
     own = identify(
         spacecraft,
         given,
@@ -209,10 +209,10 @@ def validate(
         rms, largest = factor * _rms(size), factor * float(size.max())
         noise = factor * float(np.linalg.norm(sigmas))
         errors.append(SensorError(name, unit, len(size), rms, largest, noise, _rms(rest.value)))
-    said = (*own.failures, *said, *own.warnings)
+    warnings = (*own.failures, *warnings, *own.warnings)
     start = samples.blocks[first].start
     return Validation(
-        start, end, own.momentum, tuple(errors), *_test(model, own, known_target), said
+        start, end, own.momentum, tuple(errors), *_test(model, own, known_target), warnings
     )
 
 

@@ -59,8 +59,8 @@ def walks_of(fit: Fit) -> Iterator[Walk]:
             yield Walk(log.name, model.walking[0].name, float(np.sum(squares)), 1.0)
             continue
         swept = sweep(model, log, rolled, fit.values)
-        known = swept.end.add(prior_of(model, [log], fit.values))
-        for name, (square, mean) in walked(model, log, swept, known).items():
+        posterior = swept.end.add(prior_of(model, [log], fit.values))
+        for name, (square, mean) in walked(model, log, swept, posterior).items():
             yield Walk(log.name, name, square, max(mean, 1.0))
 
 

@@ -55,8 +55,10 @@ class FirstSamples:
         blocks = (*self.blocks, block)
         log, waiting = _together(blocks), blocks[self.solved :]
         if len(blocks) == COMPARED:
-            found = _contradiction(log, arguments)
-            return FirstSamples(is_compared=True, contradiction=found), [] if found else waiting
+            contradiction = _contradiction(log, arguments)
+            return FirstSamples(
+                is_compared=True, contradiction=contradiction
+            ), [] if contradiction else waiting
         if has_agreement(log, arguments.spacecraft.tree):
             return FirstSamples(blocks, len(blocks)), waiting
         return FirstSamples(blocks, self.solved), []

@@ -91,18 +91,18 @@ class Messages:
         return kind(header=self.header(stamp, frame), status=states)
 
 
-def statuses_of(found: Identification) -> list[Status]:
+def statuses_of(estimate: Identification) -> list[Status]:
     """Return what is known, every check, and the error budget, if there is one, as diagnostics."""
-    level = OK if found.is_complete and found.passed else ERROR if found.failures else WARN
-    rows = [Status(level, "estimate", found.explain(), {"rank": found.rank})]
-    for check in found.checks:
+    level = OK if estimate.is_complete and estimate.passed else ERROR if estimate.failures else WARN
+    rows = [Status(level, "estimate", estimate.explain(), {"rank": estimate.rank})]
+    for check in estimate.checks:
         numbers = {"statistic": check.statistic, "limit": check.limit}
         shown = {key: f"{value:.4g}" for key, value in numbers.items() if value is not None}
         rows.append(Status(OK if check.passed else ERROR, check.name, check.sentence, shown))
-    if found.budget:
+    if estimate.budget:
         shares = {
             row.name: f"{np.nanmax(row.shares):.0%}"
-            for row in found.budget
+            for row in estimate.budget
             if not np.isnan(row.shares).all()
         }
         text = "largest share of a parameter's variance that each error causes"

@@ -32,7 +32,7 @@ LOOK = 0.1
 class View(Protocol):
     """Shows a node while it runs."""
 
-    def show(self, found: Identification, rows: Sequence[Status]) -> None:
+    def show(self, estimate: Identification, rows: Sequence[Status]) -> None:
         """Show the identification and the states of topics and stream that are published."""
 
     def draw(self) -> None:
@@ -103,15 +103,15 @@ class RosAdapter:
         for kind, named in list(self._waiting.items()):
             topic = self._node.resolve_topic_name(named.partition(":")[0])
             offers = self._node.get_publishers_info_by_topic(topic)
-            there = {offer.topic_type for offer in offers}
-            known = [each for each in LIVE_TYPES[kind] if each in there]
-            if known:
-                self._subscribe(kind, topic, known[0], offers)
+            types = {offer.topic_type for offer in offers}
+            usable = [each for each in LIVE_TYPES[kind] if each in types]
+            if usable:
+                self._subscribe(kind, topic, usable[0], offers)
                 del self._waiting[kind]
-            elif there and named not in self._refused:
+            elif types and named not in self._refused:
                 self._refused.add(named)
                 self._samples.say(
-                    f"{topic} has messages of {', '.join(sorted(there))}, not of "
+                    f"{topic} has messages of {', '.join(sorted(types))}, not of "
                     f"{' or '.join(LIVE_TYPES[kind])}"
                 )
         if not self._waiting:
@@ -137,37 +137,37 @@ class RosAdapter:
         messages = [(kind, message)]
         for each, subscription in self._subscriptions.items():
             with subscription.handle:
-                while found := subscription.handle.take_message(subscription.msg_type, False):
-                    messages.append((each, found[0]))
+                while taken := subscription.handle.take_message(subscription.msg_type, False):
+                    messages.append((each, taken[0]))
         arrival = self._node.get_clock().now().nanoseconds
         self._samples.take_all(messages, arrival, time.monotonic())
 
     def publish(self) -> None:
         """Publish what is known, and the state of the topics."""
         samples, messages = self._samples, self._messages
-        found, stamp = samples.identifier.estimate(), samples.stamp
-        rows = [*samples.watch(time.monotonic()), self._stream(found)]
+        estimate, stamp = samples.identifier.estimate(), samples.stamp
+        rows = [*samples.watch(time.monotonic()), self._stream(estimate)]
         if self._view is not None:
-            self._view.show(found, rows)
-        rows = [*statuses_of(found), *rows]
+            self._view.show(estimate, rows)
+        rows = [*statuses_of(estimate), *rows]
         array_of = messages.diagnostics(samples.newest, self._frame, rows)
         self._publishers[DIAGNOSTICS_TOPIC].publish(array_of)
         if stamp == self._published:
             return
         self._published = stamp
-        sigma = np.sqrt(np.diag(found.covariance))
-        for topic, values in ((TARGET, found.parameters), (SIGMA, sigma)):
+        sigma = np.sqrt(np.diag(estimate.covariance))
+        for topic, values in ((TARGET, estimate.parameters), (SIGMA, sigma)):
             self._publishers[topic].publish(messages.inertia(stamp, self._frame, values))
-        both = np.vstack([found.parameters, found.covariance])
+        both = np.vstack([estimate.parameters, estimate.covariance])
         self._publishers[ESTIMATE].publish(messages.numbers(both, "row", "parameter"))
 
-    def _stream(self, found: Identification) -> Status:
+    def _stream(self, estimate: Identification) -> Status:
         """Return how the stream does."""
         behind = (self._samples.newest - self._samples.stamp) / 1e9 if self._samples.stamp else 0.0
-        values = {f"rejected: {name}": count for name, count in found.rejected.items() if count}
+        values = {f"rejected: {name}": count for name, count in estimate.rejected.items() if count}
         restarts = self._samples.restarts
         text = f"time jumped back {restarts} times" if restarts else ""
-        values |= {"samples": found.sample_count, "restarts": restarts}
+        values |= {"samples": estimate.sample_count, "restarts": restarts}
         return Status(
             WARN if restarts else OK,
             "stream",

@@ -45,17 +45,17 @@ def sources_of(kinds: Collection[str], suite: SensorSuite) -> dict[str, str]:
             raise InputError(f"no topics of kind '{kind}'; choose from {', '.join(LIVE_TYPES)}")
     if "joints" not in kinds:
         raise InputError("no topic of joints: give one, as in joints=/joint_states")
-    found = {}
+    sources = {}
     for sensor in (*suite.present(), THRUST):
-        there = [each for each in SOURCES.get(sensor, ("joints",)) if each in kinds]
-        if there:
-            found[sensor] = there[0]
-    if not set(found.values()) - {"joints", "thrust"}:
+        usable = [each for each in SOURCES.get(sensor, ("joints",)) if each in kinds]
+        if usable:
+            sources[sensor] = usable[0]
+    if not set(sources.values()) - {"joints", "thrust"}:
         raise InputError(
             "no topic of the base's motion that a sensor of the suite measures: give imu, odometry "
             "or pose, as in imu=/imu/data"
         )
-    return found
+    return sources
 
 
 @dataclass

@@ -234,17 +234,17 @@ class Stream:
     def identification(self, state: StreamState, *, has_budget: bool = False) -> Identification:
         """Return the identification of a state, with its error budget if wanted; see `counted`."""
         joints = self.joint_names if has_budget else None
-        found = identification_of_state(self._model, state.online, self._momentum, joints)
+        answer = identification_of_state(self._model, state.online, self._momentum, joints)
         if wrong := state.first.contradiction:
-            found = replace(found, checks=(*found.checks, Check("log", wrong)))
-        if found.momentum_changes:
-            changes = tuple(state.zero + time for time in found.momentum_changes)
-            found = replace(found, momentum_changes=changes)
-        return with_nearest_body(found, self._model.tree)
+            answer = replace(answer, checks=(*answer.checks, Check("log", wrong)))
+        if answer.momentum_changes:
+            changes = tuple(state.zero + time for time in answer.momentum_changes)
+            answer = replace(answer, momentum_changes=changes)
+        return with_nearest_body(answer, self._model.tree)
 
-    def counted(self, found: Identification, state: StreamState) -> Identification:
+    def counted(self, answer: Identification, state: StreamState) -> Identification:
         """Return an identification with the samples that were rejected before the fit."""
-        return replace(found, rejected=dict(Counter(state.rejected) + Counter(found.rejected)))
+        return replace(answer, rejected=dict(Counter(state.rejected) + Counter(answer.rejected)))
 
     def _log_of(
         self, samples: Iterable[Sample], until: float, zero: float

@@ -34,7 +34,7 @@ class PlannedBaseMotion:
 
     Attributes:
         times: (N,) the nodes, equidistant from zero [s].
-        known: the spacecraft's bodies at U = N B instants.
+        dynamics: the spacecraft's bodies at U = N B instants.
         momentum: the total momentum.
         psi: (10,) the target's relative unknowns.
         mobility: (U, 3, 3) J(ψ)⁻¹, in B.
@@ -44,7 +44,7 @@ class PlannedBaseMotion:
     """
 
     times: Array
-    known: BodyDynamics
+    dynamics: BodyDynamics
     momentum: TotalMomentum
     psi: Array
     mobility: Array
@@ -53,7 +53,7 @@ class PlannedBaseMotion:
 
     @classmethod
     def of(
-        cls, times: Array, known: BodyDynamics, momentum: TotalMomentum, psi: Array
+        cls, times: Array, dynamics: BodyDynamics, momentum: TotalMomentum, psi: Array
     ) -> "PlannedBaseMotion":
         """Integrate the attitude.
 
@@ -62,9 +62,9 @@ class PlannedBaseMotion:
 
         """
         N, L, step = len(times), momentum.L_WScm_W, times[1]
-        inverse = known.mobility(psi)
+        inverse = dynamics.mobility(psi)
         mobility = inverse.reshape(N, -1, 3, 3)
-        h = known.momentum_at_rest(psi).reshape(N, -1, 3)
+        h = dynamics.momentum_at_rest(psi).reshape(N, -1, 3)
         R, w = np.empty_like(mobility), np.empty_like(h)
         R[0] = np.eye(3)
         for k in range(N):
@@ -73,7 +73,7 @@ class PlannedBaseMotion:
                 ahead = R[k] @ exponentials(step * w[k]) if L.any() else R[k]
                 later = rotate(mobility[k + 1], L @ ahead - h[k + 1])
                 R[k + 1] = R[k] @ exponentials(step / 2 * (w[k] + later))
-        return cls(times, known, momentum, psi, inverse, R.reshape(-1, 3, 3), w.reshape(-1, 3))
+        return cls(times, dynamics, momentum, psi, inverse, R.reshape(-1, 3, 3), w.reshape(-1, 3))
 
     def by_node(self, values: Array) -> Array:
         """Return values (U, ...) as (N, B, ...)."""
@@ -81,7 +81,7 @@ class PlannedBaseMotion:
 
     def displacement(self) -> Array:
         """Return the displacement (N, B, 3) of the base's origin from the start, in W [m]."""
-        from_base = self.by_node(rotate(self.R, self.known.com(self.psi)))
+        from_base = self.by_node(rotate(self.R, self.dynamics.com(self.psi)))
         drift = self.times[:, None, None] * self.momentum.v_WScm_W
         return np.asarray(drift + from_base[0] - from_base)
 
@@ -107,7 +107,7 @@ class PlannedBaseMotion:
 
         """
         q, qdot = np.moveaxis(samples.reshape(-1, *samples.shape[2:]), 1, 0)
-        v = -(cross(self.w, self.known.com(self.psi)) + self.known.com_rate(self.psi))
+        v = -(cross(self.w, self.dynamics.com(self.psi)) + self.dynamics.com_rate(self.psi))
         outboard = Outboard.at(tree.with_target(phi), q, qdot, self.w, v)
         derivative = CubicSpline(self.times, np.eye(len(self.times)))(self.times, 1)
         momentum = outboard.momentum

@@ -55,16 +55,16 @@ def predictions(
         progress: called after every trial with a short description.
 
     """
-    found = {}
+    made = {}
     for name, motion in motions.items():
         case, errors = planner.case(motion, planner.targets[0]), []
         world = replace(case, suite=case.suite.exact())
         for number, error in enumerate(fit_errors(world, planner.spacecraft, trials), start=1):
             errors.append(error)
             progress(f"{name}: {number} of {trials} trials")
-        found[name] = replace(
+        made[name] = replace(
             planner.predict(motion, planner.targets[0]),
             usage=planner.usage(motion),
             errors=np.reshape(errors, (-1, 10)),
         )
-    return found
+    return made

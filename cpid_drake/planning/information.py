@@ -56,8 +56,8 @@ def covariance(model: Model, motion: PlannedBaseMotion, information: Array | Non
         rows[..., places["bias"]] += np.eye(3)
         F += _gain(suite, motion, "gyro", rows)
     if "position" in places:
-        rows = skew(rotate(motion.R, motion.known.com(motion.psi))) @ xi
-        rows[..., :4] -= motion.R @ motion.known.com_regressor()
+        rows = skew(rotate(motion.R, motion.dynamics.com(motion.psi))) @ xi
+        rows[..., :4] -= motion.R @ motion.dynamics.com_regressor()
         if "momentum" in places:
             times = np.repeat(motion.times, len(F))[:, None, None]
             rows[..., n - 3 :] += times * np.eye(3)
@@ -90,7 +90,7 @@ def _rotations(motion: PlannedBaseMotion, places: dict[str, slice], n: int) -> t
     R, L, step = motion.R, motion.momentum.L_WScm_W, motion.times[1]
     mobility = R @ motion.mobility
     w = np.zeros((len(R), 3, n))
-    w[..., places["psi"]] = -mobility @ motion.known.regressor(motion.w)
+    w[..., places["psi"]] = -mobility @ motion.dynamics.regressor(motion.w)
     mobility = mobility @ np.swapaxes(R, 1, 2)
     if "momentum" in places:
         w[..., n - 6 : n - 3] = mobility

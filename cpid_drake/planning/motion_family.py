@@ -110,7 +110,7 @@ class MotionFamily:
     def samples(self, parameters: Array, times: Array) -> Array:
         """Return positions and rates (M, B, 2, J) at times (M,) of B motions (B, F, K)."""
         moved = np.einsum("mdf,bfk->mbdk", self.functions(times)[:, :2], parameters)
-        samples = np.repeat(self._known(times)[:, None, :2], len(parameters), axis=1)
+        samples = np.repeat(self._at_known_times(times)[:, None, :2], len(parameters), axis=1)
         samples[..., self.moving] += moved
         return samples
 
@@ -122,12 +122,12 @@ class MotionFamily:
     @cached_property
     def limits(self) -> list[tuple[Array, Array]]:
         """For each joint that moves, A (Q, F) and b (Q,) of its finite limits A x ≤ b, b > 0."""
-        phi, found = self.functions(self.times)[1:-1].reshape(-1, self.count), []
+        phi, limits = self.functions(self.times)[1:-1].reshape(-1, self.count), []
         for joint in self.moving:
             A, b = np.concatenate([-phi, phi]), self._room[:, 1:-1, :, joint].ravel()
             kept = np.isfinite(b) & (np.abs(A).sum(axis=1) > 1e-9)
-            found.append((A[kept], b[kept]))
-        return found
+            limits.append((A[kept], b[kept]))
+        return limits
 
     def usage(self, parameters: Array) -> Array:
         """Return the largest share (..., K) that parameters (..., F, K) use of the limits' room.
@@ -158,12 +158,12 @@ class MotionFamily:
         A[:, order] = block_diag(*(A for A, _ in self.limits))
         return A, np.concatenate([b for _, b in self.limits])
 
-    def _known(self, times: Array) -> Array:
+    def _at_known_times(self, times: Array) -> Array:
         """Return positions, rates and accelerations (M, 3, J) of the known part."""
         return self.make(np.zeros(self.shape)).evaluate(times)
 
     @cached_property
     def _room(self) -> Array:
         """(2, M, 3, J) what the known part leaves of the lower and the upper limits."""
-        known = self._known(self.times)
-        return np.stack([known - self.bounds[0], self.bounds[1] - known])
+        given = self._at_known_times(self.times)
+        return np.stack([given - self.bounds[0], self.bounds[1] - given])

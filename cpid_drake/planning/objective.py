@@ -65,18 +65,18 @@ class Objective:
 
         The d parameters are those on which the motion depends; σ are in units of the scale.
         """
-        known = known_instants(self.model.tree, self.family.samples(parameters, self.times))
-        form, found = relative_parameterization(self.model.tree.mass), []
+        instants = known_instants(self.model.tree, self.family.samples(parameters, self.times))
+        form, sigmas = relative_parameterization(self.model.tree.mass), []
         for target in self.targets:
             psi = form.from_parameters(target)
             jacobian = form.jacobian(psi)
-            motion = PlannedBaseMotion.of(self.times, known, self.momentum, psi)
+            motion = PlannedBaseMotion.of(self.times, instants, self.momentum, psi)
             prior = jacobian.T @ self.information @ jacobian
             of_target = jacobian @ covariance(self.model, motion, prior) @ jacobian.T
             sigma = np.sqrt(np.diagonal(of_target, axis1=1, axis2=2))
             scale = parameter_scale(target, SCALE_LENGTH)
-            found.append((sigma / scale)[:, self._determined])
-        return np.stack(found, axis=1) * self.weights[:, None]
+            sigmas.append((sigma / scale)[:, self._determined])
+        return np.stack(sigmas, axis=1) * self.weights[:, None]
 
     def shares(self, samples: Array) -> Array:
         """Return the largest shares (B, D, Q) of the Q limits that B motions need.
@@ -87,20 +87,20 @@ class Objective:
             samples: (N, B, 2, J) positions and rates of the joints at the nodes.
 
         """
-        known, found = known_instants(self.model.tree, samples), []
+        instants, of_axes = known_instants(self.model.tree, samples), []
         form = relative_parameterization(self.model.tree.mass)
         for target in self.demanding:
             psi = form.from_parameters(target)
-            motion = PlannedBaseMotion.of(self.times, known, self.momentum, psi)
+            motion = PlannedBaseMotion.of(self.times, instants, self.momentum, psi)
             lengths = motion.lengths()
             shares = [lengths[name] / limit for name, limit in self.limits.items()]
             if np.isfinite(self.efforts).any():
                 phi = parameters_to_standard(target)
                 efforts = np.abs(motion.efforts(self.model.tree, samples, phi)) / self.efforts
                 shares += [*np.moveaxis(efforts[..., np.isfinite(self.efforts)], -1, 0)]
-            found.append([smooth_peak(share) for share in shares])
+            of_axes.append([smooth_peak(share) for share in shares])
         count = len(self.limits) + np.count_nonzero(np.isfinite(self.efforts))
-        return np.moveaxis(np.reshape(found, (len(found), count, samples.shape[1])), -1, 0)
+        return np.moveaxis(np.reshape(of_axes, (len(of_axes), count, samples.shape[1])), -1, 0)
 
     def weighted(self, largest: Array) -> "Objective":
         """Return the objective in which all targets count alike.

@@ -169,12 +169,12 @@ class Planner:
         """The distances between bodies, unless the model has no geometry for them."""
         first = InertialParameters.from_vector(self.targets[0])
         try:
-            found = Clearance(self.spacecraft, first, self.scenario.target.visual_model)
-            found.penalties(self.family.start[None], self.options.clearance)
+            clearance = Clearance(self.spacecraft, first, self.scenario.target.visual_model)
+            clearance.penalties(self.family.start[None], self.options.clearance)
         except InputError as error:
             self.notes.append(f"distances are not checked: {error}")
             return None
-        return found
+        return clearance
 
     def _distances(self) -> Excess | None:
         if self.clearance is None:
@@ -215,16 +215,16 @@ class Planner:
         order = self.ranked(self.options.candidates, progress)
         near, kept = self._distances(), order[:200]
         start = next((x for x in kept if near is None or near(x)[0].max() <= 0), order[0])
-        seen = [start]
+        candidates = [start]
 
         def see(parameters: Array, score: float) -> None:
-            seen.append(parameters)
+            candidates.append(parameters)
             progress("gradient method", score)
 
         try:
             self.consider(self.improved(start, self.options.iterations, see))
         except KeyboardInterrupt:
-            self.consider(seen[-1])
+            self.consider(candidates[-1])
             raise
         if self.best is None and self.consider(start) is None:
             raise InputError(
@@ -245,16 +245,16 @@ class Planner:
         for batch in np.array_split(drawn, count // 64 + 1):
             sigmas.append(self.objective.sigmas(batch))
             progress(f"{sum(map(len, sigmas))} of {count} candidates", np.nan)
-        found, before = np.concatenate(sigmas).max(axis=2), self.objective
-        self.objective = before.weighted(found)
-        scores = found * (self.objective.weights / before.weights)
+        worst, before = np.concatenate(sigmas).max(axis=2), self.objective
+        self.objective = before.weighted(worst)
+        scores = worst * (self.objective.weights / before.weights)
         return drawn[np.argsort(scores.max(axis=1), kind="stable")]
 
     def improved(
         self,
         start: Array,
         iterations: int,
-        seen: Callable[[Array, float], None] = lambda parameters, score: None,
+        record: Callable[[Array, float], None] = lambda parameters, score: None,
     ) -> Array:
         """Return the parameters (F, K) that the gradient method makes of a start.
 
@@ -270,7 +270,7 @@ class Planner:
             demanding |= set(chosen.tolist())
             imposed = replace(objective, demanding=self.checked_targets[sorted(demanding)])
             count = max(iterations // EXCHANGES, 1)
-            start = improved(imposed, self._distances(), start, count, seen)
+            start = improved(imposed, self._distances(), start, count, record)
         return start
 
     def consider(self, parameters: Array) -> Plan | None:
@@ -280,22 +280,22 @@ class Planner:
         all limits.
         """
         parameters = parameters / max(1.0, self.family.usage(parameters).max())
-        least, most, share, found = 0.0, 1.0, 1.0, None
+        least, most, share, plan = 0.0, 1.0, 1.0, None
         for _ in range(BISECTIONS):
             x = share * parameters
             motion = self.family.make(x)
             usage = self.usage(motion)
             if max(usage.values()) <= 1 + 1e-9:  # a joint may rest at its limit
-                found = Plan(motion, x, float(self.objective.sigmas(x[None]).max()), usage)
+                plan = Plan(motion, x, float(self.objective.sigmas(x[None]).max()), usage)
                 least = share
                 if share == 1:
                     break
             else:
                 most = share
             share = (least + most) / 2
-        if found is not None and (self.best is None or found.score < self.best.score):
-            self.best = found
-        return found
+        if plan is not None and (self.best is None or plan.score < self.best.score):
+            self.best = plan
+        return plan
 
     def usage(self, motion: JointMotion) -> dict[str, float]:
         """Return the largest share of each limit that a motion needs, by the limit's name.
@@ -303,23 +303,23 @@ class Planner:
         They are the largest with any of the checked targets; those of efforts are computed in
         Drake's plant, with the targets that need the most.
         """
-        found, names = dict[str, float](), self.spacecraft.joint_names
+        usage, names = dict[str, float](), self.spacecraft.joint_names
         used = self.family.usage_of(motion)
         for what, row in zip(QUANTITIES, used, strict=True):
-            found |= {f"{what} of {name}": x for name, x in zip(names, row.tolist(), strict=True)}
+            usage |= {f"{what} of {name}": x for name, x in zip(names, row.tolist(), strict=True)}
         shares = self.objective.shares(motion.evaluate(self.objective.times)[:, None, :2])
         most = np.argsort(shares[0].max(axis=1, initial=0.0), kind="stable")[-CHECKED_IN_DRAKE:]
         cases = [self.case(motion, target) for target in self.checked_targets[most]]
         efforts, lengths = (each.max(axis=0) for each in loads_of(cases, self.spacecraft))
         torque = efforts / self.spacecraft.limits.efforts
-        found |= {f"torque of {name}": x for name, x in zip(names, torque.tolist(), strict=True)}
+        usage |= {f"torque of {name}": x for name, x in zip(names, torque.tolist(), strict=True)}
         for name, length in zip(BASE_LIMITS, lengths.tolist(), strict=True):
-            found[name] = length / self.objective.limits.get(name, np.inf)
+            usage[name] = length / self.objective.limits.get(name, np.inf)
         if self.clearance is not None:
             near = self.clearance.approaches(motion.evaluate(motion.instants())[:, 0])
             least = near[0].distance if near else np.inf
-            found["distance"] = self.options.clearance / least if least > 0 else np.inf
-        return found
+            usage["distance"] = self.options.clearance / least if least > 0 else np.inf
+        return usage
 
 
 def load_planner(

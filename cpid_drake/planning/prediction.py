@@ -81,8 +81,8 @@ def loads_of(cases: Sequence[Case], spacecraft: Spacecraft) -> tuple[Array, Arra
     bases = motions_of(cases, spacecraft.tree, spacecraft.joint_names, times)
     for case, base in zip(cases, bases, strict=True):
         body.SetSpatialInertiaInBodyFrame(context, case.truth.to_spatial_inertia())
-        found = dynamics.joint_efforts(context, spacecraft.to_states(base), accelerations)
-        efforts.append(np.abs(found).max(axis=0))
+        needed = dynamics.joint_efforts(context, spacecraft.to_states(base), accelerations)
+        efforts.append(np.abs(needed).max(axis=0))
         lengths.append(_base_lengths(base))
     return np.stack(efforts), np.array(lengths)
 

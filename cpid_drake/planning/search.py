@@ -60,7 +60,7 @@ def improved(
     distances: Excess | None,
     start: Array,
     iterations: int,
-    seen: Callable[[Array, float], None] = lambda parameters, score: None,
+    record: Callable[[Array, float], None] = lambda parameters, score: None,
 ) -> Array:
     """Return the parameters (F, K) of a motion that the gradient method makes of another one.
 
@@ -71,12 +71,12 @@ def improved(
         distances: see `distance_excess`; None for any.
         start: (F, K) the motion to improve.
         iterations: their largest number.
-        seen: called with the parameters and the criterion after each iteration.
+        record: called with the parameters and the criterion after each iteration.
 
     """
     A, b = objective.family.inequalities()
     sigmas = len(objective.targets) * len(objective.model.tree.unknowns)
-    known: dict[bytes, Array] = {}
+    scores: dict[bytes, Array] = {}
 
     def parameters(z: Array) -> Array:
         return z[:-1].reshape(start.shape).copy()
@@ -85,11 +85,11 @@ def improved(
         """Return what must not be positive, without its dependence on t = z[-1]."""
         x = parameters(z)
         key = x.tobytes()
-        if key not in known:
-            known.clear()
+        if key not in scores:
+            scores.clear()
             far = np.empty(0) if distances is None else distances(x)[0]
-            known[key] = np.concatenate([objective.values(x[None])[0], far])
-        return known[key]
+            scores[key] = np.concatenate([objective.values(x[None])[0], far])
+        return scores[key]
 
     def slopes(z: Array) -> Array:
         x = parameters(z)
@@ -107,7 +107,7 @@ def improved(
     unit = np.append(np.zeros(start.size), 1.0)
     z = np.append(start.ravel(), 0.0)
     z[-1] = excess(z)[:sigmas].max()
-    found = minimize(
+    result = minimize(
         lambda z: z[-1],
         z,
         jac=lambda z: unit,
@@ -116,7 +116,7 @@ def improved(
             {"type": "ineq", "fun": lambda z: b - A @ z[:-1], "jac": lambda z: linear},
             {"type": "ineq", "fun": room, "jac": slopes},
         ],
-        callback=lambda z: seen(parameters(z), float(np.exp(excess(z)[:sigmas].max()))),
+        callback=lambda z: record(parameters(z), float(np.exp(excess(z)[:sigmas].max()))),
         options={"maxiter": iterations, "ftol": 1e-4},
     )
-    return parameters(found.x)
+    return parameters(result.x)

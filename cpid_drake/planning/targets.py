@@ -51,15 +51,15 @@ def plausible_targets(
         return targets
     if prior.combinations is not None and not np.isfinite(prior.parameters).all():
         raise InputError(f"{prior.name} determines only combinations of parameters; plan without")
-    known = np.flatnonzero(np.isfinite(prior.parameters))
-    if not known.size:  # a log that determined nothing
+    entries = np.flatnonzero(np.isfinite(prior.parameters))
+    if not entries.size:  # a log that determined nothing
         return targets
-    mean, covariance = prior.parameters[known], prior.covariance[np.ix_(known, known)]
+    mean, covariance = prior.parameters[entries], prior.covariance[np.ix_(entries, entries)]
     for k, target in enumerate(targets):
         deviation = 0.0 if k == 0 else 1.0
         for _ in range(200):
-            change = rng.multivariate_normal(np.zeros(len(known)), covariance)
-            target[known] = mean + deviation * change
+            change = rng.multivariate_normal(np.zeros(len(entries)), covariance)
+            target[entries] = mean + deviation * change
             if target[0] > 0 and InertialParameters.from_vector(target).is_physically_consistent():
                 break
             deviation *= 0.9
@@ -72,8 +72,8 @@ def prior_information(prior: TargetPrior | None) -> Array:
     """Return the information (10, 10) of a prior about π; zero for what it does not identify."""
     information = np.zeros((10, 10))
     if prior is not None:
-        known = np.flatnonzero(np.isfinite(prior.parameters))
-        places = np.ix_(known, known)
+        entries = np.flatnonzero(np.isfinite(prior.parameters))
+        places = np.ix_(entries, entries)
         information[places] = np.linalg.inv(prior.covariance[places])
     return information
 

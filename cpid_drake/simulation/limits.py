@@ -70,7 +70,7 @@ def _joints_beyond(
     spacecraft: Spacecraft, times: Array, q: Array, qdot: Array, efforts: Array
 ) -> list[str]:
     """Return a sentence for each joint and limit that is exceeded; arrays are (N,) and (N, J)."""
-    limits, found = spacecraft.limits, []
+    limits, beyond = spacecraft.limits, []
     sliding = spacecraft.tree.sliding
     for k, joint in enumerate(spacecraft.joint_names):
         length, force = ("m", "N") if k in sliding else ("rad", "N·m")
@@ -92,8 +92,8 @@ def _joints_beyond(
             n = int(excess.argmax())
             if excess[n] > 1e-9 * max(1.0, abs(values[n])):  # not by rounding
                 value = f"{values[n]:.3g} {unit} at {times[n]:.3g} s"
-                found.append(f"{joint} {verb} {value}, {limit} {unit}")
-    return found
+                beyond.append(f"{joint} {verb} {value}, {limit} {unit}")
+    return beyond
 
 
 def _distances(simulation: Simulation, times: Array, q: Array) -> tuple[list[str], str, list[str]]:

@@ -97,14 +97,14 @@ def versions() -> dict[str, str | None]:
 def online_document(simulation: Simulation, root_context: Context) -> dict[str, Any]:
     """Return the online estimate at the end; unknown values are null."""
     result = simulation.identification(root_context)
-    found = {"estimate": result.parameters, "sigma": np.sqrt(np.diag(result.covariance))}
+    document = {"estimate": result.parameters, "sigma": np.sqrt(np.diag(result.covariance))}
     return {
         "estimator": simulation.scenario.online_estimator,
         "failures": list(result.failures),
         "says": result.explain(),
         **{
             key: dict(zip(PARAMETER_NAMES, nulls(values), strict=True))
-            for key, values in found.items()
+            for key, values in document.items()
         },
     }
 

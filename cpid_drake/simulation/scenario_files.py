@@ -110,10 +110,10 @@ def files_of(scenario: Scenario) -> list[Path]:
     if isinstance(scenario.joint_motion, MotionFile):
         names.append(scenario.joint_motion.file)
     folders = package_folders(scenario.spacecraft.packages)
-    found = []
+    files = []
     for name in filter(None, names):
         try:
-            found.append(resolve_model(name, folders))
+            files.append(resolve_model(name, folders))
         except InputError:  # a shipped preset
             continue
-    return found
+    return files

@@ -156,11 +156,11 @@ class Simulation:
     def identification(self, root_context: Context) -> Identification:
         """Return the identification in a run's Context, with its checks; see `checks`."""
         context = self.identifier.GetMyContextFromRoot(root_context)
-        found = checked(self.identifier.identification(context), self.spacecraft.tree)
+        answer = checked(self.identifier.identification(context), self.spacecraft.tree)
         if not len(self.thrust) or isinstance(self.identifier, SensorIdentifier):
-            return found
-        text = THRUST_NOT_USED.format(f"{self.thrust.time[0]:.4g}", found.estimator)
-        return replace(found, checks=(Check("thrust", text), *found.checks))
+            return answer
+        text = THRUST_NOT_USED.format(f"{self.thrust.time[0]:.4g}", answer.estimator)
+        return replace(answer, checks=(Check("thrust", text), *answer.checks))
 
     def motion(self, root_context: Context) -> Motion:
         """Return the logged motion of a run."""
@@ -170,12 +170,12 @@ class Simulation:
     def momentum(self, root_context: Context) -> Array:
         """Return the momentum [L; P] of all bodies about W's origin, in W, (N, 6), in the log."""
         context = self.plant.CreateDefaultContext()
-        found = []
+        momenta = []
         for state in _entries(self.state_log, root_context)[1]:
             self.plant.SetPositionsAndVelocities(context, state)
             momentum = self.plant.CalcSpatialMomentumInWorldAboutPoint(context, np.zeros(3))
-            found.append(momentum.get_coeffs())
-        return np.array(found)
+            momenta.append(momentum.get_coeffs())
+        return np.array(momenta)
 
     def expected_momentum(self, root_context: Context) -> Array:
         """Return what `momentum` should be (N, 6): that at the start, and what forces gave."""
@@ -196,10 +196,10 @@ class Simulation:
                 "this simulation has no sensors; give sensors.suite or sensors.explicit in its "
                 "scenario"
             )
-        found = measurements_from_logs(self.sensors, self.sensor_logs, root_context)
+        log = measurements_from_logs(self.sensors, self.sensor_logs, root_context)
         if not len(self.thrust) or not self.scenario.simulation.burns_logged:
-            return found
-        return found.updated({THRUST: self.thrust})
+            return log
+        return log.updated({THRUST: self.thrust})
 
 
 def make_simulation(scenario: Scenario, *, target: InertialParameters | None = None) -> Simulation:
@@ -241,9 +241,9 @@ def make_simulation(scenario: Scenario, *, target: InertialParameters | None = N
     sphere = InertialParameters(mass, np.zeros(3), moment * np.eye(3))
     sensors, sensor_logs, suite = None, {}, scenario.make_suite()
     forces, thrust = _add_forces(builder, scenario, spacecraft, plant)
-    known = None
+    spatial_forces = None
     if forces is not None and config.has_target_model and not scenario.simulation.sprung_masses:
-        known = forces.GetOutputPort("spatial_forces")
+        spatial_forces = forces.GetOutputPort("spatial_forces")
     controller = JointController.AddToBuilder(
         builder,
         spacecraft,
@@ -255,7 +255,7 @@ def make_simulation(scenario: Scenario, *, target: InertialParameters | None = N
         plant=plant,
         natural_frequency=config.natural_frequency,
         damping_ratio=config.damping_ratio,
-        spatial_forces=known,
+        spatial_forces=spatial_forces,
     )
     if suite is not None:
         sensors = SpacecraftSensors.AddToBuilder(

@@ -127,13 +127,13 @@ def ideal_logs(
     disturbances: Sequence[SimulatedDisturbance],
 ) -> list[Log]:
     """Return the ideal samples of cases that differ as those of `base_trajectories` may."""
-    found, logs = list[Motion](), []
+    motions, logs = list[Motion](), []
     for number, case in enumerate(cases):
 
         def motion(times: Array, number: int = number) -> Motion:
-            if not found:  # the times are those of all cases
-                found.extend(motions_of(cases, tree, joint_names, times, disturbances))
-            return found[number]
+            if not motions:  # the times are those of all cases
+                motions.extend(motions_of(cases, tree, joint_names, times, disturbances))
+            return motions[number]
 
         ideal = ideal_log(case.suite, joint_names, motion, case.duration)
         if case.burns and case.logs_thrust:
@@ -155,8 +155,8 @@ def base_trajectory(
         disturbance: external forces and torques; default: the constant ones of the case.
 
     """
-    found = base_trajectories([case], tree, times, [disturbance or case.disturbance()])
-    return BaseTrajectory(**{name: values[0] for name, values in vars(found).items()})
+    motions = base_trajectories([case], tree, times, [disturbance or case.disturbance()])
+    return BaseTrajectory(**{name: values[0] for name, values in vars(motions).items()})
 
 
 def base_trajectories(
@@ -204,8 +204,8 @@ def motions_of(
 
 def bound_of(case: Case, spacecraft: Spacecraft) -> Array:
     """Return the Cramér-Rao bound (10,) on the σ of the parameters, without unlogged burns."""
-    seen = case if case.logs_thrust else replace(case, burns=())
-    ideal = ideal_samples(seen, spacecraft.tree, spacecraft.joint_names)
+    logged = case if case.logs_thrust else replace(case, burns=())
+    ideal = ideal_samples(logged, spacecraft.tree, spacecraft.joint_names)
     psi = relative_parameterization(spacecraft.mass).from_parameters(case.truth.to_vector())
     covariance = cramer_rao_bound(
         spacecraft.tree,
@@ -254,10 +254,10 @@ def true_motions(
     times: Array,
 ) -> list[Motion]:
     """Return the exact motion of trials at times (N,) [s]; the other arguments are `draws`'s."""
-    found = list[Motion]()
+    motions = list[Motion]()
     for together, own, disturbances in _together(cases, tree, numbers):
-        found += motions_of(together, own, joint_names, times, disturbances)
-    return found
+        motions += motions_of(together, own, joint_names, times, disturbances)
+    return motions
 
 
 def _together(
@@ -284,13 +284,13 @@ def fit_errors(case: Case, spacecraft: Spacecraft, trials: int) -> Iterator[Arra
     for number in range(trials):
         log = draw(case, spacecraft, number)
         try:
-            found = identify(
+            estimate = identify(
                 spacecraft, log, sensors=case.suite, momentum=case.momentum, known_bodies=bodies
             )
         except InputError:
             yield np.full(10, np.nan)
             continue
-        yield (found.parameters - truth) / parameter_scale(truth, SCALE_LENGTH)
+        yield (estimate.parameters - truth) / parameter_scale(truth, SCALE_LENGTH)
 
 
 def seeds_of(seed: int, number: int) -> tuple[int, int]:

@@ -98,7 +98,7 @@ class Clearance:
             InputError: the distance between two of the shapes cannot be computed.
 
         """
-        plant, found = self._plant, dict[frozenset[BodyIndex], tuple[float, int]]()
+        plant, nearest = self._plant, dict[frozenset[BodyIndex], tuple[float, int]]()
         context = plant.GetMyMutableContextFromRoot(self._context)
         query = self._graph.get_query_output_port().Eval(
             self._graph.GetMyContextFromRoot(self._context)
@@ -114,10 +114,10 @@ class Clearance:
                     for shape in (pair.id_A, pair.id_B)
                 )
                 if pair.distance < 0 or bodies not in self._near:
-                    found[bodies] = min(found.get(bodies, (np.inf, k)), (pair.distance, k))
+                    nearest[bodies] = min(nearest.get(bodies, (np.inf, k)), (pair.distance, k))
                     least = min(least, pair.distance)
         ordered = []
-        for bodies, (distance, k) in sorted(found.items(), key=lambda each: each[1]):
+        for bodies, (distance, k) in sorted(nearest.items(), key=lambda each: each[1]):
             first, second = sorted(self._names[body] for body in bodies)
             ordered.append(Approach((first, second), distance, k))
         return [each for each in ordered if each.distance < 0] or ordered[:1]
@@ -141,10 +141,10 @@ class Clearance:
         values, gradients = np.zeros(len(positions)), np.zeros(positions.shape)
         for k, joints in enumerate(positions):
             q[self._columns] = joints
-            [found] = _computed(constraint.Eval, InitializeAutoDiff(q))
-            values[k] = found.value()
-            if found.derivatives().size:
-                gradients[k] = found.derivatives()[self._columns]
+            [penalties] = _computed(constraint.Eval, InitializeAutoDiff(q))
+            values[k] = penalties.value()
+            if penalties.derivatives().size:
+                gradients[k] = penalties.derivatives()[self._columns]
         return values, gradients
 
     def _compare_all_but_neighbours(self) -> set[frozenset[BodyIndex]]:

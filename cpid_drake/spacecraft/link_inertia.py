@@ -103,8 +103,8 @@ class LinkInertia:
             raise InputError(f"{self.where}link '{self.name}': no body is nearest to {mass:g} kg")
         if mass == 0:
             return np.zeros(6)
-        found = inside_the_limits(mass, np.zeros(3), self.tensor)
-        return found[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+        body = inside_the_limits(mass, np.zeros(3), self.tensor)
+        return body[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
 
 
 def link_inertias(element: Element, ending: str, where: str) -> Iterator[LinkInertia]:
@@ -124,7 +124,7 @@ def link_inertias(element: Element, ending: str, where: str) -> Iterator[LinkIne
             mass = inertial.findtext("mass") or "1"
             given = [inertial.findtext(f"inertia/{key}") for key in MOMENTS]
             moments = [text or default for text, default in zip(given, "111000", strict=True)]
-            place = inertial if (found := inertial.find("inertia")) is None else found
+            place = inertial if (child := inertial.find("inertia")) is None else child
         else:
             parts = {part.tag: part for part in inertial}
             mass = parts["mass"].get("value", "0") if "mass" in parts else "0"

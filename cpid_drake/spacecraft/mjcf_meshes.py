@@ -51,7 +51,7 @@ def unread_meshes(
         if file.suffix.lower() != FORMAT or not file.is_file()
     }
     around = {inner: outer for outer in text.places for inner in outer}
-    found = [each for each in text.places if each in files and files[each] in bad.values()]
+    unread = [each for each in text.places if each in files and files[each] in bad.values()]
     for geom in text.places:
         name = geom.get("mesh", "")
         if geom.tag != "geom" or name not in bad:
@@ -65,5 +65,5 @@ def unread_meshes(
                 f"'{name}', whose file {file} is {f'no {FORMAT}' if file.is_file() else 'absent'}: "
                 "give the body an <inertial> of its own"
             )
-        found.append(geom)
-    return found
+        unread.append(geom)
+    return unread

@@ -89,19 +89,19 @@ def check_meaning(element: Element, ending: str, where: str) -> list[str]:
     """
     tag, parts = element.tag, Counter(part.tag for part in element)
     unread = list[str]()
-    known = _CHILDREN.get((ending, tag), parts)
+    children = _CHILDREN.get((ending, tag), parts)
     if tag == "joint" and "child" not in parts:  # of a transmission, or of ros2_control
-        known = parts
+        children = parts
     for part in element:
         name = part.tag
-        if name in known or ":" in name:
+        if name in children or ":" in name:
             continue
-        if ending == ".xml" or (reason := may_matter(part, known)):
+        if ending == ".xml" or (reason := may_matter(part, children)):
             reason = "" if ending == ".xml" else f" ({reason})"
             raise InputError(
                 f"{where}<{name}> in <{tag}> is not read; a mass, a joint or a pose may be lost"
                 f"{reason}: write what it makes in another way in a copy of the file, or take it "
-                f"out; what is read is {', '.join(sorted(known))}"
+                f"out; what is read is {', '.join(sorted(children))}"
             )
         unread.append(name)
     for name in ONCE & set(parts) if ending != ".xml" else ():
@@ -141,7 +141,7 @@ def _check_mjcf(element: Element, parts: Counter[str], where: str) -> None:
         raise InputError(f"{where}an equality constraint closes a loop or couples joints")
 
 
-def may_matter(element: Element, known: Collection[str]) -> str:
+def may_matter(element: Element, names: Collection[str]) -> str:
     """Return why an element that Drake does not read may matter to the motion; else nothing.
 
     It is named like a `known` one, or it, or an element or attribute inside, is named like a
@@ -150,7 +150,7 @@ def may_matter(element: Element, known: Collection[str]) -> str:
     """
     if _words(element.tag) & _ASIDE or element.find("geometry") is not None:
         return ""
-    if (like := _like(element.tag, known)) and _has_number(element):
+    if (like := _like(element.tag, names)) and _has_number(element):
         return like
     for each in element.iter():
         texts = {each.tag: each.text or "", **{key: text for key, text in each.items()}}

@@ -86,7 +86,7 @@ def read_content(path: Path, where: str, folders: Mapping[str, Path]) -> ModelCo
             names the file and the line.
 
     """
-    found = ModelContent()
+    content = ModelContent()
     packages, count = make_parser(MultibodyPlant(0.0), folders).package_map(), 0
 
     def visit(file: Path, around: tuple[Path, ...]) -> None:
@@ -101,29 +101,29 @@ def read_content(path: Path, where: str, folders: Mapping[str, Path]) -> ModelCo
             for other in sorted(file.glob("*.sdf")):
                 visit(other.resolve(), (*around, file))
             return
-        known = (".urdf", ".sdf", ".xml", ".yaml", ".yml")
-        if file.suffix.lower() not in known or not file.exists():
+        endings = (".urdf", ".sdf", ".xml", ".yaml", ".yml")
+        if file.suffix.lower() not in endings or not file.exists():
             return  # of a missing one, Drake's own error names the file that includes it
         if not file.is_file():
             raise InputError(f"{place}: not a file")
-        if file not in found.files:
+        if file not in content.files:
             main = next((each for each in around if each.suffix.lower() == ".xml"), file)
-            found.files[file] = _read(file, main, place, packages, found)
-        for _, other in found.files[file].includes:
+            content.files[file] = _read(file, main, place, packages, content)
+        for _, other in content.files[file].includes:
             visit(other.resolve(), (*around, file))
 
     try:
         visit(path.resolve(), ())
-        _leave_out_meshes(found, where)
+        _leave_out_meshes(content, where)
     except InputError:
         raise
     except (OSError, ValueError, RuntimeError) as error:
         raise InputError(f"{where}: {message_of(error, path):.500}") from error
-    return found
+    return content
 
 
 def _read(
-    file: Path, main: Path, place: str, packages: PackageMap, found: ModelContent
+    file: Path, main: Path, place: str, packages: PackageMap, model: ModelContent
 ) -> FileContent:
     """Return one file, and add what it contains."""
     if file.suffix.lower() in (".yaml", ".yml"):
@@ -137,24 +137,24 @@ def _read(
     ending, places = content.ending, content.xml.places
     for element, at in places.items():
         check_numbers(element, ending, f"{place}: line {at.line}: ")
-    links = found.links[file] = list[LinkInertia]()
+    links = model.links[file] = list[LinkInertia]()
     for element, at in places.items():
         parts, name, line = {part.tag for part in element}, element.get("name", ""), at.line
         if unread := check_meaning(element, ending, f"{place}: line {line}: "):
-            found.unread.update(unread)
+            model.unread.update(unread)
         if element.tag in ("link", "body"):
             links += link_inertias(element, ending, f"{place}: line {line}: ")
         if element.tag == "link" and "inertial" not in parts:
-            found.hollow.update([name] if parts & {"visual", "collision"} else [])
+            model.hollow.update([name] if parts & {"visual", "collision"} else [])
         elif element.tag == "joint" and ending == ".urdf":
             for limit in element.iter("limit"):
-                found.efforts[name] = float(limit.get("effort", 0))
+                model.efforts[name] = float(limit.get("effort", 0))
             if element.get("type") == "floating" and "child" in parts:
                 content.whole.update(_freeing(element, content.xml))
         if element.tag == "joint" and "child" in parts:
             mimic = _mimic(element, f"{place}: line {line}: ")
             content.whole.update(dict.fromkeys(element.iter("mimic"), ""))
-            if found.mimics.setdefault(name, mimic) != mimic:
+            if model.mimics.setdefault(name, mimic) != mimic:
                 raise InputError(
                     f"{place}: line {line}: joint '{name}' follows another one in one file, and "
                     "not, or otherwise, in another: give the joints other names"
@@ -169,14 +169,14 @@ def _read(
         for each in content.xml.root.findall("transmission"):
             if any(end.get("name") not in joints for end in each.findall("joint")):
                 content.whole[each] = ""
-                found.unread["transmission of no joint"] += 1
+                model.unread["transmission of no joint"] += 1
     return content
 
 
-def _leave_out_meshes(found: ModelContent, where: str) -> None:
+def _leave_out_meshes(content: ModelContent, where: str) -> None:
     """Leave out meshes of MJCF that Drake cannot read, where masses do not depend on them."""
-    for main in {file.main for file in found.files.values() if file.ending == ".xml"}:
-        files = [file for file in found.files.values() if file.main == main]
+    for main in {file.main for file in content.files.values() if file.ending == ".xml"}:
+        files = [file for file in content.files.values() if file.main == main]
         texts = [file.xml for file in files if file.xml is not None]
         meshes = mesh_files(texts, main.parent)
         for file in files:
@@ -187,7 +187,7 @@ def _leave_out_meshes(found: ModelContent, where: str) -> None:
             file.meshes.update((each, path) for each, path in meshes.items() if each not in unread)
             file.whole.update(dict.fromkeys(unread, ""))
             count = sum(each.tag == "mesh" for each in unread)
-            found.unread.update({"mesh that is absent or no .obj": count} if count else {})
+            content.unread.update({"mesh that is absent or no .obj": count} if count else {})
 
 
 def _mimic(joint: Element, where: str) -> Mimic | None:

@@ -15,18 +15,18 @@ from cpid_drake.spacecraft.model_content import FileContent, ModelContent
 _UNDEFINED = re.compile(r"XML Element\[([^]]+)\], child of element\[([^]]+)\], not defined in SDF")
 
 
-def leave_out_undefined(content: ModelContent, said: str) -> bool:
+def leave_out_undefined(content: ModelContent, message: str) -> bool:
     """Leave out elements that SDFormat does not define, and say whether there are such.
 
     Args:
         content: the files; those elements are left out of their copies, and counted.
-        said: the message of Drake's that names them. Elements that may matter are not left out.
+        message: the message of Drake's that names them. Elements that may matter are not left out.
 
     """
-    found = _UNDEFINED.search(said)
-    if found is None:
+    match = _UNDEFINED.search(message)
+    if match is None:
         return False
-    name, parent = found.groups()
+    name, parent = match.groups()
     undefined = {
         element: file
         for file in content.files.values()

@@ -113,8 +113,8 @@ class ModelFile:
         ignored = self._parse(plant) | self.content.unread
         if base is not None:
             body = find_element(plant, "Body", base, self.model)
-            said = summarize_ignored(ignored) if ignored else ""
-            notes = (*self._notes, said, free_base(plant, body, self.model))
+            text = summarize_ignored(ignored) if ignored else ""
+            notes = (*self._notes, text, free_base(plant, body, self.model))
             self.notes = tuple(filter(None, notes))
         plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
 

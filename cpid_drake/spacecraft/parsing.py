@@ -93,9 +93,9 @@ def parse(
 
     """
     original = Path(named(str(path)))
-    said, logger = _Said(), logging.getLogger("drake")
+    messages, logger = _Said(), logging.getLogger("drake")
     before = logger.handlers, logger.propagate, logger.level
-    logger.handlers, logger.propagate = [said], False
+    logger.handlers, logger.propagate = [messages], False
     logger.setLevel(logging.WARNING)
     try:
         make_parser(plant, folders).AddModels(path)
@@ -105,7 +105,7 @@ def parse(
         logger.handlers, logger.propagate = before[:2]
         logger.setLevel(before[2])
     ignored = Counter[str]()
-    for message in said.messages:
+    for message in messages.messages:
         if name := _harmless(message):
             ignored[name] += 1
             continue
@@ -146,9 +146,9 @@ class _Said(logging.Handler):
 
 def _harmless(message: str) -> str:
     """Return the name of what Drake ignored if it has no mass, joint or frame; else nothing."""
-    if found := _IGNORED.search(message):
-        name, parent = found["name"] or found["element"], found["parent"] or found["of"]
+    if match := _IGNORED.search(message):
+        name, parent = match["name"] or match["element"], match["parent"] or match["of"]
         is_harmless = parent in _WITHOUT_MASS or (name in _HARMLESS and parent != "equality")
         return name if is_harmless else ""
-    found = _FREE.search(message)
-    return found[0].partition(" ")[0] if found else ""
+    match = _FREE.search(message)
+    return match[0].partition(" ")[0] if match else ""

@@ -33,13 +33,13 @@ def oversized(
         parse_into: adds the model to a plant; it is called if a body needs its geometry.
 
     """
-    found = [
+    meshes = [
         (k, gyration, reach)
         for k, (gyration, reach) in enumerate(zip(_gyrations(tree), _reaches(tree)))
         if reach > 0 and gyration > FAR * reach
     ]
-    extents = _extents(parse_into) if found else {}
-    for k, gyration, reach in found:
+    extents = _extents(parse_into) if meshes else {}
+    for k, gyration, reach in meshes:
         body = tree.bodies[k]
         drawn = extents.get(body.name, 0.0)
         if gyration <= drawn or (not drawn and k == 0):
@@ -75,12 +75,12 @@ def _reaches(tree: KinematicTree) -> list[float]:
     at: list[set[int]] = [{k} if k else set() for k in range(len(tree.bodies))]
     for k, body in enumerate(tree.bodies[1:], start=1):
         at[body.parent].add(k)
-    found = []
+    reaches = []
     for k, body in enumerate(tree.bodies):
         near = {k, *at[k], *([body.parent] if k else [])}
         points = np.array([places[j] for m in near for j in at[m]]).reshape(-1, 3)
-        found.append(float(np.linalg.norm(points - coms[k], axis=1).max(initial=0.0)))
-    return found
+        reaches.append(float(np.linalg.norm(points - coms[k], axis=1).max(initial=0.0)))
+    return reaches
 
 
 def _extents(parse_into: Callable[[MultibodyPlant], object]) -> dict[str, float]:
@@ -88,12 +88,12 @@ def _extents(parse_into: Callable[[MultibodyPlant], object]) -> dict[str, float]
 
     Geometry that Drake cannot read is left out.
     """
-    plant, graph, found = MultibodyPlant(0.0), SceneGraph(), dict[str, float]()
+    plant, graph, extents = MultibodyPlant(0.0), SceneGraph(), dict[str, float]()
     plant.RegisterAsSourceForSceneGraph(graph)
     try:
         parse_into(plant)
     except InputError:
-        return found
+        return extents
     inspector = graph.model_inspector()
     for k in range(1, plant.num_bodies()):
         body = plant.get_body(BodyIndex(k))
@@ -105,5 +105,5 @@ def _extents(parse_into: Callable[[MultibodyPlant], object]) -> dict[str, float]
                     X_BH = inspector.GetPoseInFrame(shape) @ box.pose()
                     apart = (X_BH @ corners.T).T - body.default_com()
                     size = float(np.linalg.norm(apart, axis=1).max())
-                    found[body.name()] = max(size, found.get(body.name(), 0.0))
-    return found
+                    extents[body.name()] = max(size, extents.get(body.name(), 0.0))
+    return extents

@@ -45,10 +45,10 @@ def movable_joints(
             a geometry and no inertia.
 
     """
-    joints, found = joints_of(plant), [*connected(plant, base)]
-    tree = {body.index() for body, _ in found}
+    joints, bodies = joints_of(plant), [*connected(plant, base)]
+    tree = {body.index() for body, _ in bodies}
     own = [j for j in joints if j.parent_body().index() in tree and j.child_body().index() in tree]
-    path = found[-1][1]  # after Finalize one leads to the world
+    path = bodies[-1][1]  # after Finalize one leads to the world
     if path[0].num_velocities() != 6:
         raise model.error(
             f"base '{base.name()}' does not float freely: joint '{path[-1].name()}' holds it in "
@@ -107,17 +107,17 @@ def extract_tree(
         for body in (joint.parent_body(), joint.child_body()):
             adjacent.setdefault(body.index(), []).append(joint)
     # For each body, its place in the tree and the pose of its own frame in the joint's frame.
-    found, queue = {base.index(): (0, RigidTransform())}, [base]
+    places, queue = {base.index(): (0, RigidTransform())}, [base]
     bodies = [_tree_body(base, RigidTransform())]
     for inboard in queue:
         for joint in adjacent[inboard.index()]:
             forward = joint.parent_body().index() == inboard.index()
             outboard = joint.child_body() if forward else joint.parent_body()
-            if outboard.index() in found or outboard.index() == plant.world_body().index():
+            if outboard.index() in places or outboard.index() == plant.world_body().index():
                 continue
             frames = [joint.frame_on_parent(), joint.frame_on_child()]
             X_PF, X_BM = (f.GetFixedPoseInBodyFrame() for f in frames[:: 1 if forward else -1])
-            parent, X_MP = found[inboard.index()]
+            parent, X_MP = places[inboard.index()]
             X_MF, X_MB, axis = X_MP @ X_PF, X_BM.inverse(), np.zeros(3)
             if isinstance(joint, WeldJoint):
                 X_FM = joint.X_FM() if forward else joint.X_FM().inverse()
@@ -134,7 +134,7 @@ def extract_tree(
                 X_MF = X_MF @ RigidTransform(AngleAxis(offset, axis), np.zeros(3))
             elif offset:
                 X_MF = X_MF @ RigidTransform(offset * axis)
-            found[outboard.index()] = (len(bodies), X_MB)
+            places[outboard.index()] = (len(bodies), X_MB)
             bodies.append(
                 _tree_body(
                     outboard,
@@ -151,7 +151,7 @@ def extract_tree(
                 )
             )
             queue.append(outboard)
-    place, X_MB = found[capture_frame.body().index()]
+    place, X_MB = places[capture_frame.body().index()]
     X_MC = X_MB @ capture_frame.GetFixedPoseInBodyFrame()
     return KinematicTree(tuple(bodies), place, X_MC.rotation().matrix(), X_MC.translation())
 

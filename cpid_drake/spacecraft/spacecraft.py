@@ -390,6 +390,6 @@ def _read_again(
 ) -> Spacecraft:
     """Return a spacecraft that was pickled."""
     names = {"base": base, "capture_frame": capture_frame}
-    found = Spacecraft(model, **names, packages=packages, repair_bodies=repair_bodies)
-    found = found.locked(locked)
-    return found if normal_B is None else found.on_table(normal_B)
+    spacecraft = Spacecraft(model, **names, packages=packages, repair_bodies=repair_bodies)
+    spacecraft = spacecraft.locked(locked)
+    return spacecraft if normal_B is None else spacecraft.on_table(normal_B)

@@ -144,8 +144,8 @@ def export_target(
         texts = {path: _directives(beside, name, spacecraft), beside: model_text("urdf", [target])}
     for place, text in texts.items():
         _check_reading(place, text, target)
-    known = () if spacecraft is None else (spacecraft.path,)
-    check_outputs([("", place) for place in texts], known, force=overwrite)
+    sources = () if spacecraft is None else (spacecraft.path,)
+    check_outputs([("", place) for place in texts], sources, force=overwrite)
     with ExitStack() as drafts:  # the last is moved to its place first: the directives refer to it
         for place, text in texts.items():
             drafts.enter_context(draft_of(place)).write_text(text, encoding="utf-8")
@@ -199,9 +199,9 @@ def _check_reading(place: Path, text: str, target: Link) -> None:
         return  # it names the file beside it
     plant = MultibodyPlant(time_step=0.0)
     Parser(plant).AddModelsFromString(text, place.suffix[1:])
-    found = plant.GetBodyByName(target.name).default_spatial_inertia()
+    inertia = plant.GetBodyByName(target.name).default_spatial_inertia()
     assert target.body is not None
-    written, read = target.body.to_vector(), InertialParameters.from_spatial_inertia(found)
+    written, read = target.body.to_vector(), InertialParameters.from_spatial_inertia(inertia)
     size = np.abs(written).max()
     if not np.allclose(read.to_vector(), written, rtol=1e-9, atol=1e-12 * size):
         raise InputError(
@@ -265,14 +265,14 @@ def _directives(target_file: Path, name: str, spacecraft: Spacecraft | None) -> 
     if spacecraft is not None:
         file = f"file://{spacecraft.path}"  # a package:// URI would need a map of packages
         instance = spacecraft.plant.GetModelInstanceName(spacecraft.base.model_instance())
-        known = (
+        kept = (
             {"add_directives": {"file": file}}
             if spacecraft.path.name.endswith(FORMATS["drake-yaml"])
             else {"add_model": {"name": instance.partition("::")[0], "file": file}}
         )
         frame = spacecraft.capture_frame.scoped_name().get_full()
         weld = {"add_weld": {"parent": frame, "child": f"{name}::{name}"}}
-        items = [known, target, weld]
+        items = [kept, target, weld]
     text = yaml.safe_dump(
         {"directives": items}, sort_keys=False, allow_unicode=True, width=float("inf")
     )

@@ -204,17 +204,17 @@ class SceneVisualizer(SpacecraftSystem):
         return EventStatus.Succeeded()
 
     def _momenta(
-        self, known: MomentumSamples, target: InertialParameters
+        self, samples: MomentumSamples, target: InertialParameters
     ) -> dict[str, tuple[RigidTransform, ArrayLike]]:
         """Return the common centre of mass and the needles of the momenta."""
-        reach, p_WC, total = self._reach, known.motion.p_WC[0], known.mass + target.mass
-        p_WT = p_WC + known.motion.R_WC[0] @ target.p_CTcm_C
-        p_WS = (known.mass * known.p_WKcm[0] + target.mass * p_WT) / total
+        reach, p_WC, total = self._reach, samples.motion.p_WC[0], samples.mass + target.mass
+        p_WT = p_WC + samples.motion.R_WC[0] @ target.p_CTcm_C
+        p_WS = (samples.mass * samples.p_WKcm[0] + target.mass * p_WT) / total
         drawn: dict[str, tuple[RigidTransform, ArrayLike]] = {
             "centre_of_mass": (RigidTransform(p_WS), np.ones(3))
         }
-        of_target = target_momentum(target, known.motion)
-        for owner, (P, L) in (("spacecraft", (known.P, known.L)), ("target", of_target)):
+        of_target = target_momentum(target, samples.motion)
+        for owner, (P, L) in (("spacecraft", (samples.P, samples.L)), ("target", of_target)):
             about_centre = L[0] + np.cross(p_WC - p_WS, P[0])
             above = p_WS + [0.0, 0.0, 0.5 * reach]
             # As rates [1/s] of the whole system, so that one scale serves both.

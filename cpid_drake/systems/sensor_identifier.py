@@ -217,27 +217,27 @@ class SensorIdentifier(Identifier):
 
     def _with_new_samples(self, context: Context) -> "_Memory":
         memory = self._memory(context)
-        seen, new = memory.seen, {}
+        times, new = memory.times, {}
         for name, port in self._sample_ports.items():
             sample = port.Eval(context)
-            if sample[0] != seen[name] and not np.isnan(sample[0]):
+            if sample[0] != times[name] and not np.isnan(sample[0]):
                 new[name] = sample
         if not new:
             return memory
         due = memory.due
         if np.isnan(due):
             due = context.get_time() + memory.stream.queue.length
-        seen = seen | {name: sample[0] for name, sample in new.items()}
+        times = times | {name: sample[0] for name, sample in new.items()}
         waiting = (*memory.stream.waiting, *new.items())
-        return replace(memory, seen=seen, stream=replace(memory.stream, waiting=waiting), due=due)
+        return replace(memory, times=times, stream=replace(memory.stream, waiting=waiting), due=due)
 
     @one_thread
     def _identify(self, context: Context) -> Identification:
         stream = self._memory(context).stream
-        found = self._answers.get(stream.online)  # most samples leave the fit as it is
-        if found is None:
-            found = self._answers[stream.online] = self._stream.identification(stream)
-        return self._stream.counted(found, stream)
+        answer = self._answers.get(stream.online)  # most samples leave the fit as it is
+        if answer is None:
+            answer = self._answers[stream.online] = self._stream.identification(stream)
+        return self._stream.counted(answer, stream)
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,7 +245,7 @@ class _Memory:
     """The abstract state. A value in a Context is replaced, never changed."""
 
     stream: StreamState
-    seen: dict[str, float]
+    times: dict[str, float]
     """Time of the latest sample of every sensor [s]."""
     latest: float = -np.inf
     """Time of the Context at the latest update [s]."""
