@@ -64,6 +64,8 @@ class OnlineState:
         used, rejected: number of samples, and of those that weigh less or not at all, by sensor,
             before the window.
         lags: sums over the residuals of every sensor and over products of neighbours, before it.
+        unsettled: number of blocks that left the window when its fit had not converged.
+        refused: number of blocks that no fit explains, and that are not used.
 
     """
 
@@ -78,6 +80,8 @@ class OnlineState:
     used: Mapping[str, int] = field(default_factory=dict)
     rejected: Mapping[str, int] = field(default_factory=dict)
     lags: Mapping[str, LagSums] = field(default_factory=dict)
+    unsettled: int = 0
+    refused: int = 0
 
     @property
     def events(self) -> tuple[float, ...]:
@@ -215,7 +219,7 @@ def _without(state: OnlineState, blocks: Sequence[Block]) -> OnlineState:
     rejected = Counter(state.rejected)
     for block in blocks:
         rejected.update({name: len(s) for name, s in block.samples.items()})
-    return replace(state, rejected=rejected)
+    return replace(state, rejected=rejected, refused=state.refused + len(blocks))
 
 
 def _leaving(state: OnlineState, longest: float) -> int:
@@ -253,4 +257,5 @@ def _marginalized(state: OnlineState, count: int) -> OnlineState:
         state._observed(gone, rolled),
         settled=(*state.settled, *gone.changes),
         last=replace(last, logs=[replace(rest, past=past)], rolled=[kept]),
+        unsettled=state.unsettled + (0 if last.converged else count),
     )

@@ -31,6 +31,9 @@ NOT_LINEAR = (
 """The failed check if the first blocks were linearized about another target."""
 
 
+REFUSED = "the samples of {} are not used: no fit explains them"
+"""The warning about blocks that are left out."""
+
 NO_FIT = "no fit of the {:.3g} s of samples so far explains them"
 """The failed check while no fit is found."""
 
@@ -79,15 +82,23 @@ def identification_of_state(
     }
     observed = Observed(tests, counts, tuple(sorted(state.events)))
     given, window = (state.question, momentum, observed), [joined(state.fits)]
-    result, _ = answer_of(state.last, *given, logs=window, joints=joints, estimator=RECURSIVE_FIT)
-    [log], [rolled] = state.last.logs, state.last.rolled
+    fit = replace(state.last, converged=state.last.converged and not state.unsettled)
+    result, _ = answer_of(fit, *given, logs=window, joints=joints, estimator=RECURSIVE_FIT)
+    [log], [rolled] = fit.logs, fit.rolled
     last = {name: near_residuals(log, rolled, name) for name in model.suite.present()}
-    result = replace(result, residuals={name: each for name, each in last.items() if len(each)})
-    change = change_beyond_linear(state.last)
-    if not change:
-        return result
-    fails = Check("linearity", NOT_LINEAR.format(100 * change))
-    return replace(result, checks=(*result.checks, fails))
+    warnings, checks = list(result.warnings), list(result.checks)
+    if state.refused:
+        warnings.append(
+            REFUSED.format("a block" if state.refused == 1 else f"{state.refused} blocks")
+        )
+    if change := change_beyond_linear(fit):
+        checks.append(Check("linearity", NOT_LINEAR.format(100 * change)))
+    return replace(
+        result,
+        residuals={name: each for name, each in last.items() if len(each)},
+        warnings=tuple(warnings),
+        checks=tuple(checks),
+    )
 
 
 def estimate(

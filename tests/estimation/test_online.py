@@ -64,6 +64,14 @@ def test_blocks_that_are_linear_about_another_target_fail_a_check(case, model):
     assert any("not linear about the target" in failure for failure in found[1].failures)
 
 
+def test_a_block_that_left_before_its_fit_converged_fails_a_check(case, model):
+    """However well later windows converge."""
+    state = run(model, [add_noise(SUITE, case.samples, 1)])
+    for each, count in ((state, 0), (replace(state, unsettled=1), 1)):
+        found = identification_of_state(model, each, TotalMomentum.zero())
+        assert found.converged == (count == 0)
+
+
 def test_what_an_update_has_computed_is_used_only_where_it_still_holds(case, model):
     """A prediction at another target is made anew, and rows follow weights and noise."""
     found = run(model, [add_noise(SUITE, case.samples, 2)]).last
@@ -72,7 +80,7 @@ def test_what_an_update_has_computed_is_used_only_where_it_still_holds(case, mod
     elsewhere, fresh = roll(model, log, there), roll(model, log, values)
     sweep(model, log, elsewhere, there)
     weights = tuple({"attitude": np.full(len(b.samples.attitude), 0.5)} for b in log.blocks)
-    noisy = replace(log.with_processes({"gyro": Process(4.0)}), weights=weights)
+    noisy = log.with_processes({"gyro": Process(4.0)}).with_each(weights=weights)
     expected = sweep(model, noisy, fresh, values)
     for before in (elsewhere, fresh):
         rolled = roll(model, log, values, before)
@@ -122,6 +130,7 @@ def test_samples_that_no_motion_has_are_a_gap(case, model):
     assert case.nees(*target_of(state.last)) < 30
     found = identification_of_state(model, state, TotalMomentum.zero())
     assert found.check("share of outliers").statistic > 0.1
+    assert any("not used: no fit explains them" in warning for warning in found.warnings)
 
 
 @pytest.mark.slow
