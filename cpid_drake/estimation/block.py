@@ -125,10 +125,9 @@ class BlockQueue:
                 edge = float(times[following]) - _STAMP
             # The first block contains both its first and its last sample.
             end = edge + self.length + (2 * _STAMP if is_first else 0.0)
-            last, later = self._encoders_about(times, edge, end, until)
-            if edge + self.length > until + 2 * _STAMP or np.isnan(later):
+            last, is_gap = self._encoders_about(times, edge, end, until)
+            if edge + self.length > until + 2 * _STAMP or is_gap is None:
                 break
-            is_gap = later - last > self.length
             if is_gap:
                 end = last + _STAMP if last > edge else edge
             block = Block(edge, end, after(waiting, edge, end))
@@ -140,19 +139,18 @@ class BlockQueue:
 
     def _encoders_about(
         self, times: Array, edge: float, end: float, until: float
-    ) -> tuple[float, float]:
-        """Return the times of the last encoder sample in a block and of the next one [s].
+    ) -> tuple[float, bool | None]:
+        """Return the time of the last encoder sample in a block [s], and whether a gap follows.
 
-        The latter is that of the end if it does not matter, infinite in a gap that has not ended,
-        and NaN if it is not yet known whether there is a gap.
+        That is None as long as the samples until now do not show it.
         """
         following = int(np.searchsorted(times, end, side="right"))
         last = max(float(times[following - 1]), edge) if following else edge
         if end - last <= LATE * self.length / SAMPLES_PER_BLOCK:
-            return last, end
+            return last, False
         if following < len(times):
-            return last, float(times[following])
-        return last, np.inf if until - last > self.length else np.nan
+            return last, bool(times[following] - last > self.length)
+        return last, True if until - last > self.length else None
 
     def _length_for(self, waiting: Log) -> float:
         """Return the length of blocks [s], longer if a log's encoders are slower than the suite's.

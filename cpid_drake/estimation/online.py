@@ -143,8 +143,7 @@ def step(model: Model, state: OnlineState, block: Block) -> OnlineState:
     except (InputError, np.linalg.LinAlgError):
         solved = None
     if solved is None or not (solved.converged or is_explained(solved)):
-        first = 1 - LONGEST if state.last is None else len(blocks)
-        return replace(_without(state, blocks[:first][-1:]), waiting=blocks[first:])
+        return _without_fit(state, blocks)
     ahead = ahead_of(solved, solved.ends[0]) if solved.converged else None
     solved, before = replace(solved, swept=[], ends=[]), state.last
     state = replace(state, waiting=(), last=solved, earlier=(), ahead=ahead)
@@ -214,12 +213,18 @@ def _start(last: Fit, block: Block) -> TrajectoryState:
     return rolled.models[-1].motion.end(rolled.trajectories[-1])
 
 
-def _without(state: OnlineState, blocks: Sequence[Block]) -> OnlineState:
-    """Return the state after blocks that are not used."""
+def _without_fit(state: OnlineState, blocks: Sequence[Block]) -> OnlineState:
+    """Return the state after blocks that no fit explains.
+
+    Before the first fit, the last ones wait for more samples.
+    """
+    waiting = tuple(blocks[1 - LONGEST :]) if state.last is None else ()
+    left_out = blocks[: len(blocks) - len(waiting)]
     rejected = Counter(state.rejected)
-    for block in blocks:
-        rejected.update({name: len(s) for name, s in block.samples.items()})
-    return replace(state, rejected=rejected, refused=state.refused + len(blocks))
+    for block in left_out:
+        rejected.update({name: len(samples) for name, samples in block.samples.items()})
+    refused = state.refused + len(left_out)
+    return replace(state, rejected=rejected, refused=refused, waiting=waiting)
 
 
 def _leaving(state: OnlineState, longest: float) -> int:

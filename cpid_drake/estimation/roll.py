@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -24,12 +23,34 @@ Values = dict[str, Array]
 
 
 @dataclass(frozen=True, eq=False)
+class BlockPrediction:
+    """What the model of a block predicts, without what is of first order.
+
+    Attributes:
+        trajectory: of the base.
+        residuals: (M, d) in units of the declared σ, by sensor.
+        end: of the block.
+
+    """
+
+    trajectory: Trajectory
+    residuals: dict[str, Array]
+    end: TrajectoryState
+
+    @classmethod
+    def of(cls, model: BlockModel, trajectory: Trajectory) -> "BlockPrediction":
+        """Return the prediction for a trajectory."""
+        residuals = {name: each.residuals(trajectory) for name, each in model.sensors.items()}
+        return cls(trajectory, residuals, model.motion.end(trajectory))
+
+
+@dataclass(frozen=True, eq=False)
 class Rolled:
     """A log, predicted at given values.
 
     Attributes:
-        models, trajectories: of each block.
-        rigid: of each block without what is of first order: residuals, by sensor, and its end.
+        models: of each block.
+        rigid: what they predict.
         residuals: of each block: (M, d) in units of the declared σ, by sensor.
         ends: of each block.
         links: of each block but the last: (12,) change of attitude, centre of mass, L and v from
@@ -46,8 +67,7 @@ class Rolled:
     """
 
     models: list[BlockModel]
-    trajectories: list[Trajectory]
-    rigid: list[tuple[dict[str, Array], TrajectoryState]]
+    rigid: list[BlockPrediction]
     residuals: list[dict[str, Array]]
     ends: list[TrajectoryState]
     links: list[Array]
@@ -58,12 +78,16 @@ class Rolled:
     rows: dict[BlockModel, BlockRows] = field(default_factory=dict)
     bends: dict[BlockModel, tuple[Array, Array]] = field(default_factory=dict)
 
+    @property
+    def trajectories(self) -> list[Trajectory]:
+        """Of the base in each block."""
+        return [each.trajectory for each in self.rigid]
+
     def part(self, first: int, end: int) -> "Rolled":
         """Return the prediction of the blocks from `first` up to `end`."""
         return replace(
             self,
             models=self.models[first:end],
-            trajectories=self.trajectories[first:end],
             rigid=self.rigid[first:end],
             residuals=self.residuals[first:end],
             ends=self.ends[first:end],
@@ -96,12 +120,13 @@ class Rolled:
         residuals, ends = list[dict[str, Array]](), list[TrajectoryState]()
         bends = dict[BlockModel, tuple[Array, Array]]()
         entries = self.models[0].motion.constants.first_order
-        for k, (rest, end) in enumerate(self.rigid):
+        for k, predicted in enumerate(self.rigid):
+            rest, end = predicted.residuals, predicted.end
             part, other = self.models[k], near.models[k]
             if len(entries) and other in near.linear:
                 J, by_end = (each[:, part.of_first_order] for each in near.linear[other])
                 bends[part] = J, by_end
-                x = self.trajectories[k].state.constants[entries]
+                x = predicted.trajectory.state.constants[entries]
                 ends_of = np.cumsum([0, *map(np.size, rest.values())])
                 moved = np.split(J @ x, ends_of)[1 : len(rest) + 1]
                 parts = zip(rest.items(), moved, strict=True)
@@ -141,7 +166,7 @@ class Rolled:
             for name, rest in block.items():
                 sensor = self.models[k].sensors[name]
                 if step and isinstance(sensor, WhiteReading):
-                    for effect, by in sensor.by_unknowns(self.trajectories[k]).items():
+                    for effect, by in sensor.by_unknowns(self.rigid[k].trajectory).items():
                         by = by @ self.by_psi if effect == PSI else by
                         rest = rest - by @ step[effect] if effect in step else rest
                     changed[name] = rest
@@ -185,27 +210,21 @@ def roll(
 
     """
     model = model.of_log(log.name)
-    models, moved, by_psi = motions_of(model, log, values, before)
-    kept = dict[BlockModel, Any]()
-    if before:
-        done = zip(before.models, before.trajectories, before.rigid, strict=True)
-        kept = {part: rolled for part, *rolled in done if part in models}
-    for part, trajectory in zip(models, moved, strict=True):
-        if part not in kept:
-            rest = {name: sensor.residuals(trajectory) for name, sensor in part.sensors.items()}
-            kept[part] = trajectory, (rest, part.motion.end(trajectory))
-    trajectories, rigid = (list(each) for each in zip(*(kept[part] for part in models)))
+    models, trajectories, by_psi = motions_of(model, log, values, before)
+    kept = dict(zip(before.models, before.rigid, strict=True)) if before else {}
+    pairs = zip(models, trajectories, strict=True)
+    rigid = [kept.get(part) or BlockPrediction.of(part, moved) for part, moved in pairs]
     cost = 0.0
     for part in models:
         cost += float(np.sum(part.motion.joints.rest**2))
     for k, link in enumerate(log.links):
         cost += float(np.sum((link.walk / model.walking_sigma) ** 2)) / log.step(k)
-    linear, rows = {}, {}
+    linear, rows, present = {}, {}, set(models)
     if before:
-        linear = {part: each for part, each in before.linear.items() if part in kept}
-        rows = {part: each for part, each in before.rows.items() if part in kept}
+        linear = {part: each for part, each in before.linear.items() if part in present}
+        rows = {part: each for part, each in before.rows.items() if part in present}
     start = _start_cost(model, log, values)
-    made = Rolled(models, trajectories, rigid, [], [], [], cost, start, by_psi, linear, rows)
+    made = Rolled(models, rigid, [], [], [], cost, start, by_psi, linear, rows)
     first_order = model.constants.first_order
     if near is None and any(each.state.constants[first_order].any() for each in trajectories):
         linearize(model, log, made, values)

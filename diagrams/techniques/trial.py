@@ -66,10 +66,14 @@ class Rates:
         self._R_WC = m.motion.R_WC[1::3]
         moving = (rate_of_s, m.motion.w_WC, m.motion.v_WC, L_K, m.L, m.P, around.v_WB)
         rates = _rates(np.stack(moving, axis=1)) @ self._R_WC  # row vectors: Rᵀ v
-        self.s_ddot, self.alpha, self.a, self.K_rate, L_rate, P_rate, self.a_B = (
-            rates[:, k] for k in range(7)
-        )
-        v, self.w, P, _ = (m.in_C[1::3, k] for k in range(4))
+        self.s_ddot = rates[:, 0]
+        self.alpha = rates[:, 1]
+        self.a = rates[:, 2]
+        self.K_rate = rates[:, 3]
+        L_rate, P_rate = rates[:, 4], rates[:, 5]
+        self.a_B = rates[:, 6]
+        v, w, P, _ = np.swapaxes(m.in_C[1::3], 0, 1)
+        self.w = w
         self.s = rotate(np.swapaxes(self._R_WC, 1, 2), s[1::3])
         self.momentum_rate = np.hstack([L_rate + np.cross(v, P), P_rate])
         self.R_CB = np.swapaxes(self._R_WC, 1, 2) @ self.motion.R_WB
@@ -234,5 +238,14 @@ class Truth:
         a_B = rotate(np.swapaxes(true.R_CB, 1, 2), true.a_B)
         exact = (a_B, A @ psi + b, true.wrench @ psi)
         acceleration, efforts, wrench = (Measured.of(v, seed, k) for k, v in enumerate(exact))
-        what = (self.spacecraft, self.case.suite, log, rates, self.case.known_bodies)
-        return Trial(*what, acceleration, efforts, wrench)
+        case = self.case
+        return Trial(
+            self.spacecraft,
+            case.suite,
+            log,
+            rates,
+            case.known_bodies,
+            acceleration,
+            efforts,
+            wrench,
+        )
