@@ -53,6 +53,13 @@ def test_a_change_of_any_size_leaves_the_target_right(case, model, size, time):
         assert case.nees(*target_of(deaf)) > 60
 
 
+def test_a_change_inside_of_a_block_leaves_the_window_as_one(case, model):
+    """It opens both ends of a part of a block; a short window ends before the log does."""
+    samples = add_noise(SUITE, fired(case, 2.5, 0.1 * MOMENTUM), 3)
+    state = run(model, [samples], OnlineState(window=2))
+    assert state.settled == state.events == (pytest.approx(2.5, abs=0.1),)
+
+
 def test_blocks_that_are_linear_about_another_target_fail_a_check(case, model):
     """By a fifth of the target: not if it is what it was."""
     state = run(model, [add_noise(SUITE, case.samples, 1)])

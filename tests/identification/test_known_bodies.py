@@ -167,6 +167,32 @@ def test_the_sensitivity_to_the_base_is_that_of_a_changed_model(
     assert any(f"1 % of the base's {held} changes m by" in line for line in str(found).splitlines())
 
 
+def assert_moved_as_said(craft, target, held, rows):
+    """What is larger by a share of 1e-5 moves the estimate by 1e-3 of what is said of 1 %."""
+    whole = craft.tree.lumped
+    changed = {LINK: whole.capture_body, BASE_MASS: 0, BASE_INERTIA: 0}
+    bodies = tuple(
+        replace(
+            b,
+            mass=b.mass if held == BASE_INERTIA else (1 + 1e-5) * b.mass,
+            I_BBcm=b.I_BBcm if held == BASE_MASS else (1 + 1e-5) * b.I_BBcm,
+        )
+        if changed.get(held, k) == k
+        else b
+        for k, b in enumerate(whole.bodies)
+    )
+    tree, motion = replace(whole, bodies=bodies), Sines.drawn(4, seed=101, duration=4.0)
+    times = np.arange(0.0, 4.0, 0.05)
+    states = true_telemetry(tree, craft.joint_names, motion, target, times)
+    found = identify(craft, states, rows=rows)
+    assert found.passed
+    truth = target.to_vector()
+    scale = parameter_scale(truth)
+    error, said = 1e3 * (found.parameters - truth) / scale, -found.sensitivity[held] / scale
+    assert np.linalg.norm(error - said) < 0.05 * np.linalg.norm(said)  # 1/m bends over 1 %
+    assert "by 1 % of a body" in str(found)
+
+
 @pytest.mark.parametrize(
     ("held", "rows"),
     [
@@ -182,25 +208,16 @@ def test_the_sensitivity_to_the_base_is_that_of_a_changed_model(
 def test_the_sensitivity_of_rows_to_a_body_is_that_of_exact_states_of_a_changed_one(
     craft, skewed_target, held, rows
 ):
-    """What is larger by a share of 1e-5 moves the estimate by 1e-3 of what is said of 1 %."""
-    changed = {LINK: craft.tree.capture_body, BASE_MASS: 0, BASE_INERTIA: 0}
-    bodies = tuple(
-        replace(
-            b,
-            mass=b.mass if held == BASE_INERTIA else (1 + 1e-5) * b.mass,
-            I_BBcm=b.I_BBcm if held == BASE_MASS else (1 + 1e-5) * b.I_BBcm,
-        )
-        if changed.get(held, k) == k
-        else b
-        for k, b in enumerate(craft.tree.bodies)
+    assert_moved_as_said(craft, skewed_target, held, rows)
+
+
+def test_the_link_at_the_target_is_seen_in_a_turned_capture_frame(tmp_path, skewed_target):
+    small_craft(tmp_path)
+    path = tmp_path / "craft.urdf"
+    tool = (
+        '<link name="tool"/><joint name="mount" type="fixed"><parent link="hand"/><child '
+        'link="tool"/><origin xyz="0.1 -0.05 0.2" rpy="0.4 -0.7 0.2"/></joint></robot>'
     )
-    tree, motion = replace(craft.tree, bodies=bodies), Sines.drawn(4, seed=101, duration=4.0)
-    times = np.arange(0.0, 4.0, 0.05)
-    states = true_telemetry(tree, craft.joint_names, motion, skewed_target, times)
-    found = identify(craft, states, rows=rows)
-    assert found.passed
-    truth = skewed_target.to_vector()
-    scale = parameter_scale(truth)
-    error, said = 1e3 * (found.parameters - truth) / scale, -found.sensitivity[held] / scale
-    assert np.linalg.norm(error - said) < 0.05 * np.linalg.norm(said)  # 1/m bends over 1 %
-    assert "by 1 % of a body" in str(found)
+    path.write_text(path.read_text().replace("</robot>", tool))
+    craft = Spacecraft(path, base="base", capture_frame="tool")
+    assert_moved_as_said(craft, skewed_target, LINK, "relative")
