@@ -10,10 +10,12 @@ import pytest
 from block_cases import MOMENTUM, fired, make_case, target_of
 from sensing_cases import coarse_suite
 
+from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.block import BlockQueue, blocks_of
 from cpid_drake.estimation.fit import fit
+from cpid_drake.estimation.linearity import inertia_change
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.online import LONGEST, OnlineState, run, step
 from cpid_drake.estimation.process import Process
@@ -69,6 +71,18 @@ def test_blocks_that_are_linear_about_another_target_fail_a_check(case, model):
     found = [identification_of_state(model, s, TotalMomentum.zero()) for s in (state, other)]
     assert not found[0].failures
     assert any("not linear about the target" in failure for failure in found[1].failures)
+
+
+def test_a_relative_change_of_the_inertia_is_that_of_each_axis(case, model):
+    """Of a target with which the system's inertia is larger by a hundredth about every axis."""
+    found = fit(model, [LogState.of(model, add_noise(SUITE, case.samples, 1))])
+    q = case.motion.evaluate(case.motion.duration)[:1]
+    at_end = BodyDynamics.at(case.craft.tree, q, 0 * q)
+    by = (at_end.inertia(np.eye(10)) - at_end.inertia(np.zeros(10)))[:, 0].reshape(10, 9)
+    J = at_end.inertia(found.values[PSI])[0]
+    larger = np.linalg.lstsq(by.T, 0.01 * J.ravel(), rcond=None)[0]
+    np.testing.assert_allclose(larger @ by, 0.01 * J.ravel(), atol=1e-9)
+    assert inertia_change(found, found.values[PSI] + larger) == pytest.approx(0.01, rel=0.01)
 
 
 def test_what_an_update_has_computed_is_used_only_where_it_still_holds(case, model):

@@ -14,7 +14,7 @@ from cpid_drake.estimation.evidence import Question
 from cpid_drake.estimation.fit import fit
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.noise_evidence import NoiseEvidence
-from cpid_drake.estimation.process import Innovations, Process
+from cpid_drake.estimation.process import Innovations, Process, proxy
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.logs.log import Samples
 from cpid_drake.sensors.sensors import Gyro, JointSensor, VectorSensor
@@ -78,6 +78,17 @@ def test_whitened_noise_is_white(jitter):
     np.testing.assert_allclose(W @ S @ W.T, np.eye(51), atol=1e-12)
     np.testing.assert_allclose(W @ K[1:, 0] / 2.0, -own.edges[:, 0], atol=1e-12)
     assert own.volume == pytest.approx(np.linalg.slogdet(S)[1])
+
+
+@pytest.mark.parametrize("process", [Process(0.7), Process(0.7, 2.0, 0.3)], ids=["white", "slow"])
+def test_a_series_is_as_likely_as_its_covariance_says(process):
+    """Slow noise is stationary: it has no edges."""
+    rng = np.random.default_rng(2)
+    times, rest = np.sort(rng.uniform(5.0, 8.0, 40)), rng.standard_normal((40, 3))
+    S = process.slow * np.exp(-np.abs(times[:, None] - times) / process.tau)
+    S += process.white * np.eye(40)
+    expected = np.sum(rest * np.linalg.solve(S, rest)) + 3 * np.linalg.slogdet(S)[1]
+    assert proxy(times, rest, process) == pytest.approx(expected)
 
 
 def test_white_noise_is_not_called_slow(case):

@@ -216,7 +216,7 @@ def test_the_link_at_the_target_is_seen_in_a_turned_capture_frame(tmp_path, skew
     path = tmp_path / "craft.urdf"
     tool = (
         '<link name="tool"/><joint name="mount" type="fixed"><parent link="hand"/><child '
-        'link="tool"/><origin xyz="0.1 -0.05 0.2" rpy="0.4 -0.7 0.2"/></joint></robot>'
+        'link="tool"/><origin xyz="0.3 0.2 -0.1" rpy="0.4 -0.7 1.2"/></joint></robot>'
     )
     path.write_text(path.read_text().replace("</robot>", tool))
     craft = Spacecraft(path, base="base", capture_frame="tool")
