@@ -29,12 +29,13 @@ class Planned:
         self.form = relative_parameterization(self.spacecraft.mass)
         self.psi = self.form.from_parameters(self.parameters)
 
-    def base(self, psi=None, motion=None) -> PlannedBaseMotion:
-        """Return the base's motion with a target of ψ."""
+    def base(self, psi=None, motion=None, momentum=None) -> PlannedBaseMotion:
+        """Return the base's motion with a target of ψ; default: the scenario's momentum."""
         motion = motion or self.motion
         times = np.linspace(0.0, motion.duration, int(NODE_RATE * motion.duration) + 1)
         samples = motion.evaluate(times)[:, None, :2]
-        momentum = self.planner.case(motion, self.parameters).total_momentum(self.spacecraft.tree)
+        case = self.planner.case(motion, self.parameters)
+        momentum = momentum or case.total_momentum(self.spacecraft.tree)
         known = known_instants(self.spacecraft.tree, samples)
         return PlannedBaseMotion.of(times, known, momentum, self.psi if psi is None else psi)
 

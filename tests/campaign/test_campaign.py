@@ -156,6 +156,21 @@ def test_a_solid_and_a_tumble_become_inertia_and_momentum(plan):
     np.testing.assert_allclose(P, 0.0, atol=1e-9)
 
 
+def test_a_tumble_is_added_to_the_momentum_of_the_scenario(plan):
+    """The chaser's own momentum remains when it captures a target that turns."""
+    own = [0.3, -0.2, 0.1, 0.5, 0.4, -0.6]
+    text = EXACT.replace("  tumble_C: {normal", "  # {")
+
+    def total(fixed: str):
+        found = plan(text.replace("fixed: {", f"fixed: {{{fixed}"))
+        return np.asarray(replayed(found, 0).simulation.momentum_W)
+
+    both = total(f"simulation.momentum_W: {own}, tumble_C: [0.1, -0.05, 0.02], ")
+    of_tumble = total("tumble_C: [0.1, -0.05, 0.02], ")
+    assert np.linalg.norm(of_tumble[:3]) > 1.0
+    np.testing.assert_allclose(both - of_tumble, own, atol=1e-12)
+
+
 # -- the rows --------------------------------------------------------------------------------------
 
 

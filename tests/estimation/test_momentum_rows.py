@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from cpid_drake import InertialParameters, TotalMomentum, identify
 from cpid_drake.dynamics.momentum import momentum_samples, system_momentum
 from cpid_drake.dynamics.rows import RELATIVE_ROWS, ROW_FAMILIES, STANDARD_ROWS
-from cpid_drake.estimation.momentum_rows import momentum_rows
+from cpid_drake.estimation.momentum_rows import changed_motion, momentum_rows
 from cpid_drake.estimation.rows_fit import LogRows
 
 
@@ -62,6 +63,20 @@ def test_samples_at_rest_are_not_counted(servicer, skewed_target, zero_momentum_
         rows.add(each, np.zeros((1, 1, 1)))
         counts.append(rows.row_count)
     assert counts == [6 * family.rows_per_sample, 0]
+
+
+def test_changes_of_a_motion_are_in_the_frames_of_its_sensors(servicer, random_motion):
+    """Of attitude and rate in B, as a tracker and a gyro err; of position and velocity in W."""
+    motion, J = random_motion(4, 3), len(servicer.joint_names)
+    changes = np.random.default_rng(1).normal(size=(4, 12 + 2 * J))
+    found = changed_motion(motion, changes)
+    R_BA = np.swapaxes(motion.R_WB, 1, 2) @ found.R_WB
+    turn = Rotation.from_rotvec(changes[:, :3]).as_matrix()
+    np.testing.assert_allclose(R_BA, turn, atol=1e-12)
+    rates = [np.einsum("nji,nj->ni", each.R_WB, each.w_WB) for each in (motion, found)]
+    np.testing.assert_allclose(rates[1], rates[0] + changes[:, 3:6], atol=1e-12)
+    np.testing.assert_allclose(found.p_WB - motion.p_WB, changes[:, 6:9], atol=1e-12)
+    np.testing.assert_allclose(found.v_WB - motion.v_WB, changes[:, 9:12], atol=1e-12)
 
 
 def test_all_rows_of_a_long_log_count(servicer, zero_momentum_motion, skewed_target):

@@ -10,10 +10,12 @@ import pytest
 from block_cases import MOMENTUM, fired, make_case, target_of
 from sensing_cases import coarse_suite
 
+from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.block import BlockQueue, blocks_of
 from cpid_drake.estimation.fit import fit
+from cpid_drake.estimation.linearity import inertia_change
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.online import LONGEST, OnlineState, run, step
 from cpid_drake.estimation.process import Process
@@ -53,6 +55,13 @@ def test_a_change_of_any_size_leaves_the_target_right(case, model, size, time):
         assert case.nees(*target_of(deaf)) > 60
 
 
+def test_a_change_inside_of_a_block_leaves_the_window_as_one(case, model):
+    """It opens both ends of a part of a block; a short window ends before the log does."""
+    samples = add_noise(SUITE, fired(case, 2.5, 0.1 * MOMENTUM), 3)
+    state = run(model, [samples], OnlineState(window=2))
+    assert state.settled == state.events == (pytest.approx(2.5, abs=0.1),)
+
+
 def test_blocks_that_are_linear_about_another_target_fail_a_check(case, model):
     """By a fifth of the target: not if it is what it was."""
     state = run(model, [add_noise(SUITE, case.samples, 1)])
@@ -70,6 +79,18 @@ def test_a_block_that_left_before_its_fit_converged_fails_a_check(case, model):
     for each, count in ((state, 0), (replace(state, unsettled=1), 1)):
         found = identification_of_state(model, each, TotalMomentum.zero())
         assert found.converged == (count == 0)
+
+
+def test_a_relative_change_of_the_inertia_is_that_of_each_axis(case, model):
+    """Of a target with which the system's inertia is larger by a hundredth about every axis."""
+    found = fit(model, [LogState.of(model, add_noise(SUITE, case.samples, 1))])
+    q = case.motion.evaluate(case.motion.duration)[:1]
+    at_end = BodyDynamics.at(case.craft.tree, q, 0 * q)
+    by = (at_end.inertia(np.eye(10)) - at_end.inertia(np.zeros(10)))[:, 0].reshape(10, 9)
+    J = at_end.inertia(found.values[PSI])[0]
+    larger = np.linalg.lstsq(by.T, 0.01 * J.ravel(), rcond=None)[0]
+    np.testing.assert_allclose(larger @ by, 0.01 * J.ravel(), atol=1e-9)
+    assert inertia_change(found, found.values[PSI] + larger) == pytest.approx(0.01, rel=0.01)
 
 
 def test_what_an_update_has_computed_is_used_only_where_it_still_holds(case, model):

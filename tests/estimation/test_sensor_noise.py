@@ -14,8 +14,9 @@ from cpid_drake.estimation.evidence import Question
 from cpid_drake.estimation.fit import fit
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.noise_evidence import NoiseEvidence
-from cpid_drake.estimation.process import Innovations, Process
+from cpid_drake.estimation.process import Innovations, Process, proxy
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
+from cpid_drake.logs.log import Samples
 from cpid_drake.sensors.sensors import Gyro, JointSensor, VectorSensor
 
 SUITE = coarse_suite(
@@ -79,11 +80,32 @@ def test_whitened_noise_is_white(jitter):
     assert own.volume == pytest.approx(np.linalg.slogdet(S)[1])
 
 
+@pytest.mark.parametrize("process", [Process(0.7), Process(0.7, 2.0, 0.3)], ids=["white", "slow"])
+def test_a_series_is_as_likely_as_its_covariance_says(process):
+    """Slow noise is stationary: it has no edges."""
+    rng = np.random.default_rng(2)
+    times, rest = np.sort(rng.uniform(5.0, 8.0, 40)), rng.standard_normal((40, 3))
+    S = process.slow * np.exp(-np.abs(times[:, None] - times) / process.tau)
+    S += process.white * np.eye(40)
+    expected = np.sum(rest * np.linalg.solve(S, rest)) + 3 * np.linalg.slogdet(S)[1]
+    assert proxy(times, rest, process) == pytest.approx(expected)
+
+
 def test_white_noise_is_not_called_slow(case):
     for seed in range(3):
         [log] = fitted(case, spoiled(case.samples, white, seed)).logs
         assert not any(each.slow for each in log.processes.values())
         np.testing.assert_allclose(list(log.noise_factors.values()), 1, rtol=0.12)
+
+
+def test_outliers_are_no_noise(case):
+    """A twelfth of a gyro's samples is off by 8 σ: they weigh less, and its noise is as stated."""
+    samples, rng = spoiled(case.samples, white, 1), np.random.default_rng(1)
+    gyro, value = samples["gyro"], samples["gyro"].value.copy()
+    far = rng.random(len(gyro)) < 1 / 12
+    value[far] += 8 * SUITE.sigmas("gyro") * rng.choice([-1, 1], (np.sum(far), 3))
+    [log] = fitted(case, samples.updated({"gyro": Samples(gyro.time, value)})).logs
+    assert log.noise_factors["gyro"] == pytest.approx(1, rel=0.12)
 
 
 @pytest.mark.parametrize("share", [0.1, 0.5], ids=["a third", "the rest is slower than a block"])

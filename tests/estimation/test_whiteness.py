@@ -28,6 +28,14 @@ def test_correlation_and_its_time_are_those_of_noise_with_memory(memory):
         assert found.is_white == (memory == 0.0)
 
 
+def test_few_white_residuals_seem_no_slower_than_they_are():
+    """What 300 samples show of a memory by chance is not called one."""
+    rng = np.random.default_rng(7)
+    times = [whiteness(rng.normal(size=(300, 3))).correlation_time for _ in range(200)]
+    assert np.mean(times) < 1.01
+    assert np.mean(np.equal(times, 1.0)) > 0.9
+
+
 def test_the_time_of_white_and_slow_noise_is_that_of_their_sum():
     """Of equal parts white and Gauss-Markov noise with T samples: 1 + T/2, however small ρ is."""
     rng, memory = np.random.default_rng(8), np.exp(-2 / 40)

@@ -70,6 +70,16 @@ def test_results_of_one_target_agree(results):
     assert np.abs(comparison.distances()).max() < 4
 
 
+def test_two_errors_that_are_independent_are_apart_by_both(results):
+    """Of a result and one with the same σ that is off by one of it: 1/√2 of σ."""
+    one = results["a"]
+    off = one.parameters + np.sqrt(np.diag(one.covariance))
+    other = replace(one, parameters=off, combinations=None)
+    distances = compare({"one": one, "other": other}).distances()
+    np.testing.assert_allclose(distances[1], np.sqrt(0.5), rtol=1e-6)
+    np.testing.assert_allclose(distances[0], 0.0, atol=1e-12)
+
+
 def test_a_heavier_target_is_another_one(identified, results, skewed_target):
     other = identified(2, heavier(skewed_target, 0.05))
     comparison = compare({"a": results["a"], "other": other})

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from planar_cases import KNOWN, TARGET, planar_craft
 from pydrake import solvers
+from scipy.stats import chi2
 
+from cpid_drake import identify
 from cpid_drake.dynamics.parameterizations import (
     STANDARD,
     parameters_to_standard,
@@ -51,6 +53,16 @@ def test_an_impossible_estimate_has_no_interval_and_is_doubted(tree):
     text = str(found)
     assert "[" not in text.replace("[kg", "")
     assert "No interval is given" in text
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_the_nearest_rigid_body_is_as_far_as_noise_that_residuals_show_puts_it(
+    servicer, skewed_target, zero_momentum_motion, seed
+):
+    """Of so many rows that they show it exactly, the limit is that of ten unknowns, squared χ²."""
+    found = identify(servicer, zero_momentum_motion(skewed_target, 2500, seed), rows="standard")
+    limit = found.check("distance of the nearest rigid body").limit
+    assert limit**2 == pytest.approx(chi2.isf(1e-4, 10), rel=0.02)
 
 
 def test_a_centre_of_mass_too_far_for_the_moment_is_doubted(tree):

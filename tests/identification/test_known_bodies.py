@@ -44,6 +44,20 @@ def test_an_error_is_as_large_as_its_sigma(craft, suite, skewed_target, uncertai
     assert nees(found, skewed_target) < chi2.isf(1e-3, 10)
 
 
+def test_half_of_a_share_goes_with_the_sigma_that_matters(craft, suite, skewed_target):
+    """Of the mass of the link at the target, of which the samples tell nothing."""
+    samples = measured(craft, Sines.drawn(4, 101, 5.0, 0.6), skewed_target, suite)
+    given = {"sensors": suite, "momentum": "zero"}
+    found = identify(craft, samples, known_bodies=BodyUncertainty(mass=0.01), **given)
+    row = max(found.budget[1:], key=lambda row: np.nanmax(row.shares))
+    assert row.name == "mass of hand"
+    told = BodyUncertainty(mass=0.01 * row.matters)  # the row is in per cent
+    told = identify(craft, samples, known_bodies=told, **given)
+    k = int(np.nanargmax(row.shares))
+    gone = 1 - (sigmas(told)[k] / sigmas(found)[k]) ** 2
+    assert gone == pytest.approx(row.shares[k] / 2, abs=0.03)
+
+
 @pytest.mark.slow
 def test_bodies_with_errors_far_above_their_sigma_fail_a_check(craft, suite, uncertain):
     small = BodyUncertainty(mass=0.001, com=0.00025, inertia=0.002)  # a twentieth

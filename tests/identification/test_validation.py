@@ -69,6 +69,19 @@ def test_a_wrong_target_is_valid_only_if_it_is_uncertain(craft, suite, log, skew
     assert modest.heavier > 0.1 > 10 * sure.heavier
 
 
+def test_what_is_noticed_is_as_uncertain_as_target_and_log_together(
+    craft, suite, log, skewed_target
+):
+    """Targets that are nearly exact, and as uncertain as the log or more: variances add."""
+    noisy, truth = add_noise(suite, log, seed=1), skewed_target.to_vector()
+    of_log, *squares = (
+        validate(craft, target_of(truth, factor * SIGMA), noisy, sensors=suite).heavier ** 2
+        for factor in (1e-4, 0.1, 0.2)
+    )
+    assert of_log > 0.01 * squares[0]
+    assert squares[1] - of_log == pytest.approx(4 * (squares[0] - of_log), rel=0.05)
+
+
 @pytest.mark.parametrize("sigmas", [5, 40])
 def test_a_mass_wrong_by_some_sigma_is_not_valid(craft, suite, log, skewed_target, sigmas):
     """The log is explained, by another target, and its prediction has hardly larger errors."""

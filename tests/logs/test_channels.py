@@ -157,6 +157,42 @@ class TestWhatADriverDoesNotFill:
         given[JOINT], given[RATE][:] = 1.0 + 0.2 * given["time"], 0.2
         assert channel(checked(given), "joint_rates").found == ()
 
+    def test_a_locked_joint_whose_encoder_is_noisy_is_all_right(self):
+        """All encoders have noise of 5 mrad: over a log it spans 30 mrad, and is no motion."""
+        given, rng = columns(*ALL), np.random.default_rng(3)
+        given[JOINT][:], given[RATE][:] = 2.0, 0.0
+        for name in [each for each in given if each.startswith("q:")]:
+            given[name] += 5e-3 * rng.standard_normal(len(given[name]))
+        assert np.ptp(given[JOINT]) > 0.03
+        seen = look_at(from_columns(given), flyer())
+        assert not seen.errors
+        assert [each.is_used for each in seen.table if each.name == "joint_rates"] == [True]
+
+
+class TestEndsOfScale:
+    @pytest.fixture
+    def halted(self):
+        """Return columns of a joint that rests for 2 s, then turns one way at a growing rate."""
+        given, rng = columns(*ALL), np.random.default_rng(3)
+        after = np.maximum(given["time"] - 2.0, 0.0)
+        noise = 1e-3 * np.abs(rng.standard_normal(len(after)))
+        given[JOINT] = 2.0 + 0.05 * after**2
+        given[RATE] = np.where(after > 0, 0.1 * after + noise, 0.0)
+        return given
+
+    def test_what_is_cut_off_is_left_out(self, halted):
+        is_beyond = halted[RATE] > 0.6
+        halted[RATE] = np.minimum(halted[RATE], 0.6)
+        found = channel(checked(halted), "joint_rates")
+        assert found.found == (f"{is_beyond.sum()} rows at the end of the scale (0.6), left out",)
+        assert found.rows == (~is_beyond).sum()
+
+    def test_zero_is_no_end(self, halted):
+        """A driver that gives exactly zero at rest measures it."""
+        found = channel(checked(halted), "joint_rates")
+        assert found.found == ()
+        assert found.rows == len(halted["time"])
+
 
 class TestCopies:
     def slow(self, how, every=5):

@@ -130,6 +130,20 @@ def test_messages_beyond_the_lateness_are_counted_and_not_used(servicer, log, in
     np.testing.assert_allclose(found.parameters, without.parameters, rtol=1e-9)
 
 
+def test_samples_of_a_block_that_is_solved_are_counted_and_not_used(servicer, log):
+    """A tracker that is silent from 2 s on sends a second of it when the others are at 5 s."""
+    rows = [row for row in messages(log) if row[1] != "attitude" or row[0] < 3.0]
+    late = [row for row in rows if row[1] == "attitude" and row[0] > 2.0]
+    on_time = [row for row in rows if row[1] != "attitude" or row[0] <= 2.0]
+    first = sum(row[0] < 5.0 for row in on_time)
+    given = [*on_time[:first], *late, *on_time[first:]]
+    found, without = (
+        fed(OnlineIdentifier(servicer, SENSORS), each).finish() for each in (given, on_time)
+    )
+    assert found.rejected.get("attitude", 0) - without.rejected.get("attitude", 0) == len(late) > 2
+    assert found.sample_count == without.sample_count
+
+
 @pytest.mark.parametrize("how", ["pickled", "state"])
 def test_it_continues_from_what_was_saved(servicer, log, in_order, how):
     rows = messages(log)

@@ -63,6 +63,32 @@ def test_a_velocity_sensor_measures_the_rate_of_the_position(exciting):
     np.testing.assert_allclose(exciting.sigma(suite) / exact, 1.0, atol=0.04)
 
 
+def test_a_known_momentum_turns_what_is_known_of_the_attitude():
+    """A fast tumble of 130 N·m·s whose momentum is given, by a star tracker alone."""
+    case = Planned("tumbling_capture", "flight")
+    planned = case.planner.case(case.motion, case.parameters)
+    planned = replace(planned, momentum_W=3 * planned.momentum_W)
+    momentum = planned.total_momentum(case.spacecraft.tree)
+    momentum = replace(momentum, is_unknown=False)
+    suite = replace(case.suite, gyro=None, position=None)
+    told = replace(planned, momentum=momentum, suite=suite)
+    exact = Prediction.of(told, case.spacecraft).sigma
+    found = case.sigma(suite, case.base(momentum=momentum))
+    np.testing.assert_allclose(found / exact, 1.0, atol=0.04)
+
+
+def test_a_bias_that_grows_leaves_less_of_the_gyro(exciting):
+    """It is one constant, as uncertain as it is at the end: more is in the exact bound."""
+    steady, growing = (
+        exciting.sigma(
+            replace(exciting.suite, gyro=replace(exciting.suite.gyro, bias_random_walk=walk))
+        )
+        for walk in (0.0, 3.0)
+    )
+    assert (growing > steady).all()
+    assert (growing / steady).max() > 1.01
+
+
 @pytest.mark.parametrize("name", ["exciting_motion", "tumbling_capture"])
 def test_the_base_moves_as_in_the_propagated_motion(name):
     """Its turn, rate and displacement, also with momentum: an independent integration."""

@@ -2,17 +2,39 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from scipy.special import chdtrc
 
 pytest.importorskip("mujoco", reason="needs the package mujoco")
 
-from worlds.hidden import identified
+from worlds.answers import Answer
+from worlds.hidden import LABELS, PAGE, identified, table, written
 from worlds.hidden_world import CRAFTS, KINDS, simulate
 
 from cpid_drake.sensors.disturbances import Disturbances
 
 SEED = 7
+
+
+def test_the_page_has_every_kind_with_marginals_and_nees():
+    page = PAGE.read_text(encoding="utf-8")
+    assert LABELS.keys() == KINDS.keys()
+    assert all(f"\n| {label} |" in page for label in LABELS.values())
+    assert "| worst error | NEES: median, worst |" in page
+
+
+def test_the_table_shows_what_is_wrong_together_though_right_one_by_one():
+    """Of three logs, one is refused, and one has a NEES of 90 with no error beyond 2 σ."""
+    errors = np.full(10, 2.0)
+    group = [Answer(0, "", 8.0, 10, errors), Answer(0, "", 90.0, 10, errors), Answer(4, "no")]
+    made = table({("servicer", "none"): group})
+    assert "Of 3 logs, 2 are at exit 0. Of these, 0 have an error beyond 3 σ" in made
+    assert "and 1 a NEES beyond 36" in made
+    assert "| nothing | 2 of 3 | 2.0 σ | 49, 90 |" in made
+    page = PAGE.read_text(encoding="utf-8")
+    assert made in written(page, made)
+    assert written(written(page, made), made) == written(page, made)
 
 
 @pytest.mark.slow
