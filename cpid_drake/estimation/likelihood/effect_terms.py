@@ -24,11 +24,7 @@ from cpid_drake.dynamics.sensitivity import (
 )
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.estimation.likelihood.constants import (
-    TARGET_WHEEL,
-    YIELDING,
-    ConstantError,
-)
+from cpid_drake.estimation.likelihood.constants import TARGET_WHEEL, YIELDING, ConstantError
 from cpid_drake.estimation.likelihood.forces import Force
 from cpid_drake.estimation.likelihood.motion_model import (
     BaseMotion,

@@ -4,9 +4,9 @@ Of a measured position m, at a time t since the origin, the error is
 
     zero + t drift + m scale + sin(m) sine + cos(m) cosine,
 
-so the true motion follows from the measured one without a solution of equations. A scale is that of
-gears or belts, sine and cosine those of a disc beside its axis: once a turn. Measured rates have the
-rate of this error.
+so the true motion follows from the measured one without a solution of equations. A scale is that
+of gears or belts, sine and cosine those of a disc beside its axis: once a turn. Measured rates have
+the rate of this error.
 """
 
 from collections.abc import Callable

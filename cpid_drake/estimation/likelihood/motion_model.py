@@ -32,12 +32,7 @@ from cpid_drake.estimation.likelihood.attitude_steps import (
     step_angles,
     step_changes,
 )
-from cpid_drake.estimation.likelihood.constants import (
-    TARGET_WHEEL,
-    TORQUE_B,
-    WHEEL,
-    Constants,
-)
+from cpid_drake.estimation.likelihood.constants import TARGET_WHEEL, TORQUE_B, WHEEL, Constants
 from cpid_drake.estimation.likelihood.forces import Force, steady_forces
 from cpid_drake.estimation.likelihood.joint_errors import JointErrors
 from cpid_drake.estimation.likelihood.joint_model import JointPart
