@@ -8,7 +8,7 @@ ADVICE = {
     "log": "write what the sentence says into a map of columns",
     "convergence": "cpid log check with --spacecraft",
     "share of outliers": "cut the log with --from and --to",
-    "changes of the momentum": "give the log of thrust; declare wheel, target_wheel or compliance_urad",
+    "changes of the momentum": "give the log of thrust; declare wheel or compliance_urad",
     "correlation of": "declare delay_ms; log raw samples; move more slowly",
     "noise": "state the noise of your sensors; look at the residuals in the report",
     "halves": "identify each half alone; declare acceleration and torque",
