@@ -203,17 +203,17 @@ _KINDS = (
     ),
     # Gears have whole numbers of teeth, and linear scales a few ppm; belts, cables and
     # potentiometers differ by more, and are to be declared. A disc of 20 mm radius whose centre is
-    # 10 µm beside the axis shows 0.5 mrad too much, and too little half a turn later.
+    # 20 µm beside the axis shows 1 mrad too much, and too little half a turn later.
     ErrorKind(
         *("joint_scale", "sensor", "joint_scale_ppm", 0, "ppm", 1e-6, 300.0),
         "the {sensor} show {} too much of the joints' motion",
     ),
     ErrorKind(
-        *("eccentricity_sine", "sensor", "eccentricity_mrad", 0, "mrad", 1e-3, 0.5),
+        *("eccentricity_sine", "sensor", "eccentricity_mrad", 0, "mrad", 1e-3, 1.0),
         "the {sensor} show {} too much where the sine of the joint is 1",
     ),
     ErrorKind(
-        *("eccentricity_cosine", "sensor", "eccentricity_mrad", 0, "mrad", 1e-3, 0.5),
+        *("eccentricity_cosine", "sensor", "eccentricity_mrad", 0, "mrad", 1e-3, 1.0),
         "the {sensor} show {} too much where the cosine of the joint is 1",
     ),
     ErrorKind(

@@ -40,7 +40,7 @@ def test_a_hidden_error_of_a_plausible_size_is_in_the_interval(craft, kind):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["spin", "scale", "turn"])
 def test_a_hidden_error_of_joints_or_target_shows_beside_bodies_that_are_known(kind):
-    """It is in the interval, or refused: those of encoders are ten times as large as plausible."""
+    """It is in the interval, or refused: those of encoders are five times as large as plausible."""
     craft = CRAFTS["free_flyer"]
     log, truth = simulate(craft, KINDS[kind], 2)
     bodies = BodyUncertainty(mass=0.001, com=0.0005, inertia=0.002)
