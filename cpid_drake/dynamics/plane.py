@@ -36,10 +36,11 @@ HELD = {
     "acceleration": (2,),
     "torque_B": (0, 1, 2),
     "wheel": (0, 1, 2),
+    "target_wheel": (0, 1, 2),
 }
 """Entries in W of what a table holds: tilt, height, and what would change them. In the plane a
-spinning wheel in the base cannot be distinguished from a momentum, nor a torque that rotates with
-the base from one that does not."""
+spinning wheel in base or target cannot be distinguished from a momentum, nor a torque that rotates
+with the base from one that does not."""
 
 ALONG = 1e-3
 """Largest entry across an axis of a unit vector that counts as parallel to the axis."""

@@ -71,7 +71,7 @@ class Log:
         samples: the samples, by the sensors' names in `SENSORS`, by `THRUST`, and of each valve by
             `VALVE` and its name.
         column_map: how the samples were read from columns; None for the package's own columns.
-        motion: of a simulation, the true motion at the samples of sensors with a lever arm.
+        motion: of a simulation, the true motion at the samples of sensors whose errors need it.
         notes: by sensor, what was found while its samples were read.
         clocks: by sensor, the file whose clock its stamps have, if there are several; see
             `common_clock`.
@@ -277,7 +277,7 @@ def ideal_log(
 
     Args:
         suite: the sensors. Used are their rates, `Gyro.integrates`, and whether they have a lever
-            arm.
+            arm, or the encoders an error once a turn.
         joint_names: the joints.
         motion: returns the true motion at increasing times (N,).
         duration: [s].
@@ -304,7 +304,8 @@ def ideal_log(
         if weights.size > 1:
             value = np.einsum("s,nsi->ni", weights, value.reshape(-1, weights.size, 3))
         samples[name] = Samples(times[name], value)
-        if isinstance(errors, VectorSensor) and errors.lever_arm_mm:
+        turns = name == "joint_rates" and suite.encoders and suite.encoders.eccentricity_mrad
+        if turns or (isinstance(errors, VectorSensor) and errors.lever_arm_mm):
             true[name] = at_instants.select(rows)
     return Log(joint_names, samples, motion=true)
 

@@ -30,7 +30,7 @@ from cpid_drake.sensors.suite import SensorSuite
 
 _KINDS = (
     *("delay", "mounting", "scale", "misalignment", "lever_arm", "zero", "dropouts", "drift"),
-    "clock_drift",
+    *("clock_drift", "joint_scale", "eccentricity"),
 )
 """What has a random stream of its own for each sensor; a place is the second number of its key."""
 
@@ -56,6 +56,8 @@ class ConstantErrors:
         lever_arm_B: (3,) position in B of the measured point, from B's origin [m].
         zero: (J,) measured minus true joint positions [rad or m].
         drift: (J,) rate of the zero, which is right at 0 s [rad/s or m/s].
+        joint_scale: (J,) share of a joint's position or rate that is measured too much.
+        eccentricity: (2, J) error where the sine, and where the cosine, of a joint is 1 [rad or m].
 
     """
 
@@ -66,6 +68,8 @@ class ConstantErrors:
     lever_arm_B: Array = field(default_factory=lambda: np.zeros(3))
     zero: Array = field(default_factory=lambda: np.zeros(1))
     drift: Array = field(default_factory=lambda: np.zeros(1))
+    joint_scale: Array = field(default_factory=lambda: np.zeros(1))
+    eccentricity: Array = field(default_factory=lambda: np.zeros((2, 1)))
 
     def stamp(self, time: Time) -> Time:
         """Return the stamp [s] of a sample at a time [s]."""
@@ -98,7 +102,8 @@ class SensorNoise:
         """Return the values of a sensor's constant errors.
 
         Every error has its own stream, so that it does not change the values of the others. Joint
-        rates have the clock of the encoders. Only the zeros of joints depend on their number.
+        rates are those of the encoders: they have their clock and their scales. Only the errors of
+        joints depend on their number.
 
         Raises:
             KeyError: the sensor is absent.
@@ -132,11 +137,12 @@ class SensorNoise:
         if name == "encoders" and isinstance(errors, JointSensor):
             zero = (errors.zero_mrad or 0.0) * 1e-3 * normal("zero", joint_count)
             drift = (errors.drift_mrad_per_s or 0.0) * 1e-3 * normal("drift", joint_count)
-            return replace(drawn, zero=zero, drift=drift)
+            scale = (errors.joint_scale_ppm or 0.0) * 1e-6 * normal("joint_scale", joint_count)
+            turn = (errors.eccentricity_mrad or 0.0) * 1e-3 * normal("eccentricity", 2, joint_count)
+            return replace(drawn, zero=zero, drift=drift, joint_scale=scale, eccentricity=turn)
         if self.suite.encoders is None:
             return drawn
-        clock = self.constants("encoders")
-        return replace(drawn, delay=clock.delay, clock_drift=clock.clock_drift)
+        return replace(self.constants("encoders", joint_count), zero=np.zeros(1), drift=np.zeros(1))
 
     def apply(self, name: str, ideal: Array, first: int = 0, motion: Motion | None = None) -> Array:
         """Return samples first, first + 1, … of a sensor: ideal values with errors added.
@@ -147,11 +153,12 @@ class SensorNoise:
             name: name of the sensor.
             ideal: (N, width) ideal samples from `Sensor.ideal`.
             first: number of the first sample.
-            motion: the true motion at the N samples; only sensors with a lever arm need it.
+            motion: the true motion at the N samples; only sensors with a lever arm need it, and
+                joint rates of encoders that have an error once a turn.
 
         Raises:
             KeyError: the sensor is absent.
-            InputError: a lever arm without the true motion.
+            InputError: such a sensor without the true motion.
 
         """
         errors, decimals, stream = self.suite[name], self.suite.decimals, _STREAMS[name]
@@ -169,16 +176,18 @@ class SensorNoise:
         if isinstance(errors, Gyro):
             value += ideal @ constant.scale.T + self.gyro_bias(last)[first:]
         elif constant.lever_arm_B.any():
-            if motion is None:
-                raise InputError(
-                    f"sensor '{name}': its lever arm needs the true motion at its samples; "
-                    "a log from ideal_log contains it"
-                )
-            arm_W = motion.R_WB @ constant.lever_arm_B
-            value += arm_W if name == "position" else np.cross(motion.w_WB, arm_W)
+            true = _needed(motion, name, "lever arm")
+            arm_W = true.R_WB @ constant.lever_arm_B
+            value += arm_W if name == "position" else np.cross(true.w_WB, arm_W)
         elif isinstance(errors, JointSensor):
             time = np.arange(first, last)[:, None] / errors.rate
-            value += constant.zero + time * constant.drift
+            sine, cosine = constant.eccentricity
+            value += constant.zero + time * constant.drift + constant.joint_scale * ideal
+            if name == "encoders":
+                value += sine * np.sin(ideal) + cosine * np.cos(ideal)
+            elif constant.eccentricity.any():
+                q = _needed(motion, name, "error once a turn").q
+                value += (sine * np.cos(q) - cosine * np.sin(q)) * ideal
         if errors.step:
             # With a random zero, rounding errors of the same motion differ from seed to seed.
             zero = random_stream(self.seed, _SLOW_STREAMS[name]).uniform(-0.5, 0.5, width)
@@ -227,17 +236,27 @@ class SensorNoise:
         return table[:count]
 
 
+def _needed(motion: Motion | None, name: str, error: str) -> Motion:
+    if motion is None:
+        raise InputError(
+            f"sensor '{name}': its {error} needs the true motion at its samples; "
+            "a log from ideal_log contains it"
+        )
+    return motion
+
+
 def add_noise(suite: SensorSuite, ideal: Log, seed: int) -> Log:
     """Return a log with the errors of a suite's sensors; the seed determines them.
 
     Args:
         suite: the sensors.
-        ideal: samples without errors, and the true thrust. If a sensor has a lever arm, they must
-            be those that `ideal_log` returned for this suite.
+        ideal: samples without errors, and the true thrust. If a sensor has a lever arm, or joint
+            rates have an error once a turn, they must be those that `ideal_log` returned for this
+            suite.
         seed: a whole number >= 0.
 
     Raises:
-        InputError: the seed is not such a number, or the motion that a lever arm needs is missing.
+        InputError: the seed is not such a number, or the motion that an error needs is missing.
 
     """
     noise, joints = SensorNoise(suite, seed), len(ideal.joint_names)

@@ -38,6 +38,7 @@ class Disturbances:
             much per force [10⁻⁶ m/N].
         wheel: σ of each coordinate, in B, of the constant angular momentum of rotors in the base
             that the spacecraft's model has not [N·m·s]. No seed draws it.
+        target_wheel: the same in C, of rotors in the target.
         orbit: orbit of W's origin, whose gravity gradient rotates the system and moves its centre
             of mass; None for none. It is known, and has no σ.
 
@@ -61,6 +62,7 @@ class Disturbances:
     compliance_urad: Stated = None
     translational_compliance_um: Stated = None
     wheel: Stated = None
+    target_wheel: Stated = None
     orbit: Orbit | None = None
 
     def __post_init__(self) -> None:

@@ -124,6 +124,13 @@ _KINDS = (
         is_shared=False,
     ),
     ErrorKind(
+        *("target_wheel", "disturbances", "target_wheel", 3, "N·m·s", 1.0, 1e-2),
+        "rotors in the target have the angular momentum {}, in C",
+        by_mass=1,
+        by_length=2,
+        is_shared=False,
+    ),
+    ErrorKind(
         *("joint_compliance", "disturbances", "joint_compliance_urad", 0, "µrad/(N·m)", 1e-6),
         *(300.0, "the joints are flexible: by {}"),
         by_mass=-1,
@@ -194,6 +201,21 @@ _KINDS = (
         *("drift", "sensor", "drift_mrad_per_s", 0, "mrad/s", 1e-3, 0.02),
         "the zeros of the joints move by {}",
     ),
+    # Gears have whole numbers of teeth, and linear scales a few ppm; belts, cables and
+    # potentiometers differ by more, and are to be declared. A disc of 20 mm radius whose centre is
+    # 20 µm beside the axis shows 1 mrad too much, and too little half a turn later.
+    ErrorKind(
+        *("joint_scale", "sensor", "joint_scale_ppm", 0, "ppm", 1e-6, 300.0),
+        "the {sensor} show {} too much of the joints' motion",
+    ),
+    ErrorKind(
+        *("eccentricity_sine", "sensor", "eccentricity_mrad", 0, "mrad", 1e-3, 1.0),
+        "the {sensor} show {} too much where the sine of the joint is 1",
+    ),
+    ErrorKind(
+        *("eccentricity_cosine", "sensor", "eccentricity_mrad", 0, "mrad", 1e-3, 1.0),
+        "the {sensor} show {} too much where the cosine of the joint is 1",
+    ),
     ErrorKind(
         *("bias", "sensor", "bias", 3, "deg/h", DEGREE_PER_HOUR, 10.0),
         "the bias of the {sensor} is {}",
@@ -203,6 +225,9 @@ _KINDS = (
 
 KINDS: dict[str, ErrorKind] = {kind.name: kind for kind in _KINDS}
 """The kinds by name."""
+
+OF_JOINTS = ("zero", "drift", "joint_scale", "eccentricity_sine", "eccentricity_cosine")
+"""Kinds of errors of encoders that change the joints' motion."""
 
 FLOOR = 1e-3
 """Plausible white noise of the acceleration by a table's floor, for a craft of `MASS`
@@ -250,7 +275,7 @@ def with_plausible(
     for name, errors in suite.present().items():
         left_out = set[str]()
         if name == "joint_rates":  # their clock and their zeros are those of the encoders
-            left_out = {"delay", "clock_drift", "zero", "drift"}
+            left_out = {"delay", "clock_drift", *OF_JOINTS}
         elif name == "attitude" and thrusters is not None and thrusters.delay_ms:
             left_out = {"delay", "clock_drift"}  # all late is the thrust early: it is the clock
         elif isinstance(errors, Gyro) and forces.torque_noise:

@@ -253,6 +253,9 @@ class JointSensor(_UniformSensor):
             m); 0 for no quantization. The seed determines the position of the zero between steps.
         zero_mrad: σ of the error of each joint's zero [10⁻³ rad; for prismatic joints mm].
         drift_mrad_per_s: σ of the rate at which each zero moves from the start of a log on.
+        joint_scale_ppm: σ of the error of each joint's scale, as of a gear or a belt [10⁻⁶].
+        eccentricity_mrad: σ of the error once a turn: of its sine, and of its cosine
+            [10⁻³ rad; for prismatic joints mm, and a turn is 2π m]. Wheels have none.
         sigma_deg: white noise of turning joints [°; for joint rates °/s].
 
     """
@@ -262,6 +265,8 @@ class JointSensor(_UniformSensor):
     bits: Annotated[int, Limits(ge=0, le=32)] = 0
     zero_mrad: Stated = None
     drift_mrad_per_s: Stated = None
+    joint_scale_ppm: Stated = None
+    eccentricity_mrad: Stated = None
     sigma_deg: Stated = field(default=None, kw_only=True)
 
     @property

@@ -114,7 +114,7 @@ def check_sensors(suite: SensorSuite, where: str) -> None:
 
     Raises:
         InputError: a value is of the wrong type or out of the limits that its class declares; a
-            zero or a delay or a clock drift of joint rates.
+            constant error of joint rates.
 
     """
     if not isinstance(suite, SensorSuite):
@@ -125,6 +125,8 @@ def check_sensors(suite: SensorSuite, where: str) -> None:
     for key, why in (
         ("zero_mrad", "only joint positions have a zero"),
         ("drift_mrad_per_s", "only joint positions have a zero"),
+        ("joint_scale_ppm", "it is that of the encoders; give encoders.joint_scale_ppm"),
+        ("eccentricity_mrad", "it is that of the encoders; give encoders.eccentricity_mrad"),
         ("delay_ms", "their stamps belong to the clock of the encoders; give encoders.delay_ms"),
         ("clock_drift_ppm", "it is the clock of the encoders; give encoders.clock_drift_ppm"),
     ):

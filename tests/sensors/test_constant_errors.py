@@ -23,6 +23,7 @@ from cpid_drake.sensors.suite import SensorSuite, check_sensors
 JOINTS = ("a", "b")
 DRIFTS = {"attitude": 50.0, "gyro": 90.0, "position": 30.0, "velocity": 20.0, "encoders": 10.0}
 DELAYS = {"attitude": 20.0, "gyro": 5.0, "position": 10.0, "velocity": 10.0, "encoders": 2.0}
+KEYS = ("zero_mrad", "drift_mrad_per_s", "joint_scale_ppm", "eccentricity_mrad")
 AXIS = np.array([0.6, -0.48, 0.64])
 
 
@@ -33,7 +34,14 @@ def suite(**changes) -> SensorSuite:
         gyro=Gyro(rate=50.0, scale_ppm=500.0, misalignment_arcsec=60.0, delay_ms=5.0),
         position=VectorSensor(rate=10.0, lever_arm_mm=30.0, delay_ms=10.0),
         velocity=VectorSensor(rate=7.0, lever_arm_mm=20.0, delay_ms=10.0),
-        encoders=JointSensor(rate=30.0, zero_mrad=0.5, drift_mrad_per_s=0.2, delay_ms=2.0),
+        encoders=JointSensor(
+            rate=30.0,
+            zero_mrad=0.5,
+            drift_mrad_per_s=0.2,
+            joint_scale_ppm=400.0,
+            eccentricity_mrad=0.7,
+            delay_ms=2.0,
+        ),
         joint_rates=JointSensor(rate=3.0),
     )
     for name, drift in DRIFTS.items():
@@ -84,6 +92,8 @@ def test_every_value_has_the_given_sigma():
     np.testing.assert_allclose(spread("velocity", "lever_arm_B"), 0.02, rtol=0.09)
     np.testing.assert_allclose(spread("encoders", "zero"), 0.5e-3, rtol=0.09)
     np.testing.assert_allclose(spread("encoders", "drift"), 0.2e-3, rtol=0.09)
+    np.testing.assert_allclose(spread("encoders", "joint_scale"), 4e-4, rtol=0.09)
+    np.testing.assert_allclose(spread("encoders", "eccentricity"), 0.7e-3, rtol=0.09)
     assert not any(each.zero.any() for each in drawn["joint_rates"]), "a rate has no zero"
 
 
@@ -98,7 +108,7 @@ def test_all_values_are_independent():
         rows.append(np.concatenate(row))
     table = np.array(rows)
     table = table[:, table.std(axis=0) > 0]
-    assert table.shape[1] == 9 * 3 + 5 + 5 + 3 + 9 + 3 + 3 + 2 + 2
+    assert table.shape[1] == 9 * 3 + 5 + 5 + 3 + 9 + 3 + 3 + 2 + 2 + 2 + 4
     off_diagonal = np.corrcoef(table.T) - np.eye(table.shape[1])
     assert np.abs(off_diagonal).max() < 4.5 / np.sqrt(len(rows))
 
@@ -143,16 +153,28 @@ def test_a_lever_arm_moves_the_measured_point():
     np.testing.assert_allclose(measured.velocity.value, (after - before) / 2e-4, atol=1e-8)
 
 
-def test_joint_positions_have_zeros_and_joint_rates_have_not():
-    ideal, measured, noise = pair(suite())
+@pytest.mark.parametrize("keys", [KEYS[:2], KEYS[2:3], KEYS[3:]])
+def test_joint_rates_are_those_of_positions_with_errors(keys):
+    """Zeros that drift, scales and errors once a turn: the rates have no zeros, nor their drift."""
+    none = dict.fromkeys(set(KEYS) - set(keys), 0.0)
+    ideal, measured, noise = pair(suite(encoders=replace(suite().encoders, **none)))
     constants = noise.constants("encoders", 2)
-    assert (constants.zero != 0).all()
-    assert (constants.drift != 0).all()
-    error = measured.encoders.value - ideal.encoders.value
-    expected = constants.zero + ideal.encoders.time[:, None] * constants.drift
-    np.testing.assert_allclose(error, expected, atol=1e-15)
-    np.testing.assert_array_equal(measured.joint_rates.value, ideal.joint_rates.value)
-    for key in ("zero_mrad", "drift_mrad_per_s", "delay_ms", "clock_drift_ppm"):
+
+    def shown(times):
+        q, (sine, cosine) = motion(times).q, constants.eccentricity
+        drifted = constants.zero + np.asarray(times)[:, None] * constants.drift
+        scaled = (1 + constants.joint_scale) * q
+        return drifted + scaled + sine * np.sin(q) + cosine * np.cos(q)
+
+    positions, times = measured.encoders.value, ideal.joint_rates.time
+    np.testing.assert_allclose(positions, shown(ideal.encoders.time), atol=1e-15)
+    assert (np.abs(positions - ideal.encoders.value).max(axis=0) > 1e-5).all()
+    slopes = (shown(times + 1e-4) - shown(times - 1e-4)) / 2e-4 - constants.drift
+    np.testing.assert_allclose(measured.joint_rates.value, slopes, atol=1e-8)
+
+
+def test_joint_rates_have_no_errors_beside_those_of_the_encoders():
+    for key in (*KEYS, "delay_ms", "clock_drift_ppm"):
         with pytest.raises(InputError, match=rf"here: joint_rates.{key} must be 0"):
             check_sensors(suite(joint_rates=JointSensor(**{key: 1.0})), "here")
 

@@ -338,7 +338,7 @@ class World:
             data.xfrc_applied[self.base, 3:] = self.craft.strong * R @ torque_B
         if hidden.spin:
             R, V = data.xmat[self.target].reshape(3, 3), np.empty(6)
-            mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_BODY, self.target, V, 1)
+            mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_XBODY, self.target, V, 1)
             data.xfrc_applied[self.target, 3:] = R @ np.cross(self.spin_T, V[:3])
         if hidden.gradient:
             n, r = np.array([0.6, 0.0, 0.8]), data.xipos

@@ -8,16 +8,14 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cpid_drake.array import Array
 from cpid_drake.estimation.likelihood.constants import (
     ACCELERATION_B,
-    DRIFT,
     OF_THRUST,
+    TARGET_WHEEL,
     TORQUE_B,
     VALVE_DELAY,
     WHEEL,
     YIELDING,
-    ZERO,
     ConstantError,
 )
 from cpid_drake.estimation.likelihood.effect_terms import (
@@ -34,26 +32,9 @@ Write = Callable[[BaseMotion, Trajectory, float, MotionChange], None]
 def moves(error: ConstantError, motion: BaseMotion) -> bool:
     """Return whether a constant error changes the motion as `write_constant` writes it.
 
-    Other errors change the readings alone, or the joint motion; see `by_joint_errors`.
+    Other errors change the readings alone, or the joint motion; see `joint_errors`.
     """
     return error.kind in (*OF_THRUST, *YIELDING, *_WRITE) or error.name in motion.forces
-
-
-def by_joint_errors(motion: BaseMotion) -> dict[str, Array]:
-    """Return the derivatives (J K, size) of the joints' coefficients by errors of their zeros.
-
-    The measured positions are the true ones plus the zero, and the time since the origin times the
-    drift. A spline is such a line if its coefficients are.
-    """
-    one, elapsed = motion.joints.lines(motion.origin)
-    K, J = motion.joints.coefficients.shape
-    found = {}
-    for error in motion.constants.errors.values():
-        if error.kind in (ZERO, DRIFT):
-            by, each = np.zeros((J, K, J)), np.arange(J)
-            by[each, :, each] = -error.sigma * (one if error.kind == ZERO else elapsed)
-            found[error.name] = by.reshape(J * K, J)
-    return found
 
 
 def write_constant(
@@ -83,6 +64,17 @@ def _wheel(motion: BaseMotion, trajectory: Trajectory, sigma: float, change: Mot
     change.L[:] = sigma * (R[0] - R[-1])
 
 
+def _target_wheel(
+    motion: BaseMotion, trajectory: Trajectory, sigma: float, change: MotionChange
+) -> None:
+    """Write that of the angular momentum of rotors in the target, which rotates with it."""
+    N = len(motion.nodes)
+    R, R_BC = trajectory.R[:N], motion.grid.R_BC
+    first = R[0] @ R_BC[0]
+    change.w[:] = sigma * (trajectory.mobility @ first - trajectory.inverse[:N] @ R_BC)
+    change.L[:] = sigma * (first - R[-1] @ R_BC[-1])
+
+
 def _leak_torque(
     motion: BaseMotion, trajectory: Trajectory, sigma: float, change: MotionChange
 ) -> None:
@@ -109,6 +101,7 @@ def _leak_acceleration(
 
 _WRITE: dict[str, Write] = {
     WHEEL: _wheel,
+    TARGET_WHEEL: _target_wheel,
     TORQUE_B: _leak_torque,
     ACCELERATION_B: _leak_acceleration,
 }

@@ -11,7 +11,7 @@ import numpy as np
 
 from cpid_drake.array import Array
 from cpid_drake.estimation.gaussian import indices_of, places_of
-from cpid_drake.sensors.error_kinds import KINDS, ErrorKind
+from cpid_drake.sensors.error_kinds import KINDS, OF_JOINTS, ErrorKind
 from cpid_drake.sensors.sensors import Gyro
 from cpid_drake.sensors.suite import SensorSuite
 
@@ -40,8 +40,12 @@ WHEEL = "wheel"
 YIELDING = ("joint_compliance", "compliance", "translational_compliance")
 """Names of the compliances of the joints, and of the grasp about and along the axes of C."""
 
-ZERO, DRIFT = "zero", "drift"
-"""Kinds of errors of joints: of their zeros at the start of a log, and of the zeros' rates."""
+TARGET_WHEEL = "target_wheel"
+"""Name of the angular momentum of rotors in the target, in C."""
+
+ZERO, DRIFT, JOINT_SCALE = "zero", "drift", "joint_scale"
+SINE, COSINE = "eccentricity_sine", "eccentricity_cosine"
+"""Kinds of errors of joints; see `joint_errors`."""
 
 DELAY, CLOCK_DRIFT = "delay", "clock_drift"
 """Kinds of errors of stamps: their delay at the start of a log, and its growth in a second."""
@@ -133,6 +137,7 @@ class Constants:
         size: length of the vector.
         of_first_order: names of those of first order.
         first_order: (n,) their places in the vector.
+        of_joints: those that change the joints' motion.
 
     """
 
@@ -142,6 +147,7 @@ class Constants:
         self._places = places_of({error.name: error.size for error in errors})
         self.of_first_order = tuple(name for name in OF_FIRST_ORDER if name in self.errors)
         self.first_order = indices_of(self._places, self.of_first_order)
+        self.of_joints = tuple(error for error in errors if error.kind in OF_JOINTS)
 
     @classmethod
     def of(cls, suite: SensorSuite, joint_count: int) -> "Constants":
@@ -153,12 +159,6 @@ class Constants:
         if name not in self.errors:
             return None
         return np.asarray(self.errors[name].sigma * constants[self._places[name]])
-
-    def joint_errors(self, constants: Array, kind: str) -> Array:
-        """Return one kind of errors of measured joint positions (J,) [SI units]; zero if none."""
-        found = [e for e in self.errors.values() if e.kind == kind]
-        values = [error.sigma * constants[self._places[error.name]] for error in found]
-        return np.concatenate(values) if values else np.zeros(1)
 
     @property
     def yields(self) -> bool:

@@ -24,7 +24,7 @@ from cpid_drake.dynamics.sensitivity import (
 )
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.estimation.likelihood.constants import DRIFT, YIELDING, ZERO, ConstantError
+from cpid_drake.estimation.likelihood.constants import TARGET_WHEEL, YIELDING, ConstantError
 from cpid_drake.estimation.likelihood.forces import Force
 from cpid_drake.estimation.likelihood.motion_model import (
     BaseMotion,
@@ -94,9 +94,8 @@ def write_start(motion: BaseMotion, trajectory: Trajectory, change: MotionChange
     change.attitude[:, :3] = change.L[:, 6:9] = np.eye(3)
     mobility = trajectory.mobility
     change.w[:, :, 6:9] = mobility
-    wheel = motion.constants.value(trajectory.state.constants, "wheel")
-    if wheel is not None:  # it rotates with the base
-        change.L[:, :3] = -skew(trajectory.state.attitude.as_matrix() @ wheel)
+    if trajectory.rotors is not None:  # they rotate with the base
+        change.L[:, :3] = -skew(trajectory.state.attitude.as_matrix() @ trajectory.rotors[0])
         change.w[:, :, :3] = mobility @ change.L[:, :3]
     drift = transition(motion.joints.start, motion.times, motion.orbit)
     for moved, by in zip((change.position, change.velocity), np.split(drift, 2, axis=1)):
@@ -209,7 +208,7 @@ def inertia_changes(
     """
     grid, tree = motion.grid.part(nodes), motion.tree
     found = {"psi": grid.inertia_regressor(acceleration)}
-    errors_of_q = [e for e in motion.constants.errors.values() if e.kind in (ZERO, DRIFT)]
+    errors_of_q = motion.joint_errors.by_errors(motion.nodes[nodes])
     if not errors_of_q and uncertainty is None:
         return found
     q = motion.joint_motion(motion.nodes[nodes])[:, 0]
@@ -219,9 +218,7 @@ def inertia_changes(
     if errors_of_q:
         each = screw_sensitivity(outboard, psi, grid, *outboard.joint_screws)[0].w
         by_q = J @ outboard.by_joint(each)
-        elapsed = (motion.nodes[nodes] - motion.origin)[:, None, None]
-        for e in errors_of_q:
-            found[e.name] = -e.sigma * (by_q if e.kind == ZERO else elapsed * by_q)
+        found |= {name: by_q * of_q[:, None] for name, of_q in errors_of_q.items()}
     if uncertainty is not None:
         present = np.zeros(uncertainty.count(tree.wheels, q.shape[1])) if errors is None else errors
         found["bodies"] = J @ uncertain_sensitivity(outboard, psi, grid, uncertainty, present).w
@@ -343,14 +340,23 @@ def write_change(
 def _relative_to_base(
     motions: Sequence[BaseMotion], trajectories: Sequence[Trajectory]
 ) -> tuple[Outboard, BodyDynamics]:
-    """Return all motions of the bodies and the target, and of the bodies, seen from the base."""
+    """Return all motions of the bodies and the target, and of the bodies, seen from the base.
+
+    A target with rotors carries their momentum.
+    """
     psi, tree = trajectories[0].state.psi, motions[0].tree
     dynamics = BodyDynamics.concatenate([motion.dynamics for motion in motions])
     joints = np.concatenate([motion.joint_motion(motion.times) for motion in motions])
     w = np.concatenate([trajectory.w for trajectory in trajectories])
     v = -(cross(w, dynamics.com(psi)) + dynamics.com_rate(psi))
     with_target = _with_target(tree, psi, dynamics)
-    return Outboard.at(with_target, joints[:, 0], joints[:, 1], w, v), dynamics
+    outboard = Outboard.at(with_target, joints[:, 0], joints[:, 1], w, v)
+    spin = motions[0].constants.value(trajectories[0].state.constants, TARGET_WHEEL)
+    if spin is not None:
+        momentum = outboard.momentum.copy()
+        momentum[outboard.inboard_of_target, :, :3] += dynamics.R_BC @ spin
+        outboard = replace(outboard, momentum=momentum)
+    return outboard, dynamics
 
 
 def _with_target(tree: KinematicTree, psi: Array, dynamics: BodyDynamics) -> KinematicTree:

@@ -60,10 +60,11 @@ class JointPart:
         """Return the derivatives (M, K) of a joint's position (or rate, …) w.r.t. coefficients."""
         return spline_basis(self.start, self.end, self.pieces, np.asarray(times), derivative)
 
-    def lines(self, origin: float) -> Array:
-        """Return the coefficients (2, K) of the positions 1 and t − origin."""
-        one, elapsed = _lines(round(self.end - self.start, 9), self.pieces)
-        return np.stack([one, elapsed + (self.start - origin) * one])
+    @property
+    def sites(self) -> tuple[Array, Array]:
+        """K times [s], and (K, K) that makes coefficients of positions at these times."""
+        since_start, to_coefficients = _sites(round(self.end - self.start, 9), self.pieces)
+        return self.start + since_start, to_coefficients
 
     def evaluate(self, times: Array) -> Array:
         """Return positions and rates (M, 2, J) at times (M,)."""
@@ -133,16 +134,11 @@ def edge_coordinates(length: float, pieces: int) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _lines(length: float, pieces: int) -> tuple[Array, Array]:
-    """Return the coefficients (K,) of the positions 1 and t in a block that starts at zero."""
+def _sites(length: float, pieces: int) -> tuple[Array, Array]:
+    """Return the same of a block that starts at zero: at the means of each B-spline's knots."""
     basis = _functions(length, pieces)
-    one, time = (np.linalg.solve(basis.c, x) for x in (np.ones(len(basis.c)), _means(basis.t)))
-    return one, time
-
-
-def _means(knots: Array) -> Array:
-    """Return the coefficients (K,) of B-splines whose sum is the time: means of their knots."""
-    return np.asarray(sliding_window_view(knots[1:-1], DEGREE).mean(axis=1))
+    times = sliding_window_view(basis.t[1:-1], DEGREE).mean(axis=1)
+    return times, np.linalg.inv(basis(times))
 
 
 @lru_cache(maxsize=64)

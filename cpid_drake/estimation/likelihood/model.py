@@ -16,7 +16,6 @@ from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.gaussian import indices_of, places_of
 from cpid_drake.estimation.likelihood.actuators import thrust_log
 from cpid_drake.estimation.likelihood.constant_effects import (
-    by_joint_errors,
     moves,
     write_constant,
 )
@@ -171,14 +170,14 @@ class BlockModel:
         for name, write in self.effects.items():
             write(self.motion, trajectory, change.columns(places[name]))
         readings, moved = self._response(trajectory, change)
-        by_zeros = by_joint_errors(self.motion)
+        by_errors = self.motion.joint_errors.of_coefficients()
 
         def write_all(rows: Array, by: Array) -> None:
             """Write the derivatives (n, m) by all unknowns from those (m, ...) by effects."""
             for name, place in places.items():
                 rows[columns[name]] = by[:, place].T
-            for name, of_zero in by_zeros.items():
-                rows[columns[name]] = (by[:, joints] @ of_zero).T
+            for name, of_error in by_errors.items():
+                rows[columns[name]] = (by[:, joints] @ of_error).T
 
         parts = {n: s.whitened(readings[n]) for n, s in self.sensors.items()}
         ends = np.cumsum([0, *(by[..., 0].size for by in parts.values())]).tolist()
@@ -224,9 +223,8 @@ class BlockModel:
         xi = ends[:, :3]
         if ends.shape[1] > 3:
             L = L + ends[-1, 3:]
-        wheel = motion.constants.value(trajectory.state.constants, "wheel")
-        if wheel is not None:
-            L = L + skew(R[N - 1] @ wheel) @ xi[-1]
+        if trajectory.rotors is not None:
+            L = L + skew(R[N - 1] @ trajectory.rotors[N - 1]) @ xi[-1]
         position, velocity = change.position, change.velocity
         if thrust is not None:
             both = thrust.travel_change(R[:N], psi, xi, change.inverse_mass, *moved[1:])

@@ -32,8 +32,9 @@ from cpid_drake.estimation.likelihood.attitude_steps import (
     step_angles,
     step_changes,
 )
-from cpid_drake.estimation.likelihood.constants import DRIFT, TORQUE_B, WHEEL, ZERO, Constants
+from cpid_drake.estimation.likelihood.constants import TARGET_WHEEL, TORQUE_B, WHEEL, Constants
 from cpid_drake.estimation.likelihood.forces import Force, steady_forces
+from cpid_drake.estimation.likelihood.joint_errors import JointErrors
 from cpid_drake.estimation.likelihood.joint_model import JointPart
 from cpid_drake.estimation.likelihood.thrust import BlockThrust, transition
 from cpid_drake.estimation.likelihood.uniform_spline import (
@@ -87,10 +88,11 @@ class Trajectory:
         w: (U, 3) angular velocity, in B [rad/s].
         inverse: (U, 3, 3) inverse of the system's inertia, in B; see `BodyDynamics.mobility`.
         spline: w between the nodes.
-        L: (U, 3) angular momentum about the centre of mass, in W, with that of a hidden wheel
-            [N·m·s].
+        L: (U, 3) angular momentum about the centre of mass, in W, with that of `rotors` [N·m·s].
         travel: (U, 6) what logged thrust adds to position [m] and velocity [m/s] of the centre of
             mass, in W; None without thrust.
+        rotors: (U, 3) angular momentum of rotors that the model does not have, in B [N·m·s]; None
+            without.
         by_joints: derivatives of the motion by joint positions and rates; None if not yet needed.
         by_bodies: those by errors of the spacecraft's bodies, likewise.
         by_compliance: those by compliances of joints and grasp, likewise.
@@ -104,6 +106,7 @@ class Trajectory:
     spline: UniformSpline
     L: Array
     travel: Array | None
+    rotors: Array | None = None
     by_joints: tuple[MotionSensitivity, MotionSensitivity] | None = None
     by_bodies: MotionSensitivity | None = None
     by_compliance: MotionSensitivity | None = None
@@ -135,6 +138,7 @@ class BaseMotion:
         orbit, thrust, white: orbit of W's origin and log of thrust, if any, and white forces.
 
     Attributes:
+        joint_errors: what the joint motion has too much.
         nodes: (N,) times of the grid [s].
         times: (U,) the N nodes, then the M further times [s].
         free: ψ with ∂ω/∂L (U, 3, 3) and h (U, 3) of `BodyDynamics`; None if nobody needed them.
@@ -158,7 +162,7 @@ class BaseMotion:
         self.orbit, self.white = orbit, white
         steady = steady_forces(constants, joints.start, joints.end)
         self.forces = {force.name: force for force in (*white, *steady)}
-        self._zero, self._drift = (constants.joint_errors(nominal, k) for k in (ZERO, DRIFT))
+        self.joint_errors = JointErrors(joints, constants, nominal, origin, tree)
         length = joints.end - joints.start
         step = min(step, length / joints.pieces / _STEPS_PER_PIECE)
         steps = int(np.clip(np.ceil(length / step), 4, _MOST_STEPS))
@@ -200,10 +204,7 @@ class BaseMotion:
 
     def joint_motion(self, times: Array) -> Array:
         """Return true positions and rates (M, 2, J) of the joints at times (M,) [s]."""
-        samples = self.joints.evaluate(times)
-        samples[:, 0] -= self._zero + (times - self.origin)[:, None] * self._drift
-        samples[:, 1] -= self._drift
-        return samples
+        return self.joint_errors.motion(times)
 
     def trajectory(self, state: TrajectoryState) -> Trajectory:
         """Integrate the base's attitude over the grid.
@@ -221,12 +222,12 @@ class BaseMotion:
         first = state.attitude.as_matrix()
         R = np.broadcast_to(first, (N, 3, 3))
         L = np.broadcast_to(state.L, (len(self.times), 3))
-        wheel = self.constants.value(state.constants, WHEEL)
+        rotors = self._rotors(state)
         for force in self.forces.values():
             if force.turns:
                 L = L + force.impulse(self.times) @ self._entries(force, state)
-        if wheel is not None:  # which rotates with the base; L is that of the other bodies
-            h, L = h + wheel, L + first @ wheel
+        if rotors is not None:  # L at the start is that of the other bodies
+            h, L = h + rotors, L + first @ rotors[0]
         J = None if self.orbit is None else self.grid.inertia(state.psi)
         leak = self.constants.value(state.constants, TORQUE_B)
         added, pushed, last = np.zeros((N, 3)), None, 0.0
@@ -264,7 +265,7 @@ class BaseMotion:
         travel = None
         if self.thrust is not None:
             travel = self.thrust.travel(R, state.psi)
-        nodes = Trajectory(state, R, w, inverse, spline, total, travel)
+        nodes = Trajectory(state, R, w, inverse, spline, total, travel, rotors)
         times = self.times[N:]
         if not len(times):
             return nodes
@@ -307,6 +308,14 @@ class BaseMotion:
                 found = found + both @ self._entries(force, state)
         return found if trajectory.travel is None else found + trajectory.travel[rows]
 
+    def _rotors(self, state: TrajectoryState) -> Array | None:
+        """Return the angular momentum of rotors that the model does not have; see `Trajectory`."""
+        wheel, spin = (self.constants.value(state.constants, n) for n in (WHEEL, TARGET_WHEEL))
+        if wheel is None and spin is None:
+            return None
+        turned = np.zeros((len(self.times), 3)) if spin is None else self.dynamics.R_BC @ spin
+        return turned if wheel is None else turned + wheel
+
     def _entries(self, force: Force, state: TrajectoryState) -> Array:
         return (state.forces if force in self.white else state.constants)[force.rows]
 
@@ -317,9 +326,8 @@ class BaseMotion:
     def at_node(self, trajectory: Trajectory, k: int) -> TrajectoryState:
         """Return the state at a node of the grid."""
         state, L = trajectory.state, trajectory.L[k]
-        wheel = self.constants.value(state.constants, WHEEL)
-        if wheel is not None:
-            L = L - trajectory.R[k] @ wheel
+        if trajectory.rotors is not None:
+            L = L - trajectory.R[k] @ trajectory.rotors[k]
         p, v = np.split(self.com_motion(trajectory, slice(k, k + 1))[0], 2)
         return replace(
             state,

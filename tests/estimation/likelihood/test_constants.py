@@ -28,7 +28,12 @@ SIGMAS = {
     "gyro_2": {"integrates": True, "delay_ms": 5.0},
     "position": {"lever_arm_mm": 20.0, "delay_ms": 10.0},
     "velocity": {"lever_arm_mm": 20.0, "delay_ms": 10.0},
-    "encoders": {"zero_mrad": 1.0, "delay_ms": 10.0},
+    "encoders": {
+        "zero_mrad": 1.0,
+        "joint_scale_ppm": 1000.0,
+        "eccentricity_mrad": 1.0,
+        "delay_ms": 10.0,
+    },
 }
 
 
@@ -42,7 +47,7 @@ def suite_with_all():
     for sensor, errors in SIGMAS.items():
         for name, value in errors.items():
             setattr(suite[sensor], name, value)
-    suite.disturbances = Disturbances(acceleration=0.01, torque=1.0, wheel=0.5)
+    suite.disturbances = Disturbances(acceleration=0.01, torque=1.0, wheel=0.5, target_wheel=0.5)
     return suite
 
 
@@ -76,9 +81,12 @@ def exact_block(case, telemetry_at, suite):
         if len(old) and record.width is not None:
             parts[name] = Samples(old.time, record.ideal(telemetry_at(old.time, name)))
     samples = samples.updated(parts | {"joint_rates": Samples(np.empty(0), np.empty((0, 4)))})
-    exact = replace(suite, encoders=replace(suite.encoders, sigma=0.0, bits=0), joint_rates=None)
-    joints = joints_of(Block(START, END, samples), exact)
-    return samples, joints
+    return samples, joints_of(Block(START, END, samples), exactly_measured(suite))
+
+
+def exactly_measured(suite):
+    """Return sensors with encoders without noise."""
+    return replace(suite, encoders=replace(suite.encoders, sigma=0.0, bits=0), joint_rates=None)
 
 
 def model_at(case, samples, joints, constants):
@@ -161,6 +169,72 @@ def test_readings_change_with_a_clock_as_differences_say(case, name):
     column = -(both[0] - both[1]) / 2e-3
     found = exact[:, model.columns[f"{name}.clock_drift"].start]
     assert np.abs(found - column).max() < 1e-3 * np.abs(column).max()
+
+
+def test_gears_and_discs_beside_their_axes_change_the_positions_of_joints(case):
+    """Encoders whose error is s m + a sin m + b cos m where they show m."""
+    scale, sine, cosine = 1e-3 * np.array(
+        [[0.8, -1.0, 0.6, -0.7], [1.0, 0.5, -0.8, 0.9], [-0.6, 0.9, 1.0, -0.8]]
+    )
+    samples, _ = exact_block(case, lambda times, name: truth(case, times), case.suite)
+    q = shown = samples.encoders.value
+    for _ in range(5):
+        shown = q + scale * shown + sine * np.sin(shown) + cosine * np.cos(shown)
+    samples = samples.updated({"encoders": Samples(samples.encoders.time, shown)})
+    joints = joints_of(Block(START, END, samples), exactly_measured(case.suite))
+    samples = without(samples, "gyro_2")
+    values = {
+        "encoders__joint_scale": scale,
+        "encoders__eccentricity_sine": sine,
+        "encoders__eccentricity_cosine": cosine,
+    }
+    told = with_values(case.suite, **values)
+    assert largest_residual(case, samples, joints, told) < 0.05
+    for name in values:
+        less = {key: value for key, value in values.items() if key != name}
+        assert largest_residual(case, samples, joints, with_values(case.suite, **less)) > 1.0, name
+
+
+JOINTS = ("zero", "drift", "joint_scale", "eccentricity_sine", "eccentricity_cosine")
+
+
+@pytest.mark.parametrize("kind", JOINTS)
+def test_readings_change_with_the_errors_of_joints_as_differences_say(case, kind):
+    samples, joints = exact_block(case, lambda times, name: truth(case, times), case.suite)
+    suite = replace(case.suite, encoders=replace(case.suite.encoders, drift_mrad_per_s=0.1))
+    told, size = replace(case, suite=suite), 1e-3 * np.array([0.8, -1.0, 0.6, -0.7])
+    constants = with_values(suite, **{f"encoders__{each}": size for each in JOINTS[2:]})
+    model, there = model_at(told, samples, joints, constants)
+    exact, _ = model.jacobian(model.motion.trajectory(there))
+    columns = model.columns[f"encoders.{kind}"]
+    first = model.motion.constants.place(f"encoders.{kind}").start
+    for k in range(4):
+        both = []
+        for step in (1e-2, -1e-2):
+            moved = constants.copy()
+            moved[first + k] += step
+            both.append(residuals_of(*model_at(told, samples, joints, moved)))
+        column = -(both[0] - both[1]) / 2e-2
+        error = np.abs(exact[:, columns.start + k] - column).max()
+        assert error < 3e-3 * np.abs(column).max()
+
+
+def test_a_rotor_in_the_target_changes_how_joints_move_the_base(case):
+    """Derivatives by the joints' motion behind the block's start, against differences."""
+    samples, joints = exact_block(case, lambda times, name: truth(case, times), case.suite)
+    constants = with_values(case.suite, target_wheel=[20.0, -30.0, 25.0])
+    model, state = model_at(case, samples, joints, constants)
+    exact, _ = model.jacobian(model.motion.trajectory(state))
+    K, J = joints.coefficients.shape
+    for j in range(J):
+        both = []
+        for step in (1e-4, -1e-4):
+            moved = joints.coefficients.copy()
+            moved[K // 2, j] += step
+            both.append(residuals_of(*model_at(case, samples, joints.about(moved), constants)))
+        column = -(both[0] - both[1]) / 2e-4
+        found = exact[:, model.columns["joints"].start + j * K + K // 2]
+        assert np.abs(found - column).max() < 1e-3 * np.abs(column).max()
 
 
 def test_mountings_scales_and_lever_arms_are_those_of_the_readings(case):
@@ -292,12 +366,14 @@ def test_late_readings_of_a_point_beside_the_origin_change_with_the_state(case, 
         assert error < 1e-3 * np.abs(column).max()
 
 
-@pytest.mark.parametrize("name", ["start", "attitude.mounting", "wheel"])
+@pytest.mark.parametrize("name", ["start", "attitude.mounting", "wheel", "target_wheel"])
 def test_derivatives_hold_at_a_large_mounting_and_a_hidden_wheel(case, name):
     """Of all readings and of the block's end: a tracker turned by 3°, and a wheel of 2.7 N·m·s."""
     samples, joints = exact_block(case, lambda times, name: truth(case, times), case.suite)
     turn, wheel = np.array([0.03, -0.02, 0.04]), np.array([1.0, -2.0, 1.5])
-    constants = with_values(case.suite, attitude__mounting=turn, wheel=wheel)
+    constants = with_values(
+        case.suite, attitude__mounting=turn, wheel=wheel, target_wheel=wheel[::-1]
+    )
     model, state = model_at(case, samples, joints, constants)
     rotations = model.motion.trajectory(state).rotations(samples.attitude.time)
     shown = Rotation.from_matrix(rotations) * Rotation.from_rotvec(turn)
