@@ -35,7 +35,8 @@ COMMANDS = {
 EXIT_CODES = {
     0: "success",
     2: "bad input or usage, or an output that cannot be written",
-    3: "not all parameters that can act on the motion are identifiable",
+    3: "not all parameters that can act on the motion are identifiable; "
+    "a comparison is not decided",
     4: "a check failed",
     130: "interrupted",
     141: "the reader of the output has ended",

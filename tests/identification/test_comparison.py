@@ -17,6 +17,7 @@ from cpid_drake import (
     write_result,
 )
 from cpid_drake.dynamics.parameterizations import relative_parameterization
+from cpid_drake.identification.checks import Check
 from cpid_drake.identification.request import Request, Source
 from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.spacecraft.reference import SpacecraftReference
@@ -176,12 +177,23 @@ def test_a_prior_that_is_the_other_result_is_said(results, tmp_path):
 
 
 def test_a_failed_check_of_a_result_is_said(results):
-    from cpid_drake.identification.checks import Check
-
     failed = replace(results["b"], checks=(Check("noise", "the noise is larger"),))
     comparison = compare({"a": results["a"], "b": failed})
     assert comparison.warnings == ("b: failed check: the noise is larger",)
     assert comparison.differences["failed checks"] == ("none", "noise")
+
+
+@pytest.mark.parametrize(("share", "stands"), [(0.0, "agree"), (0.3, "do not have the same")])
+def test_a_result_that_failed_its_checks_decides_nothing(results, share, stands):
+    """Its numbers may be wrong by any amount: neither that they agree nor that they differ."""
+    b = results["b"]
+    other = replace(b, parameters=b.parameters * [1 + share, *np.ones(9)], combinations=None)
+    failed = replace(other, checks=(Check("noise", "the noise is larger"),))
+    comparison = compare({"a": results["a"], "b": failed})
+    assert comparison.failed == ["b"]
+    assert comparison.is_same_target is None
+    assert comparison.verdict.startswith("not decided, because b failed checks")
+    assert f"as they stand, the results {stands}" in comparison.verdict
 
 
 @pytest.mark.parametrize(
