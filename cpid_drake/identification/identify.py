@@ -31,6 +31,7 @@ from cpid_drake.identification.estimators import (
     choose,
 )
 from cpid_drake.identification.log_conventions import with_conventions
+from cpid_drake.identification.log_sensors import excluded_bias
 from cpid_drake.identification.model_sensitivity import hidden_sensitivity
 from cpid_drake.identification.planar import PROPOSED, could_be_planar
 from cpid_drake.identification.prior import TargetPrior
@@ -295,7 +296,13 @@ def _with_hints(
         result = replace(result, warnings=(*result.warnings, PROPOSED))
     if tree.jointed and tree.lumped.capture_body == 0:
         result = replace(result, warnings=(*result.warnings, HELD_BY_BASE))
-    if result.passed or others or log.failures:
+    biases = [text for each in logs if (text := excluded_bias(each))]
+    if result.passed:
+        result = replace(result, warnings=(*result.warnings, *biases))
+    else:
+        causes = (Check("log", f"most likely, {text}") for text in biases)
+        result = replace(result, checks=(*causes, *result.checks))
+    if result.passed or others or log.failures or biases:
         return result
     convention = _convention(log, spacecraft)
     if not convention:
