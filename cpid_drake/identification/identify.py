@@ -31,7 +31,7 @@ from cpid_drake.identification.estimators import (
     choose,
 )
 from cpid_drake.identification.log_conventions import with_conventions
-from cpid_drake.identification.log_sensors import excluded_bias
+from cpid_drake.identification.log_sensors import exact_sensors, excluded_bias
 from cpid_drake.identification.model_sensitivity import hidden_sensitivity
 from cpid_drake.identification.planar import PROPOSED, could_be_planar
 from cpid_drake.identification.prior import TargetPrior
@@ -249,6 +249,7 @@ def _with_logs(
                 for name in SENSORS
                 if log.sensors and len(log.measurements[name]) and name not in log.sensors.present()
             ]
+            said += exact_sensors(log.sensors or SensorSuite())
         elif log.measurements.has_thrust:
             failed.append(THRUST_NOT_USED.format(f"{log.measurements.first_burn:.4g}", method.name))
         warnings += [log.where + text for text in said]

@@ -11,6 +11,7 @@ from cpid_drake.estimation.least_squares import FAR, quantile_95
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.files.digits import significant, with_half_width
 from cpid_drake.identification.checked_log import CheckedLog
+from cpid_drake.identification.checks import label_of
 from cpid_drake.logs.gyro_bias import GyroBias, gyro_bias
 from cpid_drake.logs.noise_estimation import estimate_suite
 from cpid_drake.sensors.sensors import CALIBRATED_GYRO_BIAS, DEGREE_PER_HOUR, Gyro
@@ -70,6 +71,16 @@ def with_biases(
             )
         warnings.append(said)
     return {name: made[id(suite)] for name, suite in suites.items()}, tuple(warnings)
+
+
+def exact_sensors(suite: SensorSuite) -> list[str]:
+    """Return, in words, of which sensors no noise is stated, without a word that they are exact."""
+    return [
+        f"no noise of the {label_of(name)} is stated: it was taken as exact, to rounding; state "
+        f"the noise of '{name}:', which `cpid log noise` shows"
+        for name, sensor in suite.present().items()
+        if suite.unstated is None and not (sensor.sigmas.any() or suite.step(name))
+    ]
 
 
 def excluded_bias(log: CheckedLog) -> str:

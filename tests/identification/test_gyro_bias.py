@@ -100,7 +100,7 @@ def test_each_log_of_one_hardware_has_its_own_bias(craft, suite, noisy, skewed_t
 
 @pytest.mark.parametrize("key", ["bias: 0", "unstated: exact"])
 def test_a_bias_that_the_file_excludes_is_not_sought_but_is_named(craft, suite, noisy, key):
-    """A small one in a warning of a result that passes, a large one as the cause of failed checks."""
+    """A small one in a warning of a result that passes, a large one as a cause of failed checks."""
     gyro = replace(suite.gyro, bias=0.0 if key == "bias: 0" else None)
     excluded = replace(suite, gyro=gyro)
     small = identify(craft, noisy(BIAS / 10), sensors=excluded)
