@@ -32,8 +32,9 @@ def compare(
     The difference of the targets is tested by its χ², with errors that are independent: one target
     fails in one comparison of 10,000. What differs in logs, requests and checks is listed.
 
-    Exit codes: 0 the results agree with one target; 2 bad input or usage; 3 they determine nothing
-    in common; 4 they do not have the same target.
+    Exit codes: 0 the results agree with one target; 2 bad input or usage; 3 it is not
+    decided, because a result failed its own checks, or they determine nothing in common; 4 they do
+    not have the same target.
 
     Args:
         results: Result files of `cpid identify --json`, two or more.

@@ -16,6 +16,7 @@ from cpid_drake.files.errors import InputError
 from cpid_drake.identification.arguments import Arguments
 from cpid_drake.identification.checked_log import in_joint_order
 from cpid_drake.identification.identify_files import open_log, opened_inputs
+from cpid_drake.identification.log_sensors import exact_sensors
 from cpid_drake.logs.log import THRUST
 from cpid_drake.logs.unlogged_joints import lock_unlogged
 from cpid_drake.online.ros2 import run
@@ -139,6 +140,7 @@ def _opened(request: "cpid.Request") -> tuple[Arguments, "cpid.SensorSuite"]:
     inputs = opened_inputs(request, lambda step: None)
     if inputs.sensors is None:
         raise InputError("cpid live needs the sensors' errors: give --sensors")
+    options.print_warnings(exact_sensors(inputs.sensors))
     craft = inputs.spacecraft.on_table() if request.planar else inputs.spacecraft
     return replace(inputs, spacecraft=craft), inputs.sensors
 

@@ -35,9 +35,11 @@ COMMANDS = {
 EXIT_CODES = {
     0: "success",
     2: "bad input or usage, or an output that cannot be written",
-    3: "not all parameters that can act on the motion are identifiable",
+    3: "not all parameters that can act on the motion are identifiable; "
+    "a comparison is not decided",
     4: "a check failed",
     130: "interrupted",
+    141: "the reader of the output has ended",
 }
 """The exit codes of all commands and their meanings."""
 
@@ -123,14 +125,22 @@ def main() -> None:
         code = _fail(f"not expected: {' '.join(error.unused_tokens or ())}")
     except (InputError, CycloptsError) as error:
         code = _fail(str(error))
+    except (BrokenPipeError, SystemExit):  # the latter is how Rich ends
+        code = 141
+        _leave_output()
     except OSError as error:
-        if not error.filename:  # standard output; the interpreter would fail again to write it
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if not error.filename:  # standard output
+            _leave_output()
         code = _fail(f"{error.filename or 'standard output'}: {error.strerror or error}")
     except KeyboardInterrupt:
         code = 130
         print("cpid: interrupted", file=sys.stderr)
     sys.exit(code)
+
+
+def _leave_output() -> None:
+    """Write the rest of standard output nowhere; the interpreter would fail again to write it."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _fail(message: str) -> int:

@@ -24,8 +24,9 @@ from cpid_drake.estimation.rows_fit import TARGET, LogRows
 from cpid_drake.estimation.smoothing import smooth_windows
 from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.identification.arguments import Arguments
-from cpid_drake.identification.checked_log import CheckedLog, suites_of
+from cpid_drake.identification.checked_log import CheckedLog
 from cpid_drake.identification.checks import Check, momentum_words
+from cpid_drake.identification.log_sensors import suites_of
 from cpid_drake.identification.result import Identification
 from cpid_drake.identification.row_checks import (
     LEAST_SQUARES,

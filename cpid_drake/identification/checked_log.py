@@ -8,22 +8,15 @@ from scipy.integrate import cumulative_trapezoid
 
 from cpid_drake.array import Array
 from cpid_drake.dynamics.motion import Motion
-from cpid_drake.dynamics.tree import KinematicTree
-from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.estimation.least_squares import FAR, quantile_95
-from cpid_drake.estimation.unknowns import Model
-from cpid_drake.files.digits import significant, with_half_width
 from cpid_drake.files.errors import InputError, listed, prefix_errors
 from cpid_drake.identification.planar import common_normal, normal_in_base, placed
 from cpid_drake.logs.channels import Channel, Seen, look_at
 from cpid_drake.logs.common_clock import ACCURACY, delay_notes, file_delays, with_delays
 from cpid_drake.logs.conventions import Findings, check_conventions
-from cpid_drake.logs.gyro_bias import gyro_bias
 from cpid_drake.logs.log import Log, Samples, with_fixed_joints
-from cpid_drake.logs.noise_estimation import estimate_suite
 from cpid_drake.logs.screening import LONGEST_GAP, as_arrays, screen
 from cpid_drake.logs.unlogged_joints import lock_unlogged
-from cpid_drake.sensors.sensors import CALIBRATED_GYRO_BIAS, DEGREE_PER_HOUR, SENSORS
+from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
@@ -87,86 +80,6 @@ class CheckedLog:
     def between(self, start: float, end: float) -> "CheckedLog":
         """Return the log with the samples of an interval [s] only."""
         return replace(self, measurements=self.measurements.between(start, end))
-
-
-def suites_of(
-    logs: Mapping[str, CheckedLog],
-) -> tuple[dict[str, SensorSuite], tuple[str, ...]]:
-    """Return the sensors' errors of each log, by default as the logs show them, and warnings.
-
-    Without given ones, several logs have the sensors of all. Of a sensor in many it is the least
-    noise: a log with more has a noise factor of its own.
-    """
-    given = {name: log.sensors for name, log in logs.items() if log.sensors is not None}
-    if len(given) == len(logs):
-        return with_biases(logs, given)
-    [suite, *others] = (estimate_suite(log.measurements) for log in logs.values())
-    for other in others:
-        for name, errors in other.present().items():
-            if name not in suite.present() or other.sigmas(name)[0] < suite.sigmas(name)[0]:
-                setattr(suite, name, errors)
-    text = "the sensors' noise was estimated from the log; give the sensors if you know them"
-    suites, biases = with_biases(logs, dict.fromkeys(logs, suite))
-    return suites, (text, *biases)
-
-
-def with_biases(
-    logs: Mapping[str, CheckedLog], suites: Mapping[str, SensorSuite]
-) -> tuple[dict[str, SensorSuite], tuple[str, ...]]:
-    """Return sensors in which the gyro's bias may be as large as the logs show it, and warnings.
-
-    As noise, it is as declared unless the samples show clearly that it is larger. Sensors that are
-    one object stay one; a gyro that is said to have no bias stays so.
-    """
-    made, warnings = {id(suite): suite for suite in suites.values()}, list[str]()
-    for name, log in logs.items():
-        gyro = suites[name].gyro
-        if gyro is None or gyro.bias == 0 or (gyro.bias is None and suites[name].unstated):
-            continue
-        bias = gyro_bias(log.measurements, suites[name])
-        declared = max(
-            gyro.bias_sigma, DEGREE_PER_HOUR * CALIBRATED_GYRO_BIAS * (gyro.bias is None)
-        )
-        if bias is None or bias.ratio(declared) <= FAR:
-            continue
-        suite = made[id(suites[name])]
-        assert suite.gyro is not None
-        wider = replace(suite.gyro, bias=max(suite.gyro.bias or 0.0, bias.size / DEGREE_PER_HOUR))
-        made[id(suites[name])] = replace(suite, gyro=wider)
-        pairs = zip(np.degrees(bias.value), quantile_95() * np.degrees(bias.sigma), strict=True)
-        shown = ", ".join(with_half_width(*pair) for pair in pairs if np.isfinite(pair[0]))
-        text = f"{log.where}the gyro has a bias of ({shown}) deg/s against the attitude"
-        if log.sensors is not None and gyro.bias is not None:
-            times = significant(float(np.nanmax(np.abs(bias.value))) / declared)
-            text += (
-                f", {times} times the sigma that its file declares, "
-                "and was assumed to have it; declare gyro.bias_deg_per_s: "
-                f"{significant(float(np.degrees(bias.size)))}"
-            )
-        warnings.append(text)
-    return {name: made[id(suite)] for name, suite in suites.items()}, tuple(warnings)
-
-
-def model_of(
-    tree: KinematicTree, logs: Mapping[str, CheckedLog], known_bodies: BodyUncertainty | None
-) -> tuple[Model, tuple[str, ...]]:
-    """Return the unknowns of a fit of some logs, and the warnings of `suites_of`."""
-    suites, warnings = suites_of(logs)
-    has_thrust = any(log.measurements.has_thrust for log in logs.values())
-    return Model.of(tree, suites, known_bodies, has_thrust=has_thrust), warnings
-
-
-def open_model_of(
-    tree: KinematicTree, logs: Mapping[str, CheckedLog], known_bodies: BodyUncertainty | None
-) -> Model | None:
-    """Return the unknowns if no error is exact that nobody states; None if none is."""
-    suites, _ = suites_of(logs)
-    if all(suite.unstated != "exact" for suite in suites.values()):
-        return None
-    made = {id(suite): replace(suite, unstated=None) for suite in suites.values()}
-    has_thrust = any(log.measurements.has_thrust for log in logs.values())
-    opened = {name: made[id(suite)] for name, suite in suites.items()}
-    return Model.of(tree, opened, known_bodies, has_thrust=has_thrust)
 
 
 def log_of_states(telemetry: Motion) -> CheckedLog:

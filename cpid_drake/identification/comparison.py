@@ -38,8 +38,8 @@ class Comparison:
 
     Attributes:
         results: the results, by name; two or more.
-        check: whether they have the same target. It has no statistic if no combination of the
-            parameters is known from more than one of them.
+        check: whether they have the same target, if each is right. It has no statistic if no
+            combination of the parameters is known from more than one of them.
         checks: the same of each result against all others.
         differences: what differs in logs, requests and checks: the words for each result, in the
             order of `results`.
@@ -55,8 +55,17 @@ class Comparison:
 
     @property
     def is_same_target(self) -> bool | None:
-        """Whether the results agree; None if they determine nothing in common."""
-        return None if self.check.statistic is None else self.check.passed
+        """Whether the results agree; None if it is not decided.
+
+        It is not if a result failed its own checks, so that it proves nothing, or if the results
+        determine nothing in common.
+        """
+        return None if self.failed or self.check.statistic is None else self.check.passed
+
+    @property
+    def failed(self) -> list[str]:
+        """Names of the results that failed their own checks."""
+        return [name for name, each in self.results.items() if not each.passed]
 
     def distances(self) -> Array:
         """Return the differences (n, 10) of the parameters from those of the first result, in σ.
@@ -80,11 +89,17 @@ class Comparison:
         statistic, limit = self.check.statistic, self.check.limit
         if statistic is None or limit is None:
             return "the results determine nothing in common"
-        if not self.check.passed:
-            return self.check.sentence
+        sentence = self.check.sentence
+        if self.check.passed:
+            sentence = (
+                f"the results agree with one target (χ² {statistic:.3g}; the check fails above "
+                f"{limit:.3g})"
+            )
+        if not self.failed:
+            return sentence
         return (
-            f"the results agree with one target (χ² {statistic:.3g}; the check fails above "
-            f"{limit:.3g})"
+            f"not decided, because {' and '.join(self.failed)} failed checks and may be wrong by "
+            f"more than the interval; as they stand, {sentence}"
         )
 
 

@@ -27,10 +27,11 @@ from cpid_drake.files.errors import prefix_errors
 from cpid_drake.identification.answer import answer_of, at_momentum
 from cpid_drake.identification.arguments import Arguments
 from cpid_drake.identification.changing_forces import with_changing_forces
-from cpid_drake.identification.checked_log import CheckedLog, model_of, open_model_of
+from cpid_drake.identification.checked_log import CheckedLog
 from cpid_drake.identification.checks import Observed
 from cpid_drake.identification.chosen_fit import ChosenFit
 from cpid_drake.identification.exact_check import exact_checks
+from cpid_drake.identification.log_sensors import model_of, open_model_of
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import History, Identification
 from cpid_drake.identification.together import with_sources

@@ -31,6 +31,7 @@ from cpid_drake.identification.estimators import (
     choose,
 )
 from cpid_drake.identification.log_conventions import with_conventions
+from cpid_drake.identification.log_sensors import exact_sensors, excluded_bias
 from cpid_drake.identification.planar import PROPOSED, could_be_planar
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import SPACECRAFT, Identification
@@ -247,6 +248,7 @@ def _with_logs(
                 for name in SENSORS
                 if log.sensors and len(log.measurements[name]) and name not in log.sensors.present()
             ]
+            texts += exact_sensors(log.sensors or SensorSuite())
         elif log.measurements.has_thrust:
             failed.append(THRUST_NOT_USED.format(f"{log.measurements.first_burn:.4g}", method.name))
         warnings += [log.where + text for text in texts]
@@ -280,7 +282,13 @@ def _with_hints(
         result = replace(result, warnings=(*result.warnings, PROPOSED))
     if tree.jointed and tree.lumped.capture_body == 0:
         result = replace(result, warnings=(*result.warnings, HELD_BY_BASE))
-    if result.passed or others or log.failures:
+    biases = [text for each in logs if (text := excluded_bias(each))]
+    if result.passed:
+        result = replace(result, warnings=(*result.warnings, *biases))
+    else:
+        causes = (Check("log", f"most likely, {text}") for text in biases)
+        result = replace(result, checks=(*causes, *result.checks))
+    if result.passed or others or log.failures or biases:
         return result
     convention = _convention(log, spacecraft)
     if not convention:

@@ -17,8 +17,9 @@ from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.answer import answer_of
 from cpid_drake.identification.arguments import Arguments
-from cpid_drake.identification.checked_log import CheckedLog, model_of
+from cpid_drake.identification.checked_log import CheckedLog
 from cpid_drake.identification.checks import CONVERGENCE, Check, Observed
+from cpid_drake.identification.log_sensors import model_of
 from cpid_drake.identification.result import Identification
 
 RECURSIVE_FIT = "recursive_fit"

@@ -33,9 +33,10 @@ from cpid_drake.identification.arguments import (
     resolve_prior,
     resolve_sensors,
 )
-from cpid_drake.identification.checked_log import check_logs, model_of
+from cpid_drake.identification.checked_log import check_logs
 from cpid_drake.identification.fitted import TRAJECTORY_FIT
 from cpid_drake.identification.identify import identify
+from cpid_drake.identification.log_sensors import model_of
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import Identification
 from cpid_drake.logs.column_map import scale_of

@@ -97,16 +97,19 @@ def show_replay(
         scene = Scene(spacecraft, page.meshcat)
     begin, shown, shown_frame = time.monotonic(), -np.inf, -np.inf
     found = identifier.estimate()
+
+    def lag(stamp: float) -> float:
+        """Return how late a sample of this stamp would be now [s]; negative before its time."""
+        return time.monotonic() - begin - (stamp - first) / rate
+
     with shown_live(console) as screen:
         for count, (name, stamp, value) in enumerate(samples, start=1):
-            lag = time.monotonic() - begin - (stamp - first) / rate
-            if lag < 0:
-                time.sleep(-lag)
+            time.sleep(max(-lag(stamp), 0.0))
             identifier.add(name, stamp, value)
             now = time.monotonic()
             if now - shown > PERIOD:
                 found, shown = identifier.estimate(), now
-                late = f"{max(lag, 0.0):.1f} s late"
+                late = f"{max(lag(stamp), 0.0):.1f} s late"
                 screen.update("\n".join([_state(found, stamp, count, late), *describe(found)]))
                 if page is not None:
                     page.show(stamp - first, found, status=late)
@@ -115,9 +118,10 @@ def show_replay(
                 k = max(int(np.searchsorted(frames, stamp, side="right")) - 1, 0)
                 scene.draw(stamp - first, states[k], found)
         found = identifier.finish()
-        screen.update(_state(found, last, len(samples), "0.0 s late"))
+        late = f"{lag(last):.1f} s late"
+        screen.update(_state(found, last, len(samples), late))
     if page is not None:
-        page.show(last - first, found)
+        page.show(last - first, found, status=late)
     if scene:
         scene.draw(last - first, states[-1], found)
     return found

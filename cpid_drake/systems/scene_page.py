@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 from string import Template
+from threading import Event
 
 import numpy as np
 from pydrake.geometry import Meshcat
@@ -114,9 +115,12 @@ def keep_scene(
 
 
 def wait_for_enter(address: str) -> None:
-    """Say that a page is open, and keep it so until Enter or Ctrl-C."""
-    print(f"{address} is open until Enter", end="", flush=True)
+    """Say that a page is open, and keep it so until Enter or Ctrl-C; without input until Ctrl-C."""
+    print(f"{address} is open until Enter or Ctrl-C", end="", flush=True)
     try:
-        input()
-    except (KeyboardInterrupt, EOFError):
+        try:
+            input()
+        except (EOFError, RuntimeError):  # standard input is at its end, or closed
+            Event().wait()
+    except KeyboardInterrupt:
         print()

@@ -3,7 +3,7 @@
 import numpy as np
 import plotly.graph_objects as go
 
-from cpid_drake.files.figures import COLORS, INK, new_figure
+from cpid_drake.files.figures import COLORS, new_figure
 from cpid_drake.report.page import Section, Table
 from techniques.claims import CLAIMS, judge
 from techniques.comparison import ONE_JOINT, Cell, TechniqueComparison
@@ -32,15 +32,20 @@ def sections(found: TechniqueComparison) -> list[Section]:
     errors = [_errors(found, cell) for cell in found.cells]
     return [
         Section("What is compared", texts=INTRODUCTION),
-        Section("The paper’s claims", facts=claims(found)),
         Section("Errors at a glance", figures=figures(found), columns=1),
-        Section("Errors of each technique", tables=[each for each in errors if each.rows]),
-        Section("Motions, training and control of their own", tables=[_experiments(found)]),
+        Section("The paper’s claims", facts=claims(found)),
+        Section(
+            "Errors of each technique", tables=[each for each in errors if each.rows], folded=True
+        ),
+        Section(
+            "Motions, training and control of their own", tables=[_experiments(found)], folded=True
+        ),
         Section(
             "What each needs",
             tables=[Table(["", "besides attitude, gyro, encoders", "from"], needs)],
+            folded=True,
         ),
-        Section("Failures", texts=failures or ["No technique failed in a trial."]),
+        Section("Failures", texts=failures or ["No technique failed in a trial."], folded=True),
     ]
 
 
@@ -113,28 +118,30 @@ def _error_figure(found: TechniqueComparison, motion: str) -> go.Figure:
     cells = [cell for cell in found.cells if cell.motion == motion]
     names = [each.name for each in found.records if each.experiment is None]
     label = "RMS error of the worst parameter (| bound)"
-    figure = new_figure(motion, label, height=22 * len(names) + 160)
+    figure = new_figure(motion, label, height=36 * len(names) + 160)
     for k, cell in enumerate(cells):
         place = (motion, cell.sensors, cell.target)
         rms, low, high, bounds = (
             np.array([found.numbers.get((name, *place), {}).get(each, np.nan) for name in names])
             for each in ("rms", "low", "high", "bound")
         )
-        y = np.arange(len(names)) + 0.2 * (k - (len(cells) - 1) / 2)
+        y = np.arange(len(names)) + 0.5 * (k + 0.5) / len(cells)  # below the name of the row
         color, title = COLORS[k % 6], f"{cell.sensors}, {cell.target} target"
         spread = {"array": np.maximum(high - rms, 0), "arrayminus": np.maximum(rms - low, 0)}
         marker = {"color": color, "size": 7}
         figure.add_scatter(
             x=rms, y=y, error_x=spread, mode="markers", name=title, text=names, marker=marker
         )
-        line = {"color": color if k else INK, "width": 2}
-        marker = {"symbol": "line-ns-open", "size": 9, "line": line}
+        marker = {"symbol": "line-ns", "size": 9, "line": {"color": color, "width": 2}}
         name = f"bound of {title}"
         figure.add_scatter(x=bounds, y=y, mode="markers", name=name, text=names, marker=marker)
     figure.update_xaxes(type="log", exponentformat="power")
     figure.update_layout(legend={"y": -0.1})
-    rows = {"tickvals": np.arange(len(names)), "ticktext": names, "autorange": "reversed"}
-    return figure.update_yaxes(**rows)
+    for row, name in enumerate(names):  # inside the axes, so that they need no width
+        corner = {"x": 0, "xref": "paper", "xanchor": "left", "yanchor": "bottom"}
+        figure.add_annotation(text=name, y=row, showarrow=False, font={"size": 11}, **corner)
+    rows = {"tickvals": np.arange(len(names)), "range": [len(names), -0.7]}
+    return figure.update_yaxes(**rows, showticklabels=False)
 
 
 def number(value: float) -> str:

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from processes import finish, start
+from processes import HUNG, finish, start
 
 from cpid_drake.commands.main import COMMANDS
 
@@ -50,6 +50,20 @@ def test_the_help_of_a_command_shows_what_its_options_take_and_its_exit_codes(tm
     assert "Base body of the spacecraft." in ended.stdout
     assert "3 not all are determined" in " ".join(ended.stdout.split())
     assert "--install-completion" not in ended.stdout
+
+
+@pytest.mark.parametrize("arguments", ["list", "--help", "validate"])
+def test_without_a_reader_a_command_ends_quietly(tmp_path, arguments):
+    """As in `cpid list | head -1`, and with 141 as other commands do; an error is still said."""
+    process = start("-m", "cpid_drake", arguments, cwd=tmp_path)
+    process.stdout.close()
+    error = process.stderr.read()
+    code = process.wait(HUNG)
+    process.stderr.close()
+    if arguments == "validate":
+        assert (code, error.count("\n")) == (2, 1)
+    else:
+        assert (code, error) == (141, "")
 
 
 @pytest.mark.parametrize("arguments", [(), ("log",)])

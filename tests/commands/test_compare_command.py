@@ -8,6 +8,7 @@ import pytest
 from flyer_cases import FREE_FLYER, SAMPLE
 
 from cpid_drake import read_log, read_result, write_log, write_result
+from cpid_drake.identification.checks import Check
 
 
 @pytest.fixture(scope="module")
@@ -54,6 +55,24 @@ def test_results_of_two_targets_do_not(cpid):
     assert "do not have the same target, most in m" in page
     assert "[8.326, 8.718]" in page
     assert cpid("compare", *arguments, "--quiet")[:2] == (4, "")
+
+
+def test_what_is_not_decided_has_its_exit_code(cpid):
+    """Of results that share no combination of the parameters, and of one that failed a check."""
+    first, second = read_result("first.json"), read_result("second.json")
+    for name, result, kept in (("some", first, slice(4)), ("rest", second, slice(4, 10))):
+        own = result.combinations
+        information = np.zeros((10, 10))
+        information[kept, kept] = np.diag(np.diag(own.information)[kept])
+        part = replace(result, combinations=replace(own, information=information))
+        write_result(f"{name}.json", part)
+    code, stdout, stderr = cpid("compare", "some.json", "rest.json")
+    assert (code, stderr) == (3, "")
+    assert stdout.startswith("the results determine nothing in common\n")
+    write_result("failed.json", replace(second, checks=(Check("noise", "it is larger"),)))
+    code, stdout, stderr = cpid("compare", "first.json", "failed.json")
+    assert (code, stderr) == (3, "warning: failed.json: failed check: it is larger\n")
+    assert stdout.startswith("not decided, because failed.json failed checks")
 
 
 def test_the_ellipsoids_of_both_are_in_one_scene(cpid):

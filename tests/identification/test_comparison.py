@@ -16,9 +16,11 @@ from cpid_drake import (
     identify,
     write_result,
 )
-from cpid_drake.dynamics.parameterizations import relative_parameterization
+from cpid_drake.dynamics.parameterizations import parameter_scale, relative_parameterization
+from cpid_drake.identification.checks import Check
 from cpid_drake.identification.request import Request, Source
 from cpid_drake.logs.simulated_noise import add_noise
+from cpid_drake.report.pages.comparison import comparison_report
 from cpid_drake.spacecraft.reference import SpacecraftReference
 
 DRAWS = 60
@@ -151,6 +153,24 @@ def test_results_on_a_table_are_compared_by_what_acts(tmp_path):
     assert comparison.check.limit == pytest.approx(chi2.isf(1e-4, 4))
 
 
+def test_the_page_draws_all_intervals_on_one_axis(results):
+    """From the first estimate on, in per cent of its size: equal lengths are equal errors."""
+    comparison = compare(results)
+    [section, *_] = comparison_report(comparison).sections
+    [figure] = section.figures
+    assert [trace.name for trace in figure.data if trace.showlegend] == ["a", "b"]
+    first, *_ = results.values()
+    scale = parameter_scale(first.consistent.to_vector())
+    for k, apart in enumerate(comparison.distances()[1]):
+        axis = f"x{k + 1}" if k else "x"
+        for name, result in results.items():
+            bar, point = (e for e in figure.data if (e.name, e.xaxis) == (name, axis))
+            values = [*result.shown_intervals[k], result.parameters[k]]
+            off = 100 * (np.array(values) - first.parameters[k]) / scale[k]
+            np.testing.assert_allclose([*bar.x, *point.x], off, atol=1e-9)
+        assert f", {abs(apart):.1f} σ apart" in figure.layout.annotations[k].text
+
+
 def test_differences_of_requests_are_listed(results, tmp_path):
     a = of_log(results["a"], "a.csv", sensors="testbed")
     b = of_log(results["b"], "b.csv", sensors="flight")
@@ -186,12 +206,23 @@ def test_a_prior_that_is_the_other_result_is_said(results, tmp_path):
 
 
 def test_a_failed_check_of_a_result_is_said(results):
-    from cpid_drake.identification.checks import Check
-
     failed = replace(results["b"], checks=(Check("noise", "the noise is larger"),))
     comparison = compare({"a": results["a"], "b": failed})
     assert comparison.warnings == ("b: failed check: the noise is larger",)
     assert comparison.differences["failed checks"] == ("none", "noise")
+
+
+@pytest.mark.parametrize(("share", "stands"), [(0.0, "agree"), (0.3, "do not have the same")])
+def test_a_result_that_failed_its_checks_decides_nothing(results, share, stands):
+    """Its numbers may be wrong by any amount: neither that they agree nor that they differ."""
+    b = results["b"]
+    other = replace(b, parameters=b.parameters * [1 + share, *np.ones(9)], combinations=None)
+    failed = replace(other, checks=(Check("noise", "the noise is larger"),))
+    comparison = compare({"a": results["a"], "b": failed})
+    assert comparison.failed == ["b"]
+    assert comparison.is_same_target is None
+    assert comparison.verdict.startswith("not decided, because b failed checks")
+    assert f"as they stand, the results {stands}" in comparison.verdict
 
 
 @pytest.mark.parametrize(

@@ -51,7 +51,7 @@ def test_a_large_bias_is_named_and_estimated(craft, suite, noisy, skewed_target)
     [warning] = result.warnings
     assert warning.startswith("the gyro has a bias of (0.4998 ± 0.0082, -0.3444")
     assert "times the sigma that its file declares" in warning
-    assert "declare gyro.bias_deg_per_s: 0.38" in warning
+    assert warning.endswith("declare gyro.bias_deg_per_s: 0.38 and remove gyro.bias")
     assert result.passed, result.failures
     assert nees(result, skewed_target) < chi2.isf(1e-3, 10)
     effect = bias_of(result)
@@ -98,10 +98,28 @@ def test_each_log_of_one_hardware_has_its_own_bias(craft, suite, noisy, skewed_t
     assert nees(result, skewed_target) < chi2.isf(1e-3, 10)
 
 
-def test_a_gyro_that_has_none_by_its_file_keeps_none(craft, suite, noisy):
+@pytest.mark.parametrize("key", ["bias: 0", "unstated: exact"])
+def test_a_bias_that_the_file_excludes_is_not_sought_but_is_named(craft, suite, noisy, key):
+    """A small one in a warning of a result that passes, a large one as a cause of failed checks."""
+    gyro = replace(suite.gyro, bias=0.0 if key == "bias: 0" else None)
+    excluded = replace(suite, gyro=gyro)
+    small = identify(craft, noisy(BIAS / 10), sensors=excluded)
+    large = identify(craft, noisy(BIAS), sensors=excluded)
+    assert small.passed, small.failures
+    assert not large.passed
+    for result, [said], size in (
+        (small, [text for text in small.warnings if "bias" in text], "(0.04"),
+        (large, large.failures[:1], "most likely, the gyro has a bias of (0.49"),
+    ):
+        assert size in said
+        assert f"which `{key}` excludes: declare gyro.bias_deg_per_s: 0." in said
+        assert said.endswith(" and remove gyro.bias") == (key == "bias: 0")
+        assert not any(each.name == "gyro.bias" for each in result.effects)
+
+
+def test_no_bias_is_named_without_one(craft, suite, noisy):
     exact = replace(suite, gyro=replace(suite.gyro, bias=0.0))
-    result = identify(craft, noisy(BIAS), sensors=exact, rows="relative")
-    assert not any("bias of (" in text for text in result.warnings)
+    assert not any("bias" in text for text in identify(craft, noisy(0.0), sensors=exact).warnings)
 
 
 def test_the_error_of_the_integral_is_no_bias(craft, skewed_target):

@@ -45,6 +45,17 @@ def test_a_sensor_most_of_whose_samples_cannot_be_used_fails_a_check(
     assert is_trusted or "samples of position could not be used" in found.failures[0]
 
 
+@pytest.mark.parametrize("is_exact", [False, True])
+def test_a_sensor_without_stated_noise_is_named(craft, ideal, suite, is_exact):
+    """It is taken as exact, which a suite says of itself with `unstated: exact`."""
+    samples = add_noise(suite, ideal(suite, 2.0), 4)
+    silent = replace(suite, gyro=Gyro(suite.gyro.rate), unstated="exact" if is_exact else None)
+    warnings = identify(craft, samples, sensors=silent).warnings
+    said = [text for text in warnings if "is stated: it was taken as exact" in text]
+    assert len(said) == (not is_exact)
+    assert all("noise of the angular velocity" in text and "'gyro:'" in text for text in said)
+
+
 @pytest.mark.slow
 def test_a_fit_tells_the_share_of_its_log_that_it_leaves_out(craft, ideal, suite):
     """The gyro is lost in noise for a while, and the answer is that of the rest."""

@@ -15,7 +15,7 @@ from cpid_drake import (
     load_sensors,
     read_log,
 )
-from cpid_drake.dynamics.parameterizations import relative_parameterization
+from cpid_drake.dynamics.parameterizations import parameter_scale, relative_parameterization
 from cpid_drake.identification.checks import Check
 from cpid_drake.identification.result import extremes
 
@@ -166,20 +166,26 @@ class TestHtml:
 
 class TestFigure:
     def test_it_shows_each_parameter_with_interval_and_truth(self, result):
+        """All on one axis, from the estimate, in per cent of m, radius of gyration and tr I."""
         figure = result.plot(BAG)
+        scale = parameter_scale(result.consistent.to_vector())
+        low, high = figure.layout.xaxis.range
         for k, name in enumerate(PARAMETER_NAMES):
             axis = f"x{k + 1}" if k else "x"
-            marks = {each.name: each.x for each in figure.data if each.xaxis == axis}
-            np.testing.assert_allclose(marks["95 % interval"], result.shown_intervals[k])
-            assert marks["estimate"][0] == result.parameters[k]
-            assert marks["true value"][0] == BAG.to_vector()[k]
-            low, high = figure.layout[f"xaxis{k + 1 if k else ''}"].range
-            assert low < result.shown_intervals[k, 0] < result.shown_intervals[k, 1] < high
+            marks = {each.name: each for each in figure.data if each.xaxis == axis}
+            values = [*result.shown_intervals[k], result.parameters[k], BAG.to_vector()[k]]
+            drawn = [marks[each] for each in ("95 % interval", "estimate", "true value")]
+            np.testing.assert_allclose(np.concatenate([e.customdata for e in drawn]), values)
+            off = 100 * (np.array(values) - result.parameters[k]) / scale[k]
+            np.testing.assert_allclose(np.concatenate([each.x for each in drawn]), off, atol=1e-9)
+            assert low < off.min() <= off.max() < high
+            assert figure.layout[f"xaxis{k + 1 if k else ''}"].matches == "x"
             assert f"<b>{name}</b>  {result[name].in_words()}" == figure.layout.annotations[k].text
 
     def test_what_is_not_known_says_so(self, unknown):
         figure = unknown.plot()
         assert all("not identifiable" in each.text for each in figure.layout.annotations)
+        assert np.isfinite(figure.layout.xaxis.range).all()
 
 
 def test_of_a_target_without_mass_only_the_mass_has_bounds():

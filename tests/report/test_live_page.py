@@ -3,13 +3,16 @@
 import http.client
 import json
 import re
+import signal
 import socket
 import sys
 from dataclasses import replace
+from subprocess import TimeoutExpired
 
 import flyer_cases
 import numpy as np
 import pytest
+from processes import HUNG, start
 
 from cpid_drake import InputError, LivePage, OnlineIdentifier, identify, make_simulation
 from cpid_drake.identification.checks import Check
@@ -170,7 +173,24 @@ def test_it_waits_for_enter_if_asked(monkeypatch, capsys):
     page.close(wait=True)
     out, error = capsys.readouterr()
     assert error == f"Open {page.address}\n"
-    assert out == f"{page.address} is open until Enter"
+    assert out == f"{page.address} is open until Enter or Ctrl-C"
+
+
+@pytest.mark.parametrize("before", ["", "sys.stdin = None"])
+def test_without_input_it_waits_for_an_interrupt(tmp_path, before):
+    """As of a process in the background."""
+    code = f"import sys, cpid_drake; {before}\ncpid_drake.LivePage().close(wait=True)"
+    process = start("-c", code, cwd=tmp_path)
+    process.stdin.close()
+    text = "is open until Enter or Ctrl-C"
+    printed = ""
+    while text not in printed:
+        printed += process.stdout.read(1)
+    with pytest.raises(TimeoutExpired):
+        process.wait(0.5)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(HUNG) == 0
+    assert process.stderr.read().count("\n") == 1  # its address
 
 
 @of_linux

@@ -1,17 +1,22 @@
 """What the scene of a live page draws: the spacecraft at the latest samples, near its camera."""
 
+from time import monotonic, sleep
 from types import SimpleNamespace as Message
 
 import numpy as np
 import pytest
 from flyer_cases import SENSORS_OF_SAMPLE, flyer
+from rich.console import Console
 from scipy.spatial.transform import Rotation
 
 from cpid_drake import InputError, LivePage, OnlineIdentifier, load_sensors
 from cpid_drake.online.messages import OK, STALE, WARN, Status
 from cpid_drake.online.ros_samples import RosSamples
-from cpid_drake.report.live_view import NodeView, state_of
+from cpid_drake.report.live_view import NodeView, show_replay, state_of
 from cpid_drake.report.scene import Scene
+
+WORK = 0.3
+"""Time for which a slow identifier works on a sample [s]; more than the period of a page."""
 
 JOINTS = np.array([0.1, -0.2, 0.3, 0.4])
 TURN = Rotation.from_rotvec([0.2, -0.1, 0.4])
@@ -94,3 +99,25 @@ def test_a_scene_begins_in_front_of_its_camera():
             numbers = np.frombuffer(drawn[-16 * 9 :], dtype=[("type", "u1"), ("number", ">f8")])
             X_WB = numbers["number"].reshape(4, 4).T
             np.testing.assert_allclose(X_WB[:3, 3], [moved, 0, 0], atol=1e-9)
+
+
+class SlowIdentifier(OnlineIdentifier):
+    """Works for a while after some samples, as one that solves a large block."""
+
+    def add(self, sensor, time, value):
+        super().add(sensor, time, value)
+        sleep(WORK if time >= 0.2 else 0.0)
+
+
+def test_a_replay_that_computes_behind_its_samples_says_how_late_it_is():
+    """Also while it has just computed, and at its end."""
+    stream = [("encoders", k / 10, JOINTS) for k in range(5)]
+    identifier, shown = SlowIdentifier(flyer(), SENSORS_OF_SAMPLE), []
+    begin = monotonic()
+    with LivePage() as page:
+        page.show = lambda time, found, status: shown.append((time, float(status.split()[0])))
+        show_replay(identifier, stream, 10.0, Console(quiet=True), page)
+    late = dict(shown)  # the last of each time
+    assert max(late.values()) <= monotonic() - begin
+    for k in (2, 3, 4):
+        assert late[k / 10] >= (k - 1) * WORK - k / 100 - 0.05

@@ -246,7 +246,7 @@ def _error_figure(found: Statistics, point: int) -> go.Figure:
         figure.add_scatter(x=ends.ravel(), y=height, mode="lines", name="bound", line=line)
     figure.update_yaxes(type="log", exponentformat="power")
     names_at = {"tickvals": np.arange(10), "ticktext": PARAMETER_NAMES, "range": [-0.6, 9.6]}
-    return figure.update_xaxes(showgrid=False, **names_at)
+    return figure.update_xaxes(showgrid=False, zeroline=False, **names_at)
 
 
 def _axis_figures(found: Statistics) -> list[go.Figure]:

@@ -7,6 +7,7 @@ import numpy as np
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.files.digits import significant
 from cpid_drake.identification.comparison import Comparison
+from cpid_drake.identification.figure import compared_bars
 from cpid_drake.report.page import Report, Section, Table
 from cpid_drake.report.sections.data import written_by
 
@@ -20,13 +21,20 @@ def comparison_report(comparison: Comparison) -> Report:
     verdict = comparison.verdict[0].upper() + comparison.verdict[1:]
     sections = [
         Section(
-            "Comparison",
+            "Parameters",
             warnings=[f"{text}." for text in comparison.warnings],
+            figures=[compared_bars(comparison.results, _distance_words(comparison))],
+            columns=1,
+            half=True,
+        ),
+        Section(
+            "Numbers",
             texts=[
                 "The errors of the results are taken to be independent. Errors of one spacecraft "
                 "or of its sensors are not: to hold them in common, identify the logs together.",
             ],
             tables=[interval_table(comparison)],
+            half=True,
         ),
         Section(
             "Agreement",
@@ -35,8 +43,20 @@ def comparison_report(comparison: Comparison) -> Report:
         ),
     ]
     if comparison.differences:
-        sections.insert(1, Section("Differences", tables=[differences_table(comparison)]))
+        sections.insert(2, Section("Differences", tables=[differences_table(comparison)]))
     return Report(f"{names} compared", f"{verdict}.", sections)
+
+
+def _distance_words(comparison: Comparison) -> list[str]:
+    """Return how far each parameter of the results is from that of the first, in words."""
+    words = []
+    for name, apart in zip(PARAMETER_NAMES, comparison.distances().T, strict=True):
+        first, *others = (result[name] for result in comparison.results.values())
+        largest = np.nanmax(np.abs(apart[1:]), initial=-1.0)
+        said = f", {largest:.1f} σ apart" if largest >= 0 else ""
+        words.append(" against ".join(each.shown() for each in (first, *others)[:2]))
+        words[-1] += f" {first.unit}{said}"
+    return words
 
 
 def interval_table(comparison: Comparison, *, is_drawn: bool = False) -> Table:
