@@ -63,6 +63,12 @@ class Alternative:
     entries: Mapping[str, Any]
     count: int = 1
 
+    def then(self, other: "Alternative") -> "Alternative":
+        """Return both together, given an alternative to this one."""
+        text = f"{self.text}; and {other.text}" if self.text else other.text
+        entries = {**self.entries, **other.entries}
+        return Alternative(text, other.log, other.tree, entries, self.count + other.count)
+
     @property
     def is_point(self) -> bool:
         """Whether the position is that of another point, and nothing else is different."""

@@ -7,10 +7,9 @@ comparisons of `logs.score`. The right convention leaves noise, all others leave
 of any size (delays, scales, zeros, masses) are no conventions: a fit compares them by evidence.
 """
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from time import process_time
 
 import numpy as np
 
@@ -26,11 +25,9 @@ from cpid_drake.logs.combined_alternatives import (
 )
 from cpid_drake.logs.instants import Instants, instants_of
 from cpid_drake.logs.log import Log
-from cpid_drake.logs.score import MOMENTUM, WORSE, Comparison, compare_momentum, compare_rates
+from cpid_drake.logs.score import MOMENTUM, Comparison, compare_momentum, compare_rates
+from cpid_drake.logs.search import AGREES, EXPLAINS, Budget, Search, limit_of
 from cpid_drake.sensors.sensors import POSITIONS, SENSORS
-
-EXPLAINS = 0.05
-"""Largest residual of the momentum that a right convention leaves; smoothing leaves less."""
 
 BUDGET = 2.0
 """Longest search for other conventions [s of a processor]."""
@@ -38,15 +35,8 @@ BUDGET = 2.0
 IS_SMALL = 0.02
 """Residual of the momentum of which noise and errors of some size are the likeliest cause."""
 
-AGREES = 0.2
-"""Largest residual of rates that agree with positions; another unit, axis or sign leaves 0.5."""
-
 DIFFERS = 0.5
 """Residual of positions and rates that are of different motions."""
-
-CLEARLY = 3.0
-"""Ratio of residuals from which one convention explains a log clearly better than another."""
-
 
 _PLACE = {"position.unit", "position.point_B"}
 """The conventions of a position that may be wrong beside a gyro that is late."""
@@ -172,8 +162,7 @@ def _comparisons(given: Instants, log: Log, tree: KinematicTree | None) -> list[
 
 def _failed(comparisons: Sequence[Comparison]) -> list[Comparison]:
     """Return the comparisons whose residuals a right convention does not leave."""
-    limits = ((c, EXPLAINS if c.name == MOMENTUM else AGREES) for c in comparisons)
-    return [c for c, limit in limits if c.residual > limit]
+    return [c for c in comparisons if c.residual > limit_of(c.name)]
 
 
 def _not_compared(log: Log, compared: Collection[str]) -> tuple[str, ...]:
@@ -215,32 +204,32 @@ def better_conventions(
 
     """
     tree = None if tree is None else tree.lumped
-    budget = _Budget()
-    search = _Search(given, names, tree)
+    budget = Budget(BUDGET)
+    search = Search(given, names, tree)
     search.compare(budget.spent_on(alternatives(given, names, tree, column_map)))
     if not search.explains_all:
         search.compare(budget.spent_on(turned_attitudes(given, tree, column_map)))
     if tree is None or search.explains_all:
-        return search.best, budget.is_enough
+        return search.named, budget.is_enough
     place = ("position", "velocity")
-    if search.rates > AGREES:
+    if search.residual("attitude") > AGREES:
         part = given.without(*place)
-        turning = _Search(part, names, tree)
+        turning = Search(part, names, tree)
         turning.compare(budget.spent_on(attitude_alternatives(part, tree, column_map)))
         search = turning if turning.explains_all else search
-    if search.best or search.rates > AGREES:
-        return search.best, budget.is_enough
-    late = ("gyro",) if search.rates > EXPLAINS else ()
+    if search.named or search.residual("attitude") > AGREES:
+        return search.named, budget.is_enough
+    late = ("gyro",) if search.residual("attitude") > EXPLAINS else ()
     for apart, compared in (
         ((*place, *late), joint_alternatives),  # takes least
         (late, joint_alternatives),
         (late, partial(alternatives, keys=_PLACE)),
     ):
         part = given.without(*apart)
-        search = _Search(part, names, tree)
+        search = Search(part, names, tree)
         if not search.explains_all:
             search.compare(budget.spent_on(compared(part, names, tree, column_map)))
-        best = [each for each in search.best if _has_place(each, given, names, tree, column_map)]
+        best = [each for each in search.named if _has_place(each, given, names, tree, column_map)]
         if best:
             return best, budget.is_enough
     return [], budget.is_enough
@@ -265,64 +254,3 @@ def _has_place(
     others = alternatives(log, names, tree, with_entries(column_map, each.entries), _PLACE)
     logs = [log, *(other.log for other in others)]
     return any(c.residual <= EXPLAINS for one in logs for c in compare_momentum(one, tree))
-
-
-class _Budget:
-    """The processor time of a search; once it is spent, nothing more is compared."""
-
-    def __init__(self) -> None:
-        self._end, self.is_enough = process_time() + BUDGET, True
-
-    def spent_on(self, others: Iterable[Alternative]) -> Iterator[Alternative]:
-        """Yield alternatives until the budget is spent."""
-        for each in others:
-            if process_time() > self._end:
-                self.is_enough = False
-                return
-            yield each
-
-
-class _Search:
-    """A search for conventions that explain a log better than those in which it is read."""
-
-    def __init__(self, given: Instants, names: tuple[str, ...], tree: KinematicTree | None) -> None:
-        self._names = names
-        before = compare_rates(given, names) + compare_momentum(given, tree)
-        self._now = {c.name: c.residual for c in before}
-        self._rows = list[tuple[float, Alternative, Mapping[str, float]]]()
-
-    @property
-    def rates(self) -> float:
-        """By how much gyro and attitude differ as read; a gyro that is late differs a little."""
-        return self._now.get("attitude", 0.0)
-
-    @property
-    def best(self) -> list[Alternative]:
-        """The alternatives that explain the log best, the usual one first; see above."""
-        least = min((total for total, *_ in self._rows), default=0.0)
-        best = [each for total, each, _ in self._rows if total < least + np.log(CLEARLY)]
-        return best if len(best) <= 3 else []  # more are no help
-
-    @property
-    def explains_all(self) -> bool:
-        """Whether the best alternative, or else the log as read, leaves nothing unexplained."""
-        _, _, then = min(self._rows, key=lambda row: row[0], default=(0.0, None, self._now))
-        return all(v <= (EXPLAINS if n == MOMENTUM else AGREES) for n, v in then.items())
-
-    def compare(self, others: Iterable[Alternative]) -> None:
-        """Compare other conventions, and keep those that explain the log clearly better."""
-        for each in others:
-            then = {c.name: c.residual for c in compare_rates(each.log, self._names)}
-            if self._contradicts(then):  # the momentum takes longer
-                continue
-            then |= {c.name: c.residual for c in compare_momentum(each.log, each.tree)}
-            clearly = CLEARLY**each.count
-            better = [n for n, value in then.items() if clearly * value < self._now.get(n, 0.0)]
-            explained = all(then[n] < (EXPLAINS if n == MOMENTUM else AGREES) for n in better)
-            if better and explained and not self._contradicts(then):
-                total = sum(np.log(value) for value in then.values())
-                self._rows.append((total + each.count * np.log(CLEARLY), each, then))
-
-    def _contradicts(self, then: Mapping[str, float]) -> bool:
-        now = self._now
-        return any(v > WORSE * now.get(n, np.inf) and v > EXPLAINS for n, v in then.items())
