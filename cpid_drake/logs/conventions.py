@@ -11,19 +11,20 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
-import numpy as np
-
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.files.errors import listed
 from cpid_drake.logs.alternatives import Alternative, alternatives
 from cpid_drake.logs.clock import clock_factor, with_delay
 from cpid_drake.logs.column_map import ColumnMap, with_entries
 from cpid_drake.logs.combined_alternatives import (
+    as_read,
     attitude_alternatives,
     joint_alternatives,
     turned_attitudes,
 )
-from cpid_drake.logs.instants import Instants, instants_of
+from cpid_drake.logs.common_clock import gyro_delay
+from cpid_drake.logs.common_turn import common_turns
+from cpid_drake.logs.instants import Instants, SmoothedLog, instants_of
 from cpid_drake.logs.log import Log
 from cpid_drake.logs.score import MOMENTUM, Comparison, compare_momentum, compare_rates
 from cpid_drake.logs.search import AGREES, EXPLAINS, Budget, Search, limit_of
@@ -39,7 +40,10 @@ DIFFERS = 0.5
 """Residual of positions and rates that are of different motions."""
 
 _PLACE = {"position.unit", "position.point_B"}
-"""The conventions of a position that may be wrong beside a gyro that is late."""
+"""The conventions of a position that may be wrong beside others."""
+
+_MOST_BASES = 4
+"""Most readings of attitude and gyro of which other conventions are compared."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,15 +122,17 @@ def check_conventions(
             whether the momentum is conserved, with noise, forces and errors.
 
     """
-    given = instants_of(log)
-    if given is None:
+    smoothed = SmoothedLog.of(log)
+    given = None if smoothed is None else smoothed.instants()
+    if smoothed is None or given is None:
         return Findings(unchecked=("units, signs and frames (too few samples)",))
     found = _comparisons(given, log, tree)
     failed = _failed(found)
     better, is_decided = list[Alternative](), True
     if by_momentum or any(c.name != MOMENTUM for c in failed):
         column_map = log.column_map or ColumnMap()
-        better, is_decided = better_conventions(given, log.joint_names, tree, column_map)
+        in_time = _with_gyro_in_time(given, smoothed, log, found)
+        better, is_decided = better_conventions(in_time, log.joint_names, tree, column_map)
     unchecked = []
     momentum = next((c for c in found if c.name == MOMENTUM), None)
     if tree is None:
@@ -148,6 +154,15 @@ def check_conventions(
     if momentum is None or momentum in failed:
         unmoved = (*unmoved, *_alone(log))
     return Findings(tuple(found), clock, tuple(better), tuple(unchecked), unmoved)
+
+
+def _with_gyro_in_time(
+    given: Instants, smoothed: SmoothedLog, log: Log, found: Sequence[Comparison]
+) -> Instants:
+    """Return what a log says without the delay of its gyro, which would hide other conventions."""
+    if not any(c.name == "attitude" and c.residual > EXPLAINS for c in found):
+        return given
+    return smoothed.instants({"gyro": gyro_delay(log, smoothed)}) or given
 
 
 def has_agreement(log: Log, tree: KinematicTree) -> bool:
@@ -212,27 +227,33 @@ def better_conventions(
     if tree is None or search.explains_all:
         return search.named, budget.is_enough
     place = ("position", "velocity")
-    if search.residual("attitude") > AGREES:
-        part = given.without(*place)
-        turning = Search(part, names, tree)
-        turning.compare(budget.spent_on(attitude_alternatives(part, tree, column_map)))
-        search = turning if turning.explains_all else search
-    if search.named or search.residual("attitude") > AGREES:
+    part, bases = given.without(*place), [as_read(given, tree)]
+    by_rates = Search(part, names, None)
+    if by_rates.residual("attitude") > AGREES:  # rates decide; the momentum may not agree yet
+        by_rates.compare(budget.spent_on(attitude_alternatives(part, tree, column_map)))
+        bases = by_rates.better[:_MOST_BASES]
+    elif search.named:
         return search.named, budget.is_enough
-    late = ("gyro",) if search.residual("attitude") > EXPLAINS else ()
-    for apart, compared in (
-        ((*place, *late), joint_alternatives),  # takes least
-        (late, joint_alternatives),
-        (late, partial(alternatives, keys=_PLACE)),
+    single = search.named
+    for apart, ways in (
+        (place, (joint_alternatives, common_turns)),  # takes least
+        ((), (joint_alternatives, partial(alternatives, keys=_PLACE))),
     ):
         part = given.without(*apart)
         search = Search(part, names, tree)
-        if not search.explains_all:
-            search.compare(budget.spent_on(compared(part, names, tree, column_map)))
+        readings = [replace(each, log=each.log.over(part)) for each in bases]
+        search.compare(budget.spent_on(each for each in readings if each.count))
+        for way in () if search.explains_all else ways:
+            for base in readings:
+                changed = with_entries(column_map, base.entries)
+                others = way(base.log, names, tree, changed)
+                search.compare(budget.spent_on(base.then(each) for each in others))
+            if search.explains_all:
+                break
         best = [each for each in search.named if _has_place(each, given, names, tree, column_map)]
         if best:
             return best, budget.is_enough
-    return [], budget.is_enough
+    return by_rates.named or single, budget.is_enough
 
 
 def _has_place(
@@ -248,9 +269,7 @@ def _has_place(
     """
     if "position" not in given.values or "position" in each.log.values:
         return True
-    log = given.without("encoders", *(("gyro",) if "gyro" not in each.log.values else ()))
-    values, rates = {**log.values, **each.log.values}, {**log.rates, **each.log.rates}
-    log = replace(log, values=values, rates=rates, moving=each.log.moving | log.moving)
+    log = each.log.over(given)
     others = alternatives(log, names, tree, with_entries(column_map, each.entries), _PLACE)
     logs = [log, *(other.log for other in others)]
     return any(c.residual <= EXPLAINS for one in logs for c in compare_momentum(one, tree))

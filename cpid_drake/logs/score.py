@@ -20,6 +20,7 @@ Source: Ning et al. 2016, Eqs. 5 and 9.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -98,7 +99,7 @@ def compare_rates(given: Instants, names: tuple[str, ...]) -> list[Comparison]:
 def compare_momentum(given: Instants, tree: KinematicTree | None) -> list[Comparison]:
     """Return the comparison with the conservation of momentum, if one is possible."""
     found = explain_by_momentum(given, tree)
-    return [] if found is None else [found[0]]
+    return [] if found is None else [found.comparison]
 
 
 def _momentum_of(given: Instants, tree: KinematicTree) -> MomentumSamples:
@@ -118,19 +119,34 @@ def _momentum_of(given: Instants, tree: KinematicTree) -> MomentumSamples:
     return momentum_samples(tree, still)
 
 
+class Explained(NamedTuple):
+    """What the conservation of momentum with the best target leaves of a log.
+
+    Attributes:
+        comparison: its residual is the geometric mean of those of the base's motion and of its
+            rotation, and at least 1 if no target with its mass or inertia, or no point near the
+            base, can exist.
+        point_B: (3,) place of the point in B [m].
+        reach: the reach of the arm [m].
+        errors: (N,) relative to the motion; those of the base's motion, and of its rotation, have
+            their residual as their norm.
+
+    """
+
+    comparison: Comparison
+    point_B: Array
+    reach: float
+    errors: Array
+
+
 def explain_by_momentum(
     given: Instants, tree: KinematicTree | None, *, has_free_point: bool = False
-) -> tuple[Comparison, Array, float] | None:
+) -> Explained | None:
     """Return what the conservation of momentum with the best target leaves of a log.
 
     With a free point, the positions may be those of another point than B's origin.
 
-    Returns:
-        The comparison, whose residual is the geometric mean of those of the base's motion and of
-        its rotation, and at least 1 if no target with its mass or inertia, or no point near the
-        base, can exist; the place (3,) of the point in B [m]; the reach of the arm [m]. None if
-        nothing moves, or nothing can be compared.
-
+    It is None if nothing moves, or nothing can be compared.
     """
     is_tilted = tree is not None and tree.normal_B is not None and tree.normal_C is None
     # On a table, the centre of mass of a craft that is not planar may rise.
@@ -158,10 +174,11 @@ def explain_by_momentum(
     A, b = (np.concatenate([p[k] / sigma for p, sigma in zip(parts, noise)]) for k in (0, 1))
     together = _least_squares(A, b)
     errors = np.split(together[1], [len(parts[0][1])])
-    left = [
-        max(_rms(e) * sigma / max(size, 1e-300), RESOLUTION)
+    relative = [
+        e * sigma / (max(size, 1e-300) * np.sqrt(e.size))
         for e, sigma, (*_, size) in zip(errors, noise, parts)
     ]
+    left = [max(float(np.linalg.norm(e)), RESOLUTION) for e in relative]
     is_possible, point_B = not has_spin or _has_inertia(*together[::2], tree), np.zeros(3)
     for x, _, root in (*alone, together):
         share = x[0] / samples.mass
@@ -176,7 +193,8 @@ def explain_by_momentum(
     residual = float(np.exp(np.mean(np.log(left))))
     residual = residual if is_possible else max(residual, 1.0)
     sides = "motion of the base", "motion that the conservation of momentum allows"
-    return Comparison(MOMENTUM, sides, values, residual), point_B, reach
+    comparison = Comparison(MOMENTUM, sides, values, residual)
+    return Explained(comparison, point_B, reach, np.concatenate(relative))
 
 
 def _linear(

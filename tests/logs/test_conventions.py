@@ -445,7 +445,7 @@ def test_the_momentum_finds_the_point_of_the_position(craft, skewed_target):
     log = measured(craft, motion, skewed_target, suite)
     moved = changed("position", moved_point)(log)
     found = explain_by_momentum(instants_of(moved), craft.tree, has_free_point=True)
-    np.testing.assert_allclose(found[1], POINT, atol=1e-3)
+    np.testing.assert_allclose(found.point_B, POINT, atol=1e-3)
 
 
 def test_what_cannot_be_compared_is_said(craft, noisy):
