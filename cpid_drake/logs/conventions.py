@@ -226,7 +226,7 @@ def better_conventions(
         search.compare(budget.spent_on(turned_attitudes(given, tree, column_map)))
     if tree is None or search.explains_all:
         return search.named, budget.is_enough
-    place = ("position", "velocity")
+    given, place = given.at_every(2), ("position", "velocity")  # many are compared
     part, bases = given.without(*place), [as_read(given, tree)]
     by_rates = Search(part, names, None)
     if by_rates.residual("attitude") > AGREES:  # rates decide; the momentum may not agree yet
@@ -236,7 +236,7 @@ def better_conventions(
         return search.named, budget.is_enough
     single = search.named
     for apart, ways in (
-        (place, (joint_alternatives, common_turns)),  # takes least
+        (place, (joint_alternatives, partial(common_turns, given))),  # takes least
         ((), (joint_alternatives, partial(alternatives, keys=_PLACE))),
     ):
         part = given.without(*apart)
@@ -247,7 +247,7 @@ def better_conventions(
             for base in readings:
                 changed = with_entries(column_map, base.entries)
                 others = way(base.log, names, tree, changed)
-                search.compare(budget.spent_on(base.then(each) for each in others))
+                search.compare(budget.spent_on(base.then(each) for each in others if each.count))
             if search.explains_all:
                 break
         best = [each for each in search.named if _has_place(each, given, names, tree, column_map)]

@@ -102,7 +102,7 @@ def compare_momentum(given: Instants, tree: KinematicTree | None) -> list[Compar
     return [] if found is None else [found.comparison]
 
 
-def _momentum_of(given: Instants, tree: KinematicTree) -> MomentumSamples:
+def momentum_of(given: Instants, tree: KinematicTree) -> MomentumSamples:
     """Return the momentum samples of a motion in which the base's origin rests at zero."""
     count, q = len(given.time), given.values["encoders"]
     zeros, turning = np.zeros((count, 3)), given.values.get("gyro", given.turning)
@@ -152,7 +152,7 @@ def explain_by_momentum(
     # On a table, the centre of mass of a craft that is not planar may rise.
     if tree is None or is_tilted or not (given.moving and given.is_free):
         return None
-    samples, has_spin = _momentum_of(given, tree), tree.normal_B is None
+    samples, has_spin = momentum_of(given, tree), tree.normal_B is None
     reach = float(np.linalg.norm(samples.motion.p_WC, axis=1).max())
     y = given.values.get("position", given.values.get("velocity"))
     shift = None if y is None else _linear(given, samples, y, has_free_point)

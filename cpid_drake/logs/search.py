@@ -83,7 +83,7 @@ class Search:
             then = _residuals(compare_rates(each.log, self._names))
             if self._contradicts(then):  # the momentum takes longer
                 continue
-            if self._has_momentum:
+            if self._has_momentum and not self._leaves_apart(then):
                 then |= _residuals(compare_momentum(each.log, each.tree))
                 if self._contradicts(then):
                     continue
@@ -146,6 +146,10 @@ class Search:
                 total = float(sum(np.log(value) for value in then.values()))
                 rows.append((total + each.count * np.log(CLEARLY), each, then))
         return rows
+
+    def _leaves_apart(self, then: Mapping[str, float]) -> bool:
+        """Return whether attitude and gyro turn differently as read, and then, too."""
+        return min(self.residual("attitude"), then.get("attitude", 0.0)) > AGREES
 
     def _contradicts(self, then: Mapping[str, float]) -> bool:
         now = {n: v for n, v in self._now.items() if self._kept is None or n in self._kept}
