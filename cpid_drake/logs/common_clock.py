@@ -77,7 +77,7 @@ def file_delays(log: Log, tree: KinematicTree | None) -> dict[str, float]:
 
 
 def gyro_delay(log: Log, smoothed: SmoothedLog) -> float:
-    """Return what is to be added to the gyro's stamps [s], with which it turns as the attitude does.
+    """Return what is to be added to the gyro's stamps [s] so that it turns as the attitude does.
 
     Units, axes and orders do not matter; it is 0 where another delay is not clearly better.
     """

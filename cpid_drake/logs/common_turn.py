@@ -57,13 +57,12 @@ def common_turns(
     log = given.over(whole)
     if not {"attitude", "position"} <= log.values.keys() or not log.is_free:
         return
-    errors = partial(_errors, *_parts(log.at_every(3), tree))
+    parts = _parts(log.at_every(3), tree)
     starts = [np.eye(3), *(M for _, M in signed_axes() if np.linalg.det(M) > 0)]
     fits = list[tuple[float, Array]]()
     for start in starts:
-        turned = partial(_turned, start)
-        fit = least_squares(lambda v: errors(turned(v)), np.zeros(3), max_nfev=_FEW)
-        fits.append((float(fit.cost), turned(fit.x)))
+        fit = least_squares(partial(_errors, start, *parts), np.zeros(3), max_nfev=_FEW)
+        fits.append((float(fit.cost), _turned(start, fit.x)))
     M = min(fits, key=lambda each: each[0])[1]
     if min(Rotation.from_matrix(start.T @ M).magnitude() for start in starts) < MOUNTING:
         return
@@ -78,9 +77,7 @@ def common_turns(
 
 
 def _parts(log: Instants, tree: KinematicTree) -> tuple[Array, Array, Array, Array]:
-    """Return R_WB' (N, 3, 3), the vectors k and c − k and the columns of R_BC as (N, 3, 5), drift
-    (N, 3, 9), and the position (N, 3).
-    """
+    """Return R_WB', then k, c − k and the columns of R_BC in (N, 3, 5), drift and position."""
     samples, R_BW = momentum_of(log, tree), np.swapaxes(log.R_WB, 1, 2)
     k, c = samples.p_WKcm, samples.motion.p_WC
     vectors = np.stack([rotate(R_BW, k), rotate(R_BW, c - k)], axis=2)
@@ -90,9 +87,9 @@ def _parts(log: Instants, tree: KinematicTree) -> tuple[Array, Array, Array, Arr
     return log.R_WB, parts, np.concatenate(powers, axis=2), log.values["position"]
 
 
-def _errors(R: Array, parts: Array, drift: Array, p: Array, M: Array) -> Array:
-    """Return what the best target leaves of the position, relative to its size."""
-    A = np.concatenate([R @ M.T @ parts, drift], axis=2).reshape(p.size, -1)
+def _errors(start: Array, R: Array, parts: Array, drift: Array, p: Array, v: Array) -> Array:
+    """Return what the best target leaves of the position in turned axes, relative to its size."""
+    A = np.concatenate([R @ _turned(start, v).T @ parts, drift], axis=2).reshape(p.size, -1)
     Q, _ = np.linalg.qr(A)
     b = p.reshape(-1) / np.linalg.norm(p - p.mean(axis=0))
     return np.asarray(b - Q @ (Q.T @ b))

@@ -62,7 +62,7 @@ class Instants:
         )
 
     def over(self, other: "Instants") -> "Instants":
-        """Return what this log says, and of sensors that it does not have, what another one says."""
+        """Return what this log says, with the sensors of another one that it does not have."""
         values, rates = {**other.values, **self.values}, {**other.rates, **self.rates}
         return replace(self, values=values, rates=rates, moving=self.moving | other.moving)
 
