@@ -57,13 +57,14 @@ def common_turns(
     log = given.over(whole)
     if not {"attitude", "position"} <= log.values.keys() or not log.is_free:
         return
-    parts = _parts(log.at_every(3), tree)
+    few, every = _parts(log.at_every(3), tree), _parts(log, tree)
     starts = [np.eye(3), *(M for _, M in signed_axes() if np.linalg.det(M) > 0)]
     fits = list[tuple[float, Array]]()
     for start in starts:
-        fit = least_squares(partial(_errors, start, *parts), np.zeros(3), max_nfev=_FEW)
+        fit = least_squares(partial(_errors, start, *few), np.zeros(3), max_nfev=_FEW)
         fits.append((float(fit.cost), _turned(start, fit.x)))
-    M = min(fits, key=lambda each: each[0])[1]
+    best = min(fits, key=lambda each: each[0])[1]
+    M = _turned(best, least_squares(partial(_errors, best, *every), np.zeros(3)).x)
     if min(Rotation.from_matrix(start.T @ M).magnitude() for start in starts) < MOUNTING:
         return
     turn = Rotation.from_matrix(M)

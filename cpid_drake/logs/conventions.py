@@ -227,7 +227,8 @@ def better_conventions(
     if tree is None or search.explains_all:
         return search.named, budget.is_enough
     given, place = given.at_every(2), ("position", "velocity")  # many are compared
-    part, bases = given.without(*place), [as_read(given, tree)]
+    part = given.without(*place)
+    bases = [as_read(part, tree)]
     by_rates = Search(part, names, None)
     if by_rates.residual("attitude") > AGREES:  # rates decide; the momentum may not agree yet
         by_rates.compare(budget.spent_on(attitude_alternatives(part, tree, column_map)))
