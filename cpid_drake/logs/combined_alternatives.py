@@ -1,7 +1,7 @@
 """Several conventions of a log at once: together they explain what no single one explains.
 
-A position in another unit, or of another point, and a gyro that is late hide what is right about
-the joints: without them, the joints are found, and the position is then a single convention.
+A position in another unit, or of another point, hides what is right about the joints: without it,
+the joints are found, and the position is then a single convention.
 Units of two quantities are never free together: a motion that both make vanish is none that
 the momentum explains.
 """

@@ -2,9 +2,10 @@
 
 An alternative differs from the given map of columns in one convention: a unit, an order or a
 direction of the attitude, axes, a sign, the clock, or which joint is which; if none of these
-explains the log, in several. The more, the better it must explain. All have one score, the
-comparisons of `logs.score`. The right convention leaves noise, all others leave much more. Errors
-of any size (delays, scales, zeros, masses) are no conventions: a fit compares them by evidence.
+explains the log, in several. The more, the better it must explain. `logs.search` compares them. If
+attitude and gyro turn differently, they decide first, without the momentum, about their readings;
+joints, a turn of both, and the position then follow from the momentum. Errors of any size (delays,
+scales, zeros, masses) are no conventions: a fit compares them by evidence.
 """
 
 from collections.abc import Collection, Iterator, Sequence

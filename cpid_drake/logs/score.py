@@ -128,15 +128,12 @@ class Explained(NamedTuple):
             base, can exist.
         point_B: (3,) place of the point in B [m].
         reach: the reach of the arm [m].
-        errors: (N,) relative to the motion; those of the base's motion, and of its rotation, have
-            their residual as their norm.
 
     """
 
     comparison: Comparison
     point_B: Array
     reach: float
-    errors: Array
 
 
 def explain_by_momentum(
@@ -174,11 +171,10 @@ def explain_by_momentum(
     A, b = (np.concatenate([p[k] / sigma for p, sigma in zip(parts, noise)]) for k in (0, 1))
     together = _least_squares(A, b)
     errors = np.split(together[1], [len(parts[0][1])])
-    relative = [
-        e * sigma / (max(size, 1e-300) * np.sqrt(e.size))
+    left = [
+        max(_rms(e) * sigma / max(size, 1e-300), RESOLUTION)
         for e, sigma, (*_, size) in zip(errors, noise, parts)
     ]
-    left = [max(float(np.linalg.norm(e)), RESOLUTION) for e in relative]
     is_possible, point_B = not has_spin or _has_inertia(*together[::2], tree), np.zeros(3)
     for x, _, root in (*alone, together):
         share = x[0] / samples.mass
@@ -193,8 +189,7 @@ def explain_by_momentum(
     residual = float(np.exp(np.mean(np.log(left))))
     residual = residual if is_possible else max(residual, 1.0)
     sides = "motion of the base", "motion that the conservation of momentum allows"
-    comparison = Comparison(MOMENTUM, sides, values, residual)
-    return Explained(comparison, point_B, reach, np.concatenate(relative))
+    return Explained(Comparison(MOMENTUM, sides, values, residual), point_B, reach)
 
 
 def _linear(
