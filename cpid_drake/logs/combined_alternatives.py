@@ -21,6 +21,11 @@ _ORDERS = {"joint_positions.columns", "joint_rates.columns"}
 _SIGNS = {"reversed_joints"}
 
 
+def of_attitude(given: Instants, column_map: ColumnMap) -> Iterator[Alternative]:
+    """Yield orders and directions of the attitude, frames and units of the gyro."""
+    yield from alternatives(given, (), None, column_map, _ATTITUDE | _GYRO)
+
+
 def attitude_alternatives(
     given: Instants, tree: KinematicTree | None, column_map: ColumnMap
 ) -> Iterator[Alternative]:

@@ -21,6 +21,7 @@ from cpid_drake.logs.combined_alternatives import (
     as_read,
     attitude_alternatives,
     joint_alternatives,
+    of_attitude,
     turned_attitudes,
 )
 from cpid_drake.logs.common_clock import gyro_delay
@@ -134,6 +135,10 @@ def check_conventions(
         column_map = log.column_map or ColumnMap()
         in_time = _with_gyro_in_time(given, smoothed, log, found)
         better, is_decided = better_conventions(in_time, log.joint_names, tree, column_map)
+    elif any(c.name == "attitude" and c.residual > EXPLAINS for c in found):  # turns a little
+        search = Search(given, log.joint_names, None)
+        search.compare(of_attitude(given, log.column_map or ColumnMap()))
+        better = search.named
     unchecked = []
     momentum = next((c for c in found if c.name == MOMENTUM), None)
     if tree is None:

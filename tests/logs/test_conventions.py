@@ -138,6 +138,23 @@ def test_the_convention_of_exact_rates_is_named(wheeled, states, phrase):
     assert phrase in said(wheeled.tree, without(bad, "position"))
 
 
+def turned_a_little(t):
+    return Rotation.from_rotvec(0.2 * np.sin(np.outer(t, [1.0, 1.7, 0.6]) + [0.0, 1.0, 2.0]))
+
+
+@pytest.mark.parametrize("axes", ["W", "B"])
+def test_the_frame_of_a_gyro_is_named_of_a_base_that_turns_by_a_few_degrees(noisy, axes):
+    """Its rates in W's axes differ little from those in B's."""
+    at, t, h = noisy.attitude.time, noisy.gyro.time, 1e-5
+    rate = (turned_a_little(t + h) * turned_a_little(t - h).inv()).as_rotvec() / (2 * h)
+    rate = rate if axes == "W" else turned_a_little(t).inv().apply(rate)
+    quaternion = turned_a_little(at).as_quat(scalar_first=True)
+    log = noisy.updated({"attitude": Samples(at, quaternion), "gyro": Samples(t, rate)})
+    found = check_conventions(log, None, by_momentum=False)
+    assert ("angular_velocity.frame: world" in found.sentence) == (axes == "W")
+    assert (found.sentence == "") == (axes == "B")
+
+
 def test_states_as_agreed_have_no_convention(wheeled, states):
     assert said(wheeled.tree, states) == ""
 
