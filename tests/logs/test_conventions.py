@@ -139,7 +139,7 @@ def test_the_convention_of_exact_rates_is_named(wheeled, states, phrase):
 
 
 def turned_a_little(t):
-    return Rotation.from_rotvec(0.2 * np.sin(np.outer(t, [1.0, 1.7, 0.6]) + [0.0, 1.0, 2.0]))
+    return Rotation.from_rotvec(0.08 * np.sin(np.outer(t, [1.0, 1.7, 0.6]) + [0.0, 1.0, 2.0]))
 
 
 @pytest.mark.parametrize("axes", ["W", "B"])
