@@ -2,7 +2,6 @@
 
 from contextlib import ExitStack
 from dataclasses import replace
-from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -14,10 +13,12 @@ from cpid_drake.commands import options
 from cpid_drake.commands.groups import group
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.arguments import Arguments
-from cpid_drake.identification.checked_log import in_joint_order
+from cpid_drake.identification.checked_log import in_joint_order, in_one_clock, with_clock_errors
 from cpid_drake.identification.identify_files import open_log, opened_inputs
 from cpid_drake.identification.log_sensors import exact_sensors
+from cpid_drake.logs.joined import log_name
 from cpid_drake.logs.log import THRUST
+from cpid_drake.logs.screening import screen
 from cpid_drake.logs.unlogged_joints import lock_unlogged
 from cpid_drake.online.ros2 import run
 from cpid_drake.online.ros_samples import RosSamples, sources_of
@@ -59,20 +60,23 @@ def replay(
     seen = in_joint_order(file.log, craft)
     if seen.errors:
         raise InputError(f"{log}: {seen.errors[0]}")
-    options.print_warnings((*seen.warnings, *fixed))
-    identifier = _identifier(inputs, suite, reads_thrust=seen.log.has_thrust)
+    screened = screen(seen.log, suite).log
+    samples, shifted, others = in_one_clock(seen.log, screened, craft.tree)
+    suite = with_clock_errors(suite, others) or suite
+    options.print_warnings((*seen.warnings, *fixed, *shifted))
+    identifier = _identifier(inputs, suite, reads_thrust=samples.has_thrust)
     # As in `identify`, a sensor without stated errors is not used.
     used = {*suite.present(), THRUST}
-    stream = [each for each in seen.log.messages() if each[0] in used]
+    stream = [each for each in samples.messages() if each[0] in used]
     drawn = None
     if show:
         try:
-            motion = motion_of(seen.log, inputs.spacecraft, suite, np.inf)
+            motion = motion_of(samples, inputs.spacecraft, suite, np.inf)
             drawn = inputs.spacecraft, motion
         except InputError as error:
             options.print_warnings([f"nothing is drawn: {error}"])
     with ExitStack() as ends:
-        page = ends.enter_context(LivePage(Path(log).name, host=host)) if show else None
+        page = ends.enter_context(LivePage(log_name(log), host=host)) if show else None
         found = show_replay(identifier, stream, rate, options.log_console(quiet), page, drawn)
         code = options.finish(found, quiet)
         if page is not None:

@@ -112,7 +112,7 @@ def check_logs(
         label = name if len(data) > 1 else ""
         with prefix_errors(label):
             log = check_log(spacecraft, each, suites[name], planar)
-        suite, notes = _with_delays(suites[name], log.other_clocks), () if logs else fixed
+        suite, notes = with_clock_errors(suites[name], log.other_clocks), () if logs else fixed
         logs[name] = replace(log, sensors=suite, label=label, notes=(*log.notes, *notes))
     normal_B = common_normal({name: log.normal_B for name, log in logs.items()})
     return (spacecraft if normal_B is None else spacecraft.on_table(normal_B)), logs
@@ -156,10 +156,7 @@ def check_log(
         others = [name for name in data.joint_names if name not in spacecraft.joint_names]
         beyond = (*_beyond_limits(spacecraft, measurements.encoders.value),)
         tree = spacecraft.tree
-    delays = file_delays(measurements, tree)
-    shifted = delay_notes(measurements, delays)
-    other_clocks = tuple(n for n, file in measurements.clocks.items() if file in delays)
-    measurements = with_delays(measurements, delays)
+    measurements, shifted, other_clocks = in_one_clock(measurements, measurements, tree)
     conventions = check_conventions(measurements, tree, by_momentum=False)
     conventions = replace(
         conventions, not_compared=(*conventions.not_compared, *channels.not_compared)
@@ -176,8 +173,23 @@ def check_log(
     )
 
 
-def _with_delays(suite: SensorSuite | None, sensors: Collection[str]) -> SensorSuite | None:
-    """Return sensors' errors in which the stamps of some sensors are not exact."""
+def in_one_clock(
+    log: Log, screened: Log, tree: KinematicTree | None
+) -> tuple[Log, tuple[str, ...], tuple[str, ...]]:
+    """Return a log whose files have one clock, what was changed, and the sensors of other files.
+
+    Args:
+        log: the log to change.
+        screened, tree: its screened samples and the spacecraft model; see `file_delays`.
+
+    """
+    delays = file_delays(screened, tree)
+    others = tuple(name for name, file in screened.clocks.items() if file in delays)
+    return with_delays(log, delays), delay_notes(screened, delays), others
+
+
+def with_clock_errors(suite: SensorSuite | None, sensors: Collection[str]) -> SensorSuite | None:
+    """Return sensors' errors in which the stamps of some sensors, of other files, are not exact."""
     if suite is None or suite.unstated is None or not sensors:
         return suite  # the same hardware is the same object
     suite = replace(suite)

@@ -63,6 +63,12 @@ class Alternative:
     entries: Mapping[str, Any]
     count: int = 1
 
+    def then(self, other: "Alternative") -> "Alternative":
+        """Return both together, given an alternative to this one."""
+        text = f"{self.text}; and {other.text}" if self.text else other.text
+        entries = {**self.entries, **other.entries}
+        return Alternative(text, other.log, other.tree, entries, self.count + other.count)
+
     @property
     def is_point(self) -> bool:
         """Whether the position is that of another point, and nothing else is different."""
@@ -150,6 +156,10 @@ def _joints(
     if tree is not None:
         rotors[:] = [tree.is_rotor(k) for k in range(count)]
         sliding[[*tree.sliding]] = True
+
+    def reversed_too(name: str) -> list[str]:
+        return sorted({*column_map.reversed_joints} ^ {name})
+
     groups = [(_ALL_JOINTS, ~sliding), (_ALL_WHEELS, rotors)]
     groups += [(name, np.arange(count) == k) for k, name in enumerate(names)]
     for label, chosen in groups:
@@ -184,7 +194,7 @@ def _joints(
             yield text, given.scaled(signs, "joint_rates"), {}
         if label in names and not rotors[which[0]]:
             text = f"{q} has the opposite sign of the model's joint"
-            yield text, given.scaled(signs, *_JOINTS), {"reversed_joints": [label]}
+            yield text, given.scaled(signs, *_JOINTS), {"reversed_joints": reversed_too(label)}
     for text, order in _orders(names, rotors):
         pick = partial(np.take, indices=order, axis=1)
         log = given.changed(encoders=pick, joint_rates=pick)
@@ -193,6 +203,9 @@ def _joints(
         if has_rates:
             columns = {name: rate_at.column(names[k]) for name, k in zip(names, order)}
             orders["joint_rates.columns"] = columns
+        if column_map.reversed_joints:
+            is_reversed = [names[k] in column_map.reversed_joints for k in order]
+            orders["reversed_joints"] = [n for n, yes in zip(names, is_reversed) if yes]
         yield text, log, orders
 
 
@@ -240,19 +253,19 @@ def _places(
         found = explain_by_momentum(log, tree, has_free_point=True)
         if (
             found is None
-            or found[0].residual >= 1
-            or np.linalg.norm(found[1]) < UNEXPLAINED_DISTANCE * found[2]
+            or found.comparison.residual >= 1
+            or np.linalg.norm(found.point_B) < UNEXPLAINED_DISTANCE * found.reach
         ):
             continue
-        place = np.round(at.point_B + found[1], 4).tolist()
+        place = np.round(at.point_B + found.point_B, 4).tolist()
         of_point = (
             f"the position is that of the point {plain(place)} m in B instead of B's origin, or "
             "the model's base has another mass or centre of mass"
         )
         moved = _with_position(
             log,
-            log.values["position"] - rotate(R_WB, found[1]),
-            log.rates["position"] - rotate(R_WB, np.cross(spin, found[1])),
+            log.values["position"] - rotate(R_WB, found.point_B),
+            log.rates["position"] - rotate(R_WB, np.cross(spin, found.point_B)),
         )
         texts = [unit, of_point] if unit else [of_point]
         yield "; and ".join(texts), moved, {**entries, "position.point_B": place}

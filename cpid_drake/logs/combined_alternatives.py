@@ -1,12 +1,12 @@
 """Several conventions of a log at once: together they explain what no single one explains.
 
-A position in another unit, or of another point, and a gyro that is late hide what is right about
-the joints: without them, the joints are found, and the position is then a single convention.
+A position in another unit, or of another point, hides what is right about the joints: without it,
+the joints are found, and the position is then a single convention.
 Units of two quantities are never free together: a motion that both make vanish is none that
 the momentum explains.
 """
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Sequence
 
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.logs.alternatives import Alternative, alternatives
@@ -19,6 +19,11 @@ _GYRO = {"angular_velocity.frame", "angular_velocity.unit"}
 _UNITS = {"joint_positions.unit", "joint_rates.unit"}
 _ORDERS = {"joint_positions.columns", "joint_rates.columns"}
 _SIGNS = {"reversed_joints"}
+
+
+def of_attitude(given: Instants, column_map: ColumnMap) -> Iterator[Alternative]:
+    """Yield orders and directions of the attitude, frames and units of the gyro."""
+    yield from alternatives(given, (), None, column_map, _ATTITUDE | _GYRO)
 
 
 def attitude_alternatives(
@@ -37,23 +42,43 @@ def turned_attitudes(
     """Yield other orders and directions of the attitude, together with turned axes."""
     for each in alternatives(given, (), None, column_map, _ATTITUDE):
         for text, log, entries in turned_axes(each.log, with_entries(column_map, each.entries)):
-            both = {**each.entries, **entries}
-            yield Alternative(f"{each.text}; and {text}", log, tree, both, each.count + 1)
+            yield each.then(Alternative(text, log, tree, entries))
 
 
 def joint_alternatives(
     given: Instants, names: tuple[str, ...], tree: KinematicTree, column_map: ColumnMap
 ) -> Iterator[Alternative]:
     """Yield unit, order and sign of joints, all of them or some; see `alternatives`."""
-    reached = [Alternative("", given, tree, {}, 0)]
-    for keys in (_UNITS, _ORDERS, _SIGNS):
+    yield from together(as_read(given, tree), names, column_map, (_UNITS, _ORDERS, _SIGNS))
+
+
+def as_read(given: Instants, tree: KinematicTree | None) -> Alternative:
+    """Return a log as it is read, of which no convention differs."""
+    return Alternative("", given, tree, {}, 0)
+
+
+def together(
+    base: Alternative,
+    names: tuple[str, ...],
+    column_map: ColumnMap,
+    groups: Sequence[Collection[str]],
+) -> Iterator[Alternative]:
+    """Yield a reading with other values of keys of a map: of each group one alternative, or none.
+
+    Args:
+        base: the reading to change; it is the first.
+        names: the joints.
+        column_map: the map of which `base` has other entries.
+        groups: keys of a map; see `alternatives`.
+
+    """
+    yield base
+    reached = [base]
+    for keys in groups:
         others = list[Alternative]()
-        for base in reached:
-            changed = with_entries(column_map, base.entries)
-            for each in alternatives(base.log, names, tree, changed, keys):
-                text = f"{base.text}; and {each.text}" if base.text else each.text
-                both = {**base.entries, **each.entries}
-                other = Alternative(text, each.log, tree, both, base.count + 1)
-                others.append(other)
-                yield other
+        for each in reached:
+            changed = with_entries(column_map, each.entries)
+            for other in alternatives(each.log, names, each.tree, changed, keys):
+                others.append(each.then(other))
+                yield others[-1]
         reached += others

@@ -5,7 +5,7 @@ only if the stamps of all sensors have one zero. So the delay of a file against 
 one with the least residual; it is looked for on a grid, and then to its minimum.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -18,6 +18,7 @@ from cpid_drake.logs.instants import SmoothedLog
 from cpid_drake.logs.log import Log, Samples
 from cpid_drake.logs.noise_estimation import RESOLUTION
 from cpid_drake.logs.score import WORSE, compare_momentum, compare_rates
+from cpid_drake.logs.screening import LONGEST_DELAY
 
 LONGEST = 5.0
 """Clocks of files of one log differ by at most this [s]."""
@@ -66,18 +67,33 @@ def file_delays(log: Log, tree: KinematicTree | None) -> dict[str, float]:
         return {}
     delays: dict[str, float] = {}
     known = {name for name in smoothed.splines if log.clocks.get(name, reference) == reference}
-    grid = STEP * np.arange(-round(LONGEST / STEP), round(LONGEST / STEP) + 1)
     for file in sorted(files, key=lambda each: each != log.clocks.get("attitude")):
         own = {name for name in smoothed.splines if log.clocks.get(name) == file}
         known |= own
         later = {name: delays[each] for name, each in log.clocks.items() if each in delays}
         misfit = partial(_misfit, log, tree, smoothed.of_sensors(known), later, own)
-        best = grid[int(np.argmin([misfit(delay) for delay in grid]))]
-        bounds, accuracy = (best - STEP, best + STEP), {"xatol": 1e-5}
-        found = minimize_scalar(misfit, bounds=bounds, method="bounded", options=accuracy)
-        is_better = float(found.fun) + np.log(WORSE) < misfit(0.0)
-        delays[file] = float(found.x) if is_better else 0.0
+        delays[file] = _best_delay(misfit, LONGEST)
     return delays
+
+
+def gyro_delay(log: Log, smoothed: SmoothedLog) -> float:
+    """Return what is to be added to the gyro's stamps [s] so that it turns as the attitude does.
+
+    Units, axes and orders do not matter; it is 0 where another delay is not clearly better.
+    """
+    both = smoothed.of_sensors({"attitude", "gyro"})
+    return _best_delay(partial(_misfit, log, None, both, {}, {"gyro"}), LONGEST_DELAY)
+
+
+def _best_delay(misfit: Callable[[float], float], longest: float) -> float:
+    """Return the delay with the least misfit; 0 if that is not clearly better."""
+    count = round(longest / STEP)
+    grid = STEP * np.arange(-count, count + 1)
+    best = grid[int(np.argmin([misfit(delay) for delay in grid]))]
+    bounds, accuracy = (best - STEP, best + STEP), {"xatol": 1e-5}
+    least = minimize_scalar(misfit, bounds=bounds, method="bounded", options=accuracy)
+    is_better = float(least.fun) + np.log(WORSE) < misfit(0.0)
+    return float(least.x) if is_better else 0.0
 
 
 def _misfit(

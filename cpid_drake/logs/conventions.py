@@ -2,17 +2,15 @@
 
 An alternative differs from the given map of columns in one convention: a unit, an order or a
 direction of the attitude, axes, a sign, the clock, or which joint is which; if none of these
-explains the log, in several. The more, the better it must explain. All have one score, the
-comparisons of `logs.score`. The right convention leaves noise, all others leave much more. Errors
-of any size (delays, scales, zeros, masses) are no conventions: a fit compares them by evidence.
+explains the log, in several. The more, the better it must explain. `logs.search` compares them. If
+attitude and gyro turn differently, they decide first, without the momentum, about their readings;
+joints, a turn of both, and the position then follow from the momentum. Errors of any size (delays,
+scales, zeros, masses) are no conventions: a fit compares them by evidence.
 """
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from time import process_time
-
-import numpy as np
 
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.files.errors import listed
@@ -20,17 +18,19 @@ from cpid_drake.logs.alternatives import Alternative, alternatives
 from cpid_drake.logs.clock import clock_factor, with_delay
 from cpid_drake.logs.column_map import ColumnMap, with_entries
 from cpid_drake.logs.combined_alternatives import (
+    as_read,
     attitude_alternatives,
     joint_alternatives,
+    of_attitude,
     turned_attitudes,
 )
-from cpid_drake.logs.instants import Instants, instants_of
+from cpid_drake.logs.common_clock import gyro_delay
+from cpid_drake.logs.common_turn import common_turns
+from cpid_drake.logs.instants import Instants, SmoothedLog, instants_of
 from cpid_drake.logs.log import Log
-from cpid_drake.logs.score import MOMENTUM, WORSE, Comparison, compare_momentum, compare_rates
+from cpid_drake.logs.score import MOMENTUM, Comparison, compare_momentum, compare_rates
+from cpid_drake.logs.search import AGREES, EXPLAINS, Budget, Search, limit_of
 from cpid_drake.sensors.sensors import POSITIONS, SENSORS
-
-EXPLAINS = 0.05
-"""Largest residual of the momentum that a right convention leaves; smoothing leaves less."""
 
 BUDGET = 2.0
 """Longest search for other conventions [s of a processor]."""
@@ -38,18 +38,14 @@ BUDGET = 2.0
 IS_SMALL = 0.02
 """Residual of the momentum of which noise and errors of some size are the likeliest cause."""
 
-AGREES = 0.2
-"""Largest residual of rates that agree with positions; another unit, axis or sign leaves 0.5."""
-
 DIFFERS = 0.5
 """Residual of positions and rates that are of different motions."""
 
-CLEARLY = 3.0
-"""Ratio of residuals from which one convention explains a log clearly better than another."""
-
-
 _PLACE = {"position.unit", "position.point_B"}
-"""The conventions of a position that may be wrong beside a gyro that is late."""
+"""The conventions of a position that may be wrong beside others."""
+
+_MOST_BASES = 4
+"""Most readings of attitude and gyro of which other conventions are compared."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,15 +124,21 @@ def check_conventions(
             whether the momentum is conserved, with noise, forces and errors.
 
     """
-    given = instants_of(log)
-    if given is None:
+    smoothed = SmoothedLog.of(log)
+    given = None if smoothed is None else smoothed.instants()
+    if smoothed is None or given is None:
         return Findings(unchecked=("units, signs and frames (too few samples)",))
     found = _comparisons(given, log, tree)
     failed = _failed(found)
     better, is_decided = list[Alternative](), True
     if by_momentum or any(c.name != MOMENTUM for c in failed):
         column_map = log.column_map or ColumnMap()
-        better, is_decided = better_conventions(given, log.joint_names, tree, column_map)
+        in_time = _with_gyro_in_time(given, smoothed, log, found)
+        better, is_decided = better_conventions(in_time, log.joint_names, tree, column_map)
+    elif any(c.name == "attitude" and c.residual > EXPLAINS for c in found):  # turns a little
+        search = Search(given, log.joint_names, None)
+        search.compare(of_attitude(given, log.column_map or ColumnMap()))
+        better = search.named
     unchecked = []
     momentum = next((c for c in found if c.name == MOMENTUM), None)
     if tree is None:
@@ -160,6 +162,15 @@ def check_conventions(
     return Findings(tuple(found), clock, tuple(better), tuple(unchecked), unmoved)
 
 
+def _with_gyro_in_time(
+    given: Instants, smoothed: SmoothedLog, log: Log, found: Sequence[Comparison]
+) -> Instants:
+    """Return what a log says without the delay of its gyro, which would hide other conventions."""
+    if not any(c.name == "attitude" and c.residual > EXPLAINS for c in found):
+        return given
+    return smoothed.instants({"gyro": gyro_delay(log, smoothed)}) or given
+
+
 def has_agreement(log: Log, tree: KinematicTree) -> bool:
     """Return whether nothing in a screened log contradicts the conventions in which it is read."""
     given = instants_of(log)
@@ -172,8 +183,7 @@ def _comparisons(given: Instants, log: Log, tree: KinematicTree | None) -> list[
 
 def _failed(comparisons: Sequence[Comparison]) -> list[Comparison]:
     """Return the comparisons whose residuals a right convention does not leave."""
-    limits = ((c, EXPLAINS if c.name == MOMENTUM else AGREES) for c in comparisons)
-    return [c for c, limit in limits if c.residual > limit]
+    return [c for c in comparisons if c.residual > limit_of(c.name)]
 
 
 def _not_compared(log: Log, compared: Collection[str]) -> tuple[str, ...]:
@@ -215,35 +225,42 @@ def better_conventions(
 
     """
     tree = None if tree is None else tree.lumped
-    budget = _Budget()
-    search = _Search(given, names, tree)
+    budget = Budget(BUDGET)
+    search = Search(given, names, tree)
     search.compare(budget.spent_on(alternatives(given, names, tree, column_map)))
     if not search.explains_all:
         search.compare(budget.spent_on(turned_attitudes(given, tree, column_map)))
     if tree is None or search.explains_all:
-        return search.best, budget.is_enough
-    place = ("position", "velocity")
-    if search.rates > AGREES:
-        part = given.without(*place)
-        turning = _Search(part, names, tree)
-        turning.compare(budget.spent_on(attitude_alternatives(part, tree, column_map)))
-        search = turning if turning.explains_all else search
-    if search.best or search.rates > AGREES:
-        return search.best, budget.is_enough
-    late = ("gyro",) if search.rates > EXPLAINS else ()
-    for apart, compared in (
-        ((*place, *late), joint_alternatives),  # takes least
-        (late, joint_alternatives),
-        (late, partial(alternatives, keys=_PLACE)),
+        return search.named, budget.is_enough
+    given, place = given.at_every(2), ("position", "velocity")  # many are compared
+    part = given.without(*place)
+    bases = [as_read(part, tree)]
+    by_rates = Search(part, names, None)
+    if by_rates.residual("attitude") > AGREES:  # rates decide; the momentum may not agree yet
+        by_rates.compare(budget.spent_on(attitude_alternatives(part, tree, column_map)))
+        bases = by_rates.better[:_MOST_BASES]
+    elif search.named:
+        return search.named, budget.is_enough
+    single = search.named
+    for apart, ways in (
+        (place, (joint_alternatives, partial(common_turns, given))),  # takes least
+        ((), (joint_alternatives, partial(alternatives, keys=_PLACE))),
     ):
         part = given.without(*apart)
-        search = _Search(part, names, tree)
-        if not search.explains_all:
-            search.compare(budget.spent_on(compared(part, names, tree, column_map)))
-        best = [each for each in search.best if _has_place(each, given, names, tree, column_map)]
+        search = Search(part, names, tree)
+        readings = [replace(each, log=each.log.over(part)) for each in bases]
+        search.compare(budget.spent_on(each for each in readings if each.count))
+        for way in () if search.explains_all else ways:
+            for base in readings:
+                changed = with_entries(column_map, base.entries)
+                others = way(base.log, names, tree, changed)
+                search.compare(budget.spent_on(base.then(each) for each in others if each.count))
+            if search.explains_all:
+                break
+        best = [each for each in search.named if _has_place(each, given, names, tree, column_map)]
         if best:
             return best, budget.is_enough
-    return [], budget.is_enough
+    return by_rates.named or single, budget.is_enough
 
 
 def _has_place(
@@ -259,70 +276,7 @@ def _has_place(
     """
     if "position" not in given.values or "position" in each.log.values:
         return True
-    log = given.without("encoders", *(("gyro",) if "gyro" not in each.log.values else ()))
-    values, rates = {**log.values, **each.log.values}, {**log.rates, **each.log.rates}
-    log = replace(log, values=values, rates=rates, moving=each.log.moving | log.moving)
+    log = each.log.over(given)
     others = alternatives(log, names, tree, with_entries(column_map, each.entries), _PLACE)
     logs = [log, *(other.log for other in others)]
     return any(c.residual <= EXPLAINS for one in logs for c in compare_momentum(one, tree))
-
-
-class _Budget:
-    """The processor time of a search; once it is spent, nothing more is compared."""
-
-    def __init__(self) -> None:
-        self._end, self.is_enough = process_time() + BUDGET, True
-
-    def spent_on(self, others: Iterable[Alternative]) -> Iterator[Alternative]:
-        """Yield alternatives until the budget is spent."""
-        for each in others:
-            if process_time() > self._end:
-                self.is_enough = False
-                return
-            yield each
-
-
-class _Search:
-    """A search for conventions that explain a log better than those in which it is read."""
-
-    def __init__(self, given: Instants, names: tuple[str, ...], tree: KinematicTree | None) -> None:
-        self._names = names
-        before = compare_rates(given, names) + compare_momentum(given, tree)
-        self._now = {c.name: c.residual for c in before}
-        self._rows = list[tuple[float, Alternative, Mapping[str, float]]]()
-
-    @property
-    def rates(self) -> float:
-        """By how much gyro and attitude differ as read; a gyro that is late differs a little."""
-        return self._now.get("attitude", 0.0)
-
-    @property
-    def best(self) -> list[Alternative]:
-        """The alternatives that explain the log best, the usual one first; see above."""
-        least = min((total for total, *_ in self._rows), default=0.0)
-        best = [each for total, each, _ in self._rows if total < least + np.log(CLEARLY)]
-        return best if len(best) <= 3 else []  # more are no help
-
-    @property
-    def explains_all(self) -> bool:
-        """Whether the best alternative, or else the log as read, leaves nothing unexplained."""
-        _, _, then = min(self._rows, key=lambda row: row[0], default=(0.0, None, self._now))
-        return all(v <= (EXPLAINS if n == MOMENTUM else AGREES) for n, v in then.items())
-
-    def compare(self, others: Iterable[Alternative]) -> None:
-        """Compare other conventions, and keep those that explain the log clearly better."""
-        for each in others:
-            then = {c.name: c.residual for c in compare_rates(each.log, self._names)}
-            if self._contradicts(then):  # the momentum takes longer
-                continue
-            then |= {c.name: c.residual for c in compare_momentum(each.log, each.tree)}
-            clearly = CLEARLY**each.count
-            better = [n for n, value in then.items() if clearly * value < self._now.get(n, 0.0)]
-            explained = all(then[n] < (EXPLAINS if n == MOMENTUM else AGREES) for n in better)
-            if better and explained and not self._contradicts(then):
-                total = sum(np.log(value) for value in then.values())
-                self._rows.append((total + each.count * np.log(CLEARLY), each, then))
-
-    def _contradicts(self, then: Mapping[str, float]) -> bool:
-        now = self._now
-        return any(v > WORSE * now.get(n, np.inf) and v > EXPLAINS for n, v in then.items())

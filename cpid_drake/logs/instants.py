@@ -61,6 +61,17 @@ class Instants:
             self, values=rest(self.values), rates=rest(self.rates), moving=self.moving - {*sensors}
         )
 
+    def over(self, other: "Instants") -> "Instants":
+        """Return what this log says, with the sensors of another one that it does not have."""
+        values, rates = {**other.values, **self.values}, {**other.rates, **self.rates}
+        return replace(self, values=values, rates=rates, moving=self.moving | other.moving)
+
+    def at_every(self, step: int) -> "Instants":
+        """Return what the log says at every second, third, … instant."""
+        values = {name: value[::step] for name, value in self.values.items()}
+        rates = {name: value[::step] for name, value in self.rates.items()}
+        return replace(self, time=self.time[::step], values=values, rates=rates)
+
     def scaled(self, size: ArrayLike, *sensors: str) -> "Instants":
         """Return what a log says with the values of some sensors times a size."""
         return self.changed(**dict.fromkeys(sensors, partial(np.multiply, size)))

@@ -20,6 +20,7 @@ Source: Ning et al. 2016, Eqs. 5 and 9.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -98,10 +99,10 @@ def compare_rates(given: Instants, names: tuple[str, ...]) -> list[Comparison]:
 def compare_momentum(given: Instants, tree: KinematicTree | None) -> list[Comparison]:
     """Return the comparison with the conservation of momentum, if one is possible."""
     found = explain_by_momentum(given, tree)
-    return [] if found is None else [found[0]]
+    return [] if found is None else [found.comparison]
 
 
-def _momentum_of(given: Instants, tree: KinematicTree) -> MomentumSamples:
+def momentum_of(given: Instants, tree: KinematicTree) -> MomentumSamples:
     """Return the momentum samples of a motion in which the base's origin rests at zero."""
     count, q = len(given.time), given.values["encoders"]
     zeros, turning = np.zeros((count, 3)), given.values.get("gyro", given.turning)
@@ -118,25 +119,37 @@ def _momentum_of(given: Instants, tree: KinematicTree) -> MomentumSamples:
     return momentum_samples(tree, still)
 
 
+class Explained(NamedTuple):
+    """What the conservation of momentum with the best target leaves of a log.
+
+    Attributes:
+        comparison: its residual is the geometric mean of those of the base's motion and of its
+            rotation, and at least 1 if no target with its mass or inertia, or no point near the
+            base, can exist.
+        point_B: (3,) place of the point in B [m].
+        reach: the reach of the arm [m].
+
+    """
+
+    comparison: Comparison
+    point_B: Array
+    reach: float
+
+
 def explain_by_momentum(
     given: Instants, tree: KinematicTree | None, *, has_free_point: bool = False
-) -> tuple[Comparison, Array, float] | None:
+) -> Explained | None:
     """Return what the conservation of momentum with the best target leaves of a log.
 
     With a free point, the positions may be those of another point than B's origin.
 
-    Returns:
-        The comparison, whose residual is the geometric mean of those of the base's motion and of
-        its rotation, and at least 1 if no target with its mass or inertia, or no point near the
-        base, can exist; the place (3,) of the point in B [m]; the reach of the arm [m]. None if
-        nothing moves, or nothing can be compared.
-
+    It is None if nothing moves, or nothing can be compared.
     """
     is_tilted = tree is not None and tree.normal_B is not None and tree.normal_C is None
     # On a table, the centre of mass of a craft that is not planar may rise.
     if tree is None or is_tilted or not (given.moving and given.is_free):
         return None
-    samples, has_spin = _momentum_of(given, tree), tree.normal_B is None
+    samples, has_spin = momentum_of(given, tree), tree.normal_B is None
     reach = float(np.linalg.norm(samples.motion.p_WC, axis=1).max())
     y = given.values.get("position", given.values.get("velocity"))
     shift = None if y is None else _linear(given, samples, y, has_free_point)
@@ -176,7 +189,7 @@ def explain_by_momentum(
     residual = float(np.exp(np.mean(np.log(left))))
     residual = residual if is_possible else max(residual, 1.0)
     sides = "motion of the base", "motion that the conservation of momentum allows"
-    return Comparison(MOMENTUM, sides, values, residual), point_B, reach
+    return Explained(Comparison(MOMENTUM, sides, values, residual), point_B, reach)
 
 
 def _linear(

@@ -1,5 +1,6 @@
 """`cpid live replay`: a log in real time, with the end of `cpid identify`."""
 
+import csv
 import re
 import signal
 import time
@@ -66,3 +67,32 @@ def test_logged_thrust_is_replayed_too(cpid, tmp_path):
     )
     assert code == 0, shown
     assert "change" not in shown
+
+
+def split(folder, late):
+    """Write the sample's attitude and position, later by a clock of their own, and the rest."""
+    lines = [line for line in SAMPLE.read_text().splitlines() if not line.startswith("#")]
+    rows = [*csv.DictReader(lines)]
+    pose = ("qw", "qx", "qy", "qz", "x", "y", "z")
+    rest = [name for name in rows[0] if name not in (*pose, "time")]
+    files = []
+    for file, names, delay in (("mocap.csv", pose, late), ("joints.csv", rest, 0.0)):
+        with (folder / file).open("w") as out:
+            writer = csv.writer(out)
+            writer.writerow(["time", *names])
+            for row in rows:
+                if any(row[name] for name in names):
+                    writer.writerow([float(row["time"]) + delay, *(row[name] for name in names)])
+        files.append(str(folder / file))
+    return "+".join(files)
+
+
+def test_files_with_clocks_of_their_own_are_replayed_in_one(cpid, tmp_path):
+    given = (*CRAFT, *SENSORS, "--rate", 1000, "--no-show")
+    code, live, said = cpid("live", "replay", split(tmp_path, 0.7), *given)
+    assert code == 0
+    [behind] = re.findall(r"the clock of mocap\.csv is (\S+) s ahead", said)
+    assert abs(float(behind) - 0.7) < 0.005
+    [row] = re.findall(r"^ +m +(\S+) +\[(\S+), (\S+)\] +kg", live, re.M)
+    _, low, high = map(float, row)
+    assert low < 8.5 < high

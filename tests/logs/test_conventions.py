@@ -26,6 +26,7 @@ from cpid_drake import (
     shipped_scenario,
 )
 from cpid_drake.files.resources import models_directory
+from cpid_drake.identification.log_conventions import check_as_read
 from cpid_drake.logs.column_map import ColumnMap, TimeColumn
 from cpid_drake.logs.conventions import check_conventions
 from cpid_drake.logs.formats import table_of
@@ -137,6 +138,23 @@ def test_the_convention_of_exact_rates_is_named(wheeled, states, phrase):
     assert phrase in said(wheeled.tree, without(bad, "position"))
 
 
+def turned_a_little(t):
+    return Rotation.from_rotvec(0.08 * np.sin(np.outer(t, [1.0, 1.7, 0.6]) + [0.0, 1.0, 2.0]))
+
+
+@pytest.mark.parametrize("axes", ["W", "B"])
+def test_the_frame_of_a_gyro_is_named_of_a_base_that_turns_by_a_few_degrees(noisy, axes):
+    """Its rates in W's axes differ little from those in B's."""
+    at, t, h = noisy.attitude.time, noisy.gyro.time, 1e-5
+    rate = (turned_a_little(t + h) * turned_a_little(t - h).inv()).as_rotvec() / (2 * h)
+    rate = rate if axes == "W" else turned_a_little(t).inv().apply(rate)
+    quaternion = turned_a_little(at).as_quat(scalar_first=True)
+    log = noisy.updated({"attitude": Samples(at, quaternion), "gyro": Samples(t, rate)})
+    found = check_conventions(log, None, by_momentum=False)
+    assert ("angular_velocity.frame: world" in found.sentence) == (axes == "W")
+    assert (found.sentence == "") == (axes == "B")
+
+
 def test_states_as_agreed_have_no_convention(wheeled, states):
     assert said(wheeled.tree, states) == ""
 
@@ -244,11 +262,25 @@ INVERSE = changed("attitude", lambda m: m.attitude.value * [1, -1, -1, -1])
 TILTED = changed("gyro", lambda m: TILT.apply(m.gyro.value))
 TILT = Rotation.from_rotvec([0.3, -0.5, 0.2])
 
+TURN = Rotation.from_rotvec(np.radians(40.0) * np.array([0.6, 0.0, -0.8]))
+OTHER_BASE = changed("attitude", lambda m: (attitudes(m) * TURN.inv()).as_quat(scalar_first=True))
+
+
+def with_late_gyro(log):
+    return log.updated({"gyro": Samples(log.gyro.time + 0.08, log.gyro.value)})
+
+
 TOGETHER = {
     "unit: deg, joint_positions.columns: {": (DEG, joints([2, 1, 0, 3])),
     "joint_positions.unit: deg": (DEG, MM),
     "reversed_joints: [slide]": (joints([0, 1, 2, 3], [1, -1, 1, 1]), MM),
     "direction: R_BW, angular_velocity.R_BS: [[": (INVERSE, TILTED),
+    "attitude.direction: R_BW in a map": (with_late_gyro, INVERSE),
+    "exchanged (attitude.R_BS: [[": (OTHER_BASE, joints([0, 2, 1, 3])),
+    "other axes of the base than the model's: turned by": (
+        OTHER_BASE,
+        changed("gyro", lambda m: TURN.apply(m.gyro.value)),
+    ),
 }
 """By what is named first, two conventions that no single remedy mends."""
 
@@ -271,6 +303,15 @@ def test_a_search_without_time_says_that_it_did_not_decide(craft, noisy, monkeyp
 @pytest.mark.parametrize("words", CONVENTIONS | OF_POSITIONS)
 def test_the_convention_of_a_noisy_log_is_named(craft, noisy, words):
     assert words in said(craft.tree, (CONVENTIONS | OF_POSITIONS)[words](noisy))
+
+
+@pytest.mark.parametrize("push", [0.003, 0.03, 0.3])
+def test_no_convention_is_blamed_for_thrusters_that_fire(craft, noisy, push):
+    """Thrust through the centre of mass, which no one logs: all positions go on at other rates."""
+    impulses = push * np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.5], [-1.0, 1.0, 0.0]])
+    gone = np.maximum(noisy.position.time[:, None] - [1.0, 2.5, 4.0], 0.0) @ impulses
+    log = changed("position", lambda m: m.position.value + gone)(noisy)
+    assert check_as_read(log, craft).conventions.failures == ()
 
 
 @pytest.mark.parametrize(("unit", "size"), [("in", 1 / 0.0254), ("cm", 100.0)])
@@ -445,7 +486,7 @@ def test_the_momentum_finds_the_point_of_the_position(craft, skewed_target):
     log = measured(craft, motion, skewed_target, suite)
     moved = changed("position", moved_point)(log)
     found = explain_by_momentum(instants_of(moved), craft.tree, has_free_point=True)
-    np.testing.assert_allclose(found[1], POINT, atol=1e-3)
+    np.testing.assert_allclose(found.point_B, POINT, atol=1e-3)
 
 
 def test_what_cannot_be_compared_is_said(craft, noisy):

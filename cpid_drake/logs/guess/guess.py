@@ -1,37 +1,30 @@
 """Guesses the map of a log's columns: names first, then the conventions that explain it best.
 
 Names say which columns are which quantity, and perhaps units. What they do not determine is chosen
-among `alternatives.alternatives` by the comparisons of `logs.score`: joint rates decide about the
+among `alternatives.alternatives` by `logs.search`: joint rates decide about the
 joints and the clock, the gyro about the attitude, the conservation of momentum about the rest.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.files.errors import InputError, listed
 from cpid_drake.files.one_thread import one_thread
-from cpid_drake.logs.alternatives import alternatives
+from cpid_drake.logs.alternatives import Alternative
 from cpid_drake.logs.column_map import ColumnMap, with_entries
+from cpid_drake.logs.combined_alternatives import together
 from cpid_drake.logs.common_clock import delay_notes, file_delays
-from cpid_drake.logs.conventions import (
-    AGREES,
-    DIFFERS,
-    EXPLAINS,
-)
+from cpid_drake.logs.conventions import DIFFERS
 from cpid_drake.logs.guess.columns import find_columns
 from cpid_drake.logs.guess.guessed_map import GuessedMap
-from cpid_drake.logs.instants import Instants, instants_of
+from cpid_drake.logs.instants import instants_of
 from cpid_drake.logs.noise_estimation import sensor_noise
-from cpid_drake.logs.score import (
-    MOMENTUM,
-    WORSE,
-    Comparison,
-    compare_momentum,
-    compare_rates,
-)
+from cpid_drake.logs.score import MOMENTUM, WORSE
+from cpid_drake.logs.search import AGREES, EXPLAINS, Search
 from cpid_drake.logs.table import LogTable
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
@@ -214,55 +207,39 @@ def _compared(
         groups: keys of the map; of those that are free, one alternative of each group, or none.
 
     """
-    compared: list[tuple[float, ColumnMap]] = []
+    given = instants_of(guess.log)
+    if given is None:
+        return []
     keys = [group & guess.free for group in groups]
     tree, names = guess.spacecraft.tree.lumped, guess.spacecraft.joint_names
-    attitude = guess.column_map.attitude
-    readings = [attitude]
-    if guess.attitudes and not _ANGLES.isdisjoint(set[str]().union(*keys)):
-        # No change of a quaternion gives another order of angles, or another unit.
-        readings = [
-            replace(attitude, columns=each.columns, order=each.order, unit=each.unit)
-            for each in guess.attitudes
-            if ("attitude.order" in guess.free or each.order == attitude.order)
-            and ("attitude.unit" in guess.free or each.unit == attitude.unit)
-        ]
-    most = np.inf
-    if name == MOMENTUM and (given := instants_of(guess.log)) is not None:
-        most = WORSE * _disagreement(compare_rates(given, names), np.inf)
-    for reading in readings:
-        column_map = replace(guess.column_map, attitude=reading)
-        given = instants_of(replace(guess, column_map=column_map).log)
-        for other, log in () if given is None else _options(guess, column_map, given, keys):
-            if name != MOMENTUM:
-                found = compare_rates(log, names)
-            elif most < np.inf and _disagreement(compare_rates(log, names), 0.0) > most:
-                continue  # momentum does not decide against the gyro
-            else:
-                found = compare_momentum(log, tree)
-            values = [each.residual for each in found if each.name.startswith(name)]
-            if values:
-                compared.append((float(np.mean(values)), other))
-    least = min((value for value, _ in compared), default=0.0)
-    compared.sort(key=lambda each: each[0] > WORSE * least + 1e-9)
-    return compared
+    search = Search(given, names, tree if name == MOMENTUM else None, {"attitude"})
+    for reading in _readings(guess, keys):
+        column_map = with_entries(guess.column_map, reading)
+        log = instants_of(replace(guess, column_map=column_map).log) if reading else given
+        if log is not None:
+            base = Alternative("", log, tree, reading, 0)
+            changed = together(base, names, guess.column_map, keys)
+            search.compare(each for each in changed if _has_clock(guess, each))
+    ranked = search.ranked(name)
+    return [(value, with_entries(guess.column_map, each.entries)) for value, each in ranked]
 
 
-def _disagreement(rates: list[Comparison], otherwise: float) -> float:
-    """Return the residual of attitude and angular velocity; `otherwise` if not compared."""
-    return next((each.residual for each in rates if each.name == "attitude"), otherwise)
+def _readings(guess: GuessedMap, keys: Sequence[set[str]]) -> list[dict[str, Any]]:
+    """Return entries of an attitude of angles, as names allow them: of any order and unit.
+
+    No change of a quaternion gives another order of angles, or another unit.
+    """
+    given = guess.column_map.attitude
+    if not guess.attitudes or _ANGLES.isdisjoint(set[str]().union(*keys)):
+        return [{}]
+    return [
+        {f"attitude.{key}": getattr(each, key) for key in ("columns", "order", "unit")}
+        for each in guess.attitudes
+        if ("attitude.order" in guess.free or each.order == given.order)
+        and ("attitude.unit" in guess.free or each.unit == given.unit)
+    ]
 
 
-def _options(
-    guess: GuessedMap, column_map: ColumnMap, given: Instants, groups: Sequence[set[str]]
-) -> Iterator[tuple[ColumnMap, Instants]]:
-    """Yield maps with changed keys, of each group or of none, and what the log then says."""
-    if not groups:
-        yield column_map, given
-        return
-    yield from _options(guess, column_map, given, groups[1:])
-    tree, names = guess.spacecraft.tree.lumped, guess.spacecraft.joint_names
-    for each in alternatives(given, names, tree, column_map, groups[0]):
-        if each.entries.get("time.unit") in (None, *guess.time_units):
-            changed = with_entries(column_map, each.entries)
-            yield from _options(guess, changed, each.log, groups[1:])
+def _has_clock(guess: GuessedMap, each: Alternative) -> bool:
+    """Return whether a reading has a unit of time that the steps allow."""
+    return each.entries.get("time.unit") in (None, *guess.time_units)
