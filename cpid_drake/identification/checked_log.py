@@ -8,6 +8,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from cpid_drake.array import Array
 from cpid_drake.dynamics.motion import Motion
+from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.files.errors import InputError, listed, prefix_errors
 from cpid_drake.identification.planar import common_normal, normal_in_base, placed
 from cpid_drake.logs.channels import Channel, Seen, look_at
