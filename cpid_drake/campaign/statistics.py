@@ -69,7 +69,7 @@ class Tally:
     trials: int = 0
     failed: int = 0
     problem: str = ""
-    known: Array = field(default_factory=lambda: np.zeros(10))
+    counted: Array = field(default_factory=lambda: np.zeros(10))
     error: Array = field(default_factory=lambda: np.zeros(10))
     square: Array = field(default_factory=lambda: np.zeros(10))
     inside: Array = field(default_factory=lambda: np.zeros(10))
@@ -92,7 +92,7 @@ class Tally:
 
     def rms(self) -> Array:
         """Return the RMS errors (10,) relative to the scale."""
-        return _root(self.square, self.known)
+        return _root(self.square, self.counted)
 
     def beside_bound(self) -> tuple[Array, Array]:
         """Return the RMS errors (10,) of the trials with a bound, and the RMS of the bounds.
@@ -148,37 +148,37 @@ def statistics_of(folder: Path) -> Statistics:
 
     """
     plan = store.plan_in(folder)
-    found = Statistics(plan)
+    statistics = Statistics(plan)
     parts = {key: parts_of(axis) for key, axis in plan.campaign.axes.items()}
     for key, (names, _) in parts.items():
         for name in names:
             for estimator in plan.campaign.estimators:
-                found.by_axis[key, name, estimator] = Tally()
+                statistics.by_axis[key, name, estimator] = Tally()
     truth = drake = 0.0
     for table in store.read(folder, plan):
         first = table.filter(pc.equal(table["estimator"], plan.campaign.estimators[0]))
-        found.done += len(first)
+        statistics.done += len(first)
         truth += pc.sum(first["truth_seconds"]).as_py() or 0.0
         repeated = first.filter(pc.is_valid(first["drake_position"]))
         if len(repeated):
-            found.compared += len(repeated)
+            statistics.compared += len(repeated)
             drake += pc.sum(repeated["drake_seconds"]).as_py()
-            found.position = max(found.position, *repeated["drake_position"].to_pylist())
-            found.angle = max(found.angle, *repeated["drake_angle"].to_pylist())
+            statistics.position = max(statistics.position, *repeated["drake_position"].to_pylist())
+            statistics.angle = max(statistics.angle, *repeated["drake_angle"].to_pylist())
         for estimator in plan.campaign.estimators:
             own = table.filter(pc.equal(table["estimator"], estimator))
             for point in dict.fromkeys(own["point"].to_pylist()):
                 rows = own.filter(pc.equal(own["point"], point))
-                add(found.by_point.setdefault((point, estimator), Tally()), rows, plan)
+                add(statistics.by_point.setdefault((point, estimator), Tally()), rows, plan)
             for key, (names, place) in parts.items():
                 values = own[f"axis {key}"].to_pylist()
                 places = np.array([place(value) for value in values])
                 for k in np.unique(places):
-                    add(found.by_axis[key, names[k], estimator], own.filter(places == k), plan)
-            found.worst[estimator] = _worst(found.worst.get(estimator, []), own)
-    found.truth_seconds = truth / max(found.done, 1)
-    found.drake_seconds = drake / max(found.compared, 1)
-    return found
+                    add(statistics.by_axis[key, names[k], estimator], own.filter(places == k), plan)
+            statistics.worst[estimator] = _worst(statistics.worst.get(estimator, []), own)
+    statistics.truth_seconds = truth / max(statistics.done, 1)
+    statistics.drake_seconds = drake / max(statistics.compared, 1)
+    return statistics
 
 
 def parts_of(axis: Axis) -> tuple[list[str], Callable[[Any], int]]:
@@ -227,9 +227,9 @@ def add(tally: Tally, table: pa.Table, plan: CampaignPlan) -> None:
         return
     truth, estimate = tens(good, "truth"), tens(good, "estimate")
     error, scale = estimate - truth, scales(truth)
-    known = np.isfinite(error)
+    is_known = np.isfinite(error)
     scaled, bound = error / scale, tens(good, "bound")
-    tally.known += known.sum(axis=0)
+    tally.counted += is_known.sum(axis=0)
     tally.error += np.nansum(scaled, axis=0)
     tally.square += np.nansum(scaled**2, axis=0)
     tally.inside += (tens(good, "inside") == 1).sum(axis=0)
@@ -305,8 +305,8 @@ def _worst(before: list[Worst], table: pa.Table) -> list[Worst]:
     errors = largest((tens(good, "estimate") - truth) / scales(truth))
     checks = [", ".join(each) for each in good["failed_checks"].to_pylist()]
     columns = (good["trial"].to_pylist(), errors, good["nees"].to_pylist(), checks)
-    found = [Worst(n, float(e), x, c) for n, e, x, c in zip(*columns)]
-    return sorted([*before, *found], key=lambda each: -each.error)[:WORST]
+    rows = [Worst(n, float(e), x, c) for n, e, x, c in zip(*columns)]
+    return sorted([*before, *rows], key=lambda each: -each.error)[:WORST]
 
 
 def _root(squares: Array, counts: Array) -> Array:

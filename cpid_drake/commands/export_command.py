@@ -32,23 +32,27 @@ def export(
         allow_failed_checks: Export a result although a check failed.
 
     """
-    found = read_result(result)
-    if found.failures and not allow_failed_checks:
+    identified = read_result(result)
+    if identified.failures and not allow_failed_checks:
         raise InputError(
             f"{result}: nothing exported, because a check of the result failed: "
-            f"{found.failures[0]}; --allow-failed-checks exports it all the same"
+            f"{identified.failures[0]}; --allow-failed-checks exports it all the same"
         )
-    target = found.raw() if raw else found.consistent
+    target = identified.raw() if raw else identified.consistent
     if target is None:
-        reason = "no rigid body is near the estimate" if found.is_identifiable else found.explain()
+        reason = (
+            "no rigid body is near the estimate"
+            if identified.is_identifiable
+            else identified.explain()
+        )
         raise InputError(f"{result}: nothing to export: {reason}")
     spacecraft = None
     if with_spacecraft:
-        source = found.spacecraft
+        source = identified.spacecraft
         if source is None:
             raise InputError(f"{result}: the result does not name its spacecraft")
         spacecraft = source.make()
-    check_outputs([("--out", out)], [result, *found.files()], force=force)
+    check_outputs([("--out", out)], [result, *identified.files()], force=force)
     chosen, log = free_name(name, spacecraft), options.log_console()
     written = export_target(
         out, target, format=format, spacecraft=spacecraft, name=chosen, overwrite=force

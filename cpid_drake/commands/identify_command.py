@@ -50,7 +50,7 @@ def identify(
             return time.monotonic() < end
 
         evidence = cpid.identify_files(requests, progress)
-        result = evidence.found
+        result = evidence.result
         if json is not None:
             cpid.write_result(json, result)
         if report is not None:

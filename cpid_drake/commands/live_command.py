@@ -57,13 +57,13 @@ def replay(
     _, file = open_log(request, inputs.spacecraft.joint_names)
     craft, fixed = lock_unlogged(inputs.spacecraft, file.log.joint_names)
     inputs = replace(inputs, spacecraft=craft)
-    seen = in_joint_order(file.log, craft)
-    if seen.errors:
-        raise InputError(f"{log}: {seen.errors[0]}")
-    screened = screen(seen.log, suite).log
-    samples, shifted, others = in_one_clock(seen.log, screened, craft.tree)
+    looked = in_joint_order(file.log, craft)
+    if looked.errors:
+        raise InputError(f"{log}: {looked.errors[0]}")
+    screened = screen(looked.log, suite).log
+    samples, shifted, others = in_one_clock(looked.log, screened, craft.tree)
     suite = with_clock_errors(suite, others) or suite
-    options.print_warnings((*seen.warnings, *fixed, *shifted))
+    options.print_warnings((*looked.warnings, *fixed, *shifted))
     identifier = _identifier(inputs, suite, reads_thrust=samples.has_thrust)
     # As in `identify`, a sensor without stated errors is not used.
     used = {*suite.present(), THRUST}
@@ -77,8 +77,8 @@ def replay(
             options.print_warnings([f"nothing is drawn: {error}"])
     with ExitStack() as ends:
         page = ends.enter_context(LivePage(log_name(log), host=host)) if show else None
-        found = show_replay(identifier, stream, rate, options.log_console(quiet), page, drawn)
-        code = options.finish(found, quiet)
+        answer = show_replay(identifier, stream, rate, options.log_console(quiet), page, drawn)
+        code = options.finish(answer, quiet)
         if page is not None:
             page.close(wait=wait)
     return code
@@ -130,10 +130,10 @@ def ros2(
     with options.extra("ros2"), ExitStack() as ends:
         page = ends.enter_context(LivePage("cpid live ros2", host=host)) if show else None
         view = None if page is None else NodeView(samples, inputs.spacecraft, page)
-        found = run(samples, frame, ros or (), view)
+        answer = run(samples, frame, ros or (), view)
         if view is not None:
-            view.show(found, ())
-        code = options.finish(found, quiet)
+            view.show(answer, ())
+        code = options.finish(answer, quiet)
         if page is not None:
             page.close(wait=wait)
     return code

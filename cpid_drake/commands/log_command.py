@@ -35,10 +35,10 @@ def check(
 
     Exit codes: 0 no error, perhaps warnings; 2 at least one error.
     """
-    spacecraft = craft.known().make() if craft != options.SpacecraftOptions() else None
+    spacecraft = craft.spacecraft_file().make() if craft != options.SpacecraftOptions() else None
     joints = None if spacecraft is None else spacecraft.joint_names
-    found = inspect_log(log, topics=options.topics_of(topic), columns=columns, joints=joints)
-    lines, count = checked_contents(found, log, spacecraft)
+    file = inspect_log(log, topics=options.topics_of(topic), columns=columns, joints=joints)
+    lines, count = checked_contents(file, log, spacecraft)
     options.log_console(stderr=False).print("\n".join(lines))
     if count:
         raise InputError(f"{log}: {count} problem{'s' * (count > 1)} found, listed above")
@@ -70,13 +70,13 @@ def map_columns(
         frame_rate: Frames per second, if the log counts frames.
 
     """
-    known = craft.known()
-    named = cpid.Request(log, known.reference()).existing_files()
+    craft_file = craft.spacecraft_file()
+    named = cpid.Request(log, craft_file.reference()).existing_files()
     check_outputs([("--out", out)], [log, *craft.files(), *named], force=force)
-    spacecraft, topics = known.make(), options.topics_of(topic)
+    spacecraft, topics = craft_file.make(), options.topics_of(topic)
     with prefix_errors(log):
         table = read_table(log, topics)
-        guess = guess_map(table, spacecraft, known.base, frame_rate)
+        guess = guess_map(table, spacecraft, craft_file.base, frame_rate)
     warnings, failures = tuple[str, ...](), tuple[str, ...]()
     try:
         checked = check_as_read(guess.log, spacecraft)
@@ -128,15 +128,15 @@ def noise(
         out: YAML file to write the sensors to.
 
     """
-    known = craft.known() if craft != options.SpacecraftOptions() else None
-    files = [] if known is None else cpid.Request(log, known.reference()).existing_files()
+    craft_file = craft.spacecraft_file() if craft != options.SpacecraftOptions() else None
+    files = [] if craft_file is None else cpid.Request(log, craft_file.reference()).existing_files()
     check_outputs([("--out", out)], [log, columns, *craft.files(), *files], force=force)
-    spacecraft = None if known is None else known.make()
+    spacecraft = None if craft_file is None else craft_file.make()
     joints = None if spacecraft is None else spacecraft.joint_names
-    found = inspect_log(log, topics=options.topics_of(topic), columns=columns, joints=joints)
-    refuse_problems(found.problems, log)
+    file = inspect_log(log, topics=options.topics_of(topic), columns=columns, joints=joints)
+    refuse_problems(file.problems, log)
     with prefix_errors(log):
-        checked = check_as_read(found.log, spacecraft)
+        checked = check_as_read(file.log, spacecraft)
         if checked.failures:
             raise InputError(checked.failures[0])
         made = sensors_file(checked.measurements, log_name(log))

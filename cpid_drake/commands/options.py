@@ -117,7 +117,7 @@ class SpacecraftOptions:
     ] = None
     """Take the nearest body that can be in the place of one that cannot. Default: refuse it."""
 
-    def known(self) -> "cpid.SpacecraftFile":
+    def spacecraft_file(self) -> "cpid.SpacecraftFile":
         """Return what is known of the spacecraft from the file and the single options.
 
         Raises:
@@ -132,8 +132,8 @@ class SpacecraftOptions:
         if self.repair_bodies is not None:
             given["repair_bodies"] = self.repair_bodies
         if self.spacecraft is not None:
-            found = cpid.load_spacecraft(self.spacecraft)
-            return replace(found, **given, packages={**found.packages, **packages})
+            file = cpid.load_spacecraft(self.spacecraft)
+            return replace(file, **given, packages={**file.packages, **packages})
         if not is_whole:
             raise InputError(
                 "a log needs a spacecraft: give --spacecraft, or all of --model, --base and "
@@ -171,7 +171,7 @@ class KnownOptions(SpacecraftOptions):
         """
         names = ("momentum", "known_bodies", "planar", "prior")
         given = {name: getattr(self, name) for name in names}
-        return cpid.Request.of(self.known(), telemetry, sensors, **given, **others)
+        return cpid.Request.of(self.spacecraft_file(), telemetry, sensors, **given, **others)
 
 
 @Parameter("*")
@@ -256,16 +256,16 @@ def log_console(quiet: bool = False, *, stderr: bool = True) -> Console:
     return Console(stderr=stderr, quiet=quiet, markup=False, highlight=False, soft_wrap=True)
 
 
-def finish(found: "cpid.Identification", quiet: bool) -> int:
+def finish(answer: "cpid.Identification", quiet: bool) -> int:
     """Print an identification and its warnings, and return the exit code of its command."""
-    print_warnings(found.warnings)
+    print_warnings(answer.warnings)
     if quiet:
-        print_warnings(f"failed check: {failure}" for failure in found.failures)
+        print_warnings(f"failed check: {failure}" for failure in answer.failures)
     else:
-        print("\n".join(describe(found)))
-    if found.failures:
+        print("\n".join(describe(answer)))
+    if answer.failures:
         return CHECK_FAILED
-    return 0 if found.is_complete else NOT_ALL_KNOWN
+    return 0 if answer.is_complete else NOT_ALL_KNOWN
 
 
 def print_warnings(texts: Iterable[str]) -> None:

@@ -99,15 +99,15 @@ def motion(
     with prefix_errors(scenario), log.status("planning") as status:
 
         def progress(what: str, best: float = math.nan) -> None:
-            known = "" if math.isnan(best) else f": worst σ {significant(100 * best, 3)} % of scale"
-            status.update(f"{what}{known}")
+            score = "" if math.isnan(best) else f": worst σ {significant(100 * best, 3)} % of scale"
+            status.update(f"{what}{score}")
 
         planner = chosen.planner(path)
         best = write_plan(out, planner, scenario, progress=progress)
         log.print(f"{out}: {time.perf_counter() - start:.0f} s")
         motions = {"scenario's motion": planner.own_motion, "plan": best.motion}
-        found = predictions(planner, motions)
-    usage = found["scenario's motion"].usage
+        predicted = predictions(planner, motions)
+    usage = predicted["scenario's motion"].usage
     limit = max(usage, key=lambda name: usage[name])
     if usage[limit] > 1:
         planner.notes.append(
@@ -117,10 +117,10 @@ def motion(
     for note in planner.notes:
         log.print(f"note: {note}")
     title = f"Predicted σ, a target of {planner.targets[0][0]:.3g} kg"
-    table, active = motion_table(found, title), "; ".join(best.active) or "none"
+    table, active = motion_table(predicted, title), "; ".join(best.active) or "none"
     if report is not None:
         facts = [("Scenario", str(scenario)), ("Plan", str(out)), ("Active limits", active)]
-        plan_report(planner, motions, found, table, facts).write(report)
+        plan_report(planner, motions, predicted, table, facts).write(report)
     if quiet:
         return
     print_table(table)
@@ -159,14 +159,14 @@ def rank(
         craft, still = planner.spacecraft, planner.scenario.spacecraft.configuration
         given = {file.name: MotionFile(str(file)).make(craft, still) for file in motions or []}
         compared = {**dict(reference_motions(planner)), **given}
-        found = predictions(planner, compared, trials, status.update)
+        predicted = predictions(planner, compared, trials, status.update)
     for note in planner.notes:
         log.print(f"note: {note}")
-    ordered = dict(sorted(found.items(), key=lambda item: item[1].worst))
+    ordered = dict(sorted(predicted.items(), key=lambda item: item[1].worst))
     title = f"Motions for a target of {planner.targets[0][0]:.3g} kg, the best first"
     print_table(motion_table(ordered, title))
     if trials:
-        correlation = rank_correlation(found)
+        correlation = rank_correlation(predicted)
         print(f"rank correlation of predicted and realised errors: {correlation:.2f}")
 
 

@@ -47,10 +47,10 @@ def report(
         check_outputs([("--out", out)], inputs, force=force)
 
     simulated = None if run is None else read_run(run)
-    asked = chosen if run is None else chosen.of_run(run)
-    requests = [] if result else [asked.request(log or f"{run}/telemetry.csv")]
+    options_given = chosen if run is None else chosen.of_run(run)
+    requests = [] if result else [options_given.request(log or f"{run}/telemetry.csv")]
     named = [file for each in requests for file in each.existing_files()]
-    check([log, result, run, *asked.files(), *named])
+    check([log, result, run, *options_given.files(), *named])
     console = options.log_console(quiet)
     with console.status("reading") as status:
         if result is not None:

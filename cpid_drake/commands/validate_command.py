@@ -51,7 +51,7 @@ def validate(
     """
     check_outputs([("--json", json)], [result, log, sensors, part.columns], force=force)
     with options.log_console(quiet).status("predicting"):
-        found = validate_files(
+        validation = validate_files(
             result,
             log,
             sensors=sensors,
@@ -60,9 +60,9 @@ def validate(
             **part.reading(),
         )
     if json is not None:
-        write_text(json, validation_json(found, threshold, result=str(result), telemetry=log))
-    options.print_warnings(found.warnings)
+        write_text(json, validation_json(validation, threshold, result=str(result), telemetry=log))
+    options.print_warnings(validation.warnings)
     if not quiet:
-        print("\n".join(verdict(found, threshold)))
-        print_table(prediction_table(found))
-    return 0 if is_valid(found, threshold) else CHECK_FAILED
+        print("\n".join(verdict(validation, threshold)))
+        print_table(prediction_table(validation))
+    return 0 if is_valid(validation, threshold) else CHECK_FAILED

@@ -52,8 +52,8 @@ def view(
                 console.print("Stop is in Open Controls")
                 serve(simulation, live, rate)
             return
-        page, found = simulation_replay(simulation, Path(scenario).stem, status.update)
+        page, answer = simulation_replay(simulation, Path(scenario).stem, status.update)
     write_text(out, page)
     console.print(f"{out}, {len(page.encode()) / 1e6:.1f} MB")
     if not quiet:
-        print(estimate_text(found, simulation.truth))
+        print(estimate_text(answer, simulation.truth))

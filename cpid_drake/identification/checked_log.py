@@ -11,7 +11,7 @@ from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.files.errors import InputError, listed, prefix_errors
 from cpid_drake.identification.planar import common_normal, normal_in_base, placed
-from cpid_drake.logs.channels import Channel, Seen, look_at
+from cpid_drake.logs.channels import Channel, ChannelReview, look_at
 from cpid_drake.logs.common_clock import ACCURACY, delay_notes, file_delays, with_delays
 from cpid_drake.logs.conventions import Findings, check_conventions
 from cpid_drake.logs.log import Log, Samples, with_fixed_joints
@@ -206,7 +206,7 @@ def left_out_warnings(joints: Sequence[str]) -> list[str]:
     return [text] if joints else []
 
 
-def in_joint_order(measurements: Log, spacecraft: Spacecraft) -> Seen:
+def in_joint_order(measurements: Log, spacecraft: Spacecraft) -> ChannelReview:
     """Return the channels of a log with its joints in the spacecraft's order, without others.
 
     The angle of a rotor (a balanced wheel) has no effect, so its positions may be missing (all

@@ -37,7 +37,7 @@ class Evidence:
 
     inputs: Arguments
     files: tuple[LogFile, ...]
-    found: Identification
+    result: Identification
 
     @property
     def log(self) -> Log:
@@ -104,7 +104,7 @@ def converge(evidence: Evidence, progress: Callable[[str], None] = lambda step: 
 
     A fit has them from one pass; another estimator identifies the parts in the same way as all.
     """
-    result, inputs, data = evidence.found, evidence.inputs, evidence.log
+    result, inputs, data = evidence.result, evidence.inputs, evidence.log
     _, end = data.interval
     if result.history is not None:
         return [*result.history(), (end, result)]

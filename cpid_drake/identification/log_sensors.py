@@ -62,14 +62,14 @@ def with_biases(
         assert suite.gyro is not None
         wider = replace(suite.gyro, bias=max(suite.gyro.bias or 0.0, bias.size / DEGREE_PER_HOUR))
         made[id(suites[name])] = replace(suite, gyro=wider)
-        said = log.where + _words(bias)
+        text = log.where + _words(bias)
         if log.sensors is not None and gyro.bias is not None:
             times = significant(float(np.nanmax(np.abs(bias.value))) / declared)
-            said += (
+            text += (
                 f", {times} times the sigma that its file declares, "
                 f"and was assumed to have it; {_advice(bias)} and remove gyro.bias"
             )
-        warnings.append(said)
+        warnings.append(text)
     return {name: made[id(suite)] for name, suite in suites.items()}, tuple(warnings)
 
 
@@ -91,10 +91,10 @@ def excluded_bias(log: CheckedLog) -> str:
     bias = gyro_bias(log.measurements, suite)
     if bias is None or bias.ratio(0.0) <= FAR:
         return ""
-    said, advice = log.where + _words(bias), _advice(bias)
+    text, advice = log.where + _words(bias), _advice(bias)
     if suite.gyro.bias is None:
-        return f"{said}, which `unstated: exact` excludes: {advice}"
-    return f"{said}, which `bias: 0` excludes: {advice} and remove gyro.bias"
+        return f"{text}, which `unstated: exact` excludes: {advice}"
+    return f"{text}, which `bias: 0` excludes: {advice} and remove gyro.bias"
 
 
 def _excludes_bias(gyro: Gyro, suite: SensorSuite) -> bool:

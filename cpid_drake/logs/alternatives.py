@@ -250,22 +250,22 @@ def _places(
             yield unit, log, entries
         if tree is None or spin is None:
             continue
-        found = explain_by_momentum(log, tree, has_free_point=True)
+        explained = explain_by_momentum(log, tree, has_free_point=True)
         if (
-            found is None
-            or found.comparison.residual >= 1
-            or np.linalg.norm(found.point_B) < UNEXPLAINED_DISTANCE * found.reach
+            explained is None
+            or explained.comparison.residual >= 1
+            or np.linalg.norm(explained.point_B) < UNEXPLAINED_DISTANCE * explained.reach
         ):
             continue
-        place = np.round(at.point_B + found.point_B, 4).tolist()
+        place = np.round(at.point_B + explained.point_B, 4).tolist()
         of_point = (
             f"the position is that of the point {plain(place)} m in B instead of B's origin, or "
             "the model's base has another mass or centre of mass"
         )
         moved = _with_position(
             log,
-            log.values["position"] - rotate(R_WB, found.point_B),
-            log.rates["position"] - rotate(R_WB, np.cross(spin, found.point_B)),
+            log.values["position"] - rotate(R_WB, explained.point_B),
+            log.rates["position"] - rotate(R_WB, np.cross(spin, explained.point_B)),
         )
         texts = [unit, of_point] if unit else [of_point]
         yield "; and ".join(texts), moved, {**entries, "position.point_B": place}

@@ -37,7 +37,7 @@ class Channel:
         rows: number of its samples.
         rate: their usual rate [Hz]; 0 for fewer than two samples.
         gap: length and start [s] of the longest gap of more than three usual steps; None without.
-        found: what was found in it, in words; empty if it is all right.
+        notes: what was found in it, in words; empty if it is all right.
         is_used: whether it is used.
 
     """
@@ -46,7 +46,7 @@ class Channel:
     rows: int
     rate: float
     gap: tuple[float, float] | None
-    found: tuple[str, ...]
+    notes: tuple[str, ...]
     is_used: bool
 
     @property
@@ -55,11 +55,11 @@ class Channel:
         gap = f"{self.gap[0]:.4g} s at {self.gap[1]:.6g} s" if self.gap else "-"
         use = "used" if self.is_used else "left out" if self.rows else "none"
         rate = f"{self.rate:.4g} Hz" if self.rate else "-"
-        found = "; ".join(self.found) or "-"
-        return SENSORS[self.name].quantity, str(self.rows), rate, gap, use, found
+        notes = "; ".join(self.notes) or "-"
+        return SENSORS[self.name].quantity, str(self.rows), rate, gap, use, notes
 
 
-def look_at(log: Log, spacecraft: Spacecraft | None = None) -> "Seen":
+def look_at(log: Log, spacecraft: Spacecraft | None = None) -> "ChannelReview":
     """Look at every channel of a log, and return what of it is used.
 
     Args:
@@ -76,29 +76,33 @@ def look_at(log: Log, spacecraft: Spacecraft | None = None) -> "Seen":
         names, tree = spacecraft.joint_names, spacecraft.tree
         rotors = {name for k, name in enumerate(names) if tree.is_rotor(k)}
         sliding = {names[k] for k in tree.sliding}
-    seen = Seen(log, rotors, sliding)
+    looked = ChannelReview(log, rotors, sliding)
     for name in ("attitude", "gyro", "position", "velocity"):
-        seen.leave_out_copies(name)
-    seen.unwrap()
-    seen.leave_out_constants()
+        looked.leave_out_copies(name)
+    looked.unwrap()
+    looked.leave_out_constants()
     for name in POSITIONS:
-        seen.leave_out_ends(name)
-    seen.table = tuple(
-        _channel(name, seen.log[name], found, name in seen.out)
-        for name, found in seen.found.items()
+        looked.leave_out_ends(name)
+    looked.table = tuple(
+        _channel(name, looked.log[name], notes_of_channel, name in looked.out)
+        for name, notes_of_channel in looked.notes.items()
     )
-    kept = {name: s for name, s in seen.log.samples.items() if name not in seen.out}
-    notes = {name: tuple(found) for name, found in seen.found.items() if found}
-    seen.log = replace(seen.log, samples=kept, motion={}, notes=notes)
-    return seen
+    kept = {name: s for name, s in looked.log.samples.items() if name not in looked.out}
+    notes = {
+        name: tuple(notes_of_channel)
+        for name, notes_of_channel in looked.notes.items()
+        if notes_of_channel
+    }
+    looked.log = replace(looked.log, samples=kept, motion={}, notes=notes)
+    return looked
 
 
-class Seen:
+class ChannelReview:
     """A log after, or while, its channels are looked at.
 
     Attributes:
         log: what is used.
-        found: what was found, by channel, in words.
+        notes: what was found, by channel, in words.
         out: channels that are left out.
         errors: what makes the log unusable, with the remedies.
         table: all channels.
@@ -107,7 +111,7 @@ class Seen:
 
     def __init__(self, log: Log, rotors: set[str], sliding: set[str]) -> None:
         self.log, self._rotors, self._sliding = log, rotors, sliding
-        self.found = {n: [*log.notes.get(n, ()), *_repeated(s.time)] for n, s in log.items()}
+        self.notes = {n: [*log.notes.get(n, ()), *_repeated(s.time)] for n, s in log.items()}
         self.out, self.errors = set[str](), list[str]()
         self.table: tuple[Channel, ...] = ()
 
@@ -115,9 +119,9 @@ class Seen:
     def warnings(self) -> tuple[str, ...]:
         """What was found, by channel."""
         return tuple(
-            f"{SENSORS[name].quantity}: {'; '.join(found)}"
-            for name, found in self.found.items()
-            if found
+            f"{SENSORS[name].quantity}: {'; '.join(notes)}"
+            for name, notes in self.notes.items()
+            if notes
         )
 
     @property
@@ -144,7 +148,7 @@ class Seen:
 
     def leave_out(self, name: str, why: str) -> None:
         """Leave out a channel."""
-        self.found[name].append(f"{why}, left out")
+        self.notes[name].append(f"{why}, left out")
         self.out.add(name)
 
     # -- copies ----------------------------------------------------------------------------------
@@ -168,7 +172,7 @@ class Seen:
                 continue
             if _noise(given.where(rows)) > 2 * step:
                 text = f"{word} each value over {usual} rows: {len(new) - len(rows)} rows left out"
-                self.found[name].append(text)
+                self.notes[name].append(text)
                 self.keep(name, given.time[rows])
                 return
 
@@ -198,7 +202,7 @@ class Seen:
                     f"within one turn: its speed cannot be known; give its rates, qd:{joint}"
                 )
         if changed:
-            self.found["encoders"].append(f"wrapped by whole turns, unwrapped: {listed(changed)}")
+            self.notes["encoders"].append(f"wrapped by whole turns, unwrapped: {listed(changed)}")
             self._replace_positions(value)
 
     # -- constants -------------------------------------------------------------------------------
@@ -217,7 +221,7 @@ class Seen:
             self.errors.append(
                 f"attitude: {text}: it is not filled, and nothing gives the base's rotation"
             )
-        self.found["attitude"].append(text)
+        self.notes["attitude"].append(text)
 
     def _moving_joints(self) -> list[str]:
         """Return the joints, except wheels, that move."""
@@ -277,7 +281,7 @@ class Seen:
             text = f"q:{joint} is constant while qd:{joint} shows motion: it is not filled"
             if joint in self._rotors:
                 value[:, k] = np.nan
-                self.found["encoders"].append(f"{text}; the integral of qd:{joint} is used")
+                self.notes["encoders"].append(f"{text}; the integral of qd:{joint} is used")
             else:
                 self.errors.append(f"{text}; give its positions")
         if np.isnan(value).any():
@@ -314,7 +318,7 @@ class Seen:
                     ends.append(f"{end:.4g}")
         if at_end.any() and not at_end.all():
             text = f"{at_end.sum()} rows at the end of the scale ({listed(ends)}), left out"
-            self.found[name].append(text)
+            self.notes[name].append(text)
             self.keep(name, given.time[~at_end])
 
 
@@ -327,8 +331,8 @@ def _repeated(time: Array) -> list[str]:
 
 def _usable(samples: Samples) -> NDArray[np.bool_]:
     """Return which samples are finite, and in the order of time; an entry may always be absent."""
-    there = np.isfinite(samples.value) | np.isnan(samples.value).all(axis=0)
-    usable = there.all(axis=1) & np.isfinite(samples.time)
+    is_number = np.isfinite(samples.value) | np.isnan(samples.value).all(axis=0)
+    usable = is_number.all(axis=1) & np.isfinite(samples.time)
     return usable & is_later(np.where(usable, samples.time, np.nan))
 
 
@@ -354,7 +358,7 @@ def _path(name: str, samples: Samples) -> Array:
     return np.concatenate([np.zeros((1, 3)), np.cumsum(turns(still), axis=0)])
 
 
-def _channel(name: str, samples: Samples, found: Sequence[str], is_out: bool) -> Channel:
+def _channel(name: str, samples: Samples, notes: Sequence[str], is_out: bool) -> Channel:
     """Return the line of a channel."""
     time = samples.time[is_later(samples.time)]
     rate, gap, steps = 0.0, None, np.diff(time)
@@ -363,4 +367,4 @@ def _channel(name: str, samples: Samples, found: Sequence[str], is_out: bool) ->
         rate, k = 1 / usual, int(steps.argmax())
         gap = (float(steps[k]), float(time[k])) if steps[k] > 3 * usual else None
     rows = len(samples) if samples.value.shape[1] else 0
-    return Channel(name, rows, rate, gap, tuple(found), rows > 0 and not is_out)
+    return Channel(name, rows, rate, gap, tuple(notes), rows > 0 and not is_out)

@@ -55,12 +55,12 @@ def with_delay(comparison: Comparison, time: Array) -> Comparison:
         return comparison
     most = min(LONGEST_DELAY, (time[-1] - time[0]) / 5)
     inner = (time >= time[0] + most) & (time <= time[-1] - most)
-    spline, there = CubicSpline(time, moved), measured[inner]
+    spline, values = CubicSpline(time, moved), measured[inner]
 
     def residual(delay: float) -> float:
         change = spline(time[inner] + delay)
-        size = max(np.sum(change**2), np.sum(there**2), 1e-300)
-        return float(np.sqrt(np.sum((change - there) ** 2) / size))
+        size = max(np.sum(change**2), np.sum(values**2), 1e-300)
+        return float(np.sqrt(np.sum((change - values) ** 2) / size))
 
     delays = np.linspace(-most, most, 201)
     k = int(np.argmin([residual(delay) for delay in delays]))

@@ -95,21 +95,21 @@ def with_own_columns(
         (used.thrust, "force", "the force of thrusters", THRUST_COLUMNS[3:][in_plane]),
         (used.thrust, "torque", "the torque of thrusters", THRUST_COLUMNS[:3][about_normal]),
     ):
-        there = [] if getattr(section, key) else [each for each in own if {*each} & {*free}]
-        for each in there:
+        candidates = [] if getattr(section, key) else [each for each in own if {*each} & {*free}]
+        for each in candidates:
             missing = [name for name in each if name not in free]
             if missing:
                 raise InputError(
                     f"{where}: {label} needs the columns {', '.join(each)}; missing: "
                     f"{', '.join(missing)}{_likely(missing[0], unknown)}"
                 )
-        if len(there) > 1:
+        if len(candidates) > 1:
             raise InputError(
-                f"{where}: {label} is there twice, in the body ({', '.join(there[0])}) and in the "
-                f"world ({', '.join(there[1])}); keep one of them"
+                f"{where}: {label} is there twice, in the body ({', '.join(candidates[0])}) and in "
+                f"the world ({', '.join(candidates[1])}); keep one of them"
             )
-        if there:
-            setattr(section, key, list(there[0]))
+        if candidates:
+            setattr(section, key, list(candidates[0]))
     for name in free:
         if name.startswith(VALVE):
             used.valves.setdefault(name.removeprefix(VALVE), name)

@@ -66,12 +66,12 @@ def file_delays(log: Log, tree: KinematicTree | None) -> dict[str, float]:
     if smoothed is None:
         return {}
     delays: dict[str, float] = {}
-    known = {name for name in smoothed.splines if log.clocks.get(name, reference) == reference}
+    reachable = {name for name in smoothed.splines if log.clocks.get(name, reference) == reference}
     for file in sorted(files, key=lambda each: each != log.clocks.get("attitude")):
         own = {name for name in smoothed.splines if log.clocks.get(name) == file}
-        known |= own
+        reachable |= own
         later = {name: delays[each] for name, each in log.clocks.items() if each in delays}
-        misfit = partial(_misfit, log, tree, smoothed.of_sensors(known), later, own)
+        misfit = partial(_misfit, log, tree, smoothed.of_sensors(reachable), later, own)
         delays[file] = _best_delay(misfit, LONGEST)
     return delays
 

@@ -128,19 +128,19 @@ def check_conventions(
     given = None if smoothed is None else smoothed.instants()
     if smoothed is None or given is None:
         return Findings(unchecked=("units, signs and frames (too few samples)",))
-    found = _comparisons(given, log, tree)
-    failed = _failed(found)
+    comparisons = _comparisons(given, log, tree)
+    failed = _failed(comparisons)
     better, is_decided = list[Alternative](), True
     if by_momentum or any(c.name != MOMENTUM for c in failed):
         column_map = log.column_map or ColumnMap()
-        in_time = _with_gyro_in_time(given, smoothed, log, found)
+        in_time = _with_gyro_in_time(given, smoothed, log, comparisons)
         better, is_decided = better_conventions(in_time, log.joint_names, tree, column_map)
-    elif any(c.name == "attitude" and c.residual > EXPLAINS for c in found):  # turns a little
+    elif any(c.name == "attitude" and c.residual > EXPLAINS for c in comparisons):  # turns a little
         search = Search(given, log.joint_names, None)
         search.compare(of_attitude(given, log.column_map or ColumnMap()))
         better = search.named
     unchecked = []
-    momentum = next((c for c in found if c.name == MOMENTUM), None)
+    momentum = next((c for c in comparisons if c.name == MOMENTUM), None)
     if tree is None:
         unchecked.append("units of position, its point, signs of joints (needs --spacecraft)")
     elif momentum is None:
@@ -153,20 +153,20 @@ def check_conventions(
             f"{min(momentum.residual, 1.0):.0%} of the motion unexplained, as errors of a "
             "clock, of a joint, of the axes of the base or of the model's masses do)"
         )
-    clock = None if better else clock_factor(found)
+    clock = None if better else clock_factor(comparisons)
     if not better and clock is None:
-        found = [with_delay(each, given.time) for each in found]
-    unmoved = _not_compared(log, {each.name for each in found})
+        comparisons = [with_delay(each, given.time) for each in comparisons]
+    unmoved = _not_compared(log, {each.name for each in comparisons})
     if momentum is None or momentum in failed:
         unmoved = (*unmoved, *_alone(log))
-    return Findings(tuple(found), clock, tuple(better), tuple(unchecked), unmoved)
+    return Findings(tuple(comparisons), clock, tuple(better), tuple(unchecked), unmoved)
 
 
 def _with_gyro_in_time(
-    given: Instants, smoothed: SmoothedLog, log: Log, found: Sequence[Comparison]
+    given: Instants, smoothed: SmoothedLog, log: Log, comparisons: Sequence[Comparison]
 ) -> Instants:
     """Return what a log says without the delay of its gyro, which would hide other conventions."""
-    if not any(c.name == "attitude" and c.residual > EXPLAINS for c in found):
+    if not any(c.name == "attitude" and c.residual > EXPLAINS for c in comparisons):
         return given
     return smoothed.instants({"gyro": gyro_delay(log, smoothed)}) or given
 

@@ -201,20 +201,20 @@ class _Conversion:
             value = np.full((len(samples), len(joints)), np.nan)
             value[:, [joints.index(joint) for joint in positions]] = samples.value
             self._samples["encoders"] = Samples(samples.time, value)
-        found = time_from_rates(self._samples) if used.time.from_rates else self._samples
-        return Log(
-            joints, found, used, notes=self.notes, clocks=files_of_sensors(used, self._table)
-        )
+        kept = time_from_rates(self._samples) if used.time.from_rates else self._samples
+        return Log(joints, kept, used, notes=self.notes, clocks=files_of_sensors(used, self._table))
 
     def _take(self, name: str, time: Array, value: Array, logged: Array) -> None:
         """Add the complete samples of a sensor; count those of which some cells are absent."""
         if not logged.shape[1] and name != "encoders":
             return
         # A conversion makes all entries NaN if it lacks a cell, also of another quantity.
-        there = np.isfinite(value).all(axis=1) & np.isfinite(logged).all(axis=1) & self._usable
-        self.partial[name] += int((self._usable & np.isfinite(logged).any(axis=1) & ~there).sum())
+        is_usable = np.isfinite(value).all(axis=1) & np.isfinite(logged).all(axis=1) & self._usable
+        self.partial[name] += int(
+            (self._usable & np.isfinite(logged).any(axis=1) & ~is_usable).sum()
+        )
         samples = Samples(time, value)
-        self._samples[name] = samples if there.all() else samples.where(there)
+        self._samples[name] = samples if is_usable.all() else samples.where(is_usable)
 
     def _block(self, columns: Sequence[str], unit: str = "", scales: ArrayLike = 1.0) -> Array:
         """Return columns in SI units."""
@@ -243,8 +243,8 @@ class _Conversion:
         Quaternions of another norm than 1 are problems.
         """
         given, q = self._map.attitude, np.full((len(block), 4), np.nan)
-        there = np.isfinite(block).all(axis=1) & (block.shape[1] > 0)
-        if not there.any():
+        is_usable = np.isfinite(block).all(axis=1) & (block.shape[1] > 0)
+        if not is_usable.any():
             return q
         if block.shape[1] == 4:
             q = block[:, [3, 0, 1, 2]] if given.order == "xyzw" else block
@@ -252,29 +252,29 @@ class _Conversion:
                 norm = np.linalg.norm(q, axis=1)
             for row in np.flatnonzero(self._usable & (np.abs(norm - 1) > QUATERNION_NORM)):
                 self._refuse(row, "", f"the quaternion's norm is {norm[row]:.6g}, not 1")
-            there &= self._usable
-            q = np.where(there[:, None], q, np.nan)
+            is_usable &= self._usable
+            q = np.where(is_usable[:, None], q, np.nan)
         else:
-            q[there] = _rotation(block[there], given.order).as_quat(scalar_first=True)
+            q[is_usable] = _rotation(block[is_usable], given.order).as_quat(scalar_first=True)
         if given.direction == "R_BW":
             q = conjugate(q)
-        if not np.array_equal(given.R_BS, np.eye(3)) and there.any():
+        if not np.array_equal(given.R_BS, np.eye(3)) and is_usable.any():
             R_BS = Rotation.from_matrix(given.R_BS)
-            turned = Rotation.from_quat(q[there], scalar_first=True) * R_BS.inv()
-            q[there] = turned.as_quat(scalar_first=True)
+            turned = Rotation.from_quat(q[is_usable], scalar_first=True) * R_BS.inv()
+            q[is_usable] = turned.as_quat(scalar_first=True)
         return q
 
     def _in_common_rows(self, name: str, time: Array, block: Array) -> Array:
         """Return samples of joints that come in rows of their own at those of the rarest joint."""
-        there = np.isfinite(block) & self._usable[:, None]
-        for each in there.T:
+        is_usable = np.isfinite(block) & self._usable[:, None]
+        for each in is_usable.T:
             each[each] = is_later(time[each])
-        counts = there.sum(axis=0)
-        if not counts.size or not counts.all() or there.all(axis=1).sum() > counts.min() / 2:
+        counts = is_usable.sum(axis=0)
+        if not counts.size or not counts.all() or is_usable.all(axis=1).sum() > counts.min() / 2:
             return block
-        rows = np.flatnonzero(there[:, counts.argmin()])
+        rows = np.flatnonzero(is_usable[:, counts.argmin()])
         new = np.full(block.shape, np.nan)
-        for k, each in enumerate(there.T):
+        for k, each in enumerate(is_usable.T):
             own = time[each]
             if len(own) < 2:
                 return block
@@ -283,7 +283,7 @@ class _Conversion:
             is_near &= (time[rows] >= own[0]) & (time[rows] <= own[-1])
             value, _ = unwrapped(block[each, k], np.zeros(len(own)))
             new[rows, k] = np.where(is_near, CubicSpline(own, value)(time[rows]), np.nan)
-        again = int((np.isfinite(block) & self._usable[:, None]).sum() - there.sum())
+        again = int((np.isfinite(block) & self._usable[:, None]).sum() - is_usable.sum())
         self.partial[name] += again
         text = "come in rows of their own, interpolated to those of the rarest joint"
         text += f"; {again} with a repeated stamp, left out" * bool(again)
@@ -330,9 +330,11 @@ class _Conversion:
         """Refuse rows whose time goes back; screening judges samples that repeat a stamp."""
         latest = np.fmax.accumulate(np.append(-np.inf, np.where(self._usable, time, -np.inf)))[:-1]
         back, column = self._usable & (time < latest), self._map.time.column
-        there = time[self._usable]
-        if there.size >= FEWEST and (there == there[0]).all():
-            text = f"the time is {there[0]:.17g} s in all rows: was it rounded, as spreadsheets do?"
+        stamps = time[self._usable]
+        if stamps.size >= FEWEST and (stamps == stamps[0]).all():
+            text = (
+                f"the time is {stamps[0]:.17g} s in all rows: was it rounded, as spreadsheets do?"
+            )
             raise InputError(f"column '{column}': {text}")
         for start, end in _runs(self._usable & (time <= latest)):
             if not back[start:end].any():

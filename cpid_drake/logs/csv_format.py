@@ -178,9 +178,9 @@ def _header(lines: Lines, where: str) -> tuple[str, list[str], str | None, Lines
         if all(names) and (not _numbers(names)[1] or seconds_of_texts(names[:1]) is not None):
             lines = chain([(number, line)], lines)
             for number, comment in reversed(comments):
-                found = _split(comment, separator)
-                if len(found) == len(names) > 1 and len(_numbers(found)[1]) == len(found):
-                    return f"line {number}", found, separator, lines
+                cells = _split(comment, separator)
+                if len(cells) == len(names) > 1 and len(_numbers(cells)[1]) == len(cells):
+                    return f"line {number}", cells, separator, lines
             names = [str(k + 1) for k in range(len(names))]
     except InputError:
         raise
@@ -223,8 +223,8 @@ def _motive_names(first: str, lines: Lines, where: str) -> tuple[str, list[str]]
 
     Its header has lines of kinds, names and numbers of the bodies, of quantities, and of axes.
     """
-    said = _split(first, ",")
-    settings = dict(zip(said[::2], said[1::2]))
+    fields = _split(first, ",")
+    settings = dict(zip(fields[::2], fields[1::2]))
     if settings.get("Rotation Type", "Quaternion") != "Quaternion":
         raise InputError(
             f"{where}: line 1: Motive's rotations are exported as {settings['Rotation Type']}: "
@@ -262,22 +262,22 @@ def _units(row: list[str], header: list[str], where: str) -> list[str]:
         or seconds_of_texts(row[:1]) is not None
     ):
         return []
-    found = list[str]()
+    units = list[str]()
     for name, word in zip(header, words):
         if _DECIMAL_COMMA.fullmatch(word):
             return []
         base, _, per = word.partition("/")
         unit = UNIT_OF.get(base) or UNIT_OF.get(base.lower())
         if word.lower() in _NO_UNIT or (unit and scale_of(unit) == 1 and per in ("", "s", "sec")):
-            found.append(name)
+            units.append(name)
         elif unit is not None and per in ("", "s", "sec"):
-            found.append(f"{name} [{unit}{'/s' * bool(per)}]")
+            units.append(f"{name} [{unit}{'/s' * bool(per)}]")
         else:
             raise InputError(
                 f"{where}: '{word:.40}' in column '{name}' is neither a number nor a unit; keep "
                 "one line of names above the numbers, or put # before the others"
             )
-    return found
+    return units
 
 
 def _split(line: str, separator: str | None) -> list[str]:

@@ -135,10 +135,10 @@ def read_log(
         InputError: as `inspect_log`; also for the first bad row, unless bad rows are left out.
 
     """
-    found = inspect_log(path, topics=topics, columns=columns)
+    file = inspect_log(path, topics=topics, columns=columns)
     if not leave_out_bad:
-        refuse_problems(found.problems, str(path))
-    return found.log
+        refuse_problems(file.problems, str(path))
+    return file.log
 
 
 def refuse_problems(problems: Sequence[str], where: str) -> None:

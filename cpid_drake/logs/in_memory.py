@@ -68,10 +68,10 @@ def from_columns(
         counts = ", ".join(f"'{name}' {count}" for name, count in [*lengths.items()][:8])
         raise InputError(f"all columns must have the same length, not {counts or 'no columns'}")
     table = LogTable(arrays, unreadable=unreadable)
-    found = read_columns(column_map or ColumnMap(), table, "the columns")
-    if found.problems:
-        raise InputError(found.problems[0])
-    return found.log
+    converted = read_columns(column_map or ColumnMap(), table, "the columns")
+    if converted.problems:
+        raise InputError(converted.problems[0])
+    return converted.log
 
 
 def _items(columns: Mapping[str, ArrayLike] | DataFrame) -> Iterator[tuple[object, Any]]:

@@ -46,8 +46,10 @@ class Instants:
         """Return what a log says with other values of some sensors, and their derivatives."""
 
         def new(parts: Mapping[str, Array]) -> dict[str, Array]:
-            found = {name: change(parts[name]) for name, change in changes.items() if name in parts}
-            return {**parts, **found}
+            changed = {
+                name: change(parts[name]) for name, change in changes.items() if name in parts
+            }
+            return {**parts, **changed}
 
         return replace(self, values=new(self.values), rates=new(self.rates))
 

@@ -113,7 +113,7 @@ def files_of_sensors(used: ColumnMap, table: LogTable) -> dict[str, str]:
         THRUST: (*used.thrust.force, *used.thrust.torque),
         **{VALVE + valve: (column,) for valve, column in used.valves.items()},
     }
-    found = dict[str, str]()
+    by_sensor = dict[str, str]()
     for sensor, names in columns.items() if table.files else ():
         files = dict.fromkeys(table.file_of_column[name] for name in names)
         if len(files) > 1:
@@ -121,8 +121,8 @@ def files_of_sensors(used: ColumnMap, table: LogTable) -> dict[str, str]:
                 f"the columns {listed([*names])} of one sensor are in {' and '.join(files)}, whose "
                 "clocks may differ: write them into one file"
             )
-        found.update(dict.fromkeys([sensor], *files) if files else {})
-    return found
+        by_sensor.update(dict.fromkeys([sensor], *files) if files else {})
+    return by_sensor
 
 
 def _refuse_apart(times: Mapping[str, Array]) -> None:

@@ -113,12 +113,12 @@ class Log:
 
     def messages(self) -> list[tuple[str, float, Array]]:
         """Return all samples as (name, time [s], value), in the order of their times."""
-        found = [
+        texts = [
             (name, time, value)
             for name, each in self.samples.items()
             for time, value in zip(each.time.tolist(), each.value, strict=True)
         ]
-        return sorted(found, key=lambda message: message[1])
+        return sorted(texts, key=lambda message: message[1])
 
     @property
     def thrust(self) -> Samples:

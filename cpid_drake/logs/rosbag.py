@@ -142,10 +142,10 @@ def _decoder(connections: "Sequence[Connection]", is_ros1: bool) -> Decode:
     if not is_ros1:
         # The types are the same in every ROS 2, and older bags do not hold their definitions.
         return get_typestore(Stores.ROS2_HUMBLE).deserialize_cdr
-    known = {each for types in TOPIC_TYPES.values() for each in types}
+    built_in = {each for types in TOPIC_TYPES.values() for each in types}
     types = dict[str, Any]()
     for connection in connections:
-        if connection.msgtype in known:
+        if connection.msgtype in built_in:
             types |= get_types_from_msg(connection.msgdef.data, connection.msgtype)
     store = get_typestore(Stores.EMPTY)
     store.register(types)
@@ -161,14 +161,14 @@ def _table(
     origin = stamps[np.abs(stamps - middle) < 10 * 86400 * 10**9].min()
     parts, used, table = list[_Part](), {"joints"}, LogTable({})
     for quantity, kinds in SOURCES.items():
-        there = [kind for kind in kinds if kind in topics and quantity in topics[kind].samples]
-        if not there:
+        usable = [kind for kind in kinds if kind in topics and quantity in topics[kind].samples]
+        if not usable:
             continue
-        used.add(there[0])
+        used.add(usable[0])
         columns = _COLUMNS.get(quantity) or SENSORS[quantity].columns
-        series = topics[there[0]].series(quantity)
+        series = topics[usable[0]].series(quantity)
         parts.append((quantity, columns, series))
-        table.rejected[quantity] = len(topics[there[0]].stamps) - len(series[0])
+        table.rejected[quantity] = len(topics[usable[0]].stamps) - len(series[0])
     for name in topics["joints"].samples:
         quantity = "joint_rates" if name.startswith("qd:") else "encoders"
         parts.append((quantity, (name,), topics["joints"].series(name)))
@@ -211,8 +211,8 @@ def _choose_topics(
     chosen = dict[str, list[str]]()
     for kind, types in TOPIC_TYPES.items():
         wanted = topics.get(kind, "" if kind == "thrust" else None)
-        there = {c.topic: c.msgtype for c in sorted(connections) if c.msgtype in types}
-        plain = sorted(topic for topic in there if there[topic] != TRANSFORMS)
+        types_of = {c.topic: c.msgtype for c in sorted(connections) if c.msgtype in types}
+        plain = sorted(topic for topic in types_of if types_of[topic] != TRANSFORMS)
         words = " or ".join(types)
         if wanted is None and len(plain) > 1 and kind != "joints":
             raise InputError(
@@ -221,18 +221,22 @@ def _choose_topics(
             )
         names = plain if wanted is None else [each for each in wanted.split(",") if each]
         for name in names:
-            if name.partition(":")[0] not in there:
-                known = ", ".join(sorted(there)) or "none"
-                raise InputError(f"{where}: no topic {name} of type {words}; of it: {known}")
+            if name.partition(":")[0] not in types_of:
+                listed_topics = ", ".join(sorted(types_of)) or "none"
+                raise InputError(
+                    f"{where}: no topic {name} of type {words}; of it: {listed_topics}"
+                )
         if names:
             chosen[kind] = names
     if "joints" not in chosen:
         raise InputError(f"{where}: no topic with joint positions ({TOPIC_TYPES['joints'][0]})")
     if not chosen.keys() & {"odometry", "pose", "imu"}:
         types = tuple(each for kind in ("odometry", "pose", "imu") for each in TOPIC_TYPES[kind])
-        found = sorted({c.topic for c in connections if c.msgtype == TRANSFORMS})
+        transforms = sorted({c.topic for c in connections if c.msgtype == TRANSFORMS})
         remedy = (
-            f"; name the frames of {found[0]}: --topic pose={found[0]}:WORLD:BASE" if found else ""
+            f"; name the frames of {transforms[0]}: --topic pose={transforms[0]}:WORLD:BASE"
+            if transforms
+            else ""
         )
         raise InputError(
             f"{where}: no topic with the motion of the base (of type {', '.join(types)}){remedy}"

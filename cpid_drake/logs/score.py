@@ -81,25 +81,25 @@ class Comparison:
 
 def compare_rates(given: Instants, names: tuple[str, ...]) -> list[Comparison]:
     """Return the comparisons of positions that move with measured rates."""
-    found, values = [], given.values
+    comparisons, values = [], given.values
     for k, joint in enumerate(names if "joint_rates" in values else ()):
         if {f"encoders {joint}", f"joint_rates {joint}"} <= given.moving:
             sides = given.rates["encoders"][:, [k]], values["joint_rates"][:, [k]]
-            found.append(_compared(f"q:{joint}", f"qd:{joint}", *sides))
+            comparisons.append(_compared(f"q:{joint}", f"qd:{joint}", *sides))
     if {"position", "velocity"} <= given.moving:
         sides = given.rates["position"], values["velocity"]
-        found.append(_compared("position", "velocity", *sides))
+        comparisons.append(_compared("position", "velocity", *sides))
     turning = given.turning
     if turning is not None and {"attitude", "gyro"} <= given.moving:
         sides = turning, values["gyro"]
-        found.append(_compared("attitude", "angular velocity", *sides))
-    return found
+        comparisons.append(_compared("attitude", "angular velocity", *sides))
+    return comparisons
 
 
 def compare_momentum(given: Instants, tree: KinematicTree | None) -> list[Comparison]:
     """Return the comparison with the conservation of momentum, if one is possible."""
-    found = explain_by_momentum(given, tree)
-    return [] if found is None else [found.comparison]
+    explained = explain_by_momentum(given, tree)
+    return [] if explained is None else [explained.comparison]
 
 
 def momentum_of(given: Instants, tree: KinematicTree) -> MomentumSamples:
@@ -203,11 +203,11 @@ def _linear(
     has_position = "position" in given.values
     if has_position:
         powers = [np.ones_like(clock), clock, clock**2]
-        known, arm, moment = samples.p_WKcm, C.p_WC - samples.p_WKcm, -C.R_WC
+        of_craft, arm, moment = samples.p_WKcm, C.p_WC - samples.p_WKcm, -C.R_WC
     else:
         powers = [np.ones_like(clock), clock]
-        known = samples.P / samples.mass
-        arm, moment = C.v_WC - known, -skew(C.w_WC) @ C.R_WC
+        of_craft = samples.P / samples.mass
+        arm, moment = C.v_WC - of_craft, -skew(C.w_WC) @ C.R_WC
     drift = np.stack(powers, axis=1)
     size = _rms(y - drift @ np.linalg.lstsq(drift, y, rcond=None)[0])
     if "attitude" not in given.values or not size > _LEAST * max(np.abs(y).max(), 1e-3):
@@ -215,7 +215,7 @@ def _linear(
     T = np.concatenate([-arm[:, :, None], moment], axis=2) / samples.mass
     columns = [power[:, None, None] * np.eye(3) for power in powers]
     D = np.concatenate([*columns, *([given.R_WB] if has_free_point and has_position else [])], 2)
-    return T.reshape(y.size, 4), D.reshape(y.size, -1), (y + known).reshape(-1), size
+    return T.reshape(y.size, 4), D.reshape(y.size, -1), (y + of_craft).reshape(-1), size
 
 
 def _has_inertia(x: Array, root: Array, tree: KinematicTree) -> bool:
@@ -247,8 +247,8 @@ def _least_squares(A: Array, b: Array) -> tuple[Array, Array, Array]:
     x = (Vt[kept].T / s[kept] @ (U[:, kept].T @ b)) / scale
     error = b - A @ x
     noise = _rms(error) * np.sqrt(b.size / max(b.size - A.shape[1], 1))
-    known, free = noise * Vt[kept].T / s[kept], _OPEN * (np.abs(Vt[~kept]) > 1e-6).T
-    return x, error, np.concatenate([known, free], axis=1) / scale[:, None]
+    determined, free = noise * Vt[kept].T / s[kept], _OPEN * (np.abs(Vt[~kept]) > 1e-6).T
+    return x, error, np.concatenate([determined, free], axis=1) / scale[:, None]
 
 
 def _compared(name: str, rate: str, moved: Array, measured: Array) -> Comparison:

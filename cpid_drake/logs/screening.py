@@ -245,8 +245,8 @@ def _held(name: str, given: Samples, width: int, since: float) -> Samples:
 
 def _confirmed(stamps: Sequence[Array], newest: float) -> Array:
     """Return the stamps of all sensors that confirm each other, or that are not late."""
-    known = [newest] if np.isfinite(newest) else []
-    pool = np.unique(np.concatenate([*stamps, known]))
+    confirmed = [newest] if np.isfinite(newest) else []
+    pool = np.unique(np.concatenate([*stamps, confirmed]))
     with np.errstate(over="ignore"):  # between absurd stamps, a step is infinite
         steps = [np.median(np.abs(np.diff(time))) for time in stamps if time.size > 1]
         silence = max(LONGEST_DELAY, 5 * float(max(steps, default=0.0)))
@@ -255,24 +255,24 @@ def _confirmed(stamps: Sequence[Array], newest: float) -> Array:
         return pool
     count = np.bincount(group)
     is_good = count >= CONFIRMING
-    if known:
+    if confirmed:
         is_good[: group[np.searchsorted(pool, newest)] + 1] = True
     else:
         is_good[count.argmax()] = True
     pool = pool[is_good[group]]
     part = np.append(0, np.cumsum(np.diff(pool) > LONGEST_GAP))  # the clock is wrong in others
-    of_newest = part[np.searchsorted(pool, newest)] if known else np.bincount(part).argmax()
+    of_newest = part[np.searchsorted(pool, newest)] if confirmed else np.bincount(part).argmax()
     return np.asarray(pool[part == of_newest])
 
 
 # -- values ---------------------------------------------------------------------------------------
 
 
-def _readable(name: str, samples: Samples, known: bool) -> Samples:
+def _readable(name: str, samples: Samples, is_known: bool) -> Samples:
     """Return the samples that are finite and possible for the sensor, attitudes normalized."""
     time, value = samples.time, samples.value
     usable = np.isfinite(time) & np.isfinite(value).all(axis=1)
-    if known:
+    if is_known:
         usable &= (np.abs(value) < LARGEST).all(axis=1)
     if name == "attitude":
         with np.errstate(over="ignore"):
@@ -328,9 +328,9 @@ def _spikes(time: Array, value: Array, sigma: float) -> NDArray[np.bool_]:
     motion leaves it small. The first two and the last two samples cannot be judged, and are
     accepted.
     """
-    found = np.zeros(time.size, dtype=bool)
+    is_spike = np.zeros(time.size, dtype=bool)
     if time.size < 5:
-        return found
+        return is_spike
     t = [time[k : time.size - 4 + k, None] for k in range(5)]
     x = [value[k : time.size - 4 + k] for k in range(5)]
     paths = [
@@ -346,7 +346,7 @@ def _spikes(time: Array, value: Array, sigma: float) -> NDArray[np.bool_]:
     deviation = np.min([np.abs(x[2] - path) for path in paths], axis=0)
     rows = np.flatnonzero((deviation > SPIKE * sigma).any(axis=1))
     if not rows.size:
-        return found
+        return is_spike
     window = np.clip(
         rows[:, None] + np.arange(-NEIGHBOURHOOD // 2, NEIGHBOURHOOD // 2 + 1), 0, len(x[2]) - 1
     )
@@ -354,5 +354,5 @@ def _spikes(time: Array, value: Array, sigma: float) -> NDArray[np.bool_]:
     limit = np.maximum(limit, BRIDGE * bend[rows])
     gap, steps = t[3] - t[1], t[1] - t[0] + t[4] - t[3]  # across a gap, nothing is known
     far = (deviation[rows] > limit).any(axis=1) & (gap <= 3 * steps)[rows, 0]
-    found[rows[far] + 2] = True
-    return found
+    is_spike[rows[far] + 2] = True
+    return is_spike

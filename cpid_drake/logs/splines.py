@@ -89,20 +89,20 @@ def best(
             include, and more noise, which the covariance includes.
 
     """
-    found: list[tuple[float, float, int, Fit]] = []
+    fits: list[tuple[float, float, int, Fit]] = []
     for pieces in PIECES:
         if pieces < first and pieces < PIECES[-1]:
             continue
-        if found and pieces + DEGREE > samples / 2:
+        if fits and pieces + DEGREE > samples / 2:
             break
         chi, fitted = fit(pieces)
-        found.append((chi + 2 * width * (pieces + DEGREE), chi, pieces, fitted))
-        best = min(range(len(found)), key=lambda k: found[k][0])
-        if len(found) > best + 3:
+        fits.append((chi + 2 * width * (pieces + DEGREE), chi, pieces, fitted))
+        best = min(range(len(fits)), key=lambda k: fits[k][0])
+        if len(fits) > best + 3:
             break
     # Knots of different fits are not nested, so a larger fit can be worse.
-    better = [each for each in found[best + 1 :] if each[1] < found[best][1]]
-    chosen = better[0] if finer and better else found[best]
+    better = [each for each in fits[best + 1 :] if each[1] < fits[best][1]]
+    chosen = better[0] if finer and better else fits[best]
     return chosen[2], chosen[3]
 
 

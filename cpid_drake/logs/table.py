@@ -127,16 +127,16 @@ def seconds_of_texts(texts: Sequence[str]) -> Array | None:
 
 def _since_first(texts: Sequence[str]) -> Array | None:
     """Return seconds since the first stamp; None for other texts."""
-    found = [_STAMP.fullmatch(text) for text in texts]
-    kinds = {(bool(m["day"]), m["zone"]) if m else None for m in found}
+    matches = [_STAMP.fullmatch(text) for text in texts]
+    kinds = {(bool(m["day"]), m["zone"]) if m else None for m in matches}
     if len(kinds) != 1 or None in kinds:
         return None
-    days = ((m["day"] or "1970-01-01", m["time"].replace(",", ".")) for m in found if m)
+    days = ((m["day"] or "1970-01-01", m["time"].replace(",", ".")) for m in matches if m)
     try:
         stamps = np.array(["T".join(pair) for pair in days], dtype="datetime64[ns]").astype(int)
     except ValueError:  # no such day or hour
         return None
-    if not found[0] or not found[0]["day"]:
+    if not matches[0] or not matches[0]["day"]:
         stamps = stamps + _DAY * np.append(0, np.cumsum(np.diff(stamps) < -_DAY // 2))
     return np.asarray((stamps - stamps[0]) / 1e9)
 

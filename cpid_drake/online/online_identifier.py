@@ -54,12 +54,12 @@ class OnlineIdentifier:
         self.stream, self._lock = stream, threading.RLock()
         self._state, self._waiting = state, list(state.waiting)
         self._newest, self._due = -np.inf, np.nan
-        self._found: Identification | None = None
+        self._estimate: Identification | None = None
 
     def _process(self, state: StreamState) -> None:
         """Continue from the state after some blocks."""
         if state.online is not self._state.online:
-            self._found = None
+            self._estimate = None
         self._state, self._waiting = state, list(state.waiting)
         self._due = self.stream.due(state, self._newest)
 
@@ -100,9 +100,11 @@ class OnlineIdentifier:
     def estimate(self) -> Identification:
         """Return the target as the blocks that are complete show it."""
         with self._lock:
-            if self._found is None:
-                self._found = self.stream.identification(self._state, has_budget=self._has_budget)
-            return self.stream.counted(self._found, self._state)
+            if self._estimate is None:
+                self._estimate = self.stream.identification(
+                    self._state, has_budget=self._has_budget
+                )
+            return self.stream.counted(self._estimate, self._state)
 
     @one_thread
     def finish(self) -> Identification:

@@ -36,12 +36,12 @@ def comparison_scene(comparison: Comparison) -> str:
     craft = next(iter(comparison.results.values())).spacecraft
     if craft is None:
         raise InputError("a scene needs results of `cpid identify --json`, which name a spacecraft")
-    known = {
+    bodies = {
         name: result
         for name, result in comparison.results.items()
         if not result.spatial_inertia().IsNaN()
     }
-    if not known:
+    if not bodies:
         raise InputError("a scene needs a result in which all ten parameters are known")
     spacecraft, meshcat = craft.make(), StartMeshcat()
     plant = spacecraft.plant
@@ -49,7 +49,7 @@ def comparison_scene(comparison: Comparison) -> str:
     Scene(spacecraft, meshcat).draw(0.0, plant.GetPositionsAndVelocities(context))
     X_WC = spacecraft.capture_frame.CalcPoseInWorld(context)
     legend, numbers, reach, centre = dict[str, str](), list[str](), 0.0, np.zeros(3)
-    for k, ((name, result), color) in enumerate(zip(known.items(), cycle(_COLORS), strict=False)):
+    for k, ((name, result), color) in enumerate(zip(bodies.items(), cycle(_COLORS), strict=False)):
         estimate = result.spatial_inertia()
         sigmas, X_CS = three_sigma_ellipsoid(estimate.get_com(), result.covariance[1:4, 1:4])
         semi_diameters, X_CE = inertia_ellipsoid(estimate)
@@ -68,5 +68,5 @@ def comparison_scene(comparison: Comparison) -> str:
         numbers.append(f"{name}\n{estimate_text(result)}")
     meshcat.SetCameraPose(centre + reach * _VIEW, centre)
     steps = [(0.0, "\n\n".join(numbers))]
-    title = " and ".join(known)
+    title = " and ".join(bodies)
     return scene_html(meshcat, steps, title=title, legend=legend)

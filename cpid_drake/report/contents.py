@@ -48,10 +48,10 @@ class ReportContents:
 
     def differences(self) -> list[str]:
         """Return a warning if the log, identified again, gives other values than the result."""
-        if self.evidence is None or self.evidence.found is self.result:
+        if self.evidence is None or self.evidence.result is self.result:
             return []
         sigma = np.sqrt(np.nan_to_num(np.diag(self.result.covariance)))
-        before, again = self.result.parameters, self.evidence.found.parameters
+        before, again = self.result.parameters, self.evidence.result.parameters
         close = np.abs(again - before) <= 1e-3 * sigma + 1e-9 * np.abs(again)
         if np.all(close | (np.isnan(again) & np.isnan(before))):
             return []
@@ -63,10 +63,10 @@ class ReportContents:
 
     def files(self) -> list[str | Path | None]:
         """Return the files that the report was made from, as far as they exist."""
-        found: list[str | Path | None] = [*self.result.files()]
+        files: list[str | Path | None] = [*self.result.files()]
         if self.evidence is not None:
-            found.append(self.evidence.found.sources[0].request.telemetry)
-        return found if self.run is None else [*found, self.run.scenario.target.visual_model]
+            files.append(self.evidence.result.sources[0].request.telemetry)
+        return files if self.run is None else [*files, self.run.scenario.target.visual_model]
 
 
 def collect_contents(
@@ -74,8 +74,8 @@ def collect_contents(
 ) -> ReportContents:
     """Return the contents of a report on logs that have just been identified."""
     if len(evidence.files) > 1:
-        return ReportContents(evidence.found)
-    return ReportContents(evidence.found, evidence, converge(evidence, progress), run=run)
+        return ReportContents(evidence.result)
+    return ReportContents(evidence.result, evidence, converge(evidence, progress), run=run)
 
 
 def collect_contents_of_file(

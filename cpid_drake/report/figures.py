@@ -90,8 +90,8 @@ def _parameter_figure(estimates: History, true: float, i: int) -> go.Figure:
     if np.isfinite(true):
         figure.add_hline(true, line={"color": COLORS[1], "dash": "dash", "width": 1.5})
     # The limits show the later estimates: the first intervals are too wide.
-    known = np.flatnonzero(is_known)
-    late = known[len(known) // 3 :]
+    places = np.flatnonzero(is_known)
+    late = places[len(places) // 3 :]
     shown = np.concatenate([value[late], bands[late].ravel(), [true]])
     low, high = np.nanmin(shown), np.nanmax(shown)
     margin = 0.08 * (high - low) or 1e-3 * max(abs(high), 1e-9)

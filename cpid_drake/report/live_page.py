@@ -103,7 +103,7 @@ class LivePage:
     def show(
         self,
         time: float,
-        found: Identification,
+        estimate: Identification,
         *,
         status: str = "",
         problems: Iterable[str] = (),
@@ -113,15 +113,15 @@ class LivePage:
         Args:
             time: until which there are samples [s]; NaN before the first. An earlier one than
                 before begins the curves anew.
-            found: the identification.
+            estimate: the identification.
             status: how the run does, such as "0.3 s late".
             problems: sentences besides failed checks, rejected samples and warnings.
 
         """
-        bounds = found.intervals
-        point = [time, _row(found.parameters), _row(bounds[:, 0]), _row(bounds[:, 1])]
-        text = json.dumps([*point, _residuals(found)])
-        rejected = {name: count for name, count in found.rejected.items() if count}
+        bounds = estimate.intervals
+        point = [time, _row(estimate.parameters), _row(bounds[:, 0]), _row(bounds[:, 1])]
+        text = json.dumps([*point, _residuals(estimate)])
+        rejected = {name: count for name, count in estimate.rejected.items() if count}
         many = ", ".join(f"{count} of {name}" for name, count in rejected.items())
         now = "no samples yet"
         with self._lock:
@@ -130,17 +130,17 @@ class LivePage:
                 now = f"{time:.1f} s"
             self._state |= {
                 "status": "; ".join(each for each in (now, status) if each),
-                "samples": f"{found.sample_count} samples, {sum(rejected.values())} rejected",
-                "verdict": _verdict(found),
-                "passed": found.passed,
-                "answer": found.explain(),
-                "numbers": _numbers(found),
-                "residuals": "σ" if found.sensors is not None else "units of the rows",
+                "samples": f"{estimate.sample_count} samples, {sum(rejected.values())} rejected",
+                "verdict": _verdict(estimate),
+                "passed": estimate.passed,
+                "answer": estimate.explain(),
+                "numbers": _numbers(estimate),
+                "residuals": "σ" if estimate.sensors is not None else "units of the rows",
                 "problems": [
-                    *(f"Failed check: {text}" for text in found.failures),
+                    *(f"Failed check: {text}" for text in estimate.failures),
                     *problems,
                     *([f"Rejected samples: {many}"] if many else []),
-                    *(f"Warning: {text}" for text in found.warnings),
+                    *(f"Warning: {text}" for text in estimate.warnings),
                 ],
             }
         self._server.notify()
@@ -209,23 +209,23 @@ def _row(values: ArrayLike) -> list[float | None]:
     return [_number(value) for value in np.asarray(values, dtype=float)]
 
 
-def _residuals(found: Identification) -> dict[str, float | None]:
+def _residuals(estimate: Identification) -> dict[str, float | None]:
     """Return the root mean square of residuals by sensor, or of the rows of states."""
     sizes = {
         name: float(np.sqrt(np.mean(each.value**2)))
-        for name, each in found.residuals.items()
+        for name, each in estimate.residuals.items()
         if each.value.size
     }
-    if not sizes and found.solution is not None and np.isfinite(found.solution.residual_rms):
-        sizes = {"rows": found.solution.residual_rms}
+    if not sizes and estimate.solution is not None and np.isfinite(estimate.solution.residual_rms):
+        sizes = {"rows": estimate.solution.residual_rms}
     return {name: _number(size) for name, size in sizes.items()}
 
 
-def _numbers(found: Identification) -> Sequence[str]:
+def _numbers(estimate: Identification) -> Sequence[str]:
     """Return each parameter with the half-width of its 95 % interval."""
-    halves = np.diff(found.intervals)[:, 0] / 2
+    halves = np.diff(estimate.intervals)[:, 0] / 2
     texts = []
-    for value, half, unit in zip(found.parameters, halves, PARAMETER_UNITS):
+    for value, half, unit in zip(estimate.parameters, halves, PARAMETER_UNITS):
         text = with_half_width(value, half)
         if "e" in text:  # from exact states: all digits would not be readable
             text = f"{significant(value, 7)} ± {significant(half)}"
@@ -233,9 +233,9 @@ def _numbers(found: Identification) -> Sequence[str]:
     return texts
 
 
-def _verdict(found: Identification) -> str:
+def _verdict(estimate: Identification) -> str:
     """Return how the checks ended, in words."""
-    if found.failures:
-        count = len(found.failures)
+    if estimate.failures:
+        count = len(estimate.failures)
         return "a check failed" if count == 1 else f"{count} checks failed"
-    return "all checks passed" if found.checks else "no checks yet"
+    return "all checks passed" if estimate.checks else "no checks yet"

@@ -96,7 +96,7 @@ def show_replay(
         frames, states = motion.time, spacecraft.to_states(motion)
         scene = Scene(spacecraft, page.meshcat)
     begin, shown, shown_frame = time.monotonic(), -np.inf, -np.inf
-    found = identifier.estimate()
+    estimate = identifier.estimate()
 
     def lag(stamp: float) -> float:
         """Return how late a sample of this stamp would be now [s]; negative before its time."""
@@ -108,27 +108,29 @@ def show_replay(
             identifier.add(name, stamp, value)
             now = time.monotonic()
             if now - shown > PERIOD:
-                found, shown = identifier.estimate(), now
+                estimate, shown = identifier.estimate(), now
                 late = f"{max(lag(stamp), 0.0):.1f} s late"
-                screen.update("\n".join([_state(found, stamp, count, late), *describe(found)]))
+                screen.update(
+                    "\n".join([_state(estimate, stamp, count, late), *describe(estimate)])
+                )
                 if page is not None:
-                    page.show(stamp - first, found, status=late)
+                    page.show(stamp - first, estimate, status=late)
             if scene and now - shown_frame > FRAME_PERIOD:
                 shown_frame = now
                 k = max(int(np.searchsorted(frames, stamp, side="right")) - 1, 0)
-                scene.draw(stamp - first, states[k], found)
-        found = identifier.finish()
+                scene.draw(stamp - first, states[k], estimate)
+        estimate = identifier.finish()
         late = f"{lag(last):.1f} s late"
-        screen.update(_state(found, last, len(samples), late))
+        screen.update(_state(estimate, last, len(samples), late))
     if page is not None:
-        page.show(last - first, found, status=late)
+        page.show(last - first, estimate, status=late)
     if scene:
-        scene.draw(last - first, states[-1], found)
-    return found
+        scene.draw(last - first, states[-1], estimate)
+    return estimate
 
 
-def _state(found: Identification, time: float, count: int, late: str) -> str:
-    rejected = sum(found.rejected.values())
+def _state(estimate: Identification, time: float, count: int, late: str) -> str:
+    rejected = sum(estimate.rejected.values())
     return f"{time:.1f} s: {count} samples, {rejected} rejected; {late}"
 
 
@@ -148,19 +150,19 @@ class NodeView:
     def __init__(self, samples: RosSamples, spacecraft: Spacecraft, page: LivePage) -> None:
         self._samples, self._spacecraft, self._page = samples, spacecraft, page
         self._scene = Scene(spacecraft, page.meshcat)
-        self._found: Identification | None = None
+        self._estimate: Identification | None = None
         self._begin, self._drawn = time.monotonic(), -np.inf
 
-    def show(self, found: Identification, rows: Sequence[Status]) -> None:
+    def show(self, estimate: Identification, rows: Sequence[Status]) -> None:
         """Show an identification, and what is wrong with topics and stream."""
-        newest, until, self._found = self._samples.newest, self._samples.stamp, found
+        newest, until, self._estimate = self._samples.newest, self._samples.stamp, estimate
         behind = f"estimate {(newest - until) / 1e9:.1f} s behind" if until else ""
         problems = [f"{row.name}: {row.text}" for row in rows if row.level != OK]
         for row in rows:
             if count := row.values.get("unusable"):
                 problems.append(f"{row.name}: {count} messages cannot be used")
         now = newest / 1e9 if newest else np.nan
-        self._page.show(now, found, status=behind, problems=problems)
+        self._page.show(now, estimate, status=behind, problems=problems)
 
     def draw(self) -> None:
         """Draw the spacecraft at the latest samples, if they are new to the eye."""
@@ -171,7 +173,7 @@ class NodeView:
         with suppress(InputError):  # a sample that is no number or no rotation
             state = state_of(self._spacecraft, self._samples.latest)
             if state is not None:
-                self._scene.draw(now, state, self._found)
+                self._scene.draw(now, state, self._estimate)
 
 
 def state_of(spacecraft: Spacecraft, latest: Mapping[str, ArrayLike]) -> Array | None:

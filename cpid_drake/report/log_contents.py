@@ -18,48 +18,51 @@ _SHOWN = 100  # problems of a file that are listed; more of them say nothing new
 
 
 def checked_contents(
-    found: LogFile, where: str, spacecraft: Spacecraft | None
+    file: LogFile, where: str, spacecraft: Spacecraft | None
 ) -> tuple[list[str], int]:
     """Return lines on a log's file, and how many problems it has.
 
     Args:
-        found: the file.
+        file: the file.
         where: its name.
         spacecraft: with the joints of the log; None to check what the log alone shows.
 
     """
-    rejected, failures, said = Counter(found.partial), list[str](), Findings()
-    warnings = left_out_warnings(found.left_out_joints)
+    rejected, failures, conventions = Counter(file.partial), list[str](), Findings()
+    warnings = left_out_warnings(file.left_out_joints)
     try:
-        checked = check_as_read(found.log, spacecraft)
+        checked = check_as_read(file.log, spacecraft)
     except InputError as error:
-        failures, seen = [str(error)], look_at(found.log)
-        warnings, channels = [*warnings, *seen.warnings], seen.table
+        failures, looked = [str(error)], look_at(file.log)
+        warnings, channels = [*warnings, *looked.warnings], looked.table
     else:
-        failures, said, channels = [*checked.failures], checked.conventions, checked.channels
+        failures, conventions, channels = [*checked.failures], checked.conventions, checked.channels
         warnings += checked.warnings
         rejected += Counter(checked.rejected)
     warnings += [f"unusable samples of {label_of(name)}: {n}" for name, n in rejected.items()]
-    unchecked = [*said.unchecked, *said.not_compared]
-    if failures and not said.comparisons:
+    unchecked = [*conventions.unchecked, *conventions.not_compared]
+    if failures and not conventions.comparisons:
         unchecked.append("units, signs and frames: nothing was compared, because of the errors")
-    lines = [*_contents(found, where, channels), *(f"  {each.text}" for each in said.comparisons)]
+    lines = [
+        *_contents(file, where, channels),
+        *(f"  {each.text}" for each in conventions.comparisons),
+    ]
     lines += [f"warning: {warning}" for warning in warnings]
-    lines += [f"error: {problem}" for problem in [*found.problems[:_SHOWN], *failures]]
-    if len(found.problems) > _SHOWN:
-        lines.append(f"... and {len(found.problems) - _SHOWN} more")
+    lines += [f"error: {problem}" for problem in [*file.problems[:_SHOWN], *failures]]
+    if len(file.problems) > _SHOWN:
+        lines.append(f"... and {len(file.problems) - _SHOWN} more")
     lines += [f"not checked: {text}" for text in unchecked]
-    count = len(found.problems) + len(failures)
+    count = len(file.problems) + len(failures)
     if not count:
         counts = f"no errors; warnings: {len(warnings)}, not checked: {len(unchecked)}"
         lines.append(counts if warnings or unchecked else "no problems found")
     return lines, count
 
 
-def _contents(found: LogFile, where: str, channels: Sequence[Channel]) -> Iterator[str]:
+def _contents(file: LogFile, where: str, channels: Sequence[Channel]) -> Iterator[str]:
     """Yield lines on times, joints, channels, and columns that are not used."""
-    log, (first, last) = found.log, found.log.interval
-    yield f"{where}: {found.row_count} rows" + (
+    log, (first, last) = file.log, file.log.interval
+    yield f"{where}: {file.row_count} rows" + (
         f", {first:.6g} to {last:.6g} s" if first <= last else ""
     )
     joints = log.joint_names
@@ -71,7 +74,7 @@ def _contents(found: LogFile, where: str, channels: Sequence[Channel]) -> Iterat
         yield "  " + "  ".join([*padded, row[-1]])
     if len(log.thrust):
         yield f"  thrust: {len(log.thrust)} rows, each holds until the next"
-    for name, count in found.partial.items():
+    for name, count in file.partial.items():
         yield f"  {count} samples of {label_of(name)} are there in part only, and not used"
-    if found.ignored:
-        yield f"  ignored columns: {', '.join(found.ignored[:20])}"
+    if file.ignored:
+        yield f"  ignored columns: {', '.join(file.ignored[:20])}"

@@ -60,7 +60,7 @@ def write_mcap(path: str | Path, evidence: Evidence) -> None:
 
 def _messages(types: Mapping[str, Any], evidence: Evidence) -> Iterator[tuple[int, str, Any]]:
     """Yield stamps [ns], topics and messages."""
-    result, make = evidence.found, Messages(types.__getitem__)
+    result, make = evidence.result, Messages(types.__getitem__)
     [source] = result.sources
     begin, frame = max(source.start, 0.0), source.request.spacecraft.capture_frame
 
@@ -68,9 +68,9 @@ def _messages(types: Mapping[str, Any], evidence: Evidence) -> Iterator[tuple[in
         return max(round((begin + max(time, 0.0)) * 1e9), 1)  # stamps of a bag are positive
 
     end = 0.0
-    for time, found in converge(evidence):
-        end, sigma = max(end, time), np.sqrt(np.diag(found.covariance))
-        yield stamp(time), TARGET, make.inertia(stamp(time), frame, found.parameters)
+    for time, estimate in converge(evidence):
+        end, sigma = max(end, time), np.sqrt(np.diag(estimate.covariance))
+        yield stamp(time), TARGET, make.inertia(stamp(time), frame, estimate.parameters)
         yield stamp(time), SIGMA, make.inertia(stamp(time), frame, sigma)
     for name, samples in result.residuals.items():
         for time, value in zip(samples.time.tolist(), samples.value, strict=True):

@@ -18,9 +18,9 @@ LEGEND = (
 """The explanation of the tables."""
 
 
-def motion_table(found: Mapping[str, Prediction], title: str) -> Table:
+def motion_table(predictions: Mapping[str, Prediction], title: str) -> Table:
     """Return what is expected of motions, one column each, and what a fit found in trials."""
-    columns = found.values()
+    columns = predictions.values()
     rows = dict[str, Sequence[float]]()
     is_calibrated = all(each.plausible_sigma is each.sigma for each in columns)
     for k, (name, unit) in enumerate(zip(PARAMETER_NAMES, PARAMETER_UNITS, strict=True)):
@@ -36,12 +36,12 @@ def motion_table(found: Mapping[str, Prediction], title: str) -> Table:
         rows["worst error of fits, %"] = [100 * each.realised for each in columns]
         rows["fits that failed"] = [np.isnan(each.errors).any(axis=1).sum() for each in columns]
     cells = [[name, *(_number(value) for value in values)] for name, values in rows.items()]
-    return Table(["", *found], cells, title, LEGEND)
+    return Table(["", *predictions], cells, title, LEGEND)
 
 
-def rank_correlation(found: Mapping[str, Prediction]) -> float:
+def rank_correlation(predictions: Mapping[str, Prediction]) -> float:
     """Return Spearman's rank correlation of predicted and realised errors of motions."""
-    pairs = np.array([(each.worst, each.realised) for each in found.values()])
+    pairs = np.array([(each.worst, each.realised) for each in predictions.values()])
     return float(spearmanr(pairs[np.isfinite(pairs).all(axis=1)]).statistic)
 
 

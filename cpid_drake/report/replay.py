@@ -71,11 +71,11 @@ def replay_html(
     frames = np.arange(zero, motion.time[-1] + period, period)
     for k in np.unique(np.searchsorted(motion.time[:-1], frames - 1e-9)):
         latest = int(np.searchsorted(starts, motion.time[k] + 1e-9))
-        found = estimates[latest - 1][1] if latest else None
-        scene.draw(motion.time[k] - zero, states[k], found)
+        estimate = estimates[latest - 1][1] if latest else None
+        scene.draw(motion.time[k] - zero, states[k], estimate)
     meshcat.StopRecording()
     meshcat.PublishRecording()
-    steps = [(time - zero, estimate_text(found, truth)) for time, found in estimates]
+    steps = [(time - zero, estimate_text(estimate, truth)) for time, estimate in estimates]
     return scene_html(meshcat, steps, title=title, zero=zero)
 
 
@@ -110,15 +110,15 @@ def simulation_replay(
     return page, estimates[-1][1]
 
 
-def estimate_text(found: Identification, truth: InertialParameters | None = None) -> str:
+def estimate_text(estimate: Identification, truth: InertialParameters | None = None) -> str:
     """Return an estimate as short lines of text, with half-widths of 95 % intervals."""
-    lines = [f"from {found.sample_count} samples"]
-    numbers = estimate_lines(found.parameters, np.diff(found.intervals)[:, 0] / 2, truth)
-    if not np.isfinite(found.parameters).all():
+    lines = [f"from {estimate.sample_count} samples"]
+    numbers = estimate_lines(estimate.parameters, np.diff(estimate.intervals)[:, 0] / 2, truth)
+    if not np.isfinite(estimate.parameters).all():
         return f"{lines[0]}: {numbers[0]}"
     lines += numbers
-    lines += [f"failed check: {failure}" for failure in found.failures]
-    if found.inconsistencies:
+    lines += [f"failed check: {failure}" for failure in estimate.failures]
+    if estimate.inconsistencies:
         lines.append("no rigid body has the estimate; the nearest is drawn")
     return "\n".join(lines)
 

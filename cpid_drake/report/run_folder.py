@@ -66,11 +66,11 @@ def read_run(folder: Path) -> Run:
     )
     for name, size in about.bytes.items():
         path = folder / Path(name).name
-        found = path.stat().st_size if path.is_file() else 0
-        if found < size:
+        actual = path.stat().st_size if path.is_file() else 0
+        if actual < size:
             raise InputError(
-                f"{path}: has {found} of {size} bytes: it was cut off; copy the run again, or give "
-                "the log itself"
+                f"{path}: has {actual} of {size} bytes: it was cut off; copy the run again, or "
+                "give the log itself"
             )
     scenario = load_scenario(folder / "scenario.yaml")
     return Run(folder, scenario, scenario.target_truth(), about, texts)

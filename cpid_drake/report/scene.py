@@ -55,18 +55,22 @@ class Scene:
         self._diagram = builder.Build()
         self._context = self._diagram.CreateDefaultContext()
 
-    def draw(self, time: float, state: Array, found: Identification | None = None) -> None:
+    def draw(self, time: float, state: Array, estimate: Identification | None = None) -> None:
         """Draw the spacecraft at a state x = [q; v], and an estimate; the first is at W's origin.
 
         Args:
             time: of a recording [s]; it must not decrease.
             state: (nx,) of the spacecraft's plant.
-            found: the identification; None for none yet.
+            estimate: the identification; None for none yet.
 
         """
         values = (np.full(100, np.nan), SpatialInertia.NaN(), 0.0)
-        if found is not None:
-            values = (found.covariance.ravel(), found.spatial_inertia(), float(found.passed))
+        if estimate is not None:
+            values = (
+                estimate.covariance.ravel(),
+                estimate.spatial_inertia(),
+                float(estimate.passed),
+            )
         inputs = self._scene.GetMyMutableContextFromRoot(self._context)
         self._scene.GetInputPort("covariance").FixValue(inputs, values[0])
         self._scene.GetInputPort("spatial_inertia").FixValue(inputs, Value(values[1]))

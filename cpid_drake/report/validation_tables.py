@@ -15,7 +15,7 @@ def is_valid(validation: Validation, threshold: float) -> bool:
 
 def validation_json(validation: Validation, threshold: float, **files: str) -> str:
     """Return a validation as JSON, with its verdict and the names of its files."""
-    found = {
+    document = {
         **asdict(validation),
         "in_sigma": validation.in_sigma,
         "probability": validation.probability,
@@ -23,20 +23,20 @@ def validation_json(validation: Validation, threshold: float, **files: str) -> s
         "is_valid": is_valid(validation, threshold),
         **files,
     }
-    return dumps(found, indent=2) + "\n"
+    return dumps(document, indent=2) + "\n"
 
 
 def verdict(validation: Validation, threshold: float) -> list[str]:
     """Return the verdict on a target, and what the test would have noticed, in words."""
     size, probability = validation.in_sigma, validation.probability
-    said = f"valid: the log agrees with this target (p = {probability:.2g})"
+    text = f"valid: the log agrees with this target (p = {probability:.2g})"
     if not validation.is_target_right:
-        said = (
+        text = (
             "not valid: the log's own estimate differs; from the right target it differs so much "
             f"with probability {max(probability, 1e-99):.2g}"
         )
     elif size > threshold:
-        said = (
+        text = (
             f"not valid: a usual residual of {significant(size, 3)} σ (threshold {threshold:g}), "
             "which no other target explains better"
         )
@@ -44,7 +44,7 @@ def verdict(validation: Validation, threshold: float) -> list[str]:
     if validation.heavier <= 1:
         noticed = f"A target {100 * validation.heavier:.2g} % heavier would be noticed"
     return [
-        said,
+        text,
         f"{noticed} (probability {100 * POWER:g} %)",
         f"χ² of the target {validation.chi_squared:.3g}, of {validation.freedom} combinations of "
         f"parameters that the log determines; total momentum {validation.momentum}",

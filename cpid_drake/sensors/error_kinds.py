@@ -72,8 +72,8 @@ class ErrorKind:
 
     def plausible(self, tree: KinematicTree) -> float:
         """Return the plausible σ for a craft with these bodies, in the unit of the field."""
-        known = tree.at_rest
-        size = (known.mass / MASS) ** self.by_mass * (_radius(known) / RADIUS) ** self.by_length
+        at_rest = tree.at_rest
+        size = (at_rest.mass / MASS) ** self.by_mass * (_radius(at_rest) / RADIUS) ** self.by_length
         return float(self.sigma * size)
 
 
@@ -280,10 +280,10 @@ def with_plausible(
             left_out = {"delay", "clock_drift"}  # all late is the thrust early: it is the clock
         elif isinstance(errors, Gyro) and forces.torque_noise:
             left_out = {"delay", "clock_drift"}  # a torque in every sample takes what a delay does
-        found = with_kinds(errors, "sensor", left_out)
-        if isinstance(found, Gyro):
-            found = stated(found, {"bias_random_walk": BIAS_WALKS * (found.bias or 0.0)})
-        setattr(made, name, found)
+        filled = with_kinds(errors, "sensor", left_out)
+        if isinstance(filled, Gyro):
+            filled = stated(filled, {"bias_random_walk": BIAS_WALKS * (filled.bias or 0.0)})
+        setattr(made, name, filled)
     return made
 
 
@@ -306,14 +306,14 @@ def _white_forces(thrusters: Thrusters | None, tree: KinematicTree) -> dict[str,
 
     Without these there are none; see `identification.changing_forces`.
     """
-    known, a = tree.at_rest, 0.0
-    radius = _radius(known)
+    at_rest, a = tree.at_rest, 0.0
+    radius = _radius(at_rest)
     if tree.normal_B is not None:
-        a = FLOOR * (known.mass / MASS) ** (_AREA - 1)
-    torque = a * known.mass * radius
+        a = FLOOR * (at_rest.mass / MASS) ** (_AREA - 1)
+    torque = a * at_rest.mass * radius
     if thrusters is not None:  # the target is taken to be as heavy as the spacecraft
         share = KINDS["force"].sigma
         force = share * float(np.mean([valve.force for valve in thrusters.valves.values()]))
-        a = float(np.hypot(a, force / known.mass / 2))
+        a = float(np.hypot(a, force / at_rest.mass / 2))
         torque = float(np.hypot(torque, force * radius))
     return {"acceleration_noise": a, "torque_noise": torque} if a else {}

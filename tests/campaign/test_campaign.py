@@ -365,7 +365,7 @@ def test_honest_errors_have_ratio_one_and_95_percent_coverage(drawn):
     np.testing.assert_allclose(tally.over_bound(), 1.0, atol=0.07)
     error, bound = tally.beside_bound()  # of the same trials, and the bound is always the same
     np.testing.assert_allclose(error / bound, tally.over_bound(), rtol=1e-12)
-    np.testing.assert_allclose(tally.inside / tally.known, 0.95, atol=0.02)
+    np.testing.assert_allclose(tally.inside / tally.counted, 0.95, atol=0.02)
     low, high = tally.nees_band()
     assert low < tally.nees / tally.freedom < high
     assert tally.verdicts[True, False] < 10  # 2 expected
@@ -376,7 +376,7 @@ def test_overconfidence_and_bias_show(drawn):
     tally = statistics_of(drawn(400, reported=0.25, shift=1.0)).by_point[0, "standard"]
     np.testing.assert_allclose(tally.over_bound(), np.sqrt(2), rtol=0.15)
     assert tally.nees / tally.freedom == pytest.approx(8, rel=0.1)
-    assert (tally.inside / tally.known).max() < 0.75
+    assert (tally.inside / tally.counted).max() < 0.75
     assert tally.verdicts[True, False] > 350  # passed, and wrong
 
 

@@ -41,7 +41,7 @@ class TestWrappedJoints:
         expected = checked(plain).measurements.encoders.value
         turns = (log.measurements.encoders.value - expected) / (2 * np.pi)
         np.testing.assert_allclose(turns, turns[:1].round() + 0 * turns, atol=1e-12)
-        assert channel(log, "encoders").found == (
+        assert channel(log, "encoders").notes == (
             "wrapped by whole turns, unwrapped: arm_joint1 (3 jumps)",
         )
         assert log.failures == ()
@@ -119,11 +119,11 @@ class TestWhatADriverDoesNotFill:
         log = checked(given)
         found = channel(log, name)
         assert not found.is_used
-        assert "not filled, left out" in found.found[0]
+        assert "not filled, left out" in found.notes[0]
         assert not len(log.measurements[name])
         assert log.conventions.not_compared == (other,)
         assert log.failures == ()
-        assert any(found.found[0] in warning for warning in log.warnings)
+        assert any(found.notes[0] in warning for warning in log.warnings)
 
     def test_the_target_is_found_without_unfilled_rates(self):
         given = columns("attitude", "gyro", "position", "encoders", "joint_rates")
@@ -150,12 +150,12 @@ class TestWhatADriverDoesNotFill:
         given = columns(*ALL)
         given[JOINT][:], given[RATE][:] = 2.0, 0.0
         log = checked(given)
-        assert channel(log, "joint_rates").found == channel(log, "encoders").found == ()
+        assert channel(log, "joint_rates").notes == channel(log, "encoders").notes == ()
 
     def test_a_constant_rate_that_is_the_motion_is_all_right(self):
         given = columns(*ALL)
         given[JOINT], given[RATE][:] = 1.0 + 0.2 * given["time"], 0.2
-        assert channel(checked(given), "joint_rates").found == ()
+        assert channel(checked(given), "joint_rates").notes == ()
 
     def test_a_locked_joint_whose_encoder_is_noisy_is_all_right(self):
         """All encoders have noise of 5 mrad: over a log it spans 30 mrad, and is no motion."""
@@ -184,13 +184,13 @@ class TestEndsOfScale:
         is_beyond = halted[RATE] > 0.6
         halted[RATE] = np.minimum(halted[RATE], 0.6)
         found = channel(checked(halted), "joint_rates")
-        assert found.found == (f"{is_beyond.sum()} rows at the end of the scale (0.6), left out",)
+        assert found.notes == (f"{is_beyond.sum()} rows at the end of the scale (0.6), left out",)
         assert found.rows == (~is_beyond).sum()
 
     def test_zero_is_no_end(self, halted):
         """A driver that gives exactly zero at rest measures it."""
         found = channel(checked(halted), "joint_rates")
-        assert found.found == ()
+        assert found.notes == ()
         assert found.rows == len(halted["time"])
 
 
@@ -208,7 +208,7 @@ class TestCopies:
     @pytest.mark.parametrize("how", ["repeats", "interpolates"])
     def test_copies_between_measurements_are_left_out(self, how):
         log = checked(self.slow(how))
-        assert channel(log, "position").found == (
+        assert channel(log, "position").notes == (
             f"{how} each value over 5 rows: 200 rows left out",
         )
         true = columns()
@@ -222,14 +222,14 @@ class TestCopies:
         for name in ("x", "y", "z"):
             given[name] = np.round(given[name], 2)
         assert (np.diff(given["x"]) == 0).mean() > 0.8
-        assert channel(checked(given), "position").found == ()
+        assert channel(checked(given), "position").notes == ()
 
     def test_a_drift_in_coarse_steps_is_no_copy(self):
         given = columns()
         for name in ("x", "y", "z"):
             given[name] = np.round(0.005 * given["time"], 3)
         assert np.diff(np.flatnonzero(np.diff(given["x"]))).min() >= 4
-        assert channel(checked(given), "position").found == ()
+        assert channel(checked(given), "position").notes == ()
 
 
 class TestClocks:

@@ -41,7 +41,7 @@ def assert_first_counts(log: Log) -> None:
     for channel in checked.channels:
         if channel.name in SENSORS:
             assert channel.rate == pytest.approx(25.0)
-            assert channel.found[0] == "4 with a repeated stamp, left out: the first counts"
+            assert channel.notes[0] == "4 with a repeated stamp, left out: the first counts"
 
 
 @pytest.mark.parametrize("change", [0.0, 0.01], ids=["the same", "another value"])

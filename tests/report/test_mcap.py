@@ -46,7 +46,7 @@ def vector(inertia) -> np.ndarray:
 
 
 def test_the_last_estimate_is_that_of_the_identification(read, evidence):
-    found = evidence.found
+    found = evidence.result
     stamp, last = read[TARGET][-1]
     np.testing.assert_array_equal(vector(last.inertia), found.parameters)
     np.testing.assert_array_equal(
@@ -58,7 +58,7 @@ def test_the_last_estimate_is_that_of_the_identification(read, evidence):
 
 
 def test_the_residuals_are_white_noise_of_one_sigma(read, evidence):
-    for name, samples in evidence.found.residuals.items():
+    for name, samples in evidence.result.residuals.items():
         rows = read[RESIDUALS + name]
         np.testing.assert_allclose([stamp for stamp, _ in rows], samples.time, atol=1e-6)
         values = np.array([message.data for _, message in rows])
@@ -70,11 +70,11 @@ def test_the_checks_stand_at_the_end(read, evidence):
     """With what is known, and what each error costs."""
     [(_, message)] = read[DIAGNOSTICS_TOPIC]
     names = [each.name.removeprefix("cpid: ") for each in message.status]
-    checks = [check.name for check in evidence.found.checks]
+    checks = [check.name for check in evidence.result.checks]
     assert names == ["estimate", *checks, "error budget"]
     assert all(int.from_bytes([each.level]) == 0 for each in message.status)
     shares = {pair.key: pair.value for pair in message.status[-1].values}
-    assert set(shares) == {row.name for row in evidence.found.budget}
+    assert set(shares) == {row.name for row in evidence.result.budget}
     assert all(re.fullmatch(r"\d+%", share) for share in shares.values())
 
 

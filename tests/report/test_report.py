@@ -81,7 +81,7 @@ def evidence(exact):
 
 @pytest.fixture
 def result_file(evidence, tmp_path):
-    write_result(tmp_path / "result.json", evidence.found)
+    write_result(tmp_path / "result.json", evidence.result)
     return tmp_path / "result.json"
 
 
@@ -90,7 +90,7 @@ def html(tmp_path_factory, states):
     folder = tmp_path_factory.mktemp("report")
     write_log(folder / "exact.csv", states)
     found = identify_files([Request(str(folder / "exact.csv"), SERVICER)])
-    write_result(folder / "result.json", found.found)
+    write_result(folder / "result.json", found.result)
     return identification_report(collect_contents_of_file(folder / "result.json")).html()
 
 
@@ -111,7 +111,7 @@ class TestPage:
     def test_what_users_write_is_only_text(self, exact, tmp_path):
         log = exact.rename(tmp_path / "<script>alert(1)<x>.csv")
         found = identify_files([Request(str(log), SERVICER)])
-        object.__setattr__(found.found, "warnings", (SCRIPT, "{{ 7 * 7 }}"))
+        object.__setattr__(found.result, "warnings", (SCRIPT, "{{ 7 * 7 }}"))
         page = Page(identification_report(collect_contents(found)).html())
         assert page.scripts.keys() == {"data-result", "data-scene", ""}
         assert "alert" not in page.scripts[""]
@@ -138,7 +138,7 @@ class TestWhatIsSaid:
         assert "has changed since: its SHA-256 differs" in contents.missing
 
     def test_another_estimate_than_the_file_s_is_warned_of(self, evidence, tmp_path):
-        document = json.loads(result_text(evidence.found, ""))
+        document = json.loads(result_text(evidence.result, ""))
         document["parameters"][0] += 1.0
         (tmp_path / "r.json").write_text(json.dumps(document))
         page = Page(identification_report(collect_contents_of_file(tmp_path / "r.json")).html())
@@ -151,7 +151,7 @@ class TestFigures:
         found = converge(evidence)
         (_, first), *_, (time, last) = found
         assert time == pytest.approx(1.1)
-        assert last is evidence.found
+        assert last is evidence.result
         assert np.isnan(first.parameters[4:]).all()  # two samples leave something open
 
     def test_parts_are_read_as_the_whole_log(self):

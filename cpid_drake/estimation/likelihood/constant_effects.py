@@ -95,8 +95,8 @@ def _leak_acceleration(
     velocity = sigma * motion.accumulated(trajectory.R[:N] @ free)
     both = np.concatenate([motion.accumulated(velocity), velocity], axis=1).reshape(N, -1)
     later = motion.interpolation(motion.times[N:]) @ both
-    found = np.concatenate([both, later]).reshape(-1, 6, 3)
-    change.position[:], change.velocity[:] = found[:, :3], found[:, 3:]
+    steps = np.concatenate([both, later]).reshape(-1, 6, 3)
+    change.position[:], change.velocity[:] = steps[:, :3], steps[:, 3:]
 
 
 _WRITE: dict[str, Write] = {

@@ -99,7 +99,7 @@ class ConstantError:
 
 def constant_errors(suite: SensorSuite, joint_count: int) -> tuple[ConstantError, ...]:
     """Return the constant errors with σ > 0 of a suite, for a spacecraft with so many joints."""
-    found, forces, thrusters = list[ConstantError](), suite.disturbances, suite.thrusters
+    table, forces, thrusters = list[ConstantError](), suite.disturbances, suite.thrusters
 
     def add(kind: ErrorKind, owner: Any, before: str = "") -> None:
         """Add a kind of errors if its owner has it."""
@@ -112,7 +112,7 @@ def constant_errors(suite: SensorSuite, joint_count: int) -> tuple[ConstantError
         size = kind.entries or joint_count
         if sigma > 0 and size:
             name = f"{before}{kind.name}"
-            found.append(ConstantError(name, size, sigma, kind.unit, kind.scale, walk))
+            table.append(ConstantError(name, size, sigma, kind.unit, kind.scale, walk))
 
     owners: list[tuple[str, Any, str]] = [("disturbances", forces, "")]
     if thrusters is not None:
@@ -123,7 +123,7 @@ def constant_errors(suite: SensorSuite, joint_count: int) -> tuple[ConstantError
         for kind in KINDS.values():
             if kind.owner == owner:
                 add(kind, errors, before)
-    return tuple(found)
+    return tuple(table)
 
 
 class Constants:

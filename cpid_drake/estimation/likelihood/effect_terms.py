@@ -207,10 +207,10 @@ def inertia_changes(
 
     """
     grid, tree = motion.grid.part(nodes), motion.tree
-    found = {"psi": grid.inertia_regressor(acceleration)}
+    by = {"psi": grid.inertia_regressor(acceleration)}
     errors_of_q = motion.joint_errors.by_errors(motion.nodes[nodes])
     if not errors_of_q and uncertainty is None:
-        return found
+        return by
     q = motion.joint_motion(motion.nodes[nodes])[:, 0]
     turning = acceleration, -cross(acceleration, grid.com(psi))
     outboard = Outboard.at(_with_target(tree, psi, grid), q, 0 * q, *turning)
@@ -218,11 +218,11 @@ def inertia_changes(
     if errors_of_q:
         each = screw_sensitivity(outboard, psi, grid, *outboard.joint_screws)[0].w
         by_q = J @ outboard.by_joint(each)
-        found |= {name: by_q * of_q[:, None] for name, of_q in errors_of_q.items()}
+        by |= {name: by_q * of_q[:, None] for name, of_q in errors_of_q.items()}
     if uncertainty is not None:
         present = np.zeros(uncertainty.count(tree.wheels, q.shape[1])) if errors is None else errors
-        found["bodies"] = J @ uncertain_sensitivity(outboard, psi, grid, uncertainty, present).w
-    return found
+        by["bodies"] = J @ uncertain_sensitivity(outboard, psi, grid, uncertainty, present).w
+    return by
 
 
 def relate(motions: Sequence[BaseMotion], psi: Array) -> None:
@@ -248,8 +248,8 @@ def joint_changes(
 ) -> tuple[MotionSensitivity, MotionSensitivity]:
     """Return the derivatives of the motion with respect to joint positions and joint rates."""
     if trajectory.by_joints is None:
-        found = _changes([motion], [trajectory])[0]
-        return found["q"], found["qdot"]
+        changes = _changes([motion], [trajectory])[0]
+        return changes["q"], changes["qdot"]
     return trajectory.by_joints
 
 
@@ -265,8 +265,8 @@ def with_changes(
     """
     for k in range(0, len(motions), TOGETHER):
         some = trajectories[k : k + TOGETHER]
-        found = _changes(motions[k : k + TOGETHER], some, uncertainty, errors)
-        for trajectory, by in zip(some, found, strict=True):
+        changes = _changes(motions[k : k + TOGETHER], some, uncertainty, errors)
+        for trajectory, by in zip(some, changes, strict=True):
             yield replace(
                 trajectory,
                 by_joints=(by["q"], by["qdot"]),

@@ -87,7 +87,7 @@ def white_forces(suite: SensorSuite, start: float, end: float, is_planar: bool) 
 
     On a table, which holds tilt and height, they have no other entries.
     """
-    found, first = list[Force](), 0
+    made, first = list[Force](), 0
     turn, move = (NORMAL_W[None], np.eye(3)[:2]) if is_planar else (np.eye(3), np.eye(3))
     steps = [1 / each.rate for each in suite.present().values() if isinstance(each, Gyro)]
     pieces = {TORQUE_NOISE: max(min([PIECE, *steps]), SHORTEST_PIECE), ACCELERATION_NOISE: PIECE}
@@ -97,9 +97,9 @@ def white_forces(suite: SensorSuite, start: float, end: float, is_planar: bool) 
             count = max(1, round((end - start) / piece))
             rows = slice(first, first + count * len(axes))
             mean = sigma / np.sqrt((end - start) / count)
-            found.append(Force(name, axes, mean, count, rows, start, end))
+            made.append(Force(name, axes, mean, count, rows, start, end))
             first = rows.stop
-    return found
+    return made
 
 
 def steady_forces(constants: Constants, start: float, end: float) -> list[Force]:

@@ -101,9 +101,9 @@ class JointErrors:
             return {}
         times, to_coefficients = self._joints.sites
         K, J = self._joints.coefficients.shape
-        found, each = {}, np.arange(J)
+        derivatives, each = {}, np.arange(J)
         for name, by in self.by_errors(times).items():
             of_each = np.zeros((J, K, J))
             of_each[each, :, each] = (to_coefficients @ by).T
-            found[name] = of_each.reshape(J * K, J)
-        return found
+            derivatives[name] = of_each.reshape(J * K, J)
+        return derivatives

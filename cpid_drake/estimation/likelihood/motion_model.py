@@ -301,12 +301,12 @@ class BaseMotion:
         """Return position [m] and velocity [m/s] (M, 6) of the centre of mass in W, at instants."""
         state, times, start = trajectory.state, self.times[rows], self.joints.start
         first = np.concatenate([state.p_Wcm, state.v_Wcm])
-        found = np.asarray(transition(start, times, self.orbit) @ first)
+        moved = np.asarray(transition(start, times, self.orbit) @ first)
         for force in self.forces.values():
             if not force.turns:
                 both = np.concatenate([force.travel(times), force.impulse(times)], axis=1)
-                found = found + both @ self._entries(force, state)
-        return found if trajectory.travel is None else found + trajectory.travel[rows]
+                moved = moved + both @ self._entries(force, state)
+        return moved if trajectory.travel is None else moved + trajectory.travel[rows]
 
     def _rotors(self, state: TrajectoryState) -> Array | None:
         """Return the angular momentum of rotors that the model does not have; see `Trajectory`."""

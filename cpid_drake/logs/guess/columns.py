@@ -58,14 +58,16 @@ def find_columns(guess: GuessedMap, frame_rate: float | None) -> None:
 def _find_time(guess: GuessedMap, frame_rate: float | None) -> None:
     candidates = []
     for name, column in guess.columns.items():
-        words, there = words_of(name), column[np.isfinite(column)]
+        words, stamps = words_of(name), column[np.isfinite(column)]
         ranks = [k for k, word in enumerate(_TIMES) if word in words]
-        increases = there.size > 1 and np.mean(np.diff(there) >= 0) > 0.98 and there[-1] > there[0]
+        increases = (
+            stamps.size > 1 and np.mean(np.diff(stamps) >= 0) > 0.98 and stamps[-1] > stamps[0]
+        )
         is_first = name == next(iter(guess.columns))
         if (ranks or is_first) and increases and not words & WORDS["nanoseconds"]:
             is_other = not ranks or bool(words & WORDS["other clock"])
             # A stamp of one topic is in the rows of this topic only.
-            candidates.append((is_other, -there.size, [*ranks, len(_TIMES)][0], name))
+            candidates.append((is_other, -stamps.size, [*ranks, len(_TIMES)][0], name))
     if not candidates:
         raise InputError(
             "no column can be the time: it increases, and is the first or has a name such as "
@@ -186,15 +188,15 @@ def _find_vectors(guess: GuessedMap, free: list[str], axes: list[Group]) -> None
 def _spins(free: list[str], axes: list[Group]) -> list[Group]:
     """Return the columns that may be the rate about the normal of a table, as groups of one."""
     across = {group.members[axis] for group in axes for axis in "xy"}
-    found = []
+    spins = []
     for name in free:
         words = words_of(name)
         is_rate = words & WORDS["angular_velocity"] or (
             words & WORDS["heading"] and words & WORDS["joint rate"]
         )
         if is_rate and name not in across and not words & _NO_SPIN:
-            found.append(Group(name, {"z": name}))
-    return found
+            spins.append(Group(name, {"z": name}))
+    return spins
 
 
 def _find_thrust(guess: GuessedMap, axes: list[Group]) -> None:

@@ -105,9 +105,9 @@ def _settle_clock(guess: GuessedMap) -> None:
     """Choose the unit of time in which any positions and rates agree."""
     for name in ("q:", "attitude", "position"):
         is_open = not _CLOCK.isdisjoint(guess.free)
-        found = _compared(guess, name, [_CLOCK, guess.free - _CLOCK]) if is_open else []
-        if found and found[0][0] < AGREES:
-            unit = found[0][1].time.unit
+        compared = _compared(guess, name, [_CLOCK, guess.free - _CLOCK]) if is_open else []
+        if compared and compared[0][0] < AGREES:
+            unit = compared[0][1].time.unit
             guess.column_map = with_entries(guess.column_map, {"time.unit": unit})
             guess.free -= _CLOCK
             guess.say("time", f"in {unit}: positions and rates then agree")
@@ -125,21 +125,21 @@ def _settle_conventions(guess: GuessedMap) -> str:
             column_map.velocity.point_B = column_map.position.point_B
         if name == MOMENTUM and not column_map.attitude.columns:
             continue
-        found = _compared(guess, name, groups)
-        if name == "attitude" and found and found[0][0] > AGREES:
+        compared = _compared(guess, name, groups)
+        if name == "attitude" and compared and compared[0][0] > AGREES:
             guess.free.add(_GYRO_AXES)
             turned = _compared(guess, name, [{_GYRO_AXES} | _ANGLES])
-            found = turned if turned[0][0] < AGREES else found
-        if not found:
+            compared = turned if turned[0][0] < AGREES else compared
+        if not compared:
             continue
-        residual, chosen = found[0]
+        residual, chosen = compared[0]
         what = "positions and rates"
         if name == MOMENTUM:
             explained = f"momentum leaves {min(residual, 1.0):.0%} of the base's motion unexplained"
             what = "the motion of the base and what conservation of momentum allows"
         if residual <= (EXPLAINS if name == MOMENTUM else DIFFERS):
             guess.column_map = chosen
-            alike = [each for value, each in found if value <= WORSE * residual]
+            alike = [each for value, each in compared if value <= WORSE * residual]
             if not _ANGLES.isdisjoint(set[str]().union(*groups)):
                 read = [(each.attitude.order, each.attitude.unit) for each in alike]
                 guess.attitudes = tuple(a for a in guess.attitudes if (a.order, a.unit) in read)

@@ -69,8 +69,8 @@ class GuessedMap:
     def has_unit_norm(self, columns: Iterable[str]) -> bool:
         """Return whether columns together have the norm 1 in nearly all rows that have them."""
         norm = np.linalg.norm([self.columns[name] for name in columns], axis=0)
-        there = norm[np.isfinite(norm)]
-        return bool(there.size and np.mean(np.abs(there - 1) < 1e-2) > 0.95)
+        norms = norm[np.isfinite(norm)]
+        return bool(norms.size and np.mean(np.abs(norms - 1) < 1e-2) > 0.95)
 
     @property
     def is_planar(self) -> bool:
@@ -137,8 +137,10 @@ class GuessedMap:
         lines = [line for text in (heading, *self.reasons.get("", ())) for line in _comment(text)]
         for entry in fields(self.column_map):
             value = _without_defaults(getattr(self.column_map, entry.name))
-            said = [line for text in self.reasons.get(entry.name, ()) for line in _comment(text)]
-            lines += ["", *said] if value or said else []
+            comments = [
+                line for text in self.reasons.get(entry.name, ()) for line in _comment(text)
+            ]
+            lines += ["", *comments] if value or comments else []
             lines += [dump_yaml({entry.name: value}).rstrip()] if value else []
         return "\n".join(lines).lstrip("\n") + "\n"
 

@@ -42,8 +42,8 @@ def find_joints(guess: GuessedMap) -> set[str]:
     if any(joint in positions for joint in needed):
         guess.say("joint_positions", "the columns have the names of the spacecraft's joints")
     else:
-        for found, is_rate in ((rates, True), (positions, False)):
-            found.update(found or _numbered(guess, free, needed, is_rate))
+        for columns_of, is_rate in ((rates, True), (positions, False)):
+            columns_of.update(columns_of or _numbered(guess, free, needed, is_rate))
         used |= {*positions.values(), *rates.values()}
     for joint in needed:
         if joint not in positions:

@@ -87,10 +87,10 @@ def unit_of(*names: str) -> str | None:
     """
     units = set()
     for name in names:
-        found = _BRACKET.search(name)
+        match = _BRACKET.search(name)
         last = re.split(r"[^a-zA-Z°µ]+", name.strip())[-1].lower()
-        if found and found.group(1).lower() in UNIT_OF:
-            units.add(UNIT_OF[found.group(1).lower()])
+        if match and match.group(1).lower() in UNIT_OF:
+            units.add(UNIT_OF[match.group(1).lower()])
         elif last in _SUFFIXES:
             units.add(UNIT_OF[last])
     return units.pop() if len(units) == 1 else None
@@ -98,8 +98,8 @@ def unit_of(*names: str) -> str | None:
 
 def frame_rate_of(name: str) -> float | None:
     """Return the frames per second that a name states, such as 100 for "Frame [100 Hz]"."""
-    found = _FRAME_RATE.search(name)
-    return float(found.group(1)) if found else None
+    match = _FRAME_RATE.search(name)
+    return float(match.group(1)) if match else None
 
 
 def groups_by_axis(names: Iterable[str], needed: Collection[str] = "xyz") -> list[Group]:
@@ -114,11 +114,11 @@ def groups_by_axis(names: Iterable[str], needed: Collection[str] = "xyz") -> lis
 
 def groups_by_angle(names: Iterable[str]) -> list[Group]:
     """Return the groups of columns that differ in roll, pitch, yaw, or in phi, theta, psi."""
-    names, found = [*names], list[Group]()
+    names, groups = [*names], list[Group]()
     for keys in (("roll", "pitch", "yaw"), ("phi", "theta", "psi")):
         pattern = rf"^(?P<a>.*?)(?P<key>(?i:{'|'.join(keys)}))(?P<b>.*)$"
-        found += _groups(names, (pattern,), {*keys})
-    return found
+        groups += _groups(names, (pattern,), {*keys})
+    return groups
 
 
 def groups_by_number(names: Iterable[str]) -> list[Group]:
@@ -133,10 +133,10 @@ def groups_by_number(names: Iterable[str]) -> list[Group]:
 
 def _groups(names: Iterable[str], patterns: tuple[str, ...], needed: set[str]) -> list[Group]:
     """Return groups by the first pattern that matches a name; `needed` are keys that all have."""
-    found: dict[str, dict[str, str]] = {}
+    by_key: dict[str, dict[str, str]] = {}
     for name in names:
         for pattern in patterns:
             if match := re.match(pattern, _without_unit(name)):
                 stem = f"{match['a']}*{match['b']}"
-                found.setdefault(stem, {}).setdefault(match["key"].lower(), name)
-    return [Group(stem, members) for stem, members in found.items() if needed <= members.keys()]
+                by_key.setdefault(stem, {}).setdefault(match["key"].lower(), name)
+    return [Group(stem, members) for stem, members in by_key.items() if needed <= members.keys()]

@@ -53,9 +53,9 @@ def _distance_words(comparison: Comparison) -> list[str]:
     for name, apart in zip(PARAMETER_NAMES, comparison.distances().T, strict=True):
         first, *others = (result[name] for result in comparison.results.values())
         largest = np.nanmax(np.abs(apart[1:]), initial=-1.0)
-        said = f", {largest:.1f} σ apart" if largest >= 0 else ""
+        text = f", {largest:.1f} σ apart" if largest >= 0 else ""
         words.append(" against ".join(each.shown() for each in (first, *others)[:2]))
-        words[-1] += f" {first.unit}{said}"
+        words[-1] += f" {first.unit}{text}"
     return words
 
 

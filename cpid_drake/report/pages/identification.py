@@ -75,7 +75,7 @@ def identification_report(
         numbers_section(result, contents.truth),
         logs_section(result) if result.logs else None,
         identifiability_section(result),
-        residuals_section(evidence.found) if evidence else None,
+        residuals_section(evidence.result) if evidence else None,
         budget_section(result) if result.budget else None,
         effects_section(result) if result.effects else None,
         sensors_section(evidence) if evidence else None,
@@ -97,7 +97,7 @@ def _scene(contents: ReportContents, evidence: Evidence) -> Section:
     spacecraft, run = evidence.inputs.spacecraft, contents.run
     page = replay_html(
         spacecraft,
-        motion_of(evidence.log, spacecraft, evidence.found.sensors),
+        motion_of(evidence.log, spacecraft, evidence.result.sensors),
         contents.estimates,
         truth=contents.truth,
         visual_model=run.scenario.target.visual_model if run else None,

@@ -21,7 +21,7 @@ _HEIGHT = 340  # of each figure [px]
 def plan_report(
     planner: Planner,
     motions: Mapping[str, JointMotion],
-    found: Mapping[str, Prediction],
+    predictions: Mapping[str, Prediction],
     table: Table,
     facts: Sequence[tuple[str, str]],
 ) -> Report:
@@ -30,7 +30,7 @@ def plan_report(
     Args:
         planner: the planner; its first plausible target is assumed.
         motions: by name; the plan is the last.
-        found: what `predictions` makes of them.
+        predictions: what `predictions` makes of them.
         table: the predictions as a table.
         facts: names and values about the plan.
 
@@ -45,12 +45,12 @@ def plan_report(
         rotations.append(np.degrees(2 * np.arccos(cosine)))
     rotation, names = np.transpose(rotations), planner.spacecraft.joint_names
     figures = [
-        _sigma_figure(found),
+        _sigma_figure(predictions),
         curves("Rotation of the base", times, rotation, "deg", [*motions], height=_HEIGHT),
         curves("Positions", times, joints[:, 0], "rad or m", names, height=_HEIGHT),
         curves("Rates", times, joints[:, 1], "rad/s or m/s", names, height=_HEIGHT),
     ]
-    worst = significant(100 * found[name].worst, 3)
+    worst = significant(100 * predictions[name].worst, 3)
     return Report(
         f"Planned motion: worst σ {worst} % of scale",
         f"{plan.duration:g} s, a target of {planner.targets[0][0]:.3g} kg",

@@ -75,15 +75,15 @@ def convergence_section(estimates: History, truth: InertialParameters | None) ->
     return Section("Convergence", texts=[text], figures=figures, columns=5)
 
 
-def residuals_section(found: Identification) -> Section:
+def residuals_section(result: Identification) -> Section:
     """Return the section with size, whiteness and figures of the residuals."""
-    if not found.residuals:
+    if not result.residuals:
         text = "This estimator gives no residuals, or not all ten parameters are known."
         return Section("Residuals", texts=[text], folded=True)
-    rows, units = [], dict.fromkeys(found.residuals, "σ")
-    if found.rows is not None:
-        units = {"linear": ROW_FAMILIES[found.rows].linear_unit, "angular": "N·m·s"}
-    for name, series in found.residuals.items():
+    rows, units = [], dict.fromkeys(result.residuals, "σ")
+    if result.rows is not None:
+        units = {"linear": ROW_FAMILIES[result.rows].linear_unit, "angular": "N·m·s"}
+    for name, series in result.residuals.items():
         white = whiteness(series.value)
         sizes = [significant(size, 3) for size in np.sqrt(np.mean(series.value**2, axis=0))]
         correlation = f"{white.lag_one:+.3f} ± {white.band:.3f}"
@@ -101,7 +101,7 @@ def residuals_section(found: Identification) -> Section:
         tables=[Table(heads, rows, note=note)],
         figures=[
             curves(label_of(name), each.time, each.value, units[name], points=True)
-            for name, each in found.residuals.items()
+            for name, each in result.residuals.items()
         ],
         folded=True,
     )
@@ -109,18 +109,18 @@ def residuals_section(found: Identification) -> Section:
 
 def sensors_section(evidence: Evidence) -> Section:
     """Return the section that compares the samples of every sensor with the assumed noise."""
-    found, rows = evidence.found, []
+    result, rows = evidence.result, []
     for name, samples in evidence.log.items():
         if not len(samples):
             continue
         step = f"{1e3 * np.median(np.diff(samples.time)):.4g}" if len(samples) > 1 else ""
-        sigma, left = "", found.residuals.get(name)
-        if found.sensors is not None and name in found.sensors.present():
-            sigma = ", ".join(f"{value:.2g}" for value in np.unique(found.sensors.sigmas(name)))
-        row = [SENSORS[name].quantity, str(len(samples)), step, str(found.rejected.get(name, 0))]
+        sigma, left = "", result.residuals.get(name)
+        if result.sensors is not None and name in result.sensors.present():
+            sigma = ", ".join(f"{value:.2g}" for value in np.unique(result.sensors.sigmas(name)))
+        row = [SENSORS[name].quantity, str(len(samples)), step, str(result.rejected.get(name, 0))]
         row += [sigma, SENSORS[name].unit if sigma else ""]
         rows.append([*row, "" if left is None else f"{np.mean(left.value**2):.3f}"])
-    if found.sensors is None:
+    if result.sensors is None:
         text = "No noise was assumed: all complete samples have the same weight."
     else:
         whose = "given" if evidence.inputs.sensors is not None else "estimated from the log"

@@ -401,7 +401,7 @@ def test_what_is_not_measured_is_told_and_does_no_harm(tmp_path, name):
     found = inspect_log(write(tmp_path, csv_of(given)), joints=flyer().joint_names)
     assert found.problems == []
     log = check_log(flyer(), found.log)
-    told = {each.name: "; ".join(each.found) for each in log.channels if each.found}
+    told = {each.name: "; ".join(each.notes) for each in log.channels if each.notes}
     assert {*told} == {sensor} - {""}
     assert phrase in told.get(sensor, "")
     assert log.failures == ()

@@ -47,7 +47,7 @@ def request(log, sensors="testbed"):
 
 
 def identified(log, **options):
-    return cpid.identify_files([request(log, **options)]).found
+    return cpid.identify_files([request(log, **options)]).result
 
 
 @pytest.fixture(scope="module")
