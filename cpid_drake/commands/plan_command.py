@@ -114,6 +114,11 @@ def motion(
             "with some of the plausible targets the scenario's motion needs "
             f"{significant(usage[limit])} times the limit: {limit}"
         )
+    elif predicted["scenario's motion"].worst < predicted["plan"].worst:
+        planner.notes.append(
+            "the scenario's motion keeps the limits and determines the target better than the "
+            "plan: keep it, or plan with a higher --frequency or more --candidates"
+        )
     for note in planner.notes:
         log.print(f"note: {note}")
     title = f"Predicted σ, a target of {planner.targets[0][0]:.3g} kg"

@@ -56,6 +56,17 @@ def test_a_plan_is_written_drawn_compared_exported_and_simulated(run_cpid, tmp_p
     assert "no joint 'elbow'" in error
 
 
+@pytest.mark.slow
+def test_a_plan_that_is_worse_than_the_scenario_s_motion_says_so(run_cpid, tmp_path):
+    few = ("--candidates", 16, "--iterations", 2, "--frequency", 0.15, "--targets", 1)
+    file = tmp_path / "motion.yaml"
+    code, text, error = run_cpid("plan", "motion", "free_flyer_payload", "--out", file, *few)
+    own, plan = worst(text)
+    assert code == 0
+    assert own < plan
+    assert "determines the target better than the plan" in text + error
+
+
 def test_an_interrupt_keeps_the_best_motion_so_far(run_cpid, tmp_path, monkeypatch):
 
     def interrupted(planner, progress):
