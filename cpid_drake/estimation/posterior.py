@@ -38,12 +38,13 @@ def without(part: Gaussian, whole: Gaussian, least: float = 1e-6) -> Gaussian:
 
     Args:
         part: of the same unknowns (n,) as all.
-        whole: the part and the rest together, which determine all unknowns.
+        whole: the part and the rest together.
         least: the rest says nothing where its share of the root of the information is smaller.
 
     """
     scale = np.linalg.norm(whole.R, axis=0)
-    U, share, axes = np.linalg.svd(np.linalg.solve((whole.R / scale).T, (part.R / scale).T).T)
+    scale[scale == 0] = 1.0
+    U, share, axes = np.linalg.svd(part.R / scale @ np.linalg.pinv(whole.R / scale))
     own = np.sqrt(np.maximum(1 - share**2, 0.0))
     own[own <= least] = 0.0
     left = axes @ whole.z - share * (U.T @ part.z)

@@ -72,7 +72,8 @@ def part_checks(earlier: Array, rows: Array, freedom: int) -> tuple[Check, ...]:
     # In units of the noise; an unknown is as large as makes its column as large as b.
     noise = np.sqrt(rests / freedom)
     first, whole = (Gaussian.of_rows({TARGET: 10}, each / noise) for each in (earlier, rows))
-    plausible = np.sqrt(size) / np.linalg.norm(rows[:, :-1], axis=0)
+    lengths = np.linalg.norm(rows[:, :-1], axis=0)
+    plausible = np.sqrt(size) / np.where(lengths > 0, lengths, np.inf)
     return (halves_check(first, whole, plausible, _CAUSE, freedom),)
 
 

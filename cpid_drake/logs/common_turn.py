@@ -92,7 +92,7 @@ def _errors(start: Array, R: Array, parts: Array, drift: Array, p: Array, v: Arr
     """Return what the best target leaves of the position in turned axes, relative to its size."""
     A = np.concatenate([R @ _turned(start, v).T @ parts, drift], axis=2).reshape(p.size, -1)
     Q, _ = np.linalg.qr(A)
-    b = p.reshape(-1) / np.linalg.norm(p - p.mean(axis=0))
+    b = p.reshape(-1) / (float(np.linalg.norm(p - p.mean(axis=0))) or 1.0)
     return np.asarray(b - Q @ (Q.T @ b))
 
 

@@ -8,12 +8,17 @@ ADVICE = {
     "log": "write what the sentence says into a map of columns",
     "convergence": "cpid log check with --spacecraft",
     "share of outliers": "cut the log with --from and --to",
-    "changes of the momentum": "give the log of thrust; declare wheel or compliance_urad",
+    "changes of the momentum": (
+        "give the log of thrust; declare wheel, target_wheel or compliance_urad"
+    ),
     "correlation of": "declare delay_ms; log raw samples; move more slowly",
     "noise": "state the noise of your sensors; look at the residuals in the report",
     "halves": "identify each half alone; declare acceleration and torque",
     "random walks": "log what acts, or state torque_noise, acceleration_noise",
-    "declared sizes": "state what the hardware can have; else look for a sign or an axis",
+    "declared sizes": (
+        "state what the hardware can have, as joint_scale_ppm of belts; else look for a sign or an "
+        "axis"
+    ),
     "errors held exact": "state its σ in the sensors' file, or leave unstated: exact out",
     "momentum": "--momentum unknown",
     "bias by noise in rows": "--estimator trajectory_fit with --sensors",
