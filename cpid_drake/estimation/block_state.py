@@ -29,14 +29,14 @@ class Link:
 
     gap: float
     walk: Array
-    pull: Array = field(default_factory=lambda: np.zeros(12))
+    pull: Array
     is_open: bool = False
     span: float = 1.0
 
     @classmethod
     def closed(cls, model: Model, gap: float = 0.0) -> "Link":
         """Return the link behind which a log goes on, before the first fit."""
-        return cls(gap, np.zeros(len(model.walking_columns)))
+        return cls(gap, np.zeros(len(model.walking_columns)), np.zeros(12))
 
 
 @dataclass(frozen=True, eq=False)

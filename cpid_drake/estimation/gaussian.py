@@ -88,7 +88,7 @@ class Gaussian:
         both, is_ordered = np.zeros((2, n + 1, n + 1)), True
         for part, rows in zip((self, other), both, strict=True):
             columns = np.concatenate(
-                [np.empty(0, np.intp), *(np.r_[places[k]] for k in part.places)]
+                [np.empty(0, np.intp), *[np.r_[places[k]] for k in part.places]]
             )
             is_ordered &= bool(np.all(np.diff(columns) > 0))
             rows[np.ix_(columns, columns)], rows[columns, n] = part.R, part.z

@@ -4,6 +4,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise, zip_longest
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -160,17 +161,17 @@ class LogState:
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
         """The samples of all blocks."""
-        return tuple(state.block for state in self.states)
+        return tuple(map(attrgetter("block"), self.states))
 
     @cached_property
     def links(self) -> tuple[Link, ...]:
         """Of each block behind which the log goes on."""
-        return tuple(state.link for state in self.states if state.link is not None)
+        return tuple([state.link for state in self.states if state.link is not None])
 
     @cached_property
     def starts(self) -> tuple[TrajectoryState, ...]:
         """Of each block: attitude, centre of mass and momentum at its start; none before a fit."""
-        return tuple(state.start for state in self.states if state.start is not None)
+        return tuple([state.start for state in self.states if state.start is not None])
 
     @cached_property
     def open(self) -> frozenset[int]:
