@@ -20,7 +20,7 @@ of the others `x`, `y`, `vx`, `vy`, `wz` or `bwz`, "thrust_fx", "thrust_fy" and 
 What the table holds is exactly zero in the samples.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from copy import deepcopy
 from difflib import get_close_matches
 
@@ -61,69 +61,118 @@ def with_own_columns(
     where = f"{where}: {table.header}" if table.header else where
     names = [*table.columns, *table.unreadable]
     explicit = given.named
+    free = [name for name in names if name not in explicit and name not in given.ignore_columns]
+    unknown = [name for name in free if not _is_own(name)]
+    _require_named(explicit, names, unknown, where, map_name)
+    _require_readable([*explicit, *filter(_is_own, free)], table, where)
+    used = deepcopy(given)
+    _take_own_vectors(used, free, unknown, where)
+    for name in free:
+        if name.startswith(VALVE):
+            used.valves.setdefault(name.removeprefix(VALVE), name)
+    _settle_frames(used, where)
+    _require_no_unit(free, where)
+    _find_joints(used, free, joints)
+    may_have_joints = {*free} - {*used.named} if joints is None else joints
+    _require_joints(used, unknown, where, map_name, is_jointed=bool(may_have_joints))
+    _require_readable(used.named, table, where)
+    return used
+
+
+def _require_named(
+    explicit: Collection[str],
+    names: Sequence[str],
+    unknown: Sequence[str],
+    where: str,
+    map_name: str,
+) -> None:
+    """Raise an error if a column that the map names is missing."""
     if names and names[0] == "1" and not {*explicit} & {*names}:
         raise InputError(
             f"{where} holds numbers; the first line must hold the columns' names, or a map must "
             "name the columns by their numbers, such as '1'"
         )
-    free = [name for name in names if name not in explicit and name not in given.ignore_columns]
-    unknown = [name for name in free if not _is_own(name)]
     for name in explicit:
+        if name not in names and name == "time":
+            raise InputError(f"{where}: there is no column 'time'{_likely('time', unknown)}")
         if name not in names:
-            if name == "time":
-                raise InputError(f"{where}: there is no column 'time'{_likely('time', unknown)}")
             raise InputError(
                 f"{where}: there is no column '{name}', which {map_name} names; the columns are "
                 f"{listed(names)}"
             )
-    for name in (*explicit, *filter(_is_own, free)):
+
+
+def _require_readable(names: Iterable[str], table: LogTable, where: str) -> None:
+    """Raise an error if a column cannot be read."""
+    for name in names:
         if name in table.unreadable:
             raise InputError(f"{where}: the column '{name}' {table.unreadable[name]}")
-    used, quaternion, gyro = deepcopy(given), SENSORS["attitude"].columns, SENSORS["gyro"]
-    if not given.attitude.columns and YAW in free and not {*quaternion} & {*free}:
+
+
+def _take_own_vectors(
+    used: ColumnMap, free: Collection[str], unknown: Sequence[str], where: str
+) -> None:
+    """Give a map the package's own columns of what it does not name, if they are in the file."""
+    quaternion, gyro = SENSORS["attitude"].columns, SENSORS["gyro"]
+    if not used.attitude.columns and YAW in free and not {*quaternion} & {*free}:
         used.attitude.order = "yaw"
     is_planar = used.attitude.order == "yaw"
-    in_plane = slice(0, 2) if is_planar else slice(0, 3)
-    about_normal = slice(2, 3) if is_planar else slice(0, 3)
-    v_in_W = SENSORS["velocity"].columns[in_plane]
-    in_B, in_W = gyro.columns[about_normal], gyro.columns_in_W[about_normal]
-    for section, key, label, *own in (
-        (used.attitude, "columns", "attitude", (YAW,) if is_planar else quaternion),
-        (used.angular_velocity, "columns", gyro.quantity, in_B, in_W),
-        (used.position, "columns", "position", SENSORS["position"].columns[in_plane]),
-        (used.velocity, "columns", "velocity", VELOCITY_IN_B[in_plane], v_in_W),
-        (used.thrust, "force", "the force of thrusters", THRUST_COLUMNS[3:][in_plane]),
-        (used.thrust, "torque", "the torque of thrusters", THRUST_COLUMNS[:3][about_normal]),
+    in_plane, about_normal = _parts(used)
+    position, velocity = (SENSORS[name].columns[in_plane] for name in ("position", "velocity"))
+    rates = gyro.columns[about_normal], gyro.columns_in_W[about_normal]
+    force, torque = THRUST_COLUMNS[3:][in_plane], THRUST_COLUMNS[:3][about_normal]
+    for section, key, label, alternatives in (
+        (used.attitude, "columns", "attitude", ((YAW,) if is_planar else quaternion,)),
+        (used.angular_velocity, "columns", gyro.quantity, rates),
+        (used.position, "columns", "position", (position,)),
+        (used.velocity, "columns", "velocity", (VELOCITY_IN_B[in_plane], velocity)),
+        (used.thrust, "force", "the force of thrusters", (force,)),
+        (used.thrust, "torque", "the torque of thrusters", (torque,)),
     ):
-        candidates = [] if getattr(section, key) else [each for each in own if {*each} & {*free}]
-        for each in candidates:
-            missing = [name for name in each if name not in free]
+        if getattr(section, key):
+            continue
+        present = [columns for columns in alternatives if {*columns} & {*free}]
+        for columns in present:
+            missing = [name for name in columns if name not in free]
             if missing:
                 raise InputError(
-                    f"{where}: {label} needs the columns {', '.join(each)}; missing: "
+                    f"{where}: {label} needs the columns {', '.join(columns)}; missing: "
                     f"{', '.join(missing)}{_likely(missing[0], unknown)}"
                 )
-        if len(candidates) > 1:
+        if len(present) > 1:
             raise InputError(
-                f"{where}: {label} is there twice, in the body ({', '.join(candidates[0])}) and in "
-                f"the world ({', '.join(candidates[1])}); keep one of them"
+                f"{where}: {label} is there twice, in the body ({', '.join(present[0])}) and in "
+                f"the world ({', '.join(present[1])}); keep one of them"
             )
-        if candidates:
-            setattr(section, key, list(candidates[0]))
-    for name in free:
-        if name.startswith(VALVE):
-            used.valves.setdefault(name.removeprefix(VALVE), name)
-    rate = used.angular_velocity
-    rate.frame = rate.frame or ("world" if tuple(rate.columns) == in_W else "body")
-    speed = used.velocity
+        if present:
+            setattr(section, key, list(present[0]))
+
+
+def _parts(used: ColumnMap) -> tuple[slice, slice]:
+    """Return which entries of vectors a log has: all, or on a table x and y, and that about z."""
+    if used.attitude.order == "yaw":
+        return slice(0, 2), slice(2, 3)
+    return slice(0, 3), slice(0, 3)
+
+
+def _settle_frames(used: ColumnMap, where: str) -> None:
+    """Give a map the frames of its rates and velocities, by their columns' names."""
+    in_plane, about_normal = _parts(used)
+    gyro, rate, speed = SENSORS["gyro"], used.angular_velocity, used.velocity
+    is_in_W = tuple(rate.columns) == gyro.columns_in_W[about_normal]
+    rate.frame = rate.frame or ("world" if is_in_W else "body")
     is_in_B = tuple(speed.columns) == VELOCITY_IN_B[in_plane]
     speed.frame = speed.frame or ("body" if is_in_B else "world")
     if rate.columns and rate.frame == "world" and not used.attitude.columns:
         raise InputError(
             f"{where}: angular velocity in the world ({', '.join(rate.columns)}) needs the "
             "attitude (qw, qx, qy, qz) to be rotated into the body; if it is in the body, name it "
-            f"{', '.join(in_B)}"
+            f"{', '.join(gyro.columns[about_normal])}"
         )
+
+
+def _require_no_unit(free: Iterable[str], where: str) -> None:
+    """Raise an error if one of the package's own columns states its unit."""
     for name in free:
         plain, bracket, _ = name.partition("[")
         if bracket and _is_own(plain.strip()):
@@ -131,7 +180,12 @@ def with_own_columns(
                 f"{where}: the column '{name}' states its unit: a map of columns must name it "
                 "(`cpid log map` writes one), or ignore it (ignore_columns)"
             )
-    _find_joints(used, free, joints)
+
+
+def _require_joints(
+    used: ColumnMap, unknown: Sequence[str], where: str, map_name: str, *, is_jointed: bool
+) -> None:
+    """Raise an error if joints have no column or two, or some have rates and others none."""
     positions, constant = used.joint_positions.columns, used.joint_positions.constant
     for joint in constant:
         if joint in positions or joint in used.joint_rates.columns:
@@ -139,20 +193,15 @@ def with_own_columns(
                 f"{where}: the joint '{joint}' has a column and a constant position "
                 f"(joint_positions.constant of {map_name})"
             )
-    may_have_joints = {*free} - {*used.named} if joints is None else joints
-    if not positions and not constant and may_have_joints:
+    if not positions and not constant and is_jointed:
         near = _likely("q:joint", unknown)
         raise InputError(f"{where}: there are no joint positions, columns 'q:<joint>'{near}")
-    for name in used.named:
-        if name in table.unreadable:
-            raise InputError(f"{where}: the column '{name}' {table.unreadable[name]}")
     for joint in positions if used.joint_rates.columns else ():
         if joint not in used.joint_rates.columns:
             raise InputError(
                 f"{where}: there is a column 'q:{joint}', but no 'qd:{joint}'; give joint rates of "
                 "all joints or of none, or leave the joint out (ignore_joints of a map of columns)"
             )
-    return used
 
 
 _OWN = {"time", YAW, *VELOCITY_IN_B, *THRUST_COLUMNS}.union(
