@@ -40,7 +40,7 @@ explain: what values far from the minimum do not explain is no noise."""
 
 LINEAR = 0.1
 """`about` needs no step with a smaller χ²: a third of σ. Nor does a fit of which no share of a step
-reduces χ²: what is of first order has no derivatives by other unknowns."""
+reduces χ², or that has errors of first order: these have no derivatives by other unknowns."""
 
 BENT, MOST_KEPT = 3e-4, 100.0
 """Derivatives stay after a step if χ² differs from that of a linear fit by less than this share of
@@ -127,7 +127,9 @@ def fit(
     rolled = [roll(model, log, values, before) for log in logs]
     now = Fit(model, values, logs, rolled, hardware_prior_of(model, logs, values))
     settled = all(log.freedom for log in logs)
-    close = LINEAR if _is_one(now) else CLOSE  # what is left of a step stays in the next past
+    # What is left of a step of one block stays in the next past.
+    is_rough = any(len(model.of_log(log.name).constants.first_order) for log in logs)
+    close = LINEAR if _is_one(now) or is_rough else CLOSE
     return _best(now if settled else _reweighted(now), progress, close=close, most=most)
 
 
