@@ -139,7 +139,7 @@ def test_the_live_page_shows_a_run_and_then_its_recording(open_page, live):
     with open_page(url, 1000, 800) as page:
         page.wait_for_selector("#scene")
         [_, scene] = page.frames
-        scene.wait_for_function("viewer.scene_tree.children.drake !== undefined")
+        scene.wait_for_function("'viewer' in window && viewer.scene_tree.children.drake")
         scene.wait_for_function("viewer.animator.duration > 2.9")
         page.wait_for_function("document.querySelector('#mass').textContent.includes('m = 8.5')")
         assert "m 8.50" in scene.content()

@@ -105,7 +105,7 @@ def test_links_open_what_is_folded_and_nothing_sticks_out(open_page, report, wid
 def test_the_scene_plays_by_itself(open_page, report, width):
     with open_page(report, width, HEIGHT) as page:
         page.frame_locator("iframe").locator("canvas").first.wait_for()
-        page.frames[-1].wait_for_function("viewer.animator.time > 0.1")
+        page.frames[-1].wait_for_function("'viewer' in window && viewer.animator.time > 0.1")
         page.locator(".scene").scroll_into_view_if_needed()
         picture = pixels(page.locator(".scene").screenshot())
         assert widths(page) == [width, width]

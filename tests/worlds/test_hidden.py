@@ -10,7 +10,7 @@ pytest.importorskip("mujoco", reason="needs the package mujoco")
 
 from worlds.answers import Answer
 from worlds.hidden import LABELS, PAGE, identified, table, written
-from worlds.hidden_world import CRAFTS, KINDS, simulate
+from worlds.hidden_world import CRAFTS, KINDS, Hidden, simulate
 
 from cpid_drake import BodyUncertainty
 from cpid_drake.sensors.disturbances import Disturbances
@@ -103,7 +103,7 @@ def test_a_torque_that_changes_is_in_the_interval():
 def test_a_torque_that_walks_farther_than_stated_is_refused():
     """A white torque of zero is stated, so that nothing else can take it."""
     craft = CRAFTS["free_flyer"]
-    log, truth = simulate(craft, KINDS["torque"], 801)
+    log, truth = simulate(craft, Hidden(torque=2e-3), 801)
     suite = replace(craft.suite(), disturbances=Disturbances(torque_noise=0.0))
     found = identified(craft, log, truth, suite)
     assert found.code == 4
