@@ -332,13 +332,15 @@ class LogState:
 
     def whitening(self, k: int, sensor: str, count: int) -> Innovations:
         """Return what makes the residuals of a sensor, or of a white force, in block k white."""
-        block = self.blocks[k]
+        state = self.states[k]
+        block = state.block
         if sensor in SENSORS:
             times = block.samples[sensor].time if count else np.zeros(0)
         else:  # of a force: the middles of its pieces
             times = block.start + (np.arange(count) + 0.5) * block.length / max(count, 1)
-        weights = self.states[k].weights.get(sensor, np.ones(count))[:count]
-        end = block.start + self.step(k)
+        weights = state.weights.get(sensor, np.ones(count))[:count]
+        until_next = block.end - block.start + (state.link.gap if state.link else 0.0)
+        end = block.start + until_next
         process = self.processes.get(sensor, DECLARED)
         return Innovations(times, block.start, end, weights, process)
 

@@ -333,7 +333,7 @@ def past_of(model: Model, log: LogState, values: Values) -> Gaussian:
 def first_table(model: Model, log: LogState, values: Values) -> Array:
     """Return the values (n,) of the table; of what walks, those at the start of a log."""
     table = np.concatenate([values[u.key(log.name)] for u in model.table])
-    table[model.walking_columns] -= sum(link.walk for link in log.links)
+    table[model.walking_columns] -= sum([link.walk for link in log.links])
     return table
 
 
