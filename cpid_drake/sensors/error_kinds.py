@@ -201,11 +201,12 @@ _KINDS = (
         *("drift", "sensor", "drift_mrad_per_s", 0, "mrad/s", 1e-3, 0.02),
         "the zeros of the joints move by {}",
     ),
-    # Gears have whole numbers of teeth, and linear scales a few ppm; belts, cables and
-    # potentiometers differ by more, and are to be declared. A disc of 20 mm radius whose centre is
-    # 20 µm beside the axis shows 1 mrad too much, and too little half a turn later.
+    # A disc of 20 mm radius whose centre is 20 µm beside the axis shows 1 mrad too much, and too
+    # little half a turn later. A scale has no plausible σ: gears have whole numbers of teeth, and
+    # over less than a turn a sine of this size has a slope of 1000 ppm. Belts, cables and
+    # potentiometers differ by more; their σ is to be stated.
     ErrorKind(
-        *("joint_scale", "sensor", "joint_scale_ppm", 0, "ppm", 1e-6, 300.0),
+        *("joint_scale", "sensor", "joint_scale_ppm", 0, "ppm", 1e-6, 0.0),
         "the {sensor} show {} too much of the joints' motion",
     ),
     ErrorKind(
