@@ -18,9 +18,9 @@ from scipy.special import pdtrik
 from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.bounded_fits import BoundedFits
 from cpid_drake.estimation.evidence import (
-    CHANGE_ODDS,
     MOST_CANDIDATES,
     SIZES,
+    UNEXPECTED_ODDS,
     ModelComparison,
     Question,
 )
@@ -120,7 +120,7 @@ def _kept(
     ends, costs, noise = list(changes), list[float](), log
     are_many = len(log.opened(ends).changes) > most_changes(1)
     counts = [0, len(ends)] if are_many else range(len(ends) + 1)
-    price = 2 * float(np.log(len(SIZES)) - np.log(CHANGE_ODDS))
+    price = 2 * float(np.log(len(SIZES)) - np.log(UNEXPECTED_ODDS))
     for k, count in enumerate(counts):
         if costs and k > 2 + int(np.argmin(costs)):
             break

@@ -1,27 +1,29 @@
 """Does a log have momentum, and does it change? The evidence of a fit with and without it.
 
-Only these can be exactly zero; all other errors are always unknowns. A fit with all candidates free
-is a Gaussian. Without a candidate, it is that Gaussian conditioned on zero: no second fit. The
-evidence ∫ L(x) p(x) dx of a set F of free candidates, with x ~ N(0, (a σ)²) for each, is in
-information form
+Only these can be exactly zero, or as the caller says; all other errors are always unknowns. A fit
+with all candidates free is a Gaussian. Without a candidate, it is that Gaussian conditioned on
+zero: no second fit. Beside others that act, a candidate x ~ N(0, (a σ)²) has the evidence
 
-    ½ bᵀA⁻¹b − ½ log det A − Σ log a,     A = H_FF + a⁻²,
+    log ∫ L(x) p(x) dx − log L(0) = ½ bᵀ(H + a⁻²)⁻¹b − ½ log det(a²H + 1),
 
-H and b the information of the samples about the candidates in units of σ. Each candidate has the
-size a among `SIZES` that its own evidence prefers, at the price of log(len(SIZES)): a vague prior
-would hide what is small. Every set has its probability, and the target is the average over all
-sets: what the samples cannot distinguish widens its interval.
+H and b the information of the samples about it in units of σ. Its size a is the one among `SIZES`
+that this evidence prefers, at the price of log(len(SIZES)): a vague prior would hide what is small.
+
+All that may act are taken in one after the other; then each is kept or left out by its evidence
+beside the others, until none is to be changed. Each adds its doubt to the target: what the samples
+cannot distinguish widens its interval.
 
 Sources: MacKay 2003, Information Theory, Inference, and Learning Algorithms, ch. 28; Hoeting et al.
 1999, Bayesian Model Averaging.
 """
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve, cholesky, solve_triangular
+from scipy.special import expit
 
 from cpid_drake.array import Array
 from cpid_drake.dynamics.total_momentum import TotalMomentum
@@ -35,21 +37,20 @@ NAMED = 0.9
 """Probability from which a candidate is said to act."""
 
 MOST_CANDIDATES = 12
-"""Number of candidates of which all sets are compared; each has the largest evidence beside those
-before it."""
+"""Most candidates that are compared: each has the largest evidence beside those before it."""
 
 UNLIKELY = 0.02
 """Odds of a candidate beside those before it, below which no more are compared."""
 
-MOMENTUM_ODDS, CHANGE_ODDS, WRONG_ODDS = 1 / 10, 1 / 40, 1 / 100
-"""Odds before the samples: that a log has a momentum that is not stated, that momentum changes
-at the end of one block, and that a momentum is not as given. A size that the samples do not
-determine would otherwise look as likely as none."""
+MOMENTUM_ODDS, UNEXPECTED_ODDS = 1 / 10, 1 / 40
+"""Odds before the samples: that a log has a momentum that is not stated; and that momentum changes
+at the end of one block, or is not as given. A size that the samples do not determine would
+otherwise look as likely as none."""
 
 POSSIBLE = 0.3
-"""Odds of a change beside no other, from which all sets are compared."""
+"""Odds of a change beside no other, from which changes are compared."""
 
-_NEGLIGIBLE = 1e-6  # probability of a set that does not count in the average
+_NEGLIGIBLE = 1e-6  # probability of a doubt that does not count
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +60,7 @@ class ModelComparison:
     Attributes:
         probability: of each candidate to act.
         best: the most probable set.
-        gaussian: average of the kept unknowns over all sets, with the differences between them.
+        gaussian: of the kept unknowns: of the best set, with the doubts about it.
         values: (k,) of each candidate in the best set, in its own units.
         covariance: (k, k) theirs.
         sizes: of each candidate beside those before it, as shares of its σ; of those that were
@@ -89,40 +90,43 @@ def compare(
     gaussian: Gaussian,
     candidates: Mapping[str, Array],
     kept: Sequence[str],
-    odds: Mapping[str, float] | None = None,
+    odds: Mapping[str, float],
+    doubted: Collection[str] | None = None,
 ) -> ModelComparison:
-    """Compare all sets of candidates.
+    """Compare sets of candidates.
 
     Args:
         gaussian: of all unknowns themselves (not of deviations), the candidates' priors
             N(0, σ²) included.
         candidates: σ of each candidate's entries.
-        kept: the unknowns that are averaged; all others are marginalized.
-        odds: of candidates before the samples; default: one of all candidates acts.
+        kept: the unknowns whose distribution is returned; all others are marginalized.
+        odds: of candidates before the samples.
+        doubted: candidates whose doubts count in this distribution; default: all.
 
     """
-    probabilities = dict.fromkeys(candidates, 1 / max(len(candidates), 1)) | dict(odds or {})
-    return _Sets(gaussian, candidates, kept).comparison(
-        {name: float(np.log(value)) for name, value in probabilities.items()}
-    )
+    logs = {name: float(np.log(value)) for name, value in odds.items()}
+    problem = _Candidates(gaussian, candidates, kept, logs)
+    return problem.comparison(candidates if doubted is None else doubted)
 
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """The alternatives of a comparison.
+    """The alternatives of a comparison: the momentum of logs is as supposed, or not.
 
     Attributes:
-        candidates: σ of the momenta that may be zero.
-        given: values of unknowns that the caller has given.
+        sigma: σ of these momenta if they are not.
+        supposed: their values: zero, or as given.
+        is_given: whether the caller has given them.
 
     """
 
-    candidates: dict[str, Array]
-    given: dict[str, Array]
+    sigma: Mapping[str, Array] = field(default_factory=dict)
+    supposed: Mapping[str, Array] = field(default_factory=dict)
+    is_given: bool = False
 
     @classmethod
     def of(cls, model: Model, logs: Collection[str], momentum: TotalMomentum | None) -> "Question":
-        """Return the question about the momenta of some logs.
+        """Return the question about the momentum of some logs.
 
         Args:
             model: with a σ of the momentum.
@@ -130,37 +134,14 @@ class Question:
             momentum: the total momentum; None to compare zero with an unknown one.
 
         """
+        if momentum is not None and momentum.is_unknown:
+            return cls()
+        supposed = momentum or TotalMomentum.zero()
+        value = np.concatenate([supposed.L_WScm_W, supposed.v_WScm_W])
         unknown = model.unknown(MOMENTUM)
         keys = [unknown.key(name) for name in logs]
-        if momentum is None:
-            return cls(dict.fromkeys(keys, unknown.sigma), {})
-        value = np.concatenate([momentum.L_WScm_W, momentum.v_WScm_W])
-        return cls({}, {} if momentum.is_unknown else dict.fromkeys(keys, value))
-
-    def without_contradicted(
-        self, gaussian: Gaussian, values: Mapping[str, Array], model: Model
-    ) -> "Question":
-        """Return the question without those of the given momenta that the samples contradict.
-
-        Args:
-            gaussian: of all unknowns about their values.
-            values: of the unknowns.
-            model: with the σ of a momentum that is not given.
-
-        """
-        given = self.given
-        if not given:
-            return self
-        own = gaussian.marginal(given)
-        apart = np.concatenate([given[name] - values[name] for name in own.places])
-        if 0.5 * (own.cost(apart) - own.least_cost) + np.log(WRONG_ODDS) < 0:
-            return self  # no evidence is larger than the ratio of likelihoods
-        about = np.concatenate([values[n] - given.get(n, 0.0) for n in gaussian.places])
-        candidates = dict.fromkeys(given, model.unknown(MOMENTUM).sigma)
-        kept = [name for name in gaussian.places if name not in candidates]
-        odds = dict.fromkeys(candidates, WRONG_ODDS)
-        likely = compare(gaussian.moved(-about), candidates, kept, odds).probability
-        return replace(self, given={n: v for n, v in given.items() if likely[n] < NAMED})
+        is_given = momentum is not None
+        return cls(dict.fromkeys(keys, unknown.sigma), dict.fromkeys(keys, value), is_given)
 
     def answer(
         self,
@@ -168,7 +149,9 @@ class Question:
         values: Mapping[str, Array],
         further: Mapping[str, Array] | None = None,
     ) -> ModelComparison:
-        """Compare all sets of candidates.
+        """Compare sets of candidates.
+
+        What is given is given up if another momentum is more probable; until then nobody doubts it.
 
         Args:
             gaussian: of all unknowns about their values.
@@ -176,22 +159,24 @@ class Question:
             further: changes of momentum with their σ, which are candidates too.
 
         """
-        x = np.concatenate([values[name] for name in gaussian.places])
-        given = {name: value for name, value in self.given.items() if name in values}
-        conditioned = gaussian.moved(-x).condition(given)
-        changes = dict(further or {})
-        sigma = self.candidates | changes
-        kept = [name for name in conditioned.places if name not in sigma]
-        odds = dict.fromkeys(self.candidates, MOMENTUM_ODDS) | dict.fromkeys(changes, CHANGE_ODDS)
-        return compare(conditioned, sigma, kept, odds)
+        changes, own = dict(further or {}), [n for n in self.sigma if n in gaussian.places]
+        apart = [values[name] - self.supposed.get(name, 0.0) for name in gaussian.places]
+        sigma = {name: self.sigma[name] for name in own} | changes
+        kept = [name for name in gaussian.places if name not in sigma]
+        odds = dict.fromkeys(own, UNEXPECTED_ODDS if self.is_given else MOMENTUM_ODDS)
+        odds |= dict.fromkeys(changes, UNEXPECTED_ODDS)
+        doubted = {*changes, *([] if self.is_given else own)}
+        compared = compare(gaussian.moved(-np.concatenate(apart)), sigma, kept, odds, doubted)
+        of_best = {n: x + self.supposed.get(n, 0.0) for n, x in compared.values.items()}
+        return replace(compared, values=of_best)
 
     def held(self, values: Mapping[str, Array], best: Collection[str]) -> dict[str, Array]:
         """Return the momenta that are held if the best candidates act, less their values."""
-        zero = {name: np.zeros(1) for name in self.candidates if name not in best}
-        return {name: value - values[name] for name, value in (zero | self.given).items()}
+        held = {name: each for name, each in self.supposed.items() if name not in best}
+        return {name: each - values[name] for name, each in held.items()}
 
 
-class _Sets:
+class _Candidates:
     """The information about the kept unknowns k and the candidates c, in units of σ.
 
     The candidates' own priors are taken out. What remains is H_cc and b_c with k eliminated, and
@@ -199,9 +184,14 @@ class _Sets:
     """
 
     def __init__(
-        self, gaussian: Gaussian, candidates: Mapping[str, Array], kept: Sequence[str]
+        self,
+        gaussian: Gaussian,
+        candidates: Mapping[str, Array],
+        kept: Sequence[str],
+        odds: Mapping[str, float],
     ) -> None:
         self.names = [name for name in gaussian.places if name in candidates]
+        self.odds = odds
         both = gaussian.marginal([*kept, *self.names])
         self.kept_sizes = {name: both.sizes[name] for name in kept}
         n = len(indices_of(both.places, kept))
@@ -215,96 +205,78 @@ class _Sets:
         inverse = solve_triangular(T, np.eye(n))
         self.covariance_k = inverse @ inverse.T
         C = R[n:, n:]
+        # The information about c, and less its prior of a unit: H = CᵀC − 1, b = Cᵀz.
         self.H, self.b = C.T @ C - np.eye(len(sigma)), C.T @ both.z[n:]
         self.places = {name: indices_of(both.places, [name]) - n for name in self.names}
         self.size: dict[str, float] = {}
 
-    def evidence(
-        self, free: Sequence[str], size: Mapping[str, float]
-    ) -> tuple[float, NDArray[np.intp], Array]:
-        """Return the log evidence of a set against none, its entries, and A's Cholesky factor."""
-        index = np.concatenate([np.empty(0, np.intp), *(self.places[name] for name in free)])
-        a = np.concatenate([np.empty(0), *(np.full(len(self.places[n]), size[n]) for n in free)])
-        A = self.H[np.ix_(index, index)] + np.diag(a**-2)
-        d = 1 / np.sqrt(np.diag(A))
-        L = cholesky(A * d * d[:, None], lower=True)
-        y = solve_triangular(L, d * self.b[index], lower=True)
-        log_det = 2 * float(np.sum(np.log(np.diag(L)) - np.log(d)))
-        price = float(np.sum(np.log(a))) + len(free) * np.log(len(SIZES))
-        return 0.5 * float(y @ y) - 0.5 * log_det - price, index, L / d[:, None]
+    def comparison(self, doubted: Collection[str]) -> ModelComparison:
+        """Return the comparison, with the doubts about some of the candidates."""
+        some = self._some()
+        best, logs = self._best(some)
+        # p of being otherwise than in the best set, beside which one candidate is in doubt.
+        odds = {name: logs[name] if name in best else -logs[name] for name in some}
+        doubts = {name: float(expit(-each)) for name, each in odds.items()}
+        probability = dict.fromkeys(self.names, 0.0)
+        probability |= {name: 1 - p if name in best else p for name, p in doubts.items()}
+        wide = {name: self._mean_size(name, [n for n in some if n != name]) for name in some}
+        mean, covariance, x, of_best = self._with(best, wide)
+        # Each doubt p moves k by δ: E[k] += p δ, Cov[k] += p (P − P_best)₊ + p (1 − p) δ δᵀ.
+        moved, spread = np.zeros_like(mean), np.zeros_like(covariance)
+        for name, p in doubts.items():
+            if name not in doubted or p < _NEGLIGIBLE:
+                continue
+            other = [n for n in some if (n in best) != (n == name)]
+            k, P, _, _ = self._with(other, wide)
+            moved += p * (k - mean)
+            spread += p * (1 - p) * np.outer(k - mean, k - mean)
+            if name not in best:  # one that may be zero keeps its variance
+                spread += p * (P - covariance)
+        mean, covariance = mean + moved, covariance + spread
+        own = np.sqrt(np.diag(covariance))
+        root = cholesky(covariance / own / own[:, None], lower=True)
+        whiten = solve_triangular(root, np.diag(1 / own / self.kept_scale), lower=True)
+        average = np.column_stack([whiten, whiten @ (mean * self.kept_scale)])
+        ends = np.cumsum([0, *(len(self.places[name]) for name in best)]).tolist()
+        parts = dict(zip(best, map(slice, ends[:-1], ends[1:]), strict=True))
+        return ModelComparison(
+            probability,
+            tuple(best),
+            Gaussian.of_rows(self.kept_sizes, average),
+            {name: x[part] for name, part in parts.items()},
+            {name: of_best[part, part] for name, part in parts.items()},
+            self.size,
+        )
 
-    def _evidence_of_sets(self, names: Sequence[str]) -> Array:
-        """Return the log evidence (2ⁿ,) of all sets of n names; bit k of a set's number is name k.
-
-        One name after the other is left out of all sets so far, or eliminated from them.
-        """
-        _, index, L = self.evidence(names, self.size)
-        A = L @ L.T
-        d = 1 / np.sqrt(np.diag(A))
-        left = np.column_stack([A * d * d[:, None], d * self.b[index]])[None]
-        values = np.zeros(1)
-        for name in names:
-            m = len(self.places[name])
-            root = np.linalg.cholesky(left[:, :m, :m])
-            by = np.linalg.solve(root, left[:, :m, m:])
-            rest, across = left[:, m:, m:], np.swapaxes(by[..., :-1], -1, -2)
-            log_det = np.sum(np.log(np.diagonal(root, axis1=1, axis2=2)), axis=1)
-            log_det -= np.sum(np.log(d[:m]))
-            price = m * np.log(self.size[name]) + np.log(len(SIZES))
-            gain = 0.5 * np.sum(by[..., -1] ** 2, axis=1) - log_det - price
-            values = np.concatenate([values, values + gain])
-            left, d = np.concatenate([rest, rest - across @ by]), d[m:]
-        return values
-
-    def comparison(self, odds: Mapping[str, float]) -> ModelComparison:
-        """Return the comparison for the logs of all candidates' odds."""
+    def _some(self) -> list[str]:
+        """Return the candidates that may act, and set the size of each beside those before it."""
         some = list[str]()
         while len(some) < MOST_CANDIDATES and (others := [n for n in self.names if n not in some]):
             gains = self._gains(others, some)
-            name = max(gains, key=lambda each: gains[each].max() + odds[each])
-            if gains[name].max() + odds[name] < np.log(UNLIKELY):
+            name = max(gains, key=lambda each: gains[each].max() + self.odds[each])
+            if gains[name].max() + self.odds[name] < np.log(UNLIKELY):
                 break
             self.size[name] = float(SIZES[np.argmax(gains[name])])
             some.append(name)
-        wide = {name: self._mean_size(name, [n for n in some if n != name]) for name in some}
-        values = self._evidence_of_sets(some)
-        sets = [
-            [name for k, name in enumerate(some) if bits >> k & 1] for bits in range(len(values))
-        ]
-        values += [sum(odds[name] for name in free) for free in sets]
-        first = int(np.argmax(values))
-        weights = np.exp(values - values[first])
-        weights /= weights.sum()
-        free = sets[first]
-        n, nearby = len(self.at_zero), self.kept(*self.evidence(free, self.size)[1:])[0]
-        _, index, L = self.evidence(free, wide)
-        mean, square, probability = np.zeros(n), np.zeros((n, n)), dict.fromkeys(self.names, 0.0)
-        for weight, each in zip(weights, sets, strict=True):
-            for name in each:
-                probability[name] += float(weight)
-            if weight > _NEGLIGIBLE:
-                k, P = self.kept(*self.evidence(each, wide)[1:])
-                k = k - nearby
-                mean, square = mean + weight * k, square + weight * (P + np.outer(k, k))
-        scale = self.kept_scale
-        x = self.sigma[index] * cho_solve((L, True), self.b[index])
-        inverse = solve_triangular(L, np.diag(self.sigma[index]), lower=True)
-        of_free = inverse.T @ inverse
-        ends = np.cumsum([0, *(len(self.places[name]) for name in free)]).tolist()
-        parts = dict(zip(free, map(slice, ends[:-1], ends[1:]), strict=True))
-        covariance = square - np.outer(mean, mean)
-        own = np.sqrt(np.diag(covariance))
-        root = cholesky(covariance / own / own[:, None], lower=True)
-        whiten = solve_triangular(root, np.diag(1 / own / scale), lower=True)
-        average = np.column_stack([whiten, whiten @ ((nearby + mean) * scale)])
-        return ModelComparison(
-            probability,
-            tuple(free),
-            Gaussian.of_rows(self.kept_sizes, average),
-            {name: x[part] for name, part in parts.items()},
-            {name: of_free[part, part] for name, part in parts.items()},
-            self.size,
-        )
+        return some
+
+    def _best(self, some: Sequence[str]) -> tuple[list[str], dict[str, float]]:
+        """Return the set that one candidate more or less makes no better.
+
+        And the log odds of each candidate beside the others of this set.
+        """
+        best = list(some)
+        while True:
+            logs = {}
+            for name in some:
+                [gains] = self._gains([name], [n for n in best if n != name]).values()
+                at_size = gains[np.searchsorted(-SIZES, -self.size[name])]
+                logs[name] = float(at_size) + self.odds[name]
+            wrong = {name: each for name, each in logs.items() if (each > 0) != (name in best)}
+            if not wrong:
+                return best, logs
+            flipped = max(wrong, key=lambda name: abs(wrong[name]))
+            best = [n for n in some if (n in best) != (n == flipped)]
 
     def _mean_size(self, name: str, others: Sequence[str]) -> float:
         """Return the root of the mean square of a candidate's size, by the evidence of each.
@@ -315,23 +287,39 @@ class _Sets:
         weights = np.exp(gains - gains.max())
         return float(np.sqrt(weights @ SIZES**2 / weights.sum()))
 
-    def _gains(self, names: Sequence[str], free: Sequence[str]) -> dict[str, Array]:
-        """Return the evidence for each candidate beside free ones, for each of `SIZES`."""
-        _, index, L = self.evidence(free, self.size)
-        by_free = solve_triangular(L, np.column_stack([self.H[index], self.b[index]]), lower=True)
+    def _gains(self, names: Sequence[str], acting: Sequence[str]) -> dict[str, Array]:
+        """Return the evidence for each candidate beside those that act, for each of `SIZES`."""
+        index, L = self._factor(acting, self.size)
+        by_acting = solve_triangular(L, np.column_stack([self.H[index], self.b[index]]), lower=True)
         gains = {}
         for name in names:
             own = self.places[name]
-            H = self.H[np.ix_(own, own)] - by_free[:, own].T @ by_free[:, own]
-            gains[name] = _gain(H, self.b[own] - by_free[:, own].T @ by_free[:, -1])
+            H = self.H[np.ix_(own, own)] - by_acting[:, own].T @ by_acting[:, own]
+            gains[name] = _gain(H, self.b[own] - by_acting[:, own].T @ by_acting[:, -1])
         return gains
 
-    def kept(self, index: NDArray[np.intp], L: Array) -> tuple[Array, Array]:
-        """Return mean and covariance of the kept unknowns for one set."""
+    def _factor(
+        self, acting: Sequence[str], size: Mapping[str, float]
+    ) -> tuple[NDArray[np.intp], Array]:
+        """Return the entries of candidates that act, and L with L Lᵀ = H + a⁻² of these."""
+        index = np.concatenate([np.empty(0, np.intp), *(self.places[name] for name in acting)])
+        a = np.concatenate([np.empty(0), *(np.full(len(self.places[n]), size[n]) for n in acting)])
+        A = self.H[np.ix_(index, index)] + np.diag(a**-2)
+        d = 1 / np.sqrt(np.diag(A))
+        return index, cholesky(A * d * d[:, None], lower=True) / d[:, None]
+
+    def _with(
+        self, acting: Sequence[str], size: Mapping[str, float]
+    ) -> tuple[Array, Array, Array, Array]:
+        """Return mean and covariance of k, and those of the candidates that act."""
+        index, L = self._factor(acting, size)
         G = self.by_c[:, index]
-        mean = self.at_zero - G @ cho_solve((L, True), self.b[index])
-        half = solve_triangular(L, G.T, lower=True)
-        return mean, self.covariance_k + half.T @ half
+        c = cho_solve((L, True), self.b[index])
+        half = solve_triangular(L, np.column_stack([G.T, np.diag(self.sigma[index])]), lower=True)
+        of_k, of_c = half[:, : len(G)], half[:, len(G) :]
+        # k = k₀ − G c, Cov[k] = P₀ + G (L Lᵀ)⁻¹ Gᵀ
+        covariance = self.covariance_k + of_k.T @ of_k
+        return self.at_zero - G @ c, covariance, self.sigma[index] * c, of_c.T @ of_c
 
 
 def _gain(H: Array, b: Array) -> Array:
@@ -356,4 +344,4 @@ def is_possible_change(gaussian: Gaussian, sigma: Array) -> bool:
     R = gaussian.R * np.tile(sigma, len(gaussian.places))
     H, b = R.T @ R - np.eye(len(R)), R.T @ gaussian.z
     gains = [_gain(H[own, own], b[own]).max() for own in gaussian.places.values()]
-    return bool(max(gains) + np.log(CHANGE_ODDS) > np.log(POSSIBLE))
+    return bool(max(gains) + np.log(UNEXPECTED_ODDS) > np.log(POSSIBLE))

@@ -232,11 +232,11 @@ def _acting(wide: Fit, gaussian: Gaussian, question: Question) -> tuple[str, ...
     total = _known_at_end(wide, gaussian, carry=inner)
     total = total.marginal(name for name in total.places if name != BOUNDARY)
     total = prior_of(model, [log], values).add(total)
-    remaining = question.without_contradicted(wide.gaussian, values, model)
     changes = {name: np.zeros(12) for name in _in_question(gaussian)}
     changes |= {log.change(k): rolled.links[k] for k in inner}
     sigma = dict.fromkeys(changes, farthest(model))
-    return remaining.answer(total, values | changes, sigma).best
+    best = question.answer(total, values | changes, sigma).best
+    return tuple(name for name in best if name in changes)
 
 
 def _opened_at_end(solved: Fit) -> Fit:
@@ -283,10 +283,8 @@ def _may_change(solved: Fit, gaussian: Gaussian, question: Question) -> bool:
     model, logs, values = solved.model, solved.logs, solved.values
     total = gaussian.marginal(name for name in gaussian.places if name != BOUNDARY)
     total = prior_of(model, logs, values).add(total)
-    remaining = question.without_contradicted(solved.gaussian, values, model)
-    zero = dict.fromkeys(remaining.candidates, np.zeros(6))
-    for momenta in (remaining.given, *([zero] if zero else [])):
-        about = total.condition({name: each - values[name] for name, each in momenta.items()})
+    for held in ({}, question.held(values, ())):  # whether or not the momentum is as supposed
+        about = total.condition(held)
         if is_possible_change(about.marginal(_in_question(about)), farthest(model)):
             return True
     return False

@@ -70,7 +70,7 @@ class OnlineState:
     """
 
     window: float = WINDOW
-    question: Question = field(default_factory=lambda: Question({}, {}))
+    question: Question = field(default_factory=Question)
     most: float = MOST_LINEARIZATIONS
     waiting: tuple[Block, ...] = ()
     last: Fit | None = None
@@ -138,8 +138,7 @@ def step(model: Model, state: OnlineState, block: Block) -> OnlineState:
     try:
         solved = _fitted(model, state, blocks, fits)
         if state.is_conserved:
-            remaining = state.question.without_contradicted(solved.gaussian, solved.values, model)
-            solved = fit_with_events(solved, remaining, fits)
+            solved = fit_with_events(solved, state.question, fits)
     except (InputError, np.linalg.LinAlgError):
         solved = None
     if solved is None or not (solved.converged or is_explained(solved)):

@@ -54,7 +54,6 @@ def answer_of(
     """
     model, names, values = fit.model, [log.name for log in fit.logs], fit.values
     # Posterior: the average over the sets of momenta that are not zero, by their probability.
-    given, question = question.given, question.without_contradicted(fit.gaussian, values, model)
     compared = question.answer(fit.gaussian, values)
     average = compared.gaussian
     gaussian = average.moved(np.concatenate([values[name] for name in average.places]))
@@ -75,7 +74,7 @@ def answer_of(
     warnings += [*noise_warnings(noise, slow), *change_warnings(observed.changes)]
     for name in names:
         key = model.unknown(MOMENTUM).key(name)
-        is_wrong = key in given and key not in question.given
+        is_wrong = question.is_given and key in compared.best
         likely = 1.0 if is_wrong else compared.probability.get(key, 0.0)
         is_free = is_free or likely >= NAMED
         where = f"{name}: " if len(names) > 1 else ""

@@ -69,14 +69,12 @@ def estimate(
 
     # Changes of momentum: a link between two blocks opens where p(change | y) says so.
     question = Question.of(model, logs, arguments.momentum)
-    remaining = question.without_contradicted(fit.gaussian, fit.values, model)
-    fit = fit_with_events(fit, remaining, BoundedFits(progress=progress))
+    fit = fit_with_events(fit, question, BoundedFits(progress=progress))
 
     # Comparison: of all sets of momenta L ≠ 0, the most probable; then h is linear about its x.
     progress("comparing")
-    remaining = question.without_contradicted(fit.gaussian, fit.values, model)
-    best = remaining.answer(fit.gaussian, fit.values).best
-    fit = about(fit, remaining.held(fit.values, best))
+    best = question.answer(fit.gaussian, fit.values).best
+    fit = about(fit, question.held(fit.values, best))
 
     # Answer: p(ψ | y) averaged over these sets, its checks, and the budget of its variance.
     series, observed = _observed(fit)

@@ -11,6 +11,7 @@ from cpid_drake.estimation.gaussian import Gaussian
 
 N, WIDE = 60, 100.0
 SIGMA = {"scale": np.full(2, 0.5), "zero": np.full(1, 3.0), "delay": np.full(1, 2.0)}
+ODDS = dict.fromkeys(SIGMA, 1 / 3)
 SIZE = {"x": 2, "scale": 2, "zero": 1, "delay": 1}
 
 
@@ -33,7 +34,7 @@ def test_probabilities_and_average_are_those_of_the_data(alike):
     """All eight sets, each by the probability density of the data, at the sizes that are best."""
     A, d, _ = problem(1, zero=1.5)
     A[:, 5] += alike * A[:, 4]  # a delay of zero
-    found = compare(gaussian_of(A, d), SIGMA, ["x"])
+    found = compare(gaussian_of(A, d), SIGMA, ["x"], ODDS)
     places = {"scale": [2, 3], "zero": [4], "delay": [5]}
 
     def log_density(free, size):
@@ -78,13 +79,13 @@ def test_probabilities_and_average_are_those_of_the_data(alike):
 def test_nothing_hidden_is_found_in_clean_data():
     for seed in range(12):
         A, d, _ = problem(seed)
-        assert compare(gaussian_of(A, d), SIGMA, ["x"]).named == ()
+        assert compare(gaussian_of(A, d), SIGMA, ["x"], ODDS).named == ()
 
 
 def test_the_set_that_acts_is_found_and_its_values_too():
     for seed in range(5):
         A, d, truth = problem(seed, scale=(1.0, -1.2), zero=-2.0)
-        found = compare(gaussian_of(A, d), SIGMA, ["x"])
+        found = compare(gaussian_of(A, d), SIGMA, ["x"], ODDS)
         assert set(found.named) == set(found.best) == {"scale", "zero"}
         np.testing.assert_allclose(found.values["scale"], truth[2:4], atol=1.0)
         np.testing.assert_allclose(found.values["zero"], truth[4:5], atol=1.0)
@@ -102,7 +103,7 @@ def test_an_error_of_any_size_widens_the_interval_by_what_it_may_do():
         A[:, 4] += 2 * A[:, 0]
         d = d + 2 * A[:, 0] * size
         gaussian = gaussian_of(A, d)
-        found = compare(gaussian, SIGMA, ["x"])
+        found = compare(gaussian, SIGMA, ["x"], ODDS)
         e = found.gaussian.solve() - truth[:2]
         squares.append(e @ np.linalg.solve(found.gaussian.covariance(), e))
         plain = gaussian.condition({"scale": 0.0, "zero": 0.0, "delay": 0.0})
