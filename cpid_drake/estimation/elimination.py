@@ -46,6 +46,7 @@ class Change:
     def spread(self, root: Array) -> Array:
         """Return a root (n, ...) of the covariance before the change, from one behind it."""
         X, m = self.rows[:, :-1], len(self.columns)
+        # before = x − u = x + X x − z, where it changes
         before = np.column_stack([np.zeros((len(root), m)), root])
         before[self.columns] += np.column_stack([self.unit, X @ root])
         return before
@@ -83,9 +84,11 @@ class EndedBlock:
         keep = np.concatenate(
             [part.at_end, np.arange(first, first + len(T) - 1 - g - len(part.at_end))]
         )
+        # x₀ = E₀⁻¹(x₁ − E y): a row A₀ x₀ + A y has (A − A₀E₀⁻¹E) y
         start = np.linalg.solve(own.end[:, :12], own.end[:, own.gone])
         of_gone = own.samples[:, 12 : 12 + g] - own.samples[:, :12] @ start
         inverse = solve_triangular(T[:g, :g], np.eye(g))
+        # |row T⁻¹|²: the share of a residual that they explain
         leverage = np.sum((of_gone @ inverse) ** 2, axis=1)
         ends = np.cumsum([each.size for each in residuals.values()])
         absorbed = {n: float(x.sum()) for n, x in zip(residuals, np.split(leverage, ends))}
@@ -114,6 +117,7 @@ class EndedBlock:
 
     def _from_start(self, y: Array) -> Array:
         """Return values with the state at the block's start in place of that at its end."""
+        # x₀ = E₀⁻¹(x₁ − E y)
         first = y[:12].copy()
         y[:12] = 0.0
         y[:12] = np.linalg.solve(self.end[:, :12], first - self.end @ y[: self.end.shape[1]])
@@ -172,6 +176,7 @@ def changed(
     if not m:
         return gaussian, Change(columns, np.zeros((0, n + 1)), np.zeros((0, 0)), now, block)
     before, p = gaussian.rows, 1 + int(columns.max())  # the first rows contain them
+    # [1/σ, 0; −R_u, R] (u, x) = (−now/σ, z)
     rows = np.zeros((m + p, m + n + 1))
     rows[:m, :m], rows[:m, -1] = np.diag(1 / sigma), -now / sigma
     rows[m:, :m], rows[m:, m:] = -before[:p, columns], before[:p]
@@ -189,6 +194,7 @@ def linked(gaussian: Gaussian, name: str, sigma: Array, now: Array) -> Gaussian:
     See `changed`. These are the first columns, and u is last: the rows remain a triangle.
     """
     n = gaussian.size
+    # [R, −R_u; 0, 1/σ] (x, u) = (z, −now/σ)
     T = np.zeros((n + 12, n + 13))
     T[:n, :n], T[:n, n:-1], T[:n, -1] = gaussian.R, -gaussian.R[:, :12], gaussian.z
     T[n:, n:-1], T[n:, -1] = np.diag(1 / sigma), -now / sigma

@@ -225,6 +225,7 @@ def _misfit(now: Fit) -> float:
 
 def _weighed(prior: Gaussian, factor: float) -> Gaussian:
     """Return a prior whose σ are smaller by a factor."""
+    # σ / factor
     return replace(prior, R=factor * prior.R, z=factor * prior.z, rho2=factor**2 * prior.rho2)
 
 
@@ -265,6 +266,8 @@ class _Step:
         they are least at its end.
         """
         (first, _), (now, _), (last, slope) = (self._prior(part) for part in (0.0, share, 1.0))
+        # A quadratic q with q(0) − q(1) = f and q'(1) = −p'(1), p the prior, falls by
+        # q(0) − q(s) = s(2 − s) f − s(1 − s) p'(1).
         rows = self.before - first - (self.least - last)
         of_rows = share * (2 - share) * rows - share * (1 - share) * slope
         return max(of_rows + first - now, 1e-300)
@@ -279,6 +282,7 @@ class _Step:
     def of(cls, now: Fit, held: Values | None) -> "_Step":
         """Return the best step; some unknowns may have given steps."""
         step, least = _best_step(now, held or {})
+        # |R step|²
         square, before = float(np.sum((now.gaussian.R @ step) ** 2)), np.inf
         if now.swept:
             logs = zip(now.logs, _after(now, step), strict=True)
@@ -341,6 +345,7 @@ def _best_step(now: Fit, held: Values) -> tuple[Array, float]:
     """
     cone, psi, information = now.model.cone, now.values[PSI], now.information
     free, step, steps = information.condition(held), np.zeros(information.size), dict(held)
+    # ψ = argmin |R ψ − z|² + |ξ₀(ψ)/σ|², the others eliminated; then these for this ψ
     steps[PSI] = cone.most_probable(free.marginal([PSI]).moved(-psi)) - psi
     others = free.condition({PSI: steps[PSI]})
     step[indices_of(information.places, others.places)] = others.solve()

@@ -111,6 +111,7 @@ class Gaussian:
         if np.array_equal(order, np.arange(self.size)):
             return Gaussian.of_triangle(sizes, self.rows[gone:, gone:], self.rho2)
         same = min(int(np.argmax(order != np.arange(self.size))), gone)  # a triangle before
+        # The others first: the last rows of their triangle are free of them.
         T = triangle(np.column_stack([self.R[same:, order[same:]], self.z[same:]]))
         rho2 = self.rho2 + float(T[-1, -1]) ** 2
         return Gaussian.of_triangle(sizes, T[gone - same : -1, gone - same :], rho2)
@@ -122,6 +123,7 @@ class Gaussian:
         b = self.z.copy()
         for name, value in values.items():
             place = self.places[name]
+            # R_x x = z − R_c c
             b -= self.R[:, place] @ np.broadcast_to(value, place.stop - place.start)
         sizes = {name: size for name, size in self.sizes.items() if name not in values}
         rows = np.column_stack([self.R[:, indices_of(self.places, sizes)], b])
@@ -183,6 +185,7 @@ class Gaussian:
         scale = np.linalg.norm(self.R, axis=0)
         if not scale.all():
             raise np.linalg.LinAlgError("nothing determines some of the unknowns")
+        # (RᵀR)⁻¹ = R⁻¹R⁻ᵀ
         inverse = np.linalg.inv(self.R / scale) / scale[:, None]
         return np.asarray(inverse @ inverse.T)
 

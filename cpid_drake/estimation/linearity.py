@@ -25,6 +25,7 @@ def inertia_error(fit: Fit) -> float:
     exact = {BODIES: 0.0} if BODIES in fit.gaussian.places else {}
     covariance = fit.gaussian.condition(exact).marginal([PSI]).covariance()
     B = _by_inertia(fit)
+    # √(tr B P Bᵀ / axes), B = ∂(WᵀJ W)/∂ψ
     return float(np.sqrt(np.trace(B @ covariance @ B.T) / np.sqrt(len(B))))
 
 
@@ -77,5 +78,6 @@ def _by_inertia(fit: Fit) -> Array:
         W = np.linalg.inv(np.linalg.cholesky(J)).T
     else:
         W = normal_B[:, None] / np.sqrt(normal_B @ J @ normal_B)
+    # J is linear in ψ
     by = W.T @ (dynamics.inertia(np.eye(10))[:, 0] - none) @ W
     return np.asarray(by.reshape(10, -1).T)

@@ -228,6 +228,7 @@ class LogState:
         judged = _sigma(model, link, JUDGED)
         if link.is_open:
             return float(np.sum((change / judged) ** 2))
+        # |(u − a)/σ|² + λᵀ(2u − a), with a = λ σ² of a closed end, where the pull holds it
         aim = link.pull * self.link_sigma(model, k) ** 2
         square = float(np.sum(((change - aim) / judged) ** 2))
         return square + float(link.pull @ (2 * change - aim))

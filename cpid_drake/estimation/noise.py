@@ -193,6 +193,7 @@ class _Series:
         shapes = [(ratio, float(tau)) for tau in TAUS for ratio in RATIOS]
         slow = [Process(square / (1 + r), square * r / (1 + r), tau, d) for r, tau in shapes]
         best = min(slow, key=self.value)
+        # White noise of r times the variance gains N (r − 1 − log r).
         is_small = ratio < 1 and self.rest.size * (ratio - 1 - np.log(ratio)) > worth
         if is_small or self.value(best) < self.value(white) - worth:
             return best
@@ -210,8 +211,10 @@ class _Series:
         turn = np.cos(2 * np.pi * np.arange(N) / N)
         dt = (self.times[-1] - self.times[0]) / (N - 1)
         phi = np.exp(-dt / tau)
+        # S(ω) = white + slow (1 − φ²)/|1 − φ exp(−iω)|²
         far = 1 + phi**2 - 2 * phi * turn
         slow = process.slow * (1 - phi**2) / far
+        # ∂log of the second term/∂φ; and ∂φ/∂log τ = φ dt/τ
         by_phi = -2 * phi / (1 - phi**2) - 2 * (phi - turn) / far
         by_white = np.full(N, process.white_slope)
         by = np.stack([by_white, slow, slow * (1 + by_phi * phi * dt / tau)])
@@ -257,6 +260,7 @@ class _Search:
         value, slope = self._slopes(processes)
         H = self._curvature(processes, slope)
         for _ in range(MOST_STEPS):
+            # A quadratic falls by ½ gᵀH⁻¹g along −H⁻¹g.
             step = np.asarray(-np.linalg.solve(H, slope))
             if -0.5 * float(slope @ step) < SAME:
                 break
@@ -273,6 +277,7 @@ class _Search:
             H = self._curvature(ahead, after)
             s, y = _coordinates(ahead) - _coordinates(processes), after - slope
             if y @ s > 0:  # unknowns absorb most of what samples tell of this direction
+                # BFGS: H + y yᵀ/(yᵀs) − H s sᵀH/(sᵀH s)
                 Hs = H @ s
                 H = H + np.outer(y, y) / (y @ s) - np.outer(Hs, Hs) / (s @ Hs)
             processes, value, slope = ahead, tried, after
@@ -326,6 +331,7 @@ def _odds(process: Process) -> float:
     """Return −2 log(prior) of a process: a few σ, in a time near the middle of all `TAUS`."""
     if not process.slow:
         return 0.0
+    # log slow and log(τ/τ₀) ~ N(0, 2²)
     return float(np.log(process.slow) ** 2 + np.log(process.tau / USUAL_TAU) ** 2) / 4
 
 

@@ -44,6 +44,7 @@ def without(part: Gaussian, whole: Gaussian, least: float = 1e-6) -> Gaussian:
     """
     scale = np.linalg.norm(whole.R, axis=0)
     scale[scale == 0] = 1.0
+    # RᵀR = R₁ᵀR₁ + R₂ᵀR₂: with R₁R⁻¹ = U S Vᵀ, R₂ = √(1 − S²) VᵀR
     U, share, axes = np.linalg.svd(part.R / scale @ np.linalg.pinv(whole.R / scale))
     own = np.sqrt(np.maximum(1 - share**2, 0.0))
     own[own <= least] = 0.0
@@ -66,6 +67,7 @@ def difference(gaussian: Gaussian, plausible: Array, names: Sequence[str]) -> tu
     first, *others = names
     joint = gaussian.marginal(names)
     R = joint.R.copy()  # of the first target, and of the others less the first
+    # R₁ ψ₁ + R₂ ψ₂ = (R₁ + R₂) ψ₁ + R₂ (ψ₂ − ψ₁)
     for name in others:
         R[:, joint.places[first]] += joint.R[:, joint.places[name]]
     apart = Gaussian.of_rows(joint.sizes, np.column_stack([R, joint.z])).marginal(others)

@@ -71,6 +71,7 @@ class Process:
         white = LEAST_WHITE + np.sinh(x) ** 2 / 4
         if not slow:
             return replace(self, white=white)
+        # slow = (slow/τ) τ
         return replace(self, white=white, slow=np.exp(sum(slow)), tau=np.exp(slow[1]))
 
     @property
@@ -138,6 +139,7 @@ class Innovations:
     def _root(self) -> Array:
         """The band (2, M + 1) of C."""
         phi, D = self._steps
+        # Aᵢᵢ = qᵢ + Dᵢ + φᵢ² Dᵢ₋₁ and Aᵢ₊₁,ᵢ = −φᵢ₊₁ Dᵢ
         band = np.zeros((2, len(phi)))
         band[0] = self.process.slow * (1 - phi**2) + D[1:] + phi**2 * D[:-1]
         band[1, :-1] = -phi[1:] * D[1:-1]
@@ -160,6 +162,7 @@ class Innovations:
         if not self.process.slow:
             white = (self.weights / np.sqrt(self.process.white))[:, None] * flat
             return np.asarray(white.reshape(values.shape))
+        # C⁻¹ε, εᵢ = nᵢ − φᵢ nᵢ₋₁, with no s₀ and s₁
         z = np.zeros((len(flat) + 1, flat.shape[1]), order="F")
         z[:-1] = flat
         z[1:] -= self._steps[0][1:, None] * flat
@@ -170,6 +173,7 @@ class Innovations:
     def edges(self) -> Array:
         """What s₀ and s₁ add to the white values: (M + 1, 2)."""
         phi = self._steps[0]
+        # ε₁ has −φ₁ s₀, and the last one s₁
         z = np.zeros((len(phi), 2), order="F")
         z[0, 0], z[-1, 1] = -phi[0], 1.0
         return np.asarray(lapack.dtbtrs(self._root, z, uplo="L")[0])
@@ -199,12 +203,14 @@ class Innovations:
             return by_white * np.array([M * d - float(np.sum(self(noise) ** 2))])
         phi, D = self._steps
         n = np.concatenate([slow[:1], noise, slow[1:]]).reshape(M + 2, -1)
+        # v = A⁻¹ε
         v = lapack.dpbtrs(self._root, n[1:] - phi[:, None] * n[:-1], lower=1)[0]
         inverse = lapack.dpbtrs(self._root, np.eye(M + 1), lower=1)[0]
         P = d * np.diag(inverse) - np.einsum("ik,ik->i", v, v)
         across = d * np.diag(inverse, 1) - np.einsum("ik,ik->i", v[1:], v[:-1])
 
         def change(by_D: Array, by_q: Array, by_phi: Array) -> float:
+            # dA, and dε = −dφ n of the value before
             diagonal = by_q + by_D[1:] + phi**2 * by_D[:-1] + 2 * phi * by_phi * D[:-1]
             beside = -by_phi[1:] * D[1:-1] - phi[1:] * by_D[1:-1]
             return float(P @ diagonal + 2 * across @ beside - 2 * by_phi @ lag)

@@ -218,6 +218,7 @@ def roll(
     for part in models:
         cost += float(np.sum(part.motion.joints.rest**2))
     for k, link in enumerate(log.links):
+        # Σ |u|²/(σ² Δt)
         cost += float(np.sum((link.walk / model.walking_sigma) ** 2)) / log.step(k)
     linear, rows, present = {}, {}, set(models)
     if before:

@@ -72,6 +72,7 @@ class Swept:
         """Return the step of all entries of `end`, given that of all but the boundary's."""
         g = np.concatenate([others[name] for name in self.end.places if name != BOUNDARY])
         n, R, z = self.end.size - len(g), self.end.R, self.end.z
+        # R₁₁ b + R₁₂ g = z₁
         return np.concatenate([solve_triangular(R[:n, :n], z[:n] - R[:n, n:] @ g), g])
 
     @property
@@ -136,6 +137,7 @@ def change_at_end(
         return None
     n = boundary_size(model, log)
     columns, now = n + model.walking_columns, link.walk
+    # A walk changes by N(0, σ² Δt).
     sigma = model.walking_sigma * np.sqrt(log.step(k))
     if k < len(rolled.links) and not is_carried:
         columns, now = np.append(columns, np.arange(12)), np.append(now, rolled.links[k])
@@ -221,6 +223,7 @@ def _link_after(model: Model, log: LogState, change: Change, u: Array, share: fl
     if len(u) == w:
         return link
     jump = (change.now + u)[w : w + 12]
+    # λ = u/σ²
     return replace(link, pull=jump / log.link_sigma(model, change.block) ** 2)
 
 
@@ -261,6 +264,7 @@ def walked(
     for k, each, mean, root in _backward(log, swept, posterior):
         if isinstance(each, Change):
             sigma = model.walking_sigma * np.sqrt(log.step(k))
+            # Σ (u/σ)², and Σ (1 − P/σ²)
             squares += ((log.links[k].walk + mean[:w]) / sigma) ** 2
             shown += 1 - np.sum(root[:w] ** 2, axis=1) / sigma**2
     places = places_of({unknown.name: unknown.size for unknown in model.walking})

@@ -84,6 +84,7 @@ class TargetCone:
 
         It is linear about ψ, or about a body near it if ψ is outside of the cone.
         """
+        # ξ₀(ψ₀) + ∂ξ₀/∂ψ (ψ − ψ₀) ~ N(0, σ²)
         inside = self._inside(psi, 0.5)
         xi, by = self.log_size(inside)
         return Gaussian.of_rows(
@@ -159,6 +160,7 @@ class TargetCone:
             xi, by = self.log_size(psi)
             return np.vstack([R, by / sigma]), np.append(R @ psi - z, xi / sigma)
 
+        # Gauss-Newton: A δψ = −r
         A, rest = rows(psi)
         for _ in range(_MOST_STEPS):
             step, share, fall = np.linalg.lstsq(A, -rest)[0], 1.0, -1.0
@@ -243,6 +245,7 @@ def _by_standard(phi: Array, mass: float) -> Array:
     """Return the derivative (10, 10) of ψ by φ = (m, m c, J), about a spacecraft of a mass."""
     h, total = phi[1:4], mass + phi[0]
     f, by = mass / total, np.eye(10)
+    # ψ = (m f, f h, J − P(h)/(m_k + m)), ∂f/∂m = −f/(m_k + m)
     by[0, 0], by[1:4, 0], by[1:4, 1:4] = f**2, -f / total * h, f * np.eye(3)
     by[4:, 0] = _SHIFTS @ h @ h / total**2
     by[4:, 1:4] = -2 / total * (_SHIFTS @ h)

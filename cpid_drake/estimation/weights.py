@@ -53,6 +53,7 @@ def reweighted(
     free = 0 if log.past else 12 + 10 + biases
     for name, rest in rolled.all_residuals().items():
         lost = absorbed.get(name, 0.0) / rest.size
+        # Freedom of a residual: 1 − what unknowns absorb of it.
         shares[name] = 1 - min(lost + free / rolled.count, MOST_LOST)
     return with_processes(model, replace(log, freedom=shares), rolled, values)
 
@@ -102,4 +103,5 @@ def weights_of(rest: Array, noise: float = 1.0) -> Array:
 def spread(rest: Array) -> float:
     """Return the σ of residuals (M, d), whatever less than half of them are; 0 without any."""
     square = np.sum(rest**2, axis=1)
+    # The median of |r|²/σ² is that of χ² with d degrees of freedom.
     return float(np.sqrt(np.median(square) / chdtri(rest.shape[1], 0.5))) if len(square) else 0.0
