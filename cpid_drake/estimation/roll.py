@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 from cpid_drake.array import Array
 from cpid_drake.estimation.block_rows import BlockRows
 from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.likelihood.effect_terms import relate, with_changes
 from cpid_drake.estimation.likelihood.joint_model import ORDER
+from cpid_drake.estimation.likelihood.kinematic_changes import relate, with_changes
 from cpid_drake.estimation.likelihood.model import BlockModel, jump_between
 from cpid_drake.estimation.likelihood.motion_model import Trajectory, TrajectoryState
 from cpid_drake.estimation.likelihood.white_reading import WhiteReading

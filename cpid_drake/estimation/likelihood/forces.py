@@ -12,8 +12,11 @@ constant white acceleration).
 import numpy as np
 
 from cpid_drake.array import Array
+from cpid_drake.dynamics.body_dynamics import BodyDynamics
+from cpid_drake.dynamics.orbit import Orbit
 from cpid_drake.dynamics.plane import NORMAL_W
-from cpid_drake.estimation.likelihood.constants import ACCELERATION, TORQUE, Constants
+from cpid_drake.dynamics.rotations import rotate, skew
+from cpid_drake.estimation.likelihood.constants import Constants
 from cpid_drake.sensors.sensors import Gyro
 from cpid_drake.sensors.suite import SensorSuite
 
@@ -38,7 +41,8 @@ class Force:
         middles: of the pieces [s].
 
     Args:
-        name: `TORQUE`, `ACCELERATION`, `TORQUE_NOISE` or `ACCELERATION_NOISE`.
+        name: of the white force, or of the constant error.
+        turns: whether it is a torque.
         axes: (d, 3) of the entries of a piece.
         sigma: of each entry [N·m or m/s²].
         pieces: their number.
@@ -50,6 +54,7 @@ class Force:
     def __init__(
         self,
         name: str,
+        turns: bool,
         axes: Array,
         sigma: float,
         pieces: int,
@@ -58,7 +63,7 @@ class Force:
         end: float,
     ) -> None:
         self.name, self.axes, self.pieces, self.rows = name, axes, pieces, rows
-        self.size, self.turns = pieces * len(axes), name in (TORQUE, TORQUE_NOISE)
+        self.size, self.turns = pieces * len(axes), turns
         self._axes, self._start, self._h = sigma * axes, start, (end - start) / pieces
         self.middles = start + self._h * (np.arange(pieces) + 0.5)
         self._least, self._most = np.zeros(pieces), np.full(pieces, self._h)
@@ -97,7 +102,8 @@ def white_forces(suite: SensorSuite, start: float, end: float, is_planar: bool) 
             count = max(1, round((end - start) / piece))
             rows = slice(first, first + count * len(axes))
             mean = sigma / np.sqrt((end - start) / count)
-            made.append(Force(name, axes, mean, count, rows, start, end))
+            turns = name == TORQUE_NOISE
+            made.append(Force(name, turns, axes, mean, count, rows, start, end))
             first = rows.stop
     return made
 
@@ -105,7 +111,42 @@ def white_forces(suite: SensorSuite, start: float, end: float, is_planar: bool) 
 def steady_forces(constants: Constants, start: float, end: float) -> list[Force]:
     """Return the steady forces among constant errors, in a block from start to end [s]."""
     return [
-        Force(name, np.eye(3), error.sigma, 1, constants.place(name), start, end)
-        for name, error in constants.errors.items()
-        if name in (ACCELERATION, TORQUE)
+        Force(e.name, e.effect.how, np.eye(3), e.sigma, 1, constants.place(e.name), start, end)
+        for e in constants.acting("force")
     ]
+
+
+class TurningTorque:
+    """A torque about the system's centre of mass that changes with the attitude.
+
+    It is that of the gravity gradient, and one that rotates with the base.
+
+    Args:
+        in_B: (3,) the latter, in B [N·m].
+        orbit: the orbit of W's origin; None for none.
+        psi: (10,) relative unknowns of the target.
+        grid: the spacecraft's dynamics at the nodes.
+        nodes: (N,) times [s].
+
+    """
+
+    def __init__(
+        self, in_B: Array, orbit: Orbit | None, psi: Array, grid: BodyDynamics, nodes: Array
+    ) -> None:
+        self._in_B, self._orbit, self._nodes = in_B, orbit, nodes
+        self._J: Array = np.empty(0) if orbit is None else grid.inertia(psi)
+
+    def at(self, R: Array) -> Array:
+        """Return the torque (N, 3) at attitudes R_WB (N, 3, 3), in W [N·m]."""
+        torque = rotate(R, self._in_B)
+        if self._orbit is not None:
+            torque += self._orbit.torque(R @ self._J @ np.swapaxes(R, -1, -2), self._nodes)
+        return torque
+
+    def by_attitude(self, R: Array) -> Array:
+        """Return the derivative (N, 3, 3) by a rotation in W: of R τ, it is −(R τ)×."""
+        by = -skew(rotate(R, self._in_B))
+        if self._orbit is not None:
+            J_W = R @ self._J @ np.swapaxes(R, -1, -2)
+            by += self._orbit.torque_by_attitude(J_W, self._nodes)
+        return by

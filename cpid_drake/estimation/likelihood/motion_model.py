@@ -1,17 +1,15 @@
-"""Motion of the base as a function of the target and other unknowns, and its derivatives.
+"""Motion of the base as a function of the target and other unknowns.
 
 The joint motion is given; the base's attitude and position follow from conservation of momentum
 (`body_dynamics`). Attitude is integrated over a grid of equal steps by the fourth-order Magnus
-formula, with angular velocities from a cubic spline. Small changes ξ of the attitude (rotations in
-W) obey
+formula, with angular velocities from a cubic spline:
 
-    ξ̇ = R J⁻¹ (−Y dψ + Rᵀ dL + Rᵀ (L × ξ)),
+    L = L₀ + ∫ τ dt,      ω = J⁻¹ (Rᵀ L − h),      Ṙ = R ω×.
 
-so every derivative is available without finite differences. Source: Ning et al. 2016, Eqs. 5 and 9,
-about the system's centre of mass.
+Source: Ning et al. 2016, Eqs. 5 and 9, about the system's centre of mass.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -30,10 +28,9 @@ from cpid_drake.estimation.likelihood.attitude_steps import (
     carried,
     integrated_attitude,
     step_angles,
-    step_changes,
 )
-from cpid_drake.estimation.likelihood.constants import TARGET_WHEEL, TORQUE_B, WHEEL, Constants
-from cpid_drake.estimation.likelihood.forces import Force, steady_forces
+from cpid_drake.estimation.likelihood.constants import Constants
+from cpid_drake.estimation.likelihood.forces import Force, TurningTorque, steady_forces
 from cpid_drake.estimation.likelihood.joint_errors import JointErrors
 from cpid_drake.estimation.likelihood.joint_model import JointPart
 from cpid_drake.estimation.likelihood.thrust import BlockThrust, transition
@@ -91,11 +88,8 @@ class Trajectory:
         L: (U, 3) angular momentum about the centre of mass, in W, with that of `rotors` [N·m·s].
         travel: (U, 6) what logged thrust adds to position [m] and velocity [m/s] of the centre of
             mass, in W; None without thrust.
-        rotors: (U, 3) angular momentum of rotors that the model does not have, in B [N·m·s]; None
-            without.
-        by_joints: derivatives of the motion by joint positions and rates; None if not yet needed.
-        by_bodies: those by errors of the spacecraft's bodies, likewise.
-        by_compliance: those by compliances of joints and grasp, likewise.
+        rotors: (U, 3) angular momentum of rotors that the model does not have, in B [N·m·s].
+        by: derivatives of the kinematics, by names; see `effect_terms.with_changes`.
 
     """
 
@@ -106,10 +100,8 @@ class Trajectory:
     spline: UniformSpline
     L: Array
     travel: Array | None
-    rotors: Array | None = None
-    by_joints: tuple[MotionSensitivity, MotionSensitivity] | None = None
-    by_bodies: MotionSensitivity | None = None
-    by_compliance: MotionSensitivity | None = None
+    rotors: Array
+    by: Mapping[str, MotionSensitivity] = field(default_factory=dict)
 
     @property
     def mobility(self) -> Array:
@@ -222,24 +214,18 @@ class BaseMotion:
         first = state.attitude.as_matrix()
         R = np.broadcast_to(first, (N, 3, 3))
         L = np.broadcast_to(state.L, (len(self.times), 3))
-        rotors = self._rotors(state)
+        rotors, torque = self._rotors(state), self.turning_torque(state)
         for force in self.forces.values():
             if force.turns:
                 L = L + force.impulse(self.times) @ self._entries(force, state)
-        if rotors is not None:  # L at the start is that of the other bodies
-            h, L = h + rotors, L + first @ rotors[0]
-        J = None if self.orbit is None else self.grid.inertia(state.psi)
-        leak = self.constants.value(state.constants, TORQUE_B)
+        h, L = h + rotors, L + first @ rotors[0]  # L at the start is that of the other bodies
         added, pushed, last = np.zeros((N, 3)), None, 0.0
         # With momentum the velocity depends on the attitude: iterate until the next change, by the
         # ratio of those before, is rounding error. Where Picard's iteration does not fall fast, it
         # multiplies rounding errors by the exponential of the rotation: then it is Newton's.
         for _ in range(_ROUNDS):
-            if self.orbit is not None and J is not None:
-                inertia_W = R @ J @ np.swapaxes(R, -1, -2)
-                added = self.accumulated(self.orbit.torque(inertia_W, self.nodes))
-            if leak is not None:
-                added = self.accumulated(R @ leak) + (added if J is not None else 0.0)
+            if torque is not None:
+                added = self.accumulated(torque.at(R))
             total = L[:N] + added
             if self.thrust is not None:
                 pushed = self.thrust.momentum(R, state.psi)
@@ -270,32 +256,22 @@ class BaseMotion:
         if not len(times):
             return nodes
         R = np.concatenate([R, nodes.rotations(times)])
-        if J is not None or leak is not None:
-            L = L + np.concatenate([added, self.interpolation(times) @ added])
+        if torque is not None:
+            L = L + self.at_instants(added)
         L = L if pushed is None else L + pushed
         L_B = rotate(np.swapaxes(R, -1, -2), L)
         return replace(nodes, R=R, w=rotate(inverse, L_B - h), L=L)
-
-    def gradient_by_psi(self, trajectory: Trajectory) -> Array | None:
-        """Return the derivative (U, 3, 10) of L by ψ because of the gravity gradient, in W.
-
-        None without one. The derivative is that at unchanged attitude; see `pose_change`.
-        """
-        if self.orbit is None:
-            return None
-        N = len(self.nodes)
-        R, r_W = trajectory.R[:N], self.orbit.nadir(self.nodes)
-        r = rotate(np.swapaxes(R, -1, -2), r_W)
-        by_psi = skew(r_W) @ R @ self.grid.inertia_regressor(r)
-        added = self.accumulated(3 * self.orbit.n**2 * by_psi)
-        later = self.interpolation(self.times[N:]) @ added.reshape(N, -1)
-        return np.concatenate([added, later.reshape(-1, 3, 10)])
 
     def accumulated(self, rates: Array) -> Array:
         """Return the integrals of rates (N, ...) at the nodes from the start to each node."""
         h = self.nodes[1] - self.nodes[0]
         steps = h * np.tensordot(step_weights(len(rates)), rates, axes=1)
         return np.concatenate([np.zeros_like(rates[:1]), np.cumsum(steps, axis=0)])
+
+    def at_instants(self, values: Array) -> Array:
+        """Return values (N, ...) at the nodes at all instants, (U, ...)."""
+        later = self.interpolation(self.times[len(self.nodes) :]) @ values.reshape(len(values), -1)
+        return np.concatenate([values, later.reshape(-1, *values.shape[1:])])
 
     def com_motion(self, trajectory: Trajectory, rows: slice) -> Array:
         """Return position [m] and velocity [m/s] (M, 6) of the centre of mass in W, at instants."""
@@ -308,13 +284,18 @@ class BaseMotion:
                 moved = moved + both @ self._entries(force, state)
         return moved if trajectory.travel is None else moved + trajectory.travel[rows]
 
-    def _rotors(self, state: TrajectoryState) -> Array | None:
-        """Return the angular momentum of rotors that the model does not have; see `Trajectory`."""
-        wheel, spin = (self.constants.value(state.constants, n) for n in (WHEEL, TARGET_WHEEL))
-        if wheel is None and spin is None:
+    def turning_torque(self, state: TrajectoryState) -> TurningTorque | None:
+        """Return the torque that changes with the attitude; None if there is none."""
+        if self.orbit is None and not self.constants.acting("torque"):
             return None
-        turned = np.zeros((len(self.times), 3)) if spin is None else self.dynamics.R_BC @ spin
-        return turned if wheel is None else turned + wheel
+        in_B = self.constants.sum(state.constants, "", "torque", 3)
+        return TurningTorque(in_B, self.orbit, state.psi, self.grid, self.nodes)
+
+    def _rotors(self, state: TrajectoryState) -> Array:
+        """Return the angular momentum of rotors that the model does not have; see `Trajectory`."""
+        base = self.constants.sum(state.constants, "", "rotors", 3)
+        target = self.constants.sum(state.constants, "", "target_rotors", 3)
+        return np.asarray(self.dynamics.R_BC @ target + base)
 
     def _entries(self, force: Force, state: TrajectoryState) -> Array:
         return (state.forces if force in self.white else state.constants)[force.rows]
@@ -325,9 +306,7 @@ class BaseMotion:
 
     def at_node(self, trajectory: Trajectory, k: int) -> TrajectoryState:
         """Return the state at a node of the grid."""
-        state, L = trajectory.state, trajectory.L[k]
-        if trajectory.rotors is not None:
-            L = L - trajectory.R[k] @ trajectory.rotors[k]
+        state, L = trajectory.state, trajectory.L[k] - trajectory.R[k] @ trajectory.rotors[k]
         p, v = np.split(self.com_motion(trajectory, slice(k, k + 1))[0], 2)
         return replace(
             state,
@@ -336,57 +315,6 @@ class BaseMotion:
             v_Wcm=v,
             L=L,
         )
-
-    def pose_change(
-        self, trajectory: Trajectory, w: Array, initial: Array, delay: Array
-    ) -> tuple[Array, Array]:
-        """Integrate ξ̇ = R (w + J⁻¹Rᵀ(L × ξ + λ)) and, with a torque, λ̇ = ∂τ/∂ξ ξ.
-
-        ξ is the change of the attitude, a rotation in W; λ is the change of L because the torque τ
-        of gravity gradient, thrust and leaks changes with the attitude. R w is integrated as the
-        attitude is, the other terms by the trapezoidal rule.
-
-        Args:
-            trajectory: the trajectory to linearize about.
-            w: (N, 3, n) change of the angular velocity at the nodes at unchanged attitude, in B.
-            initial: (3, n) change of the attitude at the start, a rotation in W.
-            delay: (n,) change of the delay of the thrust [s].
-
-        Returns:
-            ξ (N, 3, n), or ξ and λ (N, 6, n) with such a torque; and the total change of
-            the angular velocity (N, 3, n), in B.
-
-        """
-        h, N = self.nodes[1] - self.nodes[0], len(self.nodes)
-        R, L = trajectory.R[:N], trajectory.L[:N]
-        mobility = trajectory.mobility
-        coupling = mobility @ skew(L)
-        A = R @ coupling
-        theta = step_angles(trajectory.spline.steps(), trajectory.w[:N], h)
-        late = trajectory.spline.steps_by_delay()[..., None] * delay
-        turned = step_changes(R, trajectory.w[:N], theta, w, h, late)
-        leak = self.constants.value(trajectory.state.constants, TORQUE_B)
-        if self.orbit is not None or self.thrust is not None or leak is not None:
-            coupling = np.concatenate([coupling, mobility], axis=-1)
-            torque = np.zeros((N, 3, 3))
-            if self.orbit is not None:
-                J = R @ self.grid.inertia(trajectory.state.psi) @ np.swapaxes(R, -1, -2)
-                torque = self.orbit.torque_by_attitude(J, self.nodes)
-            if leak is not None:
-                torque = torque - skew(R @ leak)
-            below = np.concatenate([torque, np.zeros_like(torque)], axis=-1)
-            A = np.concatenate([R @ coupling, below], axis=-2)
-            turned = np.concatenate([turned, np.zeros_like(turned)], axis=-2)
-        first, last = A[:-1], A[1:]
-        if self.thrust is not None:  # it may change within a step: both ends have its mean
-            mean = self.thrust.torque_by_attitude(R, trajectory.state.psi)
-            first, last = first.copy(), last.copy()
-            first[:, 3:, :3] += mean
-            last[:, 3:, :3] += mean
-        start = np.zeros((A.shape[-1], w.shape[-1]))
-        start[:3] = initial
-        change = carried(first, last, turned, start, h)
-        return change, w + coupling @ change
 
     def interpolation(self, times: Array) -> Array:
         """Return (M, N) weights of the nodes at times (M,): those of the spline of w.

@@ -5,8 +5,9 @@ import numpy as np
 from cpid_drake.array import Array
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.estimation.likelihood.effect_terms import MotionChange, inertia_changes
 from cpid_drake.estimation.likelihood.forces import Force
+from cpid_drake.estimation.likelihood.kinematic_changes import inertia_changes
+from cpid_drake.estimation.likelihood.motion_change import MotionChange
 from cpid_drake.estimation.likelihood.motion_model import BaseMotion, Trajectory
 from cpid_drake.logs.log import Samples
 

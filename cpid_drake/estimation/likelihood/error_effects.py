@@ -1,0 +1,104 @@
+"""How the constant errors act on motion and readings: one record for each kind.
+
+`sensors.error_kinds` holds the kinds with their units, sizes and words. A model loops over the
+errors that a log has, by the way in which they act, and asks each record how; it compares no kinds.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cpid_drake.array import Array
+
+OfMotion = Literal["force", "torque", "rotors", "target_rotors", "push", "compliance"]
+OfRecords = Literal["thrust", "thrust_delay", "joints", "clock"]
+OfReading = Literal["turn", "matrix", "offset", "point"]
+Way = OfMotion | OfRecords | OfReading
+"""Ways to act, each with what `ErrorEffect.how` is.
+
+On the motion of the system:
+
+- force: whether it is a steady torque about the centre of mass; else an acceleration of it. In W.
+- torque, push, rotors: axes (3, n) in B of a torque about the centre of mass; of an acceleration of
+  it, to first order about zero; of an angular momentum of rotors.
+- target_rotors: the latter in C.
+- compliance: places among those of the joints, then those about and along C's axes; to first order.
+- thrust: the share (M, V) by which actuators push more, from the samples of the thrust (M, V) and
+  from which of them (V,) have the error.
+- thrust_delay: nothing. The thrust acts later than its log.
+
+On the motion of the joints, of which positions m (M, J) were measured at t (M, 1) since the origin:
+
+- joints: x (M, J) by which they are too large, ∂x/∂m and ∂x/∂t.
+
+On the readings of a sensor:
+
+- clock: by how much stamps at t (M,) since the origin are late, (M,), and the rate of this.
+- turn: derivative (3, n) of the rotation vector of the sensor's axes.
+- matrix, offset: that of the matrix that multiplies a reading, (9, n), or of what is added, (3, n).
+- point: that of the point in B that is measured, (3, n).
+"""
+
+OF_FIRST_ORDER: tuple[Way, ...] = ("compliance", "push")
+"""Ways of effects of first order about zero: the predicted motion does not have them."""
+
+
+@dataclass(frozen=True)
+class ErrorEffect:
+    """How the errors of a kind act.
+
+    Attributes:
+        way: see `Way`.
+        how: likewise, for errors of 1 in SI units.
+        on_wheels: whether wheels have it too, if it is an error of joints.
+
+    """
+
+    way: Way
+    how: Any = None
+    on_wheels: bool = True
+
+
+def _less_by_others(openings: Array, having: NDArray[np.bool_]) -> Array:
+    """Return that of valves which share a supply: each further open valve costs all of them."""
+    return -np.maximum(openings.sum(axis=1, keepdims=True) - 1, 0.0)
+
+
+_ONE, _OF_MATRIX = np.eye(3), np.eye(9)
+_DIAGONAL = np.arange(0, 9, 4)
+
+EFFECTS: dict[str, ErrorEffect] = {
+    "acceleration": ErrorEffect("force", how=False),
+    "torque": ErrorEffect("force", how=True),
+    "acceleration_B": ErrorEffect("push", _ONE),
+    "torque_B": ErrorEffect("torque", _ONE),
+    "wheel": ErrorEffect("rotors", _ONE),
+    "target_wheel": ErrorEffect("target_rotors", _ONE),
+    "joint_compliance": ErrorEffect("compliance", slice(None, -6)),
+    "compliance": ErrorEffect("compliance", slice(-6, -3)),
+    "translational_compliance": ErrorEffect("compliance", slice(-3, None)),
+    "thrust_scale": ErrorEffect("thrust", lambda openings, having: np.ones(openings.shape[1])),
+    "force": ErrorEffect("thrust", lambda openings, having: having),
+    "common_force": ErrorEffect("thrust", lambda openings, having: np.ones(len(having))),
+    "loss": ErrorEffect("thrust", _less_by_others),
+    "valve_delay": ErrorEffect("thrust_delay"),
+    "zero": ErrorEffect("joints", lambda m, t: (1.0, 0.0, 0.0)),
+    "drift": ErrorEffect("joints", lambda m, t: (t, 0.0, 1.0)),
+    "joint_scale": ErrorEffect("joints", lambda m, t: (m, 1.0, 0.0)),
+    "eccentricity_sine": ErrorEffect(
+        "joints", lambda m, t: (np.sin(m), np.cos(m), 0.0), on_wheels=False
+    ),
+    "eccentricity_cosine": ErrorEffect(
+        "joints", lambda m, t: (np.cos(m), -np.sin(m), 0.0), on_wheels=False
+    ),
+    "delay": ErrorEffect("clock", lambda t: (np.ones_like(t), 0.0)),
+    "clock_drift": ErrorEffect("clock", lambda t: (t, 1.0)),
+    "mounting": ErrorEffect("turn", _ONE),
+    "scale": ErrorEffect("matrix", _OF_MATRIX[:, _DIAGONAL]),
+    "misalignment": ErrorEffect("matrix", np.delete(_OF_MATRIX, _DIAGONAL, axis=1)),
+    "bias": ErrorEffect("offset", _ONE),
+    "lever_arm": ErrorEffect("point", _ONE),
+}
+"""The records by the names of `error_kinds.KINDS`."""

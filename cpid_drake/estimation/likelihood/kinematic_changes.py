@@ -1,0 +1,180 @@
+"""Derivatives of the kinematics by joints, bodies and compliances, of many blocks in few calls."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cpid_drake.array import Array
+from cpid_drake.dynamics.body_dynamics import BodyDynamics
+from cpid_drake.dynamics.outboard import Outboard
+from cpid_drake.dynamics.parameterizations import parameters_to_standard, relative_parameterization
+from cpid_drake.dynamics.rotations import cross
+from cpid_drake.dynamics.sensitivity import (
+    MotionSensitivity,
+    screw_sensitivity,
+    uncertain_sensitivity,
+)
+from cpid_drake.dynamics.tree import KinematicTree
+from cpid_drake.dynamics.uncertainty import BodyUncertainty
+from cpid_drake.estimation.likelihood.motion_model import BaseMotion, Trajectory
+from cpid_drake.estimation.likelihood.uniform_spline import spline_slopes
+
+TOGETHER = 32
+"""So many blocks have their kinematics computed in one call."""
+
+
+def inertia_changes(
+    motion: BaseMotion,
+    nodes: NDArray[np.intp],
+    psi: Array,
+    acceleration: Array,
+    uncertainty: BodyUncertainty | None = None,
+    errors: Array | None = None,
+) -> dict[str, Array]:
+    """Return the derivatives (M, 3, n) of J α by ψ, the joints' errors and the bodies'.
+
+    Args:
+        motion: the base's motion, with the constant errors.
+        nodes: (M,) nodes at which the inertia J is that of spacecraft and target.
+        psi: (10,) relative unknowns of the target.
+        acceleration: (M, 3) the angular accelerations α, in B.
+        uncertainty, errors: see `effect_terms.write_bodies`.
+
+    """
+    grid, tree = motion.grid.part(nodes), motion.tree
+    by = {"psi": grid.inertia_regressor(acceleration)}
+    errors_of_q = motion.joint_errors.by_errors(motion.nodes[nodes])
+    if not errors_of_q and uncertainty is None:
+        return by
+    q = motion.joint_motion(motion.nodes[nodes])[:, 0]
+    turning = acceleration, -cross(acceleration, grid.com(psi))
+    outboard = Outboard.at(_with_target(tree, psi, grid), q, 0 * q, *turning)
+    J = -grid.inertia(psi)
+    if errors_of_q:
+        each = screw_sensitivity(outboard, psi, grid, *outboard.joint_screws)[0].w
+        by_q = J @ outboard.by_joint(each)
+        by |= {name: by_q * of_q[:, None] for name, of_q in errors_of_q.items()}
+    if uncertainty is not None:
+        present = np.zeros(uncertainty.count(tree.wheels, q.shape[1])) if errors is None else errors
+        by["bodies"] = J @ uncertain_sensitivity(outboard, psi, grid, uncertainty, present).w
+    return by
+
+
+def relate(motions: Sequence[BaseMotion], psi: Array) -> None:
+    """Compute the spacecraft's dynamics of motions of one spacecraft and target in few calls.
+
+    Raises:
+        InputError: see `BodyDynamics.mobility`.
+
+    """
+    for first in range(0, len(motions), TOGETHER):
+        some = motions[first : first + TOGETHER]
+        samples = np.concatenate([motion.joint_motion(motion.times) for motion in some])
+        dynamics, end = BodyDynamics.at(some[0].tree, samples[:, 0], samples[:, 1]), 0
+        inverse, h = dynamics.mobility(psi), dynamics.momentum_at_rest(psi)
+        for motion in some:
+            start, end = end, end + len(motion.times)
+            motion.dynamics = dynamics.part(slice(start, end))
+            motion.free = psi, inverse[start:end], h[start:end]
+
+
+def with_changes(
+    motions: Sequence[BaseMotion],
+    trajectories: Sequence[Trajectory],
+    uncertainty: BodyUncertainty | None = None,
+    errors: Array | None = None,
+) -> Iterator[Trajectory]:
+    """Yield trajectories of one target with their derivatives by joints and bodies, in few calls.
+
+    The uncertainty and the present errors are those of `effect_terms.write_bodies`.
+    """
+    for k in range(0, len(motions), TOGETHER):
+        some = trajectories[k : k + TOGETHER]
+        changes = _changes(motions[k : k + TOGETHER], some, uncertainty, errors)
+        for trajectory, by in zip(some, changes, strict=True):
+            yield replace(trajectory, by=by)
+
+
+def _changes(
+    motions: Sequence[BaseMotion],
+    trajectories: Sequence[Trajectory],
+    uncertainty: BodyUncertainty | None = None,
+    errors: Array | None = None,
+) -> list[dict[str, MotionSensitivity]]:
+    """Return the derivatives by "q" and "qdot" and, if not exact, "compliance" and "bodies".
+
+    The compliances are those of the joints, then of the grasp about and along C's axes. A joint
+    yields by −(compliance) τ, with the effort τ of a rigid arm, and the target against C by that
+    times moment and force of a rigid grasp. This holds if the arm's modes are much faster than the
+    motion, and if external forces on arm and target are small.
+    """
+    outboard, dynamics = _relative_to_base(motions, trajectories)
+    psi, joints = trajectories[0].state.psi, motions[0].joints.coefficients.shape[1]
+    which, S = outboard.joint_screws
+    has_followers = len(which) > joints
+    yields = bool(motions[0].constants.acting("compliance"))
+    if yields:
+        which, S = which + outboard.grasp_screws[0], np.dstack([S, outboard.grasp_screws[1]])
+    parts = dict(zip(("q", "qdot"), screw_sensitivity(outboard, psi, dynamics, which, S)))
+    if has_followers:
+        for name, part in parts.items():
+            parts[name] = MotionSensitivity(*map(outboard.by_joint, vars(part).values()))
+    ends = np.cumsum([len(trajectory.w) for trajectory in trajectories])[:-1]
+    if yields:
+        slopes = [spline_slopes(motion.nodes, motion.times) for motion in motions]
+
+        def rate(values: Array) -> Array:
+            """Return the rates of values (..., U, n) at all instants of all motions."""
+            each = zip(slopes, np.split(values, ends, axis=-2), strict=True)
+            return np.concatenate([D @ part[..., : D.shape[1], :] for D, part in each], axis=-2)
+
+        loads = outboard.loads(which, S, rate(outboard.momentum))
+        loads = outboard.by_joint(loads) if has_followers else loads
+        by, rates = zip(*(vars(part).values() for part in parts.values())), rate(loads)
+        moved = [-(q * loads[:, None] + qdot * rates[:, None]) for q, qdot in by]
+        for name, part in parts.items():
+            parts[name] = MotionSensitivity(*(each[..., :joints] for each in vars(part).values()))
+        parts["compliance"] = MotionSensitivity(*moved)
+    if uncertainty is not None:
+        wheels = motions[0].tree.wheels
+        present = np.zeros(uncertainty.count(wheels, joints)) if errors is None else errors
+        parts["bodies"] = uncertain_sensitivity(outboard, psi, dynamics, uncertainty, present)
+    split = {
+        name: zip(*(np.split(value, ends) for value in vars(part).values()))
+        for name, part in parts.items()
+    }
+    return [
+        {name: MotionSensitivity(*each) for name, each in zip(split, one)}
+        for one in zip(*split.values(), strict=True)
+    ]
+
+
+def _relative_to_base(
+    motions: Sequence[BaseMotion], trajectories: Sequence[Trajectory]
+) -> tuple[Outboard, BodyDynamics]:
+    """Return all motions of the bodies and the target, and of the bodies, seen from the base.
+
+    A target with rotors carries their momentum.
+    """
+    psi, tree = trajectories[0].state.psi, motions[0].tree
+    dynamics = BodyDynamics.concatenate([motion.dynamics for motion in motions])
+    joints = np.concatenate([motion.joint_motion(motion.times) for motion in motions])
+    w = np.concatenate([trajectory.w for trajectory in trajectories])
+    v = -(cross(w, dynamics.com(psi)) + dynamics.com_rate(psi))
+    with_target = _with_target(tree, psi, dynamics)
+    outboard = Outboard.at(with_target, joints[:, 0], joints[:, 1], w, v)
+    constants = motions[0].constants
+    if constants.acting("target_rotors"):
+        spin = constants.sum(trajectories[0].state.constants, "", "target_rotors", 3)
+        momentum = outboard.momentum.copy()
+        momentum[outboard.inboard_of_target, :, :3] += dynamics.R_BC @ spin
+        outboard = replace(outboard, momentum=momentum)
+    return outboard, dynamics
+
+
+def _with_target(tree: KinematicTree, psi: Array, dynamics: BodyDynamics) -> KinematicTree:
+    """Return the spacecraft with a target."""
+    parameters = relative_parameterization(dynamics.mass).to_parameters(psi)
+    return tree.with_target(parameters_to_standard(parameters))
