@@ -96,7 +96,7 @@ def thrust_log(
         actuators, names = Actuators.of_valves(thrusters), list(thrusters.valves)
         force = np.array([valve.force for valve in thrusters.valves.values()])
     # f = openings · force · Π (1 + e_k g_k), with the share g_k of a unit of the error e_k
-    value, errors = samples.value * force, constants.acting("thrust")
+    value, errors = samples.value * force, constants.acting["thrust"]
     each = [e.effect.how(samples.value, np.array([n == e.sensor for n in names])) for e in errors]
     shares = np.array([np.broadcast_to(share, value.shape) for share in each], dtype=float)
     shares = shares.reshape(len(errors), *value.shape)
@@ -105,5 +105,5 @@ def thrust_log(
     by = np.zeros((*value.shape, len(errors)))
     for k, share in enumerate(shares):
         by[..., k] = value * share * np.delete(factors, k, axis=0).prod(axis=0)
-    late = sum(float(constants.value(nominal, e)[0]) for e in constants.acting("thrust_delay"))
+    late = sum(float(constants.value(nominal, e)[0]) for e in constants.acting["thrust_delay"])
     return ThrustLog(actuators, Samples(samples.time + late, value * factors.prod(axis=0)), by)

@@ -4,6 +4,7 @@
 the prior of the estimate. Every entry of one constant error has the same σ.
 """
 
+from collections import defaultdict
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -123,6 +124,7 @@ class Constants:
         size: length of the vector.
         of_first_order: names of those of first order.
         first_order: (n,) their places in the vector.
+        acting: the errors by `Way`, and those of one sensor or valve by both.
 
     """
 
@@ -130,11 +132,11 @@ class Constants:
         self.errors = {error.name: error for error in errors}
         self.size = sum(error.size for error in errors)
         self._places = places_of({error.name: error.size for error in errors})
-        self._acting: dict[tuple[str, ...], tuple[ConstantError, ...]] = {}
+        self.acting = defaultdict[str | tuple[str, str], tuple[ConstantError, ...]](tuple)
         for error in errors:
-            for key in ((error.effect.way,), (error.effect.way, error.sensor)):
-                self._acting[key] = (*self.acting(*key), error)
-        rough = [error for way in OF_FIRST_ORDER for error in self.acting(way)]
+            for key in (error.effect.way, (error.effect.way, error.sensor)):
+                self.acting[key] += (error,)
+        rough = [error for way in OF_FIRST_ORDER for error in self.acting[way]]
         self.of_first_order = tuple(error.name for error in rough)
         self.first_order = indices_of(self._places, self.of_first_order)
 
@@ -143,10 +145,6 @@ class Constants:
         """Return the constant errors of a suite, for a spacecraft with so many joints."""
         return cls(constant_errors(suite, joint_count))
 
-    def acting(self, *key: str) -> tuple[ConstantError, ...]:
-        """Return the errors that act in a way, `Way`, or those of one sensor that do."""
-        return self._acting.get(key, ())
-
     def value(self, constants: Array, error: ConstantError) -> Array:
         """Return one error [SI units, rad], from the vector (k,)."""
         return np.asarray(error.sigma * constants[self._places[error.name]])
@@ -154,7 +152,7 @@ class Constants:
     def sum(self, constants: Array, sensor: str, way: Way, size: int) -> Array:
         """Return what the errors of a sensor that act in a way change together, (size,)."""
         total = np.zeros(size)
-        for error in self.acting(way, sensor):
+        for error in self.acting[way, sensor]:
             total += error.effect.how @ self.value(constants, error)
         return total
 

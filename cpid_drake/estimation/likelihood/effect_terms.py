@@ -184,7 +184,7 @@ def _write_compliance(
 def _write_thrust(
     error: ConstantError, motion: BaseMotion, trajectory: Trajectory, change: MotionChange
 ) -> None:
-    change.thrust[motion.constants.acting("thrust").index(error)] = error.sigma
+    change.thrust[motion.constants.acting["thrust"].index(error)] = error.sigma
 
 
 def _write_thrust_delay(

@@ -35,7 +35,7 @@ On the motion of the joints, of which positions m (M, J) were measured at t (M, 
 
 On the readings of a sensor:
 
-- clock: by how much stamps at t (M,) since the origin are late, (M,), and the rate of this.
+- clock: a and b of stamps that are late by a + b t, at t since the origin.
 - turn: derivative (3, n) of the rotation vector of the sensor's axes.
 - matrix, offset: that of the matrix that multiplies a reading, (9, n), or of what is added, (3, n).
 - point: that of the point in B that is measured, (3, n).
@@ -63,7 +63,8 @@ class ErrorEffect:
 
 def _less_by_others(openings: Array, having: NDArray[np.bool_]) -> Array:
     """Return that of valves which share a supply: each further open valve costs all of them."""
-    return -np.maximum(openings.sum(axis=1, keepdims=True) - 1, 0.0)
+    others = np.maximum(openings.sum(axis=1, keepdims=True) - 1, 0.0)
+    return np.asarray(-others)
 
 
 _ONE, _OF_MATRIX = np.eye(3), np.eye(9)
@@ -93,8 +94,8 @@ EFFECTS: dict[str, ErrorEffect] = {
     "eccentricity_cosine": ErrorEffect(
         "joints", lambda m, t: (np.cos(m), -np.sin(m), 0.0), on_wheels=False
     ),
-    "delay": ErrorEffect("clock", lambda t: (np.ones_like(t), 0.0)),
-    "clock_drift": ErrorEffect("clock", lambda t: (t, 1.0)),
+    "delay": ErrorEffect("clock", (1.0, 0.0)),
+    "clock_drift": ErrorEffect("clock", (0.0, 1.0)),
     "mounting": ErrorEffect("turn", _ONE),
     "scale": ErrorEffect("matrix", _OF_MATRIX[:, _DIAGONAL]),
     "misalignment": ErrorEffect("matrix", np.delete(_OF_MATRIX, _DIAGONAL, axis=1)),

@@ -112,7 +112,7 @@ def steady_forces(constants: Constants, start: float, end: float) -> list[Force]
     """Return the steady forces among constant errors, in a block from start to end [s]."""
     return [
         Force(e.name, e.effect.how, np.eye(3), e.sigma, 1, constants.place(e.name), start, end)
-        for e in constants.acting("force")
+        for e in constants.acting["force"]
     ]
 
 

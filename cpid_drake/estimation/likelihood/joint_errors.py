@@ -39,7 +39,7 @@ class JointErrors:
         self._joints, self._origin = joints, origin
         wheels = [b.joint for b, wheel in zip(tree.bodies, tree.wheels) if wheel]
         self._errors = list[tuple[ConstantError, Array, Array]]()  # with values, each by its σ
-        for error in constants.acting("joints"):
+        for error in constants.acting["joints"]:
             unit = np.full(error.size, error.sigma)
             if not error.effect.on_wheels:
                 unit[wheels] = 0.0

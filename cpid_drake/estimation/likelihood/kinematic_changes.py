@@ -114,7 +114,7 @@ def _changes(
     psi, joints = trajectories[0].state.psi, motions[0].joints.coefficients.shape[1]
     which, S = outboard.joint_screws
     has_followers = len(which) > joints
-    yields = bool(motions[0].constants.acting("compliance"))
+    yields = bool(motions[0].constants.acting["compliance"])
     if yields:
         which, S = which + outboard.grasp_screws[0], np.dstack([S, outboard.grasp_screws[1]])
     parts = dict(zip(("q", "qdot"), screw_sensitivity(outboard, psi, dynamics, which, S)))
@@ -166,7 +166,7 @@ def _relative_to_base(
     with_target = _with_target(tree, psi, dynamics)
     outboard = Outboard.at(with_target, joints[:, 0], joints[:, 1], w, v)
     constants = motions[0].constants
-    if constants.acting("target_rotors"):
+    if constants.acting["target_rotors"]:
         spin = constants.sum(trajectories[0].state.constants, "", "target_rotors", 3)
         momentum = outboard.momentum.copy()
         momentum[outboard.inboard_of_target, :, :3] += dynamics.R_BC @ spin

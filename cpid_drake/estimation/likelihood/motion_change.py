@@ -56,7 +56,7 @@ class MotionChange:
     def zeros(cls, motion: BaseMotion, n: int, *, with_rates: bool = True) -> "MotionChange":
         """Return no change of a motion by n quantities; without rates of ρ if nobody reads them."""
         nodes, instants = len(motion.nodes), len(motion.times)
-        has_thrust, errors = motion.thrust is not None, len(motion.constants.acting("thrust"))
+        has_thrust, errors = motion.thrust is not None, len(motion.constants.acting["thrust"])
         com, position, velocity = np.zeros((3, instants, 3, n))
         w, rate = np.zeros((nodes, 3, n)), np.zeros((instants * with_rates, 3, n))
         screw, (attitude, L) = np.zeros((nodes * has_thrust, 6, n)), np.zeros((2, 3, n))

@@ -286,7 +286,7 @@ class BaseMotion:
 
     def turning_torque(self, state: TrajectoryState) -> TurningTorque | None:
         """Return the torque that changes with the attitude; None if there is none."""
-        if self.orbit is None and not self.constants.acting("torque"):
+        if self.orbit is None and not self.constants.acting["torque"]:
             return None
         in_B = self.constants.sum(state.constants, "", "torque", 3)
         return TurningTorque(in_B, self.orbit, state.psi, self.grid, self.nodes)

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from cpid_drake.array import Array
 from cpid_drake.dynamics.plane import NORMAL_W
 from cpid_drake.dynamics.rotations import cross, exponentials, right_jacobian, rotate, skew
-from cpid_drake.estimation.likelihood.constants import ConstantError, Constants
+from cpid_drake.estimation.likelihood.constants import Constants
 from cpid_drake.estimation.likelihood.error_effects import Way
 from cpid_drake.estimation.likelihood.motion_change import MotionChange
 from cpid_drake.estimation.likelihood.motion_model import BaseMotion, Trajectory
@@ -107,18 +107,21 @@ class SensorModel(ABC):
         """
         constants, by = self._motion.constants, dict[str, Array]()
         for way, of in self._by(trajectory).items():
-            for error in constants.acting(way, self.name):
+            for error in constants.acting[way, self.name]:
                 by[error.name] = error.sigma * (of @ error.effect.how)
-        clocks = clocks_of(self.name, constants)
-        if not clocks:
-            return by
-        rate, per_second = self._rate(trajectory), self._per_second(trajectory)
-        elapsed = (self.samples.time - self._motion.origin)[:, None]
-        for error, sign in clocks:
-            # y(t − late): ∂y/∂e = −ẏ ∂late/∂e; of encoders, also the motion is faster
-            late, fast = error.effect.how(elapsed)
-            of_motion = (sign < 0) * fast * per_second
-            by[error.name] = error.sigma * (of_motion - sign * late * rate)[..., None]
+        # y(t − late), of which ∂late/∂e = a + b t; if the encoders are late, this is early, and if
+        # their clock is fast, so is the motion, whose rates this shows as they are
+        own, common = constants.acting["clock", self.name], constants.acting["clock", ENCODERS]
+        if own or common:
+            rate, elapsed = self._rate(trajectory), self.samples.time - self._motion.origin
+            grown = elapsed[:, None] * rate
+            faster = grown + self._per_second(trajectory)
+        for error in own:
+            a, b = error.effect.how
+            by[error.name] = -error.sigma * (a * rate + b * grown)[..., None]
+        for error in common:
+            a, b = error.effect.how
+            by[error.name] = error.sigma * (a * rate + b * faster)[..., None]
         return by
 
     def _measured(self, normal_B: Array) -> Array:
@@ -314,15 +317,6 @@ class VelocityModel(TranslationModel):
         return self._velocity(trajectory, self._at)
 
 
-def clocks_of(name: str, constants: Constants) -> list[tuple[ConstantError, float]]:
-    """Return the errors of a sensor's clock, and with a minus those of the encoders' clock.
-
-    If the stamps of the encoders are late, those of all others are early against the motion.
-    """
-    clocks = [(error, 1.0) for error in constants.acting("clock", name)]
-    return clocks + [(error, -1.0) for error in constants.acting("clock", ENCODERS)]
-
-
 def clock_of(name: str, stamps: Array, constants: Constants, values: Array, origin: float) -> Array:
     """Return by how much a sensor's stamps are later than those of the encoders [s].
 
@@ -341,11 +335,11 @@ def clock_of(name: str, stamps: Array, constants: Constants, values: Array, orig
 
     """
     clock = np.zeros((2, len(stamps)))
-    for error, sign in clocks_of(name, constants):
-        late, fast = error.effect.how(stamps - origin)
-        value = constants.value(values, error)
-        clock[0] += sign * value * late
-        clock[1] += (sign < 0) * value * fast
+    for owner, sign in ((name, 1.0), (ENCODERS, -1.0)):
+        for error in constants.acting["clock", owner]:
+            (a, b), value = error.effect.how, constants.value(values, error)
+            clock[0] += sign * value * (a + b * (stamps - origin))
+            clock[1] += (sign < 0) * value * b
     worst = clock[0, np.argmax(np.abs(clock[0]))] if len(stamps) else 0.0
     if not abs(worst) < LONGEST_DELAY:
         raise InputError(f"{name}: a delay of {worst:.3g} s cannot be modelled")
