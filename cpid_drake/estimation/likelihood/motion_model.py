@@ -164,7 +164,7 @@ class BaseMotion:
 
     @cached_property
     def dynamics(self) -> BodyDynamics:
-        """The spacecraft's dynamics at all times; `effect_terms.relate` computes those of many."""
+        """The spacecraft's dynamics at all times; `kinematic_changes.relate` computes those of many."""
         q, qdot = np.moveaxis(self.joint_motion(self.times), 1, 0)
         return BodyDynamics.at(self.tree, q, qdot)
 
