@@ -246,7 +246,7 @@ def derivatives(
         values = {**values, **log.past.first}
         models, trajectories, by_psi = motions_of(model, log, values)
     motions, at = [models[k].motion for k in new], [trajectories[k] for k in new]
-    bent = with_changes(motions, at, model.known_bodies, values.get(BODIES))
+    bent = with_changes(motions, at)
     for part, nearby in zip(rolled.models, models, strict=True):
         if part not in rolled.linear:
             J, end = nearby.jacobian(next(bent))

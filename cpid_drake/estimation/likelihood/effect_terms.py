@@ -13,7 +13,6 @@ import numpy as np
 from cpid_drake.array import Array
 from cpid_drake.dynamics.rotations import rotate, skew
 from cpid_drake.dynamics.sensitivity import MotionSensitivity
-from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.likelihood.constants import ConstantError
 from cpid_drake.estimation.likelihood.forces import Force
 from cpid_drake.estimation.likelihood.motion_change import MotionChange
@@ -87,31 +86,18 @@ def write_target(motion: BaseMotion, trajectory: Trajectory, change: MotionChang
     change.inverse_mass[0] = -(dynamics.mass**-2)
 
 
-def write_bodies(
-    uncertainty: BodyUncertainty,
-    errors: Array | None,
-    motion: BaseMotion,
-    trajectory: Trajectory,
-    change: MotionChange,
-) -> None:
-    """Write that of errors of the spacecraft's bodies and of their geometry, in units of their σ.
-
-    Args:
-        uncertainty: their σ.
-        errors: (c,) the present errors in units of σ; None for zero.
-        motion: the base's motion, of a spacecraft with the present errors.
-        trajectory: its trajectory.
-        change: c columns, which contain zeros.
-
-    """
+def write_bodies(motion: BaseMotion, trajectory: Trajectory, change: MotionChange) -> None:
+    """Write that of errors of the spacecraft's bodies and of their geometry."""
+    uncertainty = motion.known_bodies
+    assert uncertainty is not None
     sigmas = uncertainty.all_sigmas(motion.tree.wheels, motion.joints.coefficients.shape[1])
-    present = np.zeros(np.count_nonzero(sigmas)) if errors is None else errors
     change.take(trajectory.by["bodies"], motion, trajectory)
+    # masses m (1 + σ e), and the derivative of 1/m of the system by them
     mu, masses = float(trajectory.state.psi[0]), np.zeros(len(sigmas))
     bodies = [body.mass for body in motion.tree.bodies]
     masses[: 10 * len(bodies) : 10] = uncertainty.mass * np.array(bodies)
     by_masses = -masses[sigmas > 0] * inverse_mass(motion.dynamics.mass, mu) ** 2
-    change.inverse_mass[:] = by_masses / (1 + uncertainty.mass * present)
+    change.inverse_mass[:] = by_masses / (1 + uncertainty.mass * motion.body_errors)
 
 
 def write_of(error: ConstantError) -> Write | None:

@@ -17,7 +17,6 @@ from cpid_drake.dynamics.sensitivity import (
     uncertain_sensitivity,
 )
 from cpid_drake.dynamics.tree import KinematicTree
-from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.likelihood.motion_model import BaseMotion, Trajectory
 from cpid_drake.estimation.likelihood.uniform_spline import spline_slopes
 
@@ -26,12 +25,7 @@ TOGETHER = 32
 
 
 def inertia_changes(
-    motion: BaseMotion,
-    nodes: NDArray[np.intp],
-    psi: Array,
-    acceleration: Array,
-    uncertainty: BodyUncertainty | None = None,
-    errors: Array | None = None,
+    motion: BaseMotion, nodes: NDArray[np.intp], psi: Array, acceleration: Array
 ) -> dict[str, Array]:
     """Return the derivatives (M, 3, n) of J α by ψ, the joints' errors and the bodies'.
 
@@ -40,13 +34,12 @@ def inertia_changes(
         nodes: (M,) nodes at which the inertia J is that of spacecraft and target.
         psi: (10,) relative unknowns of the target.
         acceleration: (M, 3) the angular accelerations α, in B.
-        uncertainty, errors: see `effect_terms.write_bodies`.
 
     """
     grid, tree = motion.grid.part(nodes), motion.tree
     by = {"psi": grid.inertia_regressor(acceleration)}
     errors_of_q = motion.joint_errors.by_errors(motion.nodes[nodes])
-    if not errors_of_q and uncertainty is None:
+    if not errors_of_q and motion.known_bodies is None:
         return by
     q = motion.joint_motion(motion.nodes[nodes])[:, 0]
     turning = acceleration, -cross(acceleration, grid.com(psi))
@@ -56,9 +49,9 @@ def inertia_changes(
         each = screw_sensitivity(outboard, psi, grid, *outboard.joint_screws)[0].w
         by_q = J @ outboard.by_joint(each)
         by |= {name: by_q * of_q[:, None] for name, of_q in errors_of_q.items()}
-    if uncertainty is not None:
-        present = np.zeros(uncertainty.count(tree.wheels, q.shape[1])) if errors is None else errors
-        by["bodies"] = J @ uncertain_sensitivity(outboard, psi, grid, uncertainty, present).w
+    if motion.known_bodies is not None:
+        bodies = motion.known_bodies, motion.body_errors
+        by["bodies"] = J @ uncertain_sensitivity(outboard, psi, grid, *bodies).w
     return by
 
 
@@ -81,27 +74,17 @@ def relate(motions: Sequence[BaseMotion], psi: Array) -> None:
 
 
 def with_changes(
-    motions: Sequence[BaseMotion],
-    trajectories: Sequence[Trajectory],
-    uncertainty: BodyUncertainty | None = None,
-    errors: Array | None = None,
+    motions: Sequence[BaseMotion], trajectories: Sequence[Trajectory]
 ) -> Iterator[Trajectory]:
-    """Yield trajectories of one target with their derivatives by joints and bodies, in few calls.
-
-    The uncertainty and the present errors are those of `effect_terms.write_bodies`.
-    """
+    """Yield trajectories of one spacecraft and target with `Trajectory.by`, in few calls."""
     for k in range(0, len(motions), TOGETHER):
         some = trajectories[k : k + TOGETHER]
-        changes = _changes(motions[k : k + TOGETHER], some, uncertainty, errors)
-        for trajectory, by in zip(some, changes, strict=True):
+        for trajectory, by in zip(some, _changes(motions[k : k + TOGETHER], some), strict=True):
             yield replace(trajectory, by=by)
 
 
 def _changes(
-    motions: Sequence[BaseMotion],
-    trajectories: Sequence[Trajectory],
-    uncertainty: BodyUncertainty | None = None,
-    errors: Array | None = None,
+    motions: Sequence[BaseMotion], trajectories: Sequence[Trajectory]
 ) -> list[dict[str, MotionSensitivity]]:
     """Return the derivatives by "q" and "qdot" and, if not exact, "compliance" and "bodies".
 
@@ -137,10 +120,9 @@ def _changes(
         for name, part in parts.items():
             parts[name] = MotionSensitivity(*(each[..., :joints] for each in vars(part).values()))
         parts["compliance"] = MotionSensitivity(*moved)
-    if uncertainty is not None:
-        wheels = motions[0].tree.wheels
-        present = np.zeros(uncertainty.count(wheels, joints)) if errors is None else errors
-        parts["bodies"] = uncertain_sensitivity(outboard, psi, dynamics, uncertainty, present)
+    if motions[0].known_bodies is not None:
+        bodies = motions[0].known_bodies, motions[0].body_errors
+        parts["bodies"] = uncertain_sensitivity(outboard, psi, dynamics, *bodies)
     split = {
         name: zip(*(np.split(value, ends) for value in vars(part).values()))
         for name, part in parts.items()

@@ -91,7 +91,8 @@ class BlockModel:
         is_planar = tree.normal_B is not None
         white = white_forces(suite, joints.start, joints.end, is_planar)
         self.motion = BaseMotion(
-            tree, joints, times, step, constants, nominal, origin, suite.orbit, thrust, white
+            *(tree, joints, times, step, constants, nominal, origin),
+            *(suite.orbit, thrust, white, known_bodies, errors),
         )
         self.sensors: dict[str, SensorModel | WhiteReading] = {}
         first = len(self.motion.nodes)
@@ -100,9 +101,7 @@ class BlockModel:
             rows, samples = slice(first, first + count), measurements[name]
             self.sensors[name] = model(name, samples, suite, self.motion, rows, clock[name])
             first += count
-        self._bodies = known_bodies, errors
-        for force in white:
-            self.sensors[force.name] = WhiteReading(self.motion, force, *self._bodies)
+        self.sensors |= {force.name: WhiteReading(self.motion, force) for force in white}
         K, J = joints.coefficients.shape
         effects: dict[str, tuple[int, Write | None]] = {
             "start": (12, write_start),
@@ -113,8 +112,7 @@ class BlockModel:
             effects[name] = error.size, write_of(error)
         effects["psi"] = 10, write_target
         if known_bodies is not None:
-            count = known_bodies.count(tree.wheels, J)
-            effects["bodies"] = count, partial(write_bodies, known_bodies, errors)
+            effects["bodies"] = len(self.motion.body_errors), write_bodies
         self._sizes = {name: size for name, (size, _) in effects.items()}
         self.columns = places_of(self._sizes)
         self.effects = {name: write for name, (_, write) in effects.items() if write is not None}
@@ -160,7 +158,7 @@ class BlockModel:
         """
         columns, places, joints = self.columns, self._places, self._places["joints"]
         if not trajectory.by:
-            trajectory = next(with_changes([self.motion], [trajectory], *self._bodies))
+            trajectory = next(with_changes([self.motion], [trajectory]))
         n = sum(place.stop - place.start for place in places.values())
         change = MotionChange.zeros(self.motion, n, with_rates=self._with_rates)
         for name, write in self.effects.items():

@@ -90,16 +90,15 @@ def response(
     """
     psi, N, thrust = trajectory.state.psi, len(motion.nodes), motion.thrust
     R, L, w = trajectory.R[:N], change.L, change.w
-    moved = change.screw, change.thrust, change.delay
     if thrust is not None:
-        by = thrust.momentum_change(R, psi, change.com[:N], *moved)
+        by = thrust.momentum_change(R, psi, change)
         w, L = w + trajectory.mobility @ by[:N], L + by[N - 1]
     xi, torqued, w = pose_change(motion, trajectory, w, change.attitude, change.delay)
     # rotors s turn with the base: their −δ(R s) = (R s) × ξ is that of the other bodies
     L = L + torqued + skew(R[-1] @ trajectory.rotors[N - 1]) @ xi[-1]
     position, velocity = change.position, change.velocity
     if thrust is not None:
-        both = thrust.travel_change(R, psi, xi, change.inverse_mass, *moved)
+        both = thrust.travel_change(R, psi, xi, change)
         position, velocity = position + both[:, :3], velocity + both[:, 3:]
     end = np.concatenate([xi[-1], position[N - 1], L, velocity[N - 1]])
     return replace(change, w=w, position=position, velocity=velocity), xi, end

@@ -23,6 +23,7 @@ from cpid_drake.dynamics.orbit import Orbit
 from cpid_drake.dynamics.rotations import cross, exponentials, rotate, sines, skew
 from cpid_drake.dynamics.sensitivity import MotionSensitivity
 from cpid_drake.dynamics.tree import KinematicTree
+from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.likelihood.actuators import ThrustLog
 from cpid_drake.estimation.likelihood.attitude_steps import (
     carried,
@@ -89,7 +90,7 @@ class Trajectory:
         travel: (U, 6) what logged thrust adds to position [m] and velocity [m/s] of the centre of
             mass, in W; None without thrust.
         rotors: (U, 3) angular momentum of rotors that the model does not have, in B [N·m·s].
-        by: derivatives of the kinematics, by names; see `effect_terms.with_changes`.
+        by: derivatives of the kinematics, by names; see `kinematic_changes.with_changes`.
 
     """
 
@@ -128,6 +129,8 @@ class BaseMotion:
         nominal: (k,) their values in units of their σ: by some the joint motion is too large.
         origin: time at which zeros and clocks that drift have their values [s].
         orbit, thrust, white: orbit of W's origin and log of thrust, if any, and white forces.
+        known_bodies: uncertainty of the spacecraft's bodies; None if they are exact.
+        errors: (c,) their present errors in units of σ, which the tree has; None for zero.
 
     Attributes:
         joint_errors: what the joint motion has too much.
@@ -149,9 +152,13 @@ class BaseMotion:
         orbit: Orbit | None,
         thrust: ThrustLog | None,
         white: Sequence[Force],
+        known_bodies: BodyUncertainty | None,
+        errors: Array | None,
     ) -> None:
         self.tree, self.joints, self.constants, self.origin = tree, joints, constants, origin
-        self.orbit, self.white = orbit, white
+        self.orbit, self.white, self.known_bodies = orbit, white, known_bodies
+        count = known_bodies.count(tree.wheels, joints.coefficients.shape[1]) if known_bodies else 0
+        self.body_errors = np.zeros(count) if errors is None else errors
         steady = steady_forces(constants, joints.start, joints.end)
         self.forces = {force.name: force for force in (*white, *steady)}
         self.joint_errors = JointErrors(joints, constants, nominal, origin, tree)
@@ -164,7 +171,7 @@ class BaseMotion:
 
     @cached_property
     def dynamics(self) -> BodyDynamics:
-        """The spacecraft's dynamics at all times; `kinematic_changes.relate` computes those of many."""
+        """The spacecraft's dynamics at all times; see also `kinematic_changes.relate`."""
         q, qdot = np.moveaxis(self.joint_motion(self.times), 1, 0)
         return BodyDynamics.at(self.tree, q, qdot)
 
@@ -178,15 +185,7 @@ class BaseMotion:
         """The thrust between the first and the last node; None if there is none."""
         if self._log is None or not self._log.acts(self.nodes[0], self.nodes[-1]):
             return None
-        return BlockThrust(
-            self._log,
-            self.nodes,
-            self.times,
-            self.grid,
-            self.interpolation,
-            self.capture_pose,
-            self.orbit,
-        )
+        return BlockThrust(self._log, self)
 
     def capture_pose(self, times: Array) -> tuple[Array, Array]:
         """Return R_BC (M, 3, 3) and p_BC (M, 3) of the capture frame at times (M,)."""
