@@ -245,8 +245,7 @@ def derivatives(
     if new and log.past is not None and has_hardware:
         values = {**values, **log.past.first}
         models, trajectories, by_psi = motions_of(model, log, values)
-    motions, at = [models[k].motion for k in new], [trajectories[k] for k in new]
-    bent = with_changes(motions, at)
+    bent = with_changes([trajectories[k] for k in new])
     for part, nearby in zip(rolled.models, models, strict=True):
         if part not in rolled.linear:
             J, end = nearby.jacobian(next(bent))

@@ -16,18 +16,19 @@ from cpid_drake.dynamics.sensitivity import MotionSensitivity
 from cpid_drake.estimation.likelihood.constants import ConstantError
 from cpid_drake.estimation.likelihood.forces import Force
 from cpid_drake.estimation.likelihood.motion_change import MotionChange
-from cpid_drake.estimation.likelihood.motion_model import BaseMotion, Trajectory
+from cpid_drake.estimation.likelihood.motion_model import Trajectory
 from cpid_drake.estimation.likelihood.thrust import inverse_mass, transition
 
-Write = Callable[[BaseMotion, Trajectory, MotionChange], None]
+Write = Callable[[Trajectory, MotionChange], None]
 """Writes the change of the motion by the quantities of an effect."""
 
-WriteError = Callable[[ConstantError, BaseMotion, Trajectory, MotionChange], None]
+WriteError = Callable[[ConstantError, Trajectory, MotionChange], None]
 """Writes that by a constant error."""
 
 
-def write_start(motion: BaseMotion, trajectory: Trajectory, change: MotionChange) -> None:
+def write_start(trajectory: Trajectory, change: MotionChange) -> None:
     """Write that of attitude, centre of mass, L about it and its velocity at the start, in W."""
+    motion = trajectory.motion
     change.attitude[:, :3] = change.L[:, 6:9] = np.eye(3)
     mobility = trajectory.mobility
     change.w[:, :, 6:9] = mobility
@@ -39,8 +40,9 @@ def write_start(motion: BaseMotion, trajectory: Trajectory, change: MotionChange
         moved[:, :, 3:6], moved[:, :, 9:] = by[:, :, :3], by[:, :, 3:]
 
 
-def write_joints(motion: BaseMotion, trajectory: Trajectory, change: MotionChange) -> None:
+def write_joints(trajectory: Trajectory, change: MotionChange) -> None:
     """Write that of errors of the coefficients of the joints' splines, joint after joint."""
+    motion = trajectory.motion
     bases = [motion.joints.basis(motion.times, order)[:, None, None] for order in range(2)]
     by_q, by_qdot = trajectory.by["q"], trajectory.by["qdot"]
 
@@ -53,13 +55,12 @@ def write_joints(motion: BaseMotion, trajectory: Trajectory, change: MotionChang
     U, rates = len(motion.times), len(change.com_rate)
     counts = {"w": rates or len(change.w), "com": U, "v": rates, "screw": len(change.screw)}
     by = MotionSensitivity(**{name: by_errors(name, count) for name, count in counts.items()})
-    change.take(by, motion, trajectory)
+    change.take(by, trajectory)
 
 
-def write_force(
-    force: Force, motion: BaseMotion, trajectory: Trajectory, change: MotionChange
-) -> None:
+def write_force(force: Force, trajectory: Trajectory, change: MotionChange) -> None:
     """Write that of the entries of a force."""
+    motion = trajectory.motion
     impulse = force.impulse(motion.times)
     if force.turns:
         change.w[:] = trajectory.mobility @ impulse[: len(change.w)]
@@ -68,8 +69,9 @@ def write_force(
         change.position[:], change.velocity[:] = force.travel(motion.times), impulse
 
 
-def write_target(motion: BaseMotion, trajectory: Trajectory, change: MotionChange) -> None:
+def write_target(trajectory: Trajectory, change: MotionChange) -> None:
     """Write that of the ten relative unknowns ψ = (μ, μc, I_*)."""
+    motion = trajectory.motion
     dynamics, N = motion.dynamics, len(motion.nodes)
     change.w[:] = -trajectory.inverse[:N] @ motion.grid.regressor(trajectory.w[:N])
     if motion.orbit is not None:
@@ -86,12 +88,13 @@ def write_target(motion: BaseMotion, trajectory: Trajectory, change: MotionChang
     change.inverse_mass[0] = -(dynamics.mass**-2)
 
 
-def write_bodies(motion: BaseMotion, trajectory: Trajectory, change: MotionChange) -> None:
+def write_bodies(trajectory: Trajectory, change: MotionChange) -> None:
     """Write that of errors of the spacecraft's bodies and of their geometry."""
+    motion = trajectory.motion
     uncertainty = motion.known_bodies
     assert uncertainty is not None
     sigmas = uncertainty.all_sigmas(motion.tree.wheels, motion.joints.coefficients.shape[1])
-    change.take(trajectory.by["bodies"], motion, trajectory)
+    change.take(trajectory.by["bodies"], trajectory)
     # masses m (1 + σ e), and the derivative of 1/m of the system by them
     mu, masses = float(trajectory.state.psi[0]), np.zeros(len(sigmas))
     bodies = [body.mass for body in motion.tree.bodies]
@@ -106,32 +109,25 @@ def write_of(error: ConstantError) -> Write | None:
     return None if write is None else partial(write, error)
 
 
-def _write_steady(
-    error: ConstantError, motion: BaseMotion, trajectory: Trajectory, change: MotionChange
-) -> None:
-    write_force(motion.forces[error.name], motion, trajectory, change)
+def _steady(error: ConstantError, trajectory: Trajectory, change: MotionChange) -> None:
+    write_force(trajectory.motion.forces[error.name], trajectory, change)
 
 
-def _write_torque(
-    error: ConstantError, motion: BaseMotion, trajectory: Trajectory, change: MotionChange
-) -> None:
+def _torque(error: ConstantError, trajectory: Trajectory, change: MotionChange) -> None:
+    motion = trajectory.motion
     # ∂L/∂τ = ∫ R dt of a torque τ in B
     R = trajectory.R[: len(motion.nodes)]
     impulse = error.sigma * motion.accumulated(R @ error.effect.how)
     change.w[:], change.L[:] = trajectory.mobility @ impulse, impulse[-1]
 
 
-def _write_rotors(
-    error: ConstantError, motion: BaseMotion, trajectory: Trajectory, change: MotionChange
-) -> None:
-    in_B = np.broadcast_to(error.effect.how, motion.grid.R_BC.shape)
+def _rotors(error: ConstantError, trajectory: Trajectory, change: MotionChange) -> None:
+    in_B = np.broadcast_to(error.effect.how, trajectory.motion.grid.R_BC.shape)
     _write_momentum_in_B(error.sigma * in_B, trajectory, change)
 
 
-def _write_target_rotors(
-    error: ConstantError, motion: BaseMotion, trajectory: Trajectory, change: MotionChange
-) -> None:
-    in_B = motion.grid.R_BC @ error.effect.how
+def _target_rotors(error: ConstantError, trajectory: Trajectory, change: MotionChange) -> None:
+    in_B = trajectory.motion.grid.R_BC @ error.effect.how
     _write_momentum_in_B(error.sigma * in_B, trajectory, change)
 
 
@@ -148,9 +144,8 @@ def _write_momentum_in_B(in_B: Array, trajectory: Trajectory, change: MotionChan
     change.L[:] = first - R[-1] @ in_B[-1]
 
 
-def _write_push(
-    error: ConstantError, motion: BaseMotion, trajectory: Trajectory, change: MotionChange
-) -> None:
+def _push(error: ConstantError, trajectory: Trajectory, change: MotionChange) -> None:
+    motion = trajectory.motion
     # ∂v/∂a = ∫ R dt of an acceleration a in B; a table lets none act along its normal n: 1 − n nᵀ
     N, normal = len(motion.nodes), motion.tree.normal_B
     free = np.eye(3) if normal is None else np.eye(3) - np.outer(normal, normal)
@@ -159,34 +154,28 @@ def _write_push(
     change.position[:], change.velocity[:] = both[:, :3], both[:, 3:]
 
 
-def _write_compliance(
-    error: ConstantError, motion: BaseMotion, trajectory: Trajectory, change: MotionChange
-) -> None:
+def _compliance(error: ConstantError, trajectory: Trajectory, change: MotionChange) -> None:
     by = vars(trajectory.by["compliance"]).values()
     of_error = (error.sigma * each[..., error.effect.how] for each in by)
-    change.take(MotionSensitivity(*of_error), motion, trajectory)
+    change.take(MotionSensitivity(*of_error), trajectory)
 
 
-def _write_thrust(
-    error: ConstantError, motion: BaseMotion, trajectory: Trajectory, change: MotionChange
-) -> None:
-    change.thrust[motion.constants.acting["thrust"].index(error)] = error.sigma
+def _thrust(error: ConstantError, trajectory: Trajectory, change: MotionChange) -> None:
+    change.thrust[trajectory.motion.constants.acting["thrust"].index(error)] = error.sigma
 
 
-def _write_thrust_delay(
-    error: ConstantError, motion: BaseMotion, trajectory: Trajectory, change: MotionChange
-) -> None:
+def _thrust_delay(error: ConstantError, trajectory: Trajectory, change: MotionChange) -> None:
     change.delay[:] = error.sigma
 
 
 _WRITERS: dict[str, WriteError] = {
-    "force": _write_steady,
-    "torque": _write_torque,
-    "rotors": _write_rotors,
-    "target_rotors": _write_target_rotors,
-    "push": _write_push,
-    "compliance": _write_compliance,
-    "thrust": _write_thrust,
-    "thrust_delay": _write_thrust_delay,
+    "force": _steady,
+    "torque": _torque,
+    "rotors": _rotors,
+    "target_rotors": _target_rotors,
+    "push": _push,
+    "compliance": _compliance,
+    "thrust": _thrust,
+    "thrust_delay": _thrust_delay,
 }
 """By the ways in which errors act on the motion; see `error_effects`."""

@@ -25,25 +25,25 @@ TOGETHER = 32
 
 
 def inertia_changes(
-    motion: BaseMotion, nodes: NDArray[np.intp], psi: Array, acceleration: Array
+    trajectory: Trajectory, nodes: NDArray[np.intp], acceleration: Array
 ) -> dict[str, Array]:
     """Return the derivatives (M, 3, n) of J α by ψ, the joints' errors and the bodies'.
 
     Args:
-        motion: the base's motion, with the constant errors.
+        trajectory: of the base.
         nodes: (M,) nodes at which the inertia J is that of spacecraft and target.
-        psi: (10,) relative unknowns of the target.
         acceleration: (M, 3) the angular accelerations α, in B.
 
     """
-    grid, tree = motion.grid.part(nodes), motion.tree
+    motion, psi = trajectory.motion, trajectory.state.psi
+    grid = motion.grid.part(nodes)
     by = {"psi": grid.inertia_regressor(acceleration)}
     errors_of_q = motion.joint_errors.by_errors(motion.nodes[nodes])
     if not errors_of_q and motion.known_bodies is None:
         return by
     q = motion.joint_motion(motion.nodes[nodes])[:, 0]
     turning = acceleration, -cross(acceleration, grid.com(psi))
-    outboard = Outboard.at(_with_target(tree, psi, grid), q, 0 * q, *turning)
+    outboard = Outboard.at(_with_target(motion.tree, psi, grid), q, 0 * q, *turning)
     J = -grid.inertia(psi)
     if errors_of_q:
         each = screw_sensitivity(outboard, psi, grid, *outboard.joint_screws)[0].w
@@ -73,19 +73,15 @@ def relate(motions: Sequence[BaseMotion], psi: Array) -> None:
             motion.free = psi, inverse[start:end], h[start:end]
 
 
-def with_changes(
-    motions: Sequence[BaseMotion], trajectories: Sequence[Trajectory]
-) -> Iterator[Trajectory]:
+def with_changes(trajectories: Sequence[Trajectory]) -> Iterator[Trajectory]:
     """Yield trajectories of one spacecraft and target with `Trajectory.by`, in few calls."""
-    for k in range(0, len(motions), TOGETHER):
+    for k in range(0, len(trajectories), TOGETHER):
         some = trajectories[k : k + TOGETHER]
-        for trajectory, by in zip(some, _changes(motions[k : k + TOGETHER], some), strict=True):
+        for trajectory, by in zip(some, _changes(some), strict=True):
             yield replace(trajectory, by=by)
 
 
-def _changes(
-    motions: Sequence[BaseMotion], trajectories: Sequence[Trajectory]
-) -> list[dict[str, MotionSensitivity]]:
+def _changes(trajectories: Sequence[Trajectory]) -> list[dict[str, MotionSensitivity]]:
     """Return the derivatives by "q" and "qdot" and, if not exact, "compliance" and "bodies".
 
     The compliances are those of the joints, then of the grasp about and along C's axes. A joint
@@ -93,7 +89,8 @@ def _changes(
     times moment and force of a rigid grasp. This holds if the arm's modes are much faster than the
     motion, and if external forces on arm and target are small.
     """
-    outboard, dynamics = _relative_to_base(motions, trajectories)
+    outboard, dynamics = _relative_to_base(trajectories)
+    motions = [trajectory.motion for trajectory in trajectories]
     psi, joints = trajectories[0].state.psi, motions[0].joints.coefficients.shape[1]
     which, S = outboard.joint_screws
     has_followers = len(which) > joints
@@ -133,13 +130,12 @@ def _changes(
     ]
 
 
-def _relative_to_base(
-    motions: Sequence[BaseMotion], trajectories: Sequence[Trajectory]
-) -> tuple[Outboard, BodyDynamics]:
+def _relative_to_base(trajectories: Sequence[Trajectory]) -> tuple[Outboard, BodyDynamics]:
     """Return all motions of the bodies and the target, and of the bodies, seen from the base.
 
     A target with rotors carries their momentum.
     """
+    motions = [trajectory.motion for trajectory in trajectories]
     psi, tree = trajectories[0].state.psi, motions[0].tree
     dynamics = BodyDynamics.concatenate([motion.dynamics for motion in motions])
     joints = np.concatenate([motion.joint_motion(motion.times) for motion in motions])

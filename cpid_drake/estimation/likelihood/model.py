@@ -158,12 +158,12 @@ class BlockModel:
         """
         columns, places, joints = self.columns, self._places, self._places["joints"]
         if not trajectory.by:
-            trajectory = next(with_changes([self.motion], [trajectory]))
+            trajectory = next(with_changes([trajectory]))
         n = sum(place.stop - place.start for place in places.values())
-        change = MotionChange.zeros(self.motion, n, with_rates=self._with_rates)
+        change = MotionChange.zeros(trajectory, n, with_rates=self._with_rates)
         for name, write in self.effects.items():
-            write(self.motion, trajectory, change.columns(places[name]))
-        change, xi, moved = response(self.motion, trajectory, change)
+            write(trajectory, change.columns(places[name]))
+        change, xi, moved = response(trajectory, change)
         by_errors = self.motion.joint_errors.of_coefficients()
 
         def write_all(rows: Array, by: Array) -> None:

@@ -16,7 +16,7 @@ from cpid_drake.array import Array
 from cpid_drake.dynamics.rotations import skew
 from cpid_drake.dynamics.sensitivity import MotionSensitivity
 from cpid_drake.estimation.likelihood.attitude_steps import carried, step_angles, step_changes
-from cpid_drake.estimation.likelihood.motion_model import BaseMotion, Trajectory
+from cpid_drake.estimation.likelihood.motion_model import Trajectory
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,8 +53,9 @@ class MotionChange:
     delay: Array
 
     @classmethod
-    def zeros(cls, motion: BaseMotion, n: int, *, with_rates: bool = True) -> "MotionChange":
+    def zeros(cls, trajectory: Trajectory, n: int, *, with_rates: bool = True) -> "MotionChange":
         """Return no change of a motion by n quantities; without rates of ρ if nobody reads them."""
+        motion = trajectory.motion
         nodes, instants = len(motion.nodes), len(motion.times)
         has_thrust, errors = motion.thrust is not None, len(motion.constants.acting["thrust"])
         com, position, velocity = np.zeros((3, instants, 3, n))
@@ -67,19 +68,17 @@ class MotionChange:
         """Return views of some columns."""
         return MotionChange(**{name: value[..., part] for name, value in vars(self).items()})
 
-    def take(self, by: MotionSensitivity, motion: BaseMotion, trajectory: Trajectory) -> None:
+    def take(self, by: MotionSensitivity, trajectory: Trajectory) -> None:
         """Become a sensitivity."""
         self.w[:], self.com[:] = by.w[: len(self.w)], by.com
         self.screw[:] = by.screw[: len(self.screw)]
         if len(self.com_rate):
             # v = −(ω × ρ + ρ'), so δρ' = ρ × δω − ω × δρ − δv
-            rho = motion.dynamics.com(trajectory.state.psi)
+            rho = trajectory.motion.dynamics.com(trajectory.state.psi)
             self.com_rate[:] = skew(rho) @ by.w - skew(trajectory.w) @ by.com - by.v
 
 
-def response(
-    motion: BaseMotion, trajectory: Trajectory, change: MotionChange
-) -> tuple[MotionChange, Array, Array]:
+def response(trajectory: Trajectory, change: MotionChange) -> tuple[MotionChange, Array, Array]:
     """Return what follows from a change of the motion.
 
     Returns:
@@ -88,12 +87,12 @@ def response(
         attitude (a rotation in W), centre of mass, L and velocity.
 
     """
-    psi, N, thrust = trajectory.state.psi, len(motion.nodes), motion.thrust
+    psi, thrust, N = trajectory.state.psi, trajectory.motion.thrust, len(change.w)
     R, L, w = trajectory.R[:N], change.L, change.w
     if thrust is not None:
         by = thrust.momentum_change(R, psi, change)
         w, L = w + trajectory.mobility @ by[:N], L + by[N - 1]
-    xi, torqued, w = pose_change(motion, trajectory, w, change.attitude, change.delay)
+    xi, torqued, w = pose_change(trajectory, w, change.attitude, change.delay)
     # rotors s turn with the base: their −δ(R s) = (R s) × ξ is that of the other bodies
     L = L + torqued + skew(R[-1] @ trajectory.rotors[N - 1]) @ xi[-1]
     position, velocity = change.position, change.velocity
@@ -105,14 +104,14 @@ def response(
 
 
 def pose_change(
-    motion: BaseMotion, trajectory: Trajectory, w: Array, initial: Array, delay: Array
+    trajectory: Trajectory, w: Array, initial: Array, delay: Array
 ) -> tuple[Array, Array, Array]:
     """Integrate the change of the attitude.
 
     R δω is integrated as the attitude is, the other terms by the trapezoidal rule.
 
     Args:
-        motion, trajectory: to linearize about.
+        trajectory: to linearize about.
         w: (N, 3, n) δω at the nodes, in B.
         initial: (3, n) ξ at the start.
         delay: (n,) change of the delay of the thrust [s].
@@ -121,7 +120,8 @@ def pose_change(
         ξ (N, 3, n); λ at the end (3, n); and the total change of the angular velocity (N, 3, n).
 
     """
-    h, N, state = motion.nodes[1] - motion.nodes[0], len(motion.nodes), trajectory.state
+    motion, state, N = trajectory.motion, trajectory.state, len(w)
+    h = motion.nodes[1] - motion.nodes[0]
     R, L, mobility = trajectory.R[:N], trajectory.L[:N], trajectory.mobility
     theta = step_angles(trajectory.spline.steps(), trajectory.w[:N], h)
     late = trajectory.spline.steps_by_delay()[..., None] * delay

@@ -81,6 +81,7 @@ class Trajectory:
     """The base's motion for one state, at U instants, the first N of which are the grid's nodes.
 
     Attributes:
+        motion: which moves so for this state.
         state: the unknowns.
         R: (U, 3, 3) attitude R_WB.
         w: (U, 3) angular velocity, in B [rad/s].
@@ -94,6 +95,7 @@ class Trajectory:
 
     """
 
+    motion: "BaseMotion"
     state: TrajectoryState
     R: Array
     w: Array
@@ -250,7 +252,7 @@ class BaseMotion:
         travel = None
         if self.thrust is not None:
             travel = self.thrust.travel(R, state.psi)
-        nodes = Trajectory(state, R, w, inverse, spline, total, travel, rotors)
+        nodes = Trajectory(self, state, R, w, inverse, spline, total, travel, rotors)
         times = self.times[N:]
         if not len(times):
             return nodes

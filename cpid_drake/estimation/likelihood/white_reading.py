@@ -46,7 +46,7 @@ class WhiteReading:
         R, axes = trajectory.R[nodes], self._force.axes
         torque = rotate(np.swapaxes(R, -1, -2), forces.reshape(self.samples.value.shape) @ axes)
         acceleration = rotate(trajectory.inverse[nodes], torque)
-        by = inertia_changes(self._motion, nodes, trajectory.state.psi, acceleration)
+        by = inertia_changes(trajectory, nodes, acceleration)
         return itself | {name: -axes @ R @ value for name, value in by.items()}
 
     def whitened(self, values: Array) -> Array:
