@@ -20,7 +20,6 @@ from cpid_drake.estimation.likelihood.error_effects import (
     Way,
 )
 from cpid_drake.sensors.error_kinds import KINDS, ErrorKind
-from cpid_drake.sensors.sensors import Gyro
 from cpid_drake.sensors.suite import SensorSuite
 
 ACCELERATION, TORQUE = "acceleration", "torque"
@@ -32,7 +31,7 @@ ACCELERATION_B, TORQUE_B = "acceleration_B", "torque_B"
 BIAS = "bias"
 """Kind of a gyro's bias, which walks from block to block."""
 
-NO_BIAS = 1e-9
+NO_BIAS = KINDS[BIAS].least
 """σ of the bias of a gyro that has none: one that is exact would have no σ [rad/s]."""
 
 VALVE_FORCE = "force"
@@ -90,12 +89,12 @@ def constant_errors(suite: SensorSuite, joint_count: int) -> tuple[ConstantError
 
     def add(kind: ErrorKind, owner: Any, before: str = "") -> None:
         """Add a kind of errors if its owner has it."""
-        sigma = kind.to_SI * (getattr(owner, kind.field, None) or 0.0)
+        if not hasattr(owner, kind.field):
+            return
+        sigma = max(kind.to_SI * (getattr(owner, kind.field) or 0.0), kind.least)
         if kind.owner == "valve":
             sigma /= owner.force
-        walk = getattr(owner, f"{kind.field}_walk", None) or 0.0
-        if isinstance(owner, Gyro) and kind.name == BIAS:
-            sigma, walk = max(sigma, NO_BIAS), owner.bias_growth
+        walk = getattr(owner, kind.walk, None) or 0.0
         size = kind.entries or joint_count
         if sigma > 0 and size:
             name = f"{before}{kind.name}"

@@ -12,10 +12,12 @@ from sensing_cases import MOMENTUM, true_telemetry
 from cpid_drake.dynamics.propagation import Wrench, propagate
 from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.likelihood.constants import Constants
+from cpid_drake.estimation.likelihood.error_effects import EFFECTS
 from cpid_drake.estimation.likelihood.model import BlockModel, jump_between
 from cpid_drake.estimation.roll import jumped
 from cpid_drake.logs.log import Samples
 from cpid_drake.sensors.disturbances import Disturbances
+from cpid_drake.sensors.error_kinds import KINDS
 from cpid_drake.sensors.sensors import SENSORS
 
 START, END = 1.0, 2.5
@@ -103,6 +105,10 @@ def largest_residual(case, samples, joints, constants):
 def truth(case, times):
     tree, names = case.craft.tree, case.craft.joint_names
     return true_telemetry(tree, names, case.motion, case.target, times, case.momentum_W)
+
+
+def test_every_kind_of_errors_acts_in_some_way():
+    assert EFFECTS.keys() == KINDS.keys()
 
 
 @pytest.mark.parametrize("late", [LATE, -LATE])
