@@ -15,6 +15,7 @@ from cpid_drake.dynamics.rotations import rotate, skew
 from cpid_drake.dynamics.sensitivity import MotionSensitivity
 from cpid_drake.estimation.likelihood.constants import ConstantError
 from cpid_drake.estimation.likelihood.forces import Force
+from cpid_drake.estimation.likelihood.kinematic_changes import mapped
 from cpid_drake.estimation.likelihood.motion_change import MotionChange
 from cpid_drake.estimation.likelihood.motion_model import Trajectory
 from cpid_drake.estimation.likelihood.thrust import inverse_mass, transition
@@ -155,9 +156,8 @@ def _push(error: ConstantError, trajectory: Trajectory, change: MotionChange) ->
 
 
 def _compliance(error: ConstantError, trajectory: Trajectory, change: MotionChange) -> None:
-    by = vars(trajectory.by["compliance"]).values()
-    of_error = (error.sigma * each[..., error.effect.how] for each in by)
-    change.take(MotionSensitivity(*of_error), trajectory)
+    places, by = error.effect.how, trajectory.by["compliance"]
+    change.take(mapped(lambda value: error.sigma * value[..., places], by), trajectory)
 
 
 def _thrust(error: ConstantError, trajectory: Trajectory, change: MotionChange) -> None:

@@ -1,7 +1,8 @@
 """Derivatives of the kinematics by joints, bodies and compliances, of many blocks in few calls."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,44 +91,45 @@ def _changes(trajectories: Sequence[Trajectory]) -> list[dict[str, MotionSensiti
     motion, and if external forces on arm and target are small.
     """
     outboard, dynamics = _relative_to_base(trajectories)
-    motions = [trajectory.motion for trajectory in trajectories]
-    psi, joints = trajectories[0].state.psi, motions[0].joints.coefficients.shape[1]
+    motion, psi = trajectories[0].motion, trajectories[0].state.psi
+    joints, yields = motion.joints.coefficients.shape[1], motion.constants.acting["compliance"]
     which, S = outboard.joint_screws
-    has_followers = len(which) > joints
-    yields = bool(motions[0].constants.acting["compliance"])
     if yields:
         which, S = which + outboard.grasp_screws[0], np.dstack([S, outboard.grasp_screws[1]])
-    parts = dict(zip(("q", "qdot"), screw_sensitivity(outboard, psi, dynamics, which, S)))
-    if has_followers:
-        for name, part in parts.items():
-            parts[name] = MotionSensitivity(*map(outboard.by_joint, vars(part).values()))
-    ends = np.cumsum([len(trajectory.w) for trajectory in trajectories])[:-1]
+    moved = screw_sensitivity(outboard, psi, dynamics, which, S)
+    q, qdot = (mapped(outboard.by_joint, by) for by in moved)
+    parts = {"q": q, "qdot": qdot}
     if yields:
-        slopes = [spline_slopes(motion.nodes, motion.times) for motion in motions]
-
-        def rate(values: Array) -> Array:
-            """Return the rates of values (..., U, n) at all instants of all motions."""
-            each = zip(slopes, np.split(values, ends, axis=-2), strict=True)
-            return np.concatenate([D @ part[..., : D.shape[1], :] for D, part in each], axis=-2)
-
-        loads = outboard.loads(which, S, rate(outboard.momentum))
-        loads = outboard.by_joint(loads) if has_followers else loads
-        by, rates = zip(*(vars(part).values() for part in parts.values())), rate(loads)
-        moved = [-(q * loads[:, None] + qdot * rates[:, None]) for q, qdot in by]
-        for name, part in parts.items():
-            parts[name] = MotionSensitivity(*(each[..., :joints] for each in vars(part).values()))
-        parts["compliance"] = MotionSensitivity(*moved)
-    if motions[0].known_bodies is not None:
-        bodies = motions[0].known_bodies, motions[0].body_errors
+        # q = −C τ and q' = −C τ'
+        loads = outboard.loads(which, S, _rate(outboard.momentum, trajectories))
+        loads = outboard.by_joint(loads)
+        rates = _rate(loads, trajectories)[:, None]
+        parts = {name: mapped(lambda value: value[..., :joints], by) for name, by in parts.items()}
+        parts["compliance"] = mapped(lambda *by: -(by[0] * loads[:, None] + by[1] * rates), q, qdot)
+    if motion.known_bodies is not None:
+        bodies = motion.known_bodies, motion.body_errors
         parts["bodies"] = uncertain_sensitivity(outboard, psi, dynamics, *bodies)
-    split = {
-        name: zip(*(np.split(value, ends) for value in vars(part).values()))
-        for name, part in parts.items()
-    }
+    ends = np.cumsum([len(trajectory.w) for trajectory in trajectories])[:-1]
+    split = (mapped(lambda value: np.split(value, ends), by) for by in parts.values())
+    each = zip(*[zip(*vars(by).values(), strict=True) for by in split], strict=True)
     return [
-        {name: MotionSensitivity(*each) for name, each in zip(split, one)}
-        for one in zip(*split.values(), strict=True)
+        {name: MotionSensitivity(*by) for name, by in zip(parts, one, strict=True)} for one in each
     ]
+
+
+def mapped(function: Callable[..., Any], *parts: MotionSensitivity) -> MotionSensitivity:
+    """Return a function of each array of derivatives."""
+    return MotionSensitivity(*map(function, *map(dict.values, map(vars, parts))))
+
+
+def _rate(values: Array, trajectories: Sequence[Trajectory]) -> Array:
+    """Return the rates of values (..., U, n) at all instants of all motions."""
+    rates, end = list[Array](), 0
+    for motion in (trajectory.motion for trajectory in trajectories):
+        start, end = end, end + len(motion.times)
+        D = spline_slopes(motion.nodes, motion.times)
+        rates.append(D @ values[..., start : start + D.shape[1], :])
+    return np.concatenate(rates, axis=-2)
 
 
 def _relative_to_base(trajectories: Sequence[Trajectory]) -> tuple[Outboard, BodyDynamics]:
