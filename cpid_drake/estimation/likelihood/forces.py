@@ -9,16 +9,19 @@ Source: Bar-Shalom, Li and Kirubarajan 2001, Estimation with Applications, ch. 6
 constant white acceleration).
 """
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from cpid_drake.array import Array
-from cpid_drake.dynamics.body_dynamics import BodyDynamics
-from cpid_drake.dynamics.orbit import Orbit
 from cpid_drake.dynamics.plane import NORMAL_W
 from cpid_drake.dynamics.rotations import rotate, skew
 from cpid_drake.estimation.likelihood.constants import Constants
 from cpid_drake.sensors.sensors import Gyro
 from cpid_drake.sensors.suite import SensorSuite
+
+if TYPE_CHECKING:  # its module imports this one
+    from cpid_drake.estimation.likelihood.motion_model import BaseMotion, TrajectoryState
 
 PIECE = 0.5
 """Length of a piece [s]: attitude and position show no shorter ones."""
@@ -117,36 +120,31 @@ def steady_forces(constants: Constants, start: float, end: float) -> list[Force]
 
 
 class TurningTorque:
-    """A torque about the system's centre of mass that changes with the attitude.
+    """The torque of the gravity gradient, and that of errors which rotates with the base.
 
-    It is that of the gravity gradient, and one that rotates with the base.
-
-    Args:
-        in_B: (3,) the latter, in B [N·m].
-        orbit: the orbit of W's origin; None for none.
-        psi: (10,) relative unknowns of the target.
-        grid: the spacecraft's dynamics at the nodes.
-        nodes: (N,) times [s].
-
+    Its methods take attitudes R_WB (N, 3, 3) at the nodes of a motion, and the state.
     """
 
-    def __init__(
-        self, in_B: Array, orbit: Orbit | None, psi: Array, grid: BodyDynamics, nodes: Array
-    ) -> None:
-        self._in_B, self._orbit, self._nodes = in_B, orbit, nodes
-        self._J: Array = np.empty(0) if orbit is None else grid.inertia(psi)
+    def __init__(self, motion: "BaseMotion") -> None:
+        self._motion = motion
 
-    def at(self, R: Array) -> Array:
-        """Return the torque (N, 3) at attitudes R_WB (N, 3, 3), in W [N·m]."""
-        torque = rotate(R, self._in_B)
-        if self._orbit is not None:
-            torque += self._orbit.torque(R @ self._J @ np.swapaxes(R, -1, -2), self._nodes)
-        return torque
+    def momentum(self, R: Array, state: "TrajectoryState") -> Array:
+        """Return the angular momentum (U, 3) that it has added, in W [N·m·s]."""
+        motion = self._motion
+        torque = rotate(R, motion.constants.sum(state.constants, "", "torque", 3))
+        if motion.orbit is not None:
+            torque += motion.orbit.torque(self._inertia(R, state.psi), motion.nodes)
+        return motion.at_instants(motion.accumulated(torque))
 
-    def by_attitude(self, R: Array) -> Array:
-        """Return the derivative (N, 3, 3) by a rotation in W: of R τ, it is −(R τ)×."""
-        by = -skew(rotate(R, self._in_B))
-        if self._orbit is not None:
-            J_W = R @ self._J @ np.swapaxes(R, -1, -2)
-            by += self._orbit.torque_by_attitude(J_W, self._nodes)
-        return by
+    def by_attitude(self, R: Array, state: "TrajectoryState") -> tuple[Array, Array]:
+        """Return the derivatives (N − 1, 3, 3) of the torque by ξ at both ends of each step."""
+        motion = self._motion
+        # R τ becomes R τ + ξ × R τ
+        by = -skew(rotate(R, motion.constants.sum(state.constants, "", "torque", 3)))
+        if motion.orbit is not None:
+            by += motion.orbit.torque_by_attitude(self._inertia(R, state.psi), motion.nodes)
+        return by[:-1], by[1:]
+
+    def _inertia(self, R: Array, psi: Array) -> Array:
+        """Return the system's inertia (N, 3, 3) in W: R J Rᵀ."""
+        return np.asarray(R @ self._motion.grid.inertia(psi) @ np.swapaxes(R, -1, -2))

@@ -120,31 +120,27 @@ def pose_change(
         ξ (N, 3, n); λ at the end (3, n); and the total change of the angular velocity (N, 3, n).
 
     """
-    motion, state, N = trajectory.motion, trajectory.state, len(w)
+    motion, N = trajectory.motion, len(w)
     h = motion.nodes[1] - motion.nodes[0]
     R, L, mobility = trajectory.R[:N], trajectory.L[:N], trajectory.mobility
     theta = step_angles(trajectory.spline.steps(), trajectory.w[:N], h)
     late = trajectory.spline.steps_by_delay()[..., None] * delay
     turned = step_changes(R, trajectory.w[:N], theta, w, h, late)
-    torque = motion.turning_torque(state)
-    # δω + coupling [ξ; λ] in B, and [ξ̇; λ̇] = A [ξ; λ] + ...
-    coupling = mobility @ skew(L)
-    if torque is None and motion.thrust is None:
-        A = R @ coupling
-    else:
-        coupling, A = np.concatenate([coupling, mobility], axis=-1), np.zeros((N, 6, 6))
-        A[:, :3] = R @ coupling
-        turned = np.concatenate([turned, np.zeros_like(turned)], axis=-2)
-    if torque is not None:
-        A[:, 3:, :3] = torque.by_attitude(R)
-    first, last = A[:-1], A[1:]
-    if motion.thrust is not None:  # it may change within a step: both ends have its mean
-        mean = motion.thrust.torque_by_attitude(R, state.psi)
-        first, last = first.copy(), last.copy()
-        first[:, 3:, :3] += mean
-        last[:, 3:, :3] += mean
-    start = np.zeros((A.shape[-1], w.shape[-1]))
-    start[:3] = initial
-    both = carried(first, last, turned, start, h)
-    torqued = both[-1, 3:] if A.shape[-1] > 3 else np.zeros_like(initial)
-    return both[:, :3], torqued, w + coupling @ both
+    # the change of ω is δω + B [ξ; λ], with B = J⁻¹ Rᵀ [L× 1]; without torques λ is zero
+    B = mobility @ skew(L)
+    if not motion.torques:
+        A = R @ B
+        xi = carried(A[:-1], A[1:], turned, initial, h)
+        return xi, np.zeros_like(initial), w + B @ xi
+    # [ξ̇; λ̇] = A [ξ; λ] + [R δω; 0], with A = [R B; ∂τ/∂ξ 0]
+    B, A = np.concatenate([B, mobility], axis=-1), np.zeros((N, 6, 6))
+    A[:, :3] = R @ B
+    first, last = A[:-1].copy(), A[1:].copy()
+    for torque in motion.torques:
+        for ends, by in zip((first, last), torque.by_attitude(R, trajectory.state), strict=True):
+            ends[:, 3:, :3] += by
+    nothing = np.zeros_like(turned), np.zeros_like(initial)
+    both = carried(
+        first, last, np.hstack([turned, nothing[0]]), np.vstack([initial, nothing[1]]), h
+    )
+    return both[:, :3], both[-1, 3:], w + B @ both

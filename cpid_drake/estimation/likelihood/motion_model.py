@@ -189,6 +189,13 @@ class BaseMotion:
             return None
         return BlockThrust(self._log, self)
 
+    @cached_property
+    def torques(self) -> tuple[TurningTorque | BlockThrust, ...]:
+        """The torques that change with the attitude."""
+        turns = self.orbit is not None or self.constants.acting["torque"]
+        turning = (TurningTorque(self),) if turns else ()
+        return (*turning, self.thrust) if self.thrust is not None else turning
+
     def capture_pose(self, times: Array) -> tuple[Array, Array]:
         """Return R_BC (M, 3, 3) and p_BC (M, 3) of the capture frame at times (M,)."""
         q, qdot = np.moveaxis(self.joint_motion(times), 1, 0)
@@ -215,23 +222,20 @@ class BaseMotion:
         first = state.attitude.as_matrix()
         R = np.broadcast_to(first, (N, 3, 3))
         L = np.broadcast_to(state.L, (len(self.times), 3))
-        rotors, torque = self._rotors(state), self.turning_torque(state)
+        rotors = self._rotors(state)
         for force in self.forces.values():
             if force.turns:
                 L = L + force.impulse(self.times) @ self._entries(force, state)
         h, L = h + rotors, L + first @ rotors[0]  # L at the start is that of the other bodies
-        added, pushed, last = np.zeros((N, 3)), None, 0.0
+        last = 0.0
         # With momentum the velocity depends on the attitude: iterate until the next change, by the
         # ratio of those before, is rounding error. Where Picard's iteration does not fall fast, it
         # multiplies rounding errors by the exponential of the rotation: then it is Newton's.
         for _ in range(_ROUNDS):
-            if torque is not None:
-                added = self.accumulated(torque.at(R))
-            total = L[:N] + added
-            if self.thrust is not None:
-                pushed = self.thrust.momentum(R, state.psi)
-                total = total + pushed[:N]
-            w = rotate(inverse[:N], rotate(np.swapaxes(R, -1, -2), total) - h[:N])
+            total = L
+            for torque in self.torques:
+                total = total + torque.momentum(R, state)
+            w = rotate(inverse[:N], rotate(np.swapaxes(R, -1, -2), total[:N]) - h[:N])
             spline = UniformSpline(self.nodes[0], step, w)
             if self.thrust is not None:
                 spline = self.thrust.spline(w, inverse[:N], R, state.psi)
@@ -239,7 +243,7 @@ class BaseMotion:
             change = float(np.abs(turned - R).max())
             if change > last / 10 > 0:
                 back = np.swapaxes(R, -1, -2)
-                A = R @ inverse[:N] @ back @ skew(total)
+                A = R @ inverse[:N] @ back @ skew(total[:N])
                 miss = np.diff(sines(turned @ back), axis=0)[..., None]
                 turn = carried(A[:-1], A[1:], miss, np.zeros((3, 1)), step)[..., 0]
                 turned = exponentials(turn) @ R
@@ -252,16 +256,13 @@ class BaseMotion:
         travel = None
         if self.thrust is not None:
             travel = self.thrust.travel(R, state.psi)
-        nodes = Trajectory(self, state, R, w, inverse, spline, total, travel, rotors)
+        nodes = Trajectory(self, state, R, w, inverse, spline, total[:N], travel, rotors)
         times = self.times[N:]
         if not len(times):
             return nodes
         R = np.concatenate([R, nodes.rotations(times)])
-        if torque is not None:
-            L = L + self.at_instants(added)
-        L = L if pushed is None else L + pushed
-        L_B = rotate(np.swapaxes(R, -1, -2), L)
-        return replace(nodes, R=R, w=rotate(inverse, L_B - h), L=L)
+        L_B = rotate(np.swapaxes(R, -1, -2), total)
+        return replace(nodes, R=R, w=rotate(inverse, L_B - h), L=total)
 
     def accumulated(self, rates: Array) -> Array:
         """Return the integrals of rates (N, ...) at the nodes from the start to each node."""
@@ -285,13 +286,6 @@ class BaseMotion:
                 moved = moved + both @ self._entries(force, state)
         return moved if trajectory.travel is None else moved + trajectory.travel[rows]
 
-    def turning_torque(self, state: TrajectoryState) -> TurningTorque | None:
-        """Return the torque that changes with the attitude; None if there is none."""
-        if self.orbit is None and not self.constants.acting["torque"]:
-            return None
-        in_B = self.constants.sum(state.constants, "", "torque", 3)
-        return TurningTorque(in_B, self.orbit, state.psi, self.grid, self.nodes)
-
     def _rotors(self, state: TrajectoryState) -> Array:
         """Return the angular momentum of rotors that the model does not have; see `Trajectory`."""
         base = self.constants.sum(state.constants, "", "rotors", 3)
@@ -309,13 +303,7 @@ class BaseMotion:
         """Return the state at a node of the grid."""
         state, L = trajectory.state, trajectory.L[k] - trajectory.R[k] @ trajectory.rotors[k]
         p, v = np.split(self.com_motion(trajectory, slice(k, k + 1))[0], 2)
-        return replace(
-            state,
-            attitude=Rotation.from_matrix(trajectory.R[k]),
-            p_Wcm=p,
-            v_Wcm=v,
-            L=L,
-        )
+        return replace(state, attitude=Rotation.from_matrix(trajectory.R[k]), p_Wcm=p, v_Wcm=v, L=L)
 
     def interpolation(self, times: Array) -> Array:
         """Return (M, N) weights of the nodes at times (M,): those of the spline of w.

@@ -34,7 +34,7 @@ from cpid_drake.estimation.likelihood.uniform_spline import GAUSS_LEGENDRE, Ramp
 
 if TYPE_CHECKING:  # their modules import this one
     from cpid_drake.estimation.likelihood.motion_change import MotionChange
-    from cpid_drake.estimation.likelihood.motion_model import BaseMotion
+    from cpid_drake.estimation.likelihood.motion_model import BaseMotion, TrajectoryState
 
 Weights = Callable[[Array], Array | csr_array]
 """Returns the weights (Q, N) of the nodes at times (Q,)."""
@@ -144,9 +144,9 @@ class BlockThrust:
 
     # -- the motion --------------------------------------------------------------------------------
 
-    def momentum(self, R: Array, psi: Array) -> Array:
-        """Return the angular momentum (U, 3) that the thrust has added, in W [N·m·s]."""
-        return self._accumulated(self._turns * self._push.torque(R, self._grid.com(psi)))
+    def momentum(self, R: Array, state: "TrajectoryState") -> Array:
+        """See `TurningTorque`."""
+        return self._accumulated(self._turns * self._push.torque(R, self._grid.com(state.psi)))
 
     def travel(self, R: Array, psi: Array) -> Array:
         """Return what the thrust adds to position [m] and velocity [m/s] (U, 6), in W."""
@@ -186,16 +186,17 @@ class BlockThrust:
             added -= (self._since @ torque)[..., None] * delay
         return added
 
-    def torque_by_attitude(self, R: Array, psi: Array) -> Array:
-        """Return the mean derivative (N − 1, 3, 3) of L' by ξ in each step; see `momentum`."""
-        push, com = self._push, self._grid.com(psi)
+    def by_attitude(self, R: Array, state: "TrajectoryState") -> tuple[Array, Array]:
+        """See `TurningTorque`; it may change within a step, both of whose ends have its mean."""
+        push, com = self._push, self._grid.com(state.psi)
         by_turn = -skew(_sum(self._size * ~push.in_world, push.torques(R, com)))
         if push.in_world.any():  # these turn the point, and not the force
             given = self._size * push.in_world
             f, r = skew(push.forces(R)), skew(push.arms(R, com))
             by_turn += np.einsum("qv,qvij->qij", given, f @ r)
         added = self._accumulated(self._turns[:, None] * by_turn)[: len(self._nodes)]
-        return np.asarray(np.diff(added, axis=0) / (self._nodes[1] - self._nodes[0]))
+        mean = np.diff(added, axis=0) / (self._nodes[1] - self._nodes[0])
+        return mean, mean
 
     def travel_change(self, R: Array, psi: Array, xi: Array, change: "MotionChange") -> Array:
         """Return the changes (U, 6, n) of position and velocity of the centre of mass, in W.
