@@ -36,6 +36,7 @@ def write_start(trajectory: Trajectory, change: MotionChange) -> None:
     # rotors s turn with the base: δ(R s) = ξ × R s
     change.L[:, :3] = -skew(trajectory.state.attitude.as_matrix() @ trajectory.rotors[0])
     change.w[:, :, :3] = mobility @ change.L[:, :3]
+    # [δp; δv] = Φ(t) [δp₀; δv₀]
     drift = transition(motion.joints.start, motion.times, motion.orbit)
     for moved, by in zip((change.position, change.velocity), np.split(drift, 2, axis=1)):
         moved[:, :, 3:6], moved[:, :, 9:] = by[:, :, :3], by[:, :, 3:]
@@ -62,6 +63,7 @@ def write_joints(trajectory: Trajectory, change: MotionChange) -> None:
 def write_force(force: Force, trajectory: Trajectory, change: MotionChange) -> None:
     """Write that of the entries of a force."""
     motion = trajectory.motion
+    # δL = ∫ τ dt and δω = J⁻¹ Rᵀ δL; δv = ∫ a dt and δp = ∫∫ a dt²
     impulse = force.impulse(motion.times)
     if force.turns:
         change.w[:] = trajectory.mobility @ impulse[: len(change.w)]
@@ -74,6 +76,7 @@ def write_target(trajectory: Trajectory, change: MotionChange) -> None:
     """Write that of the ten relative unknowns ψ = (μ, μc, I_*)."""
     motion = trajectory.motion
     dynamics, N = motion.dynamics, len(motion.nodes)
+    # J ω + h = Rᵀ L is Y(ω) ψ + ..., so δω = −J⁻¹ Y δψ
     change.w[:] = -trajectory.inverse[:N] @ motion.grid.regressor(trajectory.w[:N])
     if motion.orbit is not None:
         # ∂L/∂ψ = ∫ ∂τ/∂ψ dt at unchanged attitude, of τ = 3 n² r × J r
@@ -86,6 +89,7 @@ def write_target(trajectory: Trajectory, change: MotionChange) -> None:
     change.com[:, :, :4] = dynamics.com_regressor()
     if len(change.com_rate):
         change.com_rate[:, :, :4] = dynamics.com_rate_regressor()
+    # 1/m = (m_k − μ) / m_k²
     change.inverse_mass[0] = -(dynamics.mass**-2)
 
 

@@ -89,10 +89,10 @@ def response(trajectory: Trajectory, change: MotionChange) -> tuple[MotionChange
     """
     psi, thrust, N = trajectory.state.psi, trajectory.motion.thrust, len(change.w)
     R, L, w = trajectory.R[:N], change.L, change.w
-    if thrust is not None:
+    if thrust is not None:  # δL = ∫ δL' dt, and δω = J⁻¹ Rᵀ δL
         by = thrust.momentum_change(R, psi, change)
         w, L = w + trajectory.mobility @ by[:N], L + by[N - 1]
-    xi, torqued, w = pose_change(trajectory, w, change.attitude, change.delay)
+    xi, torqued, w = pose_change(trajectory, w, change)
     # rotors s turn with the base: their −δ(R s) = (R s) × ξ is that of the other bodies
     L = L + torqued + skew(R[-1] @ trajectory.rotors[N - 1]) @ xi[-1]
     position, velocity = change.position, change.velocity
@@ -104,7 +104,7 @@ def response(trajectory: Trajectory, change: MotionChange) -> tuple[MotionChange
 
 
 def pose_change(
-    trajectory: Trajectory, w: Array, initial: Array, delay: Array
+    trajectory: Trajectory, w: Array, change: MotionChange
 ) -> tuple[Array, Array, Array]:
     """Integrate the change of the attitude.
 
@@ -112,19 +112,18 @@ def pose_change(
 
     Args:
         trajectory: to linearize about.
-        w: (N, 3, n) δω at the nodes, in B.
-        initial: (3, n) ξ at the start.
-        delay: (n,) change of the delay of the thrust [s].
+        w: (N, 3, n) δω at the nodes, in B, with that by the thrust.
+        change: the change.
 
     Returns:
         ξ (N, 3, n); λ at the end (3, n); and the total change of the angular velocity (N, 3, n).
 
     """
-    motion, N = trajectory.motion, len(w)
+    motion, initial, N = trajectory.motion, change.attitude, len(w)
     h = motion.nodes[1] - motion.nodes[0]
     R, L, mobility = trajectory.R[:N], trajectory.L[:N], trajectory.mobility
     theta = step_angles(trajectory.spline.steps(), trajectory.w[:N], h)
-    late = trajectory.spline.steps_by_delay()[..., None] * delay
+    late = trajectory.spline.steps_by_delay()[..., None] * change.delay
     turned = step_changes(R, trajectory.w[:N], theta, w, h, late)
     # the change of ω is δω + B [ξ; λ], with B = J⁻¹ Rᵀ [L× 1]; without torques λ is zero
     B = mobility @ skew(L)
@@ -139,8 +138,6 @@ def pose_change(
     for torque in motion.torques:
         for ends, by in zip((first, last), torque.by_attitude(R, trajectory.state), strict=True):
             ends[:, 3:, :3] += by
-    nothing = np.zeros_like(turned), np.zeros_like(initial)
-    both = carried(
-        first, last, np.hstack([turned, nothing[0]]), np.vstack([initial, nothing[1]]), h
-    )
+    start = np.vstack([initial, np.zeros_like(initial)])
+    both = carried(first, last, np.hstack([turned, np.zeros_like(turned)]), start, h)
     return both[:, :3], both[-1, 3:], w + B @ both

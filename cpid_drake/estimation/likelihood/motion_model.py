@@ -226,7 +226,8 @@ class BaseMotion:
         for force in self.forces.values():
             if force.turns:
                 L = L + force.impulse(self.times) @ self._entries(force, state)
-        h, L = h + rotors, L + first @ rotors[0]  # L at the start is that of the other bodies
+        # rotors s count as h, and in L, which at the start is that of the other bodies alone
+        h, L = h + rotors, L + first @ rotors[0]
         last = 0.0
         # With momentum the velocity depends on the attitude: iterate until the next change, by the
         # ratio of those before, is rounding error. Where Picard's iteration does not fall fast, it
@@ -235,6 +236,7 @@ class BaseMotion:
             total = L
             for torque in self.torques:
                 total = total + torque.momentum(R, state)
+            # ω = J⁻¹ (Rᵀ L − h)
             w = rotate(inverse[:N], rotate(np.swapaxes(R, -1, -2), total[:N]) - h[:N])
             spline = UniformSpline(self.nodes[0], step, w)
             if self.thrust is not None:
@@ -242,6 +244,7 @@ class BaseMotion:
             turned = integrated_attitude(first, step_angles(spline.steps(), w, step))
             change = float(np.abs(turned - R).max())
             if change > last / 10 > 0:
+                # of a turn ξ of R, ξ̇ = A ξ + ẏ with A = R J⁻¹ Rᵀ L×, and y what the steps miss
                 back = np.swapaxes(R, -1, -2)
                 A = R @ inverse[:N] @ back @ skew(total[:N])
                 miss = np.diff(sines(turned @ back), axis=0)[..., None]
@@ -279,6 +282,7 @@ class BaseMotion:
         """Return position [m] and velocity [m/s] (M, 6) of the centre of mass in W, at instants."""
         state, times, start = trajectory.state, self.times[rows], self.joints.start
         first = np.concatenate([state.p_Wcm, state.v_Wcm])
+        # [p; v] = Φ(t) [p₀; v₀] + ∫∫ a, ∫ a
         moved = np.asarray(transition(start, times, self.orbit) @ first)
         for force in self.forces.values():
             if not force.turns:
@@ -288,6 +292,7 @@ class BaseMotion:
 
     def _rotors(self, state: TrajectoryState) -> Array:
         """Return the angular momentum of rotors that the model does not have; see `Trajectory`."""
+        # s = s_B + R_BC s_C
         base = self.constants.sum(state.constants, "", "rotors", 3)
         target = self.constants.sum(state.constants, "", "target_rotors", 3)
         return np.asarray(self.dynamics.R_BC @ target + base)

@@ -165,14 +165,15 @@ class AttitudeModel(SensorModel):
     """A star tracker; errors are about the axes of its boresight frame."""
 
     def _measured(self, normal_B: Array) -> Array:
-        assert isinstance(self._errors, AttitudeSensor)
-        return np.asarray((normal_B @ self._errors.R_BS)[None])
+        return np.asarray((normal_B @ self._R_BS)[None])
 
     def _error(self, trajectory: Trajectory) -> Array:
+        # log((R exp(m))ᵀ R_measured) about the axes S
         turned = np.swapaxes(self._predicted(trajectory), -1, -2) @ self._R_WB
         return np.asarray(Rotation.from_matrix(turned).as_rotvec() @ self._R_BS)
 
     def _derivative(self, trajectory: Trajectory, change: MotionChange, xi: Array) -> Array:
+        # Rᵀ ξ about the axes S, with R and S of the mounted sensor
         R = self._predicted(trajectory)
         return self._R_BS.T @ np.swapaxes(R, -1, -2) @ self._at_samples(xi)
 
@@ -181,6 +182,7 @@ class AttitudeModel(SensorModel):
         return trajectory.spline(self._times) @ turn @ self._R_BS
 
     def _by(self, trajectory: Trajectory) -> dict[str, Array]:
+        # exp(m + dm) = exp(m) exp(J_r dm)
         by = self._R_BS.T @ right_jacobian(self._sum(trajectory, "turn"))
         return {"turn": np.broadcast_to(by, (len(self.samples), 3, 3))}
 
@@ -206,6 +208,7 @@ class GyroModel(SensorModel):
         return normal_B[None]
 
     def _error(self, trajectory: Trajectory) -> Array:
+        # y − M ω − b
         w, bias = self._mean(trajectory.spline), self._sum(trajectory, "offset")
         return np.asarray(self.samples.value - w @ self._matrix(trajectory).T - bias)
 
@@ -260,12 +263,14 @@ class TranslationModel(SensorModel):
     def _arms(self, trajectory: Trajectory, rows: slice) -> tuple[Array, Array, Array]:
         """Return R_WB, and arms from the point to the centre of mass and their rates, in B."""
         dynamics, psi = self._motion.dynamics.part(rows), trajectory.state.psi
+        # a = ρ − l, and a' = ω × a + ρ' in W, seen in B
         arm = dynamics.com(psi) - self._sum(trajectory, "point")
         rate = cross(trajectory.w[rows], arm) + dynamics.com_rate(psi)
         return trajectory.R[rows], arm, rate
 
     def _velocity(self, trajectory: Trajectory, rows: slice) -> Array:
         """Return the velocity (M, 3) of the measured point, in W, at instants."""
+        # v = v_cm − R a'
         R, _, rate = self._arms(trajectory, rows)
         return self._motion.com_motion(trajectory, rows)[:, 3:] - rotate(R, rate)
 
@@ -274,11 +279,13 @@ class PositionModel(TranslationModel):
     """A sensor of the position in W."""
 
     def _error(self, trajectory: Trajectory) -> Array:
+        # p = p_cm − R a
         R, arm, _ = self._arms(trajectory, self._at)
         com = self._motion.com_motion(trajectory, self._at)[:, :3]
         return np.asarray(self.samples.value - (com - rotate(R, arm)))
 
     def _derivative(self, trajectory: Trajectory, change: MotionChange, xi: Array) -> Array:
+        # δp = δp_cm + (R a) × ξ − R δρ
         R, arm, _ = self._arms(trajectory, self._at)
         turned = skew(rotate(R, arm)) @ self._at_samples(xi)
         return np.asarray(turned - R @ change.com[self._at] + change.position[self._at])
@@ -297,6 +304,7 @@ class VelocityModel(TranslationModel):
         return np.asarray(self.samples.value - self._velocity(trajectory, self._at))
 
     def _derivative(self, trajectory: Trajectory, change: MotionChange, xi: Array) -> Array:
+        # δv = δv_cm + (R a') × ξ − R (ω × δρ − a × δω + δρ')
         R, arm, rate = self._arms(trajectory, self._at)
         turned = skew(trajectory.w[self._at]) @ change.com[self._at]
         late = trajectory.spline.by_delay(self._times)[..., None] * change.delay
@@ -306,6 +314,7 @@ class VelocityModel(TranslationModel):
         return np.asarray(change.velocity[self._at] + relative - by_com)
 
     def _by(self, trajectory: Trajectory) -> dict[str, Array]:
+        # v = ... + R (ω × l)
         return {"point": trajectory.R[self._at] @ skew(trajectory.w[self._at])}
 
     def _rate(self, trajectory: Trajectory) -> Array:

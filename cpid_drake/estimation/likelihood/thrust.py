@@ -150,6 +150,7 @@ class BlockThrust:
 
     def travel(self, R: Array, psi: Array) -> Array:
         """Return what the thrust adds to position [m] and velocity [m/s] (U, 6), in W."""
+        # v' = Σ f / m
         force = self._moves * self._push.force(R)
         return self._travelled(self._inverse_mass(psi) * force[..., None])[..., 0]
 
@@ -162,6 +163,7 @@ class BlockThrust:
             R, psi: see the class.
 
         """
+        # ω' jumps by J⁻¹ Rᵀ ΔL'
         push = self._at_switches
         torque = push.torque(R, self._grid.com(psi))
         torque = rotate(np.swapaxes(push.rotations(R), -1, -2), torque)
@@ -174,6 +176,7 @@ class BlockThrust:
 
     def momentum_change(self, R: Array, psi: Array, change: "MotionChange") -> Array:
         """Return the change (U, 3, n) of the angular momentum at unchanged attitude, in W."""
+        # δL' = Σ f × R δρ + ∂L'/∂e δe, and by the screws
         com, delay = change.com[: len(R)], change.delay
         moved = (self._push.to @ com.reshape(len(com), -1)).reshape(-1, 3, com.shape[-1])
         rate = skew(self._push.force(R)) @ self._push.rotations(R) @ moved
@@ -189,8 +192,9 @@ class BlockThrust:
     def by_attitude(self, R: Array, state: "TrajectoryState") -> tuple[Array, Array]:
         """See `TurningTorque`; it may change within a step, both of whose ends have its mean."""
         push, com = self._push, self._grid.com(state.psi)
+        # ξ × L' of forces that turn with the base
         by_turn = -skew(_sum(self._size * ~push.in_world, push.torques(R, com)))
-        if push.in_world.any():  # these turn the point, and not the force
+        if push.in_world.any():  # (ξ × R (a − ρ)) × f: the point turns, and not the force
             given = self._size * push.in_world
             f, r = skew(push.forces(R)), skew(push.arms(R, com))
             by_turn += np.einsum("qv,qvij->qij", given, f @ r)
@@ -203,6 +207,7 @@ class BlockThrust:
 
         With ξ (N, 3, n), the change of the attitude at the nodes, a rotation in W.
         """
+        # δv' = (ξ × Σ f + ∂Σf/∂e δe) / m + Σ f δ(1/m), and by the screws
         forces, turning = self._push.forces(R), self._size * ~self._push.in_world
         turned = (self._push.to @ xi.reshape(len(xi), -1)).reshape(-1, 3, xi.shape[-1])
         rate = self._by_screw(R, psi, change.screw)[1] - skew(_sum(turning, forces)) @ turned
