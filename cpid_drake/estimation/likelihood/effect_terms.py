@@ -114,11 +114,11 @@ def write_of(error: ConstantError) -> Write | None:
     return None if write is None else partial(write, error)
 
 
-def _steady(error: ConstantError, trajectory: Trajectory, change: MotionChange) -> None:
+def _force_W(error: ConstantError, trajectory: Trajectory, change: MotionChange) -> None:
     write_force(trajectory.motion.forces[error.name], trajectory, change)
 
 
-def _torque(error: ConstantError, trajectory: Trajectory, change: MotionChange) -> None:
+def _torque_B(error: ConstantError, trajectory: Trajectory, change: MotionChange) -> None:
     motion = trajectory.motion
     # ∂L/∂τ = ∫ R dt of a torque τ in B
     R = trajectory.R[: len(motion.nodes)]
@@ -126,17 +126,17 @@ def _torque(error: ConstantError, trajectory: Trajectory, change: MotionChange) 
     change.w[:], change.L[:] = trajectory.mobility @ impulse, impulse[-1]
 
 
-def _rotors(error: ConstantError, trajectory: Trajectory, change: MotionChange) -> None:
-    in_B = np.broadcast_to(error.effect.how, trajectory.motion.grid.R_BC.shape)
-    _write_momentum_in_B(error.sigma * in_B, trajectory, change)
+def _rotors_B(error: ConstantError, trajectory: Trajectory, change: MotionChange) -> None:
+    in_B = np.broadcast_to(error.sigma * error.effect.how, (len(change.w), *change.L.shape))
+    _momentum(in_B, trajectory, change)
 
 
-def _target_rotors(error: ConstantError, trajectory: Trajectory, change: MotionChange) -> None:
+def _rotors_C(error: ConstantError, trajectory: Trajectory, change: MotionChange) -> None:
     in_B = trajectory.motion.grid.R_BC @ error.effect.how
-    _write_momentum_in_B(error.sigma * in_B, trajectory, change)
+    _momentum(error.sigma * in_B, trajectory, change)
 
 
-def _write_momentum_in_B(in_B: Array, trajectory: Trajectory, change: MotionChange) -> None:
+def _momentum(in_B: Array, trajectory: Trajectory, change: MotionChange) -> None:
     """Write that of rotors with the momentum s (N, 3, n) in B.
 
     L is that of the other bodies, so that rotors alone are no momentum at the start:
@@ -149,7 +149,7 @@ def _write_momentum_in_B(in_B: Array, trajectory: Trajectory, change: MotionChan
     change.L[:] = first - R[-1] @ in_B[-1]
 
 
-def _push(error: ConstantError, trajectory: Trajectory, change: MotionChange) -> None:
+def _acceleration_B(error: ConstantError, trajectory: Trajectory, change: MotionChange) -> None:
     motion = trajectory.motion
     # ∂v/∂a = ∫ R dt of an acceleration a in B; a table lets none act along its normal n: 1 − n nᵀ
     N, normal = len(motion.nodes), motion.tree.normal_B
@@ -173,11 +173,12 @@ def _thrust_delay(error: ConstantError, trajectory: Trajectory, change: MotionCh
 
 
 _WRITERS: dict[str, WriteError] = {
-    "force": _steady,
-    "torque": _torque,
-    "rotors": _rotors,
-    "target_rotors": _target_rotors,
-    "push": _push,
+    "torque_W": _force_W,
+    "acceleration_W": _force_W,
+    "torque_B": _torque_B,
+    "acceleration_B": _acceleration_B,
+    "rotors_B": _rotors_B,
+    "rotors_C": _rotors_C,
     "compliance": _compliance,
     "thrust": _thrust,
     "thrust_delay": _thrust_delay,

@@ -12,18 +12,18 @@ from numpy.typing import NDArray
 
 from cpid_drake.array import Array
 
-OfMotion = Literal["force", "torque", "rotors", "target_rotors", "push", "compliance"]
+OfMotion = Literal["torque_W", "acceleration_W", "torque_B", "acceleration_B", "compliance"]
+OfRotors = Literal["rotors_B", "rotors_C"]
 OfRecords = Literal["thrust", "thrust_delay", "joints", "clock"]
 OfReading = Literal["turn", "matrix", "offset", "point"]
-Way = OfMotion | OfRecords | OfReading
+Way = OfMotion | OfRotors | OfRecords | OfReading
 """Ways to act, each with what `ErrorEffect.how` is.
 
 On the motion of the system:
 
-- force: whether it is a steady torque about the centre of mass; else an acceleration of it. In W.
-- torque, push, rotors: axes (3, n) in B of a torque about the centre of mass; of an acceleration of
-  it, to first order about zero; of an angular momentum of rotors.
-- target_rotors: the latter in C.
+- torque_W, torque_B: axes (3, n) of a steady torque about the centre of mass, in this frame.
+- acceleration_W, acceleration_B: those of an acceleration of it; the latter to first order.
+- rotors_B, rotors_C: those of the angular momentum of rotors in base or target.
 - compliance: places among those of the joints, then those about and along C's axes; to first order.
 - thrust: the share (M, V) by which actuators push more, from the samples of the thrust (M, V) and
   from which of them (V,) have the error.
@@ -41,7 +41,7 @@ On the readings of a sensor:
 - point: that of the point in B that is measured, (3, n).
 """
 
-OF_FIRST_ORDER: tuple[Way, ...] = ("compliance", "push")
+OF_FIRST_ORDER: tuple[Way, ...] = ("compliance", "acceleration_B")
 """Ways of effects of first order about zero: the predicted motion does not have them."""
 
 
@@ -61,6 +61,10 @@ class ErrorEffect:
     on_wheels: bool = True
 
 
+def _of_all(openings: Array, having: NDArray[np.bool_]) -> Array:
+    return np.ones(openings.shape[1])
+
+
 def _less_by_others(openings: Array, having: NDArray[np.bool_]) -> Array:
     """Return that of valves which share a supply: each further open valve costs all of them."""
     others = np.maximum(openings.sum(axis=1, keepdims=True) - 1, 0.0)
@@ -71,18 +75,18 @@ _ONE, _OF_MATRIX = np.eye(3), np.eye(9)
 _DIAGONAL = np.arange(0, 9, 4)
 
 EFFECTS: dict[str, ErrorEffect] = {
-    "acceleration": ErrorEffect("force", how=False),
-    "torque": ErrorEffect("force", how=True),
-    "acceleration_B": ErrorEffect("push", _ONE),
-    "torque_B": ErrorEffect("torque", _ONE),
-    "wheel": ErrorEffect("rotors", _ONE),
-    "target_wheel": ErrorEffect("target_rotors", _ONE),
+    "acceleration": ErrorEffect("acceleration_W", _ONE),
+    "torque": ErrorEffect("torque_W", _ONE),
+    "acceleration_B": ErrorEffect("acceleration_B", _ONE),
+    "torque_B": ErrorEffect("torque_B", _ONE),
+    "wheel": ErrorEffect("rotors_B", _ONE),
+    "target_wheel": ErrorEffect("rotors_C", _ONE),
     "joint_compliance": ErrorEffect("compliance", slice(None, -6)),
     "compliance": ErrorEffect("compliance", slice(-6, -3)),
     "translational_compliance": ErrorEffect("compliance", slice(-3, None)),
-    "thrust_scale": ErrorEffect("thrust", lambda openings, having: np.ones(openings.shape[1])),
+    "thrust_scale": ErrorEffect("thrust", _of_all),
     "force": ErrorEffect("thrust", lambda openings, having: having),
-    "common_force": ErrorEffect("thrust", lambda openings, having: np.ones(len(having))),
+    "common_force": ErrorEffect("thrust", _of_all),
     "loss": ErrorEffect("thrust", _less_by_others),
     "valve_delay": ErrorEffect("thrust_delay"),
     "zero": ErrorEffect("joints", lambda m, t: (1.0, 0.0, 0.0)),

@@ -114,8 +114,9 @@ def white_forces(suite: SensorSuite, start: float, end: float, is_planar: bool) 
 def steady_forces(constants: Constants, start: float, end: float) -> list[Force]:
     """Return the steady forces among constant errors, in a block from start to end [s]."""
     return [
-        Force(e.name, e.effect.how, np.eye(3), e.sigma, 1, constants.place(e.name), start, end)
-        for e in constants.acting["force"]
+        Force(e.name, turns, e.effect.how.T, e.sigma, 1, constants.place(e.name), start, end)
+        for way, turns in (("acceleration_W", False), ("torque_W", True))
+        for e in constants.acting[way]
     ]
 
 
@@ -131,7 +132,7 @@ class TurningTorque:
     def momentum(self, R: Array, state: "TrajectoryState") -> Array:
         """Return the angular momentum (U, 3) that it has added, in W [N·m·s]."""
         motion = self._motion
-        torque = rotate(R, motion.constants.sum(state.constants, "", "torque", 3))
+        torque = rotate(R, motion.constants.sum(state.constants, "", "torque_B", 3))
         if motion.orbit is not None:
             torque += motion.orbit.torque(self._inertia(R, state.psi), motion.nodes)
         return motion.at_instants(motion.accumulated(torque))
@@ -140,7 +141,7 @@ class TurningTorque:
         """Return the derivatives (N − 1, 3, 3) of the torque by ξ at both ends of each step."""
         motion = self._motion
         # R τ becomes R τ + ξ × R τ
-        by = -skew(rotate(R, motion.constants.sum(state.constants, "", "torque", 3)))
+        by = -skew(rotate(R, motion.constants.sum(state.constants, "", "torque_B", 3)))
         if motion.orbit is not None:
             by += motion.orbit.torque_by_attitude(self._inertia(R, state.psi), motion.nodes)
         return by[:-1], by[1:]

@@ -146,8 +146,8 @@ def _relative_to_base(trajectories: Sequence[Trajectory]) -> tuple[Outboard, Bod
     with_target = _with_target(tree, psi, dynamics)
     outboard = Outboard.at(with_target, joints[:, 0], joints[:, 1], w, v)
     constants = motions[0].constants
-    if constants.acting["target_rotors"]:
-        spin = constants.sum(trajectories[0].state.constants, "", "target_rotors", 3)
+    if constants.acting["rotors_C"]:
+        spin = constants.sum(trajectories[0].state.constants, "", "rotors_C", 3)
         momentum = outboard.momentum.copy()
         momentum[outboard.inboard_of_target, :, :3] += dynamics.R_BC @ spin
         outboard = replace(outboard, momentum=momentum)

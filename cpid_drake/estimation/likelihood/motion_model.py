@@ -192,7 +192,7 @@ class BaseMotion:
     @cached_property
     def torques(self) -> tuple[TurningTorque | BlockThrust, ...]:
         """The torques that change with the attitude."""
-        turns = self.orbit is not None or self.constants.acting["torque"]
+        turns = self.orbit is not None or self.constants.acting["torque_B"]
         turning = (TurningTorque(self),) if turns else ()
         return (*turning, self.thrust) if self.thrust is not None else turning
 
@@ -293,8 +293,8 @@ class BaseMotion:
     def _rotors(self, state: TrajectoryState) -> Array:
         """Return the angular momentum of rotors that the model does not have; see `Trajectory`."""
         # s = s_B + R_BC s_C
-        base = self.constants.sum(state.constants, "", "rotors", 3)
-        target = self.constants.sum(state.constants, "", "target_rotors", 3)
+        base = self.constants.sum(state.constants, "", "rotors_B", 3)
+        target = self.constants.sum(state.constants, "", "rotors_C", 3)
         return np.asarray(self.dynamics.R_BC @ target + base)
 
     def _entries(self, force: Force, state: TrajectoryState) -> Array:

@@ -111,6 +111,20 @@ def test_every_kind_of_errors_acts_in_some_way():
     assert EFFECTS.keys() == KINDS.keys()
 
 
+def test_a_new_kind_is_two_records(case, monkeypatch):
+    """Rotors in the base that turn about one axis are those about any axis with one entry."""
+    about_y = replace(KINDS["wheel"], name="rotor", entries=1)
+    monkeypatch.setitem(KINDS, "rotor", about_y)
+    monkeypatch.setitem(EFFECTS, "rotor", replace(EFFECTS["wheel"], how=np.eye(3)[:, 1:2]))
+    samples, joints = exact_block(case, lambda times, _: truth(case, times), case.suite)
+    model, state = model_at(case, samples, joints, with_values(case.suite, rotor=0.3, wheel=0.1))
+    J, end = model.jacobian(model.motion.trajectory(state))
+    own, all_axes = model.columns["rotor"].start, model.columns["wheel"].start
+    assert np.abs(J[:, own]).max() > 0.1
+    np.testing.assert_allclose(J[:, own], J[:, all_axes + 1], rtol=1e-12)
+    np.testing.assert_allclose(end[:, own], end[:, all_axes + 1], rtol=1e-12)
+
+
 @pytest.mark.parametrize("late", [LATE, -LATE])
 def test_late_sensors_show_an_earlier_motion(case, late):
     """The stamps of all sensors of the base are late; or those of the encoders are early."""
