@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 from cpid_drake.array import Array
 from cpid_drake.estimation.block_rows import BlockRows
 from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.likelihood.effect_terms import relate, with_changes
 from cpid_drake.estimation.likelihood.joint_model import ORDER
+from cpid_drake.estimation.likelihood.kinematic_changes import relate, with_changes
 from cpid_drake.estimation.likelihood.model import BlockModel, jump_between
 from cpid_drake.estimation.likelihood.motion_model import Trajectory, TrajectoryState
 from cpid_drake.estimation.likelihood.white_reading import WhiteReading
@@ -246,8 +246,7 @@ def derivatives(
     if new and log.past is not None and has_hardware:
         values = {**values, **log.past.first}
         models, trajectories, by_psi = motions_of(model, log, values)
-    motions, at = [models[k].motion for k in new], [trajectories[k] for k in new]
-    bent = with_changes(motions, at, model.known_bodies, values.get(BODIES))
+    bent = with_changes([trajectories[k] for k in new])
     for part, nearby in zip(rolled.models, models, strict=True):
         if part not in rolled.linear:
             J, end = nearby.jacobian(next(bent))

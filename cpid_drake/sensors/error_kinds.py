@@ -49,6 +49,8 @@ class ErrorKind:
         by_mass, by_length: powers of mass and radius of gyration with which it grows.
         file_scale: SI value of the field's unit; 0 if it is `scale`.
         is_shared: whether all logs of one hardware have the same error.
+        walk: attribute of the owner that is its random walk [SI units/√s]; empty for none.
+        least: an owner that states less has this σ [SI units, rad].
 
     """
 
@@ -64,6 +66,8 @@ class ErrorKind:
     by_length: float = 0.0
     file_scale: float = 0.0
     is_shared: bool = True
+    walk: str = ""
+    least: float = 0.0
 
     @property
     def to_SI(self) -> float:
@@ -90,7 +94,10 @@ def _acceleration(frame: str, name: str) -> ErrorKind:
     words = f"an external acceleration of {{}}, in {frame}"
     unit, power = "m/s²", _AREA - 1
     return ErrorKind(
-        *(name, "disturbances", name, 3, unit, 1.0, 1e-3, words), by_mass=power, is_shared=False
+        *(name, "disturbances", name, 3, unit, 1.0, 1e-3, words),
+        by_mass=power,
+        is_shared=False,
+        walk=f"{name}_walk",
     )
 
 
@@ -102,6 +109,7 @@ def _torque(frame: str, name: str) -> ErrorKind:
         by_mass=_AREA,
         by_length=1,
         is_shared=False,
+        walk=f"{name}_walk",
     )
 
 
@@ -221,6 +229,8 @@ _KINDS = (
         *("bias", "sensor", "bias", 3, "deg/h", DEGREE_PER_HOUR, 10.0),
         "the bias of the {sensor} is {}",
         is_shared=False,
+        walk="bias_growth",
+        least=1e-9,  # it walks, in units of a σ, even if it is zero at the start
     ),
 )
 

@@ -11,15 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.array import Array
-from cpid_drake.estimation.likelihood.constants import (
-    COMMON_FORCE,
-    THRUST_SCALE,
-    THRUSTERS,
-    VALVE_DELAY,
-    VALVE_FORCE,
-    VALVE_LOSS,
-    Constants,
-)
+from cpid_drake.estimation.likelihood.constants import Constants
 from cpid_drake.logs.log import Samples
 from cpid_drake.sensors.thrusters import Thrusters
 
@@ -96,34 +88,22 @@ def thrust_log(
         nominal: (k,) their values, in units of their σ.
 
     """
-    names = constants.of_thrust
-    by = np.zeros((*samples.value.shape, len(names)))
-
-    def error(name: str) -> float:
-        value = constants.value(nominal, name)
-        return 0.0 if value is None else float(value[0])
-
-    def put(name: str, derivative: Array) -> None:
-        if name in names:
-            by[..., names.index(name)] = derivative
-
     if not len(samples):
         return None
-    if thrusters is None:
-        put(THRUST_SCALE, samples.value)
-        scaled = Samples(samples.time, (1 + error(THRUST_SCALE)) * samples.value)
-        return ThrustLog(Actuators.of_wrench(), scaled, by)
-    common, loss, delay = (
-        f"{THRUSTERS}.{kind}" for kind in (COMMON_FORCE, VALVE_LOSS, VALVE_DELAY)
-    )
-    others = np.maximum(samples.value.sum(axis=1, keepdims=True) - 1, 0.0)
-    relative = [f"{name}.{VALVE_FORCE}" for name in thrusters.valves]
-    force = samples.value * np.array([valve.force for valve in thrusters.valves.values()])
-    own, shared = 1 + np.array([error(name) for name in relative]), 1 + error(common)
-    left = 1 - error(loss) * others
-    put(common, force * own * left)
-    put(loss, -force * own * shared * others)
-    for k, (name, column) in enumerate(zip(relative, (force * shared * left).T)):
-        put(name, column[:, None] * (np.arange(len(relative)) == k))
-    late = Samples(samples.time + error(delay), force * own * shared * left)
-    return ThrustLog(Actuators.of_valves(thrusters), late, by)
+    names, force = list[str](), np.ones(samples.value.shape[1])
+    actuators = Actuators.of_wrench()
+    if thrusters is not None:
+        actuators, names = Actuators.of_valves(thrusters), list(thrusters.valves)
+        force = np.array([valve.force for valve in thrusters.valves.values()])
+    # f = openings · force · Π (1 + e_k g_k), with the share g_k of a unit of the error e_k
+    value, errors = samples.value * force, constants.acting["thrust"]
+    each = [e.effect.how(samples.value, np.array([n == e.sensor for n in names])) for e in errors]
+    shares = np.array([np.broadcast_to(share, value.shape) for share in each], dtype=float)
+    shares = shares.reshape(len(errors), *value.shape)
+    sizes = np.array([constants.value(nominal, error)[0] for error in errors])
+    factors = 1 + sizes[:, None, None] * shares
+    by = np.zeros((*value.shape, len(errors)))
+    for k, share in enumerate(shares):
+        by[..., k] = value * share * np.delete(factors, k, axis=0).prod(axis=0)
+    late = sum(float(constants.value(nominal, e)[0]) for e in constants.acting["thrust_delay"])
+    return ThrustLog(actuators, Samples(samples.time + late, value * factors.prod(axis=0)), by)

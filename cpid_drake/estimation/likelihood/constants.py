@@ -4,60 +4,41 @@
 the prior of the estimate. Every entry of one constant error has the same σ.
 """
 
+from collections import defaultdict
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from cpid_drake.array import Array
 from cpid_drake.estimation.gaussian import indices_of, places_of
-from cpid_drake.sensors.error_kinds import KINDS, OF_JOINTS, ErrorKind
-from cpid_drake.sensors.sensors import Gyro
+from cpid_drake.estimation.likelihood.error_effects import (
+    EFFECTS,
+    OF_FIRST_ORDER,
+    ErrorEffect,
+    Way,
+)
+from cpid_drake.sensors.error_kinds import KINDS, ErrorKind
 from cpid_drake.sensors.suite import SensorSuite
 
-THRUST_SCALE = "thrust_scale"
-"""Name of the error of the scale of logged thrust, common to all its components."""
-
-THRUSTERS = "thrusters"
-"""Name before the errors that all valves have in common."""
-
-VALVE_FORCE, COMMON_FORCE = "force", "common_force"
-VALVE_LOSS, VALVE_DELAY = "loss", "valve_delay"
-"""Kinds of errors of thrusters with valves; see `cpid_drake.sensors.thrusters`."""
-
-OF_THRUST = (THRUST_SCALE, VALVE_FORCE, COMMON_FORCE, VALVE_LOSS, VALVE_DELAY)
-"""Kinds that change the thrust."""
-
 ACCELERATION, TORQUE = "acceleration", "torque"
-"""Names of a steady acceleration of the system's centre of mass and a torque about it, in W."""
+"""Kinds of a steady acceleration of the system's centre of mass and a torque about it, in W."""
 
 ACCELERATION_B, TORQUE_B = "acceleration_B", "torque_B"
-"""Names of the same in B."""
-
-WHEEL = "wheel"
-"""Name of the angular momentum of rotors in the base, in B."""
-
-YIELDING = ("joint_compliance", "compliance", "translational_compliance")
-"""Names of the compliances of the joints, and of the grasp about and along the axes of C."""
-
-TARGET_WHEEL = "target_wheel"
-"""Name of the angular momentum of rotors in the target, in C."""
-
-ZERO, DRIFT, JOINT_SCALE = "zero", "drift", "joint_scale"
-SINE, COSINE = "eccentricity_sine", "eccentricity_cosine"
-"""Kinds of errors of joints; see `joint_errors`."""
-
-DELAY, CLOCK_DRIFT = "delay", "clock_drift"
-"""Kinds of errors of stamps: their delay at the start of a log, and its growth in a second."""
+"""Kinds of the same in B."""
 
 BIAS = "bias"
 """Kind of a gyro's bias, which walks from block to block."""
 
-NO_BIAS = 1e-9
+NO_BIAS = KINDS[BIAS].least
 """σ of the bias of a gyro that has none: one that is exact would have no σ [rad/s]."""
 
-OF_FIRST_ORDER = (*YIELDING, ACCELERATION_B)
-"""Kinds whose effect is of first order about zero: the predicted motion does not have it."""
+VALVE_FORCE = "force"
+"""Kind of the force of a valve, which may fail."""
+
+THRUSTERS = "thrusters"
+"""Name before the errors that all valves have in common."""
 
 
 @dataclass(frozen=True)
@@ -81,15 +62,20 @@ class ConstantError:
     scale: float
     walk: float = 0.0
 
-    @property
+    @cached_property
     def sensor(self) -> str:
-        """Name of the sensor; empty for an external force."""
+        """Name of the sensor or the valve; empty for an external force."""
         return self.name.partition(".")[0] if "." in self.name else ""
 
-    @property
+    @cached_property
     def kind(self) -> str:
         """Kind of the error, such as "delay"."""
         return self.name.rpartition(".")[2]
+
+    @cached_property
+    def effect(self) -> ErrorEffect:
+        """How it acts."""
+        return EFFECTS[self.kind]
 
     @property
     def is_shared(self) -> bool:
@@ -103,12 +89,12 @@ def constant_errors(suite: SensorSuite, joint_count: int) -> tuple[ConstantError
 
     def add(kind: ErrorKind, owner: Any, before: str = "") -> None:
         """Add a kind of errors if its owner has it."""
-        sigma = kind.to_SI * (getattr(owner, kind.field, None) or 0.0)
+        if not hasattr(owner, kind.field):
+            return
+        sigma = max(kind.to_SI * (getattr(owner, kind.field) or 0.0), kind.least)
         if kind.owner == "valve":
             sigma /= owner.force
-        walk = getattr(owner, f"{kind.field}_walk", None) or 0.0
-        if isinstance(owner, Gyro) and kind.name == BIAS:
-            sigma, walk = max(sigma, NO_BIAS), owner.bias_growth
+        walk = getattr(owner, kind.walk, None) or 0.0
         size = kind.entries or joint_count
         if sigma > 0 and size:
             name = f"{before}{kind.name}"
@@ -137,7 +123,7 @@ class Constants:
         size: length of the vector.
         of_first_order: names of those of first order.
         first_order: (n,) their places in the vector.
-        of_joints: those that change the joints' motion.
+        acting: the errors by `Way`, and those of one sensor or valve by both.
 
     """
 
@@ -145,30 +131,29 @@ class Constants:
         self.errors = {error.name: error for error in errors}
         self.size = sum(error.size for error in errors)
         self._places = places_of({error.name: error.size for error in errors})
-        self.of_first_order = tuple(name for name in OF_FIRST_ORDER if name in self.errors)
+        self.acting = defaultdict[str | tuple[str, str], tuple[ConstantError, ...]](tuple)
+        for error in errors:
+            for key in (error.effect.way, (error.effect.way, error.sensor)):
+                self.acting[key] += (error,)
+        rough = [error for way in OF_FIRST_ORDER for error in self.acting[way]]
+        self.of_first_order = tuple(error.name for error in rough)
         self.first_order = indices_of(self._places, self.of_first_order)
-        self.of_joints = tuple(error for error in errors if error.kind in OF_JOINTS)
 
     @classmethod
     def of(cls, suite: SensorSuite, joint_count: int) -> "Constants":
         """Return the constant errors of a suite, for a spacecraft with so many joints."""
         return cls(constant_errors(suite, joint_count))
 
-    def value(self, constants: Array, name: str) -> Array | None:
-        """Return one error [SI units, rad], from the vector (k,); None if there is no such one."""
-        if name not in self.errors:
-            return None
-        return np.asarray(self.errors[name].sigma * constants[self._places[name]])
+    def value(self, constants: Array, error: ConstantError) -> Array:
+        """Return one error [SI units, rad], from the vector (k,)."""
+        return np.asarray(error.sigma * constants[self._places[error.name]])
 
-    @property
-    def yields(self) -> bool:
-        """Whether joints or grasp are flexible."""
-        return any(error.kind in YIELDING for error in self.errors.values())
-
-    @property
-    def of_thrust(self) -> list[str]:
-        """Names of the errors that change the thrust, of one entry each."""
-        return [error.name for error in self.errors.values() if error.kind in OF_THRUST]
+    def sum(self, constants: Array, sensor: str, way: Way, size: int) -> Array:
+        """Return what the errors of a sensor that act in a way change together, (size,)."""
+        total = np.zeros(size)
+        for error in self.acting[way, sensor]:
+            total += error.effect.how @ self.value(constants, error)
+        return total
 
     def place(self, name: str) -> slice:
         """Return the place of an error in the vector."""

@@ -9,13 +9,19 @@ Source: Bar-Shalom, Li and Kirubarajan 2001, Estimation with Applications, ch. 6
 constant white acceleration).
 """
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from cpid_drake.array import Array
 from cpid_drake.dynamics.plane import NORMAL_W
-from cpid_drake.estimation.likelihood.constants import ACCELERATION, TORQUE, Constants
+from cpid_drake.dynamics.rotations import rotate, skew
+from cpid_drake.estimation.likelihood.constants import Constants
 from cpid_drake.sensors.sensors import Gyro
 from cpid_drake.sensors.suite import SensorSuite
+
+if TYPE_CHECKING:  # its module imports this one
+    from cpid_drake.estimation.likelihood.motion_model import BaseMotion, TrajectoryState
 
 PIECE = 0.5
 """Length of a piece [s]: attitude and position show no shorter ones."""
@@ -38,7 +44,8 @@ class Force:
         middles: of the pieces [s].
 
     Args:
-        name: `TORQUE`, `ACCELERATION`, `TORQUE_NOISE` or `ACCELERATION_NOISE`.
+        name: of the white force, or of the constant error.
+        turns: whether it is a torque.
         axes: (d, 3) of the entries of a piece.
         sigma: of each entry [N·m or m/s²].
         pieces: their number.
@@ -50,6 +57,7 @@ class Force:
     def __init__(
         self,
         name: str,
+        turns: bool,
         axes: Array,
         sigma: float,
         pieces: int,
@@ -58,7 +66,7 @@ class Force:
         end: float,
     ) -> None:
         self.name, self.axes, self.pieces, self.rows = name, axes, pieces, rows
-        self.size, self.turns = pieces * len(axes), name in (TORQUE, TORQUE_NOISE)
+        self.size, self.turns = pieces * len(axes), turns
         self._axes, self._start, self._h = sigma * axes, start, (end - start) / pieces
         self.middles = start + self._h * (np.arange(pieces) + 0.5)
         self._least, self._most = np.zeros(pieces), np.full(pieces, self._h)
@@ -97,7 +105,8 @@ def white_forces(suite: SensorSuite, start: float, end: float, is_planar: bool) 
             count = max(1, round((end - start) / piece))
             rows = slice(first, first + count * len(axes))
             mean = sigma / np.sqrt((end - start) / count)
-            made.append(Force(name, axes, mean, count, rows, start, end))
+            turns = name == TORQUE_NOISE
+            made.append(Force(name, turns, axes, mean, count, rows, start, end))
             first = rows.stop
     return made
 
@@ -105,7 +114,38 @@ def white_forces(suite: SensorSuite, start: float, end: float, is_planar: bool) 
 def steady_forces(constants: Constants, start: float, end: float) -> list[Force]:
     """Return the steady forces among constant errors, in a block from start to end [s]."""
     return [
-        Force(name, np.eye(3), error.sigma, 1, constants.place(name), start, end)
-        for name, error in constants.errors.items()
-        if name in (ACCELERATION, TORQUE)
+        Force(e.name, turns, e.effect.how.T, e.sigma, 1, constants.place(e.name), start, end)
+        for way, turns in (("acceleration_W", False), ("torque_W", True))
+        for e in constants.acting[way]
     ]
+
+
+class TurningTorque:
+    """The torque of the gravity gradient, and that of errors which rotates with the base.
+
+    Its methods take attitudes R_WB (N, 3, 3) at the nodes of a motion, and the state.
+    """
+
+    def __init__(self, motion: "BaseMotion") -> None:
+        self._motion = motion
+
+    def momentum(self, R: Array, state: "TrajectoryState") -> Array:
+        """Return the angular momentum (U, 3) that it has added, in W [N·m·s]."""
+        motion = self._motion
+        torque = rotate(R, motion.constants.sum(state.constants, "", "torque_B", 3))
+        if motion.orbit is not None:
+            torque += motion.orbit.torque(self._inertia(R, state.psi), motion.nodes)
+        return motion.at_instants(motion.accumulated(torque))
+
+    def by_attitude(self, R: Array, state: "TrajectoryState") -> tuple[Array, Array]:
+        """Return the derivatives (N − 1, 3, 3) of the torque by ξ at both ends of each step."""
+        motion = self._motion
+        # R τ becomes R τ + ξ × R τ
+        by = -skew(rotate(R, motion.constants.sum(state.constants, "", "torque_B", 3)))
+        if motion.orbit is not None:
+            by += motion.orbit.torque_by_attitude(self._inertia(R, state.psi), motion.nodes)
+        return by[:-1], by[1:]
+
+    def _inertia(self, R: Array, psi: Array) -> Array:
+        """Return the system's inertia (N, 3, 3) in W: R J Rᵀ."""
+        return np.asarray(R @ self._motion.grid.inertia(psi) @ np.swapaxes(R, -1, -2))

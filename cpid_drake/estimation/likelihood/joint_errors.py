@@ -1,40 +1,19 @@
 """Errors of encoders: by how much measured positions of joints are larger than true ones.
 
-Of a measured position m, at a time t since the origin, the error is
+The errors are functions x(m, t) of a measured position m and of the time t since the origin, so the
+true motion q = m − x follows without a solution of equations. Measured rates have their rate
 
-    zero + t drift + m scale + sin(m) sine + cos(m) cosine,
+    ẋ = ∂x/∂m ṁ + ∂x/∂t.
 
-so the true motion follows from the measured one without a solution of equations. A scale is that
-of gears or belts, sine and cosine those of a disc beside its axis: once a turn. Measured rates have
-the rate of this error.
+A scale is that of gears or belts, sine and cosine are those of a disc beside its axis.
 """
-
-from collections.abc import Callable
 
 import numpy as np
 
 from cpid_drake.array import Array
 from cpid_drake.dynamics.tree import KinematicTree
-from cpid_drake.estimation.likelihood.constants import (
-    COSINE,
-    DRIFT,
-    JOINT_SCALE,
-    SINE,
-    ZERO,
-    Constants,
-)
+from cpid_drake.estimation.likelihood.constants import ConstantError, Constants
 from cpid_drake.estimation.likelihood.joint_model import JointPart
-
-Shape = Callable[[Array, Array], tuple[Array | float, Array | float, Array | float]]
-"""Returns a unit of a kind of error, and its derivatives by position and time, of both."""
-
-_SHAPES: dict[str, Shape] = {
-    ZERO: lambda m, t: (1.0, 0.0, 0.0),
-    DRIFT: lambda m, t: (t, 0.0, 1.0),
-    JOINT_SCALE: lambda m, t: (m, 1.0, 0.0),
-    SINE: lambda m, t: (np.sin(m), np.cos(m), 0.0),
-    COSINE: lambda m, t: (np.cos(m), -np.sin(m), 0.0),
-}
 
 
 class JointErrors:
@@ -57,14 +36,14 @@ class JointErrors:
         origin: float,
         tree: KinematicTree,
     ) -> None:
-        self._joints, self._errors, self._origin = joints, constants.of_joints, origin
-        self._units = dict[str, Array]()
-        for error in self._errors:
+        self._joints, self._origin = joints, origin
+        wheels = [b.joint for b, wheel in zip(tree.bodies, tree.wheels) if wheel]
+        self._errors = list[tuple[ConstantError, Array, Array]]()  # with values, each by its σ
+        for error in constants.acting["joints"]:
             unit = np.full(error.size, error.sigma)
-            if error.kind in (SINE, COSINE):
-                unit[[b.joint for b, wheel in zip(tree.bodies, tree.wheels) if wheel]] = 0.0
-            self._units[error.name] = unit
-        self._nominal = [nominal[constants.place(error.name)] for error in self._errors]
+            if not error.effect.on_wheels:
+                unit[wheels] = 0.0
+            self._errors.append((error, unit * nominal[constants.place(error.name)], unit))
 
     def motion(self, times: Array) -> Array:
         """Return true positions and rates (M, 2, J) at times (M,) [s]."""
@@ -73,10 +52,9 @@ class JointErrors:
             return samples
         m, rate, elapsed = samples[:, 0], samples[:, 1], (times - self._origin)[:, None]
         errors = np.zeros_like(samples)
-        for error, nominal in zip(self._errors, self._nominal, strict=True):
-            value = self._units[error.name] * nominal
-            unit, by_m, by_time = _SHAPES[error.kind](m, elapsed)
-            errors[:, 0] += value * unit
+        for error, value, _ in self._errors:
+            x, by_m, by_time = error.effect.how(m, elapsed)
+            errors[:, 0] += value * x
             errors[:, 1] += value * (by_m * rate + by_time)
         return samples - errors
 
@@ -85,10 +63,10 @@ class JointErrors:
         if not self._errors:
             return {}
         m = self._joints.basis(times) @ self._joints.coefficients
-        elapsed = (times - self._origin)[:, None]
+        elapsed, zero = (times - self._origin)[:, None], np.zeros_like(m)
         return {
-            e.name: -self._units[e.name] * (_SHAPES[e.kind](m, elapsed)[0] + np.zeros_like(m))
-            for e in self._errors
+            error.name: -unit * (error.effect.how(m, elapsed)[0] + zero)
+            for error, _, unit in self._errors
         }
 
     def of_coefficients(self) -> dict[str, Array]:

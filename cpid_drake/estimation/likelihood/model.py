@@ -1,8 +1,6 @@
 """The likelihood of the samples in one block of time: residuals and their derivatives."""
 
-from collections.abc import Callable
 from copy import copy
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -10,28 +8,26 @@ from numpy.typing import NDArray
 
 from cpid_drake.array import Array
 from cpid_drake.dynamics.plane import HELD
-from cpid_drake.dynamics.rotations import skew
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.gaussian import indices_of, places_of
 from cpid_drake.estimation.likelihood.actuators import thrust_log
-from cpid_drake.estimation.likelihood.constant_effects import (
-    moves,
-    write_constant,
-)
 from cpid_drake.estimation.likelihood.constants import Constants
 from cpid_drake.estimation.likelihood.effect_terms import (
-    MotionChange,
+    Write,
     write_bodies,
     write_force,
     write_joints,
+    write_of,
     write_start,
     write_target,
 )
 from cpid_drake.estimation.likelihood.forces import white_forces
 from cpid_drake.estimation.likelihood.joint_model import ORDER, JointPart
+from cpid_drake.estimation.likelihood.kinematic_changes import with_changes
+from cpid_drake.estimation.likelihood.motion_change import MotionChange, response
 from cpid_drake.estimation.likelihood.motion_model import BaseMotion, Trajectory, TrajectoryState
-from cpid_drake.estimation.likelihood.sensor_models import SensorModel, lateness, model_classes
+from cpid_drake.estimation.likelihood.sensor_models import SensorModel, clock_of, model_classes
 from cpid_drake.estimation.likelihood.white_reading import WhiteReading
 from cpid_drake.logs.log import Log
 from cpid_drake.sensors.suite import SensorSuite
@@ -41,9 +37,6 @@ STEP = 0.025
 
 SLOW = "slow"
 """Name of the columns of slow noise; see `process`."""
-
-Write = Callable[[BaseMotion, Trajectory, MotionChange], None]
-"""Writes the change of the motion by the quantities of an effect."""
 
 
 class BlockModel:
@@ -91,24 +84,24 @@ class BlockModel:
         classes = {n: model for n, model in model_classes(measurements).items() if n in present}
         constants = constants or Constants.of(suite, joints.coefficients.shape[1])
         nominal = np.zeros(constants.size) if nominal is None else nominal
-        late = {n: lateness(n, measurements[n].time, constants, nominal, origin) for n in classes}
-        needed = [measurements[n].time - late[n] for n, each in classes.items() if each.at_instants]
-        times = np.concatenate([np.empty(0), *needed])
+        clock = {n: clock_of(n, measurements[n].time, constants, nominal, origin) for n in classes}
+        at = [measurements[n].time - clock[n][0] for n, each in classes.items() if each.at_instants]
+        times = np.concatenate([np.empty(0), *at])
         thrust = thrust_log(measurements.thrust, suite.thrusters, constants, nominal)
         is_planar = tree.normal_B is not None
         white = white_forces(suite, joints.start, joints.end, is_planar)
         self.motion = BaseMotion(
-            tree, joints, times, step, constants, nominal, origin, suite.orbit, thrust, white
+            *(tree, joints, times, step, constants, nominal, origin),
+            *(suite.orbit, thrust, white, known_bodies, errors),
         )
         self.sensors: dict[str, SensorModel | WhiteReading] = {}
         first = len(self.motion.nodes)
         for name, model in classes.items():
             count = len(measurements[name]) if model.at_instants else 0
-            at = slice(first, first + count)
-            self.sensors[name] = model(name, measurements[name], suite, self.motion, at, late[name])
+            rows, samples = slice(first, first + count), measurements[name]
+            self.sensors[name] = model(name, samples, suite, self.motion, rows, clock[name])
             first += count
-        bodies = known_bodies, errors
-        self.sensors |= {each.name: WhiteReading(self.motion, each, *bodies) for each in white}
+        self.sensors |= {force.name: WhiteReading(self.motion, force) for force in white}
         K, J = joints.coefficients.shape
         effects: dict[str, tuple[int, Write | None]] = {
             "start": (12, write_start),
@@ -116,12 +109,10 @@ class BlockModel:
             **{f.name: (f.size, partial(write_force, f)) for f in white},
         }
         for name, error in constants.errors.items():
-            write = partial(write_constant, error) if moves(error, self.motion) else None
-            effects[name] = error.size, write
+            effects[name] = error.size, write_of(error)
         effects["psi"] = 10, write_target
         if known_bodies is not None:
-            count = known_bodies.count(tree.wheels, J)
-            effects["bodies"] = count, partial(write_bodies, known_bodies, errors)
+            effects["bodies"] = len(self.motion.body_errors), write_bodies
         self._sizes = {name: size for name, (size, _) in effects.items()}
         self.columns = places_of(self._sizes)
         self.effects = {name: write for name, (_, write) in effects.items() if write is not None}
@@ -166,10 +157,13 @@ class BlockModel:
         block's end. The columns are `columns`, those of the spacecraft's bodies included.
         """
         columns, places, joints = self.columns, self._places, self._places["joints"]
-        change = self._no_change(sum(place.stop - place.start for place in places.values()))
+        if not trajectory.by:
+            trajectory = next(with_changes([trajectory]))
+        n = sum(place.stop - place.start for place in places.values())
+        change = MotionChange.zeros(trajectory, n, with_rates=self._with_rates)
         for name, write in self.effects.items():
-            write(self.motion, trajectory, change.columns(places[name]))
-        readings, moved = self._response(trajectory, change)
+            write(trajectory, change.columns(places[name]))
+        change, xi, moved = response(trajectory, change)
         by_errors = self.motion.joint_errors.of_coefficients()
 
         def write_all(rows: Array, by: Array) -> None:
@@ -179,7 +173,9 @@ class BlockModel:
             for name, of_error in by_errors.items():
                 rows[columns[name]] = (by[:, joints] @ of_error).T
 
-        parts = {n: s.whitened(readings[n]) for n, s in self.sensors.items()}
+        parts = dict[str, Array]()
+        for name, sensor in self.sensors.items():
+            parts[name] = sensor.whitened(sensor.jacobian(trajectory, change, xi))
         ends = np.cumsum([0, *(by[..., 0].size for by in parts.values())]).tolist()
         J, by_end = np.zeros((self._width, ends[-1])), np.zeros((self._width, 12))
         write_all(by_end, moved)
@@ -201,37 +197,6 @@ class BlockModel:
     def of_first_order(self) -> NDArray[np.intp]:
         """The columns of errors of first order; see `Constants`."""
         return indices_of(self.columns, self.motion.constants.of_first_order)
-
-    def _no_change(self, n: int) -> MotionChange:
-        return MotionChange.zeros(self.motion, n, with_rates=self._with_rates)
-
-    def _response(
-        self, trajectory: Trajectory, change: MotionChange
-    ) -> tuple[dict[str, Array], Array]:
-        """Return what a change of the motion changes in the readings, and at the block's end.
-
-        The readings (M, 3, n) are in SI units, by sensor; for the end see `jacobian`.
-        """
-        motion, psi, N = self.motion, trajectory.state.psi, len(self.motion.nodes)
-        R, thrust, L = trajectory.R, motion.thrust, change.L
-        if thrust is not None:
-            moved = change.com[:N], change.screw, change.thrust, change.delay
-            by = thrust.momentum_change(R[:N], psi, *moved)
-            change.w[:] += trajectory.mobility @ by[:N]
-            L = L + by[N - 1]
-        ends, w = motion.pose_change(trajectory, change.w, change.attitude, change.delay)
-        xi = ends[:, :3]
-        if ends.shape[1] > 3:
-            L = L + ends[-1, 3:]
-        if trajectory.rotors is not None:
-            L = L + skew(R[N - 1] @ trajectory.rotors[N - 1]) @ xi[-1]
-        position, velocity = change.position, change.velocity
-        if thrust is not None:
-            both = thrust.travel_change(R[:N], psi, xi, change.inverse_mass, *moved[1:])
-            position, velocity = position + both[:, :3], velocity + both[:, 3:]
-        change = replace(change, w=w, position=position, velocity=velocity)
-        rows = {n: s.jacobian(trajectory, change, xi) for n, s in self.sensors.items()}
-        return rows, np.concatenate([xi[-1], position[N - 1], L, velocity[N - 1]])
 
     def scale_of(self, name: str) -> Array:
         """Return σ (d,) of the components of a sensor's samples [SI units]."""

@@ -1,17 +1,15 @@
-"""Motion of the base as a function of the target and other unknowns, and its derivatives.
+"""Motion of the base as a function of the target and other unknowns.
 
 The joint motion is given; the base's attitude and position follow from conservation of momentum
 (`body_dynamics`). Attitude is integrated over a grid of equal steps by the fourth-order Magnus
-formula, with angular velocities from a cubic spline. Small changes ξ of the attitude (rotations in
-W) obey
+formula, with angular velocities from a cubic spline:
 
-    ξ̇ = R J⁻¹ (−Y dψ + Rᵀ dL + Rᵀ (L × ξ)),
+    L = L₀ + ∫ τ dt,      ω = J⁻¹ (Rᵀ L − h),      Ṙ = R ω×.
 
-so every derivative is available without finite differences. Source: Ning et al. 2016, Eqs. 5 and 9,
-about the system's centre of mass.
+Source: Ning et al. 2016, Eqs. 5 and 9, about the system's centre of mass.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -25,15 +23,15 @@ from cpid_drake.dynamics.orbit import Orbit
 from cpid_drake.dynamics.rotations import cross, exponentials, rotate, sines, skew
 from cpid_drake.dynamics.sensitivity import MotionSensitivity
 from cpid_drake.dynamics.tree import KinematicTree
+from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.likelihood.actuators import ThrustLog
 from cpid_drake.estimation.likelihood.attitude_steps import (
     carried,
     integrated_attitude,
     step_angles,
-    step_changes,
 )
-from cpid_drake.estimation.likelihood.constants import TARGET_WHEEL, TORQUE_B, WHEEL, Constants
-from cpid_drake.estimation.likelihood.forces import Force, steady_forces
+from cpid_drake.estimation.likelihood.constants import Constants
+from cpid_drake.estimation.likelihood.forces import Force, TurningTorque, steady_forces
 from cpid_drake.estimation.likelihood.joint_errors import JointErrors
 from cpid_drake.estimation.likelihood.joint_model import JointPart
 from cpid_drake.estimation.likelihood.thrust import BlockThrust, transition
@@ -83,6 +81,7 @@ class Trajectory:
     """The base's motion for one state, at U instants, the first N of which are the grid's nodes.
 
     Attributes:
+        motion: which moves so for this state.
         state: the unknowns.
         R: (U, 3, 3) attitude R_WB.
         w: (U, 3) angular velocity, in B [rad/s].
@@ -91,14 +90,12 @@ class Trajectory:
         L: (U, 3) angular momentum about the centre of mass, in W, with that of `rotors` [N·m·s].
         travel: (U, 6) what logged thrust adds to position [m] and velocity [m/s] of the centre of
             mass, in W; None without thrust.
-        rotors: (U, 3) angular momentum of rotors that the model does not have, in B [N·m·s]; None
-            without.
-        by_joints: derivatives of the motion by joint positions and rates; None if not yet needed.
-        by_bodies: those by errors of the spacecraft's bodies, likewise.
-        by_compliance: those by compliances of joints and grasp, likewise.
+        rotors: (U, 3) angular momentum of rotors that the model does not have, in B [N·m·s].
+        by: derivatives of the kinematics, by names; see `kinematic_changes.with_changes`.
 
     """
 
+    motion: "BaseMotion"
     state: TrajectoryState
     R: Array
     w: Array
@@ -106,10 +103,8 @@ class Trajectory:
     spline: UniformSpline
     L: Array
     travel: Array | None
-    rotors: Array | None = None
-    by_joints: tuple[MotionSensitivity, MotionSensitivity] | None = None
-    by_bodies: MotionSensitivity | None = None
-    by_compliance: MotionSensitivity | None = None
+    rotors: Array
+    by: Mapping[str, MotionSensitivity] = field(default_factory=dict)
 
     @property
     def mobility(self) -> Array:
@@ -136,6 +131,8 @@ class BaseMotion:
         nominal: (k,) their values in units of their σ: by some the joint motion is too large.
         origin: time at which zeros and clocks that drift have their values [s].
         orbit, thrust, white: orbit of W's origin and log of thrust, if any, and white forces.
+        known_bodies: uncertainty of the spacecraft's bodies; None if they are exact.
+        errors: (c,) their present errors in units of σ, which the tree has; None for zero.
 
     Attributes:
         joint_errors: what the joint motion has too much.
@@ -157,9 +154,13 @@ class BaseMotion:
         orbit: Orbit | None,
         thrust: ThrustLog | None,
         white: Sequence[Force],
+        known_bodies: BodyUncertainty | None,
+        errors: Array | None,
     ) -> None:
         self.tree, self.joints, self.constants, self.origin = tree, joints, constants, origin
-        self.orbit, self.white = orbit, white
+        self.orbit, self.white, self.known_bodies = orbit, white, known_bodies
+        count = known_bodies.count(tree.wheels, joints.coefficients.shape[1]) if known_bodies else 0
+        self.body_errors = np.zeros(count) if errors is None else errors
         steady = steady_forces(constants, joints.start, joints.end)
         self.forces = {force.name: force for force in (*white, *steady)}
         self.joint_errors = JointErrors(joints, constants, nominal, origin, tree)
@@ -172,7 +173,7 @@ class BaseMotion:
 
     @cached_property
     def dynamics(self) -> BodyDynamics:
-        """The spacecraft's dynamics at all times; `effect_terms.relate` computes those of many."""
+        """The spacecraft's dynamics at all times; see also `kinematic_changes.relate`."""
         q, qdot = np.moveaxis(self.joint_motion(self.times), 1, 0)
         return BodyDynamics.at(self.tree, q, qdot)
 
@@ -186,15 +187,14 @@ class BaseMotion:
         """The thrust between the first and the last node; None if there is none."""
         if self._log is None or not self._log.acts(self.nodes[0], self.nodes[-1]):
             return None
-        return BlockThrust(
-            self._log,
-            self.nodes,
-            self.times,
-            self.grid,
-            self.interpolation,
-            self.capture_pose,
-            self.orbit,
-        )
+        return BlockThrust(self._log, self)
+
+    @cached_property
+    def torques(self) -> tuple[TurningTorque | BlockThrust, ...]:
+        """The torques that change with the attitude."""
+        turns = self.orbit is not None or self.constants.acting["torque_B"]
+        turning = (TurningTorque(self),) if turns else ()
+        return (*turning, self.thrust) if self.thrust is not None else turning
 
     def capture_pose(self, times: Array) -> tuple[Array, Array]:
         """Return R_BC (M, 3, 3) and p_BC (M, 3) of the capture frame at times (M,)."""
@@ -226,33 +226,27 @@ class BaseMotion:
         for force in self.forces.values():
             if force.turns:
                 L = L + force.impulse(self.times) @ self._entries(force, state)
-        if rotors is not None:  # L at the start is that of the other bodies
-            h, L = h + rotors, L + first @ rotors[0]
-        J = None if self.orbit is None else self.grid.inertia(state.psi)
-        leak = self.constants.value(state.constants, TORQUE_B)
-        added, pushed, last = np.zeros((N, 3)), None, 0.0
+        # rotors s count as h, and in L, which at the start is that of the other bodies alone
+        h, L = h + rotors, L + first @ rotors[0]
+        last = 0.0
         # With momentum the velocity depends on the attitude: iterate until the next change, by the
         # ratio of those before, is rounding error. Where Picard's iteration does not fall fast, it
         # multiplies rounding errors by the exponential of the rotation: then it is Newton's.
         for _ in range(_ROUNDS):
-            if self.orbit is not None and J is not None:
-                inertia_W = R @ J @ np.swapaxes(R, -1, -2)
-                added = self.accumulated(self.orbit.torque(inertia_W, self.nodes))
-            if leak is not None:
-                added = self.accumulated(R @ leak) + (added if J is not None else 0.0)
-            total = L[:N] + added
-            if self.thrust is not None:
-                pushed = self.thrust.momentum(R, state.psi)
-                total = total + pushed[:N]
-            w = rotate(inverse[:N], rotate(np.swapaxes(R, -1, -2), total) - h[:N])
+            total = L
+            for torque in self.torques:
+                total = total + torque.momentum(R, state)
+            # ω = J⁻¹ (Rᵀ L − h)
+            w = rotate(inverse[:N], rotate(np.swapaxes(R, -1, -2), total[:N]) - h[:N])
             spline = UniformSpline(self.nodes[0], step, w)
             if self.thrust is not None:
                 spline = self.thrust.spline(w, inverse[:N], R, state.psi)
             turned = integrated_attitude(first, step_angles(spline.steps(), w, step))
             change = float(np.abs(turned - R).max())
             if change > last / 10 > 0:
+                # of a turn ξ of R, ξ̇ = A ξ + ẏ with A = R J⁻¹ Rᵀ L×, and y what the steps miss
                 back = np.swapaxes(R, -1, -2)
-                A = R @ inverse[:N] @ back @ skew(total)
+                A = R @ inverse[:N] @ back @ skew(total[:N])
                 miss = np.diff(sines(turned @ back), axis=0)[..., None]
                 turn = carried(A[:-1], A[1:], miss, np.zeros((3, 1)), step)[..., 0]
                 turned = exponentials(turn) @ R
@@ -265,31 +259,13 @@ class BaseMotion:
         travel = None
         if self.thrust is not None:
             travel = self.thrust.travel(R, state.psi)
-        nodes = Trajectory(state, R, w, inverse, spline, total, travel, rotors)
+        nodes = Trajectory(self, state, R, w, inverse, spline, total[:N], travel, rotors)
         times = self.times[N:]
         if not len(times):
             return nodes
         R = np.concatenate([R, nodes.rotations(times)])
-        if J is not None or leak is not None:
-            L = L + np.concatenate([added, self.interpolation(times) @ added])
-        L = L if pushed is None else L + pushed
-        L_B = rotate(np.swapaxes(R, -1, -2), L)
-        return replace(nodes, R=R, w=rotate(inverse, L_B - h), L=L)
-
-    def gradient_by_psi(self, trajectory: Trajectory) -> Array | None:
-        """Return the derivative (U, 3, 10) of L by ψ because of the gravity gradient, in W.
-
-        None without one. The derivative is that at unchanged attitude; see `pose_change`.
-        """
-        if self.orbit is None:
-            return None
-        N = len(self.nodes)
-        R, r_W = trajectory.R[:N], self.orbit.nadir(self.nodes)
-        r = rotate(np.swapaxes(R, -1, -2), r_W)
-        by_psi = skew(r_W) @ R @ self.grid.inertia_regressor(r)
-        added = self.accumulated(3 * self.orbit.n**2 * by_psi)
-        later = self.interpolation(self.times[N:]) @ added.reshape(N, -1)
-        return np.concatenate([added, later.reshape(-1, 3, 10)])
+        L_B = rotate(np.swapaxes(R, -1, -2), total)
+        return replace(nodes, R=R, w=rotate(inverse, L_B - h), L=total)
 
     def accumulated(self, rates: Array) -> Array:
         """Return the integrals of rates (N, ...) at the nodes from the start to each node."""
@@ -297,10 +273,16 @@ class BaseMotion:
         steps = h * np.tensordot(step_weights(len(rates)), rates, axes=1)
         return np.concatenate([np.zeros_like(rates[:1]), np.cumsum(steps, axis=0)])
 
+    def at_instants(self, values: Array) -> Array:
+        """Return values (N, ...) at the nodes at all instants, (U, ...)."""
+        later = self.interpolation(self.times[len(self.nodes) :]) @ values.reshape(len(values), -1)
+        return np.concatenate([values, later.reshape(-1, *values.shape[1:])])
+
     def com_motion(self, trajectory: Trajectory, rows: slice) -> Array:
         """Return position [m] and velocity [m/s] (M, 6) of the centre of mass in W, at instants."""
         state, times, start = trajectory.state, self.times[rows], self.joints.start
         first = np.concatenate([state.p_Wcm, state.v_Wcm])
+        # [p; v] = Φ(t) [p₀; v₀] + ∫∫ a, ∫ a
         moved = np.asarray(transition(start, times, self.orbit) @ first)
         for force in self.forces.values():
             if not force.turns:
@@ -308,13 +290,12 @@ class BaseMotion:
                 moved = moved + both @ self._entries(force, state)
         return moved if trajectory.travel is None else moved + trajectory.travel[rows]
 
-    def _rotors(self, state: TrajectoryState) -> Array | None:
+    def _rotors(self, state: TrajectoryState) -> Array:
         """Return the angular momentum of rotors that the model does not have; see `Trajectory`."""
-        wheel, spin = (self.constants.value(state.constants, n) for n in (WHEEL, TARGET_WHEEL))
-        if wheel is None and spin is None:
-            return None
-        turned = np.zeros((len(self.times), 3)) if spin is None else self.dynamics.R_BC @ spin
-        return turned if wheel is None else turned + wheel
+        # s = s_B + R_BC s_C
+        base = self.constants.sum(state.constants, "", "rotors_B", 3)
+        target = self.constants.sum(state.constants, "", "rotors_C", 3)
+        return np.asarray(self.dynamics.R_BC @ target + base)
 
     def _entries(self, force: Force, state: TrajectoryState) -> Array:
         return (state.forces if force in self.white else state.constants)[force.rows]
@@ -325,68 +306,9 @@ class BaseMotion:
 
     def at_node(self, trajectory: Trajectory, k: int) -> TrajectoryState:
         """Return the state at a node of the grid."""
-        state, L = trajectory.state, trajectory.L[k]
-        if trajectory.rotors is not None:
-            L = L - trajectory.R[k] @ trajectory.rotors[k]
+        state, L = trajectory.state, trajectory.L[k] - trajectory.R[k] @ trajectory.rotors[k]
         p, v = np.split(self.com_motion(trajectory, slice(k, k + 1))[0], 2)
-        return replace(
-            state,
-            attitude=Rotation.from_matrix(trajectory.R[k]),
-            p_Wcm=p,
-            v_Wcm=v,
-            L=L,
-        )
-
-    def pose_change(
-        self, trajectory: Trajectory, w: Array, initial: Array, delay: Array
-    ) -> tuple[Array, Array]:
-        """Integrate ξ̇ = R (w + J⁻¹Rᵀ(L × ξ + λ)) and, with a torque, λ̇ = ∂τ/∂ξ ξ.
-
-        ξ is the change of the attitude, a rotation in W; λ is the change of L because the torque τ
-        of gravity gradient, thrust and leaks changes with the attitude. R w is integrated as the
-        attitude is, the other terms by the trapezoidal rule.
-
-        Args:
-            trajectory: the trajectory to linearize about.
-            w: (N, 3, n) change of the angular velocity at the nodes at unchanged attitude, in B.
-            initial: (3, n) change of the attitude at the start, a rotation in W.
-            delay: (n,) change of the delay of the thrust [s].
-
-        Returns:
-            ξ (N, 3, n), or ξ and λ (N, 6, n) with such a torque; and the total change of
-            the angular velocity (N, 3, n), in B.
-
-        """
-        h, N = self.nodes[1] - self.nodes[0], len(self.nodes)
-        R, L = trajectory.R[:N], trajectory.L[:N]
-        mobility = trajectory.mobility
-        coupling = mobility @ skew(L)
-        A = R @ coupling
-        theta = step_angles(trajectory.spline.steps(), trajectory.w[:N], h)
-        late = trajectory.spline.steps_by_delay()[..., None] * delay
-        turned = step_changes(R, trajectory.w[:N], theta, w, h, late)
-        leak = self.constants.value(trajectory.state.constants, TORQUE_B)
-        if self.orbit is not None or self.thrust is not None or leak is not None:
-            coupling = np.concatenate([coupling, mobility], axis=-1)
-            torque = np.zeros((N, 3, 3))
-            if self.orbit is not None:
-                J = R @ self.grid.inertia(trajectory.state.psi) @ np.swapaxes(R, -1, -2)
-                torque = self.orbit.torque_by_attitude(J, self.nodes)
-            if leak is not None:
-                torque = torque - skew(R @ leak)
-            below = np.concatenate([torque, np.zeros_like(torque)], axis=-1)
-            A = np.concatenate([R @ coupling, below], axis=-2)
-            turned = np.concatenate([turned, np.zeros_like(turned)], axis=-2)
-        first, last = A[:-1], A[1:]
-        if self.thrust is not None:  # it may change within a step: both ends have its mean
-            mean = self.thrust.torque_by_attitude(R, trajectory.state.psi)
-            first, last = first.copy(), last.copy()
-            first[:, 3:, :3] += mean
-            last[:, 3:, :3] += mean
-        start = np.zeros((A.shape[-1], w.shape[-1]))
-        start[:3] = initial
-        change = carried(first, last, turned, start, h)
-        return change, w + coupling @ change
+        return replace(state, attitude=Rotation.from_matrix(trajectory.R[k]), p_Wcm=p, v_Wcm=v, L=L)
 
     def interpolation(self, times: Array) -> Array:
         """Return (M, N) weights of the nodes at times (M,): those of the spline of w.

@@ -18,8 +18,9 @@ from scipy.spatial.transform import Rotation
 from cpid_drake.array import Array
 from cpid_drake.dynamics.plane import NORMAL_W
 from cpid_drake.dynamics.rotations import cross, exponentials, right_jacobian, rotate, skew
-from cpid_drake.estimation.likelihood.constants import BIAS, CLOCK_DRIFT, DELAY, Constants
-from cpid_drake.estimation.likelihood.effect_terms import MotionChange
+from cpid_drake.estimation.likelihood.constants import Constants
+from cpid_drake.estimation.likelihood.error_effects import Way
+from cpid_drake.estimation.likelihood.motion_change import MotionChange
 from cpid_drake.estimation.likelihood.motion_model import BaseMotion, Trajectory
 from cpid_drake.estimation.likelihood.uniform_spline import GAUSS_LEGENDRE
 from cpid_drake.files.errors import InputError
@@ -44,7 +45,8 @@ class SensorModel(ABC):
         suite: the sensors' errors.
         motion: motion of the base.
         instants: rows of the samples in `BaseMotion.times`, if the sensor needs them there.
-        late: (M,) by how much its stamps are later than those of the encoders [s].
+        clock: (2, M) by how much its stamps are later than those of the encoders [s], and by how
+            much the clock of the encoders is fast.
 
     Attributes:
         scale: (d,) σ of the components of a sample that enter: 3, or those in a table's plane.
@@ -61,11 +63,12 @@ class SensorModel(ABC):
         suite: SensorSuite,
         motion: BaseMotion,
         instants: slice,
-        late: Array,
+        clock: Array,
     ) -> None:
         self.name, self.samples, self.sigmas = name, samples, suite.sigmas(name)
         self._errors, self._at = suite[name], instants
-        self._motion, self._times = motion, samples.time - late
+        (late, self._fast), self._motion = clock, motion
+        self._times = samples.time - late
         normal = motion.tree.normal_B
         self._is_planar = normal is not None
         self._axes = np.eye(3) if normal is None else self._measured(normal)
@@ -73,10 +76,9 @@ class SensorModel(ABC):
 
     def residuals(self, trajectory: Trajectory) -> Array:
         """Return measured minus predicted values (M, d) in units of σ."""
-        constants, error = self._motion.constants, self._error(trajectory)
-        fast = constants.value(trajectory.state.constants, f"{ENCODERS}.{CLOCK_DRIFT}")
-        if fast is not None:
-            error = error - fast * self._per_second(trajectory)
+        error = self._error(trajectory)
+        if self._fast.any():
+            error = error - self._fast[:, None] * self._per_second(trajectory)
         return self.whitened(error[..., None])[..., 0]
 
     def whitened(self, values: Array) -> Array:
@@ -101,20 +103,26 @@ class SensorModel(ABC):
     def by_unknowns(self, trajectory: Trajectory) -> dict[str, Array]:
         """Return the derivatives (M, 3, size) of the readings by unknowns at the same motion.
 
-        They are in SI units, by the names of constant errors in units of their σ. A delay of the
-        encoders means that all other sensors are early. If their clock is fast, so is the motion,
-        whose rates others show as they are.
+        They are in SI units, by the names of constant errors in units of their σ.
         """
-        errors = self._motion.constants.errors
-        by = {f"{self.name}.{kind}": d for kind, d in self._kinds(trajectory).items()}
-        clocks = {f"{name}.{k}" for name in (self.name, ENCODERS) for k in (DELAY, CLOCK_DRIFT)}
-        if clocks & errors.keys():
-            rate = self._rate(trajectory)[..., None]
-            grown = (self.samples.time - self._motion.origin)[:, None, None] * rate
-            by |= {f"{self.name}.{DELAY}": -rate, f"{self.name}.{CLOCK_DRIFT}": -grown}
-            grown = grown + self._per_second(trajectory)[..., None]
-            by |= {f"{ENCODERS}.{DELAY}": rate, f"{ENCODERS}.{CLOCK_DRIFT}": grown}
-        return {name: errors[name].sigma * d for name, d in by.items() if name in errors}
+        constants, by = self._motion.constants, dict[str, Array]()
+        for way, of in self._by(trajectory).items():
+            for error in constants.acting[way, self.name]:
+                by[error.name] = error.sigma * (of @ error.effect.how)
+        # y(t − late), of which ∂late/∂e = a + b t; if the encoders are late, this is early, and if
+        # their clock is fast, so is the motion, whose rates this shows as they are
+        own, common = constants.acting["clock", self.name], constants.acting["clock", ENCODERS]
+        if own or common:
+            rate, elapsed = self._rate(trajectory), self.samples.time - self._motion.origin
+            grown = elapsed[:, None] * rate
+            faster = grown + self._per_second(trajectory)
+        for error in own:
+            a, b = error.effect.how
+            by[error.name] = -error.sigma * (a * rate + b * grown)[..., None]
+        for error in common:
+            a, b = error.effect.how
+            by[error.name] = error.sigma * (a * rate + b * faster)[..., None]
+        return by
 
     def _measured(self, normal_B: Array) -> Array:
         """Return the axes (d, 3) of the components in the plane, in the errors' frame."""
@@ -135,13 +143,12 @@ class SensorModel(ABC):
         return np.zeros((len(self.samples), 3))
 
     @abstractmethod
-    def _kinds(self, trajectory: Trajectory) -> dict[str, Array]:
-        """Return the derivatives (M, 3, size) w.r.t. constant errors except clocks, by kind."""
+    def _by(self, trajectory: Trajectory) -> dict[str, Array]:
+        """Return the derivatives (M, 3, n) of the readings by what errors change, by the way."""
 
-    def _constant(self, trajectory: Trajectory, kind: str) -> Array | None:
-        """Return the nominal value of a constant error of this sensor; None without it."""
-        constants = trajectory.state.constants
-        return self._motion.constants.value(constants, f"{self.name}.{kind}")
+    def _sum(self, trajectory: Trajectory, way: Way, size: int = 3) -> Array:
+        """Return what this sensor's errors of a way change together, (size,)."""
+        return self._motion.constants.sum(trajectory.state.constants, self.name, way, size)
 
     @cached_property
     def _weights(self) -> Array:
@@ -158,33 +165,30 @@ class AttitudeModel(SensorModel):
     """A star tracker; errors are about the axes of its boresight frame."""
 
     def _measured(self, normal_B: Array) -> Array:
-        assert isinstance(self._errors, AttitudeSensor)
-        return np.asarray((normal_B @ self._errors.R_BS)[None])
+        return np.asarray((normal_B @ self._R_BS)[None])
 
     def _error(self, trajectory: Trajectory) -> Array:
+        # log((R exp(m))ᵀ R_measured) about the axes S
         turned = np.swapaxes(self._predicted(trajectory), -1, -2) @ self._R_WB
         return np.asarray(Rotation.from_matrix(turned).as_rotvec() @ self._R_BS)
 
     def _derivative(self, trajectory: Trajectory, change: MotionChange, xi: Array) -> Array:
+        # Rᵀ ξ about the axes S, with R and S of the mounted sensor
         R = self._predicted(trajectory)
         return self._R_BS.T @ np.swapaxes(R, -1, -2) @ self._at_samples(xi)
 
     def _rate(self, trajectory: Trajectory) -> Array:
-        return (
-            trajectory.spline(self._times) @ exponentials(self._mounting(trajectory)) @ self._R_BS
-        )
+        turn = exponentials(self._sum(trajectory, "turn"))
+        return trajectory.spline(self._times) @ turn @ self._R_BS
 
-    def _kinds(self, trajectory: Trajectory) -> dict[str, Array]:
-        by = self._R_BS.T @ right_jacobian(self._mounting(trajectory))
-        return {"mounting": np.broadcast_to(by, (len(self.samples), 3, 3))}
-
-    def _mounting(self, trajectory: Trajectory) -> Array:
-        mounting = self._constant(trajectory, "mounting")
-        return np.zeros(3) if mounting is None else mounting
+    def _by(self, trajectory: Trajectory) -> dict[str, Array]:
+        # exp(m + dm) = exp(m) exp(J_r dm)
+        by = self._R_BS.T @ right_jacobian(self._sum(trajectory, "turn"))
+        return {"turn": np.broadcast_to(by, (len(self.samples), 3, 3))}
 
     def _predicted(self, trajectory: Trajectory) -> Array:
         """Return the attitudes (M, 3, 3) that an exact sensor would measure."""
-        return trajectory.rotations(self._times) @ exponentials(self._mounting(trajectory))
+        return trajectory.rotations(self._times) @ exponentials(self._sum(trajectory, "turn"))
 
     @cached_property
     def _R_WB(self) -> Array:
@@ -204,8 +208,8 @@ class GyroModel(SensorModel):
         return normal_B[None]
 
     def _error(self, trajectory: Trajectory) -> Array:
-        bias, w = self._constant(trajectory, BIAS), self._mean(trajectory.spline)
-        assert bias is not None
+        # y − M ω − b
+        w, bias = self._mean(trajectory.spline), self._sum(trajectory, "offset")
         return np.asarray(self.samples.value - w @ self._matrix(trajectory).T - bias)
 
     def _derivative(self, trajectory: Trajectory, change: MotionChange, xi: Array) -> Array:
@@ -220,23 +224,16 @@ class GyroModel(SensorModel):
     def _per_second(self, trajectory: Trajectory) -> Array:
         return self._mean(trajectory.spline)
 
-    def _kinds(self, trajectory: Trajectory) -> dict[str, Array]:
+    def _by(self, trajectory: Trajectory) -> dict[str, Array]:
         w = self._mean(trajectory.spline)
-        scale = w[:, :, None] * np.eye(3)
-        measured, true = np.nonzero(~np.eye(3, dtype=bool))  # axes of the six misalignments
-        misalignment = np.zeros((len(w), 3, 6), w.dtype)
-        misalignment[:, measured, np.arange(6)] = w[:, true]
-        bias = np.broadcast_to(np.eye(3), scale.shape)
-        return {BIAS: bias, "scale": scale, "misalignment": misalignment}
+        # y = M w + b: of the entries of M, row by row, each row has wᵀ
+        matrix = np.eye(3)[:, :, None] * w[:, None, None]
+        offset = np.broadcast_to(np.eye(3), (len(w), 3, 3))
+        return {"offset": offset, "matrix": matrix.reshape(len(w), 3, 9)}
 
     def _matrix(self, trajectory: Trajectory) -> Array:
-        """Return the matrix (3, 3) of scales and misalignments that multiplies w."""
-        scale = self._constant(trajectory, "scale")
-        misalignment = self._constant(trajectory, "misalignment")
-        matrix = np.eye(3) if scale is None else np.eye(3) + np.diag(scale)
-        if misalignment is not None:
-            matrix[~np.eye(3, dtype=bool)] = misalignment
-        return matrix
+        """Return the matrix M (3, 3) of scales and misalignments that multiplies w."""
+        return np.eye(3) + self._sum(trajectory, "matrix", 9).reshape(3, 3)
 
     @cached_property
     def _points(self) -> tuple[tuple[float, float], ...]:
@@ -266,13 +263,14 @@ class TranslationModel(SensorModel):
     def _arms(self, trajectory: Trajectory, rows: slice) -> tuple[Array, Array, Array]:
         """Return R_WB, and arms from the point to the centre of mass and their rates, in B."""
         dynamics, psi = self._motion.dynamics.part(rows), trajectory.state.psi
-        arm, lever_arm = dynamics.com(psi), self._constant(trajectory, "lever_arm")
-        arm = arm if lever_arm is None else arm - lever_arm
+        # a = ρ − l, and a' = ω × a + ρ' in W, seen in B
+        arm = dynamics.com(psi) - self._sum(trajectory, "point")
         rate = cross(trajectory.w[rows], arm) + dynamics.com_rate(psi)
         return trajectory.R[rows], arm, rate
 
     def _velocity(self, trajectory: Trajectory, rows: slice) -> Array:
         """Return the velocity (M, 3) of the measured point, in W, at instants."""
+        # v = v_cm − R a'
         R, _, rate = self._arms(trajectory, rows)
         return self._motion.com_motion(trajectory, rows)[:, 3:] - rotate(R, rate)
 
@@ -281,17 +279,19 @@ class PositionModel(TranslationModel):
     """A sensor of the position in W."""
 
     def _error(self, trajectory: Trajectory) -> Array:
+        # p = p_cm − R a
         R, arm, _ = self._arms(trajectory, self._at)
         com = self._motion.com_motion(trajectory, self._at)[:, :3]
         return np.asarray(self.samples.value - (com - rotate(R, arm)))
 
     def _derivative(self, trajectory: Trajectory, change: MotionChange, xi: Array) -> Array:
+        # δp = δp_cm + (R a) × ξ − R δρ
         R, arm, _ = self._arms(trajectory, self._at)
         turned = skew(rotate(R, arm)) @ self._at_samples(xi)
         return np.asarray(turned - R @ change.com[self._at] + change.position[self._at])
 
-    def _kinds(self, trajectory: Trajectory) -> dict[str, Array]:
-        return {"lever_arm": trajectory.R[self._at]}
+    def _by(self, trajectory: Trajectory) -> dict[str, Array]:
+        return {"point": trajectory.R[self._at]}
 
     def _rate(self, trajectory: Trajectory) -> Array:
         return self._velocity(trajectory, self._at)
@@ -304,6 +304,7 @@ class VelocityModel(TranslationModel):
         return np.asarray(self.samples.value - self._velocity(trajectory, self._at))
 
     def _derivative(self, trajectory: Trajectory, change: MotionChange, xi: Array) -> Array:
+        # δv = δv_cm + (R a') × ξ − R (ω × δρ − a × δω + δρ')
         R, arm, rate = self._arms(trajectory, self._at)
         turned = skew(trajectory.w[self._at]) @ change.com[self._at]
         late = trajectory.spline.by_delay(self._times)[..., None] * change.delay
@@ -312,8 +313,9 @@ class VelocityModel(TranslationModel):
         by_com = R @ (turned + change.com_rate[self._at])
         return np.asarray(change.velocity[self._at] + relative - by_com)
 
-    def _kinds(self, trajectory: Trajectory) -> dict[str, Array]:
-        return {"lever_arm": trajectory.R[self._at] @ skew(trajectory.w[self._at])}
+    def _by(self, trajectory: Trajectory) -> dict[str, Array]:
+        # v = ... + R (ω × l)
+        return {"point": trajectory.R[self._at] @ skew(trajectory.w[self._at])}
 
     def _rate(self, trajectory: Trajectory) -> Array:
         times, weights = self._times, self._motion.interpolation
@@ -324,8 +326,8 @@ class VelocityModel(TranslationModel):
         return self._velocity(trajectory, self._at)
 
 
-def lateness(name: str, stamps: Array, constants: Constants, values: Array, origin: float) -> Array:
-    """Return by how much a sensor's stamps (M,) are later than those of the encoders (M,) [s].
+def clock_of(name: str, stamps: Array, constants: Constants, values: Array, origin: float) -> Array:
+    """Return by how much a sensor's stamps are later than those of the encoders [s].
 
     Args:
         name: of the sensor.
@@ -334,20 +336,23 @@ def lateness(name: str, stamps: Array, constants: Constants, values: Array, orig
         values: (k,) their values.
         origin: time at which clocks that drift have their delays [s].
 
+    Returns:
+        (2, M) the latter, and by how much the clock of the encoders is fast.
+
     Raises:
         InputError: the delay is so long that the motion is not known so far from the block.
 
     """
-    late = np.zeros(len(stamps))
+    clock = np.zeros((2, len(stamps)))
     for owner, sign in ((name, 1.0), (ENCODERS, -1.0)):
-        for kind, grows in ((DELAY, 1.0), (CLOCK_DRIFT, stamps - origin)):
-            value = constants.value(values, f"{owner}.{kind}")
-            if value is not None:
-                late = late + sign * value * grows
-    worst = late[np.argmax(np.abs(late))] if len(late) else 0.0
+        for error in constants.acting["clock", owner]:
+            (a, b), value = error.effect.how, constants.value(values, error)
+            clock[0] += sign * value * (a + b * (stamps - origin))
+            clock[1] += (sign < 0) * value * b
+    worst = clock[0, np.argmax(np.abs(clock[0]))] if len(stamps) else 0.0
     if not abs(worst) < LONGEST_DELAY:
         raise InputError(f"{name}: a delay of {worst:.3g} s cannot be modelled")
-    return late
+    return clock
 
 
 _MODELS: dict[str, type[SensorModel]] = {

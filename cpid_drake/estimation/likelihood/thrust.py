@@ -20,17 +20,21 @@ Source: Hughes 2004, Spacecraft Attitude Dynamics, ch. 3.
 """
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import csr_array
 
 from cpid_drake.array import Array
-from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.orbit import Orbit
 from cpid_drake.dynamics.plane import NORMAL_W
 from cpid_drake.dynamics.rotations import cross, rotate, skew
 from cpid_drake.estimation.likelihood.actuators import Actuators, ThrustLog
 from cpid_drake.estimation.likelihood.uniform_spline import GAUSS_LEGENDRE, RampedSpline
+
+if TYPE_CHECKING:  # their modules import this one
+    from cpid_drake.estimation.likelihood.motion_change import MotionChange
+    from cpid_drake.estimation.likelihood.motion_model import BaseMotion, TrajectoryState
 
 Weights = Callable[[Array], Array | csr_array]
 """Returns the weights (Q, N) of the nodes at times (Q,)."""
@@ -102,31 +106,15 @@ class Push:
 
 
 class BlockThrust:
-    """The thrust in one block, and the integrals of its effects up to U instants.
+    """The thrust in the motion of one block, and the integrals of its effects up to U instants.
 
-    Args:
-        log: what the actuators do.
-        nodes: (N,) times of the grid [s].
-        times: (U,) instants from the first to the last node [s].
-        grid: the spacecraft's dynamics at the nodes.
-        interpolation: see `Weights`.
-        pose: see `Pose`.
-        orbit: the orbit of W's origin; None for none.
-
+    Its methods take attitudes R_WB (N, 3, 3) at the nodes and the target's ψ (10,).
     """
 
-    def __init__(
-        self,
-        log: ThrustLog,
-        nodes: Array,
-        times: Array,
-        grid: BodyDynamics,
-        interpolation: Weights,
-        pose: Pose,
-        orbit: Orbit | None = None,
-    ) -> None:
-        self._grid, self._nodes, samples = grid, nodes, log.samples
-        is_free = grid.normal_B is None  # a table holds tilt and height
+    def __init__(self, log: ThrustLog, motion: "BaseMotion") -> None:
+        nodes, times, orbit = motion.nodes, motion.times, motion.orbit
+        self._grid, self._nodes, samples = motion.grid, nodes, log.samples
+        is_free = self._grid.normal_B is None  # a table holds tilt and height
         self._turns = np.ones(3) if is_free else NORMAL_W
         self._moves = np.ones(3) if is_free else 1 - NORMAL_W
         inside = (samples.time > nodes[0]) & (samples.time < nodes[-1])
@@ -144,32 +132,25 @@ class BlockThrust:
         ends = np.repeat(edges[1:][on], len(x))
         size, self._by = samples.value[each], log.by[each]
         self._weights = weights * (ends <= times[:, None])
-        self._push = Push(log.actuators, size, points, interpolation, pose)
+        at = motion.interpolation, motion.capture_pose
+        self._push = Push(log.actuators, size, points, *at)
         self._size = size
         self._drift = transition(nodes[0], times, orbit)
         self._pulled_back = np.linalg.inv(transition(nodes[0], points, orbit))[:, :, 3:]
         self._switches = switches
         self._since = (switches < times[:, None]).astype(float)
         self._switched_back = np.linalg.inv(transition(nodes[0], switches, orbit))[:, :, 3:]
-        self._at_switches = Push(log.actuators, jumps, switches, interpolation, pose)
+        self._at_switches = Push(log.actuators, jumps, switches, *at)
 
     # -- the motion --------------------------------------------------------------------------------
 
-    def momentum(self, R: Array, psi: Array) -> Array:
-        """Return the angular momentum (U, 3) that the thrust has added, in W [N·m·s].
-
-        Args:
-            R: (N, 3, 3) attitudes R_WB at the nodes.
-            psi: (10,) relative unknowns of the target.
-
-        """
-        return self._accumulated(self._turns * self._push.torque(R, self._grid.com(psi)))
+    def momentum(self, R: Array, state: "TrajectoryState") -> Array:
+        """See `TurningTorque`."""
+        return self._accumulated(self._turns * self._push.torque(R, self._grid.com(state.psi)))
 
     def travel(self, R: Array, psi: Array) -> Array:
-        """Return what the thrust adds to position [m] and velocity [m/s] of the centre of mass.
-
-        (U, 6) in W; the arguments are those of `momentum`.
-        """
+        """Return what the thrust adds to position [m] and velocity [m/s] (U, 6), in W."""
+        # v' = Σ f / m
         force = self._moves * self._push.force(R)
         return self._travelled(self._inverse_mass(psi) * force[..., None])[..., 0]
 
@@ -179,9 +160,10 @@ class BlockThrust:
         Args:
             w: (N, 3) angular velocity at the nodes, in B [rad/s].
             inverse: (N, 3, 3) inverse of the system's inertia at the nodes, in B.
-            R, psi: see `momentum`.
+            R, psi: see the class.
 
         """
+        # ω' jumps by J⁻¹ Rᵀ ΔL'
         push = self._at_switches
         torque = push.torque(R, self._grid.com(psi))
         torque = rotate(np.swapaxes(push.rotations(R), -1, -2), torque)
@@ -192,71 +174,52 @@ class BlockThrust:
 
     # -- derivatives -------------------------------------------------------------------------------
 
-    def momentum_change(
-        self, R: Array, psi: Array, com: Array, screw: Array, errors: Array, delay: Array
-    ) -> Array:
-        """Return the change (U, 3, n) of the angular momentum at unchanged attitude, in W.
-
-        Args:
-            R, psi: see `momentum`.
-            com: (N, 3, n) change of ρ at the nodes, in B.
-            screw: (N, 6, n) of the target at the nodes; see `MotionChange`.
-            errors, delay: (P, n) and (n,) change of the errors of the thrust, and of its delay.
-
-        """
-        n, turned = com.shape[-1], self._push.rotations(R)
-        moved = (self._push.to @ com.reshape(len(com), -1)).reshape(-1, 3, n)
-        rate = skew(self._push.force(R)) @ turned @ moved
-        rate += self._by_screw(R, psi, screw)[0]
-        if len(errors):
-            rate += self._by_errors(self._push.torques(R, self._grid.com(psi))) @ errors
+    def momentum_change(self, R: Array, psi: Array, change: "MotionChange") -> Array:
+        """Return the change (U, 3, n) of the angular momentum at unchanged attitude, in W."""
+        # δL' = Σ f × R δρ + ∂L'/∂e δe, and by the screws
+        com, delay = change.com[: len(R)], change.delay
+        moved = (self._push.to @ com.reshape(len(com), -1)).reshape(-1, 3, com.shape[-1])
+        rate = skew(self._push.force(R)) @ self._push.rotations(R) @ moved
+        rate += self._by_screw(R, psi, change.screw)[0]
+        if len(change.thrust):
+            rate += self._by_errors(self._push.torques(R, self._grid.com(psi))) @ change.thrust
         added = self._accumulated(self._turns[:, None] * rate)
         if delay.any():  # what every switch has added comes later
             torque = self._turns * self._at_switches.torque(R, self._grid.com(psi))
             added -= (self._since @ torque)[..., None] * delay
         return added
 
-    def torque_by_attitude(self, R: Array, psi: Array) -> Array:
-        """Return the mean derivative (N − 1, 3, 3) of L' by ξ in each step; see `momentum`."""
-        push, com = self._push, self._grid.com(psi)
+    def by_attitude(self, R: Array, state: "TrajectoryState") -> tuple[Array, Array]:
+        """See `TurningTorque`; it may change within a step, both of whose ends have its mean."""
+        push, com = self._push, self._grid.com(state.psi)
+        # ξ × L' of forces that turn with the base
         by_turn = -skew(_sum(self._size * ~push.in_world, push.torques(R, com)))
-        if push.in_world.any():  # these turn the point, and not the force
+        if push.in_world.any():  # (ξ × R (a − ρ)) × f: the point turns, and not the force
             given = self._size * push.in_world
             f, r = skew(push.forces(R)), skew(push.arms(R, com))
             by_turn += np.einsum("qv,qvij->qij", given, f @ r)
         added = self._accumulated(self._turns[:, None] * by_turn)[: len(self._nodes)]
-        return np.asarray(np.diff(added, axis=0) / (self._nodes[1] - self._nodes[0]))
+        mean = np.diff(added, axis=0) / (self._nodes[1] - self._nodes[0])
+        return mean, mean
 
-    def travel_change(
-        self,
-        R: Array,
-        psi: Array,
-        xi: Array,
-        inverse_mass: Array,
-        screw: Array,
-        errors: Array,
-        delay: Array,
-    ) -> Array:
+    def travel_change(self, R: Array, psi: Array, xi: Array, change: "MotionChange") -> Array:
         """Return the changes (U, 6, n) of position and velocity of the centre of mass, in W.
 
-        Args:
-            R, psi, screw, errors, delay: see `momentum_change`.
-            xi: (N, 3, n) change of the attitude at the nodes, a rotation in W.
-            inverse_mass: (n,) change of 1/m.
-
+        With ξ (N, 3, n), the change of the attitude at the nodes, a rotation in W.
         """
+        # δv' = (ξ × Σ f + ∂Σf/∂e δe) / m + Σ f δ(1/m), and by the screws
         forces, turning = self._push.forces(R), self._size * ~self._push.in_world
         turned = (self._push.to @ xi.reshape(len(xi), -1)).reshape(-1, 3, xi.shape[-1])
-        rate = self._by_screw(R, psi, screw)[1] - skew(_sum(turning, forces)) @ turned
-        if len(errors):
-            rate += self._by_errors(forces) @ errors
+        rate = self._by_screw(R, psi, change.screw)[1] - skew(_sum(turning, forces)) @ turned
+        if len(change.thrust):
+            rate += self._by_errors(forces) @ change.thrust
         rate *= self._inverse_mass(psi)
-        rate += self._push.force(R)[..., None] * inverse_mass
+        rate += self._push.force(R)[..., None] * change.inverse_mass
         travelled = self._travelled(self._moves[:, None] * rate)
-        if delay.any():
+        if change.delay.any():
             force = self._moves * self._inverse_mass(psi) * self._at_switches.force(R)
             late = self._drift @ (self._since @ rotate(self._switched_back, force))[..., None]
-            travelled -= late * delay
+            travelled -= late * change.delay
         return travelled
 
     # -- at the points -----------------------------------------------------------------------------

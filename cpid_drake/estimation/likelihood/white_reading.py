@@ -4,9 +4,9 @@ import numpy as np
 
 from cpid_drake.array import Array
 from cpid_drake.dynamics.rotations import rotate
-from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.estimation.likelihood.effect_terms import MotionChange, inertia_changes
 from cpid_drake.estimation.likelihood.forces import Force
+from cpid_drake.estimation.likelihood.kinematic_changes import inertia_changes
+from cpid_drake.estimation.likelihood.motion_change import MotionChange
 from cpid_drake.estimation.likelihood.motion_model import BaseMotion, Trajectory
 from cpid_drake.logs.log import Samples
 
@@ -22,17 +22,9 @@ class WhiteReading:
 
     at_instants = False
 
-    def __init__(
-        self,
-        motion: BaseMotion,
-        force: Force,
-        known_bodies: BodyUncertainty | None = None,
-        errors: Array | None = None,
-    ) -> None:
+    def __init__(self, motion: BaseMotion, force: Force) -> None:
         self._force, self._motion = force, motion
-        self._known_bodies, self._errors = known_bodies, errors
-        shape = force.pieces, force.size // force.pieces
-        zeros = np.zeros(shape)
+        zeros = np.zeros((force.pieces, len(force.axes)))
         self.samples = Samples(np.asarray(force.middles, dtype=np.float64), zeros)
 
     def residuals(self, trajectory: Trajectory) -> Array:
@@ -54,14 +46,7 @@ class WhiteReading:
         R, axes = trajectory.R[nodes], self._force.axes
         torque = rotate(np.swapaxes(R, -1, -2), forces.reshape(self.samples.value.shape) @ axes)
         acceleration = rotate(trajectory.inverse[nodes], torque)
-        by = inertia_changes(
-            self._motion,
-            nodes,
-            trajectory.state.psi,
-            acceleration,
-            self._known_bodies,
-            self._errors,
-        )
+        by = inertia_changes(trajectory, nodes, acceleration)
         return itself | {name: -axes @ R @ value for name, value in by.items()}
 
     def whitened(self, values: Array) -> Array:

@@ -12,8 +12,9 @@ from sensing_cases import MOMENTUM, coarse_suite, true_telemetry
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.momentum import momentum_samples, target_momentum
 from cpid_drake.estimation.block import Block
-from cpid_drake.estimation.likelihood.effect_terms import MotionChange
+from cpid_drake.estimation.likelihood.kinematic_changes import with_changes
 from cpid_drake.estimation.likelihood.model import BlockModel
+from cpid_drake.estimation.likelihood.motion_change import MotionChange
 from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.sensors import JointSensor
 from cpid_drake.spacecraft.free_floating import FreeFloatingDynamics
@@ -66,11 +67,12 @@ def test_what_yields_moves_the_base_as_joints_do_that_have_moved(case, loads, ki
     joints = joints_of(Block(START, END, samples), case.suite)
     model = BlockModel(case.craft.tree, joints, samples, case.suite, None, 0.0125)
     motion, load = model.motion, loads[kind]
-    trajectory, times = motion.trajectory(case.state(START)), motion.times
+    [trajectory] = with_changes([motion.trajectory(case.state(START))])
+    times = motion.times
     q, qdot = np.moveaxis(motion.joint_motion(times), 1, 0)
     width = load(0.0).size
-    change = MotionChange.zeros(motion, width)
-    model.effects[kind](motion, trajectory, change)
+    change = MotionChange.zeros(trajectory, width)
+    model.effects[kind](trajectory, change)
     L_B = np.einsum("nji,nj->ni", trajectory.R, trajectory.L)
     tree = case.craft.tree.with_target(case.target.to_standard_vector())
     for axis in range(width):

@@ -12,10 +12,12 @@ from sensing_cases import MOMENTUM, true_telemetry
 from cpid_drake.dynamics.propagation import Wrench, propagate
 from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.likelihood.constants import Constants
+from cpid_drake.estimation.likelihood.error_effects import EFFECTS
 from cpid_drake.estimation.likelihood.model import BlockModel, jump_between
 from cpid_drake.estimation.roll import jumped
 from cpid_drake.logs.log import Samples
 from cpid_drake.sensors.disturbances import Disturbances
+from cpid_drake.sensors.error_kinds import KINDS
 from cpid_drake.sensors.sensors import SENSORS
 
 START, END = 1.0, 2.5
@@ -103,6 +105,24 @@ def largest_residual(case, samples, joints, constants):
 def truth(case, times):
     tree, names = case.craft.tree, case.craft.joint_names
     return true_telemetry(tree, names, case.motion, case.target, times, case.momentum_W)
+
+
+def test_every_kind_of_errors_acts_in_some_way():
+    assert EFFECTS.keys() == KINDS.keys()
+
+
+def test_a_new_kind_is_two_records(case, monkeypatch):
+    """Rotors in the base that turn about one axis are those about any axis with one entry."""
+    about_y = replace(KINDS["wheel"], name="rotor", entries=1)
+    monkeypatch.setitem(KINDS, "rotor", about_y)
+    monkeypatch.setitem(EFFECTS, "rotor", replace(EFFECTS["wheel"], how=np.eye(3)[:, 1:2]))
+    samples, joints = exact_block(case, lambda times, _: truth(case, times), case.suite)
+    model, state = model_at(case, samples, joints, with_values(case.suite, rotor=0.3, wheel=0.1))
+    J, end = model.jacobian(model.motion.trajectory(state))
+    own, all_axes = model.columns["rotor"].start, model.columns["wheel"].start
+    assert np.abs(J[:, own]).max() > 0.1
+    np.testing.assert_allclose(J[:, own], J[:, all_axes + 1], rtol=1e-12)
+    np.testing.assert_allclose(end[:, own], end[:, all_axes + 1], rtol=1e-12)
 
 
 @pytest.mark.parametrize("late", [LATE, -LATE])
