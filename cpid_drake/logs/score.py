@@ -28,8 +28,8 @@ from cpid_drake.array import Array
 from cpid_drake.dynamics.momentum import MomentumSamples, momentum_samples
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.parameterizations import tensor_to_vector, vector_to_tensor
-from cpid_drake.dynamics.rotations import rotate, skew
-from cpid_drake.dynamics.rows import RELATIVE_ROWS
+from cpid_drake.dynamics.rotations import rotate
+from cpid_drake.dynamics.rows import RELATIVE_ROWS, conserved
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.logs.instants import Instants
 from cpid_drake.logs.noise_estimation import RESOLUTION
@@ -199,23 +199,19 @@ def _linear(
 
     None without attitudes, or if nothing moves.
     """
-    C, clock = samples.motion, given.time / max(given.time[-1], 1e-300)
+    clock = given.time / max(given.time[-1], 1e-300)
     has_position = "position" in given.values
-    if has_position:
-        powers = [np.ones_like(clock), clock, clock**2]
-        of_craft, arm, moment = samples.p_WKcm, C.p_WC - samples.p_WKcm, -C.R_WC
-    else:
-        powers = [np.ones_like(clock), clock]
-        of_craft = samples.P / samples.mass
-        arm, moment = C.v_WC - of_craft, -skew(C.w_WC) @ C.R_WC
+    powers = [np.ones_like(clock), clock, *([clock**2] if has_position else [])]
     drift = np.stack(powers, axis=1)
     size = _rms(y - drift @ np.linalg.lstsq(drift, y, rcond=None)[0])
     if "attitude" not in given.values or not size > _LEAST * max(np.abs(y).max(), 1e-3):
         return None
-    T = np.concatenate([-arm[:, :, None], moment], axis=2) / samples.mass
+    rows = conserved(samples)[2 if has_position else 1]
     columns = [power[:, None, None] * np.eye(3) for power in powers]
     D = np.concatenate([*columns, *([given.R_WB] if has_free_point and has_position else [])], 2)
-    return T.reshape(y.size, 4), D.reshape(y.size, -1), (y + of_craft).reshape(-1), size
+    # y + k = D d − A (μ, μc), with the spacecraft's k = −b: the base's origin is at zero in samples
+    moved = (y - rows[..., 10]).ravel()
+    return -rows[..., :4].reshape(y.size, 4), D.reshape(y.size, -1), moved, size
 
 
 def _has_inertia(x: Array, root: Array, tree: KinematicTree) -> bool:

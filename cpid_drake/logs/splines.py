@@ -17,7 +17,7 @@ from scipy.sparse.linalg import splu
 from cpid_drake.array import Array
 from cpid_drake.logs.log import Samples
 
-PIECES = (2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64, 91, 128, 181, 256, 362, 512)
+PIECES = tuple(round(2 ** (k / 2)) for k in range(2, 29))
 """Numbers of pieces that are tried; each is the one before times about √2."""
 
 DEGREE = 5
@@ -29,13 +29,19 @@ GAP = 3.0
 Fit = TypeVar("Fit")
 
 
-def regression_spline(samples: Samples) -> BSpline:
-    """Return the spline through samples whose noise is not known; it is kept for the same again."""
-    return _regression_spline(samples.time.tobytes(), samples.value.tobytes())
+def regression_spline(samples: Samples, first: int = 0) -> BSpline:
+    """Return the spline through samples whose noise is not known; it is kept for the same again.
+
+    Args:
+        samples: (N, width).
+        first: see `best`.
+
+    """
+    return _regression_spline(samples.time.tobytes(), samples.value.tobytes(), first)
 
 
 @lru_cache(maxsize=32)
-def _regression_spline(times: bytes, values: bytes) -> BSpline:
+def _regression_spline(times: bytes, values: bytes, first: int) -> BSpline:
     """Return the spline through values (N, width) at times (N,)."""
     time = np.frombuffer(times)
     value = np.frombuffer(values).reshape(len(time), -1)
@@ -49,7 +55,7 @@ def _regression_spline(times: bytes, values: bytes) -> BSpline:
         variance = np.mean((value - spline(time)) ** 2, axis=0)
         return len(value) * float(np.log(variance + tiny).sum()), spline
 
-    return best(fit, len(value), value.shape[1])[1]
+    return best(fit, len(value), value.shape[1], first=first)[1]
 
 
 def in_gap(time: Array, at: Array) -> NDArray[np.bool_]:
