@@ -35,6 +35,7 @@ from cpid_drake.estimation.likelihood.thrust import Push, inverse_mass
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Values
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
+from cpid_drake.files.errors import InputError
 from cpid_drake.logs.log import Samples, concatenated_samples, without_flips
 from cpid_drake.logs.splines import DEGREE, in_gap, regression_spline
 
@@ -161,7 +162,12 @@ def start_of(
 
 
 def state_of(model: Model, log: LogState, psi: Array) -> TrajectoryState:
-    """Return the state at the start of a log without gaps, for a target ψ (10,)."""
+    """Return the state at the start of a log without gaps, for a target ψ (10,).
+
+    Raises:
+        InputError: no attitude samples.
+
+    """
     return _states(PartRows.of(model, log), psi)[0]
 
 
@@ -202,7 +208,11 @@ def _states(part: PartRows, psi: Array) -> tuple[TrajectoryState, ...]:
     L, v, p = part.values(psi)
     if not part.changes:
         L, v = (np.broadcast_to(each.mean(axis=0), each.shape) for each in (L, v))
-    L, v, p = L[first], v[first], p[first] + (start - time)[:, None] * v[first]
+    L, v, p = L[first], v[first], p[first]
+    if normal_B is not None:
+        L, v = L * NORMAL_W, v * (1 - NORMAL_W)
+        p[:, 2] = p[0, 2]
+    p += (start - time)[:, None] * v
     attitudes, w_WB = blocks[0].samples.attitude, motion.w_WB[first]
     if len(attitudes):
         time[0], q_WB[0] = attitudes.time[0], attitudes.value[0]
@@ -210,8 +220,6 @@ def _states(part: PartRows, psi: Array) -> tuple[TrajectoryState, ...]:
     q_WB = (turn * Rotation.from_quat(q_WB, scalar_first=True)).as_quat(scalar_first=True)
     if normal_B is not None:
         q_WB = levelled(q_WB, normal_B)
-        L, v = L * NORMAL_W, v * (1 - NORMAL_W)
-        p[:, 2] = p[0, 2]
     attitude = Rotation.from_quat(q_WB, scalar_first=True)
     return tuple(map(partial(TrajectoryState, psi), attitude, p, v, L))
 
@@ -219,13 +227,19 @@ def _states(part: PartRows, psi: Array) -> tuple[TrajectoryState, ...]:
 def _smoothed_motion(model: Model, log: LogState) -> tuple[Motion, NDArray[np.bool_]]:
     """Return the motion that the samples of a log show, and where they show the position.
 
-    An instant at rest if nothing.
+    An instant at rest if they are too few.
+
+    Raises:
+        InputError: no attitude samples.
+
     """
     normal_B, least = model.tree.normal_B, _PIECES * len(log.blocks)
     attitude, gyro, position = (
         concatenated_samples([block.samples[name] for block in log.blocks])
         for name in ("attitude", "gyro", "position")
     )
+    if not len(attitude):
+        raise InputError("no attitude samples: none to start from")
     attitude = replace(attitude, value=without_flips(attitude.value))
     t = np.concatenate([np.linspace(b.start, b.end, _INSTANTS + 2)[1:-1] for b in log.blocks])
     is_covered, q_WB, rate = _smoothed(attitude, t, least)
