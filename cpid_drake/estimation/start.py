@@ -285,8 +285,7 @@ def _smoothed(samples: Samples, times: Array, least: int) -> tuple[NDArray[np.bo
 
 def _integral(samples: Samples, times: Array) -> Array:
     """Return the integrals (M, n) of samples that hold until the next, from their start."""
-    time, value = samples.time, samples.value
-    whole = np.cumsum(np.diff(time)[:, None] * value[:-1], axis=0)
-    whole = np.concatenate([np.zeros((1, value.shape[1])), whole])
-    k = np.clip(np.searchsorted(time, times, side="right") - 1, 0, None)
-    return np.asarray(whole[k] + np.maximum(times - time[k], 0.0)[:, None] * value[k])
+    time = np.append(samples.time, max(samples.time[-1], times[-1]) + 1.0)
+    whole = np.cumsum(np.diff(time)[:, None] * samples.value, axis=0)
+    columns = [np.interp(times, time, np.append(0.0, column)) for column in whole.T]
+    return np.stack(columns, axis=1)
