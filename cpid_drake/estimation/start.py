@@ -84,10 +84,10 @@ class PartRows:
         zeros if none do.
         """
         H, *values = self.rows @ np.append(psi, -1.0)
-        time, shown = self.motion.time, self.is_placed
+        time, placed = self.motion.time, self.is_placed
         for value in values:
             for column in value.T:
-                column[:] = np.interp(time, time[shown], column[shown]) if shown.any() else 0.0
+                column[:] = np.interp(time, time[placed], column[placed]) if placed.any() else 0.0
         return H, values[0], values[1]
 
     def equations(self, psi: Array) -> list[Array]:

@@ -53,6 +53,7 @@ def _regression_spline(times: bytes, values: bytes, first: int) -> BSpline:
             return 0.0, BSpline(knots, np.zeros((len(knots) - DEGREE - 1, 0)), DEGREE)
         spline = make_lsq_spline(time, value, knots, DEGREE)
         variance = np.mean((value - spline(time)) ** 2, axis=0)
+        # −2 log(likelihood) of white noise of this variance: N log σ²
         return len(value) * float(np.log(variance + tiny).sum()), spline
 
     return best(fit, len(value), value.shape[1], first=first)[1]
@@ -102,6 +103,7 @@ def best(
         if fits and pieces + DEGREE > samples / 2:
             break
         chi, fitted = fit(pieces)
+        # AIC = χ² + 2 k, with k coefficients of all functions
         fits.append((chi + 2 * width * (pieces + DEGREE), chi, pieces, fitted))
         best = min(range(len(fits)), key=lambda k: fits[k][0])
         if len(fits) > best + 3:
@@ -130,6 +132,7 @@ def solve(A: csr_array, b: Array) -> tuple[Array, float]:
 
 def covariance(A: csr_array, chi: float, numbers: float) -> Array:
     """Return the covariance of a solution, with the misfit if χ² is larger than the noise says."""
+    # s² (AᵀA)⁻¹ with s² = max(χ² / (numbers), 1)
     normal = (A.T @ A).toarray()
     normal += 1e-13 * normal.diagonal().max() * np.eye(len(normal))
     covariance = cho_solve(cho_factor(normal), np.eye(len(normal)))
