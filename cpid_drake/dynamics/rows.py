@@ -99,6 +99,31 @@ def _relative(samples: MomentumSamples) -> Array:
     return np.concatenate(rows, axis=2).reshape(-1, 11)
 
 
+def conserved(samples: MomentumSamples) -> Array:
+    """Return rows [A | b] (3, N, 3, 11) in W of what is conserved without external forces.
+
+    With ψ = (μ, μc, I_*), A ψ − b is
+
+    - the angular momentum about the system's centre of mass [N·m·s],
+    - the velocity of this centre [m/s], and
+    - its place [m], which moves at this velocity.
+    """
+    C, m = samples.motion, samples.mass
+    rows = np.zeros((3, len(samples), 3, 11))
+    # L = L_K + Y ψ, the relative rows
+    rows[0] = C.R_WC @ _relative(samples).reshape(-1, 3, 11)
+    # v = v_K + (μ (v_C − v_K) + ω × μc) / m_k
+    v_K = samples.P / m
+    rows[1, :, :, 0] = (C.v_WC - v_K) / m
+    rows[1, :, :, 1:4] = skew(C.w_WC) @ C.R_WC / m
+    rows[1, :, :, 10] = -v_K
+    # p = p_K + (μ (p_C − p_K) + μc) / m_k
+    rows[2, :, :, 0] = (C.p_WC - samples.p_WKcm) / m
+    rows[2, :, :, 1:4] = C.R_WC / m
+    rows[2, :, :, 10] = -samples.p_WKcm
+    return rows
+
+
 def _momentum_columns(samples: MomentumSamples) -> Array:
     """Columns (6 N, 6) of −[R_WCᵀ P0; R_WCᵀ (L0 − p_WC × P0)] in an unknown momentum [L0; P0]."""
     R_CW = np.swapaxes(samples.motion.R_WC, -1, -2)

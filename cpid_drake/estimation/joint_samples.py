@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -11,7 +11,6 @@ from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.least_squares import triangles
 from cpid_drake.estimation.likelihood.joint_model import JointPart, jerk_rows, spline_basis
 from cpid_drake.estimation.process import DECLARED, Alone, Process
-from cpid_drake.logs.log import Samples
 from cpid_drake.sensors.suite import SensorSuite
 
 _NAMES = "encoders", "joint_rates"
@@ -37,6 +36,16 @@ class Smoothness:
     processes: Mapping[str, Process] = field(default_factory=dict)
 
 
+@dataclass(frozen=True, eq=False)
+class _Sensor:
+    """One of the joints' sensors: order of the derivative, σ, rows of its samples, their noise."""
+
+    derivative: int
+    sigma: float
+    rows: slice
+    white: Alone
+
+
 class JointSamples:
     """The samples of the joints' sensors in one block.
 
@@ -49,24 +58,18 @@ class JointSamples:
 
     def __init__(self, block: Block, suite: SensorSuite) -> None:
         self.start, self.end = block.start, block.end
-        self._parts: list[tuple[Samples, int, float]] = []
-        self._white = dict[str, tuple[slice, Alone]]()
+        self._sensors, self.stepped = dict[str, _Sensor](), dict[str, slice]()
+        values, first = [np.empty((0, len(block.samples.joint_names)))], 0
         for derivative, name in enumerate(_NAMES):
-            own = block.samples[name]
-            if name in suite.present() and len(own):
-                before = sum(len(each) for each, _, _ in self._parts)
-                self._parts.append((own, derivative, float(suite.sigmas(name)[0])))
-                place = slice(before, before + len(own))
-                self._white[name] = place, Alone(own.time)
-        self.stepped, first = dict[str, slice](), 0
-        for name in _NAMES:
-            count = len(block.samples[name]) if name in suite.present() else 0
-            if count and suite.step(name) > 0:
-                self.stepped[name] = slice(first, first + count)
-            first += count
-        values = [samples.value / sigma for samples, _, sigma in self._parts]
-        nothing = np.empty((0, len(block.samples.joint_names)))
-        self.values = np.concatenate([nothing, *values])
+            samples = block.samples[name]
+            if name in suite.present() and len(samples):
+                rows, sigma = slice(first, first + len(samples)), float(suite.sigmas(name)[0])
+                self._sensors[name] = _Sensor(derivative, sigma, rows, Alone(samples.time))
+                values.append(samples.value / sigma)
+                first = rows.stop
+                if suite.step(name) > 0:
+                    self.stepped[name] = rows
+        self.values = np.concatenate(values)
 
     @property
     def length(self) -> float:
@@ -76,7 +79,7 @@ class JointSamples:
     @property
     def positions(self) -> int:
         """Number of samples of the encoders."""
-        return sum(len(samples) for samples, derivative, _ in self._parts if not derivative)
+        return len(self._sensors[_NAMES[0]].white.times) if _NAMES[0] in self._sensors else 0
 
     def pieces(self, rate: float) -> int:
         """Return the number of pieces at this rate [1/s]; no more than samples, as in a gap."""
@@ -84,45 +87,47 @@ class JointSamples:
 
     def design(self, pieces: int) -> Array:
         """Return A (N, K) of the samples in units of σ."""
-        times = [(np.empty(0), 0, 1.0), *((s.time, d, sigma) for s, d, sigma in self._parts)]
-        return np.concatenate([self.basis(pieces, t, d) / sigma for t, d, sigma in times])
-
-    def basis(self, pieces: int, times: Array, derivative: int) -> Array:
-        """See `spline_basis`."""
-        return spline_basis(self.start, self.end, pieces, times, derivative)
+        A = [spline_basis(self.start, self.end, pieces, np.empty(0), 0)]
+        for sensor in self._sensors.values():
+            times, derivative = sensor.white.times, sensor.derivative
+            B = spline_basis(self.start, self.end, pieces, times, derivative)
+            A.append(B / sensor.sigma)
+        return np.concatenate(A)
 
     def with_processes(self, processes: Mapping[str, Process]) -> "JointSamples":
         """Return the samples with other noise."""
         other = copy(self)
-        other._white = {
-            name: (place, Alone(white.times, processes.get(name, DECLARED)))
-            for name, (place, white) in self._white.items()
+        other._sensors = {
+            name: replace(s, white=Alone(s.white.times, processes.get(name, DECLARED)))
+            for name, s in self._sensors.items()
         }
         return other
 
     @property
     def times(self) -> dict[str, Array]:
         """Times of the samples of sensors without steps [s], by name."""
-        return {n: white.times for n, (_, white) in self._white.items() if n not in self.stepped}
+        return {n: s.white.times for n, s in self._sensors.items() if n not in self.stepped}
 
     def white(self, values: Array) -> Array:
         """Return whitened values (N, ...) of all samples."""
         whitened = np.empty(values.shape)
-        for place, white in self._white.values():
-            whitened[place] = white(values[place])
+        for sensor in self._sensors.values():
+            whitened[sensor.rows] = sensor.white(values[sensor.rows])
         return whitened
 
     @property
     def volume(self) -> float:
         """The log of the determinant of the covariance of all samples of a joint."""
-        return sum(white.volume for _, white in self._white.values())
+        return sum(sensor.white.volume for sensor in self._sensors.values())
 
     def part(self, smoothness: Smoothness, weights: Array) -> JointPart:
         """Return what samples of weights (N, J) and the jerk tell, about a motion of zero."""
         pieces = self.pieces(smoothness.rate)
         P, A = jerk_rows(self.length, pieces), self.design(pieces)
         size = smoothness.jerk * smoothness.roughness
+        # P c = 0 / s
         jerk = np.column_stack([P, np.zeros(len(P))]) / size[:, None, None]
+        # w A c = w y / f, of white noise
         rows = np.dstack([weights[..., None] * A[:, None], weights * self.values])
         data = np.swapaxes(self.white(rows), 0, 1)
         both = np.concatenate([jerk, data / smoothness.noise[:, None, None]], axis=1)
@@ -139,17 +144,17 @@ def once_weights(samples: Sequence[JointSamples]) -> list[Array]:
     """
     weights = [np.ones(each.values.shape) for each in samples]
     for name in _NAMES:
-        parts = [
-            (w, each) for w, each in zip(weights, samples, strict=True) if name in each.stepped
-        ]
-        if not parts:
+        stepped = [(w, s.stepped[name], s) for w, s in zip(weights, samples) if name in s.stepped]
+        if not stepped:
             continue
-        value = np.concatenate([each.values[each.stepped[name]] for _, each in parts])
-        count = np.ones(value.shape)
-        for own, x in zip(count.T, value.T, strict=True):
+        value = np.concatenate([each.values[rows] for _, rows, each in stepped])
+        for j, x in enumerate(value.T):
             edges = np.flatnonzero(np.diff(x, prepend=np.nan, append=np.nan))
-            own[:] = np.repeat(np.diff(edges), np.diff(edges))
-        ends = np.cumsum([len(each.values[each.stepped[name]]) for _, each in parts])[:-1]
-        for (w, each), n in zip(parts, np.split(count, ends), strict=True):
-            w[each.stepped[name]] = 1 / np.sqrt(n)
+            # n samples that repeat a value: n (1/√n)² = 1
+            value[:, j] = 1 / np.sqrt(np.repeat(np.diff(edges), np.diff(edges)))
+        first = 0
+        for w, rows, _ in stepped:
+            count = rows.stop - rows.start
+            w[rows] = value[first : first + count]
+            first += count
     return weights

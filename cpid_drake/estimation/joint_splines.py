@@ -69,6 +69,7 @@ class JointSplines:
         self._left2 = np.sum([block.left2 for block in self._blocks], axis=0)
         self._volume = -2 * np.sum(np.log(np.concatenate(weights)), axis=0)
         self._volume += sum(block.volume for block in samples)
+        # ν + n − d, with ORDER unknowns of every part without a jerk
         samples_once = np.sum(np.concatenate(once) ** 2, axis=0)
         self._freedom = DECLARED_COUNT + np.maximum(samples_once - ORDER * sum(is_first), 0.0)
 
@@ -109,6 +110,7 @@ class JointSplines:
             values = self._values(at)
             k = np.clip(np.argmin(values, axis=1), 1, 7)[:, None]
             a, b, c = (np.take_along_axis(values, k + i, 1)[:, 0] for i in (-1, 0, 1))
+            # the vertex of the parabola through three values
             shift = 0.5 * (a - c) / np.maximum(a - 2 * b + c, 1e-12)
             u = np.take_along_axis(at, k, 1)[:, 0] + step * np.clip(shift, -1, 1)
         return u
@@ -123,6 +125,7 @@ class JointSplines:
         chain = list(self._chain(self._group, lambdas, joints))
         S = self._left2 + sum(R[:, -1, -1] ** 2 for R in chain)
         coefficients, roughness = list[Array](), np.ones(len(u))
+        # f² = (ν + S) / (ν + n − d)
         noise = np.sqrt((DECLARED_COUNT + S) / self._freedom)
         x: Array = np.empty((0, ORDER, 1))
         blocks = zip(self._blocks[::-1], chain[::-1], self._is_last[::-1], strict=True)
@@ -131,11 +134,13 @@ class JointSplines:
                 x = np.asarray(
                     np.linalg.solve(R[:, ORDER:_EDGES, ORDER:_EDGES], R[:, ORDER:_EDGES, -1:])
                 )
+            # R_vv v/√λ + R_vx x = y
             rest = R[:, :ORDER, -1:] - R[:, :ORDER, ORDER:_EDGES] @ x
             v = np.sqrt(lambdas)[:, None, None] * np.linalg.solve(R[:, :ORDER, :ORDER], rest)
             z, c = block.coefficients(self._group, lambdas, np.concatenate([v, x], axis=1))
             x = c[:, :ORDER]
             coefficients.append(c[..., 0].T)
+            # |z|² + |v|² over λ f² and their γ = 3 + Σ λ a² / (1 + λ a²) entries that samples show
             weight = lambdas[:, None] * block.a[self._group] ** 2
             square = np.sum(z**2, axis=(1, 2)) + np.sum(v**2, axis=(1, 2))
             square /= lambdas * noise**2 * (ORDER + np.sum(weight / (1 + weight), axis=1))
@@ -163,6 +168,7 @@ class JointSplines:
             # of v, and of x where no block continues it
             sizes.append(np.diagonal(R, axis1=1, axis2=2)[:, : _EDGES if is_last else ORDER])
         S = np.sum(np.concatenate(squares, axis=1) ** 2, axis=1)[which, place] + self._left2[joint]
+        # log det of v/√λ and x, and of z: Σ log(1 + λ a²)
         volume = 2 * np.sum(np.log(np.abs(np.concatenate(sizes, axis=1))), axis=1)
         volume += np.sum(np.log1p(lambdas[:, None] * self._a2[group]), axis=1)
         values = (
@@ -232,6 +238,7 @@ class _BlockRows:
         """Return z (J, m, 1), turned back, and c (J, K, 1) at λ (J,), with v and x (J, 6, 1)."""
         a, factor = self.a[group][..., None], lambdas[:, None, None]
         m = a.shape[1]
+        # z = λ a / (1 + λ a²) (y − E (v, x))
         rest = self.targets[:, :m, None] - self.edges[group, :m] @ edges
         z = self.turn[group] @ (factor * a / (1 + factor * a**2) * rest)
         return z, np.asarray(self.T @ np.concatenate([z, edges], axis=1))
@@ -264,6 +271,7 @@ def _alike_rows(
         plain = w[:, first, None] * (A_b @ T_b)[:, None]
         block[:, : len(w), :K] = np.swapaxes(samples.white(plain), 0, 1)
         block[group, : len(w), K + place] = samples.white(w * samples.values).T
+    # A T (z, v, x) = y as a triangle; z = Vᵀ z' with R_zz = U a Vᵀ
     R, m = triangles(rows), K - _EDGES
     U, a, turn = np.linalg.svd(R[..., :m, :m])
     R[..., :m, m:] = np.swapaxes(U, -1, -2) @ R[..., :m, m:]

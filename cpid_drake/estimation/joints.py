@@ -82,8 +82,10 @@ def smooth_joints(
         old, processes = processes, {} if is_exact else _processes(splines, u, processes)
         if old == processes:
             break
+    # the jerk of the roughest block, s² = λ f² roughness²
     coefficients, _, _ = splines.solved(u + 2 * np.log(roughness))
     noise = np.maximum(noise, 1.0)
+    # s = f √λ
     jerk = np.exp(u / 2) * noise
     smoothness = Smoothness(splines.rate, jerk, roughness, noise, processes)
     parts = [
@@ -97,8 +99,10 @@ def continued(part: JointPart, before: Array) -> JointPart:
     """Return the part that continues what is at the end of the block before, (ORDER, J)."""
     c = part.coefficients.copy()
     c[:ORDER] = before
-    for own, rest, A in zip(c.T, part.about(c).rest, part.rows, strict=True):
-        own[ORDER:] += np.linalg.lstsq(A[:, ORDER:], rest, rcond=1e-12)[0]
+    rests = part.about(c).rest
+    for j, (A, rest) in enumerate(zip(part.rows, rests, strict=True)):
+        # least |A δc − rest| over all coefficients but the first
+        c[ORDER:, j] += np.linalg.lstsq(A[:, ORDER:], rest, rcond=1e-12)[0]
     return part.about(c)
 
 
@@ -144,6 +148,7 @@ def _shape_cost(
 def _shape(step: float, i: int, j: int) -> Process:
     """Return one of the shapes: τ from a step on, and slow noise of 0.1 to 100 of the white."""
     ratio = 0.1 * 10 ** (j / 2)
+    # white + slow = 1, slow / white = ratio
     return Process(1 / (1 + ratio), ratio / (1 + ratio), step * 2.0**i, 1)
 
 
@@ -157,8 +162,8 @@ def _best_splines(
     """Return splines with `FINER` times the pieces with the most evidence, or fewer if as good.
 
     More than `_FAST` pieces in a second are tried as long as they have more, and more than noise
-    has that is not white: it looks like a fast motion. They are no fewer than at a rate that is
-    known [1/s].
+    has that is not white: it looks like a fast motion. They are no fewer than at a given rate
+    [1/s].
     """
     usual = float(np.median([block.end - block.start for block in samples]))
     most = float(np.median([len(block.values) for block in samples])) / 2  # samples show no more

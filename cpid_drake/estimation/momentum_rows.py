@@ -39,6 +39,7 @@ def rows_of_samples(
     """Return the rows of `momentum_rows` from samples in the frame that it describes."""
     rows = family.full_rows(samples, momentum.is_unknown)
     if not momentum.is_unknown and momentum.L_WScm_W.any():
+        # A θ = b + R_CW L
         by_sample = rows.reshape(len(samples), family.rows_per_sample, -1)
         R_CW = np.swapaxes(samples.motion.R_WC, -1, -2)
         by_sample[:, -3:, -1] += rotate(R_CW, momentum.L_WScm_W)
@@ -70,6 +71,7 @@ def changed_motion(telemetry: Motion, changes: Array) -> Motion:
 
     attitude = Rotation.from_quat(tiled(telemetry.quaternion_WB), scalar_first=True)
     w_B = attitude.inv().apply(tiled(telemetry.w_WB)) + changes[:, 3:6]
+    # R exp(ξ), with ξ in B
     attitude = attitude * Rotation.from_rotvec(changes[:, :3])
     return Motion(
         telemetry.joint_names,
@@ -102,6 +104,7 @@ def error_square(
     step, N, q = 1e-6, len(telemetry), covariance.shape[-1]
     rows = momentum_rows(tree, telemetry, family, momentum)
     moved = changed_motion(telemetry, np.repeat(step * np.eye(q), N, axis=0))
+    # E[δᵀ δ] = Σ over samples and rows of Dᵀ C D, with the derivatives D of a row by changes
     by = (momentum_rows(tree, moved, family, momentum).reshape(q, *rows.shape) - rows) / step
     flat = np.moveaxis(by.reshape(q, N, -1), 0, 1)
     return np.asarray(

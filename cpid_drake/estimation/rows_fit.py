@@ -81,8 +81,9 @@ class LogRows:
         """
         tree, family, momentum = self._problem
         for start in range(0, len(telemetry), _SAMPLES_AT_ONCE):
-            own = slice(start, min(start + _SAMPLES_AT_ONCE, len(telemetry)))
-            part, C = telemetry.select(own), covariance[own] if len(covariance) > 1 else covariance
+            chosen = slice(start, min(start + _SAMPLES_AT_ONCE, len(telemetry)))
+            part = telemetry.select(chosen)
+            C = covariance[chosen] if len(covariance) > 1 else covariance
             flat = momentum_rows(tree, part, family, momentum)
             rows = flat.reshape(len(part), -1, flat.shape[1])
             for half in np.split(rows, [len(rows) // 2]):
@@ -135,6 +136,7 @@ class LogRows:
         variance = residual_variance(gaussian.least_cost, size, self.row_count, gaussian.rank)
         if freedom < 1:  # residuals show nothing: rounding
             variance = ROUNDING**2 * size / max(self.row_count, 1)
+        # rows A x = b / s, with the covariance s² (AᵀA)⁻¹
         s = np.sqrt(max(variance, 1e-300))
         return replace(
             gaussian, R=gaussian.R / s, z=gaussian.z / s, rho2=gaussian.rho2 / s**2
@@ -146,6 +148,7 @@ class LogRows:
         The first is that to the errors of the samples, infinite if these are not known, and the
         second that to the rows.
         """
+        # |A x − b|², and its mean E |δA x − δb|² by the errors of the samples
         unit, rows = np.append(x, -1.0), self.triangle()
         squares, expected = float(np.sum((rows @ unit) ** 2)), float(unit @ self._errors @ unit)
         size = float(np.sum(rows[:, -1] ** 2))
@@ -166,7 +169,9 @@ class LogRows:
 
         """
         R = self.triangle(is_zero=is_zero)[:-1, :-1]
+        # E[δAᵀδA] x − E[δAᵀδb]
         added = (self._errors @ np.append(x, -1.0))[self.extra if is_zero else 0 : -1]
+        # (AᵀA)⁻¹ = R⁻¹ R⁻ᵀ
         inverse = np.linalg.pinv(R)
         return np.asarray(-inverse @ (inverse.T @ added))[-10:]
 

@@ -214,6 +214,7 @@ def _smooth_vectors(
 
 def _errors(rows: Sequence[csr_array], C: Array, count: int) -> Array:
     """Return the covariance (N, k, k) at N times of what rows (N · k', n) say, in their order."""
+    # J C Jᵀ
     J = np.concatenate([each.toarray().reshape(count, -1, len(C)) for each in rows], axis=1)
     return np.asarray(J @ C @ np.swapaxes(J, 1, 2))
 
@@ -248,11 +249,13 @@ def _smooth_attitude(
 
     def moved(r: BSpline, at: Array) -> tuple[Rotation, Array]:
         """Return attitude and angular velocity in B (N, 3) of the path rotated by r."""
+        # R = R_path exp(r),  w = exp(−r) w_path + Jr(r) ṙ
         turn, w_B = Rotation.from_rotvec(r(at)), angular_velocity(path(at), path(at, 1))
         R = Rotation.from_quat(path(at), scalar_first=True) * turn
         return R, turn.inv().apply(w_B) + rotate(right_jacobian(r(at)), r(at, 1))
 
     def residuals(r: BSpline, bias: Array) -> Array:
+        # the mean of w over a sample, by Gauss and Legendre's rule
         w_B = sum(w / 2 * moved(r, gyro.time + t)[1] for t, w in zip(since, weights))
         turned = (moved(r, attitude.time)[0].inv() * measured).as_rotvec() @ whiten.T
         rates = (gyro.value - bias - w_B) / sigma
@@ -263,6 +266,7 @@ def _smooth_attitude(
 
     def of_w(knots: Array, at: Array, w: Array) -> csr_array:
         """Return the derivatives (3 N, 3 n) of w_B (N, 3) by the coefficients of r."""
+        # δw = δṙ + w × δr
         numbers = np.arange(len(w) + 1)
         wx = bsr_array((skew(w), numbers[:-1], numbers), shape=(w.size, w.size))
         return kron(basis(knots, at, 1), np.eye(3)) + wx @ kron(basis(knots, at), np.eye(3))

@@ -1,66 +1,139 @@
-"""Where a fit starts: least squares on what the thrust does to the momenta.
+"""Where a fit starts: least squares on the momentum rows of each log's smoothed motion.
 
-At some instants of every block, the angular momentum H about the system's centre of mass and the
-velocity V of this centre are linear in the target's ψ. In W they are
+The angular momentum H about the system's centre of mass and the velocity V of this centre are
+linear in the target's ψ, see `dynamics.rows.conserved`. In W, with the declared thrust, they are
 
     H = L + ∫ R (τ + (a − ρ) × f),      V = V₀ + ∫ R f / m,
 
-with a constant L of each log, and the declared thrust. The motion is that of splines through the
-samples of gyro, or attitude, and position. The rows of a log with thrust, or with open ends of
-blocks, are changes over about half a second, so that errors and sudden changes do not add up. Each
-part of a log between gaps has its own L and V₀.
+with constants L and V₀ of each part of a log between gaps, which the rows lose with their mean. In
+a log with thrust, or with open ends of blocks, they lose them as changes over about half a second,
+so that errors and sudden changes do not add up. The motion is that of splines through the samples
+of gyro, or attitude, and position.
 Source: Ning et al. 2016, Eqs. 6 and 9, in the relative form (design, 3.2).
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import make_lsq_spline
 from scipy.sparse import eye_array
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.array import Array
-from cpid_drake.dynamics.body_dynamics import BodyDynamics
-from cpid_drake.dynamics.kinematics import forward_kinematics
-from cpid_drake.dynamics.plane import NORMAL_W, tilt
+from cpid_drake.dynamics.momentum import MomentumSamples, momentum_samples
+from cpid_drake.dynamics.motion import Motion
+from cpid_drake.dynamics.plane import NORMAL_W, levelled
 from cpid_drake.dynamics.rotations import angular_velocity, rotate, skew
+from cpid_drake.dynamics.rows import conserved
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.likelihood.actuators import thrust_log
 from cpid_drake.estimation.likelihood.motion_model import TrajectoryState
 from cpid_drake.estimation.likelihood.thrust import Push, inverse_mass
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Values
-from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model, Unknown
+from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
+from cpid_drake.files.errors import InputError
 from cpid_drake.logs.log import Samples, concatenated_samples, without_flips
-from cpid_drake.logs.splines import DEGREE, in_gap, knots_of
+from cpid_drake.logs.splines import DEGREE, in_gap, regression_spline
 
-_INSTANTS = 10  # in a block; splines have half as many pieces
+_INSTANTS = 10  # in a block
+_PIECES = 2  # in a block, at least: with too few, a fast motion looks like noise
 
 
 @dataclass(frozen=True, eq=False)
-class SeenMotion:
-    """What the samples of a log show of its motion, at M instants.
+class PartRows:
+    """The momentum rows of one part of a log between gaps, at M instants.
 
     Attributes:
-        time: (M,) [s].
-        R: (M, 3, 3) attitudes R_WB.
-        w: (M, 3) angular velocity w_WB_B.
-        p, v: (M, 3) position and velocity of B's origin in W; NaN where nothing shows them.
-        q: (M, J) joint positions.
-        dynamics: of the spacecraft's bodies.
+        model: the unknowns, with the sensors of the log.
+        log: the part.
+        motion: the smoothed motion; position and velocity are zero where nothing shows them.
+        is_placed: (M,) whether position samples show them.
+        samples: the momentum samples of the motion.
+        rows: (3, M, 3, 11) see `conserved`.
 
     """
 
-    time: Array
-    R: Array
-    w: Array
-    p: Array
-    v: Array
-    q: Array
-    dynamics: BodyDynamics
+    model: Model
+    log: LogState
+    motion: Motion
+    is_placed: NDArray[np.bool_]
+    samples: MomentumSamples
+    rows: Array
+
+    @classmethod
+    def of(cls, model: Model, log: LogState) -> "PartRows":
+        """Return the rows of a part of a log."""
+        motion, is_placed = _smoothed_motion(model, log)
+        samples = momentum_samples(model.tree, motion)
+        model = model.of_log(log.name)
+        return cls(model, log, motion, is_placed, samples, conserved(samples))
+
+    @property
+    def changes(self) -> bool:
+        """Whether the momenta may change."""
+        return self.log.has_thrust or bool(self.log.open)
+
+    def values(self, psi: Array) -> tuple[Array, Array, Array]:
+        """Return H, V and the place of the centre of mass, (M, 3) each in W, of a target ψ (10,).
+
+        Where no position samples show the last two, they are those between the instants beside;
+        zeros if none do.
+        """
+        H, *values = self.rows @ np.append(psi, -1.0)
+        time, placed = self.motion.time, self.is_placed
+        for value in values:
+            for column in value.T:
+                column[:] = np.interp(time, time[placed], column[placed]) if placed.any() else 0.0
+        return H, values[0], values[1]
+
+    def equations(self, psi: Array) -> list[Array]:
+        """Return rows [A | b] (…, 11) of H, and of V, for a change of ψ (10,)."""
+        # H(ψ) − ∫ torque = L and V(ψ) − ∫ force / m = V₀, to first order in a change of ψ
+        equations = self.rows[:2].copy()
+        equations[..., 10] = -self.rows[:2] @ np.append(psi, -1.0)
+        H, V = equations - self._pushed(psi)
+        if self.model.tree.normal_B is not None:
+            H, V = H[:, 2:], V[:, :2]
+        lag = _INSTANTS // 2 if self.changes else 0
+        # L and V₀ cancel
+        return [
+            (rows[lag:] - rows[:-lag] if lag else rows - rows.mean(axis=0)).reshape(-1, 11)
+            for rows in (H, V[self.is_placed])
+            if len(rows) > lag
+        ]
+
+    def _pushed(self, psi: Array) -> Array:
+        """Return [derivative by ψ | −] (2, M, 3, 11) of what declared thrust has added to H, V."""
+        log, model, motion, samples = self.log, self.model, self.motion, self.samples
+        constants, thrusters = model.constants, model.suite.thrusters
+        pushed = np.zeros((2, *self.rows.shape[1:]))
+        thrust = thrust_log(log.thrust, thrusters, constants, np.zeros(constants.size))
+        if thrust is None:
+            return pushed
+        size = np.diff(_integral(thrust.samples, motion.time), axis=0)  # (M − 1, V)
+        R, R_WC, place = (each[1:] for each in (motion.R_WB, samples.motion.R_WC, self.rows[2]))
+        R_BW = np.swapaxes(R, -1, -2)
+        p_BC = rotate(R_BW, (samples.motion.p_WC - motion.p_WB)[1:])
+        com = rotate(R_BW, place @ np.append(psi, -1.0) - motion.p_WB[1:])
+        push = Push(
+            thrust.actuators,
+            size,
+            motion.time[1:],
+            lambda at: eye_array(len(at), format="csr"),
+            lambda at: (R_BW @ R_WC, p_BC),
+        )
+        force = push.force(R)
+        # ∂((a − ρ) × f) = f × ∂ρ
+        pushed[0, 1:, :, :10] = skew(force) @ place[..., :10]
+        pushed[0, 1:, :, 10] = -push.torque(R, com)
+        # ∂(f / m) = −f ∂μ / m_k²
+        pushed[1, 1:, :, 0] = -force / samples.mass**2
+        pushed[1, 1:, :, 10] = -force * inverse_mass(samples.mass, float(psi[0]))
+        return np.cumsum(pushed, axis=1)
 
 
 def start_of(
@@ -74,26 +147,28 @@ def start_of(
         values: which stay if a log has a past.
 
     """
-    parts = [[(part, _motion(model, part)) for part in _parts(log)] for log in logs]
+    parts = [[PartRows.of(model, part) for part in _parts(log)] for log in logs]
     if values is None or not any(log.past for log in logs):
         psi = _balanced(model, [part for each in parts for part in each])
         values = model.start([log.name for log in logs]) | {PSI: psi}
     values, psi = dict(values), values[PSI]
     started = []
-    for log, own in zip(logs, parts, strict=True):
-        of_parts = [_states(model, *part, _momentum(part[1], psi), psi) for part in own]
-        states = tuple(chain.from_iterable(of_parts))
-        first = states[0]
+    for log, of_log in zip(logs, parts, strict=True):
+        states = tuple(chain.from_iterable(_states(part, psi) for part in of_log))
         if log.past is None:
-            values[f"{MOMENTUM}|{log.name}"] = np.concatenate([first.L, first.v_Wcm])
+            values[f"{MOMENTUM}|{log.name}"] = np.concatenate([states[0].L, states[0].v_Wcm])
         started.append(log.with_each(start=states))
     return values, started
 
 
 def state_of(model: Model, log: LogState, psi: Array) -> TrajectoryState:
-    """Return the state at the start of a log without gaps, for a target ψ (10,)."""
-    motion = _motion(model, log)
-    return _states(model, log, motion, _momentum(motion, psi), psi)[0]
+    """Return the state at the start of a log without gaps, for a target ψ (10,).
+
+    Raises:
+        InputError: no attitude samples.
+
+    """
+    return _states(PartRows.of(model, log), psi)[0]
 
 
 def _parts(log: LogState) -> list[LogState]:
@@ -106,182 +181,111 @@ def _parts(log: LogState) -> list[LogState]:
     return [log.part(first, end) for first, end in pairwise([0, *begins, len(log.blocks)])]
 
 
-def _balanced(model: Model, parts: Sequence[tuple[LogState, SeenMotion]]) -> Array:
+def _balanced(model: Model, parts: Sequence[PartRows]) -> Array:
     """Return ψ (10,) from all rows and the priors."""
     psi = model.unknown(PSI).mean
     gaussian = Gaussian.of_rows({PSI: 10}, np.zeros((10, 11)))
     for row in model.rows:
         gaussian = gaussian.add(row.moved(psi))
-    for k, (log, motion) in enumerate(parts):
-        L = Unknown(f"L|{k}", 3, np.zeros(3), np.full(3, model.L_sigma), "log")
-        gaussian = gaussian.add(L.prior)
-        for rows in _rows(model, log, motion, psi):
-            left = rows[:, :-1] @ np.linalg.lstsq(rows[:, :-1], rows[:, -1])[0] - rows[:, -1]
-            noise = max(np.sqrt(np.mean(left**2)), 1e-9 * model.L_sigma)
-            gaussian = gaussian.add(Gaussian.of_rows({PSI: 10, L.name: 3}, rows / noise))
+    for rows in chain.from_iterable(part.equations(psi) for part in parts):
+        left = rows[:, :-1] @ np.linalg.lstsq(rows[:, :-1], rows[:, -1])[0] - rows[:, -1]
+        noise = max(np.sqrt(np.mean(left**2)), 1e-9 * model.L_sigma)
+        gaussian = gaussian.add(Gaussian.of_rows({PSI: 10}, rows / noise))
     return model.cone.start(gaussian.marginal([PSI]).moved(-psi))
 
 
-def _momentum(motion: SeenMotion, psi: Array) -> Array:
-    """Return the angular momentum (M, 3) in W."""
-    dynamics = motion.dynamics
-    L = rotate(dynamics.inertia(psi), motion.w) + dynamics.momentum_at_rest(psi)
-    return rotate(motion.R, L)
-
-
-def _states(
-    model: Model, log: LogState, motion: SeenMotion, L: Array, psi: Array
-) -> tuple[TrajectoryState, ...]:
+def _states(part: PartRows, psi: Array) -> tuple[TrajectoryState, ...]:
     """Return the states at the start of all blocks, as their own samples show them.
 
     Without thrust and open ends, momenta are those of the whole log. A block without samples has
     the state of the instant before it.
     """
-    dynamics, R, w = motion.dynamics, motion.R, motion.w
-    com = dynamics.com(psi)
-    p = motion.p + rotate(R, com)
-    is_seen = np.isfinite(p).all(axis=1)
-    if is_seen.any():
-        p = np.column_stack([np.interp(motion.time, motion.time[is_seen], x[is_seen]) for x in p.T])
-    p = np.nan_to_num(p)
-    v = motion.v + rotate(R, np.cross(w, com) + dynamics.com_rate(psi))
-    L, v = (np.where(np.isfinite(each).any(axis=0), each, 0.0) for each in (L, v))
-    if not _changes(log):
-        L, v = (np.broadcast_to(np.nanmean(each, axis=0), each.shape) for each in (L, v))
-    v = np.nan_to_num(v)
-    states = list[TrajectoryState]()
-    for k, block in enumerate(log.blocks):
-        first = min(int(np.searchsorted(motion.time, block.start)), len(motion.time) - 1)
-        if first and motion.time[first] > block.end:
-            first -= 1
-        time, attitude = motion.time[first], Rotation.from_matrix(R[first])
-        place = p[first] + (block.start - time) * v[first]
-        attitudes = block.samples.attitude
-        if k == 0 and len(attitudes):
-            time, attitude = (
-                attitudes.time[0],
-                Rotation.from_quat(attitudes.value[0], scalar_first=True),
-            )
-        attitude = attitude * Rotation.from_rotvec((block.start - time) * w[first])
-        turning, moving = L[first], v[first]
-        if model.tree.normal_B is not None:
-            q_WB = attitude.as_quat(scalar_first=True)
-            attitude = Rotation.from_rotvec(tilt(q_WB[None], model.tree.normal_B)[0]) * attitude
-            turning = turning * NORMAL_W
-            in_plane = np.array([1.0, 1.0, 0.0])
-            place, moving = place * in_plane + p[0] * NORMAL_W, moving * in_plane
-        states.append(TrajectoryState(psi, attitude, place, moving, turning))
-    return tuple(states)
+    motion, blocks, normal_B = part.motion, part.log.blocks, part.model.tree.normal_B
+    start, end = np.array([(block.start, block.end) for block in blocks]).T
+    first = np.minimum(np.searchsorted(motion.time, start), len(motion) - 1)
+    first = np.maximum(first - (motion.time[first] > end), 0)
+    time, q_WB = motion.time[first], motion.quaternion_WB[first]
+    L, v, p = part.values(psi)
+    if not part.changes:
+        L, v = (np.broadcast_to(each.mean(axis=0), each.shape) for each in (L, v))
+    L, v, p = L[first], v[first], p[first]
+    if normal_B is not None:
+        L, v = L * NORMAL_W, v * (1 - NORMAL_W)
+        p[:, 2] = p[0, 2]
+    p += (start - time)[:, None] * v
+    attitudes, w_WB = blocks[0].samples.attitude, motion.w_WB[first]
+    if len(attitudes):
+        time[0], q_WB[0] = attitudes.time[0], attitudes.value[0]
+    turn = Rotation.from_rotvec((start - time)[:, None] * w_WB)
+    q_WB = (turn * Rotation.from_quat(q_WB, scalar_first=True)).as_quat(scalar_first=True)
+    if normal_B is not None:
+        q_WB = levelled(q_WB, normal_B)
+    attitude = Rotation.from_quat(q_WB, scalar_first=True)
+    return tuple(map(partial(TrajectoryState, psi), attitude, p, v, L))
 
 
-def _rows(model: Model, log: LogState, motion: SeenMotion, psi: Array) -> list[Array]:
-    """Return rows [A | b] of H, and of V if the momenta change, for a change of ψ and for L."""
-    dynamics, R, w = motion.dynamics, motion.R, motion.w
-    turn, turn_by_psi, push = _pushed(model, log, motion, psi)
-    one = np.broadcast_to(np.eye(3), (len(R), 3, 3))
-    b = _momentum(motion, psi) - turn
-    by_psi = R @ dynamics.regressor(w) - turn_by_psi
-    turning = np.concatenate([by_psi, -one, -b[..., None]], axis=2)
-    if not _changes(log):
-        return [(turning if model.tree.normal_B is None else turning[:, 2:]).reshape(-1, 14)]
-    # V: that of B's origin, and of the centre of mass against it.
-    com, rate = dynamics.com_regressor(), dynamics.com_rate_regressor()
-    V_by = np.zeros((len(R), 3, 10))
-    V_by[:, :, :4] = R @ (skew(w) @ com + rate)
-    V_by[:, :, 0] += push / dynamics.mass**2
-    inverse = inverse_mass(dynamics.mass, float(psi[0]))
-    moved = np.cross(w, dynamics.com(psi)) + dynamics.com_rate(psi)
-    V = motion.v + rotate(R, moved) - inverse * push
-    moving = np.concatenate([V_by, 0 * one, -V[..., None]], axis=2)
-    moving = moving[np.isfinite(motion.v).all(axis=1)]
-    if model.tree.normal_B is not None:
-        turning, moving = turning[:, 2:], moving[:, :2]
-    lag = _INSTANTS // 2
-    usable = (each for each in (turning, moving) if len(each) > lag)
-    return [(each[lag:] - each[:-lag]).reshape(-1, 14) for each in usable]
+def _smoothed_motion(model: Model, log: LogState) -> tuple[Motion, NDArray[np.bool_]]:
+    """Return the motion that the samples of a log show, and where they show the position.
 
+    An instant at rest if they are too few.
 
-def _changes(log: LogState) -> bool:
-    """Return whether the momenta of a log may change."""
-    return log.has_thrust or bool(log.open)
+    Raises:
+        InputError: no attitude samples.
 
-
-def _motion(model: Model, log: LogState) -> SeenMotion:
-    """Return what the samples of a log show of its motion; an instant at rest if nothing."""
-    normal_B, count = model.tree.normal_B, _INSTANTS // 2 * len(log.blocks)
+    """
+    normal_B, least = model.tree.normal_B, _PIECES * len(log.blocks)
     attitude, gyro, position = (
         concatenated_samples([block.samples[name] for block in log.blocks])
         for name in ("attitude", "gyro", "position")
     )
+    if not len(attitude):
+        raise InputError("no attitude samples: none to start from")
     attitude = replace(attitude, value=without_flips(attitude.value))
     t = np.concatenate([np.linspace(b.start, b.end, _INSTANTS + 2)[1:-1] for b in log.blocks])
-    is_covered, q_WB, rate = _smoothed(attitude, t, count)
+    is_covered, q_WB, rate = _smoothed(attitude, t, least)
     t, w = t[is_covered], angular_velocity(q_WB, rate)
     if not len(t):
         t, q_WB, w = attitude.time[:1], attitude.value[:1], np.zeros((1, 3))
-    is_covered, of_gyro, _ = _smoothed(gyro, t, count)
+    is_covered, of_gyro, _ = _smoothed(gyro, t, least)
     w[is_covered] = of_gyro
     if normal_B is not None:
         w = (w @ normal_B)[:, None] * normal_B
-    p, v = np.full((2, len(t), 3), np.nan)
-    is_covered, *place = _smoothed(position, t, count)
-    p[is_covered], v[is_covered] = place
+    p, v = np.zeros((2, len(t), 3))
+    is_placed, *place = _smoothed(position, t, least)
+    p[is_placed], v[is_placed] = place
     block = np.searchsorted([block.end for block in log.blocks], t)
     joints = [state.joints.evaluate(t[block == k]) for k, state in enumerate(log.states)]
     q, qdot = np.moveaxis(np.concatenate(joints), 1, 0)
-    R = Rotation.from_quat(q_WB, scalar_first=True).as_matrix()
-    return SeenMotion(t, R, w, p, v, q, BodyDynamics.at(model.tree, q, qdot))
+    attitude_WB = Rotation.from_quat(q_WB, scalar_first=True)
+    motion = Motion(
+        log.blocks[0].samples.joint_names,
+        t,
+        quaternion_WB=attitude_WB.as_quat(scalar_first=True),
+        p_WB=p,
+        w_WB=attitude_WB.apply(w),
+        v_WB=v,
+        q=q,
+        qdot=qdot,
+    )
+    return motion, is_placed
 
 
-def _smoothed(
-    samples: Samples, times: Array, pieces: int
-) -> tuple[NDArray[np.bool_], Array, Array]:
-    """Return which times are among samples, and values and rates of a spline there."""
+def _smoothed(samples: Samples, times: Array, least: int) -> tuple[NDArray[np.bool_], Array, Array]:
+    """Return which times are among samples, and values and rates of a spline there.
+
+    It has at least so many pieces, if there are as many samples.
+    """
     time, value = samples.time, samples.value
     if len(samples) < 2 * (DEGREE + 1):
         return np.zeros(len(times), bool), value[:0], value[:0]
-    knots = knots_of(time, min(pieces, len(samples) // 4))
-    spline = make_lsq_spline(time, value, knots, DEGREE)
+    spline = regression_spline(samples, min(least, len(samples) // 4))
     is_covered = (times >= time[0]) & (times <= time[-1]) & ~in_gap(time, times)
     return is_covered, spline(times[is_covered]), spline(times[is_covered], 1)
 
 
-def _pushed(
-    model: Model, log: LogState, motion: SeenMotion, psi: Array
-) -> tuple[Array, Array, Array]:
-    """Return what declared thrust has added to H (M, 3), and its derivative by ψ (M, 3, 10).
-
-    And the impulse (M, 3), all since the first instant.
-    """
-    model = model.of_log(log.name)
-    constants, count = model.constants, len(motion.time)
-    given = thrust_log(log.thrust, model.suite.thrusters, constants, np.zeros(constants.size))
-    if given is None:
-        return np.zeros((count, 3)), np.zeros((count, 3, 10)), np.zeros((count, 3))
-    size = np.diff(_integral(given.samples, motion.time), axis=0)  # (M − 1, V)
-    _, capture = forward_kinematics(model.tree, motion.q, np.zeros_like(motion.q))
-    push = Push(
-        given.actuators,
-        size,
-        motion.time[1:],
-        lambda at: eye_array(len(at), format="csr"),
-        lambda at: (capture.R_WC[1:], capture.p_WC[1:]),
-    )
-    R, com = motion.R[1:], motion.dynamics.com(psi)[1:]
-    force = push.force(R)
-    by_psi = np.zeros((count - 1, 3, 10))
-    by_psi[..., :4] = skew(force) @ R @ motion.dynamics.com_regressor()[1:]
-    return _summed(push.torque(R, com)), _summed(by_psi), _summed(force)
-
-
 def _integral(samples: Samples, times: Array) -> Array:
     """Return the integrals (M, n) of samples that hold until the next, from their start."""
-    time, value = samples.time, samples.value
-    whole = np.cumsum(np.diff(time)[:, None] * value[:-1], axis=0)
-    whole = np.concatenate([np.zeros((1, value.shape[1])), whole])
-    k = np.clip(np.searchsorted(time, times, side="right") - 1, 0, None)
-    return np.asarray(whole[k] + np.maximum(times - time[k], 0.0)[:, None] * value[k])
-
-
-def _summed(values: Array) -> Array:
-    return np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])
+    time = np.append(samples.time, max(samples.time[-1], times[-1]) + 1.0)
+    whole = np.cumsum(np.diff(time)[:, None] * samples.value, axis=0)
+    columns = [np.interp(times, time, np.append(0.0, column)) for column in whole.T]
+    return np.stack(columns, axis=1)

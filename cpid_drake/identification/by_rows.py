@@ -51,7 +51,7 @@ _MOMENTA = ("zero", "known", "unknown")
 
 @dataclass(frozen=True, eq=False)
 class _LogPart:
-    """What the rows of one log say; `own` has fields of an identification from this log alone."""
+    """What the rows of one log say; `fields` are those of an identification from this log alone."""
 
     target: Gaussian
     row_count: int
@@ -61,7 +61,7 @@ class _LogPart:
     sensors: SensorSuite | None
     warnings: tuple[str, ...]
     checks: tuple[Check, ...]
-    own: Mapping[str, Any]
+    fields: Mapping[str, Any]
 
 
 def estimate(
@@ -98,7 +98,7 @@ def estimate(
         momentum=max((part.momentum for part in parts.values()), key=_MOMENTA.index),
         warnings=tuple(text for part in parts.values() for text in part.warnings),
         checks=tuple(check for part in parts.values() for check in part.checks),
-        **({} if others else first.own),
+        **({} if others else first.fields),
     )
     if not others and prior is None:
         return result
@@ -288,19 +288,19 @@ def _summarize(arguments: Arguments, log: CheckedLog) -> _LogPart:
     # The errors of a log are at least as many as the axes of a gyro, whose bias is in all samples.
     axes = 3 if tree.normal_B is None else 1
     checks = (*checks, conservation_check(to_rows, to_errors, axes))
-    own: dict[str, Any] = {}
+    fields: dict[str, Any] = {}
     if is_whole and freedom > 0:  # residuals show the errors
         residuals = zip(("linear", "angular"), rows.residuals(x), strict=True)
-        own["residuals"] = {kind: each for kind, each in residuals if each.value.size}
+        fields["residuals"] = {kind: each for kind, each in residuals if each.value.size}
         first, all_rows = (rows.triangle(is_zero=is_zero, is_half=h) for h in (True, False))
         checks += part_checks(first[-11:, -11:], all_rows[-11:, -11:], freedom)
     if log.states is None and to_rows > INTEGRATION:
         checks = (*checks, bias_check(solution, rows.bias(x, is_zero=is_zero)))
     if rows.extra and not is_zero:
-        own["momentum_estimate"] = x[: rows.extra]
+        fields["momentum_estimate"] = x[: rows.extra]
         if whole.rank == rows.extra + len(tree.unknowns):
             inverse = np.linalg.pinv(whole.R)[: rows.extra]
-            own["momentum_covariance"] = inverse @ inverse.T
+            fields["momentum_covariance"] = inverse @ inverse.T
     return _LogPart(
         target,
         row_count=freedom + whole.rank - (0 if is_zero else rows.extra),
@@ -313,7 +313,7 @@ def _summarize(arguments: Arguments, log: CheckedLog) -> _LogPart:
             replace(check, sentence=check.sentence and log.where + check.sentence)
             for check in checks
         ),
-        own=own,
+        fields=fields,
     )
 
 

@@ -13,12 +13,13 @@ mass, and the vectors k and c in W from B's origin to the spacecraft's centre of
 This is linear in μ, h' and the a, where a₂ is the effect of a constant force. It remains so for the
 position p_WBo + R_WB d of another point of the base, and its derivative is linear in the same
 unknowns. The angular momentum about the centre of mass is linear in the target, too
-(`RELATIVE_ROWS`), whose first four unknowns are μ and h' times the known mass: one target must
+(`conserved`), whose first four unknowns are μ and h' times the known mass: one target must
 explain both.
 
 Source: Ning et al. 2016, Eqs. 5 and 9.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -28,8 +29,8 @@ from cpid_drake.array import Array
 from cpid_drake.dynamics.momentum import MomentumSamples, momentum_samples
 from cpid_drake.dynamics.motion import Motion
 from cpid_drake.dynamics.parameterizations import tensor_to_vector, vector_to_tensor
-from cpid_drake.dynamics.rotations import rotate, skew
-from cpid_drake.dynamics.rows import RELATIVE_ROWS
+from cpid_drake.dynamics.rotations import rotate
+from cpid_drake.dynamics.rows import conserved
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.logs.instants import Instants
 from cpid_drake.logs.noise_estimation import RESOLUTION
@@ -152,17 +153,22 @@ def explain_by_momentum(
     samples, has_spin = momentum_of(given, tree), tree.normal_B is None
     reach = float(np.linalg.norm(samples.motion.p_WC, axis=1).max())
     y = given.values.get("position", given.values.get("velocity"))
-    shift = None if y is None else _linear(given, samples, y, has_free_point)
+    of_turning, *of_centre = conserved(samples)
+    shift = None
+    if y is not None and "attitude" in given.values:
+        shift = _linear(given, of_centre, y, has_free_point)
     parts, drift = [], np.empty((0, 0)) if shift is None else shift[1]
     count = 3 if has_spin and "attitude" in given.values else 0
     if shift is not None:
         T, _, b, size = shift
         parts.append((np.hstack([T, np.zeros((len(b), 6 + count)), drift]), b, size))
     if has_spin:  # the plane has too few equations
-        rows = RELATIVE_ROWS.full_rows(samples, count > 0)
-        N, A, b = rows[:, :count], rows[:, count:-1], rows[:, -1]
-        size = _rms(b - N @ np.linalg.lstsq(N, b, rcond=None)[0])
-        parts.append((np.hstack([A, N, np.zeros((len(b), drift.shape[1]))]), b, size))
+        # A ψ − b = L, which is constant; without attitudes, only zero is
+        A, b = of_turning[..., :10].reshape(-1, 10), of_turning[..., 10]
+        size = _rms(b - b.mean(axis=0) if count else b)
+        N = np.tile(-np.eye(3)[:, :count], (len(b), 1))
+        nothing = np.zeros((len(A), drift.shape[1]))
+        parts.append((np.hstack([A, N, nothing]), b.ravel(), size))
     if not parts:
         return None
     # What each part leaves alone is its noise, by which both together are weighed.
@@ -193,29 +199,25 @@ def explain_by_momentum(
 
 
 def _linear(
-    given: Instants, samples: MomentumSamples, y: Array, has_free_point: bool
+    given: Instants, of_centre: Sequence[Array], y: Array, has_free_point: bool
 ) -> tuple[Array, Array, Array, float] | None:
     """Return rows of the positions, or velocities, y: of (μ, μc), of drift and point; y; its size.
 
-    None without attitudes, or if nothing moves.
+    None if nothing moves. `of_centre` are the rows of velocity and place of the centre of mass.
     """
-    C, clock = samples.motion, given.time / max(given.time[-1], 1e-300)
+    clock = given.time / max(given.time[-1], 1e-300)
     has_position = "position" in given.values
-    if has_position:
-        powers = [np.ones_like(clock), clock, clock**2]
-        of_craft, arm, moment = samples.p_WKcm, C.p_WC - samples.p_WKcm, -C.R_WC
-    else:
-        powers = [np.ones_like(clock), clock]
-        of_craft = samples.P / samples.mass
-        arm, moment = C.v_WC - of_craft, -skew(C.w_WC) @ C.R_WC
+    powers = [np.ones_like(clock), clock, *([clock**2] if has_position else [])]
     drift = np.stack(powers, axis=1)
     size = _rms(y - drift @ np.linalg.lstsq(drift, y, rcond=None)[0])
-    if "attitude" not in given.values or not size > _LEAST * max(np.abs(y).max(), 1e-3):
+    if not size > _LEAST * max(np.abs(y).max(), 1e-3):
         return None
-    T = np.concatenate([-arm[:, :, None], moment], axis=2) / samples.mass
+    rows = of_centre[1 if has_position else 0]
     columns = [power[:, None, None] * np.eye(3) for power in powers]
     D = np.concatenate([*columns, *([given.R_WB] if has_free_point and has_position else [])], 2)
-    return T.reshape(y.size, 4), D.reshape(y.size, -1), (y + of_craft).reshape(-1), size
+    # y + k = D d − A (μ, μc), with the spacecraft's k = −b: the base's origin is at zero in samples
+    moved = (y - rows[..., 10]).ravel()
+    return -rows[..., :4].reshape(y.size, 4), D.reshape(y.size, -1), moved, size
 
 
 def _has_inertia(x: Array, root: Array, tree: KinematicTree) -> bool:

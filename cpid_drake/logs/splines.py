@@ -17,7 +17,7 @@ from scipy.sparse.linalg import splu
 from cpid_drake.array import Array
 from cpid_drake.logs.log import Samples
 
-PIECES = (2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64, 91, 128, 181, 256, 362, 512)
+PIECES = tuple(round(2 ** (k / 2)) for k in range(2, 29))
 """Numbers of pieces that are tried; each is the one before times about √2."""
 
 DEGREE = 5
@@ -29,13 +29,19 @@ GAP = 3.0
 Fit = TypeVar("Fit")
 
 
-def regression_spline(samples: Samples) -> BSpline:
-    """Return the spline through samples whose noise is not known; it is kept for the same again."""
-    return _regression_spline(samples.time.tobytes(), samples.value.tobytes())
+def regression_spline(samples: Samples, first: int = 0) -> BSpline:
+    """Return the spline through samples whose noise is not known; it is kept for the same again.
+
+    Args:
+        samples: (N, width).
+        first: see `best`.
+
+    """
+    return _regression_spline(samples.time.tobytes(), samples.value.tobytes(), first)
 
 
 @lru_cache(maxsize=32)
-def _regression_spline(times: bytes, values: bytes) -> BSpline:
+def _regression_spline(times: bytes, values: bytes, first: int) -> BSpline:
     """Return the spline through values (N, width) at times (N,)."""
     time = np.frombuffer(times)
     value = np.frombuffer(values).reshape(len(time), -1)
@@ -47,9 +53,10 @@ def _regression_spline(times: bytes, values: bytes) -> BSpline:
             return 0.0, BSpline(knots, np.zeros((len(knots) - DEGREE - 1, 0)), DEGREE)
         spline = make_lsq_spline(time, value, knots, DEGREE)
         variance = np.mean((value - spline(time)) ** 2, axis=0)
+        # −2 log(likelihood) of white noise of this variance: N log σ²
         return len(value) * float(np.log(variance + tiny).sum()), spline
 
-    return best(fit, len(value), value.shape[1])[1]
+    return best(fit, len(value), value.shape[1], first=first)[1]
 
 
 def in_gap(time: Array, at: Array) -> NDArray[np.bool_]:
@@ -96,6 +103,7 @@ def best(
         if fits and pieces + DEGREE > samples / 2:
             break
         chi, fitted = fit(pieces)
+        # AIC = χ² + 2 k, with k coefficients of all functions
         fits.append((chi + 2 * width * (pieces + DEGREE), chi, pieces, fitted))
         best = min(range(len(fits)), key=lambda k: fits[k][0])
         if len(fits) > best + 3:
@@ -124,6 +132,7 @@ def solve(A: csr_array, b: Array) -> tuple[Array, float]:
 
 def covariance(A: csr_array, chi: float, numbers: float) -> Array:
     """Return the covariance of a solution, with the misfit if χ² is larger than the noise says."""
+    # s² (AᵀA)⁻¹ with s² = max(χ² / (numbers), 1)
     normal = (A.T @ A).toarray()
     normal += 1e-13 * normal.diagonal().max() * np.eye(len(normal))
     covariance = cho_solve(cho_factor(normal), np.eye(len(normal)))

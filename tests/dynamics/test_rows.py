@@ -9,7 +9,7 @@ from paper_equations import (
 from sensing_cases import true_telemetry
 
 from cpid_drake import HalfCosine
-from cpid_drake.dynamics.momentum import momentum_samples
+from cpid_drake.dynamics.momentum import momentum_samples, system_momentum
 from cpid_drake.dynamics.parameterizations import EQ18
 from cpid_drake.dynamics.rotations import rotate
 from cpid_drake.dynamics.rows import (
@@ -17,6 +17,7 @@ from cpid_drake.dynamics.rows import (
     RELATIVE_ROWS,
     ROW_FAMILIES,
     STANDARD_ROWS,
+    conserved,
 )
 
 KNOWN_MASS = 1031.0  # of the servicer, and what free_samples() pretends
@@ -51,6 +52,23 @@ def test_both_families_are_the_same_physics(servicer, skewed_target, random_moti
     np.testing.assert_allclose(standard[:, :3], top, rtol=0, atol=1e-10)
     crossed = np.cross(skewed_target.p_CTcm_C, standard[:, :3])
     np.testing.assert_allclose(standard[:, 3:], eq18[:, 3:] + crossed, rtol=0, atol=1e-9)
+
+
+def test_conserved_rows_are_momentum_and_centre_of_mass_of_the_system(
+    servicer, skewed_target, random_motion
+):
+    """At the truth, of any motion: against sums over the bodies about W's origin."""
+    motion = random_motion(8, seed=4)
+    samples = momentum_samples(servicer.tree, motion)
+    psi = RELATIVE_ROWS.parameterization(KNOWN_MASS).from_parameters(skewed_target.to_vector())
+    H, v, p = conserved(samples) @ np.append(psi, -1.0)
+    P_W, L_W = system_momentum(servicer.tree, skewed_target, motion)
+    mass = KNOWN_MASS + skewed_target.mass
+    p_WTcm = samples.motion.p_WC + rotate(samples.motion.R_WC, skewed_target.p_CTcm_C)
+    p_WScm = (KNOWN_MASS * samples.p_WKcm + skewed_target.mass * p_WTcm) / mass
+    np.testing.assert_allclose(p, p_WScm, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(v, P_W / mass, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(H, L_W - np.cross(p_WScm, P_W), rtol=1e-11, atol=1e-9)
 
 
 # -- the paper's equations one by one ----------------------------------------------------------
