@@ -24,6 +24,7 @@ class Link:
             is zero, if the end of the block is closed.
         is_open: whether these may change by any amount.
         span: σ of their change at an open end, as a share of `log_state.farthest`.
+        push: σ (12,) of their change at a closed end by what acts unmodelled; zero if nothing does.
 
     """
 
@@ -32,6 +33,7 @@ class Link:
     pull: Array
     is_open: bool = False
     span: float = 1.0
+    push: Array | float = 0.0
 
     @classmethod
     def closed(cls, model: Model, gap: float = 0.0) -> "Link":

@@ -355,7 +355,7 @@ def _sigma(model: Model, link: Link, closed: float) -> Array:
     """Return σ (12,) of a change at a link, with that of a closed one as a share of its sizes."""
     if link.is_open or link.gap:
         return link.span * farthest(model)
-    return _sizes(model, closed, closed, closed)
+    return np.hypot(_sizes(model, closed, closed, closed), link.push)
 
 
 def _sizes(model: Model, turn: float, place: float, speed: float) -> Array:

@@ -1,8 +1,9 @@
 """Forces and torques that change faster than their random walks, which nobody states.
 
 Wheels that are not in the log, cables and drag change within a block. Where the steps of a random
-walk are improbable, the fit has a white force besides, of the plausible size in each of its pieces,
-and its process of the largest evidence; see `estimation.noise`.
+walk are improbable, or a torque between blocks has evidence (`torque_check`), the fit has a white
+force besides, of the plausible size in each of its pieces, and its process of the largest evidence;
+see `estimation.noise`.
 """
 
 from collections.abc import Callable, Collection
@@ -24,7 +25,8 @@ from cpid_drake.estimation.likelihood.forces import (
     SHORTEST_PIECE,
     TORQUE_NOISE,
 )
-from cpid_drake.identification.exact_check import widened
+from cpid_drake.identification.exact_check import STRONG, widened
+from cpid_drake.identification.torque_check import torque_gain
 from cpid_drake.identification.walk_check import walks_of
 from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.error_kinds import KINDS
@@ -50,7 +52,9 @@ def with_changing_forces(fit: Fit, progress: Callable[[str], object]) -> tuple[F
         progress: see `estimation.fit.fit`.
 
     """
-    names = _improbable(fit)
+    if all(fit.model.of_log(log.name).suite.unstated == "exact" for log in fit.logs):
+        return fit, ""
+    names = _acting(fit)
     model = fit.model.with_suites(partial(_with_noise, tree=fit.model.tree, names=names))
     log_names = [log.name for log in fit.logs]
     if all(model.of_log(n).suite == fit.model.of_log(n).suite for n in log_names):
@@ -60,7 +64,7 @@ def with_changing_forces(fit: Fit, progress: Callable[[str], object]) -> tuple[F
         for log in fit.logs
     ]
     wide = fit_logs(model, logs, values=fit.values, progress=progress)
-    if not wide.converged or _improbable(wide):
+    if not wide.converged or _acting(wide):
         return fit, ""
     forces = " and ".join(sorted({name.partition("_")[0] for name in names}))
     return wide, (
@@ -69,13 +73,14 @@ def with_changing_forces(fit: Fit, progress: Callable[[str], object]) -> tuple[F
     )
 
 
-def _improbable(fit: Fit) -> set[str]:
-    """Return the names of the white forces instead of which something walks too far."""
-    return {
+def _acting(fit: Fit) -> set[str]:
+    """Return the names of white forces that act, or instead of which something walks too far."""
+    names = {
         _NOISE[each.name]
         for each in walks_of(fit)
         if each.name in _NOISE and each.square > each.limit
     }
+    return names | ({TORQUE_NOISE} if torque_gain(fit) > STRONG else set())
 
 
 def _with_noise(suite: SensorSuite, tree: KinematicTree, names: Collection[str]) -> SensorSuite:

@@ -35,6 +35,7 @@ from cpid_drake.identification.log_sensors import model_of, open_model_of
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import History, Identification
 from cpid_drake.identification.together import with_sources
+from cpid_drake.identification.torque_check import torque_check, torque_gain
 from cpid_drake.logs.log import Log, Samples
 from cpid_drake.sensors.suite import SensorSuite
 
@@ -70,6 +71,7 @@ def estimate(
     # Changes of momentum: a link between two blocks opens where p(change | y) says so.
     question = Question.of(model, logs, arguments.momentum)
     fit = fit_with_events(fit, question, BoundedFits(progress=progress))
+    torque = torque_check(torque_gain(fit))
 
     # Comparison: of all sets of momenta L ≠ 0, the most probable; then h is linear about its x.
     progress("comparing")
@@ -89,7 +91,7 @@ def estimate(
     opened = partial(open_model_of, arguments.spacecraft.tree, logs, arguments.known_bodies)
     result = replace(
         result,
-        checks=(*result.checks, *chosen.part_checks(), *exact_checks(chosen, opened)),
+        checks=(*result.checks, torque, *chosen.part_checks(), *exact_checks(chosen, opened)),
         warnings=(*warnings, *([changing] if changing else []), *result.warnings),
     )
     if len(logs) == 1:

@@ -15,6 +15,7 @@ ADVICE = {
     "noise": "state the noise of your sensors; look at the residuals in the report",
     "halves": "identify each half alone; declare acceleration and torque",
     "random walks": "log what acts, or state torque_noise, acceleration_noise",
+    "changing torque": "hold it fast, log what acts, or state torque_noise",
     "declared sizes": (
         "state what the hardware can have, as joint_scale_ppm of belts; else look for a sign or an "
         "axis"
