@@ -6,18 +6,20 @@ by those of all of it, but by others: no residual shows it, but the target of th
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.special import chdtri, fdtri
 
 from cpid_drake.array import Array
+from cpid_drake.estimation.evidence import NAMED, ModelComparison, Question
 from cpid_drake.estimation.fit import Fit, prior_of
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.posterior import difference, known_target, without
 from cpid_drake.estimation.roll import Rolled, Values
 from cpid_drake.estimation.sweep import sweep
-from cpid_drake.estimation.unknowns import PSI, Model
+from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.identification.checks import IMPROBABLE, Check
 
 ROUGH = 2.0
@@ -35,12 +37,43 @@ class ChosenFit:
 
     Attributes:
         fit: the fit.
+        question: what is asked about the momenta of its logs.
+        compared: all sets of momenta that may be zero, but for those that are given.
         held: values of unknowns that are held, less those of the fit.
+        contradicted: the given momenta that the samples contradict, which are not held.
 
     """
 
     fit: Fit
+    question: Question
+    compared: ModelComparison
     held: Values
+    contradicted: frozenset[str]
+
+    @classmethod
+    def of(cls, fit: Fit, question: Question) -> "ChosenFit":
+        """Return a fit with what is held of all that is asked."""
+        remaining = question.without_contradicted(fit.gaussian, fit.values, fit.model)
+        compared = remaining.answer(fit.gaussian, fit.values)
+        held = remaining.held(fit.values, compared.best)
+        return cls(fit, question, compared, held, frozenset({*question.given} - {*remaining.given}))
+
+    @cached_property
+    def average(self) -> Gaussian:
+        """Of all unknowns but these momenta about the fit's values, by the odds of each set."""
+        gaussian = self.compared.gaussian
+        return gaussian.moved(np.concatenate([self.fit.values[name] for name in gaussian.places]))
+
+    @property
+    def momentum(self) -> str:
+        """The total momentum that is assumed; see `momentum_name`."""
+        is_wrong = any(self.odds_of(log.name) >= NAMED for log in self.fit.logs)
+        return "unknown" if is_wrong else momentum_name(self.question)
+
+    def odds_of(self, log: str) -> float:
+        """Return the probability that the momentum of a log is not as given, or not zero."""
+        key = self.fit.model.unknown(MOMENTUM).key(log)
+        return 1.0 if key in self.contradicted else self.compared.probability.get(key, 0.0)
 
     def given(self, gaussian: Gaussian) -> Gaussian:
         """Return a distribution of unknowns about the fit's values, with those that are held."""
@@ -79,6 +112,13 @@ class ChosenFit:
             step, later = np.split(later, [unknown.size])
             values[unknown.key(log.name)] = values[unknown.key(log.name)] - step
         return values
+
+
+def momentum_name(question: Question) -> str:
+    """Return the total momentum that is assumed before a fit: "zero", "unknown" or "known"."""
+    if not (question.given or question.candidates):
+        return "unknown"
+    return "known" if any(value.any() for value in question.given.values()) else "zero"
 
 
 def halves_check(

@@ -24,7 +24,7 @@ from cpid_drake.identification.arguments import (
     resolve_sensors_by_log,
 )
 from cpid_drake.identification.checked_log import CheckedLog, check_logs
-from cpid_drake.identification.checks import Check, label_of
+from cpid_drake.identification.checks import Check
 from cpid_drake.identification.consistency import checked
 from cpid_drake.identification.estimators import (
     Estimator,
@@ -35,6 +35,7 @@ from cpid_drake.identification.log_sensors import exact_sensors, excluded_bias
 from cpid_drake.identification.planar import PROPOSED, could_be_planar
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import SPACECRAFT, Identification
+from cpid_drake.identification.words import label_of
 from cpid_drake.logs.conventions import check_conventions
 from cpid_drake.logs.log import Log
 from cpid_drake.sensors.error_kinds import bodies_of as errors_of_bodies

@@ -11,7 +11,7 @@ from cpid_drake.estimation.least_squares import FAR, quantile_95
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.files.digits import significant, with_half_width
 from cpid_drake.identification.checked_log import CheckedLog
-from cpid_drake.identification.checks import label_of
+from cpid_drake.identification.words import label_of
 from cpid_drake.logs.gyro_bias import GyroBias, gyro_bias
 from cpid_drake.logs.noise_estimation import estimate_suite
 from cpid_drake.sensors.sensors import CALIBRATED_GYRO_BIAS, DEGREE_PER_HOUR, Gyro

@@ -234,7 +234,7 @@ class Stream:
     def identification(self, state: StreamState, *, has_budget: bool = False) -> Identification:
         """Return the identification of a state, with its error budget if wanted; see `counted`."""
         joints = self.joint_names if has_budget else None
-        answer = identification_of_state(self._model, state.online, self._momentum, joints)
+        answer = identification_of_state(self._model, state.online, joints)
         if wrong := state.first.contradiction:
             answer = replace(answer, checks=(*answer.checks, Check("log", wrong)))
         if answer.momentum_changes:

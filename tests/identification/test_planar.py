@@ -10,7 +10,7 @@ from sensing_cases import measured, true_psi, true_telemetry
 
 from cpid_drake import InputError, identify
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.identification.fitted import cramer_rao_bound
+from cpid_drake.estimation.cramer_rao import cramer_rao_bound
 from cpid_drake.identification.planar import ASSUMED, PROPOSED
 from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.disturbances import Disturbances

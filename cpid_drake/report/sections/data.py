@@ -7,10 +7,10 @@ from cpid_drake.dynamics.rows import ROW_FAMILIES
 from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.files.digits import significant
 from cpid_drake.files.figures import curves
-from cpid_drake.identification.checks import label_of
 from cpid_drake.identification.estimators import estimator_label
 from cpid_drake.identification.identify_files import Evidence
 from cpid_drake.identification.result import History, Identification
+from cpid_drake.identification.words import label_of
 from cpid_drake.logs.log import Log
 from cpid_drake.report.figures import convergence_figures, motion_figures
 from cpid_drake.report.page import Section, Table
