@@ -1,6 +1,6 @@
 """Whiteness of residuals: a correct model leaves residuals that are not correlated in time."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.fft import next_fast_len
@@ -123,11 +123,3 @@ def correlation_time(rho: Array, count: float) -> float:
     end = int(np.argmax(pairs <= 0)) if (pairs <= 0).any() else len(pairs)
     beyond = 2 * float(pairs[:end].sum()) - 2
     return 1 + max(beyond - 4 * float(np.sqrt(2 * end / count)), 0.0)
-
-
-def whiteness(residuals: Array) -> Whiteness:
-    """Return the whiteness of residuals (N, channels), whose channels may have any size."""
-    size = np.sqrt(np.mean(residuals**2, axis=0)) if len(residuals) else np.zeros(0)
-    sums = LagSums().added(residuals[:, : len(size)][:, size > 0] / size[size > 0])
-    rms = float(np.sqrt(np.mean(residuals**2))) if residuals.size else 0.0
-    return replace(sums.whiteness, rms=rms)

@@ -20,21 +20,10 @@ from cpid_drake.identification.chosen_fit import ChosenFit, momentum_name
 from cpid_drake.identification.log_sensors import model_of
 from cpid_drake.identification.observed import Observed
 from cpid_drake.identification.result import Identification
+from cpid_drake.identification.words import NO_FIT, NOT_LINEAR, blocks_refused
 
 RECURSIVE_FIT = "recursive_fit"
 """The estimator's name."""
-
-NOT_LINEAR = (
-    "the inertia changed by {:.1g} % since the blocks are solved one after the other: they are not "
-    "linear about the target; use the trajectory fit"
-)
-"""The failed check if the first blocks were linearized about another target."""
-
-REFUSED = "the samples of {} are not used: no fit explains them"
-"""The warning about blocks that are left out."""
-
-NO_FIT = "no fit of the {:.3g} s of samples so far explains them"
-"""The failed check while no fit is found."""
 
 
 def question_of(model: Model, momentum: TotalMomentum | None) -> Question:
@@ -60,8 +49,7 @@ def identification_of_state(
     result = answer_of(ChosenFit.of(fit, state.question), observed, RECURSIVE_FIT, joints)
     warnings, checks = list(result.warnings), list(result.checks)
     if state.refused:
-        blocks = "a block" if state.refused == 1 else f"{state.refused} blocks"
-        warnings.append(REFUSED.format(blocks))
+        warnings.append(blocks_refused(state.refused))
     if change := change_beyond_linear(fit):
         checks.append(Check("linearity", NOT_LINEAR.format(100 * change)))
     return replace(result, warnings=tuple(warnings), checks=tuple(checks))

@@ -1,9 +1,13 @@
-"""The words of warnings: what a fit, and the samples of its logs, show a user."""
+"""The words of warnings and failures: what a fit, and the samples of its logs, show a user."""
 
 from collections.abc import Iterator, Sequence
 
-from cpid_drake.files.digits import significant
+import numpy as np
+
+from cpid_drake.estimation.least_squares import quantile_95
+from cpid_drake.files.digits import significant, with_half_width
 from cpid_drake.identification.observed import Observed
+from cpid_drake.logs.gyro_bias import GyroBias
 from cpid_drake.sensors.sensors import SENSORS
 
 SEEN = 1.1
@@ -11,6 +15,34 @@ SEEN = 1.1
 
 SLOW = 0.1
 """Share of slow noise in the variance from which a warning says so."""
+
+
+PLANAR_ASSUMED = (
+    "the log has x, y and yaw only, so the spacecraft is taken to float on a table: only momentum "
+    "in the plane is used (--planar says so, --no-planar is for a spacecraft that floats freely)"
+)
+"""The warning if a log without tilt and height is identified in the plane."""
+
+PLANAR_PROPOSED = (
+    "all joints rotate about one axis: if a table carries the spacecraft, say so with --planar, "
+    "because its reactions are not in the equations otherwise"
+)
+"""The warning if such a spacecraft has no answer, or not a whole one."""
+
+THRUST_NOT_USED = (
+    "thrusters fired from {} s on, and {} does not use the log of thrust: identify with "
+    "--estimator trajectory_fit"
+)
+"""The failed check of an estimator that assumes a constant momentum while thrusters fire."""
+
+NOT_LINEAR = (
+    "the inertia changed by {:.1g} % since the blocks are solved one after the other: they are not "
+    "linear about the target; use the trajectory fit"
+)
+"""The failed check if the first blocks were linearized about another target."""
+
+NO_FIT = "no fit of the {:.3g} s of samples so far explains them"
+"""The failed check while no fit is found."""
 
 
 def label_of(sensor: str) -> str:
@@ -53,3 +85,29 @@ def _of_gaps(gaps: Sequence[tuple[float, float]], where: str) -> Iterator[str]:
         f"{where}{text} from {start:.3f} s to {end:.3f} s in the samples of the joints: no sample "
         "inside is used, and attitude, position and momentum are estimated again behind it"
     )
+
+
+def blocks_refused(count: int) -> str:
+    """Return the warning about blocks that are left out."""
+    blocks = "a block" if count == 1 else f"{count} blocks"
+    return f"the samples of {blocks} are not used: no fit explains them"
+
+
+def noise_not_stated(sensor: str) -> str:
+    """Return the warning about a sensor without noise, and without a word that it is exact."""
+    return (
+        f"no noise of the {label_of(sensor)} is stated: it was taken as exact, to rounding; state "
+        f"the noise of '{sensor}:', which `cpid log noise` shows"
+    )
+
+
+def bias_words(bias: GyroBias) -> str:
+    """Return a gyro's bias with its 95 % intervals."""
+    pairs = zip(np.degrees(bias.value), quantile_95() * np.degrees(bias.sigma), strict=True)
+    shown = ", ".join(with_half_width(*pair) for pair in pairs if np.isfinite(pair[0]))
+    return f"the gyro has a bias of ({shown}) deg/s against the attitude"
+
+
+def bias_advice(bias: GyroBias) -> str:
+    """Return what to state of a gyro's bias in a sensors' file."""
+    return f"declare gyro.bias_deg_per_s: {significant(float(np.degrees(bias.size)))}"

@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from cpid_drake.estimation.whiteness import LagSums, whiteness
+from cpid_drake.estimation.whiteness import LagSums
+
+
+def whiteness(residuals):
+    return LagSums().added(residuals).whiteness
 
 
 @pytest.mark.parametrize("channels", [1, 6])
