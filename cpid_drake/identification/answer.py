@@ -13,7 +13,7 @@ import numpy as np
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.likelihood.constants import BIAS, NO_BIAS
-from cpid_drake.estimation.posterior import known_target
+from cpid_drake.estimation.posterior import estimate_of, known_target
 from cpid_drake.estimation.residuals import near_residuals
 from cpid_drake.estimation.roll import Values
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
@@ -45,7 +45,7 @@ def answer_of(
     of_momentum, checks = list[str](), list[Check]()
     for name in names:
         is_given, where = not chosen.question.candidates, f"{name}: " if len(names) > 1 else ""
-        texts, failed = momentum_words(chosen.odds_of(name), is_given=is_given, where=where)
+        texts, failed = momentum_words(chosen.odds[name], is_given=is_given, where=where)
         of_momentum, checks = [*of_momentum, *texts], [*checks, *failed]
     valves = [f"{each.describe()}: it failed" for each in effects if each.failed_valve]
     result = target_only(
@@ -104,8 +104,8 @@ def _effects(
         error = model.of_log(log).constants.errors.get(unknown.name)
         has_none = error is None or (error.kind == BIAS and error.sigma <= NO_BIAS)
         if error is not None and not has_none and key in gaussian.places:
-            own = gaussian.marginal([key])
-            value, sigma = values[key] + own.solve(), np.sqrt(np.diag(own.covariance()))
+            value, covariance = estimate_of(key, values, gaussian)
+            sigma = np.sqrt(np.diag(covariance))
             where = log if unknown.scope == "log" and len(logs) > 1 else ""
             owner = {"log": where, "hardware": unknown.hardware}
             effects.append(EffectEstimate.of(error, value, sigma, **owner))
@@ -125,8 +125,7 @@ def _of_one_log(chosen: ChosenFit) -> dict[str, Any]:
     if key in compared.values:
         value, covariance = compared.values[key], compared.covariance[key]
     elif key in gaussian.places:
-        own = gaussian.marginal([key])
-        value, covariance = fit.values[key] + own.solve(), own.covariance()
+        value, covariance = estimate_of(key, fit.values, gaussian)
     else:
         return fields
     count = 6 if "position" in model.suite.present() else 3

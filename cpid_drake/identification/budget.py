@@ -20,6 +20,7 @@ from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import FAR, quantile_95
 from cpid_drake.estimation.likelihood.constants import BIAS
+from cpid_drake.estimation.posterior import estimate_of
 from cpid_drake.estimation.roll import Values
 from cpid_drake.estimation.unknowns import BODIES, MOMENTUM, PSI, Model, Unknown
 from cpid_drake.files.constraints import Numbers
@@ -228,8 +229,8 @@ def size_checks(
         if not e.may_fail
     }
     if model.known_bodies is not None and values.get(BODIES, np.empty(0)).size:
-        left = gaussian.marginal([BODIES])
-        own, sigma = values[BODIES] + left.solve(), np.sqrt(np.diag(left.covariance()))
+        own, covariance = estimate_of(BODIES, values, gaussian)
+        sigma = np.sqrt(np.diag(covariance))
         numbered = joints or [f"joint {k + 1}" for k in range(model.joint_count)]
         parts = zip(_of_bodies(model, numbered), own, quantile_95() * sigma, strict=True)
         (name, unit, scale), value, width = max(parts, key=lambda part: abs(part[1]))

@@ -9,18 +9,18 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.special import chdtri, fdtri
 
 from cpid_drake.array import Array
 from cpid_drake.estimation.evidence import NAMED, ModelComparison, Question
 from cpid_drake.estimation.fit import Fit, prior_of
 from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.least_squares import improbable
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.posterior import difference, known_target, without
 from cpid_drake.estimation.roll import Rolled, Values
 from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
-from cpid_drake.identification.checks import IMPROBABLE, Check
+from cpid_drake.identification.checks import Check
 
 ROUGH = 2.0
 """Factor to which residuals of rows in different units show the σ of an estimate."""
@@ -40,7 +40,7 @@ class ChosenFit:
         question: what is asked about the momenta of its logs.
         compared: all sets of momenta that may be zero, but for those that are given.
         held: values of unknowns that are held, less those of the fit.
-        contradicted: the given momenta that the samples contradict, which are not held.
+        odds: probability that the momentum of a log is not as given, or not zero, by log.
 
     """
 
@@ -48,15 +48,18 @@ class ChosenFit:
     question: Question
     compared: ModelComparison
     held: Values
-    contradicted: frozenset[str]
+    odds: dict[str, float]
 
     @classmethod
     def of(cls, fit: Fit, question: Question) -> "ChosenFit":
         """Return a fit with what is held of all that is asked."""
         remaining = question.without_contradicted(fit.gaussian, fit.values, fit.model)
-        compared = remaining.answer(fit.gaussian, fit.values)
-        held = remaining.held(fit.values, compared.best)
-        return cls(fit, question, compared, held, frozenset({*question.given} - {*remaining.given}))
+        compared, odds = remaining.answer(fit.gaussian, fit.values), {}
+        for log in fit.logs:
+            key = fit.model.unknown(MOMENTUM).key(log.name)
+            is_wrong = key in question.given and key not in remaining.given
+            odds[log.name] = 1.0 if is_wrong else compared.probability.get(key, 0.0)
+        return cls(fit, question, compared, remaining.held(fit.values, compared.best), odds)
 
     @cached_property
     def average(self) -> Gaussian:
@@ -67,13 +70,8 @@ class ChosenFit:
     @property
     def momentum(self) -> str:
         """The total momentum that is assumed; see `momentum_name`."""
-        is_wrong = any(self.odds_of(log.name) >= NAMED for log in self.fit.logs)
-        return "unknown" if is_wrong else momentum_name(self.question)
-
-    def odds_of(self, log: str) -> float:
-        """Return the probability that the momentum of a log is not as given, or not zero."""
-        key = self.fit.model.unknown(MOMENTUM).key(log)
-        return 1.0 if key in self.contradicted else self.compared.probability.get(key, 0.0)
+        is_named = any(odds >= NAMED for odds in self.odds.values())
+        return "unknown" if is_named else momentum_name(self.question)
 
     def given(self, gaussian: Gaussian) -> Gaussian:
         """Return a distribution of unknowns about the fit's values, with those that are held."""
@@ -142,12 +140,12 @@ def halves_check(
         for k, each in {"first": first, "rest": rest}.items()
     ]
     statistic, count = difference(named[0].add(named[1]), plausible, ["first", "rest"])
-    limit = float(chdtri(max(count, 1), IMPROBABLE))
+    limit = improbable(max(count, 1))
     if freedom is not None:
         left = freedom - count
         if count < 1 or left < 1:
             return Check.of("halves", "", passed=True)
         statistic *= left / max(freedom - statistic, 1e-12 * freedom)
-        limit = ROUGH**2 * count * float(fdtri(count, left, 1 - IMPROBABLE))
+        limit = ROUGH**2 * improbable(count, left)
     text = f"the first half of the samples has another target than all of them: {cause}"
     return Check.of("halves", text, statistic, limit)

@@ -47,12 +47,10 @@ def identification_of_state(
     fit = replace(state.last, converged=state.last.converged and not state.unsettled)
     observed = Observed.of(model, [joined(state.fits)], [state.all_sums()], state.events)
     result = answer_of(ChosenFit.of(fit, state.question), observed, RECURSIVE_FIT, joints)
-    warnings, checks = list(result.warnings), list(result.checks)
-    if state.refused:
-        warnings.append(blocks_refused(state.refused))
-    if change := change_beyond_linear(fit):
-        checks.append(Check("linearity", NOT_LINEAR.format(100 * change)))
-    return replace(result, warnings=tuple(warnings), checks=tuple(checks))
+    warnings = [blocks_refused(state.refused)] if state.refused else []
+    change = change_beyond_linear(fit)
+    checks = [Check("linearity", NOT_LINEAR.format(100 * change))] if change else []
+    return replace(result, warnings=(*result.warnings, *warnings), checks=(*result.checks, *checks))
 
 
 def _before_a_fit(model: Model, state: OnlineState) -> Identification:
