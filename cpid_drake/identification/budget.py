@@ -108,6 +108,7 @@ def error_budget(
             value, sigma, prior = fit.values[key], np.sqrt(variance), unknown.sigma
             entry = k - both.places[key].start
             if not walks:
+                # cov(π, x)² / (var(x) var(π)); half of it goes where 1/σ² = 1/σ_prior² + 1/σ_x²
                 shares = np.where(is_known, of_target**2 / (variance * total), np.nan)
                 needed = 1 / np.hypot(1 / prior[entry], 1 / sigma)
                 numbers = (value[entry] + solution[k], sigma, needed)

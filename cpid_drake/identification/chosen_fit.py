@@ -134,6 +134,7 @@ def halves_check(
             without the difference show it, to `ROUGH` (Chow 1960, Econometrica 28).
 
     """
+    # χ² = (ψ₁ − ψ₂)ᵀ (P₁ + P₂)⁻¹ (ψ₁ − ψ₂), with P₂⁻¹ = P⁻¹ − P₁⁻¹ of the rest of the samples
     rest = without(first, whole, _BENDS)
     named = [
         replace(each, places={k: slice(0, len(plausible))})
@@ -145,6 +146,7 @@ def halves_check(
         left = freedom - count
         if count < 1 or left < 1:
             return Check.of("halves", "", passed=True)
+        # F of k differences, with n degrees of freedom: k F = χ²_d (n − k) / (χ² − χ²_d), χ² = n
         statistic *= left / max(freedom - statistic, 1e-12 * freedom)
         limit = ROUGH**2 * improbable(count, left)
     text = f"the first half of the samples has another target than all of them: {cause}"
