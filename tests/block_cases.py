@@ -16,8 +16,8 @@ from cpid_drake.estimation.likelihood.constants import Constants
 from cpid_drake.estimation.likelihood.joint_model import JointPart
 from cpid_drake.estimation.likelihood.model import BlockModel
 from cpid_drake.estimation.likelihood.motion_model import TrajectoryState
+from cpid_drake.estimation.unknowns import MOMENTUM as OF_LOG
 from cpid_drake.estimation.unknowns import PSI
-from cpid_drake.identification.answer import at_momentum
 from cpid_drake.logs.log import Log
 from cpid_drake.sensors.sensors import (
     SENSORS,
@@ -168,7 +168,8 @@ def fired(case: Case, times, momentum_W, duration=1e-6) -> Log:
 def target_of(found):
     """Return ψ of a fit of one log without momentum, and its covariance."""
     [log] = found.logs
-    known = at_momentum(found.gaussian, found.values, TotalMomentum.zero(), log.name)
+    key = f"{OF_LOG}|{log.name}"
+    known = found.gaussian.condition({key: -found.values[key]})
     known = known.marginal([PSI])
     return found.values[PSI] + known.solve(), known.covariance()
 

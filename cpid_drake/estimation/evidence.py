@@ -135,7 +135,7 @@ class Question:
 
         """
         if momentum is not None and momentum.is_unknown:
-            return cls()
+            return cls(is_given=True)
         supposed = momentum or TotalMomentum.zero()
         value = np.concatenate([supposed.L_WScm_W, supposed.v_WScm_W])
         unknown = model.unknown(MOMENTUM)

@@ -17,7 +17,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
-from scipy.special import ndtri, stdtrit
+from scipy.special import chdtri, fdtri, ndtri, stdtrit
 
 from cpid_drake.array import Array
 
@@ -52,6 +52,17 @@ _PANEL = 16  # columns that are eliminated together: the fastest
 
 IMPROBABLE = 1e-4
 """Probability of what the data show, if all is as assumed, below which the assumption is wrong."""
+
+
+def improbable(count: float, freedom: int | None = None) -> float:
+    """Return the χ² of `count` entries that the true ones exceed with probability `IMPROBABLE`.
+
+    Degrees of freedom of the residuals are given if only these show the noise: it is then that of
+    an F distribution.
+    """
+    if freedom is None:
+        return float(chdtri(count, IMPROBABLE))
+    return count * float(fdtri(count, freedom, 1 - IMPROBABLE))
 
 
 def updated_information(information: Array, augmented_rows: Array) -> Array:

@@ -5,7 +5,6 @@ whole log. What leaves the window is marginalized, linear about its values then:
 of a whole log is one with a window that never ends. A block about which no fit is found is a gap.
 """
 
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -22,11 +21,11 @@ from cpid_drake.estimation.likelihood.motion_model import TrajectoryState
 from cpid_drake.estimation.linearity import is_linear, linear_at
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.past import Past
-from cpid_drake.estimation.roll import Rolled, first_table, linearize
+from cpid_drake.estimation.residuals import ResidualSums, with_blocks
+from cpid_drake.estimation.roll import first_table, linearize
 from cpid_drake.estimation.start import state_of
 from cpid_drake.estimation.sweep import known_at_start, sweep
 from cpid_drake.estimation.unknowns import PSI, Model
-from cpid_drake.estimation.whiteness import LagSums
 from cpid_drake.files.errors import InputError
 from cpid_drake.logs.log import Log
 
@@ -61,9 +60,7 @@ class OnlineState:
         earlier: those of blocks before them in the window; see `following`.
         ahead: what is known ahead of them; None if one more is solved together with the window.
         settled: times at which the momentum changed [s], before the window.
-        used, rejected: number of samples, and of those that weigh less or not at all, by sensor,
-            before the window.
-        lags: sums over the residuals of every sensor and over products of neighbours, before it.
+        sums: over the samples of every sensor, before the window.
         unsettled: number of blocks that left the window when its fit had not converged.
         refused: number of blocks that no fit explains, and that are not used.
 
@@ -77,9 +74,7 @@ class OnlineState:
     earlier: tuple[Fit, ...] = ()
     ahead: Past | None = None
     settled: tuple[float, ...] = ()
-    used: Mapping[str, int] = field(default_factory=dict)
-    rejected: Mapping[str, int] = field(default_factory=dict)
-    lags: Mapping[str, LagSums] = field(default_factory=dict)
+    sums: Mapping[str, ResidualSums] = field(default_factory=dict)
     unsettled: int = 0
     refused: int = 0
 
@@ -98,25 +93,12 @@ class OnlineState:
         """The fits of the window."""
         return () if self.last is None else (*self.earlier, self.last)
 
-    def observed(self) -> "OnlineState":
-        """Return the state with the numbers of samples and the residuals of the window, too."""
-        state = self
+    def all_sums(self) -> Mapping[str, ResidualSums]:
+        """Return the sums over the samples of every sensor, those of the window included."""
+        sums = self.sums
         for each in self.fits:
-            state = state._observed(each.logs[0], each.rolled[0])
-        return state
-
-    def _observed(self, log: LogState, rolled: Rolled) -> "OnlineState":
-        """Return the state with those of the blocks of a log."""
-        used, rejected, lags = Counter(self.used), Counter(self.rejected), dict(self.lags)
-        for block in log.states:
-            for name, samples in block.block.samples.items():
-                far = int(np.sum(block.weights.get(name, np.ones(1)) < 1))
-                used[name] += len(samples) - far
-                rejected[name] += far
-        for k, residuals in enumerate(rolled.residuals[: len(log.blocks)]):
-            for name, rest in residuals.items():
-                lags[name] = lags.get(name, LagSums()).added(log.whitened(k, name, rest))
-        return replace(self, used=used, rejected=rejected, lags=lags)
+            sums = with_blocks(sums, each.logs[0], each.rolled[0])
+        return sums
 
 
 def step(model: Model, state: OnlineState, block: Block) -> OnlineState:
@@ -172,7 +154,8 @@ def _one_more(state: OnlineState, block: Block) -> OnlineState | None:
     while fits and (block.end - fits[0].logs[0].blocks[-1].end) / usual > state.window - 1e-3:
         gone = fits.pop(0)
         [log], [rolled] = gone.logs, gone.rolled
-        state = replace(state._observed(log, rolled), settled=(*state.settled, *log.changes))
+        sums, settled = with_blocks(state.sums, log, rolled), (*state.settled, *log.changes)
+        state = replace(state, sums=sums, settled=settled)
     solved = replace(solved, swept=[], ends=[])
     return replace(state, last=solved, earlier=tuple(fits), ahead=ahead)
 
@@ -219,11 +202,13 @@ def _without_fit(state: OnlineState, blocks: Sequence[Block]) -> OnlineState:
     """
     waiting = tuple(blocks[1 - LONGEST :]) if state.last is None else ()
     left_out = blocks[: len(blocks) - len(waiting)]
-    rejected = Counter(state.rejected)
+    sums = dict(state.sums)
     for block in left_out:
-        rejected.update({name: len(samples) for name, samples in block.samples.items()})
+        for name, samples in block.samples.items():
+            before = sums.get(name, ResidualSums())
+            sums[name] = replace(before, rejected=before.rejected + len(samples))
     refused = state.refused + len(left_out)
-    return replace(state, rejected=rejected, refused=refused, waiting=waiting)
+    return replace(state, sums=sums, refused=refused, waiting=waiting)
 
 
 def _leaving(state: OnlineState, longest: float) -> int:
@@ -258,7 +243,8 @@ def _marginalized(state: OnlineState, count: int) -> OnlineState:
     derived = {part: own for part, own in kept.linear.items() if part in kept.models}
     kept = replace(kept, linear=derived)
     return replace(
-        state._observed(gone, rolled),
+        state,
+        sums=with_blocks(state.sums, gone, rolled),
         settled=(*state.settled, *gone.changes),
         last=replace(last, logs=[replace(rest, past=past)], rolled=[kept]),
         unsettled=state.unsettled + (0 if last.converged else count),

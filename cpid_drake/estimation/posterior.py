@@ -7,7 +7,7 @@ not. The prior of log-sizes keeps a fit among the physically consistent bodies, 
 nothing.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -31,6 +31,14 @@ def known_target(
     """
     samples = without(model.cone.prior(PSI, psi), gaussian.marginal([PSI]))
     return solution_of(samples.moved(-psi), psi, model.sizes(psi), row_count=count)
+
+
+def estimate_of(
+    unknown: str, values: Mapping[str, Array], gaussian: Gaussian
+) -> tuple[Array, Array]:
+    """Return an unknown (k,) and its covariance (k, k), of all unknowns about their values."""
+    own = gaussian.marginal([unknown])
+    return values[unknown] + own.solve(), own.covariance()
 
 
 def without(part: Gaussian, whole: Gaussian, least: float = 1e-6) -> Gaussian:

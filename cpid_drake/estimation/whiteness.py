@@ -1,6 +1,6 @@
 """Whiteness of residuals: a correct model leaves residuals that are not correlated in time."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.fft import next_fast_len
@@ -61,18 +61,18 @@ class Whiteness:
 class LagSums:
     """Sums over residuals that are added block by block: their whiteness in constant memory.
 
-    Their mean is zero. Blocks are shorter than the log: only neighbours within a block count.
+    Their mean is zero.
 
     Attributes:
         products: (`LAGS` + 1,) sums of products of residuals that are 0, 1, 2, … samples apart.
         pairs: (`LAGS` + 1,) their numbers.
-        channels: number of entries of a sample.
+        last: (n, channels) the last residuals, `LAGS` at most.
 
     """
 
     products: Array = field(default_factory=lambda: np.zeros(LAGS + 1))
     pairs: Array = field(default_factory=lambda: np.zeros(LAGS + 1))
-    channels: int = 1
+    last: Array = field(default_factory=lambda: np.zeros((0, 1)))
 
     def added(self, residuals: Array) -> "LagSums":
         """Return the sums after adding successive residuals (N, channels).
@@ -82,12 +82,16 @@ class LagSums:
         N, channels = residuals.shape
         usual = float(np.median(np.abs(residuals))) if N else 0.0
         rest = np.clip(residuals, -9 * usual, 9 * usual) if usual else residuals
-        length = next_fast_len(N + LAGS + 1, real=True)  # longer by what must not wrap around
-        spectrum = np.fft.rfft(rest, length, axis=0)
-        power = np.sum(spectrum.real**2 + spectrum.imag**2, axis=1)
-        products = np.fft.irfft(power, length)[: LAGS + 1]
-        pairs = np.maximum(N - np.arange(LAGS + 1), 0) * channels
-        return LagSums(self.products + products, self.pairs + pairs, channels)
+        before = len(self.last)
+        whole, lags = np.concatenate([self.last, rest]) if before else rest, np.arange(LAGS + 1)
+        # Σ_i x_i x_{i − lag} over the new x_i, with earlier ones: a product of spectra, longer by
+        # what must not wrap around.
+        length = next_fast_len(len(whole) + LAGS, real=True)
+        of_rest = np.fft.rfft(rest, length, axis=0)
+        by_whole = of_rest.conj() * (np.fft.rfft(whole, length, axis=0) if before else of_rest)
+        products = np.fft.irfft(np.sum(by_whole, axis=1), length)[before - lags]
+        pairs = channels * np.clip(len(whole) - lags, 0, N)
+        return LagSums(self.products + products, self.pairs + pairs, whole[-LAGS:])
 
     @property
     def correlation(self) -> Array:
@@ -101,7 +105,7 @@ class LagSums:
     @property
     def whiteness(self) -> Whiteness:
         """The whiteness of all residuals so far."""
-        rho, count = self.correlation, round(self.pairs[0] / self.channels)
+        rho, count = self.correlation, round(self.pairs[0] / self.last.shape[1])
         if count < 4 or len(rho) < 2:
             return Whiteness(0.0, 1.0, 1.0, count, 0.0)
         time = correlation_time(rho, self.pairs[0])
@@ -119,11 +123,3 @@ def correlation_time(rho: Array, count: float) -> float:
     end = int(np.argmax(pairs <= 0)) if (pairs <= 0).any() else len(pairs)
     beyond = 2 * float(pairs[:end].sum()) - 2
     return 1 + max(beyond - 4 * float(np.sqrt(2 * end / count)), 0.0)
-
-
-def whiteness(residuals: Array) -> Whiteness:
-    """Return the whiteness of residuals (N, channels), whose channels may have any size."""
-    size = np.sqrt(np.mean(residuals**2, axis=0)) if len(residuals) else np.zeros(0)
-    sums = LagSums().added(residuals[:, : len(size)][:, size > 0] / size[size > 0])
-    rms = float(np.sqrt(np.mean(residuals**2))) if residuals.size else 0.0
-    return replace(sums.whiteness, rms=rms)

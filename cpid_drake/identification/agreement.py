@@ -9,15 +9,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtrc, chdtri
+from scipy.special import chdtrc
 
 from cpid_drake.array import Array
 from cpid_drake.dynamics.parameterizations import PARAMETER_NAMES
 from cpid_drake.estimation.gaussian import Gaussian
-from cpid_drake.estimation.least_squares import quantile_95
+from cpid_drake.estimation.least_squares import improbable, quantile_95
 from cpid_drake.estimation.posterior import difference
 from cpid_drake.files.digits import with_half_width
-from cpid_drake.identification.checks import AGREEMENT, IMPROBABLE, Check
+from cpid_drake.identification.checks import AGREEMENT, Check
 from cpid_drake.identification.result import Identification
 
 NO_PRIOR = 1e-4
@@ -72,7 +72,7 @@ class Sources:
         if not freedom:
             return Check(AGREEMENT, "", passed=True)
         sentence += f" (probability {max(float(chdtrc(freedom, chi_squared)), 1e-99):.1g})"
-        return Check.of(AGREEMENT, sentence, chi_squared, float(chdtri(freedom, IMPROBABLE)))
+        return Check.of(AGREEMENT, sentence, chi_squared, improbable(freedom))
 
     def checks_of_each(self) -> dict[str, Check]:
         """Return the check of each source against all others."""

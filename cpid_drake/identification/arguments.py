@@ -19,6 +19,7 @@ from cpid_drake.logs.log import Log
 from cpid_drake.sensors.presets import load_sensors, sensor_presets
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
+from cpid_drake.spacecraft.spacecraft_argument import require_spacecraft
 
 EXACT_MODEL = "exact"
 """The uncertainty of a spacecraft whose model is exact."""
@@ -46,6 +47,33 @@ class Arguments:
     known_bodies: BodyUncertainty | None = None
     prior: TargetPrior | None = None
     planar: bool | None = None
+
+    @classmethod
+    def of(
+        cls,
+        spacecraft: Spacecraft,
+        estimator: str | None = None,
+        rows: str | None = None,
+        sensors: SensorSuite | PathLike | None = None,
+        momentum: TotalMomentum | str | None = None,
+        known_bodies: BodyUncertainty | PathLike | None = None,
+        prior: TargetPrior | Identification | PathLike | None = None,
+        planar: bool | None = None,
+    ) -> "Arguments":
+        """Return the arguments, also from names and paths; raises an InputError of others."""
+        require_spacecraft(spacecraft)
+        return cls(
+            spacecraft,
+            estimator,
+            rows,
+            resolve_sensors(sensors),
+            TotalMomentum.of(momentum),
+            _resolved(
+                "known_bodies", known_bodies, BodyUncertainty, "a text, or a file", read_uncertainty
+            ),
+            _prior_of(prior, spacecraft),
+            _resolved("planar", planar, bool, "or None"),
+        )
 
     @property
     def has_exact_bodies(self) -> bool:
@@ -124,12 +152,7 @@ def resolve_sensors_by_log(
     return suites
 
 
-def resolve_bodies(given: BodyUncertainty | PathLike | None) -> BodyUncertainty | None:
-    """Return the uncertainty of a spacecraft, also from what `read_uncertainty` reads."""
-    return _resolved("known_bodies", given, BodyUncertainty, "a text, or a file", read_uncertainty)
-
-
-def resolve_prior(
+def _prior_of(
     given: TargetPrior | Identification | PathLike | None, spacecraft: Spacecraft
 ) -> TargetPrior | None:
     """Return what is known of a target, also from a result, or from what `load_prior` reads."""
@@ -144,11 +167,6 @@ def resolve_prior(
         "a result, or a file",
         lambda path: load_prior(path, spacecraft, frame),
     )
-
-
-def resolve_planar(given: bool | None) -> bool | None:
-    """Return whether a table carries a spacecraft; raise an InputError for what is no bool."""
-    return _resolved("planar", given, bool, "or None")
 
 
 def _resolved(

@@ -20,6 +20,7 @@ from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import FAR, quantile_95
 from cpid_drake.estimation.likelihood.constants import BIAS
+from cpid_drake.estimation.posterior import estimate_of
 from cpid_drake.estimation.roll import Values
 from cpid_drake.estimation.unknowns import BODIES, MOMENTUM, PSI, Model, Unknown
 from cpid_drake.files.constraints import Numbers
@@ -107,6 +108,7 @@ def error_budget(
             value, sigma, prior = fit.values[key], np.sqrt(variance), unknown.sigma
             entry = k - both.places[key].start
             if not walks:
+                # cov(π, x)² / (var(x) var(π)); half of it goes where 1/σ² = 1/σ_prior² + 1/σ_x²
                 shares = np.where(is_known, of_target**2 / (variance * total), np.nan)
                 needed = 1 / np.hypot(1 / prior[entry], 1 / sigma)
                 numbers = (value[entry] + solution[k], sigma, needed)
@@ -228,8 +230,8 @@ def size_checks(
         if not e.may_fail
     }
     if model.known_bodies is not None and values.get(BODIES, np.empty(0)).size:
-        left = gaussian.marginal([BODIES])
-        own, sigma = values[BODIES] + left.solve(), np.sqrt(np.diag(left.covariance()))
+        own, covariance = estimate_of(BODIES, values, gaussian)
+        sigma = np.sqrt(np.diag(covariance))
         numbered = joints or [f"joint {k + 1}" for k in range(model.joint_count)]
         parts = zip(_of_bodies(model, numbered), own, quantile_95() * sigma, strict=True)
         (name, unit, scale), value, width = max(parts, key=lambda part: abs(part[1]))

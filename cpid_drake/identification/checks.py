@@ -5,8 +5,7 @@ here tests one consequence of this assumption with the data, and becomes one of
 `Identification.checks`.
 """
 
-from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,9 +13,10 @@ import numpy as np
 from cpid_drake.estimation.events import most_changes
 from cpid_drake.estimation.evidence import NAMED
 from cpid_drake.estimation.least_squares import IMPROBABLE as IMPROBABLE
-from cpid_drake.estimation.whiteness import MOST_CORRELATED, Whiteness
+from cpid_drake.estimation.whiteness import MOST_CORRELATED
 from cpid_drake.files.digits import significant
-from cpid_drake.sensors.sensors import SENSORS
+from cpid_drake.identification.observed import Observed
+from cpid_drake.identification.words import SEEN, label_of
 
 CONSERVATION = "conservation of momentum"
 """Name of the check that residuals of rows are no more than samples and integration explain."""
@@ -29,12 +29,6 @@ AGREEMENT, CONVERGENCE, NEAREST = "agreement", "convergence", "distance of the n
 
 MOST_NOISE = 4.0
 """Ratio of the noise to the given one above which a check fails; hardware may have three times."""
-
-SEEN = 1.1
-"""Factor of the noise from which a warning says so."""
-
-SLOW = 0.1
-"""Share of slow noise in the variance from which a warning says so."""
 
 MOST_OUTLIERS = 0.1
 """Share of outliers above which a check fails."""
@@ -78,41 +72,7 @@ class Check:
         return cls(name, "" if passed else sentence, shown, limit, passed)
 
 
-@dataclass(frozen=True, eq=False)
-class Observed:
-    """What the residuals of all samples show.
-
-    Attributes:
-        tests: whiteness of the residuals of each sensor (of log).
-        counts: numbers of outliers, which are not used, and of all samples, by log and sensor.
-        changes: times at which the momentum changed [s].
-
-    """
-
-    tests: Mapping[str, Whiteness]
-    counts: Mapping[tuple[str, str], tuple[int, int]]
-    changes: tuple[float, ...] = ()
-
-    @property
-    def used(self) -> Counter[str]:
-        """Number of samples that are no outliers, by log."""
-        used = Counter[str]()
-        for (log, _), (far, count) in self.counts.items():
-            used[log] += count - far
-        return used
-
-    @property
-    def rejected(self) -> dict[str, int]:
-        """Number of outliers by sensor."""
-        rejected = Counter[str]()
-        for (_, sensor), (far, _) in self.counts.items():
-            rejected[sensor] += far
-        return {name: count for name, count in rejected.items() if count}
-
-
-def fit_checks(
-    converged: bool, noise: Mapping[str, float], observed: Observed, logs: int = 1
-) -> Iterator[Check]:
+def fit_checks(converged: bool, observed: Observed) -> Iterator[Check]:
     """Yield the checks of a fit that reached its minimum or not.
 
     Changes of the momentum must explain what looked like noise, and be rare, as the fit assumes:
@@ -120,20 +80,18 @@ def fit_checks(
 
     Args:
         converged: whether it did.
-        noise: factors of the declared σ, by sensor or by "sensor of log".
-        observed: the residuals.
-        logs: number of logs.
+        observed: what its samples show.
 
     """
-    tests, changes = observed.tests, len(observed.changes)
-    outliers = max((far / max(n, 1) for far, n in observed.counts.values()), default=0.0)
+    tests, noise, changes = observed.tests, observed.noise, len(observed.changes)
     sentence = "the estimator did not converge: its result is not the best fit"
     yield Check.of(CONVERGENCE, sentence, passed=converged)
+    outliers = observed.worst_share
     sentence = f"{100 * outliers:.0f} % of a sensor's samples are outliers"
     yield Check.of("share of outliers", sentence, outliers, MOST_OUTLIERS)
     others = dict(noise)  # of which no correlation is said
     if changes:
-        most = float(most_changes(logs))
+        most = float(most_changes(max(len(observed.gaps), 1)))
         what = "are many" if changes > most else "leave residuals that are larger than noise"
         sentence = (
             f"{changes} changes of the momentum {what}: another cause, such as a force, a hidden "
@@ -189,35 +147,3 @@ def momentum_words(
         return (), ()
     text = f"{where}the total momentum may not be zero (probability {probability:.2g})"
     return (f"{text}; the intervals include it",), ()
-
-
-def noise_warnings(
-    factors: Mapping[str, float], slow: Mapping[str, tuple[float, float]]
-) -> tuple[str, ...]:
-    """Return the warnings about noise that is larger than declared, and that is not white.
-
-    Factors of the noise, and the share of slow noise with its time [s], are by sensor or by "sensor
-    of log".
-    """
-    warnings = list[str]()
-    larger = {name: factor for name, factor in factors.items() if factor > SEEN}
-    parts = [f"the {label_of(name)} {significant(factor)} times" for name, factor in larger.items()]
-    if parts:
-        text = "the residuals are larger than the declared noise"
-        warnings.append(f"{text}: {', '.join(parts)} the given σ was assumed")
-    parts = [
-        f"{100 * share:.0f} % of the {label_of(name)}'s over {significant(time)} s"
-        for name, (share, time) in slow.items()
-        if share > SLOW
-    ]
-    if parts:
-        text = "noise is correlated in time, which the intervals contain"
-        warnings.append(f"{text}: {', '.join(parts)}")
-    return tuple(warnings)
-
-
-def label_of(sensor: str) -> str:
-    """Return the label of a sensor, or of a "sensor of log"."""
-    name, of, log = sensor.partition(" ")
-    label = SENSORS[name].quantity if name in SENSORS else name.replace("_", " ")
-    return f"{label}{of}{log}"

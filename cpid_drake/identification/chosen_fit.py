@@ -6,19 +6,21 @@ by those of all of it, but by others: no residual shows it, but the target of th
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
-from scipy.special import chdtri, fdtri
 
 from cpid_drake.array import Array
+from cpid_drake.estimation.evidence import NAMED, ModelComparison, Question
 from cpid_drake.estimation.fit import Fit, prior_of
 from cpid_drake.estimation.gaussian import Gaussian
+from cpid_drake.estimation.least_squares import improbable
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.posterior import difference, known_target, without
 from cpid_drake.estimation.roll import Rolled, Values
 from cpid_drake.estimation.sweep import sweep
-from cpid_drake.estimation.unknowns import PSI, Model
-from cpid_drake.identification.checks import IMPROBABLE, Check
+from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
+from cpid_drake.identification.checks import Check
 
 ROUGH = 2.0
 """Factor to which residuals of rows in different units show the σ of an estimate."""
@@ -35,12 +37,40 @@ class ChosenFit:
 
     Attributes:
         fit: the fit.
+        question: what is asked about the momenta of its logs.
+        compared: sets of momenta that are not as supposed.
         held: values of unknowns that are held, less those of the fit.
+        odds: probability that the momentum of a log is not as given, or not zero, by log.
 
     """
 
     fit: Fit
+    question: Question
+    compared: ModelComparison
     held: Values
+    odds: dict[str, float]
+
+    @classmethod
+    def of(cls, fit: Fit, question: Question) -> "ChosenFit":
+        """Return a fit with what is held of all that is asked."""
+        compared, odds = question.answer(fit.gaussian, fit.values), {}
+        for log in fit.logs:
+            key = fit.model.unknown(MOMENTUM).key(log.name)
+            is_wrong = question.is_given and key in compared.best
+            odds[log.name] = 1.0 if is_wrong else compared.probability.get(key, 0.0)
+        return cls(fit, question, compared, question.held(fit.values, compared.best), odds)
+
+    @cached_property
+    def average(self) -> Gaussian:
+        """Of all unknowns but these momenta about the fit's values, by the odds of each set."""
+        gaussian = self.compared.gaussian
+        return gaussian.moved(np.concatenate([self.fit.values[name] for name in gaussian.places]))
+
+    @property
+    def momentum(self) -> str:
+        """The total momentum that is assumed; see `momentum_name`."""
+        is_named = any(odds >= NAMED for odds in self.odds.values())
+        return "unknown" if is_named else momentum_name(self.question)
 
     def given(self, gaussian: Gaussian) -> Gaussian:
         """Return a distribution of unknowns about the fit's values, with those that are held."""
@@ -81,6 +111,13 @@ class ChosenFit:
         return values
 
 
+def momentum_name(question: Question) -> str:
+    """Return the total momentum that is assumed before a fit: "zero", "unknown" or "known"."""
+    if not question.supposed:
+        return "unknown"
+    return "known" if any(value.any() for value in question.supposed.values()) else "zero"
+
+
 def halves_check(
     first: Gaussian, whole: Gaussian, plausible: Array, cause: str, freedom: int | None = None
 ) -> Check:
@@ -96,18 +133,20 @@ def halves_check(
             without the difference show it, to `ROUGH` (Chow 1960, Econometrica 28).
 
     """
+    # χ² = (ψ₁ − ψ₂)ᵀ (P₁ + P₂)⁻¹ (ψ₁ − ψ₂), with P₂⁻¹ = P⁻¹ − P₁⁻¹ of the rest of the samples
     rest = without(first, whole, _BENDS)
     named = [
         replace(each, places={k: slice(0, len(plausible))})
         for k, each in {"first": first, "rest": rest}.items()
     ]
     statistic, count = difference(named[0].add(named[1]), plausible, ["first", "rest"])
-    limit = float(chdtri(max(count, 1), IMPROBABLE))
+    limit = improbable(max(count, 1))
     if freedom is not None:
         left = freedom - count
         if count < 1 or left < 1:
             return Check.of("halves", "", passed=True)
+        # F of k differences, with n degrees of freedom: k F = χ²_d (n − k) / (χ² − χ²_d), χ² = n
         statistic *= left / max(freedom - statistic, 1e-12 * freedom)
-        limit = ROUGH**2 * count * float(fdtri(count, left, 1 - IMPROBABLE))
+        limit = ROUGH**2 * improbable(count, left)
     text = f"the first half of the samples has another target than all of them: {cause}"
     return Check.of("halves", text, statistic, limit)

@@ -22,12 +22,13 @@ from cpid_drake.files.digits import significant
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.agreement import Sources, largest_difference, most_different
 from cpid_drake.identification.arguments import PathLike
-from cpid_drake.identification.checks import SEEN, Check
+from cpid_drake.identification.checks import Check
 from cpid_drake.identification.identify_files import file_hash
 from cpid_drake.identification.prior import TargetPrior, prior_of_result
 from cpid_drake.identification.request import Request, Source, log_names
 from cpid_drake.identification.result import Identification
 from cpid_drake.identification.result_files import read_result
+from cpid_drake.identification.words import SEEN
 
 _TARGET = "target"
 

@@ -10,16 +10,15 @@ spacecraft's.
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import chdtri, fdtri
 
 from cpid_drake.array import Array
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.parameterizations import Parameterization
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.estimation.gaussian import LeastSquaresSolution
-from cpid_drake.estimation.least_squares import quantile_95
+from cpid_drake.estimation.least_squares import improbable, quantile_95
 from cpid_drake.estimation.rigid_bodies import nearest, sizes, without_rounding
-from cpid_drake.identification.checks import IMPROBABLE, NEAREST, NOISE, Check
+from cpid_drake.identification.checks import NEAREST, NOISE, Check
 from cpid_drake.identification.result import Combinations, Identification, extremes
 
 
@@ -94,7 +93,7 @@ def _checks(
     if np.isnan(distance):
         return (Check(NEAREST, "the nearest rigid body could not be computed"),)
     # With probability 1 − IMPROBABLE, the target's |A x − b| is no larger.
-    radius = float(np.sqrt(_improbable(solution.rank, _freedom(result))))
+    radius = float(np.sqrt(improbable(solution.rank, _freedom(result))))
     return (Check.of(NEAREST, sentence, distance, radius),)
 
 
@@ -114,13 +113,6 @@ def _freedom(result: Identification) -> int | None:
     if result.sensors is not None or result.solution is None:
         return None
     return max(result.solution.row_count - result.solution.rank, 0)
-
-
-def _improbable(count: int, freedom: int | None) -> float:
-    """Return the χ² of `count` unknowns that the true ones exceed with `IMPROBABLE`."""
-    if freedom is None:
-        return float(chdtri(count, IMPROBABLE))
-    return count * float(fdtri(count, freedom, 1 - IMPROBABLE))
 
 
 def _possible(result: Identification) -> Array:

@@ -21,9 +21,10 @@ from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import roll
 from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import Model
-from cpid_drake.identification.checks import Check, label_of
+from cpid_drake.identification.checks import Check
 from cpid_drake.identification.chosen_fit import ChosenFit
 from cpid_drake.identification.effect_estimates import EffectEstimate
+from cpid_drake.identification.words import label_of
 
 STRONG = 6.0
 """−2 log(evidence) that an error must gain to be the cause: odds of twenty."""

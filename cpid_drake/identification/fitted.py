@@ -1,43 +1,34 @@
 """The fit of all samples: log → model → fit → comparison → identification, for one log or many."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from cpid_drake.array import Array
-from cpid_drake.dynamics.parameterizations import relative_parameterization
-from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.dynamics.tree import KinematicTree
-from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.bounded_fits import BoundedFits
 from cpid_drake.estimation.events import fit_with_events
 from cpid_drake.estimation.evidence import Question
 from cpid_drake.estimation.fit import Fit, about, prior_of
 from cpid_drake.estimation.fit import fit as fit_logs
-from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.posterior import known_target
-from cpid_drake.estimation.residuals import near_residuals
-from cpid_drake.estimation.sweep import BOUNDARY, EXACT, sweep
+from cpid_drake.estimation.residuals import with_blocks
+from cpid_drake.estimation.sweep import BOUNDARY, sweep
 from cpid_drake.estimation.unknowns import PSI, Model
-from cpid_drake.estimation.whiteness import whiteness
 from cpid_drake.files.errors import prefix_errors
-from cpid_drake.identification.answer import answer_of, at_momentum
+from cpid_drake.identification.answer import answer_of, target_only
 from cpid_drake.identification.arguments import Arguments
 from cpid_drake.identification.changing_forces import with_changing_forces
 from cpid_drake.identification.checked_log import CheckedLog
-from cpid_drake.identification.checks import Observed
 from cpid_drake.identification.chosen_fit import ChosenFit
 from cpid_drake.identification.exact_check import exact_checks
 from cpid_drake.identification.log_sensors import model_of, open_model_of
+from cpid_drake.identification.observed import Observed
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import History, Identification
 from cpid_drake.identification.together import with_sources
 from cpid_drake.identification.torque_check import torque_check, torque_gain
-from cpid_drake.logs.log import Log, Samples
-from cpid_drake.sensors.suite import SensorSuite
 
 TRAJECTORY_FIT = "trajectory_fit"
 """The estimator's name."""
@@ -75,31 +66,25 @@ def estimate(
 
     # Comparison: of all sets of momenta L ≠ 0, the most probable; then h is linear about its x.
     progress("comparing")
-    best = question.answer(fit.gaussian, fit.values).best
-    fit = about(fit, question.held(fit.values, best))
+    chosen = ChosenFit.of(about(fit, ChosenFit.of(fit, question).held), question)
+    fit = chosen.fit
 
     # Answer: p(ψ | y) averaged over these sets, its checks, and the budget of its variance.
-    series, observed = _observed(fit)
-    result, chosen = answer_of(
-        fit,
-        question,
-        arguments.momentum,
-        observed,
-        joints=arguments.spacecraft.joint_names,
-        estimator=TRAJECTORY_FIT,
-    )
+    sums = [with_blocks({}, log, rolled) for log, rolled in zip(fit.logs, fit.rolled, strict=True)]
+    changes = [time for log in fit.logs for time in log.changes]
+    observed = Observed.of(model, fit.logs, sums, changes)
+    result = answer_of(chosen, observed, TRAJECTORY_FIT, arguments.spacecraft.joint_names)
+
+    # What only all samples together tell: their halves, errors held exact, history, sources.
     opened = partial(open_model_of, arguments.spacecraft.tree, logs, arguments.known_bodies)
     result = replace(
         result,
         checks=(*result.checks, torque, *chosen.part_checks(), *exact_checks(chosen, opened)),
         warnings=(*warnings, *([changing] if changing else []), *result.warnings),
+        history=partial(_over_time, chosen) if len(logs) == 1 else None,
     )
-    if len(logs) == 1:
-        result = replace(result, residuals=series, history=partial(_over_time, chosen))
     if len(logs) == 1 and arguments.prior is None:
         return result
-
-    # Sources: whether each log, and the prior, has the target ψ of all.
     return _separated(result, chosen, arguments.prior, observed.used)
 
 
@@ -152,88 +137,11 @@ def _over_time(chosen: ChosenFit) -> History:
     model, estimates = chosen.fit.model, []
     ends = range(len(log.blocks) - 1)[:: -(-len(log.blocks) // MOST_ESTIMATES)]
     stops = sweep(model, log, rolled, values, forward_only=True, stops=ends).stops
-    prior, form = prior_of(model, [log], values), relative_parameterization(model.mass)
+    prior = prior_of(model, [log], values)
     counts = np.cumsum([sum(map(len, block.samples.samples.values())) for block in log.blocks])
     for k in ends:
         target = stops[k].marginal(name for name in stops[k].places if name != BOUNDARY)
         target, count = chosen.given(target.add(prior)), int(counts[k])
-        estimate = Identification.of_solution(
-            form,
-            known_target(model, values[PSI], target, count=count),
-            sensors=model.suite,
-            sample_count=count,
-            estimator=TRAJECTORY_FIT,
-        )
+        estimate = target_only(model, values, target, sample_count=count, estimator=TRAJECTORY_FIT)
         estimates.append((log.blocks[k].end, estimate))
     return estimates
-
-
-def _observed(fit: Fit) -> tuple[dict[str, Samples], Observed]:
-    """Return residuals by sensor (of log), and what they tell."""
-    series, white, counts = dict[str, Samples](), dict[str, Array](), {}
-    for log, rolled in zip(fit.logs, fit.rolled, strict=True):
-        for name in fit.model.of_log(log.name).suite.present():
-            key = name if len(fit.logs) == 1 else f"{name} of {log.name}"
-            whites, far, count = [], 0, 0
-            parts = zip(log.states, rolled.residuals, strict=True)
-            for k, (state, rest) in enumerate(parts):
-                samples = state.block.samples[name]
-                near = state.weights.get(name, np.ones(len(samples))) == 1.0
-                far, count = far + int(np.sum(~near)), count + len(samples)
-                if name in rest:
-                    whites.append(log.whitened(k, name, rest[name])[near])
-            counts[log.name, name] = far, count
-            if whites:
-                series[key] = near_residuals(log, rolled, name)
-                white[key] = np.concatenate(whites)
-    tests = {name: whiteness(each) for name, each in white.items()}
-    changes = tuple(sorted(time for log in fit.logs for time in log.changes))
-    return series, Observed(tests, counts, changes)
-
-
-def cramer_rao_bound(
-    tree: KinematicTree,
-    psi: Array,
-    measurements: Iterable[Log] | Log,
-    sensors: SensorSuite,
-    *,
-    momentum: TotalMomentum | None = None,
-    known_bodies: BodyUncertainty | None = None,
-) -> Array:
-    """Return the Cramér-Rao bound (10, 10) on the covariance of the parameters π.
-
-    Rows and columns of parameters that the measurements do not determine are NaN. Attitude and
-    position at the start, gyro bias, an unknown momentum and all errors of the joint motion are
-    estimated as well. The bound holds for unbiased estimators.
-
-    Args:
-        tree: the spacecraft's bodies.
-        psi: (10,) relative unknowns of the target.
-        measurements: ideal samples of the sensors.
-        sensors: the sensors' errors.
-        momentum: the total momentum, marked as unknown if it is to be estimated; default: zero.
-        known_bodies: uncertainty of the spacecraft's bodies, which are estimated too.
-
-    Raises:
-        InputError: no attitude samples, or no motion can be predicted.
-
-    """
-    logs = [measurements] if isinstance(measurements, Log) else list(measurements)
-    has_thrust = any(log.has_thrust for log in logs)
-    model = Model.of(tree, sensors, known_bodies, has_thrust=has_thrust)
-    log = LogState.of(model, logs)
-    R = np.diag(1 / (EXACT * model.plausible))
-    held = Gaussian.of_rows({PSI: 10}, np.column_stack([R, R @ psi]))
-    fit = fit_logs(replace(model, rows=(held,)), [log])
-    [log], [rolled], values = fit.logs, fit.rolled, fit.values
-    log = log.with_processes({})  # as declared
-    log = log.with_each(weights=({} for _ in log.blocks))
-    total = prior_of(model, [log], values).add(sweep(model, log, rolled, values).gaussian)
-    target = at_momentum(total, values, momentum or TotalMomentum.zero(), log.name)
-    target = target.moved(
-        target.solve()
-    )  # the vague prior prefers another target than the true one
-    form, solution = relative_parameterization(model.mass), known_target(model, values[PSI], target)
-    bound = Identification.of_solution(form, solution, sample_count=0, estimator=TRAJECTORY_FIT)
-    J, P = (np.nan_to_num(x) for x in (form.jacobian(solution.estimate), solution.covariance))
-    return np.where(np.isfinite(bound.covariance), J @ P @ J.T, np.nan)

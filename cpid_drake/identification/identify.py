@@ -1,10 +1,8 @@
 """`identify`: a target from any data with any estimator."""
 
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from itertools import chain
 
 import numpy as np
 
@@ -17,43 +15,24 @@ from cpid_drake.identification.arguments import (
     Arguments,
     LogLike,
     PathLike,
-    resolve_bodies,
     resolve_logs,
-    resolve_planar,
-    resolve_prior,
     resolve_sensors_by_log,
 )
 from cpid_drake.identification.checked_log import CheckedLog, check_logs
-from cpid_drake.identification.checks import Check, label_of
 from cpid_drake.identification.consistency import checked
 from cpid_drake.identification.estimators import (
     Estimator,
     choose,
 )
 from cpid_drake.identification.log_conventions import with_conventions
-from cpid_drake.identification.log_sensors import exact_sensors, excluded_bias
-from cpid_drake.identification.planar import PROPOSED, could_be_planar
+from cpid_drake.identification.log_notes import explained, with_causes, with_logs
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import SPACECRAFT, Identification
-from cpid_drake.logs.conventions import check_conventions
 from cpid_drake.logs.log import Log
 from cpid_drake.sensors.error_kinds import bodies_of as errors_of_bodies
-from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 from cpid_drake.spacecraft.spacecraft_argument import require_spacecraft
-
-THRUST_NOT_USED = (
-    "thrusters fired from {} s on, and {} does not use the log of thrust: identify with "
-    "--estimator trajectory_fit"
-)
-"""The failed check of an estimator that assumes a constant momentum while thrusters fire."""
-
-HELD_BY_BASE = (
-    "the capture frame is fixed to the base: no joint moves the target relative to the base, and "
-    "only the base's reaction to the joints, or to thrusters, shows it"
-)
-"""The warning about a target that the base itself holds."""
 
 
 @one_thread
@@ -126,19 +105,18 @@ def identify(
     # Arguments: objects, of names and paths too.
     require_spacecraft(spacecraft)
     data = resolve_logs(data, spacecraft)
-    suites, momentum = resolve_sensors_by_log(sensors, data), TotalMomentum.of(momentum)
+    suites = resolve_sensors_by_log(sensors, data)
     [suite, *_] = suites.values()
-    known_bodies, prior = resolve_bodies(known_bodies), resolve_prior(prior, spacecraft)
-    planar = resolve_planar(planar)
-    given = Arguments(spacecraft, estimator, rows, suite, momentum, known_bodies, prior, planar)
+    options = estimator, rows, suite, momentum, known_bodies, prior, planar
+    given = Arguments.of(spacecraft, *options)
     method, arguments, logs = _prepared(given, data, suites, progress)
     # Fit and answer.
     progress("identifying")
     try:
         result = _estimated(method, arguments, logs, progress)
     except (np.linalg.LinAlgError, InputError) as error:
-        raise _explained(error, method, arguments, logs) from error
-    return _with_hints(result, arguments.spacecraft, list(logs.values()), planar)
+        raise explained(error, method.name, arguments.spacecraft, logs.values()) from error
+    return with_causes(result, arguments.spacecraft, [*logs.values()], planar)
 
 
 @one_thread
@@ -201,96 +179,8 @@ def _estimated(
     """Return the answer with what its logs, its body and its assumptions say."""
     result, tree = method.estimate(arguments, logs, progress), arguments.spacecraft.tree
     result = replace(result, is_planar=tree.normal_B is not None, normal_C=tree.normal_C)
-    result = checked(_with_logs(result, logs, method, arguments), tree)
+    result = checked(with_logs(result, logs.values(), method, arguments), tree)
     suites = (log.sensors or SensorSuite() for log in logs.values())
     if method.uses_rows or errors_of_bodies(arguments.known_bodies, *suites) is None:
         result = replace(result, given=(SPACECRAFT,))
     return result
-
-
-def _explained(
-    error: Exception, method: Estimator, arguments: Arguments, logs: Mapping[str, CheckedLog]
-) -> InputError:
-    """Return the error of an estimator with what most likely causes it."""
-    text = str(error)
-    if isinstance(error, np.linalg.LinAlgError):
-        text = (
-            f"{method.name} cannot calculate with these samples ({error}): plot them, and "
-            "compare units with the sensors' file and the model"
-        )
-    reasons = (log.failures or [_convention(log, arguments.spacecraft)] for log in logs.values())
-    causes = "; ".join(dict.fromkeys(filter(None, chain.from_iterable(reasons))))
-    return InputError(f"most likely, {causes}: {text}" if causes else text)
-
-
-def _convention(log: CheckedLog, spacecraft: Spacecraft) -> str:
-    """Return the convention that explains a log of which the identification failed; or nothing."""
-    if spacecraft.tree.normal_B is not None:
-        return ""  # the plane's few equations do not distinguish conventions
-    return check_conventions(log.measurements, spacecraft.tree).sentence
-
-
-def _with_logs(
-    result: Identification,
-    logs: Mapping[str, CheckedLog],
-    method: Estimator,
-    arguments: Arguments,
-) -> Identification:
-    """Return an identification with what the checks of its logs say."""
-    warnings, checks, rejected = list[str](), list[Check](), Counter(result.rejected)
-    for log in logs.values():
-        texts = [*log.warnings, *(f"not checked: {text}" for text in log.conventions.unchecked)]
-        failed = list(log.failures)
-        if not method.uses_rows:
-            texts += [
-                f"the {label_of(name)} of the log is not used: the sensors' file has no '{name}:' "
-                "with its rate and noise"
-                for name in SENSORS
-                if log.sensors and len(log.measurements[name]) and name not in log.sensors.present()
-            ]
-            texts += exact_sensors(log.sensors or SensorSuite())
-        elif log.measurements.has_thrust:
-            failed.append(THRUST_NOT_USED.format(f"{log.measurements.first_burn:.4g}", method.name))
-        warnings += [log.where + text for text in texts]
-        checks += [Check("log", log.where + text) for text in failed]
-        for name in [each for each in SENSORS if log.rejected.get(each)]:
-            count = log.rejected[name]
-            total = count + log.counts.get(name, 0)
-            text = f"{log.where}{count} of {total} samples of {name} could not be used"
-            checks.append(Check.of(f"rejected share of {name}", text, count / total, 0.5))
-        rejected.update(log.rejected)
-    if method.uses_rows and not arguments.has_exact_bodies:
-        warnings.append(
-            f"{method.name} does not use the uncertainty of the spacecraft: its intervals are "
-            "those of an exact model"
-        )
-    return replace(
-        result,
-        warnings=(*dict.fromkeys(warnings), *result.warnings),
-        checks=(*checks, *result.checks),
-        rejected={name: count for name, count in rejected.items() if count},
-    )
-
-
-def _with_hints(
-    result: Identification, spacecraft: Spacecraft, logs: Sequence[CheckedLog], planar: bool | None
-) -> Identification:
-    """Return an identification with what may explain that it failed, or is not whole."""
-    tree, [log, *others] = spacecraft.tree, logs
-    could_be = planar is None and could_be_planar(tree, log.measurements.attitude.value)
-    if could_be and not (result.passed and result.is_complete):
-        result = replace(result, warnings=(*result.warnings, PROPOSED))
-    if tree.jointed and tree.lumped.capture_body == 0:
-        result = replace(result, warnings=(*result.warnings, HELD_BY_BASE))
-    biases = [text for each in logs if (text := excluded_bias(each))]
-    if result.passed:
-        result = replace(result, warnings=(*result.warnings, *biases))
-    else:
-        causes = (Check("log", f"most likely, {text}") for text in biases)
-        result = replace(result, checks=(*causes, *result.checks))
-    if result.passed or others or log.failures or biases:
-        return result
-    convention = _convention(log, spacecraft)
-    if not convention:
-        return result
-    return replace(result, checks=(Check("log", f"most likely, {convention}"), *result.checks))

@@ -9,14 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.files.errors import InputError, prefix_errors
 from cpid_drake.files.resources import __version__, resolve_model
-from cpid_drake.identification.arguments import (
-    Arguments,
-    resolve_bodies,
-    resolve_sensors,
-)
+from cpid_drake.identification.arguments import Arguments
 from cpid_drake.identification.checked_log import left_out_warnings
 from cpid_drake.identification.identify import identify, identify_parts
 from cpid_drake.identification.prior import load_prior
@@ -115,17 +110,15 @@ def converge(evidence: Evidence, progress: Callable[[str], None] = lambda step: 
 
 def opened_inputs(request: Request, progress: Callable[[str], object]) -> Arguments:
     """Return the inputs of a request besides its telemetry, or raise an InputError of one."""
-    craft = request.spacecraft
     progress("reading the model")
-    spacecraft = craft.make()
-    momentum, sensors = TotalMomentum.of(request.momentum), resolve_sensors(request.sensors)
-    bodies = resolve_bodies(request.known_bodies)
-    prior = None
+    spacecraft, prior = request.spacecraft.make(), None
     if request.prior is not None:
-        prior = load_prior(request.prior, spacecraft, craft.capture_frame)
+        prior = load_prior(request.prior, spacecraft, request.spacecraft.capture_frame)
+    r = request
+    options = r.estimator, r.rows, r.sensors, r.momentum, r.known_bodies, prior, r.planar
+    inputs = Arguments.of(spacecraft, *options)
     progress("reading the telemetry")
-    options = request.estimator, request.rows, sensors, momentum, bodies, prior, request.planar
-    return Arguments(spacecraft, *options)
+    return inputs
 
 
 def open_log(request: Request, joints: tuple[str, ...]) -> tuple[Source, LogFile]:

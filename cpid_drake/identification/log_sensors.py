@@ -7,12 +7,12 @@ import numpy as np
 
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.estimation.least_squares import FAR, quantile_95
+from cpid_drake.estimation.least_squares import FAR
 from cpid_drake.estimation.unknowns import Model
-from cpid_drake.files.digits import significant, with_half_width
+from cpid_drake.files.digits import significant
 from cpid_drake.identification.checked_log import CheckedLog
-from cpid_drake.identification.checks import label_of
-from cpid_drake.logs.gyro_bias import GyroBias, gyro_bias
+from cpid_drake.identification.words import bias_advice, bias_words, noise_not_stated
+from cpid_drake.logs.gyro_bias import gyro_bias
 from cpid_drake.logs.noise_estimation import estimate_suite
 from cpid_drake.sensors.sensors import CALIBRATED_GYRO_BIAS, DEGREE_PER_HOUR, Gyro
 from cpid_drake.sensors.suite import SensorSuite
@@ -62,12 +62,12 @@ def with_biases(
         assert suite.gyro is not None
         wider = replace(suite.gyro, bias=max(suite.gyro.bias or 0.0, bias.size / DEGREE_PER_HOUR))
         made[id(suites[name])] = replace(suite, gyro=wider)
-        text = log.where + _words(bias)
+        text = log.where + bias_words(bias)
         if log.sensors is not None and gyro.bias is not None:
             times = significant(float(np.nanmax(np.abs(bias.value))) / declared)
             text += (
                 f", {times} times the sigma that its file declares, "
-                f"and was assumed to have it; {_advice(bias)} and remove gyro.bias"
+                f"and was assumed to have it; {bias_advice(bias)} and remove gyro.bias"
             )
         warnings.append(text)
     return {name: made[id(suite)] for name, suite in suites.items()}, tuple(warnings)
@@ -76,8 +76,7 @@ def with_biases(
 def exact_sensors(suite: SensorSuite) -> list[str]:
     """Return, in words, of which sensors no noise is stated, without a word that they are exact."""
     return [
-        f"no noise of the {label_of(name)} is stated: it was taken as exact, to rounding; state "
-        f"the noise of '{name}:', which `cpid log noise` shows"
+        noise_not_stated(name)
         for name, sensor in suite.present().items()
         if suite.unstated is None and not (sensor.sigmas.any() or suite.step(name))
     ]
@@ -91,7 +90,7 @@ def excluded_bias(log: CheckedLog) -> str:
     bias = gyro_bias(log.measurements, suite)
     if bias is None or bias.ratio(0.0) <= FAR:
         return ""
-    text, advice = log.where + _words(bias), _advice(bias)
+    text, advice = log.where + bias_words(bias), bias_advice(bias)
     if suite.gyro.bias is None:
         return f"{text}, which `unstated: exact` excludes: {advice}"
     return f"{text}, which `bias: 0` excludes: {advice} and remove gyro.bias"
@@ -100,18 +99,6 @@ def excluded_bias(log: CheckedLog) -> str:
 def _excludes_bias(gyro: Gyro, suite: SensorSuite) -> bool:
     """Return whether a gyro has no bias by its file."""
     return gyro.bias == 0 or (gyro.bias is None and suite.unstated is not None)
-
-
-def _words(bias: GyroBias) -> str:
-    """Return a bias with its 95 % intervals, in words."""
-    pairs = zip(np.degrees(bias.value), quantile_95() * np.degrees(bias.sigma), strict=True)
-    shown = ", ".join(with_half_width(*pair) for pair in pairs if np.isfinite(pair[0]))
-    return f"the gyro has a bias of ({shown}) deg/s against the attitude"
-
-
-def _advice(bias: GyroBias) -> str:
-    """Return what to state of a bias in a sensors' file."""
-    return f"declare gyro.bias_deg_per_s: {significant(float(np.degrees(bias.size)))}"
 
 
 def model_of(

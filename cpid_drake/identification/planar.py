@@ -15,6 +15,7 @@ from cpid_drake.array import Array
 from cpid_drake.dynamics.plane import NORMAL_W, mean_normal, tilt
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.files.errors import InputError
+from cpid_drake.identification.words import PLANAR_ASSUMED
 from cpid_drake.logs.log import Log
 from cpid_drake.spacecraft.spacecraft import Spacecraft
 
@@ -26,18 +27,6 @@ WOBBLE = np.radians(1.0)
 
 HEIGHT = 0.005
 """Change of the height of a base on a level table, as a standard deviation [m]."""
-
-ASSUMED = (
-    "the log has x, y and yaw only, so the spacecraft is taken to float on a table: only momentum "
-    "in the plane is used (--planar says so, --no-planar is for a spacecraft that floats freely)"
-)
-"""The warning if a log without tilt and height is identified in the plane."""
-
-PROPOSED = (
-    "all joints rotate about one axis: if a table carries the spacecraft, say so with --planar, "
-    "because its reactions are not in the equations otherwise"
-)
-"""The warning if such a spacecraft has no answer, or not a whole one."""
 
 
 def placed(
@@ -52,7 +41,7 @@ def placed(
         attitude, position = measurements.attitude.value, measurements.position.value
         is_held = not (attitude[:, 1:3].any() or position[:, 2].any())
         if planar is None and len(attitude) and is_held and np.ptp(attitude[:, 3]) > 0:
-            planar, warnings = True, (ASSUMED,)
+            planar, warnings = True, (PLANAR_ASSUMED,)
         if not planar:
             return spacecraft, (), ()
         normal = normal_in_base(measurements.attitude.value)

@@ -26,13 +26,7 @@ from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
 from cpid_drake.files.errors import InputError
 from cpid_drake.files.one_thread import one_thread
 from cpid_drake.identification.agreement import Sources
-from cpid_drake.identification.arguments import (
-    PathLike,
-    resolve_bodies,
-    resolve_logs,
-    resolve_prior,
-    resolve_sensors,
-)
+from cpid_drake.identification.arguments import Arguments, PathLike, resolve_logs
 from cpid_drake.identification.checked_log import check_logs
 from cpid_drake.identification.fitted import TRAJECTORY_FIT
 from cpid_drake.identification.identify import identify
@@ -44,7 +38,6 @@ from cpid_drake.logs.log import Log
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite
 from cpid_drake.spacecraft.spacecraft import Spacecraft
-from cpid_drake.spacecraft.spacecraft_argument import require_spacecraft
 
 FALSE_ALARM = 0.01
 """Probability that the test fails a right target: a user who validates wants its power."""
@@ -155,28 +148,28 @@ def validate(
     """
     if not 0 < beginning < 1:
         raise InputError(f"the beginning must be a share between 0 and 1, not {beginning:g}")
-    require_spacecraft(spacecraft)
+    options = Arguments.of(
+        spacecraft, sensors=sensors, momentum=momentum, known_bodies=known_bodies, prior=target
+    )
     given = resolve_logs(data, spacecraft)
     if len(given) > 1:
         raise InputError(f"validate takes one log, not {len(given)}")
-    sensors, momentum = resolve_sensors(sensors), TotalMomentum.of(momentum)
-    known_bodies, known_target = resolve_bodies(known_bodies), resolve_prior(target, spacecraft)
-    if known_target is None:
+    if options.prior is None:
         raise InputError("there is no target to validate")
-    suites = dict.fromkeys(given, sensors)
+    suites = dict.fromkeys(given, options.sensors)
     spacecraft, logs = check_logs(spacecraft, given, suites, planar, lambda step: None)
     [log] = logs.values()
     for name in ("attitude", "encoders"):
         if not log.counts.get(name):
             raise InputError(f"the log has no samples of {SENSORS[name].quantity}")
-    model, warnings = model_of(spacecraft.tree, logs, known_bodies)
+    model, warnings = model_of(spacecraft.tree, logs, options.known_bodies)
     own = identify(
         spacecraft,
         given,
         estimator=TRAJECTORY_FIT,
         sensors=model.suite,
-        momentum=momentum,
-        known_bodies=known_bodies,
+        momentum=options.momentum,
+        known_bodies=options.known_bodies,
         planar=planar,
     )
     whole = LogState.of(model, log.measurements)
@@ -189,10 +182,10 @@ def validate(
             "least a few seconds"
         )
     if own.momentum != "unknown" and samples.blocks[0] is whole.blocks[0]:
-        used = momentum or TotalMomentum.zero()
+        used = options.momentum or TotalMomentum.zero()
         value = np.concatenate([used.L_WScm_W, used.v_WScm_W])
         model = model.with_prior(MOMENTUM, value, EXACT * model.unknown(MOMENTUM).sigma)
-    predicted = _predicted(model, samples, own.residuals, first, known_target.of_psi(model))
+    predicted = _predicted(model, samples, own.residuals, first, options.prior.of_psi(model))
     errors = []
     for name, rest in own.residuals.items():
         parts = zip(predicted.models[first:], predicted.residuals[first:], strict=True)
@@ -213,7 +206,7 @@ def validate(
     warnings = (*own.failures, *warnings, *own.warnings)
     start = samples.blocks[first].start
     return Validation(
-        start, end, own.momentum, tuple(errors), *_test(model, own, known_target), warnings
+        start, end, own.momentum, tuple(errors), *_test(model, own, options.prior), warnings
     )
 
 

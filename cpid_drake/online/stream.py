@@ -13,13 +13,7 @@ from cpid_drake.estimation.block import Block, BlockQueue, after
 from cpid_drake.estimation.online import MOST_LINEARIZATIONS, WINDOW, OnlineState, step
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.files.errors import InputError
-from cpid_drake.identification.arguments import (
-    Arguments,
-    PathLike,
-    resolve_bodies,
-    resolve_prior,
-    resolve_sensors,
-)
+from cpid_drake.identification.arguments import Arguments, PathLike
 from cpid_drake.identification.checks import Check
 from cpid_drake.identification.consistency import with_nearest_body
 from cpid_drake.identification.online_answer import identification_of_state, question_of
@@ -31,7 +25,6 @@ from cpid_drake.online.first_samples import FirstSamples
 from cpid_drake.sensors.sensors import SENSORS
 from cpid_drake.sensors.suite import SensorSuite, check_sensors, require_encoders
 from cpid_drake.spacecraft.spacecraft import Spacecraft
-from cpid_drake.spacecraft.spacecraft_argument import require_spacecraft
 
 LATENESS = 0.5
 """A block waits at most this time for samples that arrive late [s].
@@ -119,9 +112,8 @@ class Stream:
         lateness: float = LATENESS,
         in_order: bool = False,
     ) -> None:
-        require_spacecraft(spacecraft)
-        suite, momentum = resolve_sensors(suite) or SensorSuite(), TotalMomentum.of(momentum)
-        known_bodies, prior = resolve_bodies(known_bodies), resolve_prior(prior, spacecraft)
+        given = Arguments.of(spacecraft, None, None, suite, momentum, known_bodies, prior)
+        suite = given.sensors or SensorSuite()
         check_sensors(suite, "sensors")
         require_encoders(suite, "sensors")
         positive = {"lateness": lateness, "window": window}
@@ -129,13 +121,13 @@ class Stream:
         for name, value in positive.items():
             if not value > 0:
                 raise InputError(f"{name} must be positive, not {value}")
-        model = Model.of(spacecraft.tree, suite, known_bodies, has_thrust=reads_thrust)
-        self._model = replace(model, rows=() if prior is None else (prior.of_psi(model),))
+        model = Model.of(spacecraft.tree, suite, given.known_bodies, has_thrust=reads_thrust)
+        self._model = model
+        if given.prior is not None:
+            self._model = replace(model, rows=(given.prior.of_psi(model),))
         self.suite, self.joint_names = suite, spacecraft.joint_names
-        self._momentum = momentum or TotalMomentum.zero()
-        self._arguments = Arguments(
-            spacecraft, sensors=suite, momentum=momentum, known_bodies=known_bodies
-        )
+        self._question = question_of(model, given.momentum or TotalMomentum.zero())
+        self._arguments = replace(given, sensors=suite)
         self._lateness, self._in_order = lateness, in_order
         self._window, self._most = window, most_linearizations
         joints = len(spacecraft.joint_names)
@@ -145,10 +137,8 @@ class Stream:
 
     def start(self) -> StreamState:
         """Return the state before the first sample."""
-        question = question_of(self._model, self._momentum)
-        return StreamState(
-            BlockQueue.of(self.suite), OnlineState(self._window, question, self._most)
-        )
+        online = OnlineState(self._window, self._question, self._most)
+        return StreamState(BlockQueue.of(self.suite), online)
 
     def processed(self, state: StreamState, *, is_end: bool = False) -> StreamState:
         """Return the state after all blocks that are complete.
@@ -234,7 +224,7 @@ class Stream:
     def identification(self, state: StreamState, *, has_budget: bool = False) -> Identification:
         """Return the identification of a state, with its error budget if wanted; see `counted`."""
         joints = self.joint_names if has_budget else None
-        answer = identification_of_state(self._model, state.online, self._momentum, joints)
+        answer = identification_of_state(self._model, state.online, joints)
         if wrong := state.first.contradiction:
             answer = replace(answer, checks=(*answer.checks, Check("log", wrong)))
         if answer.momentum_changes:

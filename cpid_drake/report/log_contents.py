@@ -5,8 +5,8 @@ from collections.abc import Iterator, Sequence
 
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.checked_log import left_out_warnings
-from cpid_drake.identification.checks import label_of
 from cpid_drake.identification.log_conventions import check_as_read
+from cpid_drake.identification.words import label_of
 from cpid_drake.logs.channels import Channel, look_at
 from cpid_drake.logs.conventions import Findings
 from cpid_drake.logs.conversion import LogFile

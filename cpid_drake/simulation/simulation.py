@@ -21,8 +21,8 @@ from cpid_drake.files.errors import InputError
 from cpid_drake.files.resources import package_folders, resolve_model
 from cpid_drake.identification.checks import Check
 from cpid_drake.identification.consistency import checked
-from cpid_drake.identification.identify import THRUST_NOT_USED
 from cpid_drake.identification.result import Identification
+from cpid_drake.identification.words import THRUST_NOT_USED
 from cpid_drake.logs.log import THRUST, Log, Samples
 from cpid_drake.simulation.burns import log_of_burns
 from cpid_drake.simulation.scenario import Scenario

@@ -19,8 +19,8 @@ from cpid_drake.dynamics.sensitivity import perturbed
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
+from cpid_drake.estimation.cramer_rao import cramer_rao_bound
 from cpid_drake.files.errors import InputError
-from cpid_drake.identification.fitted import cramer_rao_bound
 from cpid_drake.identification.identify import identify
 from cpid_drake.logs.log import THRUST, Log, ideal_log
 from cpid_drake.logs.simulated_noise import add_noise

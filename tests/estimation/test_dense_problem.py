@@ -19,7 +19,7 @@ from cpid_drake import identify
 from cpid_drake.dynamics.sensitivity import perturbed
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
-from cpid_drake.identification.fitted import cramer_rao_bound
+from cpid_drake.estimation.cramer_rao import cramer_rao_bound
 from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import Gyro, JointSensor
 

@@ -18,7 +18,7 @@ from cpid_drake.estimation.process import Process
 from cpid_drake.estimation.start import start_of
 from cpid_drake.estimation.unknowns import MOMENTUM as OF_LOG
 from cpid_drake.estimation.unknowns import PSI, Model
-from cpid_drake.estimation.whiteness import whiteness
+from cpid_drake.estimation.whiteness import LagSums
 from cpid_drake.logs.log import Log, Samples
 from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import AttitudeSensor, Gyro, JointSensor
@@ -96,7 +96,7 @@ def test_errors_of_the_model_are_no_noise_if_they_are_small(case):
     model = Model(case.craft.tree, SUITE)
     found = fit(model, [LogState.of(model, case.samples)])
     rest = found.rolled[0].all_residuals().values()
-    assert max(whiteness(each).correlation_time for each in rest) > 1.3
+    assert max(LagSums().added(each).whiteness.correlation_time for each in rest) > 1.3
     np.testing.assert_allclose(list(found.logs[0].noise_factors.values()), 1.0, rtol=0.01)
     assert (found.logs[0].smoothness.noise == 1).all()
 

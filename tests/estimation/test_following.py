@@ -62,7 +62,7 @@ def test_a_change_is_found_where_it_is(case, model, size, time):
     assert len(state.events) == 1
     assert abs(state.events[0] - time) < (0.06 if size > 0.005 else 0.34)
     assert case.nees(*target_of(state.last)) < 30
-    assert identification_of_state(model, state, TotalMomentum.zero()).passed
+    assert identification_of_state(model, state).passed
 
 
 def test_more_changes_than_are_probable_do_not_bend_the_target(case, model):
@@ -70,7 +70,7 @@ def test_more_changes_than_are_probable_do_not_bend_the_target(case, model):
     samples = add_noise(SUITE, fired(case, [4.02, 7.5, 10.9], MOMENTUM), 3)
     state = run(model, [samples], OnlineState(settled=tuple(np.linspace(-7.0, -1.0, 7))))
     assert case.nees(*target_of(state.last)) < 30
-    result = identification_of_state(model, state, TotalMomentum.zero())
+    result = identification_of_state(model, state)
     assert any("changes of the momentum are many" in text for text in result.failures)
     quiet = run(model, [add_noise(SUITE, case.samples, 3)])
     own, of_quiet = (target_of(each.last)[1][0, 0] ** 0.5 for each in (state, quiet))
@@ -82,10 +82,10 @@ def test_a_block_that_needs_more_work_than_it_may_is_counted(case, model):
     samples = add_noise(SUITE, fired(case, 9.0, 0.0005 * MOMENTUM), 3)
     state = run(model, [samples], OnlineState(most=40))
     assert case.nees(*target_of(state.last)) < 30
-    used = state.observed().used
-    assert state.rejected["gyro"] == 20
-    assert {name: n + state.rejected[name] for name, n in used.items()} == {
-        name: len(each) for name, each in samples.items() if name in used
+    sums = state.all_sums()
+    assert sums["gyro"].rejected == 20
+    assert {name: each.used + each.rejected for name, each in sums.items()} == {
+        name: len(each) for name, each in samples.items() if name in sums
     }
 
 
@@ -114,7 +114,7 @@ def test_a_short_last_block_does_not_hide_slow_noise(case, model):
     states = [OnlineState()]
     for block in (*blocks, last.part(last.start, last.start + 0.21)):
         states.append(step(model, states[-1], block))
-    before, after = (identification_of_state(model, s, None).noise["gyro"] for s in states[-2:])
+    before, after = (identification_of_state(model, s).noise["gyro"] for s in states[-2:])
     assert before > 2
     assert after == pytest.approx(before, rel=0.2)
 

@@ -7,7 +7,7 @@ import pytest
 from sensing_cases import Sines, coarse_suite, measured, true_psi
 
 from cpid_drake import InertialParameters, identify
-from cpid_drake.identification.fitted import cramer_rao_bound
+from cpid_drake.estimation.cramer_rao import cramer_rao_bound
 from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import AttitudeSensor, Gyro, JointSensor, VectorSensor
 

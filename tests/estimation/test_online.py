@@ -11,7 +11,6 @@ from block_cases import MOMENTUM, fired, make_case, target_of
 from sensing_cases import coarse_suite
 
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
-from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.block import BlockQueue, blocks_of
 from cpid_drake.estimation.fit import fit
@@ -68,7 +67,7 @@ def test_blocks_that_are_linear_about_another_target_fail_a_check(case, model):
     [log] = state.last.logs
     past = replace(log.past, first={PSI: 1.2 * log.past.first[PSI]})
     other = replace(state, last=replace(state.last, logs=[replace(log, past=past)]))
-    found = [identification_of_state(model, s, TotalMomentum.zero()) for s in (state, other)]
+    found = [identification_of_state(model, s) for s in (state, other)]
     assert not found[0].failures
     assert any("not linear about the target" in failure for failure in found[1].failures)
 
@@ -77,7 +76,7 @@ def test_a_block_that_left_before_its_fit_converged_fails_a_check(case, model):
     """However well later windows converge."""
     state = run(model, [add_noise(SUITE, case.samples, 1)])
     for each, count in ((state, 0), (replace(state, unsettled=1), 1)):
-        found = identification_of_state(model, each, TotalMomentum.zero())
+        found = identification_of_state(model, each)
         assert found.converged == (count == 0)
 
 
@@ -135,7 +134,7 @@ def test_a_sensor_that_fails_is_not_used_any_more(case, model):
     value = gyro.value + size * (gyro.time > 4.0)[:, None] * rng.normal(size=gyro.value.shape)
     state = run(model, [samples.updated({"gyro": Samples(gyro.time, value)})])
     assert case.nees(*target_of(state.last)) < 30
-    found = identification_of_state(model, state, TotalMomentum.zero())
+    found = identification_of_state(model, state)
     assert not found.check("share of outliers").passed
 
 
@@ -147,9 +146,9 @@ def test_samples_that_no_motion_has_are_a_gap(case, model):
     value[wrong, 1] = 1e12
     state = run(model, [samples.updated({"encoders": Samples(encoders.time, value)})])
     assert state.events == ()
-    assert state.rejected["encoders"] >= wrong.sum()
+    assert state.sums["encoders"].rejected >= wrong.sum()
     assert case.nees(*target_of(state.last)) < 30
-    found = identification_of_state(model, state, TotalMomentum.zero())
+    found = identification_of_state(model, state)
     assert found.check("share of outliers").statistic > 0.1
     assert any("not used: no fit explains them" in warning for warning in found.warnings)
 
@@ -170,5 +169,5 @@ def test_stored_blocks_are_few(case, model):
         sizes.append(len(state.last.logs[0].blocks) if state.last else len(state.waiting))
     assert max(sizes) <= LONGEST + 1
     assert state.events == ()
-    found = identification_of_state(model, state, TotalMomentum.zero())
+    found = identification_of_state(model, state)
     assert np.isnan(found.parameters).all()

@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from cpid_drake.estimation.whiteness import LagSums, whiteness
+from cpid_drake.estimation.whiteness import LagSums
+
+
+def whiteness(residuals):
+    return LagSums().added(residuals).whiteness
 
 
 @pytest.mark.parametrize("channels", [1, 6])
@@ -26,6 +30,17 @@ def test_correlation_and_its_time_are_those_of_noise_with_memory(memory):
         assert found.correlation_time == pytest.approx(max((1 + memory) / (1 - memory), 1), rel=0.1)
         assert found.rms == pytest.approx(np.std(noise), rel=0.02)
         assert found.is_white == (memory == 0.0)
+
+
+def test_blocks_add_up_to_what_all_residuals_show():
+    """Neighbours in two blocks count, too: slow residuals of short blocks are as slow."""
+    rng = np.random.default_rng(10)
+    noise, sums = lfilter([1.0], [1.0, -0.98], rng.normal(size=(3000, 3)), axis=0), LagSums()
+    for block in np.split(noise, [7, 30, 1000, 1020]):
+        sums = sums.added(block)
+    whole = LagSums().added(noise)
+    np.testing.assert_array_equal(sums.pairs, whole.pairs)
+    np.testing.assert_allclose(sums.correlation, whole.correlation, atol=1e-12)
 
 
 def test_few_white_residuals_seem_no_slower_than_they_are():

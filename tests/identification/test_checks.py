@@ -5,8 +5,9 @@ from scipy.stats import chi2
 
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.whiteness import Whiteness
-from cpid_drake.identification.checks import Observed, fit_checks
+from cpid_drake.identification.checks import fit_checks
 from cpid_drake.identification.chosen_fit import halves_check
+from cpid_drake.identification.observed import Observed
 
 
 def of_halves(rng, change):
@@ -41,7 +42,7 @@ def test_each_noise_that_is_too_large_is_in_one_check():
         "attitude": Whiteness(0.0, 0.1, 1.0, 1000, 7.0),
     }
     noise = {"gyro": 58.0, "attitude": 7.0}
-    checks = {each.name: each for each in fit_checks(True, noise, Observed(tests, {}))}
+    checks = {each.name: each for each in fit_checks(True, Observed(tests, noise=noise))}
     assert not checks["correlation of gyro"].passed
     assert checks["noise"].statistic == 7.0
     assert "58" in checks["correlation of gyro"].sentence

@@ -15,7 +15,7 @@ from sensing_cases import (
 
 from cpid_drake import HalfCosine, identify
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.identification.fitted import cramer_rao_bound
+from cpid_drake.estimation.cramer_rao import cramer_rao_bound
 from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import AttitudeSensor, Gyro, JointSensor, VectorSensor
 

@@ -10,8 +10,8 @@ from sensing_cases import measured, true_psi, true_telemetry
 
 from cpid_drake import InputError, identify
 from cpid_drake.dynamics.total_momentum import TotalMomentum
-from cpid_drake.identification.fitted import cramer_rao_bound
-from cpid_drake.identification.planar import ASSUMED, PROPOSED
+from cpid_drake.estimation.cramer_rao import cramer_rao_bound
+from cpid_drake.identification.words import PLANAR_ASSUMED, PLANAR_PROPOSED
 from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.disturbances import Disturbances
 
@@ -97,7 +97,7 @@ def in_three_coordinates(log):
 def test_a_log_of_x_y_and_yaw_is_recognized(craft, table):
     log = in_three_coordinates(samples(craft, 1))
     found = identify(craft, log, sensors=SUITE)
-    assert ASSUMED in found.warnings
+    assert PLANAR_ASSUMED in found.warnings
     same = identify(table, samples(craft, 1), sensors=SUITE)
     np.testing.assert_allclose(found.parameters[KNOWN], same.parameters[KNOWN], rtol=1e-4)
     assert found.is_complete
@@ -115,18 +115,18 @@ def test_a_log_on_a_table_beside_one_of_all_coordinates_is_refused(craft):
 def test_a_log_of_six_coordinates_is_proposed_to_be_planar(craft):
     log = samples(craft, 1)
     found = identify(craft, log, sensors=SUITE, rows="standard")
-    assert PROPOSED in found.warnings
+    assert PLANAR_PROPOSED in found.warnings
     said = identify(craft, log, sensors=SUITE, rows="standard", planar=True)
-    assert PROPOSED not in said.warnings
+    assert PLANAR_PROPOSED not in said.warnings
     assert "m, cx, cy and Izz are identifiable" in said.explain()
     denied = identify(craft, log, sensors=SUITE, rows="standard", planar=False)
-    assert PROPOSED not in denied.warnings
+    assert PLANAR_PROPOSED not in denied.warnings
     assert not denied.is_planar
 
 
 def test_a_free_spacecraft_that_tilts_is_not_on_a_table(craft):
     free = add_noise(SUITE, measured(craft, motion(), TARGET, SUITE), 1)
-    assert PROPOSED not in identify(craft, free, sensors=SUITE, rows="standard").warnings
+    assert PLANAR_PROPOSED not in identify(craft, free, sensors=SUITE, rows="standard").warnings
     found = identify(craft, free, sensors=SUITE, rows="standard", planar=True)
     assert any("the base tilts by up to" in failure for failure in found.failures)
 

@@ -26,7 +26,7 @@ from sensing_cases import (
 
 from cpid_drake import Spacecraft, TotalMomentum, identify
 from cpid_drake.dynamics.propagation import Wrench, propagate
-from cpid_drake.identification.fitted import cramer_rao_bound
+from cpid_drake.estimation.cramer_rao import cramer_rao_bound
 from cpid_drake.logs.log import Log, Samples, ideal_log
 from cpid_drake.logs.simulated_noise import SensorNoise, add_noise
 from cpid_drake.sensors.disturbances import Disturbances

@@ -26,8 +26,9 @@ from cpid_drake import (
 )
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.estimation.gaussian import Gaussian, solution_of
-from cpid_drake.identification.checks import Observed, fit_checks
+from cpid_drake.identification.checks import fit_checks
 from cpid_drake.identification.consistency import checked
+from cpid_drake.identification.observed import Observed
 from cpid_drake.identification.result import Identification
 from cpid_drake.logs.log import Samples
 from cpid_drake.logs.simulated_noise import add_noise
@@ -146,7 +147,7 @@ class TestBodies:
     @pytest.mark.parametrize("factor", [3.0, 44.0])
     def test_a_floor_that_is_far_noisier_than_declared_fails(self, factor):
         """A push from outside looks like white forces, which leave no residuals to test."""
-        failed = [c for c in fit_checks(True, {"acceleration_noise": factor}, Observed({}, {}))]
+        failed = [c for c in fit_checks(True, Observed(noise={"acceleration_noise": factor}))]
         assert any(not c.passed and "acceleration noise 44" in c.sentence for c in failed) == (
             factor > 4
         )

@@ -99,11 +99,12 @@ def play(identifier, context, measurements, *, delay=None, until=np.inf) -> None
 
 def diagnostics(identifier, context) -> dict:
     found = identifier.identification(context)
-    state = identifier.online_state(context).observed()
+    state = identifier.online_state(context)
+    sums = state.all_sums()
     counts = {"momentum_changes": len(found.momentum_changes)}
     for name in SENSORS:
         counts[f"{name}_rejected"] = found.rejected.get(name, 0)
-        counts[f"{name}_used"] = state.used.get(name, 0)
+        counts[f"{name}_used"] = sums[name].used if name in sums else 0
     return counts
 
 

@@ -4,13 +4,13 @@ import numpy as np
 
 from cpid_drake.dynamics.inertia import InertialParameters
 from cpid_drake.dynamics.rows import ROW_FAMILIES
-from cpid_drake.estimation.whiteness import whiteness
+from cpid_drake.estimation.whiteness import LagSums
 from cpid_drake.files.digits import significant
 from cpid_drake.files.figures import curves
-from cpid_drake.identification.checks import label_of
 from cpid_drake.identification.estimators import estimator_label
 from cpid_drake.identification.identify_files import Evidence
 from cpid_drake.identification.result import History, Identification
+from cpid_drake.identification.words import label_of
 from cpid_drake.logs.log import Log
 from cpid_drake.report.figures import convergence_figures, motion_figures
 from cpid_drake.report.page import Section, Table
@@ -84,7 +84,7 @@ def residuals_section(result: Identification) -> Section:
     if result.rows is not None:
         units = {"linear": ROW_FAMILIES[result.rows].linear_unit, "angular": "N·m·s"}
     for name, series in result.residuals.items():
-        white = whiteness(series.value)
+        white = LagSums().added(series.value).whiteness
         sizes = [significant(size, 3) for size in np.sqrt(np.mean(series.value**2, axis=0))]
         correlation = f"{white.lag_one:+.3f} ± {white.band:.3f}"
         row = [name, str(len(series)), ", ".join(sizes), units[name], correlation]
