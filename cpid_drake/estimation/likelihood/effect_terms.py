@@ -6,7 +6,6 @@ motion is a matter of their sensors. Every quantity is in units of its σ, excep
 """
 
 from collections.abc import Callable
-from functools import partial
 
 import numpy as np
 
@@ -108,12 +107,6 @@ def write_bodies(trajectory: Trajectory, change: MotionChange) -> None:
     change.inverse_mass[:] = by_masses / (1 + uncertainty.mass * motion.body_errors)
 
 
-def write_of(error: ConstantError) -> Write | None:
-    """Return what writes a constant error; None if the motion does not change with it."""
-    write = _WRITERS.get(error.effect.way)
-    return None if write is None else partial(write, error)
-
-
 def _force_W(error: ConstantError, trajectory: Trajectory, change: MotionChange) -> None:
     write_force(trajectory.motion.forces[error.name], trajectory, change)
 
@@ -172,7 +165,7 @@ def _thrust_delay(error: ConstantError, trajectory: Trajectory, change: MotionCh
     change.delay[:] = error.sigma
 
 
-_WRITERS: dict[str, WriteError] = {
+WRITERS: dict[str, WriteError] = {
     "torque_W": _force_W,
     "acceleration_W": _force_W,
     "torque_B": _torque_B,
@@ -183,4 +176,4 @@ _WRITERS: dict[str, WriteError] = {
     "thrust": _thrust,
     "thrust_delay": _thrust_delay,
 }
-"""By the ways in which errors act on the motion; see `error_effects`."""
+"""By the ways in which errors act on the motion; those of others leave it as it is."""

@@ -14,15 +14,14 @@ from cpid_drake.estimation.gaussian import indices_of, places_of
 from cpid_drake.estimation.likelihood.actuators import thrust_log
 from cpid_drake.estimation.likelihood.constants import Constants
 from cpid_drake.estimation.likelihood.effect_terms import (
+    WRITERS,
     Write,
     write_bodies,
     write_force,
     write_joints,
-    write_of,
     write_start,
     write_target,
 )
-from cpid_drake.estimation.likelihood.forces import white_forces
 from cpid_drake.estimation.likelihood.joint_model import ORDER, JointPart
 from cpid_drake.estimation.likelihood.kinematic_changes import with_changes
 from cpid_drake.estimation.likelihood.motion_change import MotionChange, response
@@ -52,9 +51,8 @@ class BlockModel:
         constants: the constant errors; default: those of the suite.
         nominal: (k,) values of the constant errors about which delays, joint zeros and thrust are
             linear, in units of their σ; default: zero.
-        errors: (c,) errors of the spacecraft's bodies that the tree already has, in units of their
-            σ;
-            default: zero.
+        errors: (c,) errors of the spacecraft's bodies in units of their σ, which the tree already
+            has; default: zero.
         origin: see `BaseMotion`.
 
     Attributes:
@@ -80,20 +78,16 @@ class BlockModel:
         errors: Array | None = None,
         origin: float = 0.0,
     ) -> None:
-        present = suite.present()
-        classes = {n: model for n, model in model_classes(measurements).items() if n in present}
+        classes = model_classes(measurements, suite)
         constants = constants or Constants.of(suite, joints.coefficients.shape[1])
         nominal = np.zeros(constants.size) if nominal is None else nominal
         clock = {n: clock_of(n, measurements[n].time, constants, nominal, origin) for n in classes}
         at = [measurements[n].time - clock[n][0] for n, each in classes.items() if each.at_instants]
         times = np.concatenate([np.empty(0), *at])
         thrust = thrust_log(measurements.thrust, suite.thrusters, constants, nominal)
-        is_planar = tree.normal_B is not None
-        white = white_forces(suite, joints.start, joints.end, is_planar)
-        self.motion = BaseMotion(
-            *(tree, joints, times, step, constants, nominal, origin),
-            *(suite.orbit, thrust, white, known_bodies, errors),
-        )
+        about = constants, nominal, origin
+        of_craft = tree, known_bodies, errors
+        self.motion = BaseMotion(*of_craft, joints, times, step, *about, suite, thrust)
         self.sensors: dict[str, SensorModel | WhiteReading] = {}
         first = len(self.motion.nodes)
         for name, model in classes.items():
@@ -101,23 +95,22 @@ class BlockModel:
             rows, samples = slice(first, first + count), measurements[name]
             self.sensors[name] = model(name, samples, suite, self.motion, rows, clock[name])
             first += count
-        self.sensors |= {force.name: WhiteReading(self.motion, force) for force in white}
         K, J = joints.coefficients.shape
-        effects: dict[str, tuple[int, Write | None]] = {
-            "start": (12, write_start),
-            "joints": (K * J, write_joints),
-            **{f.name: (f.size, partial(write_force, f)) for f in white},
-        }
+        sizes = {"start": 12, "joints": K * J}
+        self.effects: dict[str, Write] = {"start": write_start, "joints": write_joints}
+        for force in self.motion.white:
+            self.sensors[force.name] = WhiteReading(self.motion, force)
+            sizes[force.name] = force.size
+            self.effects[force.name] = partial(write_force, force)
         for name, error in constants.errors.items():
-            effects[name] = error.size, write_of(error)
-        effects["psi"] = 10, write_target
+            sizes[name] = error.size
+            if error.effect.way in WRITERS:
+                self.effects[name] = partial(WRITERS[error.effect.way], error)
+        sizes["psi"], self.effects["psi"] = 10, write_target
         if known_bodies is not None:
-            effects["bodies"] = len(self.motion.body_errors), write_bodies
-        self._sizes = {name: size for name, (size, _) in effects.items()}
-        self.columns = places_of(self._sizes)
-        self.effects = {name: write for name, (_, write) in effects.items() if write is not None}
-        self._places = places_of({name: effects[name][0] for name in self.effects})
-        self._width = sum(size for size, _ in effects.values())
+            sizes["bodies"], self.effects["bodies"] = len(self.motion.body_errors), write_bodies
+        self._sizes, self.columns, self._width = sizes, places_of(sizes), sum(sizes.values())
+        self._places = places_of({name: sizes[name] for name in self.effects})
         self._with_rates = "velocity" in classes
         self._of_joints = np.arange(12, 12 + K * J).reshape(J, K)
         self.slow = 0

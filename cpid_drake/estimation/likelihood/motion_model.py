@@ -9,7 +9,7 @@ formula, with angular velocities from a cubic spline:
 Source: Ning et al. 2016, Eqs. 5 and 9, about the system's centre of mass.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -19,7 +19,6 @@ from scipy.spatial.transform import Rotation
 from cpid_drake.array import Array
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
 from cpid_drake.dynamics.kinematics import forward_kinematics
-from cpid_drake.dynamics.orbit import Orbit
 from cpid_drake.dynamics.rotations import cross, exponentials, rotate, sines, skew
 from cpid_drake.dynamics.sensitivity import MotionSensitivity
 from cpid_drake.dynamics.tree import KinematicTree
@@ -31,7 +30,12 @@ from cpid_drake.estimation.likelihood.attitude_steps import (
     step_angles,
 )
 from cpid_drake.estimation.likelihood.constants import Constants
-from cpid_drake.estimation.likelihood.forces import Force, TurningTorque, steady_forces
+from cpid_drake.estimation.likelihood.forces import (
+    Force,
+    TurningTorque,
+    steady_forces,
+    white_forces,
+)
 from cpid_drake.estimation.likelihood.joint_errors import JointErrors
 from cpid_drake.estimation.likelihood.joint_model import JointPart
 from cpid_drake.estimation.likelihood.thrust import BlockThrust, transition
@@ -41,6 +45,7 @@ from cpid_drake.estimation.likelihood.uniform_spline import (
     step_weights,
 )
 from cpid_drake.files.errors import InputError
+from cpid_drake.sensors.suite import SensorSuite
 
 _STEPS_PER_PIECE = 3.5
 """Grid steps per piece of the joint motion's splines, so that the grid resolves errors of rates."""
@@ -124,15 +129,16 @@ class BaseMotion:
 
     Args:
         tree: the spacecraft model.
+        known_bodies: uncertainty of the spacecraft's bodies; None if they are exact.
+        errors: (c,) their present errors in units of σ, which the tree has; None for zero.
         joints: its joint motion, from the start to the end of the base's motion.
         times: (M,) further times in it, at which the spacecraft's dynamics are needed [s].
         step: longest step of the grid [s]; a joint motion of many pieces makes it shorter.
         constants: the constant errors, external forces among them.
         nominal: (k,) their values in units of their σ: by some the joint motion is too large.
         origin: time at which zeros and clocks that drift have their values [s].
-        orbit, thrust, white: orbit of W's origin and log of thrust, if any, and white forces.
-        known_bodies: uncertainty of the spacecraft's bodies; None if they are exact.
-        errors: (c,) their present errors in units of σ, which the tree has; None for zero.
+        suite: the sensors' errors, with the orbit of W's origin and white forces.
+        thrust: the log of thrust, if any.
 
     Attributes:
         joint_errors: what the joint motion has too much.
@@ -145,24 +151,24 @@ class BaseMotion:
     def __init__(
         self,
         tree: KinematicTree,
+        known_bodies: BodyUncertainty | None,
+        errors: Array | None,
         joints: JointPart,
         times: Array,
         step: float,
         constants: Constants,
         nominal: Array,
         origin: float,
-        orbit: Orbit | None,
+        suite: SensorSuite,
         thrust: ThrustLog | None,
-        white: Sequence[Force],
-        known_bodies: BodyUncertainty | None,
-        errors: Array | None,
     ) -> None:
         self.tree, self.joints, self.constants, self.origin = tree, joints, constants, origin
-        self.orbit, self.white, self.known_bodies = orbit, white, known_bodies
+        self.orbit, self.known_bodies = suite.orbit, known_bodies
+        self.white = white_forces(suite, joints.start, joints.end, tree.normal_B is not None)
         count = known_bodies.count(tree.wheels, joints.coefficients.shape[1]) if known_bodies else 0
         self.body_errors = np.zeros(count) if errors is None else errors
         steady = steady_forces(constants, joints.start, joints.end)
-        self.forces = {force.name: force for force in (*white, *steady)}
+        self.forces = {force.name: force for force in (*self.white, *steady)}
         self.joint_errors = JointErrors(joints, constants, nominal, origin, tree)
         length = joints.end - joints.start
         step = min(step, length / joints.pieces / _STEPS_PER_PIECE)

@@ -363,10 +363,11 @@ _MODELS: dict[str, type[SensorModel]] = {
 }
 
 
-def model_classes(measurements: Log) -> dict[str, type[SensorModel]]:
-    """Return the classes of the base's sensors that have samples, in the order of the table."""
+def model_classes(measurements: Log, suite: SensorSuite) -> dict[str, type[SensorModel]]:
+    """Return the classes of the base's sensors with samples and errors, as in the table."""
+    present = suite.present()
     return {
         name: _MODELS[sensor.quantity]
         for name, sensor in SENSORS.items()
-        if sensor.quantity in _MODELS and len(measurements[name])
+        if name in present and sensor.quantity in _MODELS and len(measurements[name])
     }
