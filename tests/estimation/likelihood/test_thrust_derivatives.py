@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from sensing_cases import MOMENTUM, coarse_suite
 
 from cpid_drake.dynamics.body_dynamics import BodyDynamics
+from cpid_drake.estimation.likelihood.actuators import thrust_log
 from cpid_drake.estimation.likelihood.constants import Constants
 from cpid_drake.estimation.likelihood.forces import white_forces
 from cpid_drake.estimation.likelihood.model import BlockModel
@@ -106,6 +107,20 @@ def test_derivatives_are_those_of_differences(block, name):
         ends = ends if name == "thrusters.valve_delay" else []  # by sensor: kinks are local
         for a, b in zip(np.split(J[:, first + entry], ends), np.split(expected, ends), strict=True):
             assert np.linalg.norm(a - b) <= 2e-3 * np.linalg.norm(b)
+
+
+def test_errors_of_valves_change_what_they_do():
+    """One is stronger, all are weaker, each further open one costs a share, and all act late."""
+    constants, nominal = Constants.of(SUITE, 4), np.zeros(Constants.of(SUITE, 4).size)
+    sizes = {"a.force": 0.1, "thrusters.common_force": -0.05}
+    sizes |= {"thrusters.loss": 0.04, "thrusters.valve_delay": 0.02}
+    for name, size in sizes.items():
+        nominal[constants.place(name)] = size / constants.errors[name].sigma
+    log = thrust_log(OPENINGS, SUITE.thrusters, constants, nominal)
+    np.testing.assert_allclose(log.samples.time, OPENINGS.time + 0.02)
+    left = np.array([1.0, 0.96, 0.96, 0.92, 1.0])
+    expected = 0.95 * left[:, None] * OPENINGS.value * [1.1 * 2.0, 3.0, 1.0]
+    np.testing.assert_allclose(log.samples.value, expected)
 
 
 def torques_by_inertia(model, trajectory, name, entry):
