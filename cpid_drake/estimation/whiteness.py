@@ -87,7 +87,7 @@ class LagSums:
         whole, lags = np.concatenate([self.last, rest]) if before else rest, np.arange(LAGS + 1)
         # Σ_i x_i x_{i − lag} over the new x_i, with earlier ones: a product of spectra, longer by
         # what must not wrap around.
-        length = next_fast_len(len(whole) + LAGS, real=True)
+        length = next_fast_len(N + LAGS, real=True)
         of_rest = np.fft.rfft(rest, length, axis=0)
         by_whole = of_rest.conj() * (np.fft.rfft(whole, length, axis=0) if before else of_rest)
         products = np.fft.irfft(by_whole, length, axis=0)[before - lags]
