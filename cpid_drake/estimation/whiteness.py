@@ -64,13 +64,14 @@ class LagSums:
     Their mean is zero.
 
     Attributes:
-        products: (`LAGS` + 1,) sums of products of residuals that are 0, 1, 2, … samples apart.
-        pairs: (`LAGS` + 1,) their numbers.
+        products: (`LAGS` + 1, channels) sums of products of residuals that are 0, 1, 2, … samples
+            apart.
+        pairs: (`LAGS` + 1,) their numbers, of all channels together.
         last: (n, channels) the last residuals, `LAGS` at most.
 
     """
 
-    products: Array = field(default_factory=lambda: np.zeros(LAGS + 1))
+    products: Array = field(default_factory=lambda: np.zeros((LAGS + 1, 1)))
     pairs: Array = field(default_factory=lambda: np.zeros(LAGS + 1))
     last: Array = field(default_factory=lambda: np.zeros((0, 1)))
 
@@ -86,21 +87,24 @@ class LagSums:
         whole, lags = np.concatenate([self.last, rest]) if before else rest, np.arange(LAGS + 1)
         # Σ_i x_i x_{i − lag} over the new x_i, with earlier ones: a product of spectra, longer by
         # what must not wrap around.
-        length = next_fast_len(len(whole) + LAGS, real=True)
+        length = next_fast_len(N + LAGS, real=True)
         of_rest = np.fft.rfft(rest, length, axis=0)
         by_whole = of_rest.conj() * (np.fft.rfft(whole, length, axis=0) if before else of_rest)
-        products = np.fft.irfft(np.sum(by_whole, axis=1), length)[before - lags]
+        products = np.fft.irfft(by_whole, length, axis=0)[before - lags]
         pairs = channels * np.clip(len(whole) - lags, 0, N)
         return LagSums(self.products + products, self.pairs + pairs, whole[-LAGS:])
 
     @property
     def correlation(self) -> Array:
         """The autocorrelation at 0, 1, 2, … samples, as far as the residuals reach."""
-        if not self.products[0] > 0:
+        squares = self.products[0]
+        if not squares.any():
             return np.zeros(0)
         reached = int(np.sum(self.pairs >= self.pairs[0] / 2))
-        means = self.products[:reached] / self.pairs[:reached]
-        return np.asarray(np.clip(means / means[0], -1.0, 1.0))
+        # ρ_lag: mean of all channels, whatever their size, of Σ x_i x_{i − lag} / Σ x_i²
+        each = self.products[:reached, squares > 0] / squares[squares > 0]
+        means = np.mean(each, axis=1) * self.pairs[0] / self.pairs[:reached]
+        return np.asarray(np.clip(means, -1.0, 1.0))
 
     @property
     def whiteness(self) -> Whiteness:
@@ -109,7 +113,7 @@ class LagSums:
         if count < 4 or len(rho) < 2:
             return Whiteness(0.0, 1.0, 1.0, count, 0.0)
         time = correlation_time(rho, self.pairs[0])
-        rms = float(np.sqrt(self.products[0] / self.pairs[0]))
+        rms = float(np.sqrt(np.sum(self.products[0]) / self.pairs[0]))
         return Whiteness(float(rho[1]), float(BAND / np.sqrt(self.pairs[1])), time, count, rms)
 
 
