@@ -89,6 +89,7 @@ def largest_difference(one: Identification, other: Identification) -> str:
     """Return the parameter in which two estimates differ most, in words; empty without any."""
     values = np.array([one.parameters, other.parameters])
     sigmas = np.sqrt([np.diag(one.covariance), np.diag(other.covariance)])
+    # |π₁ − π₂| / √(var₁ + var₂)
     ratio = np.abs(values[0] - values[1]) / np.hypot(*sigmas)
     if not np.isfinite(ratio).any():
         return ""

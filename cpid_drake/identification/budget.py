@@ -86,10 +86,12 @@ def error_budget(
     both = whole.marginal([PSI, *errors])
     solution, P = both.solve(), both.covariance()
     jacobian = relative_parameterization(model.mass).jacobian(psi + solution[:10])
+    # var(π) = diag(J P_ψψ Jᵀ)
     total = np.diag(jacobian @ P[:10, :10] @ jacobian.T)
 
     def share(left: Gaussian) -> Array:
         """Return the shares that go if this is left."""
+        # 1 − var(π | left) / var(π)
         own = left.marginal([PSI]).covariance()
         return np.where(is_known, 1 - np.diag(jacobian @ own @ jacobian.T) / total, np.nan)
 

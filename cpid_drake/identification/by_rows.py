@@ -148,6 +148,7 @@ def plausible(
     x = form.from_parameters(np.concatenate([psi[:1], np.zeros(3), inertia, np.zeros(3)]))
     if form.name == "eq18":
         inverse = abs(target.solve()[:1])
+        # (1/m, c, I_C) in place of (μ, μc, I_*)
         return x, np.concatenate([inverse, size[1:4] / size[0], size[4:]])
     return x, size * np.repeat([2.0, 1.0], [4, 6])
 
@@ -299,6 +300,7 @@ def _summarize(arguments: Arguments, log: CheckedLog) -> _LogPart:
     if rows.extra and not is_zero:
         fields["momentum_estimate"] = x[: rows.extra]
         if whole.rank == rows.extra + len(tree.unknowns):
+            # (RᵀR)⁻¹, its part of the momentum
             inverse = np.linalg.pinv(whole.R)[: rows.extra]
             fields["momentum_covariance"] = inverse @ inverse.T
     return _LogPart(
@@ -319,5 +321,6 @@ def _summarize(arguments: Arguments, log: CheckedLog) -> _LogPart:
 
 def _is_moving(rows: LogRows) -> bool:
     """Return whether exact states have a momentum, and not one of zero."""
+    # |A x − b| / |b|, without and with columns of a momentum
     zero, free = (rows.misfit(rows.best(is_zero=each))[1] for each in (True, False))
     return free <= INTEGRATION < zero

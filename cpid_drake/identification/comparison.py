@@ -76,6 +76,7 @@ class Comparison:
         """
         values = np.array([each.parameters for each in self.results.values()])
         variances = np.array([np.diag(each.covariance) for each in self.results.values()])
+        # (π − π₁) / √(var(π) + var(π₁))
         return np.asarray((values - values[0]) / np.sqrt(variances + variances[0]))
 
     def __str__(self) -> str:
@@ -189,6 +190,7 @@ def _sources(results: Mapping[str, Identification]) -> Sources:
     inertia = np.array([each.parameters[4:7] for each in results.values()])
     masses = np.array([each.parameters[:1] for each in results.values()])
     with np.errstate(invalid="ignore", divide="ignore"):
+        # √(I / m)
         radii = np.nan_to_num(np.sqrt(inertia / masses), posinf=0.0)
     scale = sizes(form, mass, float(radii.max()) or 1.0)
     gaussians = {}

@@ -52,6 +52,7 @@ def exact_checks(chosen: ChosenFit, opened: Callable[[], Model | None]) -> tuple
     name = max(gains, key=lambda each: gains[each])
     log, unknown = wide.unknowns_of(log.name for log in fit.logs)[name]
     place = given.places[name]
+    # x = (H + 1)⁻¹ b, in units of the σ that is tried
     covariance = np.linalg.inv(H[place, place] + np.eye(unknown.size))
     error = wide.of_log(log).constants.errors.get(unknown.name)
     what = "a body, the place of a joint or the grasp is not as the model says"
@@ -68,6 +69,7 @@ def exact_checks(chosen: ChosenFit, opened: Callable[[], Model | None]) -> tuple
 
 def _gain(H: Array, b: Array) -> float:
     """Return by how much −2 log(evidence) falls with an error of unit prior and its rows."""
+    # 2 log(evidence) = bᵀ(H + 1)⁻¹ b − log det(H + 1)
     precision = H + np.eye(len(b))
     return float(b @ np.linalg.solve(precision, b) - np.linalg.slogdet(precision)[1])
 

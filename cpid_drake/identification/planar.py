@@ -116,5 +116,6 @@ def _contradictions(normal_B: Array, measurements: Log) -> tuple[str, ...]:
 
 def _spread(values: Array) -> Array:
     """Return the σ of columns (N, d) without white noise, which neighbours show (Neumann 1941)."""
+    # E[(y_{k+1} − y_k)²] = 2 σ²
     white = np.mean(np.diff(values, axis=0) ** 2, axis=0) / 2 if len(values) > 1 else 0.0
     return np.asarray(np.sqrt(np.maximum(np.var(values, axis=0) - white, 0.0)))

@@ -73,6 +73,7 @@ class TargetPrior:
                 f"estimator has {form.name} unknowns: use the estimator of the prior"
             )
         if own is not None and own.unknowns == form.name:
+            # Λ = V S Vᵀ in units of plausible sizes: rows √S Vᵀ x, with unit errors
             sizes, axes = np.linalg.eigh(own.information * unit * unit[:, None])
             is_significant = sizes > len(sizes) ** 2 * np.finfo(float).eps * max(
                 float(sizes[-1]), 0.0
@@ -81,6 +82,7 @@ class TargetPrior:
             return Gaussian.of_rows({name: 10}, np.column_stack([A, A @ own.values]))
         covariance = self.covariance[np.ix_(given, given)]
         sigma = np.sqrt(np.diag(covariance))
+        # W = C⁻½: W J x = W (π − π(x₀) + J x₀)
         root = np.linalg.cholesky(covariance / sigma / sigma[:, None])
         whiten = np.linalg.solve(root, np.diag(1 / sigma))
         jacobian = form.jacobian(at)[given]

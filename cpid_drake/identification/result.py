@@ -380,9 +380,11 @@ def extremes(form: Parameterization, unknowns: Array, covariance: Array, quantil
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):  # at the pole
         for _ in range(TURNS):
             steps = x[..., None, :] + 1e-30j * np.eye(10)
+            # ∂π/∂x by a complex step
             slope = np.nan_to_num(form.to_parameters(steps).imag[place, side, :, place] * 1e30)
             along = slope @ P
             size = np.sqrt(np.sum(along * slope, axis=-1, keepdims=True))
+            # the farthest x of the ellipsoid along this slope: x̂ ± q P g / √(gᵀP g)
             x = unknowns + quantile * sign[:, None] * along / np.where(size > 0, size, 1)
             reach = sign * (form.to_parameters(x)[place, side, place] - parameters[:, None])
             reach[0, reach[0] < -0.1 * size[0, :, 0]] = np.nan

@@ -41,6 +41,7 @@ def conservation_check(share: float, times: float = np.inf, axes: int = 3) -> Ch
         text = _NOT_CONSERVED.format(f"{significant(100 * share)} % of the spacecraft's")
         return Check.of(CONSERVATION, text, share, INTEGRATION)
     text = _NOT_CONSERVED.format(f"{significant(times)} times the errors of the samples")
+    # The mean square of so many errors is χ² / axes.
     limit = float(np.sqrt(chdtri(axes, IMPROBABLE) / axes))
     return Check.of(CONSERVATION, text, times, limit)
 
@@ -53,6 +54,7 @@ def bias_check(solution: LeastSquaresSolution, bias: Array) -> Check:
         bias: (10,) bias of its unknowns.
 
     """
+    # |R δx|, in σ
     size = float(np.linalg.norm(solution.determined.R @ bias))
     text = f"noise inside the momentum rows moves the estimate by about {significant(size)} σ"
     return Check.of(BIAS, f"{text}: identify with --estimator trajectory_fit", size, 1.0)
@@ -70,6 +72,7 @@ def part_checks(earlier: Array, rows: Array, freedom: int) -> tuple[Check, ...]:
     if freedom < 1 or rests <= INTEGRATION**2 * size:
         return ()
     # In units of the noise; an unknown is as large as makes its column as large as b.
+    # s² = ρ² / freedom
     noise = np.sqrt(rests / freedom)
     first, whole = (Gaussian.of_rows({TARGET: 10}, each / noise) for each in (earlier, rows))
     lengths = np.linalg.norm(rows[:, :-1], axis=0)

@@ -66,6 +66,7 @@ def with_sources(
         both = (of_all.others(prior.name), names)
         pair = (part(solution(of_all.together(some))) for some in both)
         without, variance = (np.diag(each.covariance) for each in pair)
+        # var(π) of all is less than half of that of the others
         is_half = ~np.isfinite(without) | (variance < without / 2)
         dominated = np.array(PARAMETER_NAMES)[is_half & np.isfinite(variance)]
         shown = ", ".join(dominated) or "no parameter"

@@ -234,8 +234,10 @@ def _test(model: Model, own: Identification, target: TargetPrior) -> tuple[float
     chi_squared, freedom = of_both.difference(["target"], ["log"])
     if not freedom:
         return 0.0, 0, np.inf
+    # var(δm / m) = j (P_target + P_log) jᵀ, j = ∂m/∂ψ / m
     mass = form.jacobian(psi)[0] / form.to_parameters(psi)[0]
     variance = sum(mass @ each.add(prior).covariance() @ mass for each in both)
+    # A target heavier by δ has the noncentral χ² with λ = δ² / var.
     needed = chndtrinc(chdtri(freedom, FALSE_ALARM), freedom, 1 - POWER)
     return chi_squared, freedom, float(np.sqrt(needed * variance))
 

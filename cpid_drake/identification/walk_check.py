@@ -52,6 +52,7 @@ def walks_of(fit: Fit) -> Iterator[Walk]:
         if not log.links or not model.walking:
             continue
         times = np.array([log.step(k) for k in range(len(log.links))])
+        # Σ u² / (σ² Δt)
         squares = (np.array([link.walk for link in log.links]) / model.walking_sigma) ** 2 / times[
             :, None
         ]
