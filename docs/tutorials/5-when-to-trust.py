@@ -102,10 +102,10 @@ assert results["late tracker", "plausible"].passed
 # ## A leak
 #
 # A valve leaks: a constant force and a constant torque act. A leak of 2 mN looks like slow noise of
-# all sensors: warnings say so, and the interval is wide enough. A leak of 0.3 mN leaves no trace.
-# The statement "no force acts" is false, all checks pass, and the answer is off by many of its σ.
-# No check can find an error that looks like another target. With the plausible suite the interval
-# contains the truth.
+# all sensors: warnings say so, and a check finds that the momentum changes. A leak of 0.15 mN leaves
+# no trace. The statement "no force acts" is false, all checks pass, and the answer is off by many of
+# its σ. No check can find an error that looks like another target. With the plausible suite the
+# interval contains the truth.
 
 
 # %%
@@ -116,7 +116,7 @@ def leaking(force):
 
 
 compare("leak of 2 mN", leaking(2e-3))
-compare("leak of 0.3 mN", leaking(0.3e-3))
+compare("leak of 0.15 mN", leaking(0.15e-3))
 
 
 def off(name, which):
@@ -130,10 +130,10 @@ warnings = results["leak of 2 mN", "exact"].warnings
 print(*warnings, sep="\n")
 
 assert any("correlated in time" in warning for warning in warnings)
-assert off("leak of 2 mN", "exact") < 3
-assert results["leak of 0.3 mN", "exact"].passed
-assert off("leak of 0.3 mN", "exact") > 5  # a false statement is not forgiven
-assert off("leak of 0.3 mN", "plausible") < 3
+assert not results["leak of 2 mN", "exact"].passed
+assert results["leak of 0.15 mN", "exact"].passed
+assert off("leak of 0.15 mN", "exact") > 4  # a false statement is not forgiven
+assert off("leak of 0.15 mN", "plausible") < 3
 
 # %%
 figure, axis = plt.subplots(figsize=(8, 3.2), layout="constrained")
