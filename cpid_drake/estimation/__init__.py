@@ -1,19 +1,24 @@
 """Estimators in plain NumPy and SciPy, independent of Drake.
 
-The path of a sample y, from a log to the interval of the target ψ:
+The path of a sample y, from a file to the interval of a parameter. `logs.conversion` reads it,
+`identification.checked_log` screens it, and `identification.log_sensors` has its σ, given or
+estimated. Then `identification.fitted.estimate` goes on:
 
  1. `block`: samples are cut into blocks of about a second; `log_state` holds their `BlockState`s.
  2. `joints`: a spline through the joints' samples, with their noise.
  3. `start`: values x of all unknowns (`unknowns`) with which the fit begins.
  4. `likelihood.model`, `roll`: the residual r = y − h(x) in each block, and H = ∂h/∂x.
  5. `process`: C⁻¹ with which residual and derivatives have white noise of a unit.
- 6. `block_rows`: rows C⁻¹ H δx = C⁻¹ r, with those of the joints and of the link to the next block.
- 7. `elimination`, `sweep`: QR leaves R δx = z of what outlives the block: a `gaussian`.
+ 6. `block_rows`: rows C⁻¹ H δx = C⁻¹ r, with those of the joints.
+ 7. `elimination`, `sweep`: QR with the rows of the link to the next block leaves R δx = z of what
+    outlives the block: a `gaussian`.
  8. `fit`: all logs' and the priors' Gaussians are added; `target` has the best δψ in its cone, and
     `sweep.back` the δx of all else. Again from 4, with `weights` and `noise` as r shows them.
  9. `events`, `evidence`: whether momentum is zero, and where it changes.
-10. `posterior`: what the samples say of ψ, without its prior.
+10. `posterior.known_target`: what the samples say of ψ, without the prior that `fit` has added.
+11. `parameters`: π(ψ) and its σ; `identification.answer` adds checks, warnings and the budget.
+    Intervals end at zero where a rigid body does (`identification.consistency`).
 
 `online` and `following` do this block after block, with a `past`. `rows_fit` is the short path of
-exact samples: `momentum_rows` of Eq. 18, then least squares. `identification.answer` goes on.
+exact samples: `momentum_rows` of a row family, then least squares.
 """

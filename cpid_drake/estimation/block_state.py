@@ -24,7 +24,8 @@ class Link:
             is zero, if the end of the block is closed.
         is_open: whether these may change by any amount.
         span: σ of their change at an open end, as a share of `log_state.farthest`.
-        push: σ (12,) of their change at a closed end by what acts unmodelled; zero if nothing does.
+        push: σ (12,) of their change at a closed end by what acts unmodelled [rad, m, N·m·s, m/s];
+            zero if nothing does.
 
     """
 

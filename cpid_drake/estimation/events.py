@@ -2,10 +2,9 @@
 
 A firing, a contact or a push changes attitude, centre of mass, L and v between two blocks by any
 amount (12 entries). With the ends of all blocks open, every change is an unknown of one fit, and
-`evidence.compare` decides which of them are not zero: by the same criterion as for errors of the
-sensors. The blocks beside a change are cut into parts, so that a change inside a block has an end
-near it, and all ends are judged once more. More changes than are probable are another cause, which
-no finer cut shows.
+`evidence.compare` decides which of them are not zero. The blocks beside a change are cut into
+parts, so that a change inside a block has an end near it, and all ends are judged once more. More
+changes than are probable are another cause, which no finer cut shows.
 """
 
 from collections.abc import Collection, Mapping

@@ -10,8 +10,8 @@ H and b the information of the samples about it in units of σ. Its size a is th
 that this evidence prefers, at the price of log(len(SIZES)): a vague prior would hide what is small.
 
 All that may act are taken in one after the other; then each is kept or left out by its evidence
-beside the others, until none is to be changed. Each adds its doubt to the target: what the samples
-cannot distinguish widens its interval.
+beside the others, until none is to be changed. Each adds its doubt to the target: one that may act
+or not widens its interval.
 
 Sources: MacKay 2003, Information Theory, Inference, and Learning Algorithms, ch. 28; Hoeting et al.
 1999, Bayesian Model Averaging.
@@ -76,11 +76,6 @@ class ModelComparison:
     sizes: dict[str, float]
 
     @property
-    def sigma(self) -> dict[str, Array]:
-        """(k,) σ of `values`."""
-        return {name: np.sqrt(np.diag(each)) for name, each in self.covariance.items()}
-
-    @property
     def named(self) -> tuple[str, ...]:
         """The candidates that act with a probability of `NAMED` or more."""
         return tuple(name for name, p in self.probability.items() if p >= NAMED)
@@ -104,8 +99,8 @@ def compare(
         doubted: candidates whose doubts count in this distribution; default: all.
 
     """
-    logs = {name: float(np.log(value)) for name, value in odds.items()}
-    problem = _Candidates(gaussian, candidates, kept, logs)
+    log_odds = {name: float(np.log(value)) for name, value in odds.items()}
+    problem = _Candidates(gaussian, candidates, kept, log_odds)
     return problem.comparison(candidates if doubted is None else doubted)
 
 
@@ -151,7 +146,7 @@ class Question:
     ) -> ModelComparison:
         """Compare sets of candidates.
 
-        What is given is given up if another momentum is more probable; until then nobody doubts it.
+        What is given is left only if another momentum is more probable; before, there is no doubt.
 
         Args:
             gaussian: of all unknowns about their values.
@@ -188,10 +183,10 @@ class _Candidates:
         gaussian: Gaussian,
         candidates: Mapping[str, Array],
         kept: Sequence[str],
-        odds: Mapping[str, float],
+        log_odds: Mapping[str, float],
     ) -> None:
         self.names = [name for name in gaussian.places if name in candidates]
-        self.odds = odds
+        self.log_odds = log_odds
         both = gaussian.marginal([*kept, *self.names])
         self.kept_sizes = {name: both.sizes[name] for name in kept}
         n = len(indices_of(both.places, kept))
@@ -213,10 +208,9 @@ class _Candidates:
     def comparison(self, doubted: Collection[str]) -> ModelComparison:
         """Return the comparison, with the doubts about some of the candidates."""
         some = self._some()
-        best, logs = self._best(some)
+        best, log_odds = self._best(some)
         # p of being otherwise than in the best set, beside which one candidate is in doubt.
-        odds = {name: logs[name] if name in best else -logs[name] for name in some}
-        doubts = {name: float(expit(-each)) for name, each in odds.items()}
+        doubts = {n: float(expit(-each if n in best else each)) for n, each in log_odds.items()}
         probability = dict.fromkeys(self.names, 0.0)
         probability |= {name: 1 - p if name in best else p for name, p in doubts.items()}
         wide = {name: self._mean_size(name, [n for n in some if n != name]) for name in some}
@@ -253,8 +247,8 @@ class _Candidates:
         some = list[str]()
         while len(some) < MOST_CANDIDATES and (others := [n for n in self.names if n not in some]):
             gains = self._gains(others, some)
-            name = max(gains, key=lambda each: gains[each].max() + self.odds[each])
-            if gains[name].max() + self.odds[name] < np.log(UNLIKELY):
+            name = max(gains, key=lambda each: gains[each].max() + self.log_odds[each])
+            if gains[name].max() + self.log_odds[name] < np.log(UNLIKELY):
                 break
             self.size[name] = float(SIZES[np.argmax(gains[name])])
             some.append(name)
@@ -267,14 +261,14 @@ class _Candidates:
         """
         best = list(some)
         while True:
-            logs = {}
+            log_odds = {}
             for name in some:
                 [gains] = self._gains([name], [n for n in best if n != name]).values()
                 at_size = gains[np.searchsorted(-SIZES, -self.size[name])]
-                logs[name] = float(at_size) + self.odds[name]
-            wrong = {name: each for name, each in logs.items() if (each > 0) != (name in best)}
+                log_odds[name] = float(at_size) + self.log_odds[name]
+            wrong = {name: each for name, each in log_odds.items() if (each > 0) != (name in best)}
             if not wrong:
-                return best, logs
+                return best, log_odds
             flipped = max(wrong, key=lambda name: abs(wrong[name]))
             best = [n for n in some if (n in best) != (n == flipped)]
 

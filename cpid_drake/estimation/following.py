@@ -283,7 +283,8 @@ def _may_change(solved: Fit, gaussian: Gaussian, question: Question) -> bool:
     model, logs, values = solved.model, solved.logs, solved.values
     total = gaussian.marginal(name for name in gaussian.places if name != BOUNDARY)
     total = prior_of(model, logs, values).add(total)
-    for held in ({}, question.held(values, ())):  # whether or not the momentum is as supposed
+    supposed = question.held(values, ())
+    for held in ({}, supposed) if supposed else ({},):  # the momentum is free, or as supposed
         about = total.condition(held)
         if is_possible_change(about.marginal(_in_question(about)), farthest(model)):
             return True

@@ -352,7 +352,7 @@ def farthest(model: Model) -> Array:
 
 
 def _sigma(model: Model, link: Link, closed: float) -> Array:
-    """Return σ (12,) of a change at a link, with that of a closed one as a share of its sizes."""
+    """Return σ (12,) of a change at a link; a closed one has a share of its sizes, and its push."""
     if link.is_open or link.gap:
         return link.span * farthest(model)
     return np.hypot(_sizes(model, closed, closed, closed), link.push)

@@ -26,9 +26,11 @@ Values = dict[str, Array]
 class BlockPrediction:
     """What the model of a block predicts, without what is of first order.
 
+    That are compliances and accelerations in B; see `error_effects.OF_FIRST_ORDER`.
+
     Attributes:
         trajectory: of the base.
-        residuals: (M, d) in units of the declared σ, by sensor.
+        residuals: (M, d) in units of the given or estimated σ, by sensor.
         end: of the block.
 
     """

@@ -197,7 +197,7 @@ def _balanced(model: Model, parts: Sequence[PartRows]) -> Array:
 def _states(part: PartRows, psi: Array) -> tuple[TrajectoryState, ...]:
     """Return the states at the start of all blocks, as their own samples show them.
 
-    Without thrust and open ends, momenta are those of the whole log. A block without samples has
+    Without thrust and open ends, momenta are those of the whole part. A block without samples has
     the state of the instant before it.
     """
     motion, blocks, normal_B = part.motion, part.log.blocks, part.model.tree.normal_B
@@ -273,7 +273,7 @@ def _smoothed_motion(model: Model, log: LogState) -> tuple[Motion, NDArray[np.bo
 def _smoothed(samples: Samples, times: Array, least: int) -> tuple[NDArray[np.bool_], Array, Array]:
     """Return which times are among samples, and values and rates of a spline there.
 
-    It has at least so many pieces, if there are as many samples.
+    It has at least so many pieces, if there are four times as many samples.
     """
     time, value = samples.time, samples.value
     if len(samples) < 2 * (DEGREE + 1):

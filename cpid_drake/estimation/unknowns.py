@@ -114,7 +114,7 @@ class Model:
         *,
         has_thrust: bool = False,
     ) -> "Model":
-        """Return the model in which all that nobody states has a plausible σ.
+        """Return the model in which all that is not stated has a plausible σ.
 
         Args:
             tree: the spacecraft model.

@@ -78,11 +78,12 @@ class LagSums:
     def added(self, residuals: Array) -> "LagSums":
         """Return the sums after adding successive residuals (N, channels).
 
-        Outliers are reduced to six times the usual size.
+        Outliers of each channel are reduced to 9 of its medians: 6 σ of normal residuals.
         """
         N, channels = residuals.shape
-        usual = float(np.median(np.abs(residuals))) if N else 0.0
-        rest = np.clip(residuals, -9 * usual, 9 * usual) if usual else residuals
+        usual = np.median(np.abs(residuals), axis=0) if N else np.zeros(channels)
+        most = np.where(usual > 0, 9 * usual, np.inf)
+        rest = np.clip(residuals, -most, most)
         before = len(self.last)
         whole, lags = np.concatenate([self.last, rest]) if before else rest, np.arange(LAGS + 1)
         # Σ_i x_i x_{i − lag} over the new x_i, with earlier ones: a product of spectra, longer by
@@ -96,7 +97,7 @@ class LagSums:
 
     @property
     def correlation(self) -> Array:
-        """The autocorrelation at 0, 1, 2, … samples, as far as the residuals reach."""
+        """The autocorrelation at 0, 1, 2, … samples, up to where half as many pairs are left."""
         squares = self.products[0]
         if not squares.any():
             return np.zeros(0)
@@ -112,9 +113,10 @@ class LagSums:
         rho, count = self.correlation, round(self.pairs[0] / self.last.shape[1])
         if count < 4 or len(rho) < 2:
             return Whiteness(0.0, 1.0, 1.0, count, 0.0)
-        time = correlation_time(rho, self.pairs[0])
-        rms = float(np.sqrt(np.sum(self.products[0]) / self.pairs[0]))
-        return Whiteness(float(rho[1]), float(BAND / np.sqrt(self.pairs[1])), time, count, rms)
+        pairs = self.pairs * np.mean(self.products[0] > 0)  # of channels that are not zero
+        time = correlation_time(rho, pairs[0])
+        rms = float(np.sqrt(np.sum(self.products[0]) / pairs[0]))
+        return Whiteness(float(rho[1]), float(BAND / np.sqrt(pairs[1])), time, count, rms)
 
 
 def correlation_time(rho: Array, count: float) -> float:

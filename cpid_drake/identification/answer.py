@@ -1,6 +1,6 @@
 """What a fit says, as an identification: one path for the fit of all samples and for that online.
 
-Fit → momenta that are held → posterior of the target, averaged over their sets → checks and
+Fit → momenta that are held → posterior of the target, with the doubts about them → checks and
 warnings → error budget.
 """
 
@@ -45,7 +45,7 @@ def answer_of(
     of_momentum, checks = list[str](), list[Check]()
     for name in names:
         is_given, where = chosen.question.is_given, f"{name}: " if len(names) > 1 else ""
-        texts, failed = momentum_words(chosen.odds[name], is_given=is_given, where=where)
+        texts, failed = momentum_words(chosen.probability[name], is_given=is_given, where=where)
         of_momentum, checks = [*of_momentum, *texts], [*checks, *failed]
     valves = [f"{each.describe()}: it failed" for each in effects if each.failed_valve]
     result = target_only(

@@ -25,6 +25,7 @@ from cpid_drake.estimation.likelihood.forces import (
     SHORTEST_PIECE,
     TORQUE_NOISE,
 )
+from cpid_drake.estimation.log_state import LogState
 from cpid_drake.identification.exact_check import STRONG, widened
 from cpid_drake.identification.torque_check import torque_gain
 from cpid_drake.identification.walk_check import walks_of
@@ -45,14 +46,16 @@ _PLAUSIBLE = {TORQUE_NOISE: (TORQUE, SHORTEST_PIECE), ACCELERATION_NOISE: (ACCEL
 
 
 def with_changing_forces(fit: Fit, progress: Callable[[str], object]) -> tuple[Fit, str]:
-    """Return a fit with white forces where random walks are improbable, and a warning; or the same.
+    """Return a fit with white forces, and a warning; or the same.
+
+    They act where random walks are improbable, or a torque between blocks has evidence.
 
     Args:
         fit: a fit.
         progress: see `estimation.fit.fit`.
 
     """
-    if all(fit.model.of_log(log.name).suite.unstated == "exact" for log in fit.logs):
+    if all(_is_exact(fit, log) for log in fit.logs):
         return fit, ""
     names = _acting(fit)
     model = fit.model.with_suites(partial(_with_noise, tree=fit.model.tree, names=names))
@@ -74,13 +77,23 @@ def with_changing_forces(fit: Fit, progress: Callable[[str], object]) -> tuple[F
 
 
 def _acting(fit: Fit) -> set[str]:
-    """Return the names of white forces that act, or instead of which something walks too far."""
+    """Return the names of white forces that act, or instead of which something walks too far.
+
+    A log of which all that is not stated is exact gets none.
+    """
+    pairs = [(log, rolled) for log, rolled in zip(fit.logs, fit.rolled) if not _is_exact(fit, log)]
+    fit = replace(fit, logs=[log for log, _ in pairs], rolled=[rolled for _, rolled in pairs])
     names = {
         _NOISE[each.name]
         for each in walks_of(fit)
         if each.name in _NOISE and each.square > each.limit
     }
     return names | ({TORQUE_NOISE} if torque_gain(fit) > STRONG else set())
+
+
+def _is_exact(fit: Fit, log: LogState) -> bool:
+    """Return whether all that is not stated of a log's sensors and forces is exact."""
+    return fit.model.of_log(log.name).suite.unstated == "exact"
 
 
 def _with_noise(suite: SensorSuite, tree: KinematicTree, names: Collection[str]) -> SensorSuite:

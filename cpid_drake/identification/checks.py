@@ -12,11 +12,10 @@ import numpy as np
 
 from cpid_drake.estimation.events import most_changes
 from cpid_drake.estimation.evidence import NAMED
-from cpid_drake.estimation.least_squares import IMPROBABLE as IMPROBABLE
 from cpid_drake.estimation.whiteness import MOST_CORRELATED
 from cpid_drake.files.digits import significant
 from cpid_drake.identification.observed import Observed
-from cpid_drake.identification.words import SEEN, label_of
+from cpid_drake.identification.words import LARGER_NOISE, label_of
 
 CONSERVATION = "conservation of momentum"
 """Name of the check that residuals of rows are no more than samples and integration explain."""
@@ -98,7 +97,9 @@ def fit_checks(converged: bool, observed: Observed) -> Iterator[Check]:
             "wheel, a flexible grasp or correlated noise, may look like changes"
         )
         # The size of a few residuals is as uncertain as their correlation.
-        larger = any(noise.get(n, 1.0) > max(SEEN, 1 + test.band) for n, test in tests.items())
+        larger = any(
+            noise.get(n, 1.0) > max(LARGER_NOISE, 1 + test.band) for n, test in tests.items()
+        )
         fails = changes > most or larger
         yield Check.of("changes of the momentum", sentence, changes, most, not fails)
     loud = {name: factor for name, factor in noise.items() if factor > MOST_NOISE}

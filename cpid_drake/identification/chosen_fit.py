@@ -38,9 +38,9 @@ class ChosenFit:
     Attributes:
         fit: the fit.
         question: what is asked about the momenta of its logs.
-        compared: sets of momenta that are not as supposed.
+        compared: the comparison of momenta that are not as supposed.
         held: values of unknowns that are held, less those of the fit.
-        odds: probability that the momentum of a log is not as given, or not zero, by log.
+        probability: that the momentum of a log is not as given, or not zero, by log.
 
     """
 
@@ -48,28 +48,27 @@ class ChosenFit:
     question: Question
     compared: ModelComparison
     held: Values
-    odds: dict[str, float]
+    probability: dict[str, float]
 
     @classmethod
     def of(cls, fit: Fit, question: Question) -> "ChosenFit":
         """Return a fit with what is held of all that is asked."""
-        compared, odds = question.answer(fit.gaussian, fit.values), {}
+        compared, probability = question.answer(fit.gaussian, fit.values), {}
         for log in fit.logs:
             key = fit.model.unknown(MOMENTUM).key(log.name)
-            is_wrong = question.is_given and key in compared.best
-            odds[log.name] = 1.0 if is_wrong else compared.probability.get(key, 0.0)
-        return cls(fit, question, compared, question.held(fit.values, compared.best), odds)
+            probability[log.name] = compared.probability.get(key, 0.0)
+        return cls(fit, question, compared, question.held(fit.values, compared.best), probability)
 
     @cached_property
     def average(self) -> Gaussian:
-        """Of all unknowns but these momenta about the fit's values, by the odds of each set."""
+        """Of all unknowns but these momenta about the fit's values, with the doubts about them."""
         gaussian = self.compared.gaussian
         return gaussian.moved(np.concatenate([self.fit.values[name] for name in gaussian.places]))
 
     @property
     def momentum(self) -> str:
         """The total momentum that is assumed; see `momentum_name`."""
-        is_named = any(odds >= NAMED for odds in self.odds.values())
+        is_named = any(each >= NAMED for each in self.probability.values())
         return "unknown" if is_named else momentum_name(self.question)
 
     def given(self, gaussian: Gaussian) -> Gaussian:

@@ -28,7 +28,7 @@ from cpid_drake.identification.prior import TargetPrior, prior_of_result
 from cpid_drake.identification.request import Request, Source, log_names
 from cpid_drake.identification.result import Identification
 from cpid_drake.identification.result_files import read_result
-from cpid_drake.identification.words import SEEN
+from cpid_drake.identification.words import LARGER_NOISE
 
 _TARGET = "target"
 
@@ -247,7 +247,7 @@ def _request_words(part: Callable[[Request], object]) -> Callable[[Identificatio
 
 
 def _larger_noise(result: Identification) -> str:
-    larger = ((name, factor) for name, factor in result.noise.items() if factor > SEEN)
+    larger = ((name, factor) for name, factor in result.noise.items() if factor > LARGER_NOISE)
     return ", ".join(f"{name} {significant(factor)} times" for name, factor in larger)
 
 

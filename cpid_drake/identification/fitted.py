@@ -66,10 +66,11 @@ def estimate(
 
     # Comparison: of all sets of momenta L ≠ 0, the most probable; then h is linear about its x.
     progress("comparing")
-    chosen = ChosenFit.of(about(fit, ChosenFit.of(fit, question).held), question)
-    fit = chosen.fit
+    held = ChosenFit.of(fit, question).held
+    fit = about(fit, held)  # weights and noise stay
+    chosen = ChosenFit.of(fit, question)
 
-    # Answer: p(ψ | y) averaged over these sets, its checks, and the budget of its variance.
+    # Answer: p(ψ | y) with the doubts about this set, its checks, and the budget of its variance.
     sums = [with_blocks({}, log, rolled) for log, rolled in zip(fit.logs, fit.rolled, strict=True)]
     changes = [time for log in fit.logs for time in log.changes]
     observed = Observed.of(model, fit.logs, sums, changes)

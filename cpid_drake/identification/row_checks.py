@@ -1,17 +1,16 @@
 """Checks of least squares on momentum rows, in batch and online."""
 
 import numpy as np
-from scipy.special import chdtri
 
 from cpid_drake.array import Array
 from cpid_drake.dynamics.rows import RowFamily
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.estimation.gaussian import Gaussian, LeastSquaresSolution
-from cpid_drake.estimation.least_squares import INTEGRATION
+from cpid_drake.estimation.least_squares import INTEGRATION, improbable
 from cpid_drake.estimation.rows_fit import TARGET
 from cpid_drake.files.digits import significant
-from cpid_drake.identification.checks import BIAS, CONSERVATION, IMPROBABLE, Check
+from cpid_drake.identification.checks import BIAS, CONSERVATION, Check
 from cpid_drake.identification.chosen_fit import halves_check
 from cpid_drake.identification.consistency import with_nearest_body
 from cpid_drake.identification.result import Identification
@@ -42,7 +41,7 @@ def conservation_check(share: float, times: float = np.inf, axes: int = 3) -> Ch
         return Check.of(CONSERVATION, text, share, INTEGRATION)
     text = _NOT_CONSERVED.format(f"{significant(times)} times the errors of the samples")
     # The mean square of so many errors is χ² / axes.
-    limit = float(np.sqrt(chdtri(axes, IMPROBABLE) / axes))
+    limit = float(np.sqrt(improbable(axes) / axes))
     return Check.of(CONSERVATION, text, times, limit)
 
 

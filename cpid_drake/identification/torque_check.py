@@ -26,7 +26,8 @@ from cpid_drake.identification.exact_check import STRONG
 from cpid_drake.sensors.error_kinds import KINDS
 
 TRIED = 0.03
-"""q that is tried, as a share of a white torque of plausible size in each of its pieces."""
+"""q that is tried, as a share of a white torque of plausible size in each of its pieces. A larger
+torque gains more with it."""
 
 
 def torque_gain(fit: Fit) -> float:
@@ -39,7 +40,8 @@ def torque_gain(fit: Fit) -> float:
     gains = [0.0]
     for log, rolled in zip(fit.logs, fit.rolled, strict=True):
         is_exact = fit.model.of_log(log.name).suite.unstated == "exact"
-        if not _is_hidden(log, q, is_exact=is_exact):
+        entries = 3 if fit.model.tree.normal_B is None else 1
+        if not _is_hidden(log, q, entries if is_exact else 0):
             evidence = NoiseEvidence(fit.model, log, rolled, fit.values)
             pushed = replace(evidence, log=_pushed(log, q))
             gains.append(evidence(log.processes) - pushed(log.processes))
@@ -55,7 +57,7 @@ def torque_check(gain: float) -> Check:
     return Check.of("changing torque", sentence, gain, STRONG)
 
 
-def _is_hidden(log: LogState, q: float, *, is_exact: bool) -> bool:
+def _is_hidden(log: LogState, q: float, entries: int) -> bool:
     """Return whether a white torque gains little, by the pulls λ of the closed ends alone.
 
     These are half the slopes of χ² by changes. With b = q √h λ of all ends and the information H
@@ -65,10 +67,16 @@ def _is_hidden(log: LogState, q: float, *, is_exact: bool) -> bool:
 
     Beside forces that are unknowns, H is small but in few directions. If all else is exact, H is
     the mean of b bᵀ, and large in all: then |b|² is to be more than one an entry, too.
+
+    Args:
+        log: the log.
+        q: of the torque [N·m·√s].
+        entries: of L at each end, if all else is exact; else 0.
+
     """
     # |b|² = Σ q² h |λ_L|²
     pulls = [log.step(k) * np.sum(link.pull[6:9] ** 2) for k, link in enumerate(log.links)]
-    return q**2 * float(np.sum(pulls)) <= max(STRONG, 3 * len(pulls) * is_exact)
+    return q**2 * float(np.sum(pulls)) <= max(STRONG, entries * len(pulls))
 
 
 def _pushed(log: LogState, q: float) -> LogState:

@@ -10,10 +10,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtri
 
 from cpid_drake.estimation.fit import Fit, prior_of
-from cpid_drake.estimation.least_squares import IMPROBABLE
+from cpid_drake.estimation.least_squares import improbable
 from cpid_drake.estimation.sweep import sweep, walked
 from cpid_drake.files.digits import significant
 from cpid_drake.identification.checks import Check
@@ -42,7 +41,7 @@ class Walk:
     @property
     def limit(self) -> float:
         """The χ² above which the steps are improbable."""
-        return float(chdtri(self.mean, IMPROBABLE))
+        return improbable(self.mean)
 
 
 def walks_of(fit: Fit) -> Iterator[Walk]:
@@ -56,7 +55,7 @@ def walks_of(fit: Fit) -> Iterator[Walk]:
         squares = (np.array([link.walk for link in log.links]) / model.walking_sigma) ** 2 / times[
             :, None
         ]
-        if float(np.sum(squares)) <= chdtri(1.0, IMPROBABLE):  # as few as one are not improbable
+        if float(np.sum(squares)) <= improbable(1):  # as few as one are not improbable
             yield Walk(log.name, model.walking[0].name, float(np.sum(squares)), 1.0)
             continue
         swept = sweep(model, log, rolled, fit.values)

@@ -10,7 +10,7 @@ from cpid_drake.identification.observed import Observed
 from cpid_drake.logs.gyro_bias import GyroBias
 from cpid_drake.sensors.sensors import SENSORS
 
-SEEN = 1.1
+LARGER_NOISE = 1.1
 """Factor of the noise from which a warning says so."""
 
 SLOW = 0.1
@@ -56,7 +56,7 @@ def observed_warnings(observed: Observed) -> Iterator[str]:
     """Yield the warnings about gaps, noise and changes of the momentum."""
     for log, gaps in observed.gaps.items():
         yield from _of_gaps(gaps, f"{log}: " if len(observed.gaps) > 1 else "")
-    larger = {name: factor for name, factor in observed.noise.items() if factor > SEEN}
+    larger = {name: factor for name, factor in observed.noise.items() if factor > LARGER_NOISE}
     if larger:
         parts = (f"the {label_of(name)} {significant(by)} times" for name, by in larger.items())
         text = "the residuals are larger than the declared noise"

@@ -102,10 +102,10 @@ assert results["late tracker", "plausible"].passed
 # ## A leak
 #
 # A valve leaks: a constant force and a constant torque act. A leak of 2 mN looks like slow noise of
-# all sensors: warnings say so, and a check finds that the momentum changes. A leak of 0.15 mN leaves
-# no trace. The statement "no force acts" is false, all checks pass, and the answer is off by many of
-# its σ. No check can find an error that looks like another target. With the plausible suite the
-# interval contains the truth.
+# all sensors: warnings say so, and a check finds that the momentum changes. A leak of 0.15 mN
+# leaves no trace. The statement "no force acts" is false, all checks pass, and the answer is off by
+# many of its σ. No check can find an error that looks like another target. With the plausible suite
+# the interval contains the truth.
 
 
 # %%

@@ -2,7 +2,8 @@
 
 Each effect has some columns of the Jacobian, and a function that writes the derivatives of the
 motion by its quantities into a change, which contains zeros; what readings change at the same
-motion is a matter of their sensors. Every quantity is in units of its σ, except ψ and the start.
+motion is a matter of their sensors. Every quantity is in units of its σ, except ψ, the start and
+the joints' coefficients.
 """
 
 from collections.abc import Callable

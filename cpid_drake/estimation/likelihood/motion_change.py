@@ -54,7 +54,7 @@ class MotionChange:
 
     @classmethod
     def zeros(cls, trajectory: Trajectory, n: int, *, with_rates: bool = True) -> "MotionChange":
-        """Return no change of a motion by n quantities; without rates of ρ if nobody reads them."""
+        """Return no change of a motion by n quantities; without rates of ρ if none are read."""
         motion = trajectory.motion
         nodes, instants = len(motion.nodes), len(motion.times)
         has_thrust, errors = motion.thrust is not None, len(motion.constants.acting["thrust"])

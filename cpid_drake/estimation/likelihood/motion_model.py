@@ -144,7 +144,8 @@ class BaseMotion:
         joint_errors: what the joint motion has too much.
         nodes: (N,) times of the grid [s].
         times: (U,) the N nodes, then the M further times [s].
-        free: ψ with ∂ω/∂L (U, 3, 3) and h (U, 3) of `BodyDynamics`; None if nobody needed them.
+        free: ψ, the inverse (U, 3, 3) of the system's inertia in B, and h (U, 3) of
+            `BodyDynamics`; None before they are needed.
 
     """
 

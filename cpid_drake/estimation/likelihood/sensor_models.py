@@ -333,7 +333,7 @@ def clock_of(name: str, stamps: Array, constants: Constants, values: Array, orig
         name: of the sensor.
         stamps: (M,) [s].
         constants: the constant errors.
-        values: (k,) their values.
+        values: (k,) their values in units of their σ.
         origin: time at which clocks that drift have their delays [s].
 
     Returns:

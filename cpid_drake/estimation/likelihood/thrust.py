@@ -108,7 +108,7 @@ class Push:
 class BlockThrust:
     """The thrust in the motion of one block, and the integrals of its effects up to U instants.
 
-    Its methods take attitudes R_WB (N, 3, 3) at the nodes and the target's ψ (10,).
+    Its methods take attitudes R_WB (N, 3, 3) at the nodes, and the target's ψ (10,) or the state.
     """
 
     def __init__(self, log: ThrustLog, motion: "BaseMotion") -> None:
