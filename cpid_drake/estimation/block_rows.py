@@ -17,7 +17,8 @@ class BlockRows:
     """All rows of a block, linear about the values of its prediction.
 
     The columns are first those of its start (12), then the g that end with the block, the joints
-    and slow noise at its end, and what outlives it.
+    and slow noise at its end, and what outlives it: those of `BlockModel.columns` in the order
+    `order`. The link to the next block has its rows in `elimination.changed`.
 
     Attributes:
         T: (n + 1, n + 1) triangle of [A | b], with columns `order`.

@@ -20,6 +20,9 @@ class Past:
     C is in the target, would else seem to be known, since derivatives at other values contradict
     each other. Source: Huang, Mourikis and Roumeliotis 2010 (first-estimates Jacobians).
 
+    A log with a past starts from it (`sweep.known_at_start`), has its derivatives at `first`
+    (`roll.derivatives`), and has no prior of its start; `following` fits one block behind it alone.
+
     Attributes:
         gaussian: of attitude, p, L, v, joints and slow noise, then of the table of unknowns, and
             of changes of momentum that are still in question.

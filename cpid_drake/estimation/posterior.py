@@ -29,6 +29,7 @@ def known_target(
         count: number of the samples.
 
     """
+    # The prior that `Fit.gaussian` has added
     samples = without(model.cone.prior(PSI, psi), gaussian.marginal([PSI]))
     return solution_of(samples.moved(-psi), psi, model.sizes(psi), row_count=count)
 

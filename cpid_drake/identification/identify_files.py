@@ -1,4 +1,7 @@
-"""Identification from the files of a request, with everything that a report needs."""
+"""Identification from the files of a request, with everything that a report needs.
+
+The path of a sample, from a file to an interval, is in the docstring of `cpid_drake.estimation`.
+"""
 
 import hashlib
 from collections import Counter

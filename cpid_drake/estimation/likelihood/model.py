@@ -59,8 +59,8 @@ class BlockModel:
         motion: the base's motion.
         sensors: models of the sensors that have samples, by name.
         effects: the function that writes each effect on the motion, by name.
-        columns: columns of each effect in the Jacobian; those of the target and of the spacecraft's
-            bodies are last.
+        columns: columns of each effect in the Jacobian, in this order: start 12, joints J K, slow
+            noise 2 s (see `with_slow`), white forces, constant errors, ψ 10, bodies.
         at_start, at_end: columns of the base's state and of the joints at both ends.
 
     """
