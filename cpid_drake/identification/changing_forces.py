@@ -6,7 +6,7 @@ force besides, of the plausible size in each of its pieces, and its process of t
 see `estimation.noise`.
 """
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -27,7 +27,7 @@ from cpid_drake.estimation.likelihood.forces import (
 )
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.identification.exact_check import STRONG, widened
-from cpid_drake.identification.torque_check import torque_gain
+from cpid_drake.identification.torque_check import torque_gains
 from cpid_drake.identification.walk_check import walks_of
 from cpid_drake.sensors.disturbances import Disturbances
 from cpid_drake.sensors.error_kinds import KINDS
@@ -45,19 +45,22 @@ _PLAUSIBLE = {TORQUE_NOISE: (TORQUE, SHORTEST_PIECE), ACCELERATION_NOISE: (ACCEL
 """Of which plausible size they are in how long a piece [s]."""
 
 
-def with_changing_forces(fit: Fit, progress: Callable[[str], object]) -> tuple[Fit, str]:
+def with_changing_forces(
+    fit: Fit, gains: Mapping[str, float], progress: Callable[[str], object]
+) -> tuple[Fit, str]:
     """Return a fit with white forces, and a warning; or the same.
 
     They act where random walks are improbable, or a torque between blocks has evidence.
 
     Args:
         fit: a fit.
+        gains: its `torque_gains`.
         progress: see `estimation.fit.fit`.
 
     """
     if all(_is_exact(fit, log) for log in fit.logs):
         return fit, ""
-    names = _acting(fit)
+    names = _acting(fit, gains)
     model = fit.model.with_suites(partial(_with_noise, tree=fit.model.tree, names=names))
     log_names = [log.name for log in fit.logs]
     if all(model.of_log(n).suite == fit.model.of_log(n).suite for n in log_names):
@@ -67,7 +70,7 @@ def with_changing_forces(fit: Fit, progress: Callable[[str], object]) -> tuple[F
         for log in fit.logs
     ]
     wide = fit_logs(model, logs, values=fit.values, progress=progress)
-    if not wide.converged or _acting(wide):
+    if not wide.converged or _acting(wide, torque_gains(wide)):
         return fit, ""
     forces = " and ".join(sorted({name.partition("_")[0] for name in names}))
     return wide, (
@@ -76,7 +79,7 @@ def with_changing_forces(fit: Fit, progress: Callable[[str], object]) -> tuple[F
     )
 
 
-def _acting(fit: Fit) -> set[str]:
+def _acting(fit: Fit, gains: Mapping[str, float]) -> set[str]:
     """Return the names of white forces that act, or instead of which something walks too far.
 
     A log of which all that is not stated is exact gets none.
@@ -88,7 +91,8 @@ def _acting(fit: Fit) -> set[str]:
         for each in walks_of(fit)
         if each.name in _NOISE and each.square > each.limit
     }
-    return names | ({TORQUE_NOISE} if torque_gain(fit) > STRONG else set())
+    acts = any(gains[log.name] > STRONG for log, _ in pairs)
+    return names | ({TORQUE_NOISE} if acts else set())
 
 
 def _is_exact(fit: Fit, log: LogState) -> bool:

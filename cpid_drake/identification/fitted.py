@@ -25,10 +25,11 @@ from cpid_drake.identification.chosen_fit import ChosenFit
 from cpid_drake.identification.exact_check import exact_checks
 from cpid_drake.identification.log_sensors import model_of, open_model_of
 from cpid_drake.identification.observed import Observed
+from cpid_drake.identification.oscillation_check import oscillation_check
 from cpid_drake.identification.prior import TargetPrior
 from cpid_drake.identification.result import History, Identification
 from cpid_drake.identification.together import with_sources
-from cpid_drake.identification.torque_check import torque_check, torque_gain
+from cpid_drake.identification.torque_check import torque_check, torque_gains
 
 TRAJECTORY_FIT = "trajectory_fit"
 """The estimator's name."""
@@ -56,18 +57,19 @@ def estimate(
     # Fit: the x of the least χ² = Σ |y − h(x)|² / σ² over samples and priors.
     progress("fitting")
     fit = _fit(model, states, arguments.prior, progress)
-    fit, changing = with_changing_forces(fit, progress)
-    model = fit.model
+    gains = torque_gains(fit)
+    forced, changing = with_changing_forces(fit, gains, progress)
+    model = forced.model
 
     # Changes of momentum: a link between two blocks opens where p(change | y) says so.
     question = Question.of(model, logs, arguments.momentum)
-    fit = fit_with_events(fit, question, BoundedFits(progress=progress))
-    torque = torque_check(torque_gain(fit))
+    changed = fit_with_events(forced, question, BoundedFits(progress=progress))
+    torque = torque_check(gains if changed is fit else torque_gains(changed))
 
     # Comparison: of all sets of momenta L ≠ 0, the most probable; then h is linear about its x.
     progress("comparing")
-    held = ChosenFit.of(fit, question).held
-    fit = about(fit, held)  # weights and noise stay
+    held = ChosenFit.of(changed, question).held
+    fit = about(changed, held)  # weights and noise stay
     chosen = ChosenFit.of(fit, question)
 
     # Answer: p(ψ | y) with the doubts about this set, its checks, and the budget of its variance.
@@ -80,7 +82,13 @@ def estimate(
     opened = partial(open_model_of, arguments.spacecraft.tree, logs, arguments.known_bodies)
     result = replace(
         result,
-        checks=(*result.checks, torque, *chosen.part_checks(), *exact_checks(chosen, opened)),
+        checks=(
+            *result.checks,
+            torque,
+            *oscillation_check(fit),
+            *chosen.part_checks(),
+            *exact_checks(chosen, opened),
+        ),
         warnings=(*warnings, *([changing] if changing else []), *result.warnings),
         history=partial(_over_time, chosen) if len(logs) == 1 else None,
     )

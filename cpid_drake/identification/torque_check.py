@@ -7,14 +7,17 @@ length is h, by as much as a white torque of the intensity q leaves in this time
 
     L(t + h) = L(t) + u,    u ~ N(0, q² h).
 
-The evidence says whether q is zero. The fit stays linear where it is: this is one sweep more.
+The evidence says whether q is zero: its mean over some q. The fit stays linear where it is, so each
+q is one sweep more.
 
 Source: Kass and Raftery 1995, Bayes factors (2 ln B > 6 is strong evidence).
 """
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import logsumexp
 
 from cpid_drake.estimation.fit import Fit
 from cpid_drake.estimation.likelihood.constants import TORQUE
@@ -25,58 +28,50 @@ from cpid_drake.identification.checks import Check
 from cpid_drake.identification.exact_check import STRONG
 from cpid_drake.sensors.error_kinds import KINDS
 
-TRIED = 0.03
-"""q that is tried, as a share of a white torque of plausible size in each of its pieces. A larger
-torque gains more with it."""
+SHARES = 10.0 ** np.arange(-3, 0)
+"""q that are compared, each as probable before the samples, as shares of that of a white torque of
+plausible size in each of its pieces. A larger torque gains with these, too."""
 
 
-def torque_gain(fit: Fit) -> float:
-    """Return by how much −2 log(evidence) of a log falls, at most, if a white torque acts on it.
+def torque_gains(fit: Fit) -> dict[str, float]:
+    """Return by how much −2 log(evidence) of each log falls if a white torque acts on it.
 
-    It is zero where the pulls of the closed ends say that it is little.
+    Torques of which the pulls of the closed ends say that they are little gain nothing.
     """
     # q = share · σ_τ √h, with the plausible torque σ_τ in each piece of the length h [N·m·√s]
-    q = TRIED * KINDS[TORQUE].plausible(fit.model.tree) * SHORTEST_PIECE**0.5
-    gains = [0.0]
+    tried = SHARES * KINDS[TORQUE].plausible(fit.model.tree) * SHORTEST_PIECE**0.5
+    gains = {}
     for log, rolled in zip(fit.logs, fit.rolled, strict=True):
-        is_exact = fit.model.of_log(log.name).suite.unstated == "exact"
-        entries = 3 if fit.model.tree.normal_B is None else 1
-        if not _is_hidden(log, q, entries if is_exact else 0):
-            evidence = NoiseEvidence(fit.model, log, rolled, fit.values)
-            pushed = replace(evidence, log=_pushed(log, q))
-            gains.append(evidence(log.processes) - pushed(log.processes))
-    return max(gains)
+        evidence = NoiseEvidence(fit.model, log, rolled, fit.values)
+        pushed = [replace(evidence, log=_pushed(log, q)) for q in tried if not _is_hidden(log, q)]
+        without = evidence(log.processes) if pushed else 0.0
+        own = [without - each(log.processes) for each in pushed]
+        own += [0.0] * (len(tried) - len(own))
+        # p(y | q) / p(y | 0), on average
+        gains[log.name] = 2 * float(logsumexp(np.array(own) / 2) - np.log(len(own)))
+    return gains
 
 
-def torque_check(gain: float) -> Check:
-    """Return the check that a white torque gains no evidence; see `torque_gain`."""
+def torque_check(gains: Mapping[str, float]) -> Check:
+    """Return the check that a white torque gains no evidence in any log; see `torque_gains`."""
     sentence = (
         "a torque that is not modelled changes the momentum again and again: a part that swings, a "
         "liquid, wheels or cables may; hold it fast, log it, or state its noise as torque_noise"
     )
-    return Check.of("changing torque", sentence, gain, STRONG)
+    return Check.of("changing torque", sentence, max(0.0, *gains.values()), STRONG)
 
 
-def _is_hidden(log: LogState, q: float, entries: int) -> bool:
+def _is_hidden(log: LogState, q: float) -> bool:
     """Return whether a white torque gains little, by the pulls λ of the closed ends alone.
 
     These are half the slopes of χ² by changes. With b = q √h λ of all ends and the information H
     that samples have of all u / (q √h), the gain is
 
         bᵀ (H + 1)⁻¹ b − log det(H + 1) ≤ |b|².
-
-    Beside forces that are unknowns, H is small but in few directions. If all else is exact, H is
-    the mean of b bᵀ, and large in all: then |b|² is to be more than one an entry, too.
-
-    Args:
-        log: the log.
-        q: of the torque [N·m·√s].
-        entries: of L at each end, if all else is exact; else 0.
-
     """
     # |b|² = Σ q² h |λ_L|²
     pulls = [log.step(k) * np.sum(link.pull[6:9] ** 2) for k, link in enumerate(log.links)]
-    return q**2 * float(np.sum(pulls)) <= max(STRONG, entries * len(pulls))
+    return q**2 * float(np.sum(pulls)) <= STRONG
 
 
 def _pushed(log: LogState, q: float) -> LogState:

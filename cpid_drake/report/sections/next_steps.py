@@ -16,6 +16,7 @@ ADVICE = {
     "halves": "identify each half alone; declare acceleration and torque",
     "random walks": "log what acts, or state torque_noise, acceleration_noise",
     "changing torque": "hold it fast, log what acts, or state torque_noise",
+    "oscillation": "hold it fast, or log it",
     "declared sizes": (
         "state what the hardware can have, as joint_scale_ppm of belts; else look for a sign or an "
         "axis"
