@@ -169,7 +169,7 @@ def target_of(found):
     """Return ψ of a fit of one log without momentum, and its covariance."""
     [log] = found.logs
     key = f"{OF_LOG}|{log.name}"
-    known = found.gaussian.condition({key: -found.values[key]})
+    known = found.posterior.condition({key: -found.values[key]})
     known = known.marginal([PSI])
     return found.values[PSI] + known.solve(), known.covariance()
 

@@ -342,7 +342,7 @@ def _estimate(answer: Identification, truth: Array) -> dict[str, Any]:
     low, high = answer.intervals.T
     assert answer.form is not None
     assert answer.solution is not None
-    about_truth = answer.solution.determined.moved(answer.form.from_parameters(truth))
+    about_truth = answer.solution.determined.minus(answer.form.from_parameters(truth))
     inside = (low <= truth) & (truth <= high)
     return {
         "estimate": nulls(answer.parameters),

@@ -33,10 +33,15 @@ def spacecraft(
         package: Folder of a package that the model's URIs name; may be repeated.
 
     """
-    logging.getLogger("cpid_drake").setLevel(logging.ERROR)  # its warnings are in the summary
-    summary = summarize_model(
-        model, base=base, capture_frame=capture_frame, packages=options.packages_of(package)
-    )
+    logger = logging.getLogger("cpid_drake")
+    level = logger.level
+    logger.setLevel(logging.ERROR)  # its warnings are in the summary
+    try:
+        summary = summarize_model(
+            model, base=base, capture_frame=capture_frame, packages=options.packages_of(package)
+        )
+    finally:
+        logger.setLevel(level)
     print("\n".join(model_tables.facts(summary)))
     print_table(model_tables.joint_table(summary))
     print_table(model_tables.body_table(summary))

@@ -24,8 +24,8 @@ class BlockRows:
         T: (n + 1, n + 1) triangle of [A | b], with columns `order`.
         order: (n,) the columns of the block's model.
         gone: (g,) those that end with the block, but for its start.
-        end: (12, n) how its end depends on the columns of the block's model.
-        whitening: of its residuals, by sensor.
+        transition: (12, n) [E₀ | E] of its end x₁ = E₀ x₀ + E y, by the columns of its model.
+        whiteners: what makes its residuals white, by sensor.
         slow: (2, s) present values of slow noise at both edges.
         samples: (m, n + 1) the rows of its samples alone, and then the links of slow noise.
 
@@ -34,46 +34,49 @@ class BlockRows:
     T: Array
     order: NDArray[np.intp]
     gone: NDArray[np.intp]
-    end: Array
-    whitening: Mapping[str, Innovations]
+    transition: Array
+    whiteners: Mapping[str, Innovations]
     slow: Array
     samples: Array
 
     @classmethod
     def of(
         cls,
-        part: BlockModel,
-        linear: tuple[Array, Array],
+        block_model: BlockModel,
+        jacobians: tuple[Array, Array],
         rest: Mapping[str, Array],
-        whitening: Mapping[str, Innovations],
+        whiteners: Mapping[str, Innovations],
         places: Mapping[str, slice],
         slow: Array,
     ) -> "BlockRows":
         """Return the rows of a block.
 
         Args:
-            part: its model, with the columns of slow noise.
-            linear: derivatives of samples and end without them.
+            block_model: its model, with the columns of slow noise.
+            jacobians: derivatives of samples and end without them.
             rest: (M, d) residuals in units of the declared σ, by sensor.
-            whitening: of each sensor with samples or slow noise.
+            whiteners: of each sensor with samples or slow noise.
             places: of sensors in `slow`.
             slow: (2, s) present values of slow noise at both edges.
 
         """
-        J, by_end = linear
-        start, ends = np.split(part.at_end, [12])
-        ends_here = np.ones(part.kept[0], dtype=bool)
-        ends_here[part.at_end] = False
+        J, end_jacobian = jacobians
+        start, ends = np.split(block_model.at_end, [12])
+        ends_here = np.ones(block_model.shared_start, dtype=bool)
+        ends_here[block_model.at_end] = False
         gone = np.flatnonzero(ends_here)
-        order = np.concatenate([start, gone, ends, part.kept])
+        shared = np.arange(block_model.shared_start, block_model.width)
+        order = np.concatenate([start, gone, ends, shared])
         at = np.argsort(order)
-        own = part.without_slow
-        end = np.zeros((12, len(order)))
-        end[:, own] = by_end
-        rows = np.zeros((len(order) + 1, len(J) + part.slow)).T
+        own = block_model.without_slow
+        transition = np.zeros((12, len(order)))
+        transition[:, own] = end_jacobian
+        rows = np.zeros((len(order) + 1, len(J) + block_model.slow)).T
         rows[: len(J), at[own]], first = J, 0
-        edges = at[part.columns[SLOW]].reshape(2, -1) if part.slow else np.zeros((2, 0), np.intp)
-        for name, white in whitening.items():
+        edges = np.zeros((2, 0), np.intp)
+        if block_model.slow:
+            edges = at[block_model.columns[SLOW]].reshape(2, -1)
+        for name, white in whiteners.items():
             each = rest.get(name, np.zeros((0, white.process.channels)))
             these = rows[first : first + each.size]
             these[:, -1] = each.ravel()
@@ -85,13 +88,13 @@ class BlockRows:
                 rows[len(J) :][places[name]] = z[-1]
             these[:] = z[: len(each)].reshape(these.shape)
             first += each.size
-        T = updated_information(part.joint_triangle(order), rows)
-        return cls(T, order, gone, end, whitening, slow, rows)
+        T = updated_information(block_model.joint_triangle(order), rows)
+        return cls(T, order, gone, transition, whiteners, slow, rows)
 
-    def is_for(self, whitening: Mapping[str, Innovations], slow: Array) -> bool:
-        """Return whether these are the rows with this whitening."""
+    def is_for(self, whiteners: Mapping[str, Innovations], slow: Array) -> bool:
+        """Return whether these are the rows with these whiteners."""
         return (
-            whitening.keys() == self.whitening.keys()
-            and all(each.is_same(self.whitening[name]) for name, each in whitening.items())
+            whiteners.keys() == self.whiteners.keys()
+            and all(each.is_same(self.whiteners[name]) for name, each in whiteners.items())
             and np.array_equal(slow, self.slow)
         )

@@ -20,7 +20,7 @@ from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import quantile_95
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.parameters import determined_parameters
-from cpid_drake.estimation.posterior import known_target
+from cpid_drake.estimation.posterior import target_estimate
 from cpid_drake.estimation.sweep import EXACT, sweep
 from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.logs.log import Log
@@ -69,9 +69,12 @@ def cramer_rao_bound(
     total = prior_of(model, [log], values).add(sweep(model, log, rolled, values).gaussian)
     question = Question.of(model, [log.name], momentum or TotalMomentum.zero())
     total = total.condition(question.held(values, ()))
-    target = total.moved(total.solve())
+    target = total.minus(total.solve())
     # P_π = J P_ψ Jᵀ, J = ∂π/∂ψ
-    form, solution = relative_parameterization(model.mass), known_target(model, values[PSI], target)
+    form, solution = (
+        relative_parameterization(model.mass),
+        target_estimate(model, values[PSI], target),
+    )
     _, covariance, _ = determined_parameters(form, solution, quantile_95())
     J, P = (np.nan_to_num(x) for x in (form.jacobian(solution.estimate), solution.covariance))
     return np.where(np.isfinite(covariance), J @ P @ J.T, np.nan)

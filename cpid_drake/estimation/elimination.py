@@ -62,7 +62,7 @@ class EndedBlock:
         keep: (k,) columns of what is known at its end.
         rows: (g, k + 1) [X | z].
         unit: (g, g) root of the covariance of what ended, for given values of what is kept.
-        end: how the block's end depends on its start; see `BlockRows`.
+        transition: E of x₁ = E₀ x₀ + E y; see `BlockRows`.
         absorbed: how many of a sensor's residuals the unknowns absorb that end with the block.
 
     """
@@ -72,33 +72,36 @@ class EndedBlock:
     keep: NDArray[np.intp]
     rows: Array
     unit: Array
-    end: Array
+    transition: Array
     absorbed: dict[str, float]
 
     @classmethod
     def of(
-        cls, part: BlockModel, residuals: Mapping[str, Array], own: BlockRows, T: Array
+        cls,
+        block_model: BlockModel,
+        residuals: Mapping[str, Array],
+        block_rows: BlockRows,
+        T: Array,
     ) -> "EndedBlock":
         """Return a block from its rows and its triangle."""
-        first, g = part.kept[0], len(own.gone)
-        keep = np.concatenate(
-            [part.at_end, np.arange(first, first + len(T) - 1 - g - len(part.at_end))]
-        )
+        E, gone, at_end = block_rows.transition, block_rows.gone, block_model.at_end
+        first, g = block_model.shared_start, len(gone)
+        keep = np.concatenate([at_end, np.arange(first, first + len(T) - 1 - g - len(at_end))])
         # x₀ = E₀⁻¹(x₁ − E y): a row A₀ x₀ + A y has (A − A₀E₀⁻¹E) y
-        start = np.linalg.solve(own.end[:, :12], own.end[:, own.gone])
-        of_gone = own.samples[:, 12 : 12 + g] - own.samples[:, :12] @ start
+        start = np.linalg.solve(E[:, :12], E[:, gone])
+        of_gone = block_rows.samples[:, 12 : 12 + g] - block_rows.samples[:, :12] @ start
         inverse = solve_triangular(T[:g, :g], np.eye(g))
         # |row T⁻¹|²: the share of a residual that they explain
         leverage = np.sum((of_gone @ inverse) ** 2, axis=1)
         ends = np.cumsum([each.size for each in residuals.values()])
         absorbed = {n: float(x.sum()) for n, x in zip(residuals, np.split(leverage, ends))}
-        return cls(part, own.gone, keep, inverse @ T[:g, g:], inverse, own.end, absorbed)
+        return cls(block_model, gone, keep, inverse @ T[:g, g:], inverse, E, absorbed)
 
     def solved(self, x: Array) -> Array:
         """Return the steps of all columns of the block's model, given those x (k,) at its end."""
         y = np.zeros(len(self.gone) + len(self.keep))
         y[self.gone], y[self.keep] = self.rows[:, -1] - self.rows[:, :-1] @ x, x
-        return self._from_start(y)[: self.end.shape[1]]
+        return self._from_start(y)[: self.transition.shape[1]]
 
     def spread(self, root: Array) -> Array:
         """Return a root of the covariance of all columns, from one (k, ...) of those at its end.
@@ -113,19 +116,21 @@ class EndedBlock:
 
     def at_start(self, values: Array) -> Array:
         """Return what is kept at the block's start of values (n, ...) of all columns."""
-        return np.concatenate([values[self.model.at_start], values[self.model.kept[0] :]])
+        return np.concatenate([values[self.model.at_start], values[self.model.shared_start :]])
 
     def _from_start(self, y: Array) -> Array:
         """Return values with the state at the block's start in place of that at its end."""
         # x₀ = E₀⁻¹(x₁ − E y)
-        first = y[:12].copy()
+        E, x1 = self.transition, y[:12].copy()
         y[:12] = 0.0
-        y[:12] = np.linalg.solve(self.end[:, :12], first - self.end @ y[: self.end.shape[1]])
+        y[:12] = np.linalg.solve(E[:, :12], x1 - E @ y[: E.shape[1]])
         y[self.model.held] = 0.0
         return y
 
 
-def eliminated(part: BlockModel, own: BlockRows, before: Gaussian) -> tuple[Gaussian, Array]:
+def eliminated(
+    block_model: BlockModel, block_rows: BlockRows, before: Gaussian
+) -> tuple[Gaussian, Array]:
     """Return what is known at the end of a block, and the triangle [R | z] without its start.
 
     With the start x₀ (attitude, p, L, v) and all other columns y, the end is x₁ = E₀ x₀ + E y. So a
@@ -136,25 +141,27 @@ def eliminated(part: BlockModel, own: BlockRows, before: Gaussian) -> tuple[Gaus
     and QR eliminates what ends with the block. Only the first rows of both triangles contain x₀ or
     what ends: the others remain a triangle.
     """
-    n, gone = len(own.order), len(own.gone)
+    order, own, E = block_rows.order, block_rows.T, block_rows.transition
+    n, gone, at_end = len(order), len(block_rows.gone), block_model.at_end
     size = gone + before.size
-    # The result's columns are: what ends, x₁, the joints at the end, and the table; then b.
+    # The result's columns are: what ends, x₁, the joints at the end, and the table, the last of
+    # which is the log's momentum, that no block has; then b.
     of_block = np.r_[:gone, gone + 12 : n, size]  # places of the block's y and b
-    joints = of_block[np.argsort(own.order)[part.at_start[12:]] - 12]  # those at its start end
-    of_before = np.r_[:12, 12 + joints, 12 + gone + len(part.at_end) : size + 13]  # after x₀
+    joints = of_block[np.argsort(order)[block_model.at_start[12:]] - 12]  # those at its start end
+    of_before = np.r_[:12, 12 + joints, 12 + gone + len(at_end) : size + 13]  # after x₀
     # [A₀ | A | b]: the first rows of what is known before, and of the block's own.
-    rows_before, boundary, first = before.rows, len(part.at_end), gone + 12
+    rows_before, boundary, first = before.rows, len(at_end), gone + 12
     rows = np.zeros((boundary + first, 12 + size + 1))
     rows[:boundary, of_before] = rows_before[:boundary]
-    rows[boundary:, :12], rows[boundary:, 12 + of_block] = own.T[:first, :12], own.T[:first, 12:]
+    rows[boundary:, :12], rows[boundary:, 12 + of_block] = own[:first, :12], own[:first, 12:]
     # A₀E₀⁻¹ x₁ + (A − A₀E₀⁻¹E) y = b
-    by_end = rows[:, :12] @ np.linalg.inv(own.end[:, :12])
-    rows[:, 12 + of_block[:-1]] -= by_end @ own.end[:, own.order[12:]]
-    rows[:, 12 + gone : 12 + first] = by_end
+    of_end = rows[:, :12] @ np.linalg.inv(E[:, :12])
+    rows[:, 12 + of_block[:-1]] -= of_end @ E[:, order[12:]]
+    rows[:, 12 + gone : 12 + first] = of_end
     ended = triangle(rows[:, 12:])[: boundary + first]
     # The other rows of both contain neither: they remain triangles.
     others, places = np.zeros((2, size + 1 - gone, size + 1 - gone)), of_block[gone:] - gone
-    others[0][np.ix_(places, places)] = own.T[first:, first:]
+    others[0][np.ix_(places, places)] = own[first:, first:]
     others[1, boundary:-1, boundary:] = rows_before[boundary:, boundary:]
     T = np.zeros((size + 1, size + 1))
     T[:gone] = ended[:gone]

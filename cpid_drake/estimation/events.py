@@ -27,7 +27,8 @@ from cpid_drake.estimation.fit import Fit, prior_of
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import FAR, IMPROBABLE
 from cpid_drake.estimation.likelihood.motion_model import TrajectoryState
-from cpid_drake.estimation.log_state import CHANGE, LogState, farthest
+from cpid_drake.estimation.links import farthest
+from cpid_drake.estimation.log_state import CHANGE, LogState
 from cpid_drake.estimation.noise import with_best_noise
 from cpid_drake.estimation.roll import Rolled, Values, linearize, roll
 from cpid_drake.estimation.sweep import known_at_start, sweep
@@ -60,7 +61,7 @@ def fit_with_events(
     changes = _changes(replace(fit, logs=declared), question)
     if all(log.open.issuperset(own) for log, own in zip(quiet, changes, strict=True)):
         return fit
-    slow = [p.total for log in quiet for p in log.processes.values() if p.slow]
+    slow = [p.total for log in quiet for p in log.noise.processes.values() if p.slow]
     is_noise = max(slow, default=0.0) < FAR**2  # else the fit is no start, and changes come first
     if slow and is_noise:
         parts = zip(quiet, fit.rolled, changes, strict=True)
@@ -68,7 +69,7 @@ def fit_with_events(
         finer = replace(fit, logs=cut, rolled=[roll(model, log, fit.values) for log in cut])
         ends = zip(cut, finer.rolled, _changes(finer, question), strict=True)
         kept = [
-            _kept(finer, log.with_processes(before.processes), rolled, own, question)
+            _kept(finer, log.with_processes(before.noise.processes), rolled, own, question)
             for before, (log, rolled, own) in zip(fit.logs, ends, strict=True)
         ]
         if not any(kept):
@@ -92,7 +93,7 @@ def fit_with_events(
     changed = fits.fit(model, logs, values=wide.values)
     ends = zip(changed.logs, changed.rolled, changes, strict=True)
     kept = [
-        _kept(changed, log.with_processes(before.processes), rolled, own, question)
+        _kept(changed, log.with_processes(before.noise.processes), rolled, own, question)
         for before, (log, rolled, own) in zip(fit.logs, ends, strict=True)
     ]
     if not any(kept):
@@ -168,13 +169,13 @@ def _changes(
             ).end
             parts = log.part(later.start, later.stop), rolled.part(later.start, later.stop)
             carried = sweep(model, *parts, fit.values, before=gaussian, forward_only=True).gaussian
-            changes = {own.change(k): part.links[k] for k in ends}
+            changes = {own.change(k): part.jumps[k] for k in ends}
             compared = _compared(own, fit, carried, changes, question)
             acting = compared.best if among is None else compared.sizes
             numbers = {own.change(k): first + k for k in ends if own.change(k) in acting}
             best |= {numbers[n]: a for n, a in compared.sizes.items() if n in numbers}
             gaussian = gaussian.condition(
-                {own.change(k): -part.links[k] for k in ends if first + k not in log.open}
+                {own.change(k): -part.jumps[k] for k in ends if first + k not in log.open}
             )
             before = gaussian.marginal(n for n in gaussian.places if not n.startswith(CHANGE))
         result.append(best)

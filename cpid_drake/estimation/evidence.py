@@ -144,7 +144,7 @@ class Question:
         values: Mapping[str, Array],
         further: Mapping[str, Array] | None = None,
     ) -> ModelComparison:
-        """Compare sets of candidates.
+        """Compare sets of candidates, and return their Gaussian about the values, too.
 
         What is given is left only if another momentum is more probable; before, there is no doubt.
 
@@ -161,9 +161,11 @@ class Question:
         odds = dict.fromkeys(own, UNEXPECTED_ODDS if self.is_given else MOMENTUM_ODDS)
         odds |= dict.fromkeys(changes, UNEXPECTED_ODDS)
         doubted = {*changes, *([] if self.is_given else own)}
-        compared = compare(gaussian.moved(-np.concatenate(apart)), sigma, kept, odds, doubted)
+        compared = compare(gaussian.minus(-np.concatenate(apart)), sigma, kept, odds, doubted)
         of_best = {n: x + self.supposed.get(n, 0.0) for n, x in compared.values.items()}
-        return replace(compared, values=of_best)
+        now = [values[name] for name in compared.gaussian.places]
+        about = compared.gaussian.minus(np.concatenate(now))
+        return replace(compared, gaussian=about, values=of_best)
 
     def held(self, values: Mapping[str, Array], best: Collection[str]) -> dict[str, Array]:
         """Return the momenta that are held if the best candidates act, less their values."""

@@ -34,7 +34,7 @@ CLOSE = 1e-2
 """The fit ends with a step that changes all that outlives a block by less than this, squared, in σ,
 or whose χ² differs by less from that of a linear fit: a tenth of σ along one direction."""
 
-SETTLED = 1e-3
+NEAR = 1e-3
 """The noise comes from the residuals once no larger share of their squares than this is left to
 explain: what values far from the minimum do not explain is no noise."""
 
@@ -69,7 +69,7 @@ class Fit:
         values: of all logs', the hardware's and the target's unknowns.
         logs: with the values of everything else.
         rolled: the logs, predicted at these values.
-        information: of x − values, without the target's prior, which is not linear.
+        linear_posterior: of x − values, without the target's prior, which is not linear.
         swept: the logs, linearized about these values, if a step from there may follow.
         ends: of each log: what is known at its end, as `Swept.end`, linear since the last step.
         cost: χ² of all rows.
@@ -83,7 +83,7 @@ class Fit:
     values: Values
     logs: list[LogState]
     rolled: list[Rolled]
-    information: Gaussian
+    linear_posterior: Gaussian
     swept: list[Swept] = field(default_factory=list)
     ends: list[Gaussian] = field(default_factory=list)
     cost: float = 0.0
@@ -92,9 +92,9 @@ class Fit:
     misfit: float = 1.0
 
     @cached_property
-    def gaussian(self) -> Gaussian:
+    def posterior(self) -> Gaussian:
         """Of x − values; the target's prior is linear about them."""
-        return self.information.add(self.model.cone.prior(PSI, self.values[PSI]))
+        return self.linear_posterior.add(self.model.cone.prior(PSI, self.values[PSI]))
 
 
 def fit(
@@ -126,11 +126,11 @@ def fit(
         values, logs = start_of(model, logs, values)
     rolled = [roll(model, log, values, before) for log in logs]
     now = Fit(model, values, logs, rolled, hardware_prior_of(model, logs, values))
-    settled = all(log.freedom for log in logs)
+    is_near = all(log.noise.is_estimated for log in logs)
     # What is left of a step of one block stays in the next past.
     is_rough = any(len(model.of_log(log.name).constants.first_order) for log in logs)
     close = LINEAR if _is_one(now) or is_rough else CLOSE
-    return _best(now if settled else _reweighted(now), progress, close=close, most=most)
+    return _best(now if is_near else _reweighted(now), progress, close=close, most=most)
 
 
 def about(fitted: Fit, held: Values) -> Fit:
@@ -147,7 +147,7 @@ def about(fitted: Fit, held: Values) -> Fit:
     step = _Step.of(fitted, held)
     if step.square < LINEAR or not fitted.converged:  # else it has no best values to go to
         return replace(fitted, swept=[])
-    now = fitted if fitted.swept else _linear(fitted, HALF)
+    now = fitted if fitted.swept else _swept(fitted, HALF)
     moved, none = step.taken(now, 1.0), {name: 0.0 * value for name, value in held.items()}
     if moved is None:
         return replace(fitted, converged=False)
@@ -163,16 +163,19 @@ def _best(
     close: float = CLOSE,
     most: int = MOST_SWEEPS,
 ) -> Fit:
-    """Return the best fit near one; its weights follow the residuals if nothing is held."""
+    """Return the best fit near one; its weights follow the residuals if nothing is held.
+
+    Near the best values, the noise does so, too.
+    """
     share, misfit, is_one, renewal, last = 1.0, np.inf, _is_one(now), 1.0, np.inf
-    settled = held is not None or all(log.freedom for log in now.logs)
+    is_near = held is not None or all(log.noise.is_estimated for log in now.logs)
     while now.sweeps < most:
         text = f"fitting: sweep {now.sweeps + 1}, χ² {now.cost:.6g}"
         if now.sweeps and progress(text) is False:
             break
-        misfit = 1.0 if settled else min(misfit, _misfit(now))
+        misfit = 1.0 if is_near else min(misfit, _misfit(now))
         now = replace(now, misfit=misfit, sweeps=now.sweeps + 1)
-        now = _linear(now, renewal)
+        now = _swept(now, renewal)
         step = _Step.of(now, held)
         renewal = renewal if step.before < last else HALF
         last = step.before
@@ -185,20 +188,20 @@ def _best(
                 break
         else:  # errors of the derivatives, if it is so small
             ends = [each.end for each in now.swept]
-            return replace(now, ends=ends, converged=settled and step.square < LINEAR)
+            return replace(now, ends=ends, converged=is_near and step.square < LINEAR)
         excess = moved.cost - step.least
         if is_one or _is_linear(step.square, excess):
             for rolled, after in zip(now.rolled, moved.rolled, strict=True):
                 after.take_derivatives(rolled)
-        is_known = held is not None or all(log.freedom for log in moved.logs)
-        if settled and is_known and is_close:
+        is_last = held is not None or all(log.noise.is_estimated for log in moved.logs)
+        if is_near and is_last and is_close:
             return replace(moved, converged=True)
         before = moved.logs
         if held is None:
             left = excess if misfit == 1.0 else step.fall(1.0)  # priors will weigh less
-            settled = left < SETTLED * misfit**2 * sum(r.count for r in moved.rolled)
-            moved = _reweighted(moved, [each.absorbed for each in now.swept] if settled else None)
-        is_last = settled and misfit == 1.0 and abs(excess) < close
+            is_near = left < NEAR * misfit**2 * sum(r.count for r in moved.rolled)
+            moved = _reweighted(moved, [each.absorbed for each in now.swept] if is_near else None)
+        is_last = is_near and misfit == 1.0 and abs(excess) < close
         if is_last and are_same(before, moved.logs):
             return replace(moved, converged=True)
         now = moved
@@ -248,6 +251,7 @@ class _Step:
         least: χ² after the whole step, if all were linear but the target's prior.
         cone: the possible targets.
         psi, psi_step: (10,) the target before the step, and its step.
+        logs: after the whole step; empty if they were not swept.
 
     """
 
@@ -258,6 +262,7 @@ class _Step:
     cone: TargetCone
     psi: Array
     psi_step: Array
+    logs: list[LogState]
 
     def fall(self, share: float) -> float:
         """Return by how much a share of the step should reduce χ².
@@ -283,20 +288,22 @@ class _Step:
         """Return the best step; some unknowns may have given steps."""
         step, least = _best_step(now, held or {})
         # |R step|²
-        square, before = float(np.sum((now.gaussian.R @ step) ** 2)), np.inf
-        if now.swept:
-            logs = zip(now.logs, _after(now, step), strict=True)
-            before = _cost(now, [_pulled(*each) for each in logs], now.values)
-        psi_step = step[now.gaussian.places[PSI]]
-        return cls(step, square, before, least, now.model.cone, now.values[PSI], psi_step)
+        square, before = float(np.sum((now.posterior.R @ step) ** 2)), np.inf
+        logs = _after(now, step) if now.swept else []
+        if logs:
+            pulled = [_pulled(*each) for each in zip(now.logs, logs, strict=True)]
+            before = _cost(now, pulled, now.values)
+        psi_step = step[now.posterior.places[PSI]]
+        return cls(step, square, before, least, now.model.cone, now.values[PSI], psi_step, logs)
 
     def taken(self, now: Fit, share: float) -> Fit | None:
         """Return the fit after a share of the step; None if no motion can be predicted there."""
-        moved = _moved(now, share * self.step, _after(now, self.step, share))
+        logs = self.logs if self.logs and share == 1 else _after(now, self.step, share)
+        moved = _moved(now, share * self.step, logs)
         if moved is None:
             return None
-        parts = {name: self.step[place] for name, place in now.gaussian.places.items()}
-        ends = [each.end.moved(share * each.step(parts)) for each in now.swept]
+        parts = {name: self.step[place] for name, place in now.posterior.places.items()}
+        ends = [each.end.minus(share * each.step(parts)) for each in now.swept]
         return replace(moved, ends=ends)
 
 
@@ -313,15 +320,15 @@ def _next(share: float, gain: float) -> float:
     return share / 2 if gain < POOR else share
 
 
-def _linear(now: Fit, renewal: float) -> Fit:
+def _swept(now: Fit, renewal: float) -> Fit:
     """Return a fit with the Gaussian about its values; see `Rolled.renewed`."""
     model, values, pairs = now.model, now.values, zip(now.logs, now.rolled, strict=True)
     parts = [(log, rolled.renewed(model, log, values, renewal)) for log, rolled in pairs]
     swept = [sweep(model, log, rolled, values) for log, rolled in parts]
     prior = _weighed(hardware_prior_of(model, now.logs, now.values), now.misfit)
-    information = reduce(Gaussian.add, [each.gaussian for each in swept], prior)
+    linear_posterior = reduce(Gaussian.add, [each.gaussian for each in swept], prior)
     return replace(
-        now, rolled=[rolled for _, rolled in parts], information=information, swept=swept
+        now, rolled=[rolled for _, rolled in parts], linear_posterior=linear_posterior, swept=swept
     )
 
 
@@ -343,21 +350,21 @@ def _best_step(now: Fit, held: Values) -> tuple[Array, float]:
     The samples are linear in ψ, its prior is linear in log-sizes, and the target stays inside of
     the cone: all other unknowns are eliminated, and ten nonlinear ones remain.
     """
-    cone, psi, information = now.model.cone, now.values[PSI], now.information
-    free, step, steps = information.condition(held), np.zeros(information.size), dict(held)
+    cone, psi, gaussian = now.model.cone, now.values[PSI], now.linear_posterior
+    free, step, steps = gaussian.condition(held), np.zeros(gaussian.size), dict(held)
     # ψ = argmin |R ψ − z|² + |ξ₀(ψ)/σ|², the others eliminated; then these for this ψ
-    steps[PSI] = cone.most_probable(free.marginal([PSI]).moved(-psi)) - psi
+    steps[PSI] = cone.most_probable(free.marginal([PSI]).minus(-psi)) - psi
     others = free.condition({PSI: steps[PSI]})
-    step[indices_of(information.places, others.places)] = others.solve()
+    step[indices_of(gaussian.places, others.places)] = others.solve()
     for name, value in steps.items():
-        step[information.places[name]] = value
+        step[gaussian.places[name]] = value
     prior = cone.log_size(psi + steps[PSI])[0] / LOG_SIZE
-    return step, information.cost(step) + float(prior @ prior)
+    return step, gaussian.cost(step) + float(prior @ prior)
 
 
 def _after(now: Fit, step: Array, share: float = 1.0) -> list[LogState]:
     """Return the logs after a share of a step."""
-    parts = {name: step[place] for name, place in now.gaussian.places.items()}
+    parts = {name: step[place] for name, place in now.posterior.places.items()}
     return [
         back(now.model, log, s, parts, share) for log, s in zip(now.logs, now.swept, strict=True)
     ]
@@ -365,7 +372,7 @@ def _after(now: Fit, step: Array, share: float = 1.0) -> list[LogState]:
 
 def _moved(now: Fit, step: Array, logs: Sequence[LogState]) -> Fit | None:
     """Return the fit after a step; None if no motion can be predicted there."""
-    steps = {n: now.values[n] + step[place] for n, place in now.gaussian.places.items()}
+    steps = {n: now.values[n] + step[place] for n, place in now.posterior.places.items()}
     values = now.values | steps
     for log in logs:
         first = log.starts[0]
@@ -376,9 +383,9 @@ def _moved(now: Fit, step: Array, logs: Sequence[LogState]) -> Fit | None:
         rolled = [roll(now.model, log, values, near=near) for log, near in pairs]
     except (InputError, np.linalg.LinAlgError):
         return None
-    information = now.information.moved(step)
+    about = now.linear_posterior.minus(step)
     moved = replace(
-        now, values=values, logs=list(logs), rolled=rolled, information=information, swept=[]
+        now, values=values, logs=list(logs), rolled=rolled, linear_posterior=about, swept=[]
     )
     cost = _cost(moved, logs, now.values)
     return replace(moved, cost=cost) if np.isfinite(cost) else None

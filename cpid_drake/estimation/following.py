@@ -20,7 +20,6 @@ from itertools import pairwise
 import numpy as np
 
 from cpid_drake.estimation.block import Block
-from cpid_drake.estimation.block_state import Link
 from cpid_drake.estimation.elimination import changed, linked
 from cpid_drake.estimation.events import is_explained
 from cpid_drake.estimation.evidence import Question, is_possible_change
@@ -29,7 +28,8 @@ from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import FAR
 from cpid_drake.estimation.likelihood.joint_model import ORDER
 from cpid_drake.estimation.linearity import is_linear, linear_at
-from cpid_drake.estimation.log_state import CHANGE, LogState, farthest
+from cpid_drake.estimation.links import Link, farthest
+from cpid_drake.estimation.log_state import CHANGE, LogState
 from cpid_drake.estimation.noise import is_as_before
 from cpid_drake.estimation.past import Past
 from cpid_drake.estimation.roll import past_of, roll
@@ -111,7 +111,7 @@ def ahead_of(solved: Fit, gaussian: Gaussian) -> Past:
         log.states[-1].joints.coefficients[-ORDER:],
         np.concatenate([values[u.key(log.name)] for u in model.table]),
         linear_at(solved),
-        log.slow_places,
+        log.noise.slow_places,
         log.slow_at_end,
     )
 
@@ -135,7 +135,7 @@ def _following(fits: Sequence[Fit], ahead: Past, blocks: Sequence[Block]) -> Log
     count, log = len(log.blocks), replace(log, past=ahead)
     for block in blocks:
         log = log.extended(model, block, ahead.start)
-    return replace(log.part(count, len(log.blocks)), past=ahead, is_known=True)
+    return replace(log.part(count, len(log.blocks)), past=ahead).with_noise(converged=True)
 
 
 def _fitted(
@@ -179,7 +179,7 @@ def _with_changes(
     it is none.
     """
     last, log, inner = fits[-1], _following(fits, ahead, parts), range(len(parts) - 1)
-    if log.slow_places:  # which changes are noise, only the noise of the window tells
+    if log.noise.slow_places:  # which changes are noise, only the noise of the window tells
         return None
     is_at_start, starts = len(parts) != 2, [ahead.start, *log.starts[1:]]
     for k in range(0 if is_at_start else 1, len(parts)):  # what a change has bent is no start
@@ -233,7 +233,7 @@ def _acting(wide: Fit, gaussian: Gaussian, question: Question) -> tuple[str, ...
     total = total.marginal(name for name in total.places if name != BOUNDARY)
     total = prior_of(model, [log], values).add(total)
     changes = {name: np.zeros(12) for name in _in_question(gaussian)}
-    changes |= {log.change(k): rolled.links[k] for k in inner}
+    changes |= {log.change(k): rolled.jumps[k] for k in inner}
     sigma = dict.fromkeys(changes, farthest(model))
     best = question.answer(total, values | changes, sigma).best
     return tuple(name for name in best if name in changes)
@@ -261,7 +261,7 @@ def _has_noise_of(fits: Sequence[Fit], solved: Fit) -> bool:
     """Return whether a fit has the noise of those before."""
     [log], window = solved.logs, [*fits, solved]
     residuals = [rest for each in window for rest in each.rolled[0].residuals]
-    freedom = [each.logs[0].freedom for each in window for _ in each.logs[0].blocks]
+    freedom = [each.logs[0].noise.freedom for each in window for _ in each.logs[0].blocks]
     return is_as_before(joined(window), residuals, freedom, len(log.blocks))
 
 
@@ -274,7 +274,7 @@ def _known_at_end(solved: Fit, gaussian: Gaussian, carry: Collection[int] = ()) 
     assert log.past is not None
     before = past_of(model, replace(log, past=replace(log.past, gaussian=gaussian)), values)
     if solved.sweeps > 1:  # its derivatives may be those of the first sweep
-        rolled = replace(rolled, linear={}, rows={})
+        rolled = replace(rolled, jacobians={}, rows={})
     return sweep(model, log, rolled, values, carry=carry, before=before, forward_only=True).end
 
 

@@ -132,7 +132,7 @@ class Gaussian:
         rows = np.vstack([rows[:same], np.pad(T[:-1], ((0, 0), (same, 0)))])
         return Gaussian.of_triangle(sizes, rows, self.rho2 + float(T[-1, -1]) ** 2)
 
-    def moved(self, step: Array) -> "Gaussian":
+    def minus(self, step: Array) -> "Gaussian":
         """Return the distribution of x − step for a step (n,)."""
         return replace(self, z=self.z - self.R @ step)
 

@@ -22,8 +22,8 @@ def inertia_error(fit: Fit) -> float:
     It is the root mean square of Wᵀ δJ W, with J = W⁻ᵀW⁻¹, along the axes that can rotate. Errors
     of the spacecraft's bodies, which stay uncertain for ever, are not in it.
     """
-    exact = {BODIES: 0.0} if BODIES in fit.gaussian.places else {}
-    covariance = fit.gaussian.condition(exact).marginal([PSI]).covariance()
+    exact = {BODIES: 0.0} if BODIES in fit.posterior.places else {}
+    covariance = fit.posterior.condition(exact).marginal([PSI]).covariance()
     B = _by_inertia(fit)
     # √(tr B P Bᵀ / axes), B = ∂(WᵀJ W)/∂ψ
     return float(np.sqrt(np.trace(B @ covariance @ B.T) / np.sqrt(len(B))))

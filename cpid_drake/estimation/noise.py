@@ -23,6 +23,7 @@ from cpid_drake.estimation.noise_evidence import NoiseEvidence
 from cpid_drake.estimation.process import DECLARED, EXACT, Process, proxy
 from cpid_drake.estimation.roll import Rolled, Values
 from cpid_drake.estimation.unknowns import Model
+from cpid_drake.estimation.whitening import whitened, whitener
 from cpid_drake.sensors.sensors import SENSORS
 
 TAUS = 0.02 * 8.0 ** np.arange(4)
@@ -60,20 +61,20 @@ def with_processes(model: Model, log: LogState, rolled: Rolled, values: Values) 
         values: of all unknowns.
 
     """
-    if log.is_known:
+    if log.noise.converged:
         return log
     evidence = NoiseEvidence(model, log, rolled, values)
-    before, series = log.processes, _series(log, rolled.residuals)
+    before, series = log.noise.processes, _series(log, rolled.residuals)
     search = _Search(evidence, series)
     tried = search.with_forces(_guesses(log, series, before))
     if not tried:
-        return replace(log, is_known=True)
+        return log.with_noise(converged=True)
     shapes, cost = search.climbed(tried)
     if are_near(shapes, before):
-        return replace(log, is_known=True)
+        return log.with_noise(converged=True)
     shapes = search.simplified(shapes, cost)
-    is_known = bool(before) or are_near(shapes, before)
-    return replace(log.with_processes(shapes), is_known=is_known)
+    converged = bool(before) or are_near(shapes, before)
+    return log.with_processes(shapes).with_noise(converged=converged)
 
 
 def with_best_noise(
@@ -93,14 +94,14 @@ def with_best_noise(
         before: the cost with fewer changes.
 
     """
-    evidence, start = NoiseEvidence(model, log, rolled, values), log.processes
+    evidence, start = NoiseEvidence(model, log, rolled, values), log.noise.processes
     shown = evidence.means() if log.open else rolled.residuals
     search = _Search(evidence, _series(log, shown))
     if log.open:
         guessed = search.with_forces(_guesses(log, search.series, {}))
         start = guessed if search.cost(guessed) < before else start
     shapes, cost = search.climbed(start)
-    if shapes == log.processes:
+    if shapes == log.noise.processes:
         return log, cost
     shapes = search.simplified(shapes, cost)
     return log.with_processes(shapes), search.cost(shapes)
@@ -128,10 +129,10 @@ def is_as_before(
         for k, rest in enumerate(residuals):
             if name in rest:
                 which = int(k >= len(residuals) - last)
-                squares[which] += np.sum(log.whitened(k, name, rest[name]) ** 2)
+                squares[which] += np.sum(whitened(log, k, name, rest[name]) ** 2)
                 counts[which] += rest[name].size * freedom[k].get(name, 1.0)
                 sizes[which] += rest[name].size
-        now, share = log.processes.get(name, DECLARED), float(counts.sum() / sizes.sum())
+        now, share = log.noise.processes.get(name, DECLARED), float(counts.sum() / sizes.sum())
         if series.guess(now, share, WORTH) != now:
             return False
         if counts.min() >= FEWEST and squares.max() > EXACT**4:
@@ -150,7 +151,7 @@ def _series(log: LogState, residuals: Sequence[Mapping[str, Array]]) -> dict[str
         for k, block in enumerate(residuals):
             if name in block:
                 is_near = log.states[k].weights.get(name, np.ones(len(block[name]))) == 1.0
-                times.append(log.whitening(k, name, len(is_near)).times[is_near])
+                times.append(whitener(log, k, name, len(is_near)).times[is_near])
                 near.append(block[name][is_near])
         series[name] = _Series(np.concatenate(times), np.concatenate(near))
     return series
@@ -159,7 +160,7 @@ def _series(log: LogState, residuals: Sequence[Mapping[str, Array]]) -> dict[str
 def _guesses(log: LogState, series: Mapping[str, "_Series"], before: Processes) -> Processes:
     """Return the processes from which the evidence is climbed."""
     tried = {
-        name: each.guess(before.get(name, DECLARED), log.freedom.get(name, 1.0))
+        name: each.guess(before.get(name, DECLARED), log.noise.freedom.get(name, 1.0))
         for name, each in series.items()
         if name in SENSORS
     }

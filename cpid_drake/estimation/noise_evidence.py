@@ -23,12 +23,14 @@ import numpy as np
 from cpid_drake.array import Array
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.likelihood.model import SLOW
+from cpid_drake.estimation.links import link_sigma
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.process import Process
 from cpid_drake.estimation.roll import Rolled, Values
 from cpid_drake.estimation.sweep import Swept, marginals, sweep
 from cpid_drake.estimation.unknowns import Model
 from cpid_drake.estimation.unknowns_prior import prior_of
+from cpid_drake.estimation.whitening import whitener, whiteners
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +66,7 @@ class NoiseEvidence:
         noise = list[dict[str, Array]]()
         for k, part, mean, _ in marginals(self.model.of_log(log.name), log, swept, posterior):
             own, first = dict[str, Array](), 0
-            predicted = self.rolled.linear[self.rolled.models[k]][0] @ mean[part.without_slow]
+            predicted = self.rolled.jacobians[self.rolled.models[k]][0] @ mean[part.without_slow]
             for name, each in self.rolled.residuals[k].items():
                 own[name] = each - predicted[first : first + each.size].reshape(each.shape)
                 first += each.size
@@ -77,12 +79,12 @@ class NoiseEvidence:
         value, swept, posterior = self._value(log, with_steps=True)
         slopes = {name: np.zeros(len(each.coordinates)) for name, each in processes.items()}
         for k, part, mean, root in marginals(self.model.of_log(log.name), log, swept, posterior):
-            J, _ = self.rolled.linear[self.rolled.models[k]]
+            J, _ = self.rolled.jacobians[self.rolled.models[k]]
             rest, first, moments = self.rolled.residuals[k], 0, np.column_stack([mean, root])
             noise = -J @ moments[part.without_slow]
             noise[:, 0] += np.concatenate([np.empty(0), *(each.ravel() for each in rest.values())])
-            slow = np.zeros((2, log.slow_size, moments.shape[1]))
-            if log.slow_size:
+            slow = np.zeros((2, log.noise.slow_size, moments.shape[1]))
+            if log.noise.slow_size:
                 slow[:] = moments[part.columns[SLOW]].reshape(slow.shape)
                 slow[..., 0] += log.slow_at(k)
             for name, each in rest.items():
@@ -101,11 +103,11 @@ class NoiseEvidence:
         posterior = swept.end.add(self._prior)
         volume = 2 * swept.end.volume + 2 * float(np.sum(np.log(np.abs(np.diag(posterior.R)))))
         if log.past is None:
-            volume += 2 * float(np.sum(np.log(log.slow_sigma)))
-        for k in range(len(self.rolled.links)):
-            volume += 2 * float(np.sum(np.log(log.link_sigma(self.model, k))))
+            volume += 2 * float(np.sum(np.log(log.noise.slow_sigma)))
+        for k in range(len(self.rolled.jumps)):
+            volume += 2 * float(np.sum(np.log(link_sigma(self.model, log.links[k]))))
         for k, rest in enumerate(self.rolled.residuals):
-            for name, white in log.whitenings(k, rest).items():
+            for name, white in whiteners(log, k, rest).items():
                 count = rest[name].shape[1] if name in rest else white.process.channels
                 volume += count * white.volume
         return posterior.rho2 + volume, swept, posterior
@@ -121,9 +123,9 @@ class NoiseEvidence:
             slow: (2, s, 1 + c) those of all slow noise at both edges.
 
         """
-        process, place = log.processes[name], log.slow_places.get(name, slice(0))
+        process, place = log.noise.processes[name], log.noise.slow_places.get(name, slice(0))
         own = slow[:, place]
-        slopes = log.whitening(k, name, len(noise)).slopes(noise, own)
+        slopes = whitener(log, k, name, len(noise)).slopes(noise, own)
         if process.slow and k == 0 and (log.past is None or name not in log.past.slow):
             slopes[1:] += noise.shape[1] - float(np.sum(own[0] ** 2)) / process.slow
         return slopes

@@ -149,7 +149,7 @@ def _one_more(state: OnlineState, block: Block) -> OnlineState | None:
         return None
     [*fits, solved], ahead = more
     last = fits[-1]
-    fits[-1] = replace(last, rolled=[replace(each, linear={}, rows={}) for each in last.rolled])
+    fits[-1] = replace(last, rolled=[replace(each, jacobians={}, rows={}) for each in last.rolled])
     usual = max(each.length for each in log.blocks)
     while fits and (block.end - fits[0].logs[0].blocks[-1].end) / usual > state.window - 1e-3:
         gone = fits.pop(0)
@@ -236,12 +236,12 @@ def _marginalized(state: OnlineState, count: int) -> OnlineState:
         rest.states[0].joints.coefficients[:ORDER],
         first_table(model, rest, values),
         linear_at(last),
-        log.slow_places,
+        log.noise.slow_places,
         rest.states[0].slow,
     )
     kept = rolled.part(count, len(log.blocks))
-    derived = {part: own for part, own in kept.linear.items() if part in kept.models}
-    kept = replace(kept, linear=derived)
+    derived = {part: own for part, own in kept.jacobians.items() if part in kept.models}
+    kept = replace(kept, jacobians=derived)
     return replace(
         state,
         sums=with_blocks(state.sums, gone, rolled),

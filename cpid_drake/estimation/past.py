@@ -57,7 +57,7 @@ class Past:
         mean = [edge[slow[name]] if name in slow else self.edge[p] for name, p in self.slow.items()]
         moved = np.concatenate([np.empty(0), *mean]) - self.edge
         step = np.concatenate([jump, turned, moved, table - self.table])
-        about = self.gaussian.moved(np.pad(step, (0, self.gaussian.size - len(step))))
+        about = self.gaussian.minus(np.pad(step, (0, self.gaussian.size - len(step))))
         if slow == self.slow:
             return about
         first, n = 12 + joints.size, about.size

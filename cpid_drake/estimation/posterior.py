@@ -17,7 +17,7 @@ from cpid_drake.estimation.least_squares import KNOWN
 from cpid_drake.estimation.unknowns import PSI, Model
 
 
-def known_target(
+def target_estimate(
     model: Model, psi: Array, gaussian: Gaussian, *, count: int = 0
 ) -> LeastSquaresSolution:
     """Return what is known of the target's ψ about the nominal mass of the spacecraft.
@@ -29,9 +29,9 @@ def known_target(
         count: number of the samples.
 
     """
-    # The prior that `Fit.gaussian` has added
+    # R_sᵀR_s = RᵀR − R_pᵀR_p: without the prior that `Fit.posterior` has added
     samples = without(model.cone.prior(PSI, psi), gaussian.marginal([PSI]))
-    return solution_of(samples.moved(-psi), psi, model.sizes(psi), row_count=count)
+    return solution_of(samples.minus(-psi), psi, model.sizes(psi), row_count=count)
 
 
 def estimate_of(

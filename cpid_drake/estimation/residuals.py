@@ -10,6 +10,7 @@ from cpid_drake.array import Array
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import Rolled
 from cpid_drake.estimation.whiteness import LagSums
+from cpid_drake.estimation.whitening import whitened
 from cpid_drake.logs.log import Samples
 
 
@@ -47,7 +48,7 @@ def with_blocks(
             used[name] += int(is_near.sum())
             count[name] += len(is_near)
             if name in rest:
-                white[name].append(log.whitened(k, name, rest[name])[is_near])
+                white[name].append(whitened(log, k, name, rest[name])[is_near])
     more = dict(sums)
     for name, n in count.items():
         before = sums.get(name) or ResidualSums()

@@ -1,6 +1,6 @@
 """Prediction of a log: the samples of all blocks at given values of all unknowns."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,9 +14,11 @@ from cpid_drake.estimation.likelihood.kinematic_changes import relate, with_chan
 from cpid_drake.estimation.likelihood.model import BlockModel, jump_between
 from cpid_drake.estimation.likelihood.motion_model import Trajectory, TrajectoryState
 from cpid_drake.estimation.likelihood.white_reading import WhiteReading
+from cpid_drake.estimation.links import link_cost
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.target import psi_about
 from cpid_drake.estimation.unknowns import BODIES, PSI, Model
+from cpid_drake.estimation.whitening import white_residuals
 
 Values = dict[str, Array]
 """Present values of all unknowns of all logs, by name."""
@@ -30,7 +32,7 @@ class BlockPrediction:
 
     Attributes:
         trajectory: of the base.
-        residuals: (M, d) in units of the given or estimated σ, by sensor.
+        residuals: (M, d) (y − h(x)) / σ with the declared σ, by sensor.
         end: of the block.
 
     """
@@ -52,95 +54,98 @@ class Rolled:
 
     Attributes:
         models: of each block.
-        rigid: what they predict.
-        residuals: of each block: (M, d) in units of the declared σ, by sensor.
+        predictions: what they predict.
+        residuals: of each block: those of `predictions`, less what is of first order.
         ends: of each block.
-        links: of each block but the last: (12,) change of attitude, centre of mass, L and v from
+        jumps: of each block but the last: (12,) change of attitude, centre of mass, L and v from
             its end to the start of the next; zero if a gap is between them.
-        joints: sum of squares of the rows of joints and of what walks.
-        start: sum of squares of what is known at its start.
-        linear: derivatives of samples and ends of blocks, as far as they have been linearized.
+        joint_cost: sum of squares of the rows of joints and of what walks.
+        start_cost: sum of squares of what is known at its start.
+        jacobians: derivatives of samples and ends of blocks, as far as they have been linearized.
         rows: their rows, as they were last needed.
-        bends: the derivatives (m, n) and (12, n) by errors of first order with which these are in
-            the prediction, as far as they are known.
-        by_psi: (10, 10) derivative of ψ about the spacecraft's present mass by the target's
+        first_order_jacobians: the derivatives (m, n) and (12, n) by errors of first order with
+            which these are in the prediction, as far as they are known.
+        psi_jacobian: (10, 10) derivative of ψ about the spacecraft's present mass by the target's
             coordinates.
 
     """
 
     models: list[BlockModel]
-    rigid: list[BlockPrediction]
+    predictions: list[BlockPrediction]
     residuals: list[dict[str, Array]]
     ends: list[TrajectoryState]
-    links: list[Array]
-    joints: float
-    start: float
-    by_psi: Array
-    linear: dict[BlockModel, tuple[Array, Array]] = field(default_factory=dict)
+    jumps: list[Array]
+    joint_cost: float
+    start_cost: float
+    psi_jacobian: Array
+    jacobians: dict[BlockModel, tuple[Array, Array]] = field(default_factory=dict)
     rows: dict[BlockModel, BlockRows] = field(default_factory=dict)
-    bends: dict[BlockModel, tuple[Array, Array]] = field(default_factory=dict)
+    first_order_jacobians: dict[BlockModel, tuple[Array, Array]] = field(default_factory=dict)
 
     @property
     def trajectories(self) -> list[Trajectory]:
         """Of the base in each block."""
-        return [each.trajectory for each in self.rigid]
+        return [each.trajectory for each in self.predictions]
 
     def part(self, first: int, end: int) -> "Rolled":
         """Return the prediction of the blocks from `first` up to `end`."""
         return replace(
             self,
             models=self.models[first:end],
-            rigid=self.rigid[first:end],
+            predictions=self.predictions[first:end],
             residuals=self.residuals[first:end],
             ends=self.ends[first:end],
-            links=self.links[first:end],
+            jumps=self.jumps[first:end],
         )
 
     def take_derivatives(self, other: "Rolled") -> None:
         """Take the derivatives of the blocks of a prediction nearby, as far as they are known."""
         for own, before in zip(self.models, other.models, strict=True):
-            if own not in self.linear and before in other.linear:
-                self.linear[own] = other.linear[before]
+            if own not in self.jacobians and before in other.jacobians:
+                self.jacobians[own] = other.jacobians[before]
 
     def renewed(self, model: Model, log: LogState, values: Values, share: float) -> "Rolled":
         """Return the prediction with what is of first order by a share of its own derivatives.
 
         The rest is by those with which it is now.
         """
-        if not self.bends or all(part in self.linear for part in self.models):
+        if not self.first_order_jacobians or all(part in self.jacobians for part in self.models):
             return self
-        renewed = replace(self, bends={})
+        renewed = replace(self, first_order_jacobians={})
         linearize(model.of_log(log.name), log, renewed, values)
-        for part, before in self.bends.items():
-            for whole, old in zip(renewed.linear[part], before, strict=True):
+        for part, before in self.first_order_jacobians.items():
+            for whole, old in zip(renewed.jacobians[part], before, strict=True):
                 own = whole[:, part.of_first_order]
                 whole[:, part.of_first_order] = old + share * (own - old)
-        return renewed.bent(log, renewed)
+        return renewed.with_first_order(log, renewed)
 
-    def bent(self, log: LogState, near: "Rolled") -> "Rolled":
+    def with_first_order(self, log: LogState, near: "Rolled") -> "Rolled":
         """Return it with what is of first order, by derivatives of a prediction nearby."""
         residuals, ends = list[dict[str, Array]](), list[TrajectoryState]()
-        bends = dict[BlockModel, tuple[Array, Array]]()
+        first_order_jacobians = dict[BlockModel, tuple[Array, Array]]()
         entries = self.models[0].motion.constants.first_order
-        for k, predicted in enumerate(self.rigid):
+        for k, predicted in enumerate(self.predictions):
             rest, end = predicted.residuals, predicted.end
-            part, other = self.models[k], near.models[k]
-            if len(entries) and other in near.linear:
-                J, by_end = (each[:, part.of_first_order] for each in near.linear[other])
-                bends[part] = J, by_end
+            block_model, other = self.models[k], near.models[k]
+            if other in near.jacobians:
+                columns = block_model.of_first_order
+                J, end_jacobian = (each[:, columns] for each in near.jacobians[other])
+                first_order_jacobians[block_model] = J, end_jacobian
                 x = predicted.trajectory.state.constants[entries]
                 ends_of = np.cumsum([0, *map(np.size, rest.values())])
                 moved = np.split(J @ x, ends_of)[1 : len(rest) + 1]
                 parts = zip(rest.items(), moved, strict=True)
                 rest = {name: own - by.reshape(own.shape) for (name, own), by in parts}
-                end = jumped(end, by_end @ x)
+                end = jumped(end, end_jacobian @ x)
             residuals.append(rest)
             ends.append(end)
-        links = [
-            jump_between(end, start) if not link.gap else np.zeros(12)
-            for end, start, link in zip(ends[:-1], log.starts[1:], log.links, strict=True)
-        ]
-        return replace(self, residuals=residuals, ends=ends, links=links, bends=bends)
+        return replace(
+            self,
+            residuals=residuals,
+            ends=ends,
+            jumps=_jumps(log, ends),
+            first_order_jacobians=first_order_jacobians,
+        )
 
     @property
     def count(self) -> int:
@@ -156,23 +161,24 @@ class Rolled:
             step: of all unknowns since white torques were linear in the inertia.
 
         """
-        links = sum(log.link_cost(model, k, u) for k, u in enumerate(self.links))
-        slow = 0.0 if log.past else float(np.sum((log.states[0].slow / log.slow_sigma) ** 2))
-        return self.start + slow + links + self.cost_inside(log, step)
+        links = sum(link_cost(model, log.links[k], u) for k, u in enumerate(self.jumps))
+        slow = 0.0 if log.past else float(np.sum((log.states[0].slow / log.noise.slow_sigma) ** 2))
+        return self.start_cost + slow + links + self.cost_inside(log, step)
 
     def cost_inside(self, log: LogState, step: Values | None = None) -> float:
         """Return the sum of squares of the rows of a log's blocks alone; see `cost`."""
-        total = self.joints
+        total = self.joint_cost
         for k, block in enumerate(self.residuals):
             changed = dict(block)
             for name, rest in block.items():
                 sensor = self.models[k].sensors[name]
                 if step and isinstance(sensor, WhiteReading):
-                    for effect, by in sensor.by_unknowns(self.rigid[k].trajectory).items():
-                        by = by @ self.by_psi if effect == PSI else by
+                    for effect, by in sensor.by_unknowns(self.predictions[k].trajectory).items():
+                        by = by @ self.psi_jacobian if effect == PSI else by
                         rest = rest - by @ step[effect] if effect in step else rest
                     changed[name] = rest
-            total += sum(float(np.sum(each**2)) for each in log.rows_of(k, changed).values())
+            white = white_residuals(log, k, changed)
+            total += sum(float(np.sum(each**2)) for each in white.values())
         return total
 
     def all_residuals(self) -> dict[str, Array]:
@@ -212,26 +218,38 @@ def roll(
 
     """
     model = model.of_log(log.name)
-    models, trajectories, by_psi = motions_of(model, log, values, before)
-    kept = dict(zip(before.models, before.rigid, strict=True)) if before else {}
+    models, trajectories, psi_jacobian = motions_of(model, log, values, before)
+    kept = dict(zip(before.models, before.predictions, strict=True)) if before else {}
     pairs = zip(models, trajectories, strict=True)
-    rigid = [kept.get(part) or BlockPrediction.of(part, moved) for part, moved in pairs]
+    predictions = [kept.get(part) or BlockPrediction.of(part, moved) for part, moved in pairs]
     cost = 0.0
     for part in models:
         cost += float(np.sum(part.motion.joints.rest**2))
     for k, link in enumerate(log.links):
         # Σ |u|²/(σ² Δt)
-        cost += float(np.sum((link.walk / model.walking_sigma) ** 2)) / log.step(k)
-    linear, rows, present = {}, {}, set(models)
+        cost += float(np.sum((link.walk / model.walking_sigma) ** 2)) / log.interval(k)
+    jacobians, rows, present = {}, {}, set(models)
     if before:
-        linear = {part: each for part, each in before.linear.items() if part in present}
+        jacobians = {part: each for part, each in before.jacobians.items() if part in present}
         rows = {part: each for part, each in before.rows.items() if part in present}
     start = _start_cost(model, log, values)
-    made = Rolled(models, rigid, [], [], [], cost, start, by_psi, linear, rows)
+    residuals, ends = [each.residuals for each in predictions], [each.end for each in predictions]
+    jumps, derived = _jumps(log, ends), (psi_jacobian, jacobians, rows)
+    made = Rolled(models, predictions, residuals, ends, jumps, cost, start, *derived)
     first_order = model.constants.first_order
+    if not len(first_order):
+        return made
     if near is None and any(each.state.constants[first_order].any() for each in trajectories):
         linearize(model, log, made, values)
-    return made.bent(log, near or made)
+    return made.with_first_order(log, near or made)
+
+
+def _jumps(log: LogState, ends: Sequence[TrajectoryState]) -> list[Array]:
+    """Return the changes (12,) from the ends of blocks to the starts of those that follow."""
+    return [
+        jump_between(end, start) if not link.gap else np.zeros(12)
+        for end, start, link in zip(ends[:-1], log.starts[1:], log.links, strict=True)
+    ]
 
 
 def derivatives(
@@ -242,22 +260,23 @@ def derivatives(
     Behind a past they are those at the first values of target and hardware; see `Past`. Those by
     errors of first order are those of the prediction.
     """
-    new = [k for k, part in enumerate(rolled.models) if part not in rolled.linear]
-    models, trajectories, by_psi = rolled.models, rolled.trajectories, rolled.by_psi
+    new = [k for k, part in enumerate(rolled.models) if part not in rolled.jacobians]
+    models, trajectories, psi_jacobian = rolled.models, rolled.trajectories, rolled.psi_jacobian
     has_hardware = any(unknown.scope == "hardware" for unknown in model.table)
     if new and log.past is not None and has_hardware:
         values = {**values, **log.past.first}
-        models, trajectories, by_psi = motions_of(model, log, values)
+        models, trajectories, psi_jacobian = motions_of(model, log, values)
     bent = with_changes([trajectories[k] for k in new])
     for part, nearby in zip(rolled.models, models, strict=True):
-        if part not in rolled.linear:
+        if part not in rolled.jacobians:
             J, end = nearby.jacobian(next(bent))
             psi = nearby.columns[PSI]
-            J[:, psi], end[:, psi] = J[:, psi] @ by_psi, end[:, psi] @ by_psi
-            if part in rolled.bends:
-                J[:, part.of_first_order], end[:, part.of_first_order] = rolled.bends[part]
-            rolled.linear[part] = J, end
-        yield rolled.linear[part]
+            J[:, psi], end[:, psi] = J[:, psi] @ psi_jacobian, end[:, psi] @ psi_jacobian
+            if part in rolled.first_order_jacobians:
+                columns, before = part.of_first_order, rolled.first_order_jacobians[part]
+                J[:, columns], end[:, columns] = before
+            rolled.jacobians[part] = J, end
+        yield rolled.jacobians[part]
 
 
 def linearize(model: Model, log: LogState, rolled: Rolled, values: Values) -> None:
@@ -269,7 +288,7 @@ def linearize(model: Model, log: LogState, rolled: Rolled, values: Values) -> No
 def motions_of(
     model: Model, log: LogState, values: Values, before: Rolled | None = None
 ) -> tuple[list[BlockModel], list[Trajectory], Array]:
-    """Return models and trajectories of all blocks, and the derivative `Rolled.by_psi`.
+    """Return models and trajectories of all blocks, and the derivative `Rolled.psi_jacobian`.
 
     Args:
         model: the unknowns of the log.
@@ -282,7 +301,7 @@ def motions_of(
 
     """
     tree = model.tree_with(values.get(BODIES))
-    psi, by_psi = psi_about(values[PSI], model.mass, tree.mass)
+    psi, psi_jacobian = psi_about(values[PSI], model.mass, tree.mass)
     last, walking = constants_of(model, log, values), model.walking_columns
     # of each block: what is still to come
     walks = [link.walk for link in log.links]
@@ -315,7 +334,7 @@ def motions_of(
         firsts[k] = first
     relate([models[k].motion for k in firsts], psi)
     trajectories |= {k: models[k].motion.trajectory(first) for k, first in firsts.items()}
-    return models, [trajectories[k] for k in range(len(models))], by_psi
+    return models, [trajectories[k] for k in range(len(models))], psi_jacobian
 
 
 def _is_same(state: TrajectoryState, other: TrajectoryState) -> bool:
@@ -328,7 +347,7 @@ def past_of(model: Model, log: LogState, values: Values) -> Gaussian:
     """Return the Gaussian of a log's past, about the present values at the log's start."""
     assert log.past is not None
     joints = log.states[0].joints.coefficients[:ORDER]
-    slow = log.slow_places, log.slow_sigma, log.states[0].slow
+    slow = log.noise.slow_places, log.noise.slow_sigma, log.states[0].slow
     return log.past.about(log.starts[0], joints, first_table(model, log, values), *slow)
 
 

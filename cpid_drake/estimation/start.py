@@ -186,12 +186,12 @@ def _balanced(model: Model, parts: Sequence[PartRows]) -> Array:
     psi = model.unknown(PSI).mean
     gaussian = Gaussian.of_rows({PSI: 10}, np.zeros((10, 11)))
     for row in model.rows:
-        gaussian = gaussian.add(row.moved(psi))
+        gaussian = gaussian.add(row.minus(psi))
     for rows in chain.from_iterable(part.equations(psi) for part in parts):
         left = rows[:, :-1] @ np.linalg.lstsq(rows[:, :-1], rows[:, -1])[0] - rows[:, -1]
         noise = max(np.sqrt(np.mean(left**2)), 1e-9 * model.L_sigma)
         gaussian = gaussian.add(Gaussian.of_rows({PSI: 10}, rows / noise))
-    return model.cone.start(gaussian.marginal([PSI]).moved(-psi))
+    return model.cone.start(gaussian.marginal([PSI]).minus(-psi))
 
 
 def _states(part: PartRows, psi: Array) -> tuple[TrajectoryState, ...]:

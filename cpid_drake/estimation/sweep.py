@@ -19,12 +19,13 @@ from scipy.linalg import solve_triangular
 
 from cpid_drake.array import Array
 from cpid_drake.estimation.block_rows import BlockRows
-from cpid_drake.estimation.block_state import BlockState, Link
+from cpid_drake.estimation.block_state import BlockState
 from cpid_drake.estimation.elimination import Change, EndedBlock, changed, eliminated, linked
 from cpid_drake.estimation.gaussian import Gaussian, places_of
 from cpid_drake.estimation.least_squares import triangle
 from cpid_drake.estimation.likelihood.joint_model import ORDER
 from cpid_drake.estimation.likelihood.model import BlockModel
+from cpid_drake.estimation.links import Link, link_sigma
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import (
     Rolled,
@@ -35,6 +36,7 @@ from cpid_drake.estimation.roll import (
     past_of,
 )
 from cpid_drake.estimation.unknowns import FASTEST_DRIFT, MOMENTUM, Model
+from cpid_drake.estimation.whitening import whiteners
 
 EXACT = 1e-9
 """σ of what is conserved, or held while the rest is fitted, as a share of its plausible size."""
@@ -53,19 +55,19 @@ class Swept:
     Attributes:
         end: of what is at the end of the last block, `BOUNDARY`, and then of the log's, the
             hardware's and the target's unknowns, about the present values.
-        steps: what `back` needs, in the order of the sweep.
+        eliminations: what `back` needs, in the order of the sweep.
         stops: as `end`, at the ends of some blocks.
 
     """
 
     end: Gaussian
-    steps: list[Change | EndedBlock]
+    eliminations: list[Change | EndedBlock]
     stops: Mapping[int, Gaussian] = field(default_factory=dict)
 
     @property
     def absorbed(self) -> dict[str, float]:
         """How many of a sensor's residuals the blocks' own unknowns absorb, by sensor."""
-        absorbed = [step.absorbed for step in self.steps if isinstance(step, EndedBlock)]
+        absorbed = [step.absorbed for step in self.eliminations if isinstance(step, EndedBlock)]
         return {n: sum(each.get(n, 0.0) for each in absorbed) for n in set().union(*absorbed)}
 
     def step(self, others: Values) -> Array:
@@ -109,20 +111,27 @@ def sweep(
     """
     model, at = model.of_log(log.name), dict[int, Gaussian]()
     gaussian = known_at_start(model, log, values) if before is None else before
-    steps = list[Change | EndedBlock]()
-    linear = linearized(model, log, rolled, values)
-    for k, own in enumerate(linear):
-        part = rolled.models[k].with_slow(log.slow_size)
-        gaussian, T = eliminated(part, own, gaussian)
+    eliminations = list[Change | EndedBlock]()
+    for k, jacobians in enumerate(derivatives(model, log, rolled, values)):
+        block_model = rolled.models[k].with_slow(log.noise.slow_size)
+        residuals, rows = rolled.residuals[k], rolled.rows.get(rolled.models[k])
+        white, slow = whiteners(log, k, residuals), log.slow_at(k)
+        if rows is None or not rows.is_for(white, slow):
+            places = log.noise.slow_places
+            rows = BlockRows.of(block_model, jacobians, residuals, white, places, slow)
+            rolled.rows[rolled.models[k]] = rows
+        gaussian, T = eliminated(block_model, rows, gaussian)
         if not forward_only:
-            steps.append(EndedBlock.of(part, rolled.residuals[k], own, T))
+            eliminations.append(EndedBlock.of(block_model, residuals, rows, T))
         at |= {k: gaussian} if k in stops else {}
         if k in carry:
-            gaussian = linked(gaussian, log.change(k), log.link_sigma(model, k), rolled.links[k])
+            gaussian = linked(
+                gaussian, log.change(k), link_sigma(model, log.links[k]), rolled.jumps[k]
+            )
         if change := change_at_end(model, log, rolled, k, is_carried=k in carry):
             gaussian, step = changed(gaussian, *change, block=k)
-            steps.append(step)
-    return Swept(gaussian, steps, at)
+            eliminations.append(step)
+    return Swept(gaussian, eliminations, at)
 
 
 def change_at_end(
@@ -138,12 +147,12 @@ def change_at_end(
     n = boundary_size(model, log)
     columns, now = n + model.walking_columns, link.walk
     # A walk changes by N(0, σ² Δt).
-    sigma = model.walking_sigma * np.sqrt(log.step(k))
-    if k < len(rolled.links) and not is_carried:
-        columns, now = np.append(columns, np.arange(12)), np.append(now, rolled.links[k])
-        sigma = np.append(sigma, log.link_sigma(model, k))
+    sigma = model.walking_sigma * np.sqrt(log.interval(k))
+    if k < len(rolled.jumps) and not is_carried:
+        columns, now = np.append(columns, np.arange(12)), np.append(now, rolled.jumps[k])
+        sigma = np.append(sigma, link_sigma(model, log.links[k]))
     if link.gap:
-        joints = np.arange(12, n - log.slow_size)
+        joints = np.arange(12, n - log.noise.slow_size)
         columns, now = np.append(columns, joints), np.append(now, np.zeros(len(joints)))
         sigma = np.append(sigma, np.full(len(joints), OPEN))
     return columns, sigma, now
@@ -161,9 +170,9 @@ def known_at_start(model: Model, log: LogState, values: Values) -> Gaussian:
     n, places = boundary_size(model, log), model.places
     rows = np.zeros((n, n + sum(u.size for u in model.table) + 1))
     sigma = np.full(n, OPEN)
-    if log.slow_size:
-        sigma[-log.slow_size :] = log.slow_sigma
-        rows[-log.slow_size :, -1] = -log.states[0].slow / log.slow_sigma
+    if log.noise.slow_size:
+        sigma[-log.noise.slow_size :] = log.noise.slow_sigma
+        rows[-log.noise.slow_size :, -1] = -log.states[0].slow / log.noise.slow_sigma
     sigma[6:12] = EXACT * np.repeat([model.L_sigma, FASTEST_DRIFT], 3)
     rows[:, :n] = np.diag(1 / sigma)
     rows[6:12, n + places[MOMENTUM].start :][:, :6] = -np.diag(1 / sigma[6:12])
@@ -188,10 +197,10 @@ def back(model: Model, log: LogState, swept: Swept, step: Values, share: float =
     """
     model = model.of_log(log.name)
     n, x = boundary_size(model, log), swept.step(step)
-    slow, k = slice(n - log.slow_size, n), len(log.states)
+    slow, k = slice(n - log.noise.slow_size, n), len(log.states)
     slow_at_end = log.slow_at_end + share * x[slow]
     link, states = log.states[-1].link, list[BlockState]()
-    for each in reversed(swept.steps):
+    for each in reversed(swept.eliminations):
         if isinstance(each, Change):
             u = each.solved(x)
             x[each.columns] -= u
@@ -224,7 +233,7 @@ def _link_after(model: Model, log: LogState, change: Change, u: Array, share: fl
         return link
     jump = (change.now + u)[w : w + 12]
     # λ = u/σ²
-    return replace(link, pull=jump / log.link_sigma(model, change.block) ** 2)
+    return replace(link, pull=jump / link_sigma(model, log.links[change.block]) ** 2)
 
 
 def marginals(
@@ -263,7 +272,7 @@ def walked(
     squares, shown = np.zeros(w), np.zeros(w)
     for k, each, mean, root in _backward(log, swept, posterior):
         if isinstance(each, Change):
-            sigma = model.walking_sigma * np.sqrt(log.step(k))
+            sigma = model.walking_sigma * np.sqrt(log.interval(k))
             # Σ (u/σ)², and Σ (1 − P/σ²)
             squares += ((log.links[k].walk + mean[:w]) / sigma) ** 2
             shown += 1 - np.sum(root[:w] ** 2, axis=1) / sigma**2
@@ -280,7 +289,7 @@ def _backward(
     """
     root = solve_triangular(posterior.R, np.eye(posterior.size))
     x, k = root @ posterior.z, len(log.blocks)
-    for each in reversed(swept.steps):
+    for each in reversed(swept.eliminations):
         if isinstance(each, Change):
             u = each.solved(x)
             yield each.block, each, u, np.column_stack([each.unit, each.rows[:, :-1] @ root])
@@ -294,18 +303,6 @@ def _backward(
         root = triangle(each.at_start(spread).T).T
 
 
-def linearized(model: Model, log: LogState, rolled: Rolled, values: Values) -> Iterator[BlockRows]:
-    """Yield the rows of all blocks."""
-    for k, linear in enumerate(derivatives(model, log, rolled, values)):
-        part, rest, rows = rolled.models[k], rolled.residuals[k], rolled.rows.get(rolled.models[k])
-        whitening, slow = log.whitenings(k, rest), log.slow_at(k)
-        if rows is None or not rows.is_for(whitening, slow):
-            wide = part.with_slow(log.slow_size)
-            rows = BlockRows.of(wide, linear, rest, whitening, log.slow_places, slow)
-            rolled.rows[part] = rows
-        yield rows
-
-
 def boundary_size(model: Model, log: LogState) -> int:
     """Return the number of entries at a boundary: attitude, p, L, v, joints, slow noise."""
-    return 12 + ORDER * model.joint_count + log.slow_size
+    return 12 + ORDER * model.joint_count + log.noise.slow_size

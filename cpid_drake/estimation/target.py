@@ -113,7 +113,7 @@ class TargetCone:
             noise: factor by which the rows are less precise.
 
         """
-        psi = self._inside(self.solid + gaussian.moved(self.solid).solve(), _SHORTER)
+        psi = self._inside(self.solid + gaussian.minus(self.solid).solve(), _SHORTER)
         now, change = _misfit(gaussian, psi), np.inf
         # Once ψ stays where it is, rows of any precision leave it there.
         while now > noise and change > _SAME:

@@ -31,7 +31,11 @@ FASTEST_DRIFT = 10.0
 """σ of an unknown velocity of the system's centre of mass [m/s]."""
 
 PSI, BODIES, MOMENTUM = "psi", "bodies", "momentum"
-"""Names of the unknowns of the target, of errors of the spacecraft, and of a log's momentum."""
+"""Names of the unknowns of the target, of errors of the spacecraft, and of a log's momentum.
+
+Those of the target are ψ = (μ, μ c, I_*) with μ = m_k m / (m_k + m), m_k the nominal mass of the
+spacecraft.
+"""
 
 _TREES = 4  # spacecraft models with errors that are kept
 

@@ -53,5 +53,5 @@ def hardware_prior_of(
     right = np.concatenate([np.empty(0), *z])
     prior = Gaussian.of_rows(sizes, np.column_stack([np.diag(diagonal), right]))
     for row in model.rows:
-        prior = prior.add(row.moved(np.concatenate([values[name] for name in row.places])))
+        prior = prior.add(row.minus(np.concatenate([values[name] for name in row.places])))
     return prior

@@ -5,7 +5,6 @@ of the largest evidence; see `noise`.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from scipy.special import chdtri
@@ -50,12 +49,13 @@ def reweighted(
     own, shares = model.of_log(log.name), {}
     sampled = {f"{name}.{BIAS}" for name in absorbed}
     biases = sum(each.size for each in own.table if each.name in sampled)
+    # unknowns of the whole log: those at its start, the target, biases
     free = 0 if log.past else 12 + 10 + biases
     for name, rest in rolled.all_residuals().items():
         lost = absorbed.get(name, 0.0) / rest.size
         # Freedom of a residual: 1 − what unknowns absorb of it.
         shares[name] = 1 - min(lost + free / rolled.count, MOST_LOST)
-    return with_processes(model, replace(log, freedom=shares), rolled, values)
+    return with_processes(model, log.with_noise(freedom=shares), rolled, values)
 
 
 def _weighted(log: LogState, rolled: Rolled) -> LogState:
@@ -63,7 +63,7 @@ def _weighted(log: LogState, rolled: Rolled) -> LogState:
     weights = [dict(each.weights) for each in log.states]
     for name, rest in rolled.all_residuals().items():
         if name in SENSORS:  # a force is no outlier
-            process = log.processes.get(name, DECLARED)
+            process = log.noise.processes.get(name, DECLARED)
             w = weights_of(rest, float(np.sqrt(max(process.total, 1.0))))
         else:
             w = np.ones(len(rest))
@@ -78,7 +78,7 @@ def _weighted(log: LogState, rolled: Rolled) -> LogState:
 def are_same(logs: Sequence[LogState], others: Sequence[LogState]) -> bool:
     """Return whether logs have nearly the same weights and noise."""
     for log, other in zip(logs, others, strict=True):
-        if not are_near(log.processes, other.processes):
+        if not are_near(log.noise.processes, other.noise.processes):
             return False
         for before, after in zip(log.states, other.states, strict=True):
             for name in {*before.weights, *after.weights}:

@@ -13,7 +13,7 @@ import numpy as np
 from cpid_drake.dynamics.parameterizations import relative_parameterization
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.likelihood.constants import BIAS, NO_BIAS
-from cpid_drake.estimation.posterior import estimate_of, known_target
+from cpid_drake.estimation.posterior import estimate_of, target_estimate
 from cpid_drake.estimation.residuals import near_residuals
 from cpid_drake.estimation.roll import Values
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
@@ -39,7 +39,7 @@ def answer_of(
         joints: names of the joints, for the error budget; default: no budget.
 
     """
-    fit, gaussian = chosen.fit, chosen.average
+    fit, gaussian = chosen.fit, chosen.compared.gaussian
     model, values, names = fit.model, fit.values, [log.name for log in fit.logs]
     effects = _effects(model, values, gaussian, names)
     of_momentum, checks = list[str](), list[Check]()
@@ -88,7 +88,7 @@ def target_only(
         others: further attributes of the identification.
 
     """
-    solution = known_target(model, values[PSI], gaussian, count=sample_count)
+    solution = target_estimate(model, values[PSI], gaussian, count=sample_count)
     form, suite = relative_parameterization(model.mass), model.suite
     return Identification.of_solution(
         form, solution, sensors=suite, sample_count=sample_count, **others
@@ -117,7 +117,7 @@ def _of_one_log(chosen: ChosenFit) -> dict[str, Any]:
 
     There is no momentum if it is known. One that acts has the values of its comparison.
     """
-    fit, compared, gaussian = chosen.fit, chosen.compared, chosen.average
+    fit, compared, gaussian = chosen.fit, chosen.compared, chosen.compared.gaussian
     [log], [rolled], model = fit.logs, fit.rolled, fit.model
     series = {name: near_residuals(log, rolled, name) for name in model.suite.present()}
     fields: dict[str, Any] = {"residuals": {n: each for n, each in series.items() if len(each)}}

@@ -79,7 +79,7 @@ def error_budget(
     The first row is that of all errors together; then, the largest shares come first.
     """
     fit = chosen.fit
-    model, psi, whole = fit.model, fit.values[PSI], chosen.given(fit.gaussian)
+    model, psi, whole = fit.model, fit.values[PSI], chosen.given(fit.posterior)
     errors = [name for name in whole.places if name != PSI]
     if not errors:
         return ()
@@ -133,7 +133,7 @@ def _without_walks(chosen: ChosenFit) -> Iterator[tuple[str, Gaussian]]:
         for group, kinds in _GROUPS.items():
             if own := {name for name in walking if name.rpartition(".")[2] in kinds}:
                 names[group] = own
-    left = chosen.given(fit.gaussian)
+    left = chosen.given(fit.posterior)
     for group, own in names.items():
         left = _exact(chosen, own)
         yield group, left

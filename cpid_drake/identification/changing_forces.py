@@ -46,37 +46,39 @@ _PLAUSIBLE = {TORQUE_NOISE: (TORQUE, SHORTEST_PIECE), ACCELERATION_NOISE: (ACCEL
 
 
 def with_changing_forces(
-    fit: Fit, gains: Mapping[str, float], progress: Callable[[str], object]
-) -> tuple[Fit, str]:
-    """Return a fit with white forces, and a warning; or the same.
+    fit: Fit, progress: Callable[[str], object]
+) -> tuple[Fit, dict[str, float], str]:
+    """Return a fit with white forces, its `torque_gains`, and a warning; or the same fit.
 
     They act where random walks are improbable, or a torque between blocks has evidence.
 
     Args:
         fit: a fit.
-        gains: its `torque_gains`.
         progress: see `estimation.fit.fit`.
 
     """
+    gains = torque_gains(fit)
     if all(_is_exact(fit, log) for log in fit.logs):
-        return fit, ""
+        return fit, gains, ""
     names = _acting(fit, gains)
     model = fit.model.with_suites(partial(_with_noise, tree=fit.model.tree, names=names))
     log_names = [log.name for log in fit.logs]
     if all(model.of_log(n).suite == fit.model.of_log(n).suite for n in log_names):
-        return fit, ""
+        return fit, gains, ""
     logs = [
-        widened(replace(log, is_known=False), fit.model.of_log(log.name), model.of_log(log.name))
+        widened(log.with_noise(converged=False), fit.model.of_log(log.name), model.of_log(log.name))
         for log in fit.logs
     ]
     wide = fit_logs(model, logs, values=fit.values, progress=progress)
-    if not wide.converged or _acting(wide, torque_gains(wide)):
-        return fit, ""
+    left = torque_gains(wide)
+    if not wide.converged or _acting(wide, left):
+        return fit, gains, ""
     forces = " and ".join(sorted({name.partition("_")[0] for name in names}))
-    return wide, (
+    warning = (
         f"the {forces} on the system changes faster than a random walk of its plausible size: "
         f"noise was assumed; state what acts as {' and '.join(sorted(names))}"
     )
+    return wide, left, warning
 
 
 def _acting(fit: Fit, gains: Mapping[str, float]) -> set[str]:

@@ -6,7 +6,6 @@ by those of all of it, but by others: no residual shows it, but the target of th
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from cpid_drake.estimation.fit import Fit, prior_of
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import improbable
 from cpid_drake.estimation.log_state import LogState
-from cpid_drake.estimation.posterior import difference, known_target, without
+from cpid_drake.estimation.posterior import difference, target_estimate, without
 from cpid_drake.estimation.roll import Rolled, Values
 from cpid_drake.estimation.sweep import sweep
 from cpid_drake.estimation.unknowns import MOMENTUM, PSI, Model
@@ -38,7 +37,8 @@ class ChosenFit:
     Attributes:
         fit: the fit.
         question: what is asked about the momenta of its logs.
-        compared: the comparison of momenta that are not as supposed.
+        compared: the comparison of momenta that are not as supposed. Its Gaussian is of all
+            unknowns but these momenta about the fit's values, with the doubts about them.
         held: values of unknowns that are held, less those of the fit.
         probability: that the momentum of a log is not as given, or not zero, by log.
 
@@ -53,17 +53,11 @@ class ChosenFit:
     @classmethod
     def of(cls, fit: Fit, question: Question) -> "ChosenFit":
         """Return a fit with what is held of all that is asked."""
-        compared, probability = question.answer(fit.gaussian, fit.values), {}
+        compared, probability = question.answer(fit.posterior, fit.values), {}
         for log in fit.logs:
             key = fit.model.unknown(MOMENTUM).key(log.name)
             probability[log.name] = compared.probability.get(key, 0.0)
         return cls(fit, question, compared, question.held(fit.values, compared.best), probability)
-
-    @cached_property
-    def average(self) -> Gaussian:
-        """Of all unknowns but these momenta about the fit's values, with the doubts about them."""
-        gaussian = self.compared.gaussian
-        return gaussian.moved(np.concatenate([self.fit.values[name] for name in gaussian.places]))
 
     @property
     def momentum(self) -> str:
@@ -97,8 +91,8 @@ class ChosenFit:
             for log, rolled, k in zip(fit.logs, fit.rolled, ends, strict=True)
         )
         psi, beginning = fit.values[PSI], self.swept(fit.model, fit.values, halves)
-        first = known_target(fit.model, psi, beginning).determined
-        whole = self.given(fit.gaussian).marginal([PSI]).moved(-psi)
+        first = target_estimate(fit.model, psi, beginning).determined
+        whole = self.given(fit.posterior).marginal([PSI]).minus(-psi)
         return (halves_check(first, whole, fit.model.sizes(psi), _CAUSE),)
 
     def _values_at(self, log: LogState, k: int) -> Values:

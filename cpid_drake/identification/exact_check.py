@@ -39,11 +39,11 @@ def exact_checks(chosen: ChosenFit, opened: Callable[[], Model | None]) -> tuple
 
     """
     fit = chosen.fit
-    slow = [(log, name) for log in fit.logs for name in log.slow_places]
+    slow = [(log, name) for log in fit.logs for name in log.noise.slow_places]
     if not slow or (wide := opened()) is None:
         return ()
     gaussian = _with_exact(chosen, replace(wide, rows=fit.model.rows))
-    new = [name for name in gaussian.places if name not in fit.gaussian.places]
+    new = [name for name in gaussian.places if name not in fit.posterior.places]
     if not new:
         return ()
     given = gaussian.marginal(new)

@@ -12,7 +12,7 @@ from cpid_drake.estimation.evidence import Question
 from cpid_drake.estimation.fit import Fit, about, prior_of
 from cpid_drake.estimation.fit import fit as fit_logs
 from cpid_drake.estimation.log_state import LogState
-from cpid_drake.estimation.posterior import known_target
+from cpid_drake.estimation.posterior import target_estimate
 from cpid_drake.estimation.residuals import with_blocks
 from cpid_drake.estimation.sweep import BOUNDARY, sweep
 from cpid_drake.estimation.unknowns import PSI, Model
@@ -57,14 +57,13 @@ def estimate(
     # Fit: the x of the least χ² = Σ |y − h(x)|² / σ² over samples and priors.
     progress("fitting")
     fit = _fit(model, states, arguments.prior, progress)
-    gains = torque_gains(fit)
-    forced, changing = with_changing_forces(fit, gains, progress)
+    forced, gains, changing = with_changing_forces(fit, progress)
     model = forced.model
 
     # Changes of momentum: a link between two blocks opens where p(change | y) says so.
     question = Question.of(model, logs, arguments.momentum)
     changed = fit_with_events(forced, question, BoundedFits(progress=progress))
-    torque = torque_check(gains if changed is fit else torque_gains(changed))
+    torque = torque_check(gains if changed is forced else torque_gains(changed))
 
     # Comparison: of all sets of momenta L ≠ 0, the most probable; then h is linear about its x.
     progress("comparing")
@@ -122,19 +121,20 @@ def _separated(
         alone = log
         if len(fit.logs) > 1:  # a difference between logs must not look like noise
             [own] = fit_logs(model, [log], values=values).logs
-            alone = replace(log, processes=own.processes, slow_at_end=own.slow_at_end)
+            alone = log.with_noise(processes=own.noise.processes)
+            alone = replace(alone, slow_at_end=own.slow_at_end)
             weights, slow = zip(*((each.weights, each.slow) for each in own.states))
             alone = alone.with_each(weights=weights, slow=slow)
         swept = sweep(model, alone, rolled, values, forward_only=True)
         sources[log.name] = chosen.given(swept.gaussian)
     if prior is not None:
-        sources[prior.name] = fit.model.rows[0].moved(values[PSI])
+        sources[prior.name] = fit.model.rows[0].minus(values[PSI])
     return with_sources(
         result,
         chosen.given(prior_of(model, fit.logs, values)),
         sources,
         PSI,
-        lambda gaussian: known_target(model, values[PSI], gaussian),
+        lambda gaussian: target_estimate(model, values[PSI], gaussian),
         counts,
         prior,
     )

@@ -60,7 +60,7 @@ class Observed:
                 if own.lags.pairs[0]:
                     tests[name + where] = own.lags.whiteness
             noise |= {name + where: factor for name, factor in log.noise_factors.items()}
-            for name, process in {**log.processes, **log.smoothness.processes}.items():
+            for name, process in {**log.noise.processes, **log.smoothness.processes}.items():
                 slow[name + where] = process.slow / max(process.total, 1.0), process.tau
             ends = [k for k, link in enumerate(log.links) if link.gap]
             gaps[log.name] = [(log.blocks[k].end, log.blocks[k + 1].start) for k in ends]

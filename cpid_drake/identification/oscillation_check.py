@@ -7,7 +7,7 @@ frequencies f have the same power. With n samples z of d channels it is
     P(f) = 2/n |Σ z_k exp(−2πi f t_k)|²,
 
 χ² of 2d entries, if the noise is as it is said. The power is compared with that of the neighbours,
-because the fit explains a part of what is slow, and of a white torque a part that falls with f.
+because the fit explains a part of what is slow, and of a white torque a part that rises with f.
 What oscillates much faster than the base moves does not follow it, and is in no estimate.
 
 Source: Priestley 1981, Spectral Analysis and Time Series, ch. 6.1 (tests for periodicities).
@@ -17,20 +17,25 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import median_filter
 from scipy.special import chdtri, fdtri
 
 from cpid_drake.array import Array
 from cpid_drake.estimation.fit import Fit
 from cpid_drake.estimation.least_squares import IMPROBABLE
+from cpid_drake.estimation.likelihood.forces import ACCELERATION_NOISE, TORQUE_NOISE
 from cpid_drake.estimation.log_state import LogState
+from cpid_drake.estimation.process import EXACT
 from cpid_drake.estimation.roll import Rolled
+from cpid_drake.estimation.whitening import whitened, whitener
 from cpid_drake.files.digits import significant
 from cpid_drake.identification.checks import Check
 from cpid_drake.identification.words import label_of
 
-NEIGHBOURS = 21
-"""Number of frequencies whose median is the power without a line."""
+BESIDE = 10
+"""Number of frequencies on each side whose medians are the power without a line."""
+
+FEWEST = 3
+"""Number of periods in a log from which a motion is an oscillation."""
 
 _OF_MEDIAN = 2 / np.pi  # efficiency of a median: it is as certain as a mean of such a share
 
@@ -65,21 +70,18 @@ def lines_of(fit: Fit) -> Iterator[Line]:
         for name in sorted({name for rest in rolled.residuals for name in rest}):
             times, white = _white(log, rolled, name)
             n, d = white.shape
-            if n <= 4 * NEIGHBOURS:
+            if n < 6 * BESIDE:
                 continue
-            f = np.arange(1, (n - 1) // 2) * (n - 1) / n / (times[-1] - times[0])
-            power = 2 / n * np.abs(np.fft.rfft(white, axis=0)[1 : len(f) + 1]) ** 2
-            total = np.sum(power, axis=1)
-            near = median_filter(total, NEIGHBOURS, mode="reflect")
-            usual = np.maximum(near, np.median(total)) / chdtri(2 * d, 0.5)
-            ratio = total / (2 * d) / usual
+            power = _power(white)
+            # of samples in their order: gaps change the phase of a line, and not its frequency
+            f = np.arange(1, len(power) + 1) / (n * np.median(np.diff(times)))
             count = int(np.sum(f < fastest))
-            if not count:
+            if count < FEWEST:
                 continue
-            k = int(np.argmax(ratio[:count]))
-            freedom = 2 * d * NEIGHBOURS * _OF_MEDIAN
+            k = FEWEST - 1 + int(np.argmax(power[FEWEST - 1 : count]))
+            freedom = 2 * d * 2 * BESIDE * _OF_MEDIAN
             limit = float(fdtri(2 * d, freedom, 1 - IMPROBABLE / count))
-            yield Line(log.name, name, float(f[k]), float(ratio[k]), limit)
+            yield Line(log.name, name, float(f[k]), float(power[k]), limit)
 
 
 def oscillation_check(fit: Fit) -> tuple[Check, ...]:
@@ -89,13 +91,30 @@ def oscillation_check(fit: Fit) -> tuple[Check, ...]:
         return ()
     worst = max(lines, key=lambda each: each.power / each.limit)
     of_log = f" of {worst.log}" if len(fit.logs) > 1 else ""
-    what = label_of(worst.sensor).replace("_", " ")
+    is_force = worst.sensor in (TORQUE_NOISE, ACCELERATION_NOISE)
+    what = label_of(worst.sensor) if is_force else f"residuals of the {label_of(worst.sensor)}"
     sentence = (
-        f"the residuals of the {what}{of_log} oscillate at {significant(worst.frequency)} Hz: "
-        "so moves a part that swings, a liquid, a wheel or something flexible; hold it fast, or "
-        "log it"
+        f"the {what}{of_log} oscillate{'s' * is_force} at {significant(worst.frequency)} Hz: so "
+        "moves a part that swings, a liquid, a wheel or something flexible, or so err gyro or "
+        "encoders; hold it fast, or log it"
     )
     return (Check.of("oscillation", sentence, worst.power, worst.limit),)
+
+
+def _power(white: Array) -> Array:
+    """Return P(f) of white values (n, d) as a multiple of that of the neighbours on both sides.
+
+    A slope, as of what the fit explains of slow motion, has no line: the power is compared with the
+    larger of both sides, and with that of errors of the model, which tell no noise.
+    """
+    n, d = white.shape
+    spectrum = np.fft.rfft(white, axis=0)[1 : (n - 1) // 2]
+    total = 2 / n * np.sum(np.abs(spectrum) ** 2, axis=1)
+    padded = np.pad(total, (BESIDE, 0), mode="edge")
+    medians = np.median(np.lib.stride_tricks.sliding_window_view(padded, BESIDE), axis=1)
+    before, after = medians[: -BESIDE - 1], medians[BESIDE + 1 :]
+    usual = np.maximum(before, after)[: len(after)] / chdtri(2 * d, 0.5)
+    return np.asarray(total[: len(after)] / (2 * d) / np.maximum(usual, EXACT**2))
 
 
 def _white(log: LogState, rolled: Rolled, name: str) -> tuple[Array, Array]:
@@ -105,8 +124,8 @@ def _white(log: LogState, rolled: Rolled, name: str) -> tuple[Array, Array]:
         if name in rest:
             count = len(rest[name])
             is_near = log.states[k].weights.get(name, np.ones(count)) == 1.0
-            times.append(log.whitening(k, name, count).times[is_near])
-            white.append(log.whitened(k, name, rest[name])[is_near])
+            times.append(whitener(log, k, name, count).times[is_near])
+            white.append(whitened(log, k, name, rest[name])[is_near])
     return np.concatenate(times), np.concatenate(white)
 
 

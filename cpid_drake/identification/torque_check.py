@@ -44,8 +44,8 @@ def torque_gains(fit: Fit) -> dict[str, float]:
     for log, rolled in zip(fit.logs, fit.rolled, strict=True):
         evidence = NoiseEvidence(fit.model, log, rolled, fit.values)
         pushed = [replace(evidence, log=_pushed(log, q)) for q in tried if not _is_hidden(log, q)]
-        without = evidence(log.processes) if pushed else 0.0
-        own = [without - each(log.processes) for each in pushed]
+        without = evidence(log.noise.processes) if pushed else 0.0
+        own = [without - each(log.noise.processes) for each in pushed]
         own += [0.0] * (len(tried) - len(own))
         # p(y | q) / p(y | 0), on average
         gains[log.name] = 2 * float(logsumexp(np.array(own) / 2) - np.log(len(own)))
@@ -70,12 +70,12 @@ def _is_hidden(log: LogState, q: float) -> bool:
         bᵀ (H + 1)⁻¹ b − log det(H + 1) ≤ |b|².
     """
     # |b|² = Σ q² h |λ_L|²
-    pulls = [log.step(k) * np.sum(link.pull[6:9] ** 2) for k, link in enumerate(log.links)]
+    pulls = [log.interval(k) * np.sum(link.pull[6:9] ** 2) for k, link in enumerate(log.links)]
     return q**2 * float(np.sum(pulls)) <= STRONG
 
 
 def _pushed(log: LogState, q: float) -> LogState:
     """Return a log whose L changes by a white torque [N·m·√s] at the ends of its blocks."""
     L = np.repeat([0.0, 0.0, q, 0.0], 3)  # of attitude, centre of mass, L and v
-    links = (replace(link, push=log.step(k) ** 0.5 * L) for k, link in enumerate(log.links))
+    links = (replace(link, push=log.interval(k) ** 0.5 * L) for k, link in enumerate(log.links))
     return log.with_links(links)

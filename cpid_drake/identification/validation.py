@@ -230,7 +230,7 @@ def _test(model: Model, own: Identification, target: TargetPrior) -> tuple[float
     psi = model.cone.most_probable(both[0])
     prior = model.cone.prior(PSI, psi)
     sources = {"target": both[0], "log": both[1]}
-    of_both = Sources(prior.moved(-psi), sources, PSI, model.sizes(psi))
+    of_both = Sources(prior.minus(-psi), sources, PSI, model.sizes(psi))
     chi_squared, freedom = of_both.difference(["target"], ["log"])
     if not freedom:
         return 0.0, 0, np.inf

@@ -50,7 +50,7 @@ def walks_of(fit: Fit) -> Iterator[Walk]:
         model = fit.model.of_log(log.name)
         if not log.links or not model.walking:
             continue
-        times = np.array([log.step(k) for k in range(len(log.links))])
+        times = np.array([log.interval(k) for k in range(len(log.links))])
         # Σ u² / (σ² Δt)
         squares = (np.array([link.walk for link in log.links]) / model.walking_sigma) ** 2 / times[
             :, None

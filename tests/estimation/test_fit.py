@@ -13,7 +13,7 @@ from cpid_drake.estimation.evidence import Question
 from cpid_drake.estimation.fit import fit
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.log_state import LogState
-from cpid_drake.estimation.posterior import known_target
+from cpid_drake.estimation.posterior import target_estimate
 from cpid_drake.estimation.process import Process
 from cpid_drake.estimation.start import start_of
 from cpid_drake.estimation.unknowns import MOMENTUM as OF_LOG
@@ -85,7 +85,7 @@ def test_slow_noise_counts_as_strong_as_it_is(tmp_path, skewed_target, correlati
         samples = samples.updated({"gyro": Samples(exact.time, exact.value + noise)})
         model = Model(case.craft.tree, suite)
         [log] = fit(model, [LogState.of(model, samples)]).logs
-        noise = log.processes.get("gyro", Process())
+        noise = log.noise.processes.get("gyro", Process())
         rho = np.exp(-1 / 50 / noise.tau)
         factors.append(np.sqrt(noise.white + noise.slow * (1 + rho) / (1 - rho)))
     assert least <= np.mean(factors) < most
@@ -127,8 +127,8 @@ def test_the_minimum_does_not_depend_on_the_start(case, found, factor):
     values, logs = start_of(model, [log])
     far = values | {PSI: factor * true_psi(case.craft, case.target)}
     other = fit(model, logs, values=far)
-    psi, covariance = target(found.gaussian, found.values)
-    again, _ = target(other.gaussian, other.values)
+    psi, covariance = target(found.posterior, found.values)
+    again, _ = target(other.posterior, other.values)
     assert other.converged
     assert np.abs((again - psi) / np.sqrt(np.diag(covariance))).max() < 0.05
 
@@ -151,7 +151,7 @@ def test_a_slow_log_with_gaps_and_larger_noise_is_fitted(tmp_path, skewed_target
     assert found.converged
     assert found.sweeps <= 25
     np.testing.assert_allclose(found.logs[0].smoothness.noise, 3.0, rtol=0.3)
-    assert case.nees(*target(found.gaussian, found.values)) < 30
+    assert case.nees(*target(found.posterior, found.values)) < 30
 
 
 def test_what_the_motion_leaves_open_stays_where_it_was(tmp_path, skewed_target):
@@ -163,9 +163,9 @@ def test_what_the_motion_leaves_open_stays_where_it_was(tmp_path, skewed_target)
     model = Model(craft.tree, suite)
     found = fit(model, [LogState.of(model, samples)])
     assert found.converged
-    known = known_target(model, found.values[PSI], found.gaussian)
+    known = target_estimate(model, found.values[PSI], found.posterior)
     assert 0 < known.rank < 10
     rows = known.unidentifiable / known.unit
     assert (np.abs(rows @ (known.values - model.unknown(PSI).mean)) < 1).all()  # σ of the prior
-    error = known.determined.moved(true_psi(craft, skewed_target))
+    error = known.determined.minus(true_psi(craft, skewed_target))
     assert error.z @ error.z < chi2.ppf(0.999, known.rank)

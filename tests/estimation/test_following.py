@@ -100,7 +100,7 @@ def test_noise_that_grows_is_seen(case, model):
     state = run(model, [samples.updated(loud)])
     assert state.events == ()
     assert case.nees(*target_of(state.last)) < 30
-    assert state.last.logs[0].processes["gyro"].total > 1.4
+    assert state.last.logs[0].noise.processes["gyro"].total > 1.4
 
 
 def test_a_short_last_block_does_not_hide_slow_noise(case, model):

@@ -122,7 +122,7 @@ def test_what_no_motion_tells_stays_unknown(case):
     model = Model(case.craft.tree, SUITE, BodyUncertainty(grasp_mm=5.0))
     state = run(model, [add_noise(SUITE, case.samples, 1)])
     assert not state.waiting
-    grasp = state.last.gaussian.marginal([BODIES]).covariance()
+    grasp = state.last.posterior.marginal([BODIES]).covariance()
     assert (np.sqrt(np.diag(grasp)) > 0.99).all()
 
 

@@ -7,7 +7,7 @@ from sensing_cases import coarse_suite, small_craft, true_psi
 
 from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.least_squares import KNOWN
-from cpid_drake.estimation.posterior import difference, known_target
+from cpid_drake.estimation.posterior import difference, target_estimate
 from cpid_drake.estimation.unknowns import PSI, Model
 
 
@@ -31,7 +31,7 @@ def told(rows, step):
 
 
 def test_the_prior_alone_knows_nothing(model, psi):
-    found = known_target(model, psi, prior(model, psi))
+    found = target_estimate(model, psi, prior(model, psi))
     assert found.rank == 0
     assert np.isnan(found.estimate).all()
     assert np.isnan(found.covariance).all()
@@ -45,7 +45,7 @@ def test_what_samples_tell_is_told_without_the_prior(model, psi):
     axes = np.linalg.qr(rng.standard_normal((10, 10)))[0]
     rows = np.geomspace(4.0, 1e5, 10)[:, None] * axes @ np.linalg.inv(unit)
     step = unit @ rng.standard_normal(10) / 100
-    found = known_target(model, psi, told(rows, step).add(prior(model, psi)))
+    found = target_estimate(model, psi, told(rows, step).add(prior(model, psi)))
     assert found.rank == 10
     np.testing.assert_allclose(
         (found.estimate - psi - step) / np.abs(unit).max(axis=1), 0, atol=1e-9
@@ -62,7 +62,7 @@ def test_a_combination_is_known_from_a_share_of_its_plausible_size_on(model, psi
     for size, rank in ((0.98, 9), (1.02, 10)):
         sizes = np.append(np.full(9, 1e3), size / KNOWN)
         rows = sizes[:, None] * axes / model.plausible
-        found = known_target(model, psi, told(rows, np.zeros(10)).add(prior(model, psi)))
+        found = target_estimate(model, psi, told(rows, np.zeros(10)).add(prior(model, psi)))
         assert found.rank == rank
         assert np.isnan(found.estimate).any() == (rank < 10)
 

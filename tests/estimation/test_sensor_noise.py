@@ -59,7 +59,7 @@ def fitted(case, samples):
 
 def nees(case, found):
     at_rest = {f"{MOMENTUM}|log": -found.values[f"{MOMENTUM}|log"]}
-    known = found.gaussian.condition(at_rest).marginal([PSI])
+    known = found.posterior.condition(at_rest).marginal([PSI])
     return case.nees(found.values[PSI] + known.solve(), known.covariance())
 
 
@@ -94,7 +94,7 @@ def test_a_series_is_as_likely_as_its_covariance_says(process):
 def test_white_noise_is_not_called_slow(case):
     for seed in range(3):
         [log] = fitted(case, spoiled(case.samples, white, seed)).logs
-        assert not any(each.slow for each in log.processes.values())
+        assert not any(each.slow for each in log.noise.processes.values())
         np.testing.assert_allclose(list(log.noise_factors.values()), 1, rtol=0.12)
 
 
@@ -116,7 +116,7 @@ def test_noise_is_no_smaller_than_declared(case, share):
         return np.sqrt(share) * rng.standard_normal(shape)
 
     [log] = fitted(case, spoiled(case.samples, smaller, 0)).logs
-    assert all(each.total >= 0.999 for each in log.processes.values())
+    assert all(each.total >= 0.999 for each in log.noise.processes.values())
 
 
 @pytest.mark.parametrize("kept", [None, 0.8], ids=["all", "four of five"])
@@ -126,7 +126,7 @@ def test_intervals_hold_with_noise_half_of_which_is_slow(case, kept):
     squares = [nees(case, each) for each in found]
     assert chi2.ppf(0.01, 10) < np.median(squares) < 20
     for each in found:
-        gyro = each.logs[0].processes["gyro"]
+        gyro = each.logs[0].noise.processes["gyro"]
         assert 0.6 < gyro.total < 2.0
         assert gyro.slow > 0.2
 

@@ -11,12 +11,14 @@ from sensing_cases import MOMENTUM, coarse_suite
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.gaussian import Gaussian, indices_of
 from cpid_drake.estimation.likelihood.joint_model import ORDER
-from cpid_drake.estimation.log_state import LogState, farthest
+from cpid_drake.estimation.links import farthest
+from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.roll import jumped, roll
 from cpid_drake.estimation.sweep import back, sweep
 from cpid_drake.estimation.target import psi_about
 from cpid_drake.estimation.unknowns import MOMENTUM as MOMENTUM_OF_LOG
 from cpid_drake.estimation.unknowns import PSI, Model
+from cpid_drake.estimation.whitening import whitened
 from cpid_drake.logs.simulated_noise import add_noise
 from cpid_drake.sensors.sensors import AttitudeSensor, Gyro, JointSensor
 from cpid_drake.sensors.suite import Disturbances
@@ -36,7 +38,7 @@ class Vector:
         parts = 1 + sum(link.gap > 0 for link in log.links)
         self.joints = self.J * (sum(pieces) + ORDER * parts)
         self.walks = sum(link.walk.size for link in log.links)
-        changes = roll(model, log, values).links
+        changes = roll(model, log, values).jumps
         links = enumerate(zip(log.links, changes, strict=True))
         self.changes = {k: u for k, (link, u) in links if link.is_open or link.gap}
         self.jumps = 12 * len(self.changes)
@@ -85,7 +87,7 @@ class Vector:
 def continued(model, log, values, jumps):
     """Return the log in which each block starts where the one before ends, after given jumps."""
     for k in range(len(log.blocks) - 1):
-        end = jumped(log.starts[k + 1], -roll(model, log, values).links[k])
+        end = jumped(log.starts[k + 1], -roll(model, log, values).jumps[k])
         starts = list(log.starts)
         starts[k + 1] = jumped(end, jumps.get(k, np.zeros(12)))
         log = log.with_each(start=starts)
@@ -96,7 +98,7 @@ def residuals(model, log, values):
     """Return all rows at given values: readings, joints, random walks, changes, and priors."""
     rolled = roll(model, log, values)
     parts = [
-        log.whitened(k, name, rest).ravel()
+        whitened(log, k, name, rest).ravel()
         for k, block in enumerate(rolled.residuals)
         for name, rest in block.items()
     ]
@@ -110,7 +112,7 @@ def residuals(model, log, values):
     lengths = np.diff([block.start for block in log.blocks])
     walks = [link.walk for link in log.links]
     parts += [w / sigma / np.sqrt(length) for w, length in zip(walks, lengths)]
-    parts += [rolled.links[k] / farthest(model) for k in log.open]
+    parts += [rolled.jumps[k] / farthest(model) for k in log.open]
     for u in model.table:
         value = values[u.key(log.name)]
         if u.walk:  # the prior is that of the first value
@@ -247,7 +249,7 @@ def test_the_way_back_finds_all_other_unknowns(problem):
     moved = back(model, log, swept, parts)
     after = {name: value + parts[name] for name, value in values.items()}
     rolled = roll(model, moved, after)
-    jumps = {k: rolled.links[k] for k in log.open}
+    jumps = {k: rolled.jumps[k] for k in log.open}
     found = np.sum(residuals(model, continued(model, moved, after, jumps), after) ** 2)
     predicted = total.cost(step)
     assert predicted < found + 1

@@ -30,7 +30,7 @@ def test_steps_as_stated_pass_and_are_as_large_as_their_mean(fitted):
     for seed in range(4):
         found = fitted(SUITE, seed)
         [walk] = walks_of(found)
-        assert found.logs[0].step(1) == pytest.approx(2.5)
+        assert found.logs[0].interval(1) == pytest.approx(2.5)
         assert walk.mean > 10
         ratios.append(walk.square / walk.mean)
         assert all(check.passed for check in walk_checks(found))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.special import chdtrc
 from worlds.hidden import identified
-from worlds.hidden_world import CRAFTS, KINDS, simulate
+from worlds.hidden_world import CRAFTS, KINDS, Hidden, simulate
 
 from cpid_drake import Spacecraft, identify
 from cpid_drake.logs.log import Samples
@@ -62,6 +62,12 @@ def test_noise_of_sensors_is_no_torque(exact, kind):
     result = exact(log)
     assert result.check("changing torque").passed
     assert result.check("oscillation").passed
+
+
+def test_errors_of_integration_are_no_part_that_swings(exact):
+    """Without noise they are all that is left: a thousandth of what sensors show, and not white."""
+    log, _ = simulate(CRAFT, Hidden(noise=lambda rng, shape, rate: np.zeros(shape)), 8201)
+    assert exact(log).check("oscillation").passed
 
 
 @pytest.mark.slow

@@ -113,7 +113,7 @@ def known(identifier, context) -> np.ndarray:
     state = identifier.online_state(context)
     if state.last is None:
         return np.array([len(state.waiting)])
-    gaussian = state.last.gaussian
+    gaussian = state.last.posterior
     return np.concatenate([state.last.values[PSI], gaussian.z, gaussian.R.ravel()])
 
 

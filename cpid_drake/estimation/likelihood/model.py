@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpid_drake.array import Array
-from cpid_drake.dynamics.plane import HELD
+from cpid_drake.dynamics.plane import HELD, NORMAL_W
 from cpid_drake.dynamics.tree import KinematicTree
 from cpid_drake.dynamics.uncertainty import BodyUncertainty
 from cpid_drake.estimation.gaussian import indices_of, places_of
@@ -61,6 +61,7 @@ class BlockModel:
         effects: the function that writes each effect on the motion, by name.
         columns: columns of each effect in the Jacobian, in this order: start 12, joints J K, slow
             noise 2 s (see `with_slow`), white forces, constant errors, ψ 10, bodies.
+        width: their number.
         at_start, at_end: columns of the base's state and of the joints at both ends.
 
     """
@@ -109,8 +110,9 @@ class BlockModel:
         sizes["psi"], self.effects["psi"] = 10, write_target
         if known_bodies is not None:
             sizes["bodies"], self.effects["bodies"] = len(self.motion.body_errors), write_bodies
-        self._sizes, self.columns, self._width = sizes, places_of(sizes), sum(sizes.values())
-        self._places = places_of({name: sizes[name] for name in self.effects})
+        self._sizes, self.columns, self.width = sizes, places_of(sizes), sum(sizes.values())
+        # The columns of a change of the motion: only some errors have one.
+        self._effect_columns = places_of({name: sizes[name] for name in self.effects})
         self._with_rates = "velocity" in classes
         self._of_joints = np.arange(12, 12 + K * J).reshape(J, K)
         self.slow = 0
@@ -133,7 +135,7 @@ class BlockModel:
         made, sizes = copy(self), self._sizes
         first = {"start": 12, "joints": sizes["joints"], SLOW: 2 * slow}
         made.columns = places_of({**first, **{n: s for n, s in sizes.items() if n not in first}})
-        made.slow, made._width = slow, sum(sizes.values()) + 2 * slow
+        made.slow, made.width = slow, sum(sizes.values()) + 2 * slow
         made.at_start, made.at_end = made._ends(slow)
         return made
 
@@ -141,7 +143,7 @@ class BlockModel:
     def without_slow(self) -> NDArray[np.intp]:
         """The columns but those of slow noise."""
         first = 12 + self._of_joints.size
-        return np.asarray(np.r_[:first, first + 2 * self.slow : self._width])
+        return np.asarray(np.r_[:first, first + 2 * self.slow : self.width])
 
     def jacobian(self, trajectory: Trajectory) -> tuple[Array, Array]:
         """Return the derivatives (m, n) of the predictions in units of σ, and (12, n) of the end.
@@ -149,14 +151,18 @@ class BlockModel:
         The latter are those of attitude (a rotation in W), centre of mass, L and velocity at the
         block's end. The columns are `columns`, those of the spacecraft's bodies included.
         """
-        columns, places, joints = self.columns, self._places, self._places["joints"]
+        columns, places = self.columns, self._effect_columns
+        joints = places["joints"]
         if not trajectory.by:
             trajectory = next(with_changes([trajectory]))
         n = sum(place.stop - place.start for place in places.values())
         change = MotionChange.zeros(trajectory, n, with_rates=self._with_rates)
         for name, write in self.effects.items():
             write(trajectory, change.columns(places[name]))
-        change, xi, moved = response(trajectory, change)
+        # From here on, δω has that by the attitude.
+        change, xi, end_change = response(trajectory, change)
+        if self.motion.tree.normal_B is not None:
+            xi = xi * NORMAL_W[:, None]  # the table holds the tilt
         by_errors = self.motion.joint_errors.of_coefficients()
 
         def write_all(rows: Array, by: Array) -> None:
@@ -168,17 +174,17 @@ class BlockModel:
 
         parts = dict[str, Array]()
         for name, sensor in self.sensors.items():
-            parts[name] = sensor.whitened(sensor.jacobian(trajectory, change, xi))
+            parts[name] = sensor.normalized(sensor.jacobian(trajectory, change, xi))
         ends = np.cumsum([0, *(by[..., 0].size for by in parts.values())]).tolist()
-        J, by_end = np.zeros((self._width, ends[-1])), np.zeros((self._width, 12))
-        write_all(by_end, moved)
+        J, end_jacobian = np.zeros((self.width, ends[-1])), np.zeros((self.width, 12))
+        write_all(end_jacobian, end_change)
         for (name, by), first, last in zip(parts.items(), ends[:-1], ends[1:], strict=True):
             write_all(J[:, first:last], by.reshape(last - first, -1))
             sensor = self.sensors[name]
             for unknown, of_reading in sensor.by_unknowns(trajectory).items():
-                own = sensor.whitened(of_reading).reshape(last - first, -1)
+                own = sensor.normalized(of_reading).reshape(last - first, -1)
                 J[columns[unknown], first:last] += own.T
-        rows, end, held = J.T, by_end.T, self.held
+        rows, end, held = J.T, end_jacobian.T, self.held
         # What a table holds has no effect but for rounding, which would grow from block to block.
         rows[:, held] = end[:, held] = 0.0
         fixed = held[held < len(end)]
@@ -207,9 +213,9 @@ class BlockModel:
         return np.concatenate(places)
 
     @property
-    def kept(self) -> NDArray[np.intp]:
-        """Columns of what outlives the block."""
-        return np.arange(self.columns["psi"].start - self.motion.constants.size, self._width)
+    def shared_start(self) -> int:
+        """First column of what blocks share: constant errors, ψ and bodies, to the last one."""
+        return int(self.columns["psi"].start) - self.motion.constants.size
 
     def joint_triangle(self, order: NDArray[np.intp]) -> Array:
         """Return rows [A | b] of the joints' own sensors, each at its joint's column.

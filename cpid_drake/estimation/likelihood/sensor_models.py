@@ -16,7 +16,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cpid_drake.array import Array
-from cpid_drake.dynamics.plane import NORMAL_W
 from cpid_drake.dynamics.rotations import cross, exponentials, right_jacobian, rotate, skew
 from cpid_drake.estimation.likelihood.constants import Constants
 from cpid_drake.estimation.likelihood.error_effects import Way
@@ -79,26 +78,13 @@ class SensorModel(ABC):
         error = self._error(trajectory)
         if self._fast.any():
             error = error - self._fast[:, None] * self._per_second(trajectory)
-        return self.whitened(error[..., None])[..., 0]
+        return self.normalized(error[..., None])[..., 0]
 
-    def whitened(self, values: Array) -> Array:
+    def normalized(self, values: Array) -> Array:
         """Return the components (M, d, n) in units of σ of values (M, 3, n) in SI units."""
         if self._is_planar:
             values = self._axes @ values
         return values / self.scale[:, None]
-
-    def jacobian(self, trajectory: Trajectory, change: MotionChange, xi: Array) -> Array:
-        """Return the derivative (M, 3, n) of the predicted values, which are in SI units.
-
-        Args:
-            trajectory: the trajectory to linearize about.
-            change: change of the motion by n quantities; its `w` includes the effect of `xi`.
-            xi: (N, 3, n) change of the attitude at the nodes, a rotation in W.
-
-        """
-        if self._is_planar:
-            xi = xi * NORMAL_W[:, None]  # the table holds the tilt
-        return self._derivative(trajectory, change, xi)
 
     def by_unknowns(self, trajectory: Trajectory) -> dict[str, Array]:
         """Return the derivatives (M, 3, size) of the readings by unknowns at the same motion.
@@ -132,7 +118,15 @@ class SensorModel(ABC):
     def _error(self, trajectory: Trajectory) -> Array: ...
 
     @abstractmethod
-    def _derivative(self, trajectory: Trajectory, change: MotionChange, xi: Array) -> Array: ...
+    def jacobian(self, trajectory: Trajectory, change: MotionChange, xi: Array) -> Array:
+        """Return the derivative (M, 3, n) of the predicted values, which are in SI units.
+
+        Args:
+            trajectory: the trajectory to linearize about.
+            change: change of the motion by n quantities; its `w` includes the effect of `xi`.
+            xi: (N, 3, n) change of the attitude at the nodes, a rotation in W.
+
+        """
 
     @abstractmethod
     def _rate(self, trajectory: Trajectory) -> Array:
@@ -172,7 +166,8 @@ class AttitudeModel(SensorModel):
         turned = np.swapaxes(self._predicted(trajectory), -1, -2) @ self._R_WB
         return np.asarray(Rotation.from_matrix(turned).as_rotvec() @ self._R_BS)
 
-    def _derivative(self, trajectory: Trajectory, change: MotionChange, xi: Array) -> Array:
+    def jacobian(self, trajectory: Trajectory, change: MotionChange, xi: Array) -> Array:
+        """See `SensorModel`."""
         # Rᵀ ξ about the axes S, with R and S of the mounted sensor
         R = self._predicted(trajectory)
         return self._R_BS.T @ np.swapaxes(R, -1, -2) @ self._at_samples(xi)
@@ -212,7 +207,9 @@ class GyroModel(SensorModel):
         w, bias = self._mean(trajectory.spline), self._sum(trajectory, "offset")
         return np.asarray(self.samples.value - w @ self._matrix(trajectory).T - bias)
 
-    def _derivative(self, trajectory: Trajectory, change: MotionChange, xi: Array) -> Array:
+    def jacobian(self, trajectory: Trajectory, change: MotionChange, xi: Array) -> Array:
+        """See `SensorModel`."""
+        # δy = M (δω + ∂ω/∂late δlate)
         late = self._mean(trajectory.spline.by_delay)
         by_motion = self._at_samples(change.w[: len(xi)]) + late[..., None] * change.delay
         return self._matrix(trajectory) @ by_motion
@@ -226,7 +223,7 @@ class GyroModel(SensorModel):
 
     def _by(self, trajectory: Trajectory) -> dict[str, Array]:
         w = self._mean(trajectory.spline)
-        # y = M w + b: of the entries of M, row by row, each row has wᵀ
+        # y = M w + b, ∂y/∂b = 1: of the entries of M, row by row, each row has wᵀ
         matrix = np.eye(3)[:, :, None] * w[:, None, None]
         offset = np.broadcast_to(np.eye(3), (len(w), 3, 3))
         return {"offset": offset, "matrix": matrix.reshape(len(w), 3, 9)}
@@ -284,7 +281,8 @@ class PositionModel(TranslationModel):
         com = self._motion.com_motion(trajectory, self._at)[:, :3]
         return np.asarray(self.samples.value - (com - rotate(R, arm)))
 
-    def _derivative(self, trajectory: Trajectory, change: MotionChange, xi: Array) -> Array:
+    def jacobian(self, trajectory: Trajectory, change: MotionChange, xi: Array) -> Array:
+        """See `SensorModel`."""
         # δp = δp_cm + (R a) × ξ − R δρ
         R, arm, _ = self._arms(trajectory, self._at)
         turned = skew(rotate(R, arm)) @ self._at_samples(xi)
@@ -303,7 +301,8 @@ class VelocityModel(TranslationModel):
     def _error(self, trajectory: Trajectory) -> Array:
         return np.asarray(self.samples.value - self._velocity(trajectory, self._at))
 
-    def _derivative(self, trajectory: Trajectory, change: MotionChange, xi: Array) -> Array:
+    def jacobian(self, trajectory: Trajectory, change: MotionChange, xi: Array) -> Array:
+        """See `SensorModel`."""
         # δv = δv_cm + (R a') × ξ − R (ω × δρ − a × δω + δρ')
         R, arm, rate = self._arms(trajectory, self._at)
         turned = skew(trajectory.w[self._at]) @ change.com[self._at]

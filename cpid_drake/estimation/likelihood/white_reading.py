@@ -49,7 +49,7 @@ class WhiteReading:
         by = inertia_changes(trajectory, nodes, acceleration)
         return itself | {name: -axes @ R @ value for name, value in by.items()}
 
-    def whitened(self, values: Array) -> Array:
+    def normalized(self, values: Array) -> Array:
         """See `SensorModel`."""
         return values
 
