@@ -19,6 +19,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from cpid_drake.array import Array
 from cpid_drake.estimation.block import Block
 from cpid_drake.estimation.elimination import changed, linked
 from cpid_drake.estimation.events import is_explained
@@ -37,6 +38,7 @@ from cpid_drake.estimation.start import state_of
 from cpid_drake.estimation.sweep import BOUNDARY, boundary_size, sweep
 from cpid_drake.estimation.unknowns import PSI
 from cpid_drake.estimation.unknowns_prior import prior_of
+from cpid_drake.estimation.white_torque import gains_of_change
 from cpid_drake.files.errors import InputError
 from cpid_drake.sensors.sensors import SENSORS
 
@@ -60,8 +62,10 @@ def followed(
     question: Question,
     *,
     is_conserved: bool = True,
-) -> tuple[tuple[Fit, ...], Past] | None:
+) -> tuple[tuple[Fit, ...], Past, Array | float] | None:
     """Return the fits with that of one more block, and what is known ahead of it; None if none is.
+
+    And what the change that is no more in question says of white torques; see `gains_of_change`.
 
     Args:
         fits: of the blocks of the window, each of those behind the past of the next.
@@ -83,8 +87,10 @@ def followed(
             return None
         if _has_noise_of(fits, solved):
             end = _known_at_end(solved, gaussian)
-            if not _may_change(solved, end, question):
-                return (*fits, solved), ahead_of(solved, end)
+            changes = _changes(solved, end, question)
+            if not any(is_possible_change(each, farthest(solved.model)) for each in changes):
+                fits = (*fits, solved)
+                return fits, ahead_of(solved, end), _torque_gains(fits, changes[0])
         return _with_changes(fits, ahead, gaussian, block.cut(), question)
     except (InputError, np.linalg.LinAlgError):
         return None
@@ -122,10 +128,7 @@ def _known_before(fits: Sequence[Fit], ahead: Past) -> Gaussian:
     sigma = model.walking_sigma * np.sqrt(log.blocks[-1].length)
     walking = boundary_size(model, log) + model.walking_columns
     gaussian = changed(ahead.gaussian, walking, sigma, np.zeros(len(sigma)), block=0)[0]
-    recent = {
-        log.change(k) for each in fits[-LINKS:] for log in each.logs for k in range(len(log.blocks))
-    }
-    gaussian = gaussian.condition({n: 0.0 for n in _in_question(gaussian) if n not in recent})
+    gaussian = gaussian.condition(dict.fromkeys(_leaving(fits, gaussian), 0.0))
     return linked(gaussian, _at_end(fits[-1]), farthest(model), np.zeros(12))
 
 
@@ -156,7 +159,7 @@ def _fitted(
 
 def _apart(
     fits: Sequence[Fit], ahead: Past, gaussian: Gaussian, block: Block
-) -> tuple[tuple[Fit, ...], Past] | None:
+) -> tuple[tuple[Fit, ...], Past, float] | None:
     """Return the result of `followed` if the momentum changed before the block."""
     last = fits[-1]
     log = _following(fits, ahead, [block])
@@ -165,14 +168,13 @@ def _apart(
     if not (solved.converged and is_explained(solved)):
         return None
     gaussian = gaussian.marginal(name for name in gaussian.places if name != _at_end(last))
-    return (*fits[:-1], _opened_at_end(last), solved), ahead_of(
-        solved, _known_at_end(solved, gaussian)
-    )
+    ahead = ahead_of(solved, _known_at_end(solved, gaussian))
+    return (*fits[:-1], _opened_at_end(last), solved), ahead, 0.0
 
 
 def _with_changes(
     fits: Sequence[Fit], ahead: Past, gaussian: Gaussian, parts: Sequence[Block], question: Question
-) -> tuple[tuple[Fit, ...], Past] | None:
+) -> tuple[tuple[Fit, ...], Past, float] | None:
     """Return the result of `followed` if something changed between parts of a block or before.
 
     If it changed earlier, or before equal parts, it may have been inside of the block before: then
@@ -198,7 +200,7 @@ def _with_changes(
     gaussian = gaussian.marginal(name for name in gaussian.places if name not in acting)
     end = _known_at_end(solved, gaussian, carry=[k for k in inner if k not in opened])
     last = last if inner else _opened_at_end(last)
-    return (*fits[:-1], last, solved), ahead_of(solved, end)
+    return (*fits[:-1], last, solved), ahead_of(solved, end), 0.0
 
 
 def _parts_beside_change(fits: Sequence[Fit], ahead: Past, block: Block) -> list[Block]:
@@ -278,14 +280,26 @@ def _known_at_end(solved: Fit, gaussian: Gaussian, carry: Collection[int] = ()) 
     return sweep(model, log, rolled, values, carry=carry, before=before, forward_only=True).end
 
 
-def _may_change(solved: Fit, gaussian: Gaussian, question: Question) -> bool:
-    """Return whether something may have changed at one of the last ends."""
+def _leaving(fits: Sequence[Fit], gaussian: Gaussian) -> list[str]:
+    """Return the names of the changes that are no more in question: LINKS fits are behind them."""
+    recent = {
+        log.change(k) for each in fits[-LINKS:] for log in each.logs for k in range(len(log.blocks))
+    }
+    return [name for name in _in_question(gaussian) if name not in recent]
+
+
+def _changes(solved: Fit, gaussian: Gaussian, question: Question) -> list[Gaussian]:
+    """Return what is known of the changes in question, if the momentum is free, or as supposed."""
     model, logs, values = solved.model, solved.logs, solved.values
     total = gaussian.marginal(name for name in gaussian.places if name != BOUNDARY)
     total = prior_of(model, logs, values).add(total)
     supposed = question.held(values, ())
-    for held in ({}, supposed) if supposed else ({},):  # the momentum is free, or as supposed
-        about = total.condition(held)
-        if is_possible_change(about.marginal(_in_question(about)), farthest(model)):
-            return True
-    return False
+    given = [total.condition(held) for held in ({}, supposed)[: 1 + bool(supposed)]]
+    return [each.marginal(_in_question(each)) for each in given]
+
+
+def _torque_gains(fits: Sequence[Fit], changes: Gaussian) -> Array | float:
+    """Return the sum of `gains_of_change` of the changes that are no more in question."""
+    model, [log] = fits[-1].model, fits[-1].logs
+    length, names = log.blocks[-1].length, _leaving(fits, changes)
+    return sum(gains_of_change(model, changes, name, length) for name in names)

@@ -10,22 +10,28 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from cpid_drake.array import Array
 from cpid_drake.estimation.block import Block, BlockQueue, blocks_of
 from cpid_drake.estimation.bounded_fits import BoundedFits
+from cpid_drake.estimation.elimination import linked
 from cpid_drake.estimation.events import fit_with_events, is_explained, most_changes
 from cpid_drake.estimation.evidence import Question
 from cpid_drake.estimation.fit import Fit
 from cpid_drake.estimation.following import ahead_of, followed, joined
+from cpid_drake.estimation.gaussian import Gaussian
 from cpid_drake.estimation.likelihood.joint_model import ORDER
 from cpid_drake.estimation.likelihood.motion_model import TrajectoryState
 from cpid_drake.estimation.linearity import is_linear, linear_at
+from cpid_drake.estimation.links import farthest
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.past import Past
 from cpid_drake.estimation.residuals import ResidualSums, with_blocks
-from cpid_drake.estimation.roll import first_table, linearize
+from cpid_drake.estimation.roll import Rolled, first_table, linearize
 from cpid_drake.estimation.start import state_of
 from cpid_drake.estimation.sweep import known_at_start, sweep
 from cpid_drake.estimation.unknowns import PSI, Model
+from cpid_drake.estimation.unknowns_prior import prior_of
+from cpid_drake.estimation.white_torque import gains_of_change
 from cpid_drake.files.errors import InputError
 from cpid_drake.logs.log import Log
 
@@ -63,6 +69,8 @@ class OnlineState:
         sums: over the samples of every sensor, before the window.
         unsettled: number of blocks that left the window when its fit had not converged.
         refused: number of blocks that no fit explains, and that are not used.
+        torque_gains: (n,) by how much −2 log(evidence) falls with each of `intensities`, by the
+            changes that are no more in question.
 
     """
 
@@ -77,6 +85,7 @@ class OnlineState:
     sums: Mapping[str, ResidualSums] = field(default_factory=dict)
     unsettled: int = 0
     refused: int = 0
+    torque_gains: Array | float = 0.0
 
     @property
     def events(self) -> tuple[float, ...]:
@@ -147,7 +156,7 @@ def _one_more(state: OnlineState, block: Block) -> OnlineState | None:
     more = followed(*before, is_conserved=state.is_conserved)
     if more is None:
         return None
-    [*fits, solved], ahead = more
+    (*fits, solved), ahead, gains = more
     last = fits[-1]
     fits[-1] = replace(last, rolled=[replace(each, jacobians={}, rows={}) for each in last.rolled])
     usual = max(each.length for each in log.blocks)
@@ -157,7 +166,8 @@ def _one_more(state: OnlineState, block: Block) -> OnlineState | None:
         sums, settled = with_blocks(state.sums, log, rolled), (*state.settled, *log.changes)
         state = replace(state, sums=sums, settled=settled)
     solved = replace(solved, swept=[], ends=[])
-    return replace(state, last=solved, earlier=tuple(fits), ahead=ahead)
+    gains = state.torque_gains + gains
+    return replace(state, last=solved, earlier=tuple(fits), ahead=ahead, torque_gains=gains)
 
 
 def run(model: Model, stream: Iterable[Log], state: OnlineState | None = None) -> OnlineState:
@@ -240,6 +250,7 @@ def _marginalized(state: OnlineState, count: int) -> OnlineState:
         rest.states[0].slow,
     )
     kept = rolled.part(count, len(log.blocks))
+    gains = _torque_gains(last, gone, gaussian, rest, kept)
     derived = {part: own for part, own in kept.jacobians.items() if part in kept.models}
     kept = replace(kept, jacobians=derived)
     return replace(
@@ -248,4 +259,27 @@ def _marginalized(state: OnlineState, count: int) -> OnlineState:
         settled=(*state.settled, *gone.changes),
         last=replace(last, logs=[replace(rest, past=past)], rolled=[kept]),
         unsettled=state.unsettled + (0 if last.converged else count),
+        torque_gains=state.torque_gains + gains,
     )
+
+
+def _torque_gains(
+    last: Fit, gone: LogState, gaussian: Gaussian, rest: LogState, rolled: Rolled
+) -> Array | float:
+    """Return the `gains_of_change` of that at the end of blocks that leave the window.
+
+    Args:
+        last: the fit of the window.
+        gone: the blocks that leave it.
+        gaussian: what is known at their end.
+        rest: the others.
+        rolled: their prediction.
+
+    """
+    if gone.links[-1].is_open or gone.links[-1].gap:
+        return 0.0
+    model, values, name = last.model, last.values, gone.change(len(gone.blocks) - 1)
+    before = linked(gaussian, name, farthest(model), np.zeros(12))
+    total = sweep(model, rest, rolled, values, before=before, forward_only=True).gaussian
+    total = total.add(prior_of(model, [rest], values))
+    return gains_of_change(model, total.marginal([name]), name, gone.blocks[-1].length)

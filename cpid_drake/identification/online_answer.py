@@ -3,6 +3,8 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.estimation.evidence import Question
 from cpid_drake.estimation.fit import prior_of
@@ -11,6 +13,7 @@ from cpid_drake.estimation.linearity import change_beyond_linear
 from cpid_drake.estimation.online import NAME as LOG
 from cpid_drake.estimation.online import OnlineState, run
 from cpid_drake.estimation.unknowns import Model
+from cpid_drake.estimation.white_torque import gain_of
 from cpid_drake.files.errors import InputError
 from cpid_drake.identification.answer import answer_of, target_only
 from cpid_drake.identification.arguments import Arguments
@@ -20,6 +23,7 @@ from cpid_drake.identification.chosen_fit import ChosenFit, momentum_name
 from cpid_drake.identification.log_sensors import model_of
 from cpid_drake.identification.observed import Observed
 from cpid_drake.identification.result import Identification
+from cpid_drake.identification.torque_check import torque_check
 from cpid_drake.identification.words import NO_FIT, NOT_LINEAR, blocks_refused
 
 RECURSIVE_FIT = "recursive_fit"
@@ -50,6 +54,7 @@ def identification_of_state(
     warnings = [blocks_refused(state.refused)] if state.refused else []
     change = change_beyond_linear(fit)
     checks = [Check("linearity", NOT_LINEAR.format(100 * change))] if change else []
+    checks.append(torque_check({LOG: gain_of(np.atleast_1d(state.torque_gains))}))
     return replace(result, warnings=(*result.warnings, *warnings), checks=(*result.checks, *checks))
 
 

@@ -8,7 +8,8 @@ length is h, by as much as a white torque of the intensity q leaves in this time
     L(t + h) = L(t) + u,    u ~ N(0, q² h).
 
 The evidence says whether q is zero: its mean over some q. The fit stays linear where it is, so each
-q is one sweep more.
+q is one sweep more. Online, where blocks are gone, each change says for itself what it says of q;
+see `estimation.white_torque`.
 
 Source: Kass and Raftery 1995, Bayes factors (2 ln B > 6 is strong evidence).
 """
@@ -17,20 +18,13 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import logsumexp
 
 from cpid_drake.estimation.fit import Fit
-from cpid_drake.estimation.likelihood.constants import TORQUE
-from cpid_drake.estimation.likelihood.forces import SHORTEST_PIECE
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.noise_evidence import NoiseEvidence
+from cpid_drake.estimation.white_torque import gain_of, intensities
 from cpid_drake.identification.checks import Check
 from cpid_drake.identification.exact_check import STRONG
-from cpid_drake.sensors.error_kinds import KINDS
-
-SHARES = 10.0 ** np.arange(-3, 0)
-"""q that are compared, each as probable before the samples, as shares of that of a white torque of
-plausible size in each of its pieces. A larger torque gains with these, too."""
 
 
 def torque_gains(fit: Fit) -> dict[str, float]:
@@ -38,17 +32,14 @@ def torque_gains(fit: Fit) -> dict[str, float]:
 
     Torques of which the pulls of the closed ends say that they are little gain nothing.
     """
-    # q = share · σ_τ √h, with the plausible torque σ_τ in each piece of the length h [N·m·√s]
-    tried = SHARES * KINDS[TORQUE].plausible(fit.model.tree) * SHORTEST_PIECE**0.5
-    gains = {}
+    tried, gains = intensities(fit.model.tree), {}
     for log, rolled in zip(fit.logs, fit.rolled, strict=True):
         evidence = NoiseEvidence(fit.model, log, rolled, fit.values)
         pushed = [replace(evidence, log=_pushed(log, q)) for q in tried if not _is_hidden(log, q)]
         without = evidence(log.noise.processes) if pushed else 0.0
         own = [without - each(log.noise.processes) for each in pushed]
         own += [0.0] * (len(tried) - len(own))
-        # p(y | q) / p(y | 0), on average
-        gains[log.name] = 2 * float(logsumexp(np.array(own) / 2) - np.log(len(own)))
+        gains[log.name] = gain_of(np.array(own))
     return gains
 
 
