@@ -25,7 +25,9 @@
     const { data, layout } = contents(plot);
     // A finger on a figure scrolls the page.
     const dragmode = matchMedia("(pointer: coarse)").matches ? false : "zoom";
-    const config = { displaylogo: false, responsive: true };
+    // Without a mouse the buttons would always be there, and over the axes of small figures.
+    const hovers = matchMedia("(hover: hover)").matches;
+    const config = { displaylogo: false, responsive: true, ...(hovers ? {} : { displayModeBar: false }) };
     Plotly.react(plot, data, { ...layout, dragmode, template: template() }, config);
   };
   const play = (scene) => {
