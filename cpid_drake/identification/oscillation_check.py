@@ -22,7 +22,6 @@ from scipy.special import chdtri, fdtri
 from cpid_drake.array import Array
 from cpid_drake.estimation.fit import Fit
 from cpid_drake.estimation.least_squares import IMPROBABLE
-from cpid_drake.estimation.likelihood.forces import ACCELERATION_NOISE, TORQUE_NOISE
 from cpid_drake.estimation.log_state import LogState
 from cpid_drake.estimation.process import EXACT
 from cpid_drake.estimation.roll import Rolled
@@ -30,6 +29,7 @@ from cpid_drake.estimation.whitening import whitened, whitener
 from cpid_drake.files.digits import significant
 from cpid_drake.identification.checks import Check
 from cpid_drake.identification.words import label_of
+from cpid_drake.sensors.sensors import SENSORS
 
 BESIDE = 10
 """Number of frequencies on each side whose medians are the power without a line."""
@@ -72,7 +72,7 @@ def lines_of(fit: Fit) -> Iterator[Line]:
             n, d = white.shape
             if n < 6 * BESIDE:
                 continue
-            power = _power(white)
+            power = _power(white, 1.0 if name in SENSORS else EXACT**2)
             # of samples in their order: gaps change the phase of a line, and not its frequency
             f = np.arange(1, len(power) + 1) / (n * np.median(np.diff(times)))
             count = int(np.sum(f < fastest))
@@ -91,7 +91,7 @@ def oscillation_check(fit: Fit) -> tuple[Check, ...]:
         return ()
     worst = max(lines, key=lambda each: each.power / each.limit)
     of_log = f" of {worst.log}" if len(fit.logs) > 1 else ""
-    is_force = worst.sensor in (TORQUE_NOISE, ACCELERATION_NOISE)
+    is_force = worst.sensor not in SENSORS
     what = label_of(worst.sensor) if is_force else f"residuals of the {label_of(worst.sensor)}"
     sentence = (
         f"the {what}{of_log} oscillate{'s' * is_force} at {significant(worst.frequency)} Hz: so "
@@ -101,11 +101,12 @@ def oscillation_check(fit: Fit) -> tuple[Check, ...]:
     return (Check.of("oscillation", sentence, worst.power, worst.limit),)
 
 
-def _power(white: Array) -> Array:
+def _power(white: Array, least: float) -> Array:
     """Return P(f) of white values (n, d) as a multiple of that of the neighbours on both sides.
 
     A slope, as of what the fit explains of slow motion, has no line: the power is compared with the
-    larger of both sides, and with that of errors of the model, which tell no noise.
+    larger of both sides. It is compared with no less than `least`: a line below the noise of a
+    sensor is an error of splines or integration, and one below that share of a force tells nothing.
     """
     n, d = white.shape
     spectrum = np.fft.rfft(white, axis=0)[1 : (n - 1) // 2]
@@ -114,7 +115,7 @@ def _power(white: Array) -> Array:
     medians = np.median(np.lib.stride_tricks.sliding_window_view(padded, BESIDE), axis=1)
     before, after = medians[: -BESIDE - 1], medians[BESIDE + 1 :]
     usual = np.maximum(before, after)[: len(after)] / chdtri(2 * d, 0.5)
-    return np.asarray(total[: len(after)] / (2 * d) / np.maximum(usual, EXACT**2))
+    return np.asarray(total[: len(after)] / (2 * d) / np.maximum(usual, least))
 
 
 def _white(log: LogState, rolled: Rolled, name: str) -> tuple[Array, Array]:
