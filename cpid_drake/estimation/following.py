@@ -38,7 +38,7 @@ from cpid_drake.estimation.start import state_of
 from cpid_drake.estimation.sweep import BOUNDARY, boundary_size, sweep
 from cpid_drake.estimation.unknowns import PSI
 from cpid_drake.estimation.unknowns_prior import prior_of
-from cpid_drake.estimation.white_torque import gains_of_change
+from cpid_drake.estimation.white_torque import NO_GAINS, gains_of_change
 from cpid_drake.files.errors import InputError
 from cpid_drake.sensors.sensors import SENSORS
 
@@ -62,7 +62,7 @@ def followed(
     question: Question,
     *,
     is_conserved: bool = True,
-) -> tuple[tuple[Fit, ...], Past, Array | float] | None:
+) -> tuple[tuple[Fit, ...], Past, Array] | None:
     """Return the fits with that of one more block, and what is known ahead of it; None if none is.
 
     And what the change that is no more in question says of white torques; see `gains_of_change`.
@@ -159,7 +159,7 @@ def _fitted(
 
 def _apart(
     fits: Sequence[Fit], ahead: Past, gaussian: Gaussian, block: Block
-) -> tuple[tuple[Fit, ...], Past, float] | None:
+) -> tuple[tuple[Fit, ...], Past, Array] | None:
     """Return the result of `followed` if the momentum changed before the block."""
     last = fits[-1]
     log = _following(fits, ahead, [block])
@@ -169,12 +169,12 @@ def _apart(
         return None
     gaussian = gaussian.marginal(name for name in gaussian.places if name != _at_end(last))
     ahead = ahead_of(solved, _known_at_end(solved, gaussian))
-    return (*fits[:-1], _opened_at_end(last), solved), ahead, 0.0
+    return (*fits[:-1], _opened_at_end(last), solved), ahead, NO_GAINS
 
 
 def _with_changes(
     fits: Sequence[Fit], ahead: Past, gaussian: Gaussian, parts: Sequence[Block], question: Question
-) -> tuple[tuple[Fit, ...], Past, float] | None:
+) -> tuple[tuple[Fit, ...], Past, Array] | None:
     """Return the result of `followed` if something changed between parts of a block or before.
 
     If it changed earlier, or before equal parts, it may have been inside of the block before: then
@@ -200,7 +200,7 @@ def _with_changes(
     gaussian = gaussian.marginal(name for name in gaussian.places if name not in acting)
     end = _known_at_end(solved, gaussian, carry=[k for k in inner if k not in opened])
     last = last if inner else _opened_at_end(last)
-    return (*fits[:-1], last, solved), ahead_of(solved, end), 0.0
+    return (*fits[:-1], last, solved), ahead_of(solved, end), NO_GAINS
 
 
 def _parts_beside_change(fits: Sequence[Fit], ahead: Past, block: Block) -> list[Block]:
@@ -298,8 +298,8 @@ def _changes(solved: Fit, gaussian: Gaussian, question: Question) -> list[Gaussi
     return [each.marginal(_in_question(each)) for each in given]
 
 
-def _torque_gains(fits: Sequence[Fit], changes: Gaussian) -> Array | float:
+def _torque_gains(fits: Sequence[Fit], changes: Gaussian) -> Array:
     """Return the sum of `gains_of_change` of the changes that are no more in question."""
     model, [log] = fits[-1].model, fits[-1].logs
     length, names = log.blocks[-1].length, _leaving(fits, changes)
-    return sum(gains_of_change(model, changes, name, length) for name in names)
+    return sum((gains_of_change(model, changes, name, length) for name in names), NO_GAINS)

@@ -31,7 +31,7 @@ from cpid_drake.estimation.start import state_of
 from cpid_drake.estimation.sweep import known_at_start, sweep
 from cpid_drake.estimation.unknowns import PSI, Model
 from cpid_drake.estimation.unknowns_prior import prior_of
-from cpid_drake.estimation.white_torque import gains_of_change
+from cpid_drake.estimation.white_torque import NO_GAINS, gains_of_change
 from cpid_drake.files.errors import InputError
 from cpid_drake.logs.log import Log
 
@@ -85,7 +85,7 @@ class OnlineState:
     sums: Mapping[str, ResidualSums] = field(default_factory=dict)
     unsettled: int = 0
     refused: int = 0
-    torque_gains: Array | float = 0.0
+    torque_gains: Array = field(default_factory=lambda: NO_GAINS)
 
     @property
     def events(self) -> tuple[float, ...]:
@@ -265,7 +265,7 @@ def _marginalized(state: OnlineState, count: int) -> OnlineState:
 
 def _torque_gains(
     last: Fit, gone: LogState, gaussian: Gaussian, rest: LogState, rolled: Rolled
-) -> Array | float:
+) -> Array:
     """Return the `gains_of_change` of that at the end of blocks that leave the window.
 
     Args:
@@ -277,7 +277,7 @@ def _torque_gains(
 
     """
     if gone.links[-1].is_open or gone.links[-1].gap:
-        return 0.0
+        return NO_GAINS
     model, values, name = last.model, last.values, gone.change(len(gone.blocks) - 1)
     before = linked(gaussian, name, farthest(model), np.zeros(12))
     total = sweep(model, rest, rolled, values, before=before, forward_only=True).gaussian

@@ -24,6 +24,9 @@ SHARES = 10.0 ** np.arange(-3, 0)
 """q that are compared, each as probable before the samples, as shares of that of a white torque of
 plausible size in each of its pieces. A larger torque gains with these, too."""
 
+NO_GAINS = np.zeros(len(SHARES))
+"""`gains_of_change` of no change."""
+
 
 def intensities(tree: KinematicTree) -> Array:
     """Return the q (n,) that are compared, for a spacecraft [N·m·√s]."""

@@ -3,8 +3,6 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from cpid_drake.dynamics.total_momentum import TotalMomentum
 from cpid_drake.estimation.evidence import Question
 from cpid_drake.estimation.fit import prior_of
@@ -54,7 +52,7 @@ def identification_of_state(
     warnings = [blocks_refused(state.refused)] if state.refused else []
     change = change_beyond_linear(fit)
     checks = [Check("linearity", NOT_LINEAR.format(100 * change))] if change else []
-    checks.append(torque_check({LOG: gain_of(np.atleast_1d(state.torque_gains))}))
+    checks.append(torque_check({LOG: gain_of(state.torque_gains)}))
     return replace(result, warnings=(*result.warnings, *warnings), checks=(*result.checks, *checks))
 
 
