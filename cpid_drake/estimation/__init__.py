@@ -7,7 +7,7 @@ estimated. Then `identification.fitted.estimate` goes on:
  1. `block`: samples are cut into blocks of about a second; `log_state` holds their `BlockState`s.
  2. `joints`: a spline through the joints' samples, with their noise.
  3. `start`: values x of all unknowns (`unknowns`) with which the fit begins.
- 4. `roll`: the residual r = (y − h(x))/σ in each block, and H = ∂h/∂x, by a `likelihood.model`:
+ 4. `roll`: the residual r = (y − h(x))/σ in each block, and H = ∂(h/σ)/∂x, by a `likelihood.model`:
     `motion_model` has the base's ω for x, `sensor_models` the reading h, `effect_terms` δω by each
     unknown, and `motion_change` what follows from δω.
  5. `process`, `whitening`: C⁻¹ with which residual and derivatives have white noise of a unit.

@@ -27,7 +27,7 @@ class BlockRows:
         transition: (12, n) [E₀ | E] of its end x₁ = E₀ x₀ + E y, by the columns of its model.
         whiteners: what makes its residuals white, by sensor.
         slow: (2, s) present values of slow noise at both edges.
-        samples: (m, n + 1) the rows of its samples alone, and then the links of slow noise.
+        samples: (m, n + 1) rows of its samples, then the links of slow noise; columns `order`.
 
     """
 

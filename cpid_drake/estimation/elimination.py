@@ -86,6 +86,7 @@ class EndedBlock:
         """Return a block from its rows and its triangle."""
         E, gone, at_end = block_rows.transition, block_rows.gone, block_model.at_end
         first, g = block_model.shared_start, len(gone)
+        # columns 0 to 11, x₀ until now, are x₁ from here on
         keep = np.concatenate([at_end, np.arange(first, first + len(T) - 1 - g - len(at_end))])
         # x₀ = E₀⁻¹(x₁ − E y): a row A₀ x₀ + A y has (A − A₀E₀⁻¹E) y
         start = np.linalg.solve(E[:, :12], E[:, gone])

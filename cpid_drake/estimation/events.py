@@ -147,7 +147,9 @@ def most_changes(logs: int) -> int:
 def _changes(
     fit: Fit, question: Question, among: Collection[int] | None = None
 ) -> list[dict[int, float]]:
-    """Return of each log the blocks at whose ends something changed, and how much; see `spans`.
+    """Return of each log the blocks at whose ends something changed, and how much.
+
+    That is a share of `links.farthest`, as `Link.span`.
 
     Of some ends `among` which alone something can change, all are returned.
     """

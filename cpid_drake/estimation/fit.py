@@ -55,7 +55,7 @@ HALF = 0.5
 that is fitted with them, and by all of it two states would take turns."""
 
 MOST_SWEEPS = 30
-"""The fit ends without an answer after so many sweeps."""
+"""The fit ends after so many sweeps, and has not converged."""
 
 _REJECTED = 12  # steps in a row
 
@@ -165,7 +165,7 @@ def _best(
 ) -> Fit:
     """Return the best fit near one; its weights follow the residuals if nothing is held.
 
-    Near the best values, the noise does so, too.
+    Near the best values, the noise does so, too; and with both estimated, the fit ends.
     """
     share, misfit, is_one, renewal, last = 1.0, np.inf, _is_one(now), 1.0, np.inf
     is_near = held is not None or all(log.noise.is_estimated for log in now.logs)
@@ -193,16 +193,16 @@ def _best(
         if is_one or _is_linear(step.square, excess):
             for rolled, after in zip(now.rolled, moved.rolled, strict=True):
                 after.take_derivatives(rolled)
-        is_last = held is not None or all(log.noise.is_estimated for log in moved.logs)
-        if is_near and is_last and is_close:
+        has_noise = held is not None or all(log.noise.is_estimated for log in moved.logs)
+        if is_near and has_noise and is_close:
             return replace(moved, converged=True)
         before = moved.logs
         if held is None:
             left = excess if misfit == 1.0 else step.fall(1.0)  # priors will weigh less
             is_near = left < NEAR * misfit**2 * sum(r.count for r in moved.rolled)
             moved = _reweighted(moved, [each.absorbed for each in now.swept] if is_near else None)
-        is_last = is_near and misfit == 1.0 and abs(excess) < close
-        if is_last and are_same(before, moved.logs):
+        is_linear = is_near and misfit == 1.0 and abs(excess) < close
+        if is_linear and are_same(before, moved.logs):
             return replace(moved, converged=True)
         now = moved
     return now
@@ -333,7 +333,7 @@ def _swept(now: Fit, renewal: float) -> Fit:
 
 
 def _cost(now: Fit, logs: Sequence[LogState], weighed_at: Values) -> float:
-    """Return the sum of squares of all rows at the values of a fit; see `link_cost`."""
+    """Return the sum of squares of all rows at the values of a fit; see `links.link_cost`."""
     model, values = now.model, now.values
     hardware = _weighed(hardware_prior_of(model, now.logs, values, weighed_at), now.misfit)
     sizes = model.cone.prior(PSI, values[PSI])

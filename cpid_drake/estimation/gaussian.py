@@ -1,9 +1,9 @@
 """Gaussian distributions of named unknowns, as a square root of information.
 
 The distribution is that of x in R x = z + e, where e has unit covariance: R is upper triangular,
-and ρ² is the sum of squares that no x explains. Every operation is a QR decomposition of rows, and
-no covariance is propagated. Source: Bierman 1977, Factorization Methods for Discrete Sequential
-Estimation, ch. II and V.
+and ρ² is the sum of squares that no x explains. What adds, marginalizes and conditions is a QR
+decomposition of rows, and no covariance is propagated. Source: Bierman 1977, Factorization Methods
+for Discrete Sequential Estimation, ch. II and V.
 """
 
 from collections.abc import Iterable, Mapping

@@ -10,8 +10,8 @@ With samples q at times t, the rows of all its coefficients c are
 so the jerk's prior bridges missing samples with the uncertainty that they leave. The number of
 pieces, s and f have the largest marginal likelihood (evidence). But a motion is not as rough all
 the time: where its acceleration steps, a jerk of the usual size leaves errors of its rates that
-only a gyro feels. So s in the rows is that of the roughest block. With λ = s²/f², ν = `DECLARED`
-and M = BᵀB + PᵀP/λ, for n samples and K coefficients of the whole log,
+only a gyro feels. So s in the rows is that of the roughest block. With λ = s²/f²,
+ν = `DECLARED_COUNT` and M = BᵀB + PᵀP/λ, for n samples and K coefficients of the whole log,
 
     −2 log(evidence) = (ν + n − d) log(ν + S) + log det M + (K − d) log λ − log det PᵀP
 

@@ -6,8 +6,8 @@ Any number of rows [A | b] in n unknowns is summarized by one upper triangular m
     [R  z]      R x = z    the equations compressed to n rows,
     [0  ρ]      ρ²         the residual sum of squares at their solution.
 
-Each new sample needs one QR decomposition of this triangle with six rows below it. The method
-propagates no covariance, which could lose its symmetry or definiteness. Source: Bierman 1977,
+New rows need one QR decomposition of this triangle with them below it. The method propagates no
+covariance, which could lose its symmetry or definiteness. Source: Bierman 1977,
 Factorization Methods for Discrete Sequential Estimation, ch. IV.
 """
 

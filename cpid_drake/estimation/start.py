@@ -9,7 +9,7 @@ with constants L and V₀ of each part of a log between gaps, which the rows los
 a log with thrust, or with open ends of blocks, they lose them as changes over about half a second,
 so that errors and sudden changes do not add up. The motion is that of splines through the samples
 of gyro, or attitude, and position.
-Source: Ning et al. 2016, Eqs. 6 and 9, in the relative form (design, 3.2).
+Source: Ning et al. 2016, Eqs. 6 and 9, in the relative form.
 """
 
 from collections.abc import Sequence

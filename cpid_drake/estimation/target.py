@@ -219,7 +219,7 @@ def psi_about(x: Array, nominal_mass: float, mass: float) -> tuple[Array, Array]
 
         ψ = (m f, f h, J − P(h)/(m_k + m)),
 
-    and the same with the nominal mass for x. Nothing is singular at m = 0. Source: design, 3.2.
+    and the same with the nominal mass for x. Nothing is singular at m = 0.
 
     Args:
         x: (10,) the target's coordinates.

@@ -1,8 +1,9 @@
 """The unknowns of a fit: one table of them, with their priors, and the target's coordinates.
 
-Every unknown has a scope: a `log` has its own momentum and forces, all logs of one `hardware` share
-the errors of its sensors, and all logs share the target and the spacecraft's bodies. What belongs
-to a block of time (joint motion, white forces) is in the state of its log; see `log_state`.
+Every unknown has a scope: a `log` has its own momentum, forces and biases of gyros, all logs of one
+`hardware` share the other errors of its sensors and the spacecraft's bodies, and all logs share the
+target. What belongs to a block of time (joint motion, white forces) is in the state of its log; see
+`log_state`.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -56,7 +57,7 @@ class Unknown:
         walk: σ of its change after 1 s, as a share of `sigma`; the prior is of the first value.
         may_fail: whether it may be far from its mean, so that its prior has a heavy tail: it weighs
             as a sample that is as far off.
-        hardware: see `Model`; empty for what does not belong to sensors.
+        hardware: see `Model`; empty for what a log has for itself, and for the target.
 
     """
 
@@ -68,12 +69,6 @@ class Unknown:
     walk: float = 0.0
     may_fail: bool = False
     hardware: str = ""
-
-    @property
-    def prior(self) -> Gaussian:
-        """What is known of it before the first sample."""
-        rows = np.column_stack([np.diag(1 / self.sigma), self.mean / self.sigma])
-        return Gaussian.of_rows({self.name: self.size}, rows)
 
     def key(self, log: str) -> str:
         """Return the name of this unknown of a log, among those of all logs."""

@@ -40,7 +40,7 @@ def reweighted(
         log: before.
         rolled: its prediction.
         values: of all unknowns.
-        absorbed: see `Swept`; None if the noise stays.
+        absorbed: see `Swept.absorbed`; None if the noise stays.
 
     """
     log = _weighted(log, rolled)

@@ -78,7 +78,7 @@ def estimator_label(name: str) -> str:
 
 
 def methods() -> tuple[str, ...]:
-    """Return all names that `with_method` accepts: row families, then estimators without rows."""
+    """Return the names on offer for `with_method`: row families, then estimators without rows."""
     others = tuple(name for name, record in ESTIMATORS.items() if not record.uses_rows)
     return (*ROW_FAMILIES, *others)
 

@@ -31,11 +31,10 @@ def write_start(trajectory: Trajectory, change: MotionChange) -> None:
     """Write that of attitude, centre of mass, L about it and its velocity at the start, in W."""
     motion = trajectory.motion
     change.attitude[:, :3] = change.L[:, 6:9] = np.eye(3)
-    mobility = trajectory.mobility
-    change.w[:, :, 6:9] = mobility
+    change.w[:, :, 6:9] = trajectory.w_by_L
     # rotors s turn with the base: δ(R s) = ξ × R s
     change.L[:, :3] = -skew(trajectory.state.attitude.as_matrix() @ trajectory.rotors[0])
-    change.w[:, :, :3] = mobility @ change.L[:, :3]
+    change.w[:, :, :3] = trajectory.w_by_L @ change.L[:, :3]
     # [δp; δv] = Φ(t) [δp₀; δv₀]
     drift = transition(motion.joints.start, motion.times, motion.orbit)
     for moved, by in zip((change.position, change.velocity), np.split(drift, 2, axis=1)):
@@ -66,7 +65,7 @@ def write_force(force: Force, trajectory: Trajectory, change: MotionChange) -> N
     # δL = ∫ τ dt and δω = J⁻¹ Rᵀ δL; δv = ∫ a dt and δp = ∫∫ a dt²
     impulse = force.impulse(motion.times)
     if force.turns:
-        change.w[:] = trajectory.mobility @ impulse[: len(change.w)]
+        change.w[:] = trajectory.w_by_L @ impulse[: len(change.w)]
         change.L[:] = impulse[len(motion.nodes) - 1]
     else:
         change.position[:], change.velocity[:] = force.travel(motion.times), impulse
@@ -84,7 +83,7 @@ def write_target(trajectory: Trajectory, change: MotionChange) -> None:
         r = rotate(np.swapaxes(trajectory.R[:N], -1, -2), r_W)
         torque = skew(r_W) @ trajectory.R[:N] @ motion.grid.inertia_regressor(r)
         added = motion.accumulated(3 * motion.orbit.n**2 * torque)
-        change.w[:] += trajectory.mobility @ added
+        change.w[:] += trajectory.w_by_L @ added
         change.L[:] = added[-1]
     change.com[:, :, :4] = dynamics.com_regressor()
     if len(change.com_rate):
@@ -117,7 +116,7 @@ def _torque_B(error: ConstantError, trajectory: Trajectory, change: MotionChange
     # ∂L/∂τ = ∫ R dt of a torque τ in B
     R = trajectory.R[: len(motion.nodes)]
     impulse = error.sigma * motion.accumulated(R @ error.effect.how)
-    change.w[:], change.L[:] = trajectory.mobility @ impulse, impulse[-1]
+    change.w[:], change.L[:] = trajectory.w_by_L @ impulse, impulse[-1]
 
 
 def _rotors_B(error: ConstantError, trajectory: Trajectory, change: MotionChange) -> None:
@@ -139,7 +138,7 @@ def _momentum(in_B: Array, trajectory: Trajectory, change: MotionChange) -> None
     N = len(in_B)
     R = trajectory.R[:N]
     first = R[0] @ in_B[0]
-    change.w[:] = trajectory.mobility @ first - trajectory.inverse[:N] @ in_B
+    change.w[:] = trajectory.w_by_L @ first - trajectory.inverse[:N] @ in_B
     change.L[:] = first - R[-1] @ in_B[-1]
 
 

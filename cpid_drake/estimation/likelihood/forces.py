@@ -2,8 +2,8 @@
 
 White noise of the size σ has the mean N(0, σ²/h) over a piece of the length h, independent of all
 others. These means, in units of their σ, are unknowns of a block, and their prior is a reading of
-zero, so that its noise factor and its robust weights come about as those of sensors do. A steady
-force is one piece as long as the block; it is a constant error, which may walk.
+zero, so that its noise factor comes about as that of a sensor does. A steady force is one piece as
+long as the block; it is a constant error, which may walk.
 
 Source: Bar-Shalom, Li and Kirubarajan 2001, Estimation with Applications, ch. 6.2 (piecewise
 constant white acceleration).

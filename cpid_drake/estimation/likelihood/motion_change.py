@@ -24,7 +24,8 @@ class MotionChange:
     """First-order change of the base's motion by n quantities, at U instants, first N nodes.
 
     Attributes:
-        w: (N, 3, n) change of the angular velocity at unchanged attitude, in B.
+        w: (N, 3, n) change of the angular velocity, in B: at unchanged attitude, until `response`
+            adds that by the attitude.
         com: (U, 3, n) change of the centre of mass ρ from B's origin, in B.
         com_rate: (U, 3, n) change of the rate of ρ as seen from B, in B; (0, 3, n) if it is not
             needed.
@@ -91,7 +92,7 @@ def response(trajectory: Trajectory, change: MotionChange) -> tuple[MotionChange
     R, L, w = trajectory.R[:N], change.L, change.w
     if thrust is not None:  # δL = ∫ δL' dt, and δω = J⁻¹ Rᵀ δL
         by = thrust.momentum_change(R, psi, change)
-        w, L = w + trajectory.mobility @ by[:N], L + by[N - 1]
+        w, L = w + trajectory.w_by_L @ by[:N], L + by[N - 1]
     xi, torqued, w = pose_change(trajectory, w, change)
     # rotors s turn with the base: their −δ(R s) = (R s) × ξ is that of the other bodies
     L = L + torqued + skew(R[-1] @ trajectory.rotors[N - 1]) @ xi[-1]
@@ -121,18 +122,18 @@ def pose_change(
     """
     motion, initial, N = trajectory.motion, change.attitude, len(w)
     h = motion.nodes[1] - motion.nodes[0]
-    R, L, mobility = trajectory.R[:N], trajectory.L[:N], trajectory.mobility
+    R, L, w_by_L = trajectory.R[:N], trajectory.L[:N], trajectory.w_by_L
     theta = step_angles(trajectory.spline.steps(), trajectory.w[:N], h)
     late = trajectory.spline.steps_by_delay()[..., None] * change.delay
     turned = step_changes(R, trajectory.w[:N], theta, w, h, late)
     # the change of ω is δω + B [ξ; λ], with B = J⁻¹ Rᵀ [L× 1]; without torques λ is zero
-    B = mobility @ skew(L)
+    B = w_by_L @ skew(L)
     if not motion.torques:
         A = R @ B
         xi = carried(A[:-1], A[1:], turned, initial, h)
         return xi, np.zeros_like(initial), w + B @ xi
     # [ξ̇; λ̇] = A [ξ; λ] + [R δω; 0], with A = [R B; ∂τ/∂ξ 0]
-    B, A = np.concatenate([B, mobility], axis=-1), np.zeros((N, 6, 6))
+    B, A = np.concatenate([B, w_by_L], axis=-1), np.zeros((N, 6, 6))
     A[:, :3] = R @ B
     first, last = A[:-1].copy(), A[1:].copy()
     for torque in motion.torques:

@@ -62,7 +62,7 @@ class TrajectoryState:
     """All unknowns that determine the base's motion and the readings of its sensors.
 
     Attributes:
-        psi: (10,) relative unknowns (μ, μc, I_*).
+        psi: (10,) relative unknowns (μ, μc, I_*), about the present mass of the spacecraft.
         attitude: R_WB at the start.
         p_Wcm: (3,) the system's centre of mass at the start, in W [m].
         v_Wcm: (3,) its velocity [m/s].
@@ -112,7 +112,7 @@ class Trajectory:
     by: Mapping[str, MotionSensitivity] = field(default_factory=dict)
 
     @property
-    def mobility(self) -> Array:
+    def w_by_L(self) -> Array:
         """∂ω/∂L (N, 3, 3) at the nodes, of ω in B and L in W."""
         N = self.spline.c.shape[1] + 1
         return self.inverse[:N] @ np.swapaxes(self.R[:N], -1, -2)
