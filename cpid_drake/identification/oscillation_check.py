@@ -72,7 +72,7 @@ def lines_of(fit: Fit) -> Iterator[Line]:
             n, d = white.shape
             if n < 6 * BESIDE:
                 continue
-            power = _power(white, 1.0 if name in SENSORS else EXACT**2)
+            power = line_power(white, 1.0 if name in SENSORS else EXACT**2)
             # of samples in their order: gaps change the phase of a line, and not its frequency
             f = np.arange(1, len(power) + 1) / (n * np.median(np.diff(times)))
             count = int(np.sum(f < fastest))
@@ -101,7 +101,7 @@ def oscillation_check(fit: Fit) -> tuple[Check, ...]:
     return (Check.of("oscillation", sentence, worst.power, worst.limit),)
 
 
-def _power(white: Array, least: float) -> Array:
+def line_power(white: Array, least: float) -> Array:
     """Return P(f) of white values (n, d) as a multiple of that of the neighbours on both sides.
 
     A slope, as of what the fit explains of slow motion, has no line: the power is compared with the

@@ -10,6 +10,7 @@ from worlds.hidden import identified
 from worlds.hidden_world import CRAFTS, KINDS, Hidden, simulate
 
 from cpid_drake import Spacecraft, identify
+from cpid_drake.identification.oscillation_check import line_power
 from cpid_drake.logs.log import Samples
 
 CRAFT = CRAFTS["free_flyer"]
@@ -55,16 +56,41 @@ def test_online_finds_by_the_changes_between_blocks_that_a_part_swings(spacecraf
     assert online.check("changing torque").passed is passed
 
 
+def shaken(frequency):
+    """Return a log whose gyro shakes by 2 σ."""
+    log, _ = simulate(CRAFT, KINDS["none"], 8201)
+    gyro = log.samples["gyro"]
+    error = 2 * CRAFT.sigmas[2] * np.sin(2 * np.pi * frequency * gyro.time)[:, None]
+    return replace(log, samples={**log.samples, "gyro": Samples(gyro.time, gyro.value + error)})
+
+
 @pytest.mark.parametrize(("frequency", "passed"), [(0.9, False), (20.0, True)])
 def test_what_shakes_the_gyro_far_faster_than_the_base_moves_is_no_part_that_swings(
     exact, frequency, passed
 ):
     """Vibrations of wheels are in every gyro; the base moves at 0.26 Hz."""
-    log, _ = simulate(CRAFT, KINDS["none"], 8201)
-    gyro = log.samples["gyro"]
-    shaken = 2 * CRAFT.sigmas[2] * np.sin(2 * np.pi * frequency * gyro.time)[:, None]
-    samples = {**log.samples, "gyro": Samples(gyro.time, gyro.value + shaken)}
-    assert exact(replace(log, samples=samples)).check("oscillation").passed is passed
+    assert exact(shaken(frequency)).check("oscillation").passed is passed
+
+
+def test_a_gap_changes_no_frequency(exact):
+    """Of 19 s, 4 s are missing."""
+    log = shaken(0.9)
+    kept = {n: s.where((s.time < 9) | (s.time > 13)) for n, s in log.samples.items()}
+    check = exact(replace(log, samples=kept)).check("oscillation")
+    [frequency] = re.findall(r"at ([\d.]+) Hz", check.sentence)
+    assert float(frequency) == pytest.approx(0.9, abs=0.05)
+
+
+@pytest.mark.parametrize("falls_from", [3, 10])
+def test_a_spectrum_that_falls_has_no_line(falls_from):
+    """As that of a torque that changes slowly, or of noise that is not white; a line has 100."""
+    rng, n = np.random.default_rng(1), 400
+    size = 1 / np.sqrt(1 + (np.arange(n // 2 + 1) / falls_from) ** 4)[:, None]
+    for _ in range(100):
+        fallen = np.fft.irfft(size * np.fft.rfft(rng.standard_normal((n, 3)), axis=0), n, axis=0)
+        assert line_power(fallen, 0.25).max() < 20
+    line = np.sin(2 * np.pi * 30 * np.arange(n) / n)[:, None]
+    assert np.argmax(line_power(fallen + line, 0.25)) == 29
 
 
 @pytest.mark.parametrize("kind", ["none", "flicker", "half"])
@@ -81,6 +107,14 @@ def test_errors_of_integration_are_no_part_that_swings():
     log, truth = simulate(CRAFT, Hidden(noise=lambda rng, shape, rate: np.zeros(shape)), 8201)
     found = identified(CRAFT, log, truth, CRAFT.suite())
     assert found.code == 0, found.said
+
+
+@pytest.mark.slow
+def test_online_finds_it_where_each_window_is_solved_again(spacecraft):
+    """A part of 2 % leaves what looks like slow noise, which no block behind a past may have."""
+    log, _ = simulate(CRAFT, KINDS["slosh"], 8102)
+    online = identify(spacecraft, log, sensors=CRAFT.suite(), estimator="recursive_fit")
+    assert not online.check("changing torque").passed
 
 
 @pytest.mark.slow
